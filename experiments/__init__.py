@@ -1,0 +1,1 @@
+"""Comparisons and studies made with gazempc; nothing imports this package."""

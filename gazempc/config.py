@@ -1,0 +1,114 @@
+"""All settings of a run, typed and checked; files and command line fill the same model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gazempc.errors import SettingsError
+from gazempc.loop import LoopSettings
+from gazempc.readers.options import ReadOptions
+from gazempc.specfiles import explain
+
+ControllerName = Literal["reactive", "lookahead", "mpc", "perfect"]
+PredictorName = Literal["last_position", "constant_velocity", "head_pose", "perfect"]
+PlacementName = Literal["recorded", "side"]
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ConstantVelocitySettings(_Settings):
+    """Predictor `constant_velocity`."""
+
+    acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
+    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
+
+
+class HeadPoseSettings(ConstantVelocitySettings):
+    """Predictor `head_pose` (Tamaru et al. 2021)."""
+
+    weight: float = Field(default=0.5, ge=0, le=1, description="w in equation 4")
+    yaw_noise_rad: float = Field(default=0.05, gt=0, description="Standard deviation of a measurement")
+
+
+class MpcSettings(_Settings):
+    """Controller `mpc`."""
+
+    horizon_s: float = Field(default=0.8, ge=0.1, le=5, description="Optimised motion after the dead time")
+    smoothing_time_s: float = Field(
+        default=0.1, gt=0, le=1, description="Gaze motion faster than 1/this (rad/s) is smoothed away"
+    )
+
+
+class RunSettings(_Settings):
+    """Settings of `python -m gazempc.run`."""
+
+    replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
+        default=None,
+        description="Recording: subject03_R4 (synthetic) or a .csv, .parquet, .json or .bvh file",
+    )
+    list: bool = Field(default=False, description="Print what can be replayed, and the necks and sensors")
+    controllers: tuple[ControllerName, ...] = Field(
+        default=("reactive", "lookahead", "mpc", "perfect"),
+        min_length=1,
+        description="What to compare; perfect is the mpc with the true future",
+    )
+    predictor: PredictorName = Field(default="constant_velocity", description="Forecast of the head")
+    neck: str = Field(default="reference", description="Shipped neck or a .toml file")
+    sensor: str | None = Field(
+        default=None,
+        description="Shipped sensor or a .toml file; without it the recording's own for body tracking, else reference",
+    )
+    placement: PlacementName | None = Field(
+        default=None,
+        description="Where the robot stands; without it where the recording's sensor stood, "
+        "or at the side if there was none",
+    )
+    distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
+    height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
+    seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
+    out: Path | None = Field(default=None, description="Where to write; without it out/<recording>")
+    figures: bool = Field(default=True, description="Draw figures and the animation")
+    config: Path | None = Field(default=None, description="YAML file with any of these settings; the command line wins")
+    mpc: MpcSettings = MpcSettings()
+    constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
+    head_pose: HeadPoseSettings = HeadPoseSettings()
+    loop: LoopSettings = LoopSettings()
+    reading: ReadOptions = ReadOptions()
+
+
+def load_settings(path: Path) -> RunSettings:
+    """Read settings from a YAML file.
+
+    Args:
+        path: File with a mapping of settings; nested ones as nested mappings.
+
+    Returns:
+        The settings, defaults where the file says nothing.
+
+    Raises:
+        SettingsError: If the file cannot be read, or with every unknown key (and what it perhaps meant) and every wrong
+            value in it.
+    """
+    try:
+        data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SettingsError(f"{path}: not a text file") from None
+    except yaml.YAMLError as error:
+        raise SettingsError(f"{path}: not valid YAML: {error}") from None
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise SettingsError(f"{path}: expected a mapping of settings such as 'neck: slow', got {data!r}")
+    try:
+        return RunSettings.model_validate(data)
+    except ValidationError as error:
+        raise SettingsError(explain(error, str(path), RunSettings)) from None

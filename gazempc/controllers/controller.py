@@ -1,0 +1,148 @@
+"""The one interface that all controllers have, and the values that pass through it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from predictors import Forecast
+
+FloatArray = NDArray[np.float64]
+
+
+class ControllerError(RuntimeError):
+    """A controller has no plan this time; the loop goes on with the last one."""
+
+
+@dataclass(frozen=True)
+class CommandState:
+    """Motion of the command at one instant; arrays of shape (2,), pan and tilt.
+
+    Attributes:
+        position_rad: Commanded angles, radians.
+        velocity_rad_s: Their velocity, rad/s.
+        acceleration_rad_s2: Their acceleration, rad/s^2.
+    """
+
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+
+    def is_finite(self) -> bool:
+        """True if no number is NaN or infinite."""
+        parts = (self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2)
+        return all(bool(np.all(np.isfinite(part))) for part in parts)
+
+
+@dataclass(frozen=True)
+class Situation:
+    """All that a controller knows when it plans.
+
+    Attributes:
+        start_s: Time at which the first command of the plan will be sent, seconds.
+        forecast: Forecast for the times that the controller asked for.
+        command: The last command before the plan starts, sent one servo period before `start_s`.
+        joint_position_rad: Joint angles now, shape (2,), radians.
+        joint_velocity_rad_s: Joint velocities now, shape (2,), rad/s.
+        sent_rad: Commands sent before now, one a servo period, oldest first, shape (M, 2), radians.
+        committed_rad: Commands that will be sent from now until the plan starts, shape (n, 2), radians.
+    """
+
+    start_s: float
+    forecast: Forecast
+    command: CommandState
+    joint_position_rad: FloatArray
+    joint_velocity_rad_s: FloatArray
+    sent_rad: FloatArray
+    committed_rad: FloatArray
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The commands to send over time: knots at equal steps, constant jerk between them.
+
+    Attributes:
+        start_s: Time of the first knot, seconds.
+        step_s: Time between knots, seconds.
+        position_rad: Commanded angles at the knots, shape (K, 2), radians.
+        velocity_rad_s: Shape (K, 2), rad/s.
+        acceleration_rad_s2: Shape (K, 2), rad/s^2.
+    """
+
+    start_s: float
+    step_s: float
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+
+    @property
+    def end_s(self) -> float:
+        """Time after which the plan says nothing: one step after the last knot, seconds."""
+        return self.start_s + len(self.position_rad) * self.step_s
+
+    def is_finite(self) -> bool:
+        """True if no number is NaN or infinite."""
+        parts = (self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2)
+        return all(bool(np.all(np.isfinite(part))) for part in parts)
+
+    def at(self, time_s: float) -> CommandState:
+        """The command at a time.
+
+        Args:
+            time_s: Time, seconds; before the start it is the first knot, past the last knot the motion goes on
+                at constant velocity.
+
+        Returns:
+            The command's motion.
+        """
+        last = len(self.position_rad) - 1
+        # A nanosecond early is on the knot; floor would put it in the interval before.
+        since_s = max(time_s - self.start_s, 0.0)
+        k = min(int(since_s / self.step_s + 1e-6), last)
+        tau = since_s - k * self.step_s
+        p, v, a = self.position_rad[k], self.velocity_rad_s[k], self.acceleration_rad_s2[k]
+        if k == last:
+            return CommandState(p + tau * v, v, np.zeros_like(a))
+        jerk = (self.acceleration_rad_s2[k + 1] - a) / self.step_s
+        return CommandState(
+            position_rad=p + tau * (v + tau * (a / 2.0 + tau * jerk / 6.0)),
+            velocity_rad_s=v + tau * (a + tau * jerk / 2.0),
+            acceleration_rad_s2=a + tau * jerk,
+        )
+
+
+class Controller(Protocol):
+    """Plans commands. Holds no more than what it needs from one plan to the next."""
+
+    def reset(self) -> None:
+        """Forget all earlier plans."""
+        ...
+
+    def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
+        """Times for which the controller needs to know where the head is.
+
+        Args:
+            start_s: Time at which the first command of the plan will be sent, seconds.
+            newest_capture_s: Capture time of the newest observation, seconds.
+
+        Returns:
+            Times, shape (H,), seconds.
+        """
+        ...
+
+    def plan(self, situation: Situation) -> Plan:
+        """Plan the commands from now on.
+
+        Args:
+            situation: What is known; its forecast is for `forecast_times_s`.
+
+        Returns:
+            The plan.
+
+        Raises:
+            ControllerError: If there is none.
+        """
+        ...

@@ -1,0 +1,44 @@
+"""One line of prediction: command the angle forecast for now + dead time + servo lag."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gazempc.controllers.controller import FloatArray, Plan, Situation
+from gazempc.kinematics import look_at, unwrap_pan
+from gazempc.neck import NeckSpec
+
+# The plan reaches this far so that there is something to follow while the next one is late.
+_PLAN_S = 0.4
+
+
+class LookAhead:
+    """Commands the look-at angles of the forecast for the time at which the command will show.
+
+    Args:
+        neck: The neck; its dead time and servo lag (2 zeta / wn) say how far to look ahead on each axis.
+    """
+
+    def __init__(self, neck: NeckSpec) -> None:
+        self._neck = neck
+        self._knots_s = neck.control_period_s * np.arange(round(_PLAN_S / neck.control_period_s) + 1)
+        self._ahead_s = neck.dead_time_s + neck.servo_lag_s
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
+        """The knots' times ahead by each axis's delay, pan first, then tilt, shape (2 K,)."""
+        return np.concatenate([start_s + ahead_s + self._knots_s for ahead_s in self._ahead_s])
+
+    def plan(self, situation: Situation) -> Plan:
+        """See `gazempc.controllers.controller.Controller.plan`."""
+        angles = unwrap_pan(
+            look_at(self._neck.geometry, situation.forecast.means_base_m).angles_rad,
+            float(situation.command.position_rad[0]),
+        )
+        knots = self._knots_s.size
+        wanted = np.stack([angles[:knots, 0], angles[knots:, 1]], axis=-1)
+        position = self._neck.command_limits.clip_position(wanted)
+        velocity = np.gradient(position, self._neck.control_period_s, axis=0)
+        return Plan(situation.start_s, self._neck.control_period_s, position, velocity, np.zeros_like(position))

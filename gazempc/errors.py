@@ -1,0 +1,62 @@
+"""Every error that the package raises on purpose; each message says what was wrong and what is accepted."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class GazempcError(Exception):
+    """Base of all errors a user can cause; command lines print its text and exit with status 2."""
+
+
+class RecordingError(GazempcError):
+    """A recording cannot be read: names the file, the place in it and what was expected."""
+
+    def __init__(self, source: str | Path, where: str, problem: str, expected: str) -> None:
+        self.source = str(source)
+        self.where = where
+        self.problem = problem
+        self.expected = expected
+        place = f"{source}: {where}" if where else f"{source}"
+        super().__init__(f"{place}: {problem}. Expected: {expected}.")
+
+
+class PlacementError(GazempcError):
+    """The robot cannot be placed beside this recording (for example, the person comes too near)."""
+
+
+class SettingsError(GazempcError):
+    """A setting, neck or sensor file is wrong: names the file, the field and the accepted values."""
+
+
+class RobotError(GazempcError):
+    """A robot does not answer or refuses what was asked."""
+
+
+class LimitViolationError(GazempcError):
+    """A command or joint left the limits of the neck; never expected, always fatal to a run."""
+
+
+class MissingOptionalDependencyError(GazempcError):
+    """A feature needs an extra that is not installed: names the extra and the command."""
+
+    def __init__(self, feature: str, package: str, extra: str) -> None:
+        super().__init__(f"{feature} needs the package {package!r}: pip install 'gazempc[{extra}]'")
+
+
+def suggest(name: str, accepted: Iterable[str]) -> str:
+    """Say which accepted name a misspelt one most likely meant, and list them all.
+
+    Args:
+        name: What the user wrote.
+        accepted: All valid names.
+
+    Returns:
+        A sentence fragment such as ``"perhaps you meant 'mpc'; accepted: lookahead, mpc"``.
+    """
+    names = sorted(accepted)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    hint = f"perhaps you meant {near[0]!r}; " if near else ""
+    return f"{hint}accepted: {', '.join(names)}"

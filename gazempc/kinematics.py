@@ -1,0 +1,125 @@
+"""From joint angles to the gaze ray, and back: where must the neck point to look at a place?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gazempc.neck import Geometry
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class LookAt:
+    """Joint angles that look at a target.
+
+    Attributes:
+        angles_rad: Pan and tilt, shape (..., 2), radians; pan in (-pi, pi] unless unwrapped.
+        reachable: Shape (...); False where no pan and tilt, even without limits, looks at the target because it
+            is inside the neck. The angles are then those that pass it most closely.
+    """
+
+    angles_rad: FloatArray
+    reachable: BoolArray
+
+
+def gaze_ray(geometry: Geometry, angles_rad: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Where the eye is and where it looks.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Pan (positive left) and tilt (positive up), shape (..., 2), radians.
+
+    Returns:
+        Position of the eye in the base frame, shape (..., 3), metres; direction of the gaze, shape (..., 3), unit.
+    """
+    angles = np.asarray(angles_rad, dtype=np.float64)
+    cp, sp = np.cos(angles[..., 0]), np.sin(angles[..., 0])
+    ct, st = np.cos(angles[..., 1]), np.sin(angles[..., 1])
+    tx, ty, tz = geometry.tilt_axis_in_pan_m
+    ex, ey, ez = geometry.eye_in_tilt_m
+    # In the frame that turns with the pan axis; tilting up turns +x towards +z.
+    x = tx + ct * ex - st * ez
+    y = np.full_like(cp, ty + ey)
+    z = tz + st * ex + ct * ez
+    eye = np.stack([cp * x - sp * y, sp * x + cp * y, z], axis=-1)
+    direction = np.stack([cp * ct, sp * ct, st], axis=-1)
+    return eye, direction
+
+
+def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
+    """Joint angles whose gaze ray passes through a target, in closed form.
+
+    The target's lateral offset is constant while the neck pans, which gives the pan angle; the height of the
+    gaze ray above the tilt axis is constant while it tilts, which gives the tilt angle. Of the two solutions
+    the one that faces the target is taken. A target behind the robot is reached by panning beyond +-90 deg;
+    whether the neck can do that is for its limits to say.
+
+    Args:
+        geometry: The neck's geometry.
+        target_base_m: Targets in the base frame, shape (..., 3), metres.
+
+    Returns:
+        The angles and whether the target can be looked at, shapes (..., 2) and (...).
+    """
+    target = np.asarray(target_base_m, dtype=np.float64)
+    tx, ty, tz = geometry.tilt_axis_in_pan_m
+    ex, ey, ez = geometry.eye_in_tilt_m
+    lateral = ty + ey
+    ground = np.hypot(target[..., 0], target[..., 1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pan_turn = np.where(ground > 0, np.clip(lateral / ground, -1.0, 1.0), np.sign(lateral))
+    pan = np.arctan2(target[..., 1], target[..., 0]) - np.arcsin(pan_turn)
+    ahead = np.sqrt(np.maximum(ground**2 - lateral**2, 0.0)) - tx
+    above = target[..., 2] - tz
+    distance = np.hypot(ahead, above)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tilt_turn = np.where(distance > 0, np.clip(ez / distance, -1.0, 1.0), np.sign(ez))
+    tilt = np.arctan2(above, ahead) - np.arcsin(tilt_turn)
+    in_front_of_eye = np.sqrt(np.maximum(distance**2 - ez**2, 0.0)) > ex
+    reachable = (ground > abs(lateral)) & (distance > abs(ez)) & in_front_of_eye
+    return LookAt(np.stack([_wrap(pan), _wrap(tilt)], axis=-1), reachable)
+
+
+def unwrap_pan(angles_rad: FloatArray, near_rad: float) -> FloatArray:
+    """Make a sequence of pan angles continuous, starting near a given one.
+
+    Without this, a person who walks round behind the robot would make the pan angle jump from +180 to -180 deg.
+
+    Args:
+        angles_rad: Pan and tilt over time, shape (H, 2), radians.
+        near_rad: Pan angle that the first one shall be nearest to, radians.
+
+    Returns:
+        The same directions with continuous pan, shape (H, 2), radians.
+    """
+    pan = np.unwrap(np.concatenate([[near_rad], angles_rad[:, 0]]))[1:]
+    return np.stack([pan, angles_rad[:, 1]], axis=-1)
+
+
+def gaze_error_rad(geometry: Geometry, angles_rad: ArrayLike, target_base_m: ArrayLike) -> FloatArray:
+    """Angle between the gaze ray and the direction from the eye to a target.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Pan and tilt, shape (..., 2), radians.
+        target_base_m: Targets, shape (..., 3), metres, base frame.
+
+    Returns:
+        Angles in [0, pi], shape (...), radians; exact also for very small angles.
+    """
+    eye, direction = gaze_ray(geometry, angles_rad)
+    to_target = np.asarray(target_base_m, dtype=np.float64) - eye
+    across = np.linalg.norm(np.cross(direction, to_target), axis=-1)
+    along = np.sum(direction * to_target, axis=-1)
+    error: FloatArray = np.arctan2(across, along)
+    return error
+
+
+def _wrap(angle_rad: FloatArray) -> FloatArray:
+    wrapped: FloatArray = np.pi - (np.pi - angle_rad) % (2.0 * np.pi)
+    return wrapped

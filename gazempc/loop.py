@@ -1,0 +1,198 @@
+"""The one place where all stages meet: observations in, commands out, at every tick something safe.
+
+One call of `GazeLoop.tick` is one servo period, whoever owns the clock: a replay calls it in simulated time. The
+robot gets a command within limits at every tick. The plan behind it is, in this order: a fresh one; the rest of the
+last one; a stop; and after `rest_after_s` without the person, a slow return to rest. Whatever is out of the ordinary is
+named in the log:
+
+======================== ==============================================================================
+``no_observation_yet``   nobody has been seen; the neck holds still
+``out_of_order``         an observation was not newer than the last one; dropped
+``stale_observation``    an observation was older than `stale_after_s` when it came; dropped
+``forecast_failed``      the forecast had a NaN; the last plan goes on
+``controller_failed``    the controller raised or planned a NaN; the last plan goes on
+``stale_plan``           the last plan has ended; the smoother stops the command
+``limit_guard``          the smoother refused a motion that could not stop inside the position limits
+``target_lost``          no observation for `lost_after_s`; the command stops
+``return_to_rest``       no observation for `rest_after_s`; the neck returns to rest, slowly
+``robot_not_answering``  state or command did not get through
+======================== ==============================================================================
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from gazempc.controllers.controller import CommandState, Controller, ControllerError, Plan, Situation
+from gazempc.errors import RobotError
+from gazempc.loop_recorder import LoopRecorder
+from gazempc.neck import NeckSpec
+from gazempc.robots.robot import JointState, Robot
+from gazempc.sensor import Sighting
+from gazempc.smoother import Smoother
+from predictors import OutOfOrderError, Predictor
+
+FloatArray = NDArray[np.float64]
+
+
+class LoopSettings(BaseModel):
+    """When the loop gives up on something."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    compute_delay_s: float = Field(
+        default=0.0, ge=0, le=0.1, description="Time from the start of planning to the plan's first command"
+    )
+    stale_after_s: float = Field(default=0.5, gt=0, description="An observation older than this is dropped")
+    lost_after_s: float = Field(default=1.0, gt=0, description="Without an observation for this long: stop")
+    rest_after_s: float = Field(default=3.0, gt=0, description="Without an observation for this long: go to rest")
+    rest_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed of the return to rest")
+
+
+class GazeLoop:
+    """Joins predictor, controller, smoother and robot.
+
+    Args:
+        neck: The neck as the controller knows it.
+        predictor: Forecasts the head.
+        controller: Plans commands.
+        smoother: Makes commands of plans; it holds where the command stands.
+        robot: Executes the commands; connected.
+        recorder: Takes down what happens.
+        settings: When to give up on something.
+    """
+
+    def __init__(
+        self,
+        neck: NeckSpec,
+        predictor: Predictor,
+        controller: Controller,
+        smoother: Smoother,
+        robot: Robot,
+        recorder: LoopRecorder,
+        settings: LoopSettings,
+    ) -> None:
+        self._neck = neck
+        self._predictor = predictor
+        self._controller = controller
+        self._smoother = smoother
+        self._robot = robot
+        self._recorder = recorder
+        self._settings = settings
+        self._delay_ticks = round(settings.compute_delay_s / neck.servo_period_s)
+        history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
+        self._sent_rad = np.tile(smoother.command.position_rad, (history, 1))
+        self._newest_capture_s: float | None = None
+        self._plan: Plan | None = None
+        self._waiting: deque[tuple[int, Plan]] = deque()
+        self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, 2)), np.zeros((1, 2)))
+
+    def tick(self, index: int, time_s: float, arrived: Iterable[Sighting]) -> None:
+        """Do all that is due in one servo period.
+
+        Args:
+            index: Number of the tick; every `NeckSpec.servo_ticks_per_plan`-th one plans.
+            time_s: The time, seconds.
+            arrived: Observations that have arrived since the last tick.
+        """
+        for sighting in arrived:
+            self._take_in(sighting, time_s)
+        state = self._read_state(time_s)
+        if index % self._neck.servo_ticks_per_plan == 0 and state is not None:
+            self._make_plan(index, time_s, state)
+        while self._waiting and self._waiting[0][0] <= index:
+            self._plan = self._waiting.popleft()[1]
+        command = self._next_command(time_s)
+        sent_rad = self._send(command, time_s)
+        self._sent_rad[:-1] = self._sent_rad[1:]
+        self._sent_rad[-1] = sent_rad
+        self._recorder.tick(time_s, state, command)
+
+    def _take_in(self, sighting: Sighting, time_s: float) -> None:
+        observation = sighting.observation
+        if time_s - observation.capture_time_s > self._settings.stale_after_s:
+            self._recorder.event(time_s, "stale_observation")
+            return
+        started = time.perf_counter()
+        try:
+            self._predictor.update(observation)
+        except OutOfOrderError:
+            self._recorder.event(time_s, "out_of_order")
+            return
+        self._recorder.observation(
+            time_s, observation, self._predictor, update_ms=1e3 * (time.perf_counter() - started)
+        )
+        self._newest_capture_s = observation.capture_time_s
+
+    def _read_state(self, time_s: float) -> JointState | None:
+        try:
+            return self._robot.read_state()
+        except RobotError:
+            self._recorder.event(time_s, "robot_not_answering")
+            return None
+
+    def _make_plan(self, index: int, time_s: float, state: JointState) -> None:
+        if self._newest_capture_s is None:
+            self._recorder.event(time_s, "no_observation_yet")
+            return
+        if time_s - self._newest_capture_s > self._settings.lost_after_s:
+            return
+        started = time.perf_counter()
+        start_s = time_s + self._delay_ticks * self._neck.servo_period_s
+        forecast = self._predictor.forecast(self._controller.forecast_times_s(start_s, self._newest_capture_s))
+        if not np.all(np.isfinite(forecast.means_base_m)):
+            self._recorder.event(time_s, "forecast_failed")
+            return
+        committed = [self._committed(time_s + i * self._neck.servo_period_s) for i in range(self._delay_ticks)]
+        situation = Situation(
+            start_s=start_s,
+            forecast=forecast,
+            command=committed[-1] if committed else self._smoother.command,
+            joint_position_rad=state.position_rad,
+            joint_velocity_rad_s=state.velocity_rad_s,
+            sent_rad=self._sent_rad,
+            committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, 2),
+        )
+        try:
+            plan = self._controller.plan(situation)
+        except ControllerError:
+            plan = None
+        self._recorder.step(1e3 * (time.perf_counter() - started))
+        if plan is None or not plan.is_finite():
+            self._recorder.event(time_s, "controller_failed")
+            return
+        self._waiting.append((index + self._delay_ticks, plan))
+
+    def _committed(self, time_s: float) -> CommandState:
+        # Until a plan takes effect the smoother follows the one before it.
+        if self._plan is None or time_s >= self._plan.end_s:
+            return self._smoother.command
+        return self._plan.at(time_s)
+
+    def _next_command(self, time_s: float) -> CommandState:
+        unseen_s = 0.0 if self._newest_capture_s is None else time_s - self._newest_capture_s
+        if unseen_s > self._settings.rest_after_s:
+            self._plan = None
+            self._recorder.event(time_s, "return_to_rest")
+            return self._smoother.step(time_s, self._rest_plan, self._settings.rest_speed_rad_s)
+        if unseen_s > self._settings.lost_after_s:
+            self._plan = None
+            self._recorder.event(time_s, "target_lost")
+        command = self._smoother.step(time_s, self._plan)
+        if self._smoother.intervention and self._plan is not None:
+            self._recorder.event(time_s, self._smoother.intervention)
+        return command
+
+    def _send(self, command: CommandState, time_s: float) -> FloatArray:
+        try:
+            return self._robot.send_command(command.position_rad)
+        except RobotError:
+            self._recorder.event(time_s, "robot_not_answering")
+            # The robot goes on with what it got last.
+            return self._sent_rad[-1].copy()

@@ -1,0 +1,101 @@
+"""Takes down what the loop does, and makes a log of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gazempc.controllers.controller import CommandState
+from gazempc.log import FORECAST_HORIZONS_S, ComputeTimes, Log
+from gazempc.robots.robot import JointState
+from predictors import HeadObservation, Predictor
+
+FloatArray = NDArray[np.float64]
+
+_NOWHERE = np.full(2, np.nan)
+
+
+class LoopRecorder:
+    """Collects rows while the loop runs.
+
+    An event that lasts is written once, when it begins: while the same event comes at every tick, it is one.
+
+    Args:
+        tick_period_s: Period of the ticks, seconds.
+    """
+
+    def __init__(self, tick_period_s: float) -> None:
+        self._tick_period_s = tick_period_s
+        self._ticks: list[tuple[float, JointState | None, CommandState]] = []
+        self._observations: list[tuple[float, HeadObservation, FloatArray, FloatArray]] = []
+        self._events: list[tuple[float, str]] = []
+        self._event_last_s: dict[str, float] = {}
+        self._update_ms: list[float] = []
+        self._step_ms: list[float] = []
+
+    def tick(self, time_s: float, state: JointState | None, command: CommandState) -> None:
+        """Take down one servo tick: time, joints as measured (None if they were not) and command sent."""
+        self._ticks.append((time_s, state, command))
+
+    def observation(self, time_s: float, observation: HeadObservation, predictor: Predictor, update_ms: float) -> None:
+        """Take down an observation, what the predictor makes of it, and how long its update took."""
+        horizons = observation.capture_time_s + np.array(FORECAST_HORIZONS_S)
+        forecast = predictor.forecast(horizons)
+        self._observations.append((time_s, observation, forecast.means_base_m, forecast.covariances_m2))
+        self._update_ms.append(update_ms)
+
+    def step(self, step_ms: float) -> None:
+        """Take down how long forecast and plan took, milliseconds."""
+        self._step_ms.append(step_ms)
+
+    def event(self, time_s: float, name: str) -> None:
+        """Take down something out of the ordinary."""
+        # Planning events come once a control period, so two in a row are a few servo ticks apart.
+        last_s = self._event_last_s.get(name, -np.inf)
+        if time_s - last_s > 10 * self._tick_period_s:
+            self._events.append((time_s, name))
+        self._event_last_s[name] = time_s
+
+    def finish(
+        self, about: dict[str, Any], true_head_base_m: Callable[[FloatArray], FloatArray], end_s: float
+    ) -> tuple[Log, ComputeTimes]:
+        """Make the log.
+
+        Args:
+            about: Description of the run, for `Log.about`.
+            true_head_base_m: True head positions, shape (H, 3), at times, shape (H,).
+            end_s: Last time for which they are known, seconds.
+
+        Returns:
+            The log, and the compute times.
+        """
+        time_s = np.array([t for t, _, _ in self._ticks])
+        captures = np.array([o.capture_time_s for _, o, _, _ in self._observations])
+        horizons = np.array(FORECAST_HORIZONS_S)
+        ahead = captures[:, None] + horizons
+        true = true_head_base_m(ahead.ravel()).reshape(*ahead.shape, 3)
+        true[ahead > end_s + 1e-9] = np.nan
+        log = Log(
+            about=json.dumps(about, sort_keys=True),
+            time_s=time_s,
+            head_true_base_m=true_head_base_m(time_s),
+            joint_position_rad=np.array([_NOWHERE if s is None else s.position_rad for _, s, _ in self._ticks]),
+            joint_velocity_rad_s=np.array([_NOWHERE if s is None else s.velocity_rad_s for _, s, _ in self._ticks]),
+            command_position_rad=np.array([c.position_rad for _, _, c in self._ticks]),
+            command_velocity_rad_s=np.array([c.velocity_rad_s for _, _, c in self._ticks]),
+            command_acceleration_rad_s2=np.array([c.acceleration_rad_s2 for _, _, c in self._ticks]),
+            capture_time_s=captures,
+            arrival_time_s=np.array([t for t, _, _, _ in self._observations]),
+            head_observed_base_m=np.array([o.head_position_base_m for _, o, _, _ in self._observations]),
+            forecast_mean_base_m=np.array([mean for _, _, mean, _ in self._observations]),
+            forecast_covariance_m2=np.array([cov for _, _, _, cov in self._observations]),
+            forecast_true_base_m=true,
+            forecast_horizon_s=horizons,
+            event_time_s=np.array([t for t, _ in self._events]),
+            event_name=np.array([name for _, name in self._events], dtype=np.str_),
+        )
+        return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms))

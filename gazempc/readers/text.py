@@ -1,0 +1,53 @@
+"""Text files as readers need them: every failure to open or decode one is a `RecordingError`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gazempc.errors import RecordingError
+
+
+def read_text(path: Path, format_name: str) -> str:
+    """Read a UTF-8 text file.
+
+    Args:
+        path: File to read.
+        format_name: What it is meant to be, for the message (``a CSV table``).
+
+    Returns:
+        Its text without a byte order mark.
+
+    Raises:
+        RecordingError: If it cannot be opened, is empty, is not UTF-8 or holds zero bytes.
+    """
+    expected = f"{format_name} as UTF-8 text"
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(path, "", f"cannot be read: {error.strerror or error}", "a readable file") from None
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise RecordingError(
+            path, f"line {line}", f"byte {data[error.start]:#04x} is not UTF-8 text", expected
+        ) from None
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise RecordingError(path, f"line {line}", "a zero byte: this is a binary file", expected)
+    if not text.strip():
+        raise RecordingError(path, "", "the file is empty", expected)
+    return text
+
+
+def shown(text: str, limit: int = 40) -> str:
+    """Quote a piece of a file in a message, cut to a length that fits on a line.
+
+    Args:
+        text: What stands in the file.
+        limit: Characters to show at most.
+
+    Returns:
+        The quoted text.
+    """
+    return repr(text if len(text) <= limit else text[:limit] + "...")

@@ -1,0 +1,118 @@
+"""Replay a recording to a simulated neck, in simulated time."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+from gazempc.config import ControllerName, PredictorName, RunSettings
+from gazempc.controllers import Controller, LookAhead, Mpc, Reactive
+from gazempc.kinematics import look_at
+from gazempc.log import ComputeTimes, Log
+from gazempc.loop import GazeLoop
+from gazempc.loop_recorder import LoopRecorder
+from gazempc.neck import NeckSpec
+from gazempc.recording import Recording
+from gazempc.robots import SimulatedNeck
+from gazempc.sensor import SensorSpec, observe
+from gazempc.smoother import Smoother
+from gazempc.truth import TrueHead
+from predictors import ConstantVelocity, HeadPose, LastPosition, Perfect, Predictor
+
+
+def make_predictor(name: PredictorName, settings: RunSettings, true_head: TrueHead) -> Predictor:
+    """Make a predictor.
+
+    Args:
+        name: Which one.
+        settings: Its parameters are in here.
+        true_head: The future, for ``perfect``.
+
+    Returns:
+        The predictor.
+    """
+    if name == "last_position":
+        return LastPosition(settings.constant_velocity.position_noise_m)
+    if name == "constant_velocity":
+        return ConstantVelocity(**settings.constant_velocity.model_dump())
+    if name == "head_pose":
+        return HeadPose(**settings.head_pose.model_dump())
+    return Perfect(true_head)
+
+
+def make_controller(name: ControllerName, neck: NeckSpec, settings: RunSettings) -> Controller:
+    """Make a controller.
+
+    Args:
+        name: Which one; ``perfect`` is the MPC.
+        neck: The neck.
+        settings: Its parameters are in here.
+
+    Returns:
+        The controller.
+    """
+    if name == "reactive":
+        return Reactive(neck)
+    if name == "lookahead":
+        return LookAhead(neck)
+    return Mpc(neck, **settings.mpc.model_dump())
+
+
+def replay(
+    placed: Recording,
+    neck: NeckSpec,
+    sensor: SensorSpec,
+    controller_name: ControllerName,
+    settings: RunSettings,
+    controller: Controller | None = None,
+) -> tuple[Log, ComputeTimes]:
+    """Replay a recording to one controller on a simulated neck.
+
+    The neck starts at rest, looking at the first observed head. The same arguments give the same log to the last bit.
+
+    Args:
+        placed: The recording in the base frame, see `gazempc.placement.place`.
+        neck: The neck: what the controller knows of it and what is simulated.
+        sensor: The sensor.
+        controller_name: Which controller; ``perfect`` is the MPC with the predictor ``perfect``.
+        settings: Parameters of predictor, controller and loop, and the seed.
+        controller: An instance to use again, made by `make_controller` for the same neck and settings.
+
+    Returns:
+        The log, and how long the computer took.
+    """
+    true_head = TrueHead(placed)
+    predictor_name: PredictorName = "perfect" if controller_name == "perfect" else settings.predictor
+    predictor = make_predictor(predictor_name, settings, true_head)
+    if controller is None:
+        controller = make_controller(controller_name, neck, settings)
+    controller.reset()
+    sightings = deque(observe(placed, sensor, settings.seed))
+    start = look_at(neck.geometry, sightings[0].observation.head_position_base_m).angles_rad
+    smoother = Smoother(neck, start)
+
+    now_s = 0.0
+    robot = SimulatedNeck(neck, smoother.command.position_rad, lambda: now_s)
+    recorder = LoopRecorder(neck.servo_period_s)
+    loop = GazeLoop(neck, predictor, controller, smoother, robot, recorder, settings.loop)
+    robot.connect()
+    end_s = float(placed.times_s[-1])
+    for index in range(int(end_s * neck.servo_rate_hz + 1e-6) + 1):
+        now_s = index * neck.servo_period_s
+        arrived = []
+        while sightings and sightings[0].arrival_s <= now_s + 1e-9:
+            arrived.append(sightings.popleft())
+        loop.tick(index, now_s, arrived)
+    robot.close()
+    about: dict[str, Any] = {
+        "recording": placed.name,
+        "kind": placed.kind,
+        "subject": placed.labels.subject,
+        "group": placed.labels.group,
+        "controller": controller_name,
+        "predictor": predictor_name,
+        "neck": neck.model_dump(),
+        "sensor": sensor.model_dump(mode="json"),
+        "seed": settings.seed,
+    }
+    return recorder.finish(about, true_head, end_s)

@@ -1,0 +1,158 @@
+"""The joint's servo: second-order follower behind an exact dead time."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gazempc.neck import Axis
+
+FloatArray = NDArray[np.float64]
+
+_SAME_TIME_S = 1e-9
+
+
+def servo_model(axis: Axis) -> FloatArray:
+    """The servo without its dead time, for a command that is held: d/dt [q, q'] = A [q, q'] + B u.
+
+    Args:
+        axis: The joint.
+
+    Returns:
+        A and B side by side, shape (2, 3).
+    """
+    wn, zeta = axis.natural_frequency_rad_s, axis.damping_ratio
+    return np.array([[0.0, 1.0, 0.0], [-(wn**2), -2.0 * zeta * wn, wn**2]])
+
+
+@lru_cache(maxsize=512)
+def zero_order_hold(axis: Axis, dt_s: float) -> FloatArray:
+    """Exact transition of the servo over a time in which the command is held.
+
+    Args:
+        axis: The joint.
+        dt_s: Time step, seconds.
+
+    Returns:
+        [Ad Bd], shape (2, 3), so that [q, q'] after the step is ``[Ad Bd] @ [q, q', u]``.
+    """
+    import control  # noqa: PLC0415  (slow to import; only needed when something moves)
+
+    if dt_s == 0.0:
+        return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    AB = servo_model(axis)
+    continuous = control.ss(AB[:, :2], AB[:, 2:], np.eye(2), np.zeros((2, 1)))
+    discrete = control.sample_system(continuous, dt_s, method="zoh")
+    return np.hstack([np.asarray(discrete.A), np.asarray(discrete.B)])
+
+
+class DelayedServo:
+    """One simulated joint. Commands act exactly `dead_time_s` after they were sent, also between ticks.
+
+    Args:
+        axis: The joint.
+        position_rad: Where it stands at rest when time starts, with the command equal to it, radians.
+        time_s: Time at which it starts, seconds.
+    """
+
+    def __init__(self, axis: Axis, position_rad: float, time_s: float = 0.0) -> None:
+        self._axis = axis
+        self._time_s = time_s
+        self._q, self._v = position_rad, 0.0
+        self._acting_rad = position_rad
+        self._waiting: deque[tuple[float, float]] = deque()
+        self._steps: dict[float, tuple[float, ...]] = {}
+
+    @property
+    def state(self) -> tuple[float, float]:
+        """Joint position and velocity, radians and rad/s."""
+        return self._q, self._v
+
+    def send(self, command_rad: float) -> None:
+        """Send a command at the present time.
+
+        Args:
+            command_rad: Position to go to, radians; held until the next one.
+        """
+        self._waiting.append((self._time_s + self._axis.dead_time_s, command_rad))
+
+    def advance_to(self, time_s: float) -> None:
+        """Move on in time.
+
+        Args:
+            time_s: New time, seconds, not before the present one.
+
+        Raises:
+            ValueError: If time would run backwards.
+        """
+        if time_s < self._time_s - _SAME_TIME_S:
+            raise ValueError(f"time cannot run backwards: {self._time_s} -> {time_s}")
+        while self._waiting and self._waiting[0][0] <= time_s + _SAME_TIME_S:
+            acts_at_s, command_rad = self._waiting.popleft()
+            self._hold_until(acts_at_s)
+            self._acting_rad = command_rad
+        self._hold_until(time_s)
+
+    def _hold_until(self, time_s: float) -> None:
+        # Rounded to a picosecond so that equal steps share one cached transition; times do not drift, as
+        # every step ends at an absolute time.
+        dt_s = round(time_s - self._time_s, 12)
+        self._time_s = max(time_s, self._time_s)
+        if dt_s <= _SAME_TIME_S:
+            return
+        step = self._steps.get(dt_s)
+        if step is None:
+            step = self._steps[dt_s] = tuple(map(float, zero_order_hold(self._axis, dt_s).ravel()))
+        q, v, u = self._q, self._v, self._acting_rad
+        self._q = step[0] * q + step[1] * v + step[2] * u
+        self._v = step[3] * q + step[4] * v + step[5] * u
+
+
+class DeadTimeRoll:
+    """Rolls a joint's state exactly over its dead time, through the commands already sent.
+
+    What the joint will do until now + dead time is settled: it is driven by commands that are on their way. With
+    commands sent every `period_s`, the state then is a fixed linear map of the state now and of these commands.
+
+    Args:
+        axis: The joint.
+        period_s: Time between two commands, seconds.
+    """
+
+    def __init__(self, axis: Axis, period_s: float) -> None:
+        whole = int(np.floor(axis.dead_time_s / period_s + 1e-9))
+        rest_s = axis.dead_time_s - whole * period_s
+        if rest_s < _SAME_TIME_S:
+            rest_s = 0.0
+        step = zero_order_hold(axis, round(period_s, 12))
+        # The oldest command still acts for the part of a period by which the dead time exceeds whole ticks.
+        first = zero_order_hold(axis, round(rest_s, 12))
+        state_map = np.linalg.matrix_power(step[:, :2], whole)
+        columns = [state_map @ first[:, 2]]
+        columns += [np.linalg.matrix_power(step[:, :2], whole - 1 - i) @ step[:, 2] for i in range(whole)]
+        self._state_map: FloatArray = state_map @ first[:, :2]
+        self._command_map: FloatArray = np.stack(columns, axis=1)
+
+    @property
+    def commands_needed(self) -> int:
+        """How many of the latest commands are still on their way, or acting."""
+        return int(self._command_map.shape[1])
+
+    def __call__(self, position_rad: float, velocity_rad_s: float, sent_rad: FloatArray) -> FloatArray:
+        """State of the joint one dead time from now.
+
+        Args:
+            position_rad: Joint position now, radians.
+            velocity_rad_s: Joint velocity now, rad/s.
+            sent_rad: Commands sent before now, one a period, oldest first, the last one `period_s` ago;
+                at least `commands_needed`, shape (M,), radians.
+
+        Returns:
+            Position and velocity at now + dead time, shape (2,).
+        """
+        now = np.array([position_rad, velocity_rad_s])
+        rolled: FloatArray = self._state_map @ now + self._command_map @ sent_rad[-self.commands_needed :]
+        return rolled

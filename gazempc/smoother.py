@@ -1,0 +1,212 @@
+"""Ruckig makes every command follow the plan within velocity, acceleration and jerk limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+import ruckig
+from numpy.typing import NDArray
+
+from gazempc.controllers.controller import CommandState, Plan
+from gazempc.neck import NeckSpec
+
+FloatArray = NDArray[np.float64]
+
+# What the smoother did at a tick besides following the plan.
+Intervention = Literal["", "stale_plan", "limit_guard"]
+
+_Motion = tuple[float, float, float]  # position, velocity, acceleration
+# Ruckig refuses a target that touches its limits by rounding.
+_TARGET_MARGIN = 1.0 - 1e-9
+_SAME_TIME_S = 1e-6
+# The meeting time is found by going there and looking again; it settles in two or three rounds.
+_MEETING_ROUNDS = 6
+
+
+class _AxisSmoother:
+    """One joint. Ruckig is asked for one axis at a time so that a slow axis does not hold back the other."""
+
+    def __init__(self, limits: tuple[float, float, float, float, float], period_s: float) -> None:
+        self._low, self._high, self._v_max, a_max, j_max = limits
+        self._a_max = a_max
+        self._period_s = period_s
+        self._generator = ruckig.Ruckig(1, period_s)
+        self._trajectory = ruckig.Trajectory(1)
+        self._to_target = ruckig.InputParameter(1)
+        self._to_rest = ruckig.InputParameter(1)
+        self._to_rest.control_interface = ruckig.ControlInterface.Velocity
+        self._to_rest.target_velocity = [0.0]
+        self._to_rest.target_acceleration = [0.0]
+        for request in (self._to_target, self._to_rest):
+            request.max_velocity = [self._v_max]
+            request.max_acceleration = [a_max]
+            request.max_jerk = [j_max]
+
+    def toward(self, now: _Motion, target_in: Callable[[float], _Motion], v_max: float) -> tuple[_Motion, bool]:
+        """Next motion toward a moving target; the second value is True if the guard had to stop it instead.
+
+        A plan that can be followed is followed exactly. One that has jumped away is met where it will be when the
+        command gets there; aimed at where it is now, the command would always arrive where it was.
+        """
+        request = self._to_target
+        request.max_velocity = [min(self._v_max, v_max)]
+        request.current_position = [now[0]]
+        request.current_velocity = [now[1]]
+        request.current_acceleration = [now[2]]
+        meet_in_s = self._period_s
+        for _ in range(_MEETING_ROUNDS):
+            following = self._aim(target_in(meet_in_s), meet_in_s)
+            if following is None:
+                break
+            arrives_in_s = self._trajectory.duration
+            if arrives_in_s <= meet_in_s + _SAME_TIME_S:
+                break
+            meet_in_s = arrives_in_s
+        if following is not None and self._can_stop_inside(following):
+            return following, False
+        return self.toward_rest(now), True
+
+    def _aim(self, target: _Motion, duration_s: float) -> _Motion | None:
+        request = self._to_target
+        position, velocity, acceleration = target
+        v_max, a_max = _TARGET_MARGIN * request.max_velocity[0], _TARGET_MARGIN * self._a_max
+        v_target = min(max(velocity, -v_max), v_max)
+        a_target = min(max(acceleration, -a_max), a_max)
+        request.target_position = [min(max(position, self._low), self._high)]
+        request.minimum_duration = duration_s
+        # A fast, accelerating target can be one that no motion within the limits arrives at: ask for less.
+        for v_try, a_try in ((v_target, a_target), (v_target, 0.0), (0.0, 0.0)):
+            request.target_velocity = [v_try]
+            request.target_acceleration = [a_try]
+            if (following := self._sample(request)) is not None:
+                return following
+        return None
+
+    def toward_rest(self, now: _Motion) -> _Motion:
+        """Next motion of the fastest stop within the limits."""
+        self._aim_at_rest(now)
+        stopped = self._sample(self._to_rest)
+        if stopped is None:
+            raise ruckig.RuckigError(f"no stop from {now}")
+        return stopped
+
+    def _aim_at_rest(self, motion: _Motion) -> None:
+        request = self._to_rest
+        request.current_position, request.current_velocity, request.current_acceleration = (
+            [motion[0]],
+            [motion[1]],
+            [motion[2]],
+        )
+
+    def _can_stop_inside(self, motion: _Motion) -> bool:
+        # If every command can still be brought to rest inside the position limits, no later one can be
+        # forced out of them. Ruckig itself does not know position limits.
+        self._aim_at_rest(motion)
+        if self._calculate(self._to_rest):
+            reach = self._trajectory.position_extrema[0]
+            return bool(reach.min >= self._low - 1e-12 and reach.max <= self._high + 1e-12)
+        return False
+
+    def _sample(self, request: ruckig.InputParameter) -> _Motion | None:
+        if not self._calculate(request):
+            return None
+        p, v, a = self._trajectory.at_time(self._period_s)
+        return (p[0], v[0], a[0]) if math.isfinite(p[0] + v[0] + a[0]) else None
+
+    def _calculate(self, request: ruckig.InputParameter) -> bool:
+        try:
+            result = self._generator.calculate(request, self._trajectory)
+        except ruckig.RuckigError:
+            return False
+        return result in (ruckig.Result.Working, ruckig.Result.Finished)
+
+
+class Smoother:
+    """Holds the motion of the command and moves it on by one servo period at a time.
+
+    Whatever the plan asks, the command stays within `NeckSpec.command_limits`: velocity, acceleration and jerk
+    by Ruckig, position by only ever sending a command from which a stop inside the limits is possible. A plan
+    that has run out is not followed: the command brakes to rest (Ruckig alone would coast on).
+
+    Args:
+        neck: The neck whose limits apply.
+        position_rad: Where the command starts, at rest, shape (2,), radians; clipped to the limits.
+    """
+
+    def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
+        self._neck = neck
+        limits = neck.command_limits
+        self._axes = [
+            _AxisSmoother(
+                (
+                    float(limits.position_min_rad[i]),
+                    float(limits.position_max_rad[i]),
+                    float(limits.velocity_max_rad_s[i]),
+                    float(limits.acceleration_max_rad_s2[i]),
+                    float(limits.jerk_max_rad_s3[i]),
+                ),
+                neck.servo_period_s,
+            )
+            for i in range(2)
+        ]
+        self.reset(position_rad)
+
+    def reset(self, position_rad: FloatArray) -> None:
+        """Put the command somewhere, at rest.
+
+        Args:
+            position_rad: Shape (2,), radians; clipped to the limits.
+        """
+        start = self._neck.command_limits.clip_position(np.asarray(position_rad, dtype=np.float64))
+        self._now: list[_Motion] = [(float(p), 0.0, 0.0) for p in start]
+        self._intervention: Intervention = ""
+
+    @property
+    def command(self) -> CommandState:
+        """The command as it was last sent."""
+        p, v, a = np.array(self._now).T
+        return CommandState(p, v, a)
+
+    @property
+    def intervention(self) -> Intervention:
+        """What the last step did besides following the plan; empty if nothing."""
+        return self._intervention
+
+    def step(self, time_s: float, plan: Plan | None, speed_limit_rad_s: float | None = None) -> CommandState:
+        """Make the next command.
+
+        Args:
+            time_s: Time at which it will be sent, seconds.
+            plan: What to follow; None, one that has ended or one with a NaN means stop.
+            speed_limit_rad_s: A lower speed limit for this step, for a slow return to rest; None for the neck's own.
+
+        Returns:
+            The command to send.
+        """
+        if plan is None or time_s >= plan.end_s or not plan.is_finite():
+            self._now = [axis.toward_rest(now) for axis, now in zip(self._axes, self._now, strict=True)]
+            self._intervention = "stale_plan"
+            return self.command
+        guarded = False
+        for i, axis in enumerate(self._axes):
+            # The command sent now is the plan's at this time: one period after the last command.
+            target_in = _axis_of(plan, i, time_s - self._neck.servo_period_s)
+            self._now[i], stopped = axis.toward(self._now[i], target_in, speed_limit_rad_s or math.inf)
+            guarded = guarded or stopped
+        self._intervention = "limit_guard" if guarded else ""
+        return self.command
+
+
+def _axis_of(plan: Plan, i: int, last_sent_s: float) -> Callable[[float], _Motion]:
+    def motion_in(ahead_s: float) -> _Motion:
+        state = plan.at(last_sent_s + ahead_s)
+        return (
+            float(state.position_rad[i]),
+            float(state.velocity_rad_s[i]),
+            float(state.acceleration_rad_s2[i]),
+        )
+
+    return motion_in

@@ -1,0 +1,115 @@
+"""Read a specification shipped with the package by its name, or a user's own by its path."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from gazempc.errors import SettingsError, suggest
+
+Spec = TypeVar("Spec", bound=BaseModel)
+
+
+def shipped_names(folder: str) -> tuple[str, ...]:
+    """Names of the specifications that ship in a folder of the package.
+
+    Args:
+        folder: ``"necks"`` or ``"sensors"``.
+
+    Returns:
+        The file names without their ending, sorted.
+    """
+    names = (Path(entry.name) for entry in files("gazempc").joinpath(folder).iterdir())
+    return tuple(sorted(path.stem for path in names if path.suffix == ".toml"))
+
+
+def load_spec(model: type[Spec], folder: str, name_or_path: str | Path) -> Spec:
+    """Load and check a specification.
+
+    Args:
+        model: What the file must describe.
+        folder: Folder of the package with the shipped files.
+        name_or_path: Name of a shipped file, or path to a TOML file.
+
+    Returns:
+        The checked specification.
+
+    Raises:
+        SettingsError: If there is no such file, or it is not valid: all its errors, each with its field.
+    """
+    shipped = shipped_names(folder)
+    if str(name_or_path) in shipped:
+        text = files("gazempc").joinpath(folder, f"{name_or_path}.toml").read_text(encoding="utf-8")
+        return parse_spec(model, text, f"{folder}/{name_or_path}.toml")
+    path = Path(name_or_path)
+    if not path.is_file():
+        raise SettingsError(
+            f"no {folder.removesuffix('s')} file {str(name_or_path)!r}: give the path of a .toml file or a "
+            f"shipped name; {suggest(str(name_or_path), shipped)}"
+        )
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+    return parse_spec(model, text, str(path))
+
+
+def parse_spec(model: type[Spec], text: str, source: str) -> Spec:
+    """Parse the TOML text of a specification.
+
+    Args:
+        model: What the text must describe.
+        text: TOML.
+        source: Where the text is from, for messages.
+
+    Returns:
+        The checked specification.
+
+    Raises:
+        SettingsError: If the text is not TOML or does not describe a valid specification.
+    """
+    try:
+        data: dict[str, Any] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{source}: not valid TOML: {error}") from None
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise SettingsError(explain(error, source, model)) from None
+
+
+def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
+    """Turn all errors of a validation into text a person can act on.
+
+    Args:
+        error: What pydantic found.
+        source: Where the data is from.
+        model: The model it was checked against, for suggestions.
+
+    Returns:
+        One line an error: source, field, problem, what was given.
+    """
+    lines = []
+    for item in error.errors():
+        field = ".".join(str(part) for part in item["loc"]) or "(whole file)"
+        message = item["msg"]
+        if item["type"] == "extra_forbidden":
+            siblings = _fields_at(model, item["loc"][:-1])
+            message = f"unknown field; {suggest(str(item['loc'][-1]), siblings)}"
+        elif item["type"] not in {"missing", "value_error"}:
+            message += f" (given: {item['input']!r})"
+        lines.append(f"{source}: {field}: {message}")
+    return "\n".join(lines)
+
+
+def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    for part in location:
+        info = model.model_fields.get(str(part))
+        if info is None or not (isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel)):
+            return []
+        model = info.annotation
+    return list(model.model_fields)

@@ -1,0 +1,163 @@
+"""Kalman filter whose state is the head's position and velocity: the field's standard forecast."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import chi2
+
+from predictors.predictor import NotReadyError, as_times, check_newer
+from predictors.types import FloatArray, Forecast, HeadObservation
+
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
+
+# An innovation this improbable is a mistaken detection (another person, a reflection), not a step of a walk.
+_GATE_PROBABILITY = 0.999
+_GATE_D2 = float(chi2.ppf(_GATE_PROBABILITY, df=3))
+# Real detectors fail in bursts; a track is given up only after this many refusals in a row, about a third of
+# a second at 30 fps.
+_REJECTIONS_BEFORE_RESTART = 10
+_INITIAL_SPEED_SD_M_S = 1.0
+
+
+def transition(dt_s: float) -> FloatArray:
+    """State transition of constant velocity, state [x, y, z, vx, vy, vz].
+
+    Args:
+        dt_s: Time step, seconds.
+
+    Returns:
+        F, shape (6, 6).
+    """
+    F = np.eye(6)
+    F[:3, 3:] = dt_s * np.eye(3)
+    return F
+
+
+def process_noise(dt_s: float, acceleration_psd: float) -> FloatArray:
+    """Covariance that white-noise acceleration adds to the state over a time step.
+
+    Args:
+        dt_s: Time step, seconds; of any length, so irregular time stamps and gaps are exact.
+        acceleration_psd: Power spectral density of the acceleration on each axis, m^2/s^3.
+
+    Returns:
+        Q, shape (6, 6). Bar-Shalom, Li & Kirubarajan (2001), eq. 6.2.2-12.
+    """
+    block = np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]])
+    return acceleration_psd * np.kron(block, np.eye(3))
+
+
+class ConstantVelocity:
+    """Constant-velocity Kalman filter driven by the time stamps of the observations.
+
+    Observations that the filter finds improbable at the 99.9 % level are refused; after ten refusals in a row
+    the track starts anew from the latest one. A gap needs no special case: the state is carried over it and
+    its covariance grows.
+
+    Args:
+        acceleration_psd: Power spectral density of the head's acceleration on each axis, m^2/s^3. The default
+            has the least error at 0.5 s over walking people at the noise below.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres.
+    """
+
+    def __init__(self, acceleration_psd: float = 0.05, position_noise_m: float = 0.01) -> None:
+        if not (acceleration_psd > 0 and position_noise_m > 0):
+            raise ValueError("acceleration_psd and position_noise_m must be positive")
+        self._psd = acceleration_psd
+        self._noise_variance_m2 = position_noise_m**2
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._filter: KalmanFilter | None = None
+        self._time_s = -np.inf
+        self._issued_at_s = -np.inf
+        self._rejections = 0
+
+    @property
+    def rejections_in_a_row(self) -> int:
+        """Number of observations refused since the last accepted one."""
+        return self._rejections
+
+    def update(self, observation: HeadObservation) -> None:
+        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        check_newer(observation, None if self._filter is None else self._time_s)
+        if self._filter is None:
+            self._start(observation)
+            return
+        kf = self._filter
+        dt_s = observation.capture_time_s - self._time_s
+        kf.predict(F=transition(dt_s), Q=process_noise(dt_s, self._psd))
+        self._time_s = observation.capture_time_s
+        innovation = observation.head_position_base_m - kf.x[:3]
+        spread = kf.P[:3, :3] + kf.R
+        if float(innovation @ np.linalg.solve(spread, innovation)) > _GATE_D2:
+            self._rejections += 1
+            if self._rejections >= _REJECTIONS_BEFORE_RESTART:
+                self._start(observation)
+            return
+        kf.update(observation.head_position_base_m)
+        self._rejections = 0
+        self._issued_at_s = observation.capture_time_s
+
+    def state(self) -> tuple[float, FloatArray, FloatArray]:
+        """The filter's estimate.
+
+        Returns:
+            Its time in seconds, the state [x, y, z, vx, vy, vz] in metres and metres a second, shape (6,),
+            and its covariance, shape (6, 6).
+
+        Raises:
+            NotReadyError: If there has been no observation since the last reset.
+        """
+        if self._filter is None:
+            raise NotReadyError("no observation yet")
+        return self._time_s, self._filter.x.copy(), self._filter.P.copy()
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
+        return self.forecast_turned(times_s, np.eye(3))
+
+    def forecast_turned(self, times_s: ArrayLike, velocity_map: FloatArray) -> Forecast:
+        """Forecast with the velocity mapped linearly first, which is how `HeadPose` bends the path.
+
+        Args:
+            times_s: Times to forecast for, shape (H,), seconds.
+            velocity_map: Matrix that the estimated velocity is multiplied with, shape (3, 3).
+
+        Returns:
+            The forecast; its covariance is that of the mapped state plus the acceleration noise on the way.
+
+        Raises:
+            NotReadyError: If there has been no observation since the last reset.
+        """
+        state_time_s, x, P = self.state()
+        times = as_times(times_s)
+        tau = times - state_time_s
+        t = tau[:, None, None]
+        cross = P[:3, 3:] @ velocity_map.T
+        spread_v = velocity_map @ P[3:, 3:] @ velocity_map.T
+        walk = self._psd * np.maximum(tau, 0.0) ** 3 / 3.0
+        return Forecast(
+            times_s=times,
+            means_base_m=x[:3] + tau[:, None] * (velocity_map @ x[3:]),
+            covariances_m2=P[:3, :3] + t * (cross + cross.T) + t**2 * spread_v + walk[:, None, None] * np.eye(3),
+            issued_at_s=self._issued_at_s,
+        )
+
+    def _start(self, observation: HeadObservation) -> None:
+        # filterpy pulls in matplotlib-sized imports; importing it here keeps --help fast.
+        from filterpy.kalman import KalmanFilter  # noqa: PLC0415
+
+        kf = KalmanFilter(dim_x=6, dim_z=3)
+        kf.x = np.concatenate([observation.head_position_base_m, np.zeros(3)])
+        kf.P = np.diag([self._noise_variance_m2] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3)
+        kf.H = np.hstack([np.eye(3), np.zeros((3, 3))])
+        kf.R = self._noise_variance_m2 * np.eye(3)
+        self._filter = kf
+        self._time_s = self._issued_at_s = observation.capture_time_s
+        self._rejections = 0

@@ -1,0 +1,90 @@
+"""The one interface that all predictors have."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from predictors.types import FloatArray, Forecast, HeadObservation
+
+
+class NotReadyError(RuntimeError):
+    """A forecast was asked for before the first observation."""
+
+
+class OutOfOrderError(ValueError):
+    """An observation is not newer than the one before it."""
+
+
+class Predictor(Protocol):
+    """Holds what is known of one person and forecasts where the head will be.
+
+    Only `update` and `reset` change a predictor; `forecast` leaves it as it was, so it may be asked for
+    any number of horizons between two observations.
+    """
+
+    def reset(self) -> None:
+        """Forget the person."""
+        ...
+
+    def update(self, observation: HeadObservation) -> None:
+        """Take in one observation.
+
+        Args:
+            observation: The sighting; its capture time must be later than the last one's.
+
+        Raises:
+            OutOfOrderError: If it is not newer than the last observation.
+        """
+        ...
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """Forecast the head position.
+
+        Args:
+            times_s: Times to forecast for, shape (H,), absolute, on the clock of the capture times.
+
+        Returns:
+            The forecast for these times.
+
+        Raises:
+            NotReadyError: If there has been no observation since the last reset.
+        """
+        ...
+
+
+def as_times(times_s: ArrayLike) -> FloatArray:
+    """Check forecast times.
+
+    Args:
+        times_s: Times, scalar or shape (H,), seconds.
+
+    Returns:
+        The times as a float array of shape (H,).
+
+    Raises:
+        ValueError: If a time is not finite or the array has more than one dimension.
+    """
+    times = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
+    if times.ndim != 1 or not np.all(np.isfinite(times)):
+        raise ValueError(f"times_s must be finite and of shape (H,), got {times!r}")
+    return times
+
+
+def check_newer(observation: HeadObservation, last_capture_time_s: float | None) -> None:
+    """Refuse an observation that is not newer than the last one.
+
+    Args:
+        observation: The new observation.
+        last_capture_time_s: Capture time of the last one, or None at the start.
+
+    Raises:
+        OutOfOrderError: If it is as old as the last one or older.
+    """
+    if last_capture_time_s is not None and observation.capture_time_s <= last_capture_time_s:
+        raise OutOfOrderError(
+            f"observation captured at {observation.capture_time_s:.6f} s is not newer than the last one "
+            f"at {last_capture_time_s:.6f} s"
+        )

@@ -1,0 +1,27 @@
+"""Fixtures that several test modules share."""
+
+import os
+from pathlib import Path
+
+import hypothesis
+import matplotlib
+import pytest
+
+matplotlib.use("Agg")
+# Tests must not fail because a machine is busy: no deadlines, and the same examples every time.
+hypothesis.settings.register_profile("gazempc", deadline=None, derandomize=True, max_examples=50)
+hypothesis.settings.load_profile("gazempc")
+
+ROOT = Path(__file__).resolve().parents[1]
+WALKS = Path(os.environ.get("GAZEMPC_WALKS", ROOT.parent / "shared" / "walks"))
+
+
+@pytest.fixture(scope="session")
+def walks_dir() -> Path:
+    """Folder with the recordings of real people, which are not part of the project."""
+    if not (WALKS / "index.csv").is_file():
+        reason = f"the real walks are not at {WALKS} (set GAZEMPC_WALKS)"
+        if os.environ.get("CI"):
+            pytest.fail(f"{reason}, and CI must not skip this")
+        pytest.skip(reason)
+    return WALKS
