@@ -79,7 +79,8 @@ class Log:
         Args:
             path: File to write, ending in ``.npz``.
         """
-        np.savez_compressed(path, **{f.name: np.asarray(getattr(self, f.name)) for f in fields(self)})
+        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        np.savez_compressed(path, **arrays)
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ class GazeLoop:
         self._settings = settings
         self._delay_ticks = round(settings.compute_delay_s / neck.servo_period_s)
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
-        self._sent_rad = np.tile(smoother.command.position_rad, (history, 1))
+        self._sent_rad: FloatArray = np.tile(smoother.command.position_rad, (history, 1))
         self._newest_capture_s: float | None = None
         self._plan: Plan | None = None
         self._waiting: deque[tuple[int, Plan]] = deque()
@@ -195,4 +195,5 @@ class GazeLoop:
         except RobotError:
             self._recorder.event(time_s, "robot_not_answering")
             # The robot goes on with what it got last.
-            return self._sent_rad[-1].copy()
+            last_rad: FloatArray = self._sent_rad[-1].copy()
+            return last_rad

@@ -137,9 +137,9 @@ def _run(settings: RunSettings) -> None:
     resolved = settings.model_copy(update={"placement": placement, "sensor": sensor.name, "out": out})
 
     runs: dict[str, tuple[Log, ComputeTimes]] = {}
-    for name in dict.fromkeys(settings.controllers):
-        progress.say(f"replaying {recording.name}: {LABELS[name]}")
-        runs[name] = replay(placed, neck, sensor, name, settings)
+    for controller in dict.fromkeys(settings.controllers):
+        progress.say(f"replaying {recording.name}: {LABELS[controller]}")
+        runs[controller] = replay(placed, neck, sensor, controller, settings)
     rows = make_rows(
         [
             (name, log.info()["predictor"], measure(log), measure_compute(times, neck.control_period_s))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -22,16 +21,15 @@ _Motion = tuple[float, float, float]  # position, velocity, acceleration
 # Ruckig refuses a target that touches its limits by rounding.
 _TARGET_MARGIN = 1.0 - 1e-9
 _SAME_TIME_S = 1e-6
-# The meeting time is found by going there and looking again; it settles in two or three rounds.
-_MEETING_ROUNDS = 6
+# A target this near the speed limit could hardly be caught; the chase assumes it a little slower.
+_CHASE_SHARE = 0.95
 
 
 class _AxisSmoother:
     """One joint. Ruckig is asked for one axis at a time so that a slow axis does not hold back the other."""
 
     def __init__(self, limits: tuple[float, float, float, float, float], period_s: float) -> None:
-        self._low, self._high, self._v_max, a_max, j_max = limits
-        self._a_max = a_max
+        self._low, self._high, self._v_max, self._a_max, j_max = limits
         self._period_s = period_s
         self._generator = ruckig.Ruckig(1, period_s)
         self._trajectory = ruckig.Trajectory(1)
@@ -42,48 +40,55 @@ class _AxisSmoother:
         self._to_rest.target_acceleration = [0.0]
         for request in (self._to_target, self._to_rest):
             request.max_velocity = [self._v_max]
-            request.max_acceleration = [a_max]
+            request.max_acceleration = [self._a_max]
             request.max_jerk = [j_max]
 
-    def toward(self, now: _Motion, target_in: Callable[[float], _Motion], v_max: float) -> tuple[_Motion, bool]:
-        """Next motion toward a moving target; the second value is True if the guard had to stop it instead.
-
-        A plan that can be followed is followed exactly. One that has jumped away is met where it will be when the
-        command gets there; aimed at where it is now, the command would always arrive where it was.
-        """
-        request = self._to_target
-        request.max_velocity = [min(self._v_max, v_max)]
-        request.current_position = [now[0]]
-        request.current_velocity = [now[1]]
-        request.current_acceleration = [now[2]]
-        meet_in_s = self._period_s
-        for _ in range(_MEETING_ROUNDS):
-            following = self._aim(target_in(meet_in_s), meet_in_s)
-            if following is None:
-                break
-            arrives_in_s = self._trajectory.duration
-            if arrives_in_s <= meet_in_s + _SAME_TIME_S:
-                break
-            meet_in_s = arrives_in_s
-        if following is not None and self._can_stop_inside(following):
-            return following, False
+    def toward(self, now: _Motion, target: _Motion, v_limit: float) -> tuple[_Motion, bool]:
+        """Next motion toward where the target is one period from now; True if the guard stopped it instead."""
+        v_max = _TARGET_MARGIN * min(self._v_max, v_limit)
+        a_max = _TARGET_MARGIN * self._a_max
+        position = min(max(target[0], self._low), self._high)
+        velocity = min(max(target[1], -v_max), v_max)
+        acceleration = min(max(target[2], -a_max), a_max)
+        ways = (
+            lambda: self._follow(now, (position, velocity, acceleration), v_max),
+            lambda: self._intercept(now, position, velocity, v_max),
+            lambda: self._intercept(now, position, 0.0, v_max),
+        )
+        for way in ways:
+            following = way()
+            if following is not None and self._can_stop_inside(following):
+                return following, False
         return self.toward_rest(now), True
 
-    def _aim(self, target: _Motion, duration_s: float) -> _Motion | None:
+    def _follow(self, now: _Motion, target: _Motion, v_max: float) -> _Motion | None:
+        # Exactly the plan's motion, if it can be reached within this period; not before its end, as the command
+        # would then wait for the plan.
         request = self._to_target
-        position, velocity, acceleration = target
-        v_max, a_max = _TARGET_MARGIN * request.max_velocity[0], _TARGET_MARGIN * self._a_max
-        v_target = min(max(velocity, -v_max), v_max)
-        a_target = min(max(acceleration, -a_max), a_max)
-        request.target_position = [min(max(position, self._low), self._high)]
-        request.minimum_duration = duration_s
-        # A fast, accelerating target can be one that no motion within the limits arrives at: ask for less.
-        for v_try, a_try in ((v_target, a_target), (v_target, 0.0), (0.0, 0.0)):
-            request.target_velocity = [v_try]
-            request.target_acceleration = [a_try]
-            if (following := self._sample(request)) is not None:
-                return following
-        return None
+        request.minimum_duration = self._period_s
+        request.max_velocity, request.min_velocity = [v_max / _TARGET_MARGIN], [-v_max / _TARGET_MARGIN]
+        request.current_position, request.target_position = [now[0]], [target[0]]
+        request.current_velocity, request.target_velocity = [now[1]], [target[1]]
+        request.current_acceleration, request.target_acceleration = [now[2]], [target[2]]
+        following = self._sample(request)
+        return following if self._trajectory.duration <= self._period_s + _SAME_TIME_S else None
+
+    def _intercept(self, now: _Motion, position: float, velocity: float, v_max: float) -> _Motion | None:
+        # A plan that has jumped away moves on while the command catches up; aimed at where it is, the command would
+        # always arrive where it was. In the frame that moves with the plan the target stands still, and the
+        # time-optimal motion to it is the earliest meeting.
+        request = self._to_target
+        velocity = min(max(velocity, -_CHASE_SHARE * v_max), _CHASE_SHARE * v_max)
+        request.minimum_duration = None
+        request.max_velocity, request.min_velocity = [v_max - velocity], [-v_max - velocity]
+        request.current_position = [now[0] - (position - velocity * self._period_s)]
+        request.current_velocity = [now[1] - velocity]
+        request.current_acceleration = [now[2]]
+        request.target_position = request.target_velocity = request.target_acceleration = [0.0]
+        relative = self._sample(request)
+        if relative is None:
+            return None
+        return relative[0] + position, relative[1] + velocity, relative[2]
 
     def toward_rest(self, now: _Motion) -> _Motion:
         """Next motion of the fastest stop within the limits."""
@@ -190,23 +195,15 @@ class Smoother:
             self._now = [axis.toward_rest(now) for axis, now in zip(self._axes, self._now, strict=True)]
             self._intervention = "stale_plan"
             return self.command
+        target = plan.at(time_s)
         guarded = False
         for i, axis in enumerate(self._axes):
-            # The command sent now is the plan's at this time: one period after the last command.
-            target_in = _axis_of(plan, i, time_s - self._neck.servo_period_s)
-            self._now[i], stopped = axis.toward(self._now[i], target_in, speed_limit_rad_s or math.inf)
+            wanted = (
+                float(target.position_rad[i]),
+                float(target.velocity_rad_s[i]),
+                float(target.acceleration_rad_s2[i]),
+            )
+            self._now[i], stopped = axis.toward(self._now[i], wanted, speed_limit_rad_s or math.inf)
             guarded = guarded or stopped
         self._intervention = "limit_guard" if guarded else ""
         return self.command
-
-
-def _axis_of(plan: Plan, i: int, last_sent_s: float) -> Callable[[float], _Motion]:
-    def motion_in(ahead_s: float) -> _Motion:
-        state = plan.at(last_sent_s + ahead_s)
-        return (
-            float(state.position_rad[i]),
-            float(state.velocity_rad_s[i]),
-            float(state.acceleration_rad_s2[i]),
-        )
-
-    return motion_in

@@ -102,7 +102,7 @@ class Plan:
         # A nanosecond early is on the knot; floor would put it in the interval before.
         since_s = max(time_s - self.start_s, 0.0)
         k = min(int(since_s / self.step_s + 1e-6), last)
-        tau = since_s - k * self.step_s
+        tau = since_s - k * self.step_s if k else since_s  # a single knot may last for ever
         p, v, a = self.position_rad[k], self.velocity_rad_s[k], self.acceleration_rad_s2[k]
         if k == last:
             return CommandState(p + tau * v, v, np.zeros_like(a))

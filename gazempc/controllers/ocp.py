@@ -35,9 +35,9 @@ STATE = ("q", "v", "u", "du", "ddu")
 _SLACKS = 3
 # The cost is counted in squared hundredths of a radian, so that solvers' absolute tolerances suit it.
 _COST_SCALE = 1e4
-# Exact penalty: dearer than any gaze error that leaving the limits could save (errors are below pi rad).
-_SLACK_PENALTY = 1e3 * _COST_SCALE
-_SLACK_CURVATURE = 1.0 * _COST_SCALE
+# Exact penalty: dearer than the gaze error that leaving a limit could save; slacks are shares of the limits.
+_SLACK_PENALTY = 300.0 * _COST_SCALE
+_SLACK_CURVATURE = _COST_SCALE
 # Keeps the Hessian positive definite; jerks are scaled to [-1, 1], so this is 1e-8 rad^2 a step at full jerk.
 _JERK_REGULARISATION = 1e-8
 # The plan leaves the smoother this headroom: Ruckig follows a plan that uses its limits to the last digit only
@@ -72,7 +72,7 @@ class Solution:
 
     Attributes:
         jerk_rad_s3: Jerk of the command in each step, shape (N,), rad/s^3.
-        slack: How far limits of position (rad), velocity (rad/s) and acceleration (rad/s^2) are left, shape (3,).
+        slack: How far the limits of position, velocity and acceleration are left, as shares of them, shape (3,).
     """
 
     jerk_rad_s3: FloatArray
@@ -148,29 +148,45 @@ class AxisOcp:
         steps: Length of the horizon N, control periods.
         smoothing_time_s: T: gaze motion faster than 1 / T (rad/s) is smoothed away rather than followed.
         solver: CasADi's name of the QP solver.
+        solver_options: Its options.
+
+    Attributes:
+        prediction: The maps of the condensed problem.
+        jerk_scale: Jerk that a scaled jerk of 1 stands for, rad/s^3.
     """
 
-    def __init__(self, neck: NeckSpec, index: int, steps: int, smoothing_time_s: float, solver: str = "daqp") -> None:
+    def __init__(
+        self,
+        neck: NeckSpec,
+        index: int,
+        steps: int,
+        smoothing_time_s: float,
+        solver: str = "daqp",
+        solver_options: dict[str, object] | None = None,
+    ) -> None:
         limits = neck.command_limits
         self._steps = steps
-        self._jerk_scale = _SHARE_OF_LIMITS * float(limits.jerk_max_rad_s3[index])
-        self.prediction = predict(neck.axes[index], neck, steps, self._jerk_scale)
+        self.jerk_scale = _SHARE_OF_LIMITS * float(limits.jerk_max_rad_s3[index])
+        self.prediction = predict(neck.axes[index], neck, steps, self.jerk_scale)
         p = self.prediction
         smoothing = _COST_SCALE * smoothing_time_s**4 * p.acceleration_from_jerk.T
         self._smoothness = smoothing @ p.acceleration_from_jerk + _COST_SCALE * _JERK_REGULARISATION * np.eye(steps)
         self._smoothness_linear = smoothing @ p.acceleration_from_state
-        high = np.array(
-            [
-                limits.position_max_rad[index],
-                _SHARE_OF_LIMITS * limits.velocity_max_rad_s[index],
-                _SHARE_OF_LIMITS * limits.acceleration_max_rad_s2[index],
-            ]
-        )
-        low = np.array([limits.position_min_rad[index], -high[1], -high[2]])
-        self._high, self._low = np.repeat(high, steps), np.repeat(low, steps)
-        # Rows of the constraints: C - s <= high, then C + s >= low.
+        # Each limit's rows are counted in units of that limit, which makes their slacks comparable.
+        low, high = limits.position_min_rad[index], limits.position_max_rad[index]
+        centre = 0.5 * (high + low)
+        unit = [
+            0.5 * (high - low),
+            _SHARE_OF_LIMITS * limits.velocity_max_rad_s[index],
+            _SHARE_OF_LIMITS * limits.acceleration_max_rad_s2[index],
+        ]
+        unit_of_row = np.repeat(unit, steps)
+        self._centre = np.repeat([centre / unit[0], 0.0, 0.0], steps)
+        self._command_from_state = p.command_from_state / unit_of_row[:, None]
+        command_from_jerk = p.command_from_jerk / unit_of_row[:, None]
+        # Rows of the constraints: C - s <= 1, then C + s >= -1.
         slack_of_row = np.repeat(np.eye(_SLACKS), steps, axis=0)
-        self._rows = np.block([[p.command_from_jerk, -slack_of_row], [p.command_from_jerk, slack_of_row]])
+        self._rows = np.block([[command_from_jerk, -slack_of_row], [command_from_jerk, slack_of_row]])
         self._lower = np.concatenate([-np.ones(steps), np.zeros(_SLACKS)])
         self._upper = np.concatenate([np.ones(steps), np.full(_SLACKS, np.inf)])
         variables = steps + _SLACKS
@@ -179,7 +195,7 @@ class AxisOcp:
             "axis_ocp",
             solver,
             {"h": ca.Sparsity.dense(variables, variables), "a": ca.Sparsity.dense(6 * steps, variables)},
-            {"error_on_fail": False},
+            {"error_on_fail": False, **(solver_options or {})},
         )
 
     def quadratic_program(
@@ -203,13 +219,13 @@ class AxisOcp:
         free_error_rad = p.joint_from_state @ state - reference_rad
         g = np.full(n + _SLACKS, _SLACK_PENALTY)
         g[:n] = 2.0 * (weighted.T @ free_error_rad + self._smoothness_linear @ state)
-        free_command = p.command_from_state @ state
+        free_command = self._command_from_state @ state - self._centre
         return {
             "h": h,
             "g": g,
             "a": self._rows,
-            "lba": np.concatenate([-self._no_bound, self._low - free_command]),
-            "uba": np.concatenate([self._high - free_command, self._no_bound]),
+            "lba": np.concatenate([-self._no_bound, -1.0 - free_command]),
+            "uba": np.concatenate([1.0 - free_command, self._no_bound]),
             "lbx": self._lower,
             "ubx": self._upper,
         }
@@ -230,4 +246,4 @@ class AxisOcp:
         x = np.array(answer["x"]).ravel()
         if not stats["success"] or not np.all(np.isfinite(x)):
             raise SolverFailedError(f"QP solver: {stats.get('return_status', 'no status')}")
-        return Solution(self._jerk_scale * np.clip(x[: self._steps], -1.0, 1.0), x[self._steps :])
+        return Solution(self.jerk_scale * np.clip(x[: self._steps], -1.0, 1.0), x[self._steps :])
