@@ -190,7 +190,11 @@ def animate(logs: Logs, path: Path) -> None:
             panel.show(float(times_s[-1]))
             panel.frame(contact)
         samples.append(np.asarray(picture()))
-    palette = Image.fromarray(np.concatenate(samples)).quantize(_COLOURS)
+    palette = Image.fromarray(np.concatenate(samples)).quantize(_COLOURS, kmeans=2)
+    colours = np.reshape(palette.getpalette() or [], (-1, 3))
+    # The nearest colour is looked up in steps of a few levels, which makes white grey if a near white is there.
+    colours[colours.min(axis=1) > 248] = 255
+    palette.putpalette(colours.ravel().tolist())
 
     def frames() -> Iterator[Image.Image]:
         for at_s in times_s:

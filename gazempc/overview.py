@@ -46,7 +46,7 @@ def overview(logs: Logs, path: Path) -> None:
     draw_birds_eye(axes["walk"], logs)
     axes["walk"].set_title("the walk from above, and where the robot looks")
     draw_gaze_error(axes["error"], logs, detailed=False)
-    axes["error"].set_title(f"green: eye contact (gaze within {CONTACT_DEG[0]:g}°); grey: not scored")
+    axes["error"].set_title(f"green: eye contact (within {CONTACT_DEG[0]:g}°); grey: not scored")
     draw_contact_bars(axes["bars"], logs)
     figure.suptitle(
         f"Does the robot keep eye contact with a walking person?\n{recording_title(logs)}; {setup_title(logs)}"

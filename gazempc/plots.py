@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
-from matplotlib.ticker import FixedLocator, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from gazempc.kinematics import gaze_ray, look_at, unwrap_pan
@@ -27,7 +27,8 @@ CONTACT_COLOUR = "#009E73"
 _DPI = 150
 _UNSCORED = "0.92"
 _RAYS_AT_MOST = 5
-_LABEL_GAP_M = 0.35
+# Labels need about this share of the drawing in the overview.
+_LABEL_GAP = 0.1
 _LIMIT_NEAR_DEG = 10.0
 
 
@@ -72,17 +73,15 @@ def setup_title(logs: Logs) -> str:
     infos = [log.info() for log in logs.values()]
     predictors = dict.fromkeys(info["predictor"] for info in infos if info["controller"] != "perfect")
     first = infos[0]
-    return (
-        f"predictor {', '.join(predictors) or 'perfect'}; neck {first['neck']['name']}; sensor {first['sensor']['name']}; "
-        f"seed {first['seed']}"
-    )
+    neck, sensor = first["neck"]["name"], first["sensor"]["name"]
+    return f"predictor {', '.join(predictors) or 'perfect'}; neck {neck}; sensor {sensor}; seed {first['seed']}"
 
 
 def draw_birds_eye(ax: Axes, logs: Logs) -> None:
     """Draw the walk from above, the robot, and where each controller's gaze was at some instants.
 
-    A gaze ray ends as far from the eye as the head is, so the gap between its end and the head's mark of that time
-    is the gaze error. The robot looks up the page and its left is on the left.
+    A gaze ray ends as far from the eye as the head is; a dotted line joins its end to the head at that time.
+    The robot looks up the page and its left is on the left.
 
     Args:
         ax: Axes to draw on.
@@ -107,15 +106,20 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> None:
         reach = np.linalg.norm(log.head_true_base_m[tick] - eye, axis=1, keepdims=True)
         tip = eye + reach * direction
         ax.plot([eye[:, 1], tip[:, 1]], [eye[:, 0], tip[:, 0]], color=look.colour, lw=0.5 * look.width)
+        missed = np.stack([tip, log.head_true_base_m[tick]])
+        ax.plot(missed[..., 1], missed[..., 0], color=look.colour, lw=1.0, ls=":")
         ax.plot(tip[:, 1], tip[:, 0], "D", color=look.colour, ms=5.5, mec="w", mew=0.5, zorder=6)
         ax.plot([], [], "D-", color=look.colour, ms=5.5, lw=0.5 * look.width, label=f"gaze, {look.label}")
 
-    _label_times(ax, head, at, marks_s, end_s)
+    _label_times(ax, head, at, marks_s)
     ax.add_patch(FancyArrowPatch((0, 0), (0, 0.55), arrowstyle="-|>", mutation_scale=16, lw=2.5, fc="k", zorder=7))
     ax.plot(0, 0, "o", color="k", ms=11, zorder=7)
     ax.annotate("robot", (0, 0), (12, -3), textcoords="offset points", va="center")
-    # Labels stand beside the path: room for them inside the axes.
-    ax.margins(x=0.2, y=0.1)
+    # Room for labels beside the path. Margins would not do, because equal aspect may take them away again.
+    low, high = ax.dataLim.min, ax.dataLim.max
+    pad = _LABEL_GAP * float(np.max(high - low))
+    ax.update_datalim([low - pad, high + pad])
+    ax.margins(0.0)
     ax.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     ax.yaxis.set_major_locator(MaxNLocator(8, integer=True))
     ax.xaxis.set_inverted(True)
@@ -148,8 +152,13 @@ def draw_gaze_error(ax: Axes, logs: Logs, *, detailed: bool) -> None:
     if detailed:
         # On a logarithmic scale each passage through zero would be a spike of no meaning.
         ax.set_yscale("function", functions=(lambda v: np.sqrt(np.maximum(v, 0.0)), np.square))
-        ax.yaxis.set_major_locator(FixedLocator([0, 0.1, 0.5, 1, 2, 3, 5, 10, 15, 20, 30, 50, 100, 150]))
-        ax.set(ylim=(0.0, max(1.1 * top, 10.0)), ylabel="gaze error (deg, square-root scale)")
+        top = max(1.1 * top, 10.0)
+        ticks = [0.0]
+        for tick in (0.1, 0.5, 1, 2, 3, 5, 10, 15, 20, 30, 50, 100, 150):
+            if np.sqrt(tick) - np.sqrt(ticks[-1]) > 0.05 * np.sqrt(top):
+                ticks.append(tick)
+        ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        ax.set(ylim=(0.0, top), ylabel="gaze error (deg, square-root scale)")
         ax.grid(axis="y", color="0.85", lw=0.6)
 
 
@@ -242,7 +251,7 @@ def _shade_unscored(ax: Axes, end_s: float) -> None:
     ax.axvspan(0.0, min(SCORED_FROM_S, end_s), color=_UNSCORED, lw=0, zorder=0.5, label="not scored")
 
 
-def _label_times(ax: Axes, head: FloatArray, at: NDArray[np.intp], marks_s: FloatArray, end_s: float) -> None:
+def _label_times(ax: Axes, head: FloatArray, at: NDArray[np.intp], marks_s: FloatArray) -> None:
     """Name start, end and the seconds that have room, beside the path on the side away from the robot.
 
     Args:
@@ -250,14 +259,15 @@ def _label_times(ax: Axes, head: FloatArray, at: NDArray[np.intp], marks_s: Floa
         head: True head, shape (M, 3), metres.
         at: Ticks of the marks, shape (K,).
         marks_s: Times of the marks, shape (K,), seconds from the start.
-        end_s: Length of the recording, seconds.
     """
     last = len(head) - 1
-    texts = {0: "start", last: f"end, {end_s:.1f} s"}
-    if np.linalg.norm(head[last, :2] - head[0, :2]) < _LABEL_GAP_M:
-        texts = {0: f"start and end, {end_s:.1f} s"}
+    # The drawing spans walk and robot.
+    gap_m = _LABEL_GAP * float(np.max(np.ptp(np.append(head[:, :2], [[0.0, 0.0]], axis=0), axis=0)))
+    texts = {0: "start", last: "end"}
+    if np.linalg.norm(head[last, :2] - head[0, :2]) < gap_m:
+        texts = {0: "start, end"}
     for tick, mark_s in zip(at[1:], marks_s[1:], strict=True):
-        if all(np.linalg.norm(head[tick, :2] - head[other, :2]) >= _LABEL_GAP_M for other in texts):
+        if all(np.linalg.norm(head[tick, :2] - head[other, :2]) >= gap_m for other in texts):
             texts[int(tick)] = f"{mark_s:.0f} s"
     for tick, text in texts.items():
         along = head[min(tick + 10, last), :2] - head[max(tick - 10, 0), :2]

@@ -65,7 +65,7 @@ def test_solution_is_that_of_ipopt(far_rad):
 
 def test_unconstrained_solution_is_the_normal_equations():
     """Where no limit binds the program is least squares; solved here by scipy from the definition."""
-    reference = 0.003 * np.sin(np.linspace(0, 1, N))
+    reference = 0.001 * np.sin(np.linspace(0, 1, N))
     state = np.zeros(5)
     p = OCP.prediction
 

@@ -25,7 +25,7 @@ class Mpc:
             followed; larger is smoother and less exact.
     """
 
-    def __init__(self, neck: NeckSpec, horizon_s: float = 0.8, smoothing_time_s: float = 0.1) -> None:
+    def __init__(self, neck: NeckSpec, horizon_s: float = 0.8, smoothing_time_s: float = 0.11) -> None:
         self._neck = neck
         self._steps = max(2, round(horizon_s / neck.control_period_s))
         self._ocps = [AxisOcp(neck, i, self._steps, smoothing_time_s) for i in range(2)]

@@ -1,0 +1,227 @@
+"""The loop: order of stages, determinism, and a safe command whatever happens."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gazempc.config import RunSettings
+from gazempc.controllers import ControllerError, LookAhead, Mpc, Plan
+from gazempc.errors import RobotError
+from gazempc.loop import GazeLoop, LoopSettings
+from gazempc.loop_recorder import LoopRecorder
+from gazempc.metrics import limit_violations, measure
+from gazempc.neck import load_neck
+from gazempc.placement import place
+from gazempc.recording import load
+from gazempc.replay import replay
+from gazempc.robots import SimulatedNeck
+from gazempc.sensor import Sighting, load_sensor
+from gazempc.smoother import Smoother
+from predictors import ConstantVelocity, HeadObservation
+
+NECK = load_neck("reference")
+TS = NECK.servo_period_s
+HEIGHT_M = 0.4
+
+
+def head(time_s):
+    """A person who ambles to and fro, 2.5 m away."""
+    return np.array([2.5, 1.5 * np.sin(0.4 * time_s), HEIGHT_M])
+
+
+class Scene:
+    """A loop on a simulated clock whose parts a test can break."""
+
+    def __init__(self, controller=None, predictor=None, robot=None, settings=None):
+        self.now_s = 0.0
+        self.recorder = LoopRecorder(TS)
+        self.smoother = Smoother(NECK, np.zeros(2))
+        self.robot = robot or SimulatedNeck(NECK, np.zeros(2), lambda: self.now_s)
+        self.robot.connect()
+        self.loop = GazeLoop(
+            NECK,
+            predictor or ConstantVelocity(),
+            controller or LookAhead(NECK),
+            self.smoother,
+            self.robot,
+            self.recorder,
+            settings or LoopSettings(),
+        )
+
+    def run(self, seconds, seen=lambda t: True, lead_s=0.066, extra=()):
+        """Run; frames at 30 fps whose capture time `seen` accepts arrive `lead_s` late."""
+        frames = [k / 30 for k in range(int(seconds * 30)) if seen(k / 30)]
+        sightings = [Sighting(t + lead_s, HeadObservation(t, head(t))) for t in frames]
+        sightings = sorted([*sightings, *extra], key=lambda s: s.arrival_s)
+        for index in range(int(seconds / TS)):
+            self.now_s = index * TS
+            due = [s for s in sightings if s.arrival_s <= self.now_s]
+            sightings = sightings[len(due) :]
+            self.loop.tick(index, self.now_s, due)
+        log, _ = self.recorder.finish(
+            {"neck": NECK.model_dump()}, lambda t: np.array([head(x) for x in t]).reshape(-1, 3), seconds
+        )
+        assert len(log.time_s) == int(seconds / TS)
+        assert limit_violations(dataclasses.replace(log, joint_position_rad=log.command_position_rad), NECK) == 0
+        return log
+
+    @staticmethod
+    def error_deg(log):
+        return np.rad2deg(np.abs(log.joint_position_rad[:, 0] - np.arctan2(log.head_true_base_m[:, 1], 2.5)))
+
+
+def events(log):
+    return set(log.event_name.tolist())
+
+
+def test_undisturbed_it_tracks_and_names_nothing_but_the_start():
+    log = Scene().run(5.0)
+    assert events(log) == {"no_observation_yet"}
+    assert Scene.error_deg(log)[300:].mean() < 3.0
+
+
+def test_before_anybody_is_seen_the_neck_holds_still():
+    log = Scene().run(1.0, seen=lambda t: False)
+    assert events(log) == {"no_observation_yet"}
+    assert np.all(log.command_position_rad == 0)
+
+
+class Failing:
+    """A controller that fails for a while."""
+
+    def __init__(self, how, start_s, stop_s):
+        self.inner, self.how, self.start_s, self.stop_s = LookAhead(NECK), how, start_s, stop_s
+        self.forecast_times_s = self.inner.forecast_times_s
+
+    def reset(self):
+        pass
+
+    def plan(self, situation):
+        if not self.start_s <= situation.start_s < self.stop_s:
+            return self.inner.plan(situation)
+        if self.how == "error":
+            raise ControllerError("made to fail")
+        return Plan(situation.start_s, 0.02, np.full((3, 2), np.nan), np.zeros((3, 2)), np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize("how", ["error", "nan"])
+def test_a_short_solver_failure_is_bridged_by_the_last_plan(how):
+    """0.2 s without a plan: the rest of the last one is followed, and the gaze hardly notices."""
+    log = Scene(controller=Failing(how, 2.0, 2.2)).run(4.0)
+    assert events(log) == {"no_observation_yet", "controller_failed"}
+    assert Scene.error_deg(log)[int(2.5 / TS) :].max() < 6.0
+
+
+def test_a_long_solver_failure_stops_the_neck_and_the_gaze_recovers():
+    log = Scene(controller=Failing("error", 2.0, 4.0)).run(7.0)
+    assert {"controller_failed", "stale_plan"} <= events(log)
+    standing = log.command_position_rad[int(3.0 / TS) : int(3.9 / TS)]
+    assert np.ptp(standing, axis=0) == pytest.approx([0, 0], abs=1e-9)
+    assert Scene.error_deg(log)[int(5.5 / TS) :].mean() < 3.0
+
+
+def test_a_lost_target_stops_then_returns_to_rest_slowly_then_is_found_again():
+    settings = LoopSettings(lost_after_s=1.0, rest_after_s=2.0, rest_speed_rad_s=0.3)
+    log = Scene(settings=settings).run(9.0, seen=lambda t: t < 1.5 or t > 7.0)
+    assert {"target_lost", "return_to_rest"} <= events(log)
+    lost_s = log.event_time_s[list(log.event_name).index("target_lost")]
+    assert lost_s == pytest.approx(1.5 + 1.0, abs=0.05)
+    stopped = log.command_position_rad[int(3.0 / TS) : int(3.4 / TS), 0]
+    assert np.ptp(stopped) == pytest.approx(0, abs=1e-9)
+    returning = log.command_position_rad[int(3.6 / TS) : int(7.0 / TS), 0]
+    assert np.abs(np.diff(returning)).max() / TS <= 0.3 * (1 + 1e-9)
+    assert returning[-1] == pytest.approx(0.0, abs=1e-6)
+    assert Scene.error_deg(log)[int(8.3 / TS) :].mean() < 3.0
+
+
+def test_stale_and_out_of_order_frames_are_dropped_and_named():
+    late = Sighting(2.0, HeadObservation(1.0, np.array([2.5, -2.0, 0.4])))
+    disordered = Sighting(2.5, HeadObservation(2.2, np.array([2.5, -2.0, 0.4])))
+    with_faults = Scene().run(4.0, extra=(late, disordered))
+    assert events(with_faults) == {"no_observation_yet", "stale_observation", "out_of_order"}
+    assert np.array_equal(with_faults.command_position_rad, Scene().run(4.0).command_position_rad)
+
+
+def test_a_forecast_with_a_nan_is_not_followed():
+    class Broken(ConstantVelocity):
+        def forecast(self, times_s):
+            forecast = super().forecast(times_s)
+            bad = np.asarray(times_s).max() > 3.0
+            return dataclasses.replace(forecast, means_base_m=forecast.means_base_m * (np.nan if bad else 1.0))
+
+    log = Scene(predictor=Broken()).run(4.0)
+    assert "forecast_failed" in events(log)
+    assert np.all(np.isfinite(log.command_position_rad))
+
+
+class Unplugged(SimulatedNeck):
+    """A robot that does not answer for a while."""
+
+    def __init__(self, *args, start_s, stop_s):
+        super().__init__(*args)
+        self._silent = (start_s, stop_s)
+
+    def _check(self):
+        if self._silent[0] <= self._clock_s() < self._silent[1]:
+            raise RobotError("no answer")
+
+    def read_state(self):
+        self._check()
+        return super().read_state()
+
+    def send_command(self, position_rad):
+        self._check()
+        return super().send_command(position_rad)
+
+
+def test_a_robot_that_does_not_answer_is_named_and_the_gaze_recovers():
+    scene = Scene()
+    robot = Unplugged(NECK, np.zeros(2), lambda: scene.now_s, start_s=2.0, stop_s=2.6)
+    robot.connect()
+    scene.loop._robot = robot
+    log = scene.run(6.0)
+    assert "robot_not_answering" in events(log)
+    assert np.isnan(log.joint_position_rad).any()
+    assert Scene.error_deg(log)[int(4.5 / TS) :].mean() < 3.0
+
+
+def test_an_event_that_lasts_is_written_once():
+    recorder = LoopRecorder(TS)
+    for k in range(100):
+        recorder.event(k * TS, "stale_plan")
+    recorder.event(3.0, "stale_plan")
+    log, _ = recorder.finish({}, lambda t: np.zeros((len(t), 3)), 1.0)
+    assert log.event_time_s.tolist() == [0.0, 3.0]
+
+
+@pytest.mark.parametrize("controller", [LookAhead, Mpc])
+def test_compute_delay_is_planned_for(controller):
+    """A plan that takes effect 15 ms late must cost next to nothing, as it is made for that time."""
+    prompt = Scene(controller=controller(NECK)).run(4.0)
+    delayed = Scene(controller=controller(NECK), settings=LoopSettings(compute_delay_s=0.015)).run(4.0)
+    late = slice(int(1.5 / TS), None)
+    assert Scene.error_deg(delayed)[late].mean() < Scene.error_deg(prompt)[late].mean() + 0.25
+    assert not np.array_equal(prompt.command_position_rad, delayed.command_position_rad)
+
+
+def test_the_same_seed_gives_the_same_log_to_the_last_bit(tmp_path):
+    placed = place(load("subject05_R6"), "recorded", 2.5, 1.2)
+    sensor = load_sensor("reference")
+    for name in ("a", "b", "c"):
+        log, _ = replay(placed, NECK, sensor, "mpc", RunSettings(seed=3 if name == "c" else 2))
+        log.save(tmp_path / f"{name}.npz")
+    a, b, c = ((tmp_path / f"{name}.npz").read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+
+
+def test_short_recordings_are_scored_where_they_end():
+    recording = place(load("subject01_R1"), "recorded", 2.5, 1.2)
+    n = 20
+    cut = {f.name: getattr(recording.truth, f.name)[:n] for f in dataclasses.fields(recording.truth)}
+    short = dataclasses.replace(
+        recording, times_s=recording.times_s[:n], truth=dataclasses.replace(recording.truth, **cut)
+    )
+    log, _ = replay(short, NECK, load_sensor("reference"), "lookahead", RunSettings())
+    assert np.isfinite(measure(log).gaze_error_rms_deg)
