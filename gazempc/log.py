@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -117,9 +118,9 @@ def load_log(path: Path | str) -> Log:
         SettingsError: If the file is missing or not a log.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
             values = {name: data[name] for name in data.files}
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise SettingsError(f"{path}: not a log that can be read: {error}") from None
     wanted = {f.name for f in fields(Log)}
     if missing := sorted(wanted - set(values)):

@@ -116,7 +116,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> None:
     ax.plot(0, 0, "o", color="k", ms=11, zorder=7)
     ax.annotate("robot", (0, 0), (12, -3), textcoords="offset points", va="center")
     # Room for labels beside the path. Margins would not do, because equal aspect may take them away again.
-    low, high = ax.dataLim.min, ax.dataLim.max
+    low, high = np.array(ax.dataLim.min), np.array(ax.dataLim.max)
     pad = _LABEL_GAP * float(np.max(high - low))
     ax.update_datalim([low - pad, high + pad])
     ax.margins(0.0)

@@ -182,9 +182,10 @@ def _run(settings: RunSettings) -> None:
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:
     from gazempc import plots  # noqa: PLC0415
     from gazempc.animation import animate  # noqa: PLC0415
+    from gazempc.overview import overview  # noqa: PLC0415
 
     figures = {
-        "overview.png": plots.overview,
+        "overview.png": overview,
         "birds_eye.png": plots.birds_eye,
         "angles.png": plots.angles,
         "gaze_error.png": plots.gaze_error,

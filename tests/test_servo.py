@@ -199,7 +199,10 @@ def test_of_two_commands_at_one_time_the_last_acts() -> None:
 def test_roll_foresees_what_the_joint_will_do(
     dead_time_s: float, period_s: float, zeta: float, commands: list[float]
 ) -> None:
-    """A command sent from now on cannot act before the dead time is over, so the joint must end up there."""
+    """A command sent from now on cannot act before the dead time is over, so the joint must end up there.
+
+    The tolerance is that of times, 1 ns: by so much the last command may act early.
+    """
     joint = axis(dead_time_s, zeta=zeta)
     roll = DeadTimeRoll(joint, period_s)
     servo = DelayedServo(joint, 0.1)
