@@ -17,6 +17,8 @@ from gazempc.specfiles import explain
 ControllerName = Literal["reactive", "lookahead", "mpc", "perfect"]
 PredictorName = Literal["last_position", "constant_velocity", "head_pose", "perfect"]
 PlacementName = Literal["recorded", "side"]
+# The predictor with the least error on real people, as far as measured.
+DEFAULT_PREDICTOR: PredictorName = "constant_velocity"
 
 
 class _Settings(BaseModel):
@@ -59,7 +61,7 @@ class RunSettings(_Settings):
         min_length=1,
         description="What to compare; perfect is the mpc with the true future",
     )
-    predictor: PredictorName = Field(default="constant_velocity", description="Forecast of the head")
+    predictor: PredictorName = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     neck: str = Field(default="reference", description="Shipped neck or a .toml file")
     sensor: str | None = Field(
         default=None,

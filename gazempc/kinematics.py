@@ -20,7 +20,7 @@ class LookAt:
     Attributes:
         angles_rad: Pan and tilt, shape (..., 2), radians; pan in (-pi, pi] unless unwrapped.
         reachable: Shape (...); False where no pan and tilt, even without limits, looks at the target because it
-            is inside the neck. The angles are then those that pass it most closely.
+            is inside the neck. The angles are then finite, and look past it.
     """
 
     angles_rad: FloatArray
@@ -71,17 +71,17 @@ def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
     ex, ey, ez = geometry.eye_in_tilt_m
     lateral = ty + ey
     ground = np.hypot(target[..., 0], target[..., 1])
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         pan_turn = np.where(ground > 0, np.clip(lateral / ground, -1.0, 1.0), np.sign(lateral))
     pan = np.arctan2(target[..., 1], target[..., 0]) - np.arcsin(pan_turn)
     ahead = np.sqrt(np.maximum(ground**2 - lateral**2, 0.0)) - tx
     above = target[..., 2] - tz
     distance = np.hypot(ahead, above)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         tilt_turn = np.where(distance > 0, np.clip(ez / distance, -1.0, 1.0), np.sign(ez))
     tilt = np.arctan2(above, ahead) - np.arcsin(tilt_turn)
     in_front_of_eye = np.sqrt(np.maximum(distance**2 - ez**2, 0.0)) > ex
-    reachable = (ground > abs(lateral)) & (distance > abs(ez)) & in_front_of_eye
+    reachable = (ground >= abs(lateral)) & (distance >= abs(ez)) & (distance > 0) & in_front_of_eye
     return LookAt(np.stack([_wrap(pan), _wrap(tilt)], axis=-1), reachable)
 
 

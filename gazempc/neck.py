@@ -22,7 +22,7 @@ class Geometry(BaseModel):
     At pan = tilt = 0 all frames are parallel to the base frame (x forward, y left, z up).
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     tilt_axis_in_pan_m: tuple[float, float, float] = Field(
         default=(0.0, 0.0, 0.0), description="Tilt axis, seen from the pan axis, metres"
@@ -35,7 +35,7 @@ class Geometry(BaseModel):
 class Axis(BaseModel):
     """One joint: its limits and its servo ``q'' = wn^2 (u(t - dead time) - q) - 2 zeta wn q'``."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     position_min_deg: float = Field(ge=-360, le=360)
     position_max_deg: float = Field(ge=-360, le=360)
@@ -77,7 +77,7 @@ class Axis(BaseModel):
 class NeckSpec(BaseModel):
     """A pan-tilt neck. Arrays have shape (2,): pan, tilt."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str
     source: str = Field(description="Where the figures are from; printed with results")

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError
@@ -38,6 +38,12 @@ class SensorSpec(BaseModel):
     range_min_m: float = Field(default=0.0, ge=0)
     range_max_m: float = Field(default=float("inf"), gt=0)
     dropout_probability: float = Field(default=0.0, ge=0, lt=1, description="Share of frames without the person")
+
+    @model_validator(mode="after")
+    def _range_is_not_empty(self) -> SensorSpec:
+        if self.range_min_m >= self.range_max_m:
+            raise ValueError(f"range_min_m ({self.range_min_m}) must be less than range_max_m ({self.range_max_m})")
+        return self
 
 
 @dataclass(frozen=True)

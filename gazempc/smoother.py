@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -50,7 +51,7 @@ class _AxisSmoother:
         position = min(max(target[0], self._low), self._high)
         velocity = min(max(target[1], -v_max), v_max)
         acceleration = min(max(target[2], -a_max), a_max)
-        ways = (
+        ways: tuple[Callable[[], _Motion | None], ...] = (
             lambda: self._follow(now, (position, velocity, acceleration), v_max),
             lambda: self._intercept(now, position, velocity, v_max),
             lambda: self._intercept(now, position, 0.0, v_max),

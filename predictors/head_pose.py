@@ -59,6 +59,8 @@ class HeadPose:
     ) -> None:
         if not 0.0 <= weight <= 1.0:
             raise ValueError(f"weight must be in [0, 1], got {weight}")
+        if not yaw_noise_rad > 0:
+            raise ValueError(f"yaw_noise_rad must be positive, got {yaw_noise_rad}")
         self._weight = weight
         self._yaw_variance_rad2 = yaw_noise_rad**2
         self._position = ConstantVelocity(acceleration_psd, position_noise_m)
@@ -73,6 +75,9 @@ class HeadPose:
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
         self._position.update(observation)
+        if self._position.rejections_in_a_row:
+            # Whoever was detected there is not the person; their head says nothing either.
+            return
         if observation.head_quat_wxyz is None or observation.pelvis_quat_wxyz is None:
             return
         measured_rad = yaw_rad(observation.head_quat_wxyz) - yaw_rad(observation.pelvis_quat_wxyz)

@@ -19,6 +19,8 @@ class LastPosition:
     """
 
     def __init__(self, position_noise_m: float = 0.01, walking_speed_m_s: float = 0.7) -> None:
+        if not (position_noise_m > 0 and walking_speed_m_s > 0):
+            raise ValueError("position_noise_m and walking_speed_m_s must be positive")
         self._position_noise_m = position_noise_m
         self._walking_speed_m_s = walking_speed_m_s
         self.reset()

@@ -13,7 +13,7 @@ _UNIT_QUATERNION_TOLERANCE = 1e-3
 
 
 def _vector(name: str, value: object, size: int) -> FloatArray:
-    array = np.asarray(value, dtype=np.float64)
+    array = np.array(value, dtype=np.float64)  # a copy: the caller may use its buffer again
     if array.shape != (size,):
         raise ValueError(f"{name} has shape {array.shape}, expected ({size},)")
     if not np.all(np.isfinite(array)):

@@ -267,3 +267,9 @@ def test_large_gaze_errors_are_the_arc_cosine(
 
 def test_the_target_right_behind_the_eye_is_pi_off() -> None:
     assert gaze_error_rad(POINT, [0.0, 0.0], [-2.0, 0.0, 0.0]) == pytest.approx(np.pi)
+
+
+def test_target_straight_above_the_pan_axis_is_reached():
+    seen = look_at(Geometry(), [0.0, 0.0, 1.0])
+    assert seen.reachable
+    assert gaze_error_rad(Geometry(), seen.angles_rad, [0.0, 0.0, 1.0]) < 1e-12

@@ -522,3 +522,14 @@ def test_predictors_know_nothing_of_gaze() -> None:
     code = "import sys, predictors; print([m for m in sys.modules if m.split('.')[0] in ('gazempc', 'filterpy')])"
     done = subprocess.run([sys.executable, "-c", code], cwd=folder.parent, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_head_of_a_refused_detection_does_not_bend_the_forecast():
+    """Another person, 3 m away and turned, is detected once: position and yaw both stay as they were."""
+    predictor = HeadPose(weight=1.0)
+    turned = np.array([np.cos(1.0), 0.0, 0.0, np.sin(1.0)])
+    straight = np.array([1.0, 0.0, 0.0, 0.0])
+    for k in range(30):
+        predictor.update(HeadObservation(k / 30, np.array([k / 30, 0.0, 0.4]), straight, straight))
+    predictor.update(HeadObservation(1.0, np.array([1.0, 3.0, 0.4]), turned, straight))
+    assert predictor.relative_yaw_rad() == pytest.approx(0.0, abs=1e-12)

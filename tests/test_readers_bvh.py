@@ -139,23 +139,15 @@ def test_y_up_zxy_by_hand(tmp_path: Path) -> None:
     hips = rz(5) @ rx(3) @ ry(40)
     spine = hips @ ry(-10)
     head = spine @ rz(2) @ rx(-8) @ ry(25)
-    to_out = np.array(
-        [[0, 0, 1.0], [1, 0, 0], [0, 1, 0]]
-    )  # file z is out x, file x is out y, file y is out z
+    to_out = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])  # file z is out x, file x is out y, file y is out z
     tip = hips @ [0, 20, 0] + spine @ [0, 30, 0] + head @ [0, 15, 2]
     for k in (0, N - 1):
         place = np.array([10, 95, 1.0 * k])
         np.testing.assert_allclose(recording.truth.pelvis_position_m[k], to_out @ place / 100, atol=1e-12)
-        np.testing.assert_allclose(
-            recording.truth.head_position_m[k], to_out @ (place + tip) / 100, atol=1e-12
-        )
+        np.testing.assert_allclose(recording.truth.head_position_m[k], to_out @ (place + tip) / 100, atol=1e-12)
     # In the rest pose the person faces file z: a yaw about file y is a yaw about out z, and so on.
-    np.testing.assert_allclose(
-        matrices(recording.truth.pelvis_quat_wxyz)[3], to_out @ hips @ to_out.T, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        matrices(recording.truth.head_quat_wxyz)[3], to_out @ head @ to_out.T, atol=1e-12
-    )
+    np.testing.assert_allclose(matrices(recording.truth.pelvis_quat_wxyz)[3], to_out @ hips @ to_out.T, atol=1e-12)
+    np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[3], to_out @ head @ to_out.T, atol=1e-12)
     np.testing.assert_allclose(recording.times_s, np.arange(N) / 120.0, atol=1e-7)
     assert recording.kind == "motion capture"
     assert recording.measured is None
@@ -221,19 +213,13 @@ def test_options_override_what_the_file_says(tmp_path: Path) -> None:
     np.testing.assert_allclose(with_options(bvh_frame_rate_hz=60.0).times_s, np.arange(N) / 60.0)
     larger = with_options(bvh_unit_m=0.011)
     np.testing.assert_allclose(larger.truth.head_position_m, 1.1 * usual.truth.head_position_m)
-    np.testing.assert_allclose(
-        with_options(bvh_up_axis="y").truth.head_position_m, usual.truth.head_position_m
-    )
+    np.testing.assert_allclose(with_options(bvh_up_axis="y").truth.head_position_m, usual.truth.head_position_m)
     spine = with_options(bvh_head_joint="spine", bvh_unit_m=0.02)
-    np.testing.assert_allclose(
-        np.linalg.norm(spine.truth.head_position_m - spine.truth.pelvis_position_m, axis=1), 0.4
-    )
+    np.testing.assert_allclose(np.linalg.norm(spine.truth.head_position_m - spine.truth.pelvis_position_m, axis=1), 0.4)
     hips = with_options(bvh_hips_joint="Spine")
     assert hips.truth.pelvis_position_m[0, 2] > usual.truth.pelvis_position_m[0, 2] + 0.15
     for option in ("bvh_head_joint", "bvh_hips_joint"):
-        with pytest.raises(
-            RecordingError, match=r"no joint 'Hand'.*Hips, LeftUpLeg, RightUpLeg, Spine, Head"
-        ):
+        with pytest.raises(RecordingError, match=r"no joint 'Hand'.*Hips, LeftUpLeg, RightUpLeg, Spine, Head"):
             with_options(**{option: "Hand"})
     with pytest.raises(RecordingError, match=r"65\.\d+ m from the hips.*with 1 m a unit.*bvh_unit_m"):
         with_options(bvh_unit_m=1.0)
@@ -252,9 +238,7 @@ def test_options_override_what_the_file_says(tmp_path: Path) -> None:
 )
 def test_joints_are_found_under_many_names(tmp_path: Path, names: tuple[str, ...]) -> None:
     text = Y_UP
-    for usual, name in zip(
-        ("ROOT Hips", "JOINT LeftUpLeg", "JOINT RightUpLeg", "JOINT Head"), names, strict=True
-    ):
+    for usual, name in zip(("ROOT Hips", "JOINT LeftUpLeg", "JOINT RightUpLeg", "JOINT Head"), names, strict=True):
         text = text.replace(usual, f"{usual.split()[0]} {name}")
     recording = load(write(tmp_path / "a.bvh", text, y_up_frames()))
     usual_recording = load(write(tmp_path / "b.bvh", Y_UP, y_up_frames()))
@@ -376,8 +360,7 @@ def test_cut_off_and_damaged_files_raise_nothing_else(tmp_path: Path, head: str)
 
 def test_a_long_file_of_a_full_skeleton_is_quick(tmp_path: Path) -> None:
     extra = "".join(
-        f"  JOINT Extra{k} {{\n  OFFSET 1 {k} 0\n  CHANNELS 3 Zrotation Xrotation Yrotation\n  }}\n"
-        for k in range(26)
+        f"  JOINT Extra{k} {{\n  OFFSET 1 {k} 0\n  CHANNELS 3 Zrotation Xrotation Yrotation\n  }}\n" for k in range(26)
     )
     head = Y_UP.replace("  JOINT Spine\n", extra + "  JOINT Spine\n")
     frame = y_up_frames()[0]

@@ -40,9 +40,7 @@ def joint_quat_wxyz(yaw_deg: float, pitch_deg: float) -> list[float]:
     return [w, x, y, z]
 
 
-def body(
-    body_id: int, pelvis_m: np.ndarray, pelvis_yaw: float, head_yaw: float, pitch: float
-) -> dict[str, Any]:
+def body(body_id: int, pelvis_m: np.ndarray, pelvis_yaw: float, head_yaw: float, pitch: float) -> dict[str, Any]:
     turn = Rotation.from_euler("z", head_yaw, degrees=True)
     head_m = pelvis_m + 0.6 * UP
     level = {
@@ -121,9 +119,7 @@ def test_left_and_up_have_their_signs(tmp_path: Path) -> None:
         for position in frame["bodies"][0]["joint_positions"]:
             pelvis = frame["bodies"][0]["joint_positions"][NAMES.index("PELVIS")]
             if position is not pelvis:
-                position[:] = [
-                    a - b + c for a, b, c in zip(position, pelvis, [-500, -300, 2000], strict=True)
-                ]
+                position[:] = [a - b + c for a, b, c in zip(position, pelvis, [-500, -300, 2000], strict=True)]
         pelvis[:] = [-500.0, -300.0, 2000.0]
     recording = load(write(tmp_path / "a.json", content))
     np.testing.assert_allclose(recording.truth.pelvis_position_m[5], [2.0, 0.5, 0.3], atol=1e-9)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from gazempc.config import RunSettings, load_settings
 from gazempc.errors import SettingsError

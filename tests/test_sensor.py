@@ -263,17 +263,20 @@ def test_an_unknown_sensor_is_refused_with_the_nearest_name() -> None:
 # ---------------------------------------------------------------- placement
 
 
-def curved_walk(start_s: float = 0.0) -> Recording:
+def curved_walk(start_s: float = 0.0, turns_back: bool = False) -> Recording:
     times_s = start_s + np.arange(90) / 30.0
     t = np.linspace(0.0, 1.0, 90)
+    if turns_back:
+        t = t * (1.6 - t)
     head = np.column_stack([1.0 - 3.0 * t, 4.0 + 2.0 * t + 0.4 * np.sin(3 * t), 1.6 + 0.03 * np.sin(40 * t)])
     measured = recording(times_s, head + 0.05, yaw=2.5 + t).truth
     return recording(times_s, head, yaw=2.5 + t, measured=measured)
 
 
-def test_side_is_the_definition_of_the_design() -> None:
+@pytest.mark.parametrize("turns_back", [False, True])
+def test_side_is_the_definition_of_the_design(turns_back: bool) -> None:
     """In the walk's frame: robot at c + 2.5 (z x d), 1.2 m up, x axis towards c; computed with 4 x 4 matrices."""
-    walk = curved_walk()
+    walk = curved_walk(turns_back=turns_back)
     head = walk.truth.head_position_m
     c = head.mean(axis=0)
     far = max(range(90), key=lambda i: float(np.hypot(*(head[i] - head[0])[:2])))

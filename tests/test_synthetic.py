@@ -332,8 +332,7 @@ def test_the_head_turns_farther_than_the_pelvis_into_sharp_turns(walks: dict[str
     peaks_deg = []
     for subject in range(1, 15):
         left, right = (
-            np.degrees(yaw_rad(walk.truth.head_quat_wxyz) - yaw_rad(walk.truth.pelvis_quat_wxyz) + np.pi)
-            % 360.0
+            np.degrees(yaw_rad(walk.truth.head_quat_wxyz) - yaw_rad(walk.truth.pelvis_quat_wxyz) + np.pi) % 360.0
             - 180.0
             for walk in (walks[f"subject{subject:02}_R5"], walks[f"subject{subject:02}_R6"])
         )
@@ -377,9 +376,7 @@ def test_pelvis_yaw_lags_the_sway_as_measured(walks: dict[str, Recording]) -> No
     lags_deg = []
     for walk in on_routes(walks, "R1", "R2"):
         frames = np.arange(len(walk.times_s))
-        wave = np.hanning(len(frames)) * np.exp(
-            -2j * np.pi * peak_hz(sideways_m(walk), 0.55, 1.4) * frames * FRAME_S
-        )
+        wave = np.hanning(len(frames)) * np.exp(-2j * np.pi * peak_hz(sideways_m(walk), 0.55, 1.4) * frames * FRAME_S)
         sway, yaw = (
             wave @ (signal - np.polyval(np.polyfit(frames, signal, 3), frames))
             for signal in (sideways_m(walk), yaw_rad(walk.truth.pelvis_quat_wxyz))

@@ -21,6 +21,7 @@ on the command alone also keep the joint inside the neck's limits, see `gazempc.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -162,7 +163,7 @@ class AxisOcp:
         steps: int,
         smoothing_time_s: float,
         solver: str = "daqp",
-        solver_options: dict[str, object] | None = None,
+        solver_options: dict[str, Any] | None = None,
     ) -> None:
         limits = neck.command_limits
         self._steps = steps
@@ -191,11 +192,12 @@ class AxisOcp:
         self._upper = np.concatenate([np.ones(steps), np.full(_SLACKS, np.inf)])
         variables = steps + _SLACKS
         self._no_bound = np.full(3 * steps, np.inf)
+        options: dict[str, Any] = {"error_on_fail": False, **(solver_options or {})}
         self._solver = ca.conic(
             "axis_ocp",
             solver,
             {"h": ca.Sparsity.dense(variables, variables), "a": ca.Sparsity.dense(6 * steps, variables)},
-            {"error_on_fail": False, **(solver_options or {})},
+            options,
         )
 
     def quadratic_program(

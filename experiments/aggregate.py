@@ -1,0 +1,163 @@
+"""Means over clips with bootstrap intervals over people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+GROUP_ORDER = ("straight", "turn", "sharp")
+LABEL_COLUMNS = ("recording", "subject", "group", "controller", "predictor", "neck", "seed")
+_RESAMPLES = 2000
+_SEED = 20210603
+
+
+def bootstrap_mean(values: Sequence[float], people: Sequence[str]) -> tuple[float, float, float]:
+    """Mean over clips and its 95 % interval when people are drawn anew.
+
+    Clips of one person are alike, so people, not clips, are the independent draws; every clip weighs the same.
+
+    Args:
+        values: One value a clip, shape (N,); NaN are left out.
+        people: Who walked in each clip, shape (N,).
+
+    Returns:
+        Mean, lower and upper end (NaN without values; the ends are NaN with one person, where nothing can be said).
+    """
+    known = [(value, person) for value, person in zip(values, people, strict=True) if math.isfinite(value)]
+    if not known:
+        return math.nan, math.nan, math.nan
+    names = sorted({person for _, person in known})
+    index = {name: i for i, name in enumerate(names)}
+    total, count = np.zeros(len(names)), np.zeros(len(names))
+    for value, person in known:
+        total[index[person]] += value
+        count[index[person]] += 1
+    mean = float(total.sum() / count.sum())
+    if len(names) == 1:
+        return mean, math.nan, math.nan
+    draws = np.random.default_rng(_SEED).integers(len(names), size=(_RESAMPLES, len(names)))
+    means = total[draws].sum(axis=1) / count[draws].sum(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return mean, float(low), float(high)
+
+
+def add_gap_closed(rows: list[dict[str, Any]]) -> None:
+    """Add to each run how much of the gap to perfect foresight it closes on its recording.
+
+    Args:
+        rows: Runs; ``gap_closed`` is set to None where the reactive or the perfect run is missing.
+    """
+
+    def place(row: dict[str, Any]) -> tuple[Any, ...]:
+        return row["recording"], row["neck"], row["seed"]
+
+    perfect = {place(r): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == "perfect"}
+    reactive = {(*place(r), r["predictor"]): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == "reactive"}
+    for row in rows:
+        best = perfect.get(place(row))
+        # The perfect run has no predictor of its own: it closes the gap of any.
+        worst = reactive.get((*place(row), row["predictor"]))
+        own = row.get("gaze_error_rms_deg")
+        if row["controller"] == "perfect" and own is not None:
+            row["gap_closed"] = 1.0
+        elif best is None or worst is None or own is None or worst <= best:
+            row["gap_closed"] = None
+        else:
+            row["gap_closed"] = (worst - own) / (worst - best)
+
+
+def groups_of(rows: Iterable[dict[str, Any]]) -> list[str]:
+    """Groups in reading order, ``all`` last."""
+    found = {row["group"] for row in rows if row["group"]}
+    known = [group for group in GROUP_ORDER if group in found]
+    return [*known, *sorted(found - set(known)), "all"]
+
+
+def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Means by group x controller x predictor x neck.
+
+    Args:
+        rows: Runs with figures (none left out or failed).
+
+    Returns:
+        One row a combination: labels, ``n_clips``, ``n_people``, the mean of each figure under its own name and its
+        interval under ``<name>_ci95``.
+    """
+    if not rows:
+        return []
+    figures = [name for name in rows[0] if name not in {*LABEL_COLUMNS, "left_out", "failed", "simulated_s"}]
+    table = []
+    combinations = list(dict.fromkeys((r["controller"], r["predictor"], r["neck"]) for r in rows))
+    for group in groups_of(rows):
+        for controller, predictor, neck in combinations:
+            chosen = [
+                r
+                for r in rows
+                if (r["controller"], r["predictor"], r["neck"]) == (controller, predictor, neck)
+                and group in {"all", r["group"]}
+            ]
+            if not chosen:
+                continue
+            people = [str(r["subject"]) for r in chosen]
+            entry: dict[str, Any] = {
+                "group": group,
+                "controller": controller,
+                "predictor": predictor,
+                "neck": neck,
+                "n_clips": len({r["recording"] for r in chosen}),
+                "n_people": len(set(people)),
+            }
+            for name in figures:
+                values = [math.nan if r[name] is None else float(r[name]) for r in chosen]
+                mean, low, high = bootstrap_mean(values, people)
+                entry[name] = mean if math.isfinite(mean) else None
+                entry[f"{name}_ci95"] = [low, high] if math.isfinite(low) else None
+            table.append(entry)
+    return table
+
+
+def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, second: str) -> list[dict[str, Any]]:
+    """Difference of two controllers on the same recording, predictor and neck.
+
+    Args:
+        rows: Runs with figures.
+        figure: Which figure.
+        first: Controller.
+        second: Controller that is subtracted.
+
+    Returns:
+        One row a group, predictor and neck: mean difference, interval and number of clips.
+    """
+
+    def same(row: dict[str, Any]) -> tuple[Any, ...]:
+        return row["recording"], row["neck"], row["seed"], row["predictor"]
+
+    others = {same(r): r for r in rows if r["controller"] == second}
+    pairs = [(r, others[same(r)]) for r in rows if r["controller"] == first and same(r) in others]
+    table = []
+    for group in groups_of(r for r, _ in pairs):
+        for predictor, neck in dict.fromkeys((r["predictor"], r["neck"]) for r, _ in pairs):
+            chosen = [
+                (a, b)
+                for a, b in pairs
+                if (a["predictor"], a["neck"]) == (predictor, neck) and group in {"all", a["group"]}
+            ]
+            values = [a[figure] - b[figure] for a, b in chosen]
+            mean, low, high = bootstrap_mean(values, [str(a["subject"]) for a, _ in chosen])
+            table.append(
+                {
+                    "group": group,
+                    "predictor": predictor,
+                    "neck": neck,
+                    "difference": mean,
+                    "ci95": [low, high] if math.isfinite(low) else None,
+                    "n_clips": len(values),
+                }
+            )
+    return table

@@ -1,0 +1,67 @@
+"""Do jobs in parallel processes, keep every result at once, and never do one twice."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from experiments.jobs import Job, execute
+from gazempc.errors import GazempcError
+
+
+def run_jobs(jobs: Sequence[Job], folder: Path, workers: int) -> list[dict[str, Any]]:
+    """Do all jobs that have no result yet.
+
+    Each result is a file of its own, named by the job's hash and written whole or not at all, so that an interrupted
+    command goes on where it stopped and several may share a folder.
+
+    Args:
+        jobs: What to do.
+        folder: Where the results are kept.
+        workers: Number of processes.
+
+    Returns:
+        The rows in the order of the jobs.
+
+    Raises:
+        GazempcError: If worker processes die (killed, out of memory); what was done is kept.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{job.key()}.json" for job in jobs]
+    missing = {path: job for path, job in zip(paths, jobs, strict=True) if not path.is_file()}
+    if missing:
+        # One numerical thread a process: the matrices are small, and the processes are the parallelism.
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
+        # A fresh interpreter a worker: no state of this process is inherited.
+        context = multiprocessing.get_context("spawn")
+        bar = tqdm(total=len(jobs), initial=len(jobs) - len(missing), unit="run", file=sys.stderr, mininterval=1.0)
+        pool = ProcessPoolExecutor(max_workers=workers, mp_context=context)
+        try:
+            waiting = {pool.submit(execute, job): path for path, job in missing.items()}
+            for done in as_completed(waiting):
+                _write_whole(waiting[done], json.dumps(done.result()))
+                bar.update()
+        except BrokenProcessPool:
+            raise GazempcError(
+                f"a worker process died; results so far are kept in {folder}: run the same command again to go on"
+            ) from None
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            bar.close()
+    return [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+
+
+def _write_whole(path: Path, text: str) -> None:
+    part = path.with_suffix(f".{os.getpid()}.part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
