@@ -1,0 +1,241 @@
+"""Compare gazes over many recordings: `python -m experiments.compare --recordings synthetic --out out/compare`."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+from pydantic import BaseModel, ConfigDict, Field
+
+from experiments.aggregate import add_gap_closed, paired_differences, summarise
+from experiments.jobs import Job
+from experiments.pool import run_jobs
+from experiments.recordings import find_recordings
+from gazempc.config import DEFAULT_PREDICTOR, ControllerName, PlacementName, PredictorName
+from gazempc.errors import GazempcError
+from gazempc.neck import load_neck
+from gazempc.report import LABELS, versions
+from gazempc.sensor import load_sensor
+
+_BAD_INPUT = 2
+_INTERRUPTED = 130
+
+
+class CompareSettings(BaseModel):
+    """Settings of `python -m experiments.compare`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    recordings: tuple[str, ...] = Field(
+        min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names"
+    )
+    controllers: tuple[ControllerName, ...] = Field(
+        default=("reactive", "lookahead", "mpc", "perfect"), min_length=1, description="What to compare"
+    )
+    predictors: tuple[PredictorName | Literal["default"], ...] = Field(
+        default=("default",), min_length=1, description="Forecasts; default is the run command's"
+    )
+    necks: tuple[str, ...] = Field(default=("reference",), min_length=1, description="Shipped necks or .toml files")
+    sensor: str | None = Field(
+        default=None, description="Shipped sensor or .toml file; without it what fits each recording"
+    )
+    placement: PlacementName | None = Field(
+        default=None, description="Where the robot stands; without it what fits each recording"
+    )
+    distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
+    height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
+    seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
+    jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes")
+    out: Path = Field(default=Path("out/compare"), description="Where to write; an interrupted run goes on there")
+    figures: bool = Field(default=True, description="Draw figures")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Command line without the program's name; default: the process's.
+
+    Returns:
+        Exit status: 0, 1 if runs failed or left the limits, 2 on bad input, 130 if interrupted.
+    """
+    settings = tyro.cli(CompareSettings, args=arguments, prog="python -m experiments.compare", description=__doc__)
+    try:
+        return compare(settings)
+    except GazempcError as error:
+        print(f"compare: {error}", file=sys.stderr)
+        return _BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"compare: interrupted; run the same command again to go on in {settings.out}", file=sys.stderr)
+        return _INTERRUPTED
+
+
+def compare(settings: CompareSettings) -> int:
+    """Do all runs and write tables and figures.
+
+    Args:
+        settings: What to compare.
+
+    Returns:
+        Exit status, see `main`.
+
+    Raises:
+        GazempcError: On bad input, before anything runs.
+    """
+    jobs = make_jobs(settings)
+    started_s = time.monotonic()
+    runs_folder = settings.out / "runs"
+    before = {path.name for path in runs_folder.glob("*.json")}
+    rows = run_jobs(jobs, runs_folder, settings.jobs)
+    wall_s = time.monotonic() - started_s
+    simulated_s = sum(
+        row.get("simulated_s", 0.0) for job, row in zip(jobs, rows, strict=True) if f"{job.key()}.json" not in before
+    )
+
+    add_gap_closed(rows)
+    done = [row for row in rows if not row["left_out"] and not row["failed"]]
+    _write_results(settings.out / "results.csv", rows)
+    summary = _summary(settings, rows, done)
+    (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    text = report(summary, done)
+    (settings.out / "summary.md").write_text(text, encoding="utf-8")
+    if settings.figures and done:
+        from experiments.compare_figures import draw_all  # noqa: PLC0415
+
+        draw_all(summary["rows"], done, settings.out)
+    print(text)
+    if simulated_s:
+        rate = simulated_s / wall_s
+        print(
+            f"{simulated_s:.0f} simulated seconds in {wall_s:.0f} s: {rate:.1f} a second, "
+            f"{rate / settings.jobs:.1f} a second and worker"
+        )
+    print(f"Written to {settings.out}/: results.csv, summary.json, summary.md and figures")
+    bad = [row for row in rows if row["failed"] or row.get("limit_violations")]
+    return 1 if bad else 0
+
+
+def make_jobs(settings: CompareSettings) -> list[Job]:
+    """Every combination on every recording, after checking all that can be checked before.
+
+    Args:
+        settings: What to compare.
+
+    Returns:
+        The jobs; the perfect forecast is run once for each neck, as it has no predictor.
+
+    Raises:
+        GazempcError: If a recording, neck or sensor does not exist.
+    """
+    recordings = find_recordings(settings.recordings)
+    for neck in settings.necks:
+        load_neck(neck)
+    if settings.sensor is not None:
+        load_sensor(settings.sensor)
+    predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)
+    jobs = [
+        Job(
+            recording=recording,
+            controller=controller,
+            predictor="perfect" if controller == "perfect" else predictor,
+            neck=neck,
+            sensor=settings.sensor,
+            placement=settings.placement,
+            distance_m=settings.distance_m,
+            height_m=settings.height_m,
+            seed=settings.seed,
+        )
+        for recording in recordings
+        for neck in settings.necks
+        for predictor in predictors
+        for controller in settings.controllers
+    ]
+    return list(dict.fromkeys(jobs))
+
+
+def _write_results(path: Path, rows: list[dict[str, Any]]) -> None:
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _summary(settings: CompareSettings, rows: list[dict[str, Any]], done: list[dict[str, Any]]) -> dict[str, Any]:
+    left_out = {row["recording"]: row["left_out"] for row in rows if row["left_out"]}
+    failed = [
+        {k: row[k] for k in ("recording", "controller", "predictor", "neck", "failed")} for row in rows if row["failed"]
+    ]
+    return {
+        "rows": summarise(done),
+        "mpc_minus_lookahead_rms_deg": paired_differences(done, "gaze_error_rms_deg", "mpc", "lookahead"),
+        "n_left_out": len(left_out),
+        "left_out": left_out,
+        "failed": failed,
+        "seed": settings.seed,
+        # Where and with how many workers it ran does not change the figures.
+        "settings": settings.model_dump(mode="json", exclude={"jobs", "out", "figures"}),
+        "versions": versions(),
+    }
+
+
+def report(summary: dict[str, Any], done: list[dict[str, Any]]) -> str:
+    """The summary as a Markdown text.
+
+    Args:
+        summary: What is in `summary.json`.
+        done: Runs with figures.
+
+    Returns:
+        The text.
+    """
+
+    def cell(row: dict[str, Any], name: str, digits: int, factor: float = 1.0) -> str:
+        if row[name] is None:
+            return "-"
+        text = f"{factor * row[name]:.{digits}f}"
+        if interval := row[f"{name}_ci95"]:
+            text += f" [{factor * interval[0]:.{digits}f}, {factor * interval[1]:.{digits}f}]"
+        return text
+
+    lines = [
+        "# Comparison of gazes",
+        "",
+        f"{len({r['recording'] for r in done})} recordings of {len({r['subject'] for r in done})} people; "
+        f"means over clips, 95 % bootstrap intervals over people in brackets.",
+        f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed.",
+        "",
+        "| group | clips | people | neck | gaze | forecast by | gaze error RMS [deg] | eye contact 2.6 deg [%] "
+        "| gap closed | RMS acceleration [rad/s^2] |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {r['group']} | {r['n_clips']} | {r['n_people']} | {r['neck']} | {LABELS[r['controller']]} "
+        f"| {r['predictor']} | {cell(r, 'gaze_error_rms_deg', 2)} | {cell(r, 'eye_contact_2p6', 1, 100.0)} "
+        f"| {cell(r, 'gap_closed', 3)} | {cell(r, 'rms_acceleration_rad_s2', 2)} |"
+        for r in summary["rows"]
+    ]
+    if differences := summary["mpc_minus_lookahead_rms_deg"]:
+        lines += ["", "MPC minus look-ahead on the same clips, RMS gaze error [deg]; below 0 the MPC is better:", ""]
+        for d in differences:
+            interval = f" [{d['ci95'][0]:+.2f}, {d['ci95'][1]:+.2f}]" if d["ci95"] else ""
+            lines.append(
+                f"- {d['group']}, {d['predictor']}, neck {d['neck']}: {d['difference']:+.2f}{interval} "
+                f"({d['n_clips']} clips)"
+            )
+    lines += [f"- left out {name}: {reason}" for name, reason in summary["left_out"].items()]
+    lines += [f"- failed {f['recording']} {f['controller']}: {f['failed']}" for f in summary["failed"]]
+    violations = sum(r["limit_violations"] or 0 for r in done)
+    lines += ["", f"Limit violations in all runs: {violations}.", ""]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,130 @@
+"""Figures of a comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.aggregate import groups_of, paired_differences
+from gazempc.plots import style
+
+Row = dict[str, Any]
+
+
+def draw_all(rows: Sequence[Row], runs: Sequence[Row], out: Path) -> None:
+    """Draw all figures of a comparison.
+
+    Args:
+        rows: Means, as made by `experiments.aggregate.summarise`.
+        runs: The runs behind them.
+        out: Folder to write PNG files to.
+    """
+    _bars(rows, "gaze_error_rms_deg", "RMS gaze error (deg)", 1.0, out / "gaze_error.png")
+    _bars(rows, "eye_contact_2p6", "eye contact within 2.6 deg (% of the time)", 100.0, out / "eye_contact.png")
+    if any(row["gap_closed"] is not None for row in rows):
+        _bars(rows, "gap_closed", "gap between reactive and perfect closed", 1.0, out / "gap_closed.png")
+    _error_against_acceleration(rows, out / "error_against_acceleration.png")
+    if differences := paired_differences(runs, "gaze_error_rms_deg", "mpc", "lookahead"):
+        _paired(runs, differences, out / "mpc_minus_lookahead.png")
+
+
+def _series(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
+    return list(dict.fromkeys((r["controller"], r["predictor"], r["neck"]) for r in rows))
+
+
+def _name(series: tuple[str, str, str], all_series: Sequence[tuple[str, str, str]]) -> str:
+    controller, predictor, neck = series
+    parts = [style(controller).label]
+    # Said only where it tells series apart.
+    if controller != "perfect" and len({p for c, p, _ in all_series if c != "perfect"}) > 1:
+        parts.append(predictor)
+    if len({n for _, _, n in all_series}) > 1:
+        parts.append(neck)
+    return ", ".join(parts)
+
+
+def _bars(rows: Sequence[Row], figure: str, label: str, factor: float, path: Path) -> None:
+    groups, series = groups_of(r for r in rows if r["group"] != "all"), _series(rows)
+    plot = Figure(figsize=(max(7.0, 1.2 + 0.35 * len(groups) * len(series)), 4.2), layout="constrained")
+    ax = plot.subplots()
+    width = 0.8 / len(series)
+    for i, one in enumerate(series):
+        chosen = {r["group"]: r for r in rows if (r["controller"], r["predictor"], r["neck"]) == one}
+        present = [g for g in groups if g in chosen and chosen[g][figure] is not None]
+        x = np.array([groups.index(g) for g in present]) + (i - (len(series) - 1) / 2) * width
+        means = np.array([factor * chosen[g][figure] for g in present])
+        ends = [chosen[g][f"{figure}_ci95"] or [chosen[g][figure]] * 2 for g in present]
+        spread = np.array([[m - factor * lo, factor * hi - m] for m, (lo, hi) in zip(means, ends, strict=True)]).T
+        # Series that share a controller share its colour and differ in hatching.
+        hatch = ("", "//", "..", "xx")[sum(s[0] == one[0] for s in series[:i]) % 4]
+        ax.bar(x, means, width * 0.92, color=style(one[0]).colour, hatch=hatch, label=_name(one, series))
+        if means.size:
+            ax.errorbar(x, means, np.maximum(spread, 0.0), fmt="none", color="black", capsize=2, linewidth=1)
+    ax.set_xticks(range(len(groups)), [_group_label(rows, g) for g in groups])
+    ax.set_ylabel(label)
+    ax.legend(frameon=False, fontsize="small")
+    ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
+    plot.savefig(path, dpi=150)
+
+
+def _group_label(rows: Sequence[Row], group: str) -> str:
+    row = next(r for r in rows if r["group"] == group)
+    return f"{group}\n{row['n_clips']} clips, {row['n_people']} people"
+
+
+def _error_against_acceleration(rows: Sequence[Row], path: Path) -> None:
+    groups, series = groups_of(r for r in rows if r["group"] != "all"), _series(rows)
+    plot = Figure(figsize=(3.2 * len(groups) + 1.0, 3.6), layout="constrained")
+    axes = np.atleast_1d(plot.subplots(1, len(groups), sharey=True))
+    for ax, group in zip(axes, groups, strict=True):
+        for one in series:
+            for r in rows:
+                if r["group"] == group and (r["controller"], r["predictor"], r["neck"]) == one:
+                    ax.plot(
+                        r["rms_acceleration_rad_s2"],
+                        r["gaze_error_rms_deg"],
+                        "o",
+                        color=style(one[0]).colour,
+                        label=_name(one, series),
+                    )
+        ax.set_title(group)
+        ax.set_xlabel("RMS acceleration (rad/s²)")
+        ax.set_xlim(left=0)
+        ax.set_ylim(bottom=0)
+        ax.grid(alpha=0.3)
+    axes[0].set_ylabel("RMS gaze error (deg)")
+    axes[-1].legend(frameon=False, fontsize="small")
+    plot.savefig(path, dpi=150)
+
+
+def _paired(runs: Sequence[Row], differences: Sequence[Row], path: Path) -> None:
+    combinations = list(dict.fromkeys((d["predictor"], d["neck"]) for d in differences))
+    plot = Figure(figsize=(7.0, 3.2 * len(combinations)), layout="constrained")
+    axes = np.atleast_1d(plot.subplots(len(combinations), 1))
+    rng = np.random.default_rng(0)
+    for ax, (predictor, neck) in zip(axes, combinations, strict=True):
+        chosen = [d for d in differences if (d["predictor"], d["neck"]) == (predictor, neck)]
+        for x, d in enumerate(chosen):
+            values = [
+                a["gaze_error_rms_deg"] - b["gaze_error_rms_deg"]
+                for a in runs
+                for b in runs
+                if a["controller"] == "mpc"
+                and b["controller"] == "lookahead"
+                and all(a[k] == b[k] for k in ("recording", "predictor", "neck", "seed"))
+                and (a["predictor"], a["neck"]) == (predictor, neck)
+                and d["group"] in {"all", a["group"]}
+            ]
+            ax.plot(x + rng.uniform(-0.15, 0.15, len(values)), values, ".", color="0.6", markersize=4)
+            low, high = d["ci95"] or [d["difference"]] * 2
+            spread = np.maximum([[d["difference"] - low], [high - d["difference"]]], 0.0)
+            ax.errorbar([x], [d["difference"]], spread, fmt="o", color=style("mpc").colour, capsize=4)
+        ax.axhline(0.0, color="black", linewidth=0.8)
+        ax.set_xticks(range(len(chosen)), [f"{d['group']}\n{d['n_clips']} clips" for d in chosen])
+        ax.set_ylabel("MPC minus look-ahead,\nRMS gaze error (deg)")
+        ax.set_title(f"forecast by {predictor}, neck {neck}; below 0 the MPC is better", fontsize="medium")
+    plot.savefig(path, dpi=150)
