@@ -49,7 +49,7 @@ def _name(series: tuple[str, str, str], all_series: Sequence[tuple[str, str, str
 
 def _bars(rows: Sequence[Row], figure: str, label: str, factor: float, path: Path) -> None:
     groups, series = groups_of(r for r in rows if r["group"] != "all"), _series(rows)
-    plot = Figure(figsize=(max(7.0, 1.2 + 0.35 * len(groups) * len(series)), 4.2), layout="constrained")
+    plot = Figure(figsize=(max(8.5, 3.0 + 0.35 * len(groups) * len(series)), 4.2), layout="constrained")
     ax = plot.subplots()
     width = 0.8 / len(series)
     for i, one in enumerate(series):
@@ -57,16 +57,17 @@ def _bars(rows: Sequence[Row], figure: str, label: str, factor: float, path: Pat
         present = [g for g in groups if g in chosen and chosen[g][figure] is not None]
         x = np.array([groups.index(g) for g in present]) + (i - (len(series) - 1) / 2) * width
         means = np.array([factor * chosen[g][figure] for g in present])
-        ends = [chosen[g][f"{figure}_ci95"] or [chosen[g][figure]] * 2 for g in present]
-        spread = np.array([[m - factor * lo, factor * hi - m] for m, (lo, hi) in zip(means, ends, strict=True)]).T
+        intervals = [chosen[g][f"{figure}_ci95"] for g in present]
         # Series that share a controller share its colour and differ in hatching.
         hatch = ("", "//", "..", "xx")[sum(s[0] == one[0] for s in series[:i]) % 4]
         ax.bar(x, means, width * 0.92, color=style(one[0]).colour, hatch=hatch, label=_name(one, series))
-        if means.size:
-            ax.errorbar(x, means, np.maximum(spread, 0.0), fmt="none", color="black", capsize=2, linewidth=1)
+        for at, mean, interval in zip(x, means, intervals, strict=True):
+            if interval is not None:  # one person alone has no spread over people
+                ends = np.maximum([[mean - factor * interval[0]], [factor * interval[1] - mean]], 0.0)
+                ax.errorbar([at], [mean], ends, fmt="none", color="black", capsize=2, linewidth=1)
     ax.set_xticks(range(len(groups)), [_group_label(rows, g) for g in groups])
     ax.set_ylabel(label)
-    ax.legend(frameon=False, fontsize="small")
+    plot.legend(frameon=False, fontsize="small", loc="outside right upper")
     ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
     plot.savefig(path, dpi=150)
 
@@ -120,9 +121,10 @@ def _paired(runs: Sequence[Row], differences: Sequence[Row], path: Path) -> None
                 and d["group"] in {"all", a["group"]}
             ]
             ax.plot(x + rng.uniform(-0.15, 0.15, len(values)), values, ".", color="0.6", markersize=4)
-            low, high = d["ci95"] or [d["difference"]] * 2
-            spread = np.maximum([[d["difference"] - low], [high - d["difference"]]], 0.0)
-            ax.errorbar([x], [d["difference"]], spread, fmt="o", color=style("mpc").colour, capsize=4)
+            ax.plot([x], [d["difference"]], "o", color=style("mpc").colour)
+            if d["ci95"] is not None:
+                ends = np.maximum([[d["difference"] - d["ci95"][0]], [d["ci95"][1] - d["difference"]]], 0.0)
+                ax.errorbar([x], [d["difference"]], ends, fmt="none", color=style("mpc").colour, capsize=4)
         ax.axhline(0.0, color="black", linewidth=0.8)
         ax.set_xticks(range(len(chosen)), [f"{d['group']}\n{d['n_clips']} clips" for d in chosen])
         ax.set_ylabel("MPC minus look-ahead,\nRMS gaze error (deg)")

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gazempc.kinematics import gaze_ray, look_at, unwrap_pan
 from gazempc.log import Log
 from gazempc.metrics import CONTACT_DEG, SCORED_FROM_S, gaze_error_deg, measure
+from gazempc.report import LABELS
 
 FloatArray = NDArray[np.float64]
 Logs = Mapping[str, Log]
@@ -48,10 +49,10 @@ class Style:
 
 
 _STYLES = {
-    "reactive": Style("reactive", "#D55E00", 2.0),
-    "lookahead": Style("look-ahead", "#56B4E9", 2.8),
-    "mpc": Style("MPC", "#0072B2", 1.6),
-    "perfect": Style("MPC with perfect forecast", "#CC79A7", 1.6),
+    "reactive": Style(LABELS["reactive"], "#D55E00", 2.0),
+    "lookahead": Style(LABELS["lookahead"], "#56B4E9", 2.8),
+    "mpc": Style(LABELS["mpc"], "#0072B2", 1.6),
+    "perfect": Style(LABELS["perfect"], "#CC79A7", 1.6),
 }
 
 

@@ -17,7 +17,7 @@ LABELS = {
     "reactive": "reactive",
     "lookahead": "look-ahead",
     "mpc": "MPC",
-    "perfect": "MPC, perfect forecast",
+    "perfect": "MPC with perfect forecast",
 }
 _PACKAGES = ("gazempc", "casadi", "numpy", "scipy", "filterpy", "ruckig", "control", "matplotlib", "pydantic")
 
