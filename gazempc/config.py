@@ -39,6 +39,14 @@ class HeadPoseSettings(ConstantVelocitySettings):
     yaw_noise_rad: float = Field(default=0.05, gt=0, description="Standard deviation of a measurement")
 
 
+class LookAheadSettings(_Settings):
+    """Controller `lookahead`."""
+
+    smoothing_time_s: float = Field(
+        default=0.0, ge=0, le=1, description="Time constant of a low-pass on the command; 0 for none"
+    )
+
+
 class MpcSettings(_Settings):
     """Controller `mpc`."""
 
@@ -78,6 +86,10 @@ class RunSettings(_Settings):
     out: Path | None = Field(default=None, description="Where to write; without it out/<recording>")
     figures: bool = Field(default=True, description="Draw figures and the animation")
     config: Path | None = Field(default=None, description="YAML file with any of these settings; the command line wins")
+    start_offset_deg: float = Field(
+        default=0.0, ge=-360, le=360, description="Pan at the start, from looking at the first observed head"
+    )
+    lookahead: LookAheadSettings = LookAheadSettings()
     mpc: MpcSettings = MpcSettings()
     constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
     head_pose: HeadPoseSettings = HeadPoseSettings()

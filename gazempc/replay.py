@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
+import numpy as np
+
 from gazempc.config import ControllerName, PredictorName, RunSettings
 from gazempc.controllers import Controller, LookAhead, Mpc, Reactive
 from gazempc.kinematics import look_at
@@ -54,7 +56,7 @@ def make_controller(name: ControllerName, neck: NeckSpec, settings: RunSettings)
     if name == "reactive":
         return Reactive(neck)
     if name == "lookahead":
-        return LookAhead(neck)
+        return LookAhead(neck, **settings.lookahead.model_dump())
     return Mpc(neck, **settings.mpc.model_dump())
 
 
@@ -65,18 +67,21 @@ def replay(
     controller_name: ControllerName,
     settings: RunSettings,
     controller: Controller | None = None,
+    robot_neck: NeckSpec | None = None,
 ) -> tuple[Log, ComputeTimes]:
     """Replay a recording to one controller on a simulated neck.
 
-    The neck starts at rest, looking at the first observed head. The same arguments give the same log to the last bit.
+    The neck starts at rest, looking at the first observed head (or `start_offset_deg` beside it). The same
+    arguments give the same log to the last bit.
 
     Args:
         placed: The recording in the base frame, see `gazempc.placement.place`.
-        neck: The neck: what the controller knows of it and what is simulated.
+        neck: The neck as controller and smoother know it.
         sensor: The sensor.
         controller_name: Which controller; ``perfect`` is the MPC with the predictor ``perfect``.
         settings: Parameters of predictor, controller and loop, and the seed.
         controller: An instance to use again, made by `make_controller` for the same neck and settings.
+        robot_neck: The neck that is simulated, where it differs from what is known of it; it must have the same rates.
 
     Returns:
         The log, and how long the computer took.
@@ -89,10 +94,11 @@ def replay(
     controller.reset()
     sightings = deque(observe(placed, sensor, settings.seed))
     start = look_at(neck.geometry, sightings[0].observation.head_position_base_m).angles_rad
+    start[0] += np.deg2rad(settings.start_offset_deg)
     smoother = Smoother(neck, start)
 
     now_s = 0.0
-    robot = SimulatedNeck(neck, smoother.command.position_rad, lambda: now_s)
+    robot = SimulatedNeck(robot_neck or neck, smoother.command.position_rad, lambda: now_s)
     recorder = LoopRecorder(neck.servo_period_s)
     loop = GazeLoop(neck, predictor, controller, smoother, robot, recorder, settings.loop)
     robot.connect()
@@ -111,7 +117,7 @@ def replay(
         "group": placed.labels.group,
         "controller": controller_name,
         "predictor": predictor_name,
-        "neck": neck.model_dump(),
+        "neck": (robot_neck or neck).model_dump(),
         "sensor": sensor.model_dump(mode="json"),
         "seed": settings.seed,
     }

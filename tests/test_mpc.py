@@ -194,6 +194,15 @@ def test_nan_in_the_situation_is_a_controller_error():
         controller.plan(situation)
 
 
+def test_a_smoothed_look_ahead_trails_a_ramp_by_its_time_constant():
+    """The low-pass delays a steady motion by its time constant (to half a control period) and starts where it is."""
+    start = look_at(NECK.geometry, crossing(0.0)).angles_rad
+    plain, _, _ = run(LookAhead(NECK), NECK, crossing, 360, start_rad=start)
+    smooth, _, _ = run(LookAhead(NECK, smoothing_time_s=0.1), NECK, crossing, 360, start_rad=start)
+    speed = np.gradient(plain[:, 0], NECK.servo_period_s)[250:]
+    assert np.median((smooth - plain)[250:, 0] / -speed) == pytest.approx(0.1, abs=0.015)
+
+
 def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_delays():
     """By hand: the target at -1.2 m/s, commanded for now + 0.4 s + 0.15 s."""
     now = 0.5

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from scipy.signal import lfilter
 
 from gazempc.controllers.controller import FloatArray, Plan, Situation
 from gazempc.kinematics import look_at, unwrap_pan
@@ -17,15 +20,20 @@ class LookAhead:
 
     Args:
         neck: The neck; its dead time and servo lag (2 zeta / wn) say how far to look ahead on each axis.
+        smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: smoother, and later by that
+            time. 0 for none.
     """
 
-    def __init__(self, neck: NeckSpec) -> None:
+    def __init__(self, neck: NeckSpec, smoothing_time_s: float = 0.0) -> None:
         self._neck = neck
         self._knots_s = neck.control_period_s * np.arange(round(_PLAN_S / neck.control_period_s) + 1)
         self._ahead_s = neck.dead_time_s + neck.servo_lag_s
+        self._keep = math.exp(-neck.control_period_s / smoothing_time_s) if smoothing_time_s > 0 else 0.0
+        self.reset()
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """Forget where the low-pass stands."""
+        self._smoothed_rad: FloatArray | None = None
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
         """The knots' times ahead by each axis's delay, pan first, then tilt, shape (2 K,)."""
@@ -39,6 +47,15 @@ class LookAhead:
         )
         knots = self._knots_s.size
         wanted = np.stack([angles[:knots, 0], angles[knots:, 1]], axis=-1)
-        position = self._neck.command_limits.clip_position(wanted)
+        position = self._neck.command_limits.clip_position(self._low_pass(wanted, situation.command.position_rad))
         velocity = np.gradient(position, self._neck.control_period_s, axis=0)
         return Plan(situation.start_s, self._neck.control_period_s, position, velocity, np.zeros_like(position))
+
+    def _low_pass(self, wanted_rad: FloatArray, command_rad: FloatArray) -> FloatArray:
+        if self._keep == 0.0:
+            return wanted_rad
+        # It starts where the command stands, and goes on from the first knot of the last plan.
+        before = command_rad if self._smoothed_rad is None else self._smoothed_rad
+        smoothed, _ = lfilter([1.0 - self._keep], [1.0, -self._keep], wanted_rad, axis=0, zi=self._keep * before[None])
+        self._smoothed_rad = smoothed[0]
+        return np.asarray(smoothed, dtype=np.float64)
