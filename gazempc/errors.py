@@ -7,6 +7,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 
+# A longer list would hide the message; its first and last name show the pattern.
+_NAMES_SHOWN = 30
+
+
 class GazempcError(Exception):
     """Base of all errors a user can cause; command lines print its text and exit with status 2."""
 
@@ -47,7 +51,7 @@ class MissingOptionalDependencyError(GazempcError):
 
 
 def suggest(name: str, accepted: Iterable[str]) -> str:
-    """Say which accepted name a misspelt one most likely meant, and list them all.
+    """Say which accepted name a misspelt one most likely meant, and list them all (a long list by its ends).
 
     Args:
         name: What the user wrote.
@@ -59,4 +63,5 @@ def suggest(name: str, accepted: Iterable[str]) -> str:
     names = sorted(accepted)
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     hint = f"perhaps you meant {near[0]!r}; " if near else ""
-    return f"{hint}accepted: {', '.join(names)}"
+    shown = names if len(names) <= _NAMES_SHOWN else [names[0], "...", names[-1]]
+    return f"{hint}accepted: {', '.join(shown)}"

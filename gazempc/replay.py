@@ -120,5 +120,7 @@ def replay(
         "neck": (robot_neck or neck).model_dump(),
         "sensor": sensor.model_dump(mode="json"),
         "seed": settings.seed,
+        # Where and what else it was run with does not change a run.
+        "settings": settings.model_dump(mode="json", exclude={"out", "config", "figures", "controllers", "list"}),
     }
     return recorder.finish(about, true_head, end_s)

@@ -1,0 +1,88 @@
+"""Sphinx configuration: ``sphinx-build -W -q docs docs/_build/html``; needs no network."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+project = "gazempc"
+author = "The gazempc authors"
+project_copyright = "2026, The gazempc authors"
+release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+version = release
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+source_suffix = {".md": "markdown"}
+exclude_patterns = ["_build"]
+default_role = "py:obj"
+nitpicky = False
+
+myst_heading_anchors = 3
+
+html_theme = "furo"
+html_title = f"gazempc {release}"
+html_copy_source = False
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_default_options = {"exclude-members": "model_config"}
+autodoc_class_signature = "separated"
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "BoolArray", "FloatArray", "StringArray")}
+maximum_signature_line_length = 88
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+
+_INLINE_CODE = re.compile(r"(``.*?``)")
+
+
+def to_rst(app: object, what: str, name: str, obj: Any, options: object, lines: list[str]) -> None:
+    """Make the sources' docstrings, which are plain text with Google sections, valid reStructuredText.
+
+    A bar outside inline code is an absolute value, not a substitution. An indented paragraph of a module's or a class's
+    text is an equation and keeps its line breaks. Fields of settings models are listed with their descriptions.
+    """
+    out: list[str] = []
+    in_equation = False
+    for line in lines:
+        if what in {"module", "class"} and line.startswith("    ") and (in_equation or not "".join(out[-1:]).strip()):
+            if not in_equation and not any(text.rstrip().endswith("::") for text in out[-2:]):
+                out += ["::", ""]
+            in_equation = True
+        elif line.strip():
+            in_equation = False
+        if in_equation:
+            out.append(line)
+        else:
+            parts = _INLINE_CODE.split(line)
+            out.append("".join(part if part.startswith("``") else part.replace("|", r"\|") for part in parts))
+    if isinstance(obj, type) and issubclass(obj, BaseModel):
+        out.append("")
+        for field_name, field in obj.model_fields.items():
+            simple = field.default is None or isinstance(field.default, (bool, int, float, str, tuple))
+            default = "required" if field.is_required() else f"default ``{field.default!r}``" if simple else ""
+            out.append(f":ivar {field_name}: {'; '.join(filter(None, (field.description, default)))}")
+    lines[:] = out
+
+
+def rejoin_property(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Undo that napoleon takes the words before a colon in a property's first line for its type."""
+    types = [line for line in lines if line.startswith(":type: ")]
+    if what in {"property", "attribute"} and types:
+        text = [line for line in lines if line not in types]
+        lines[:] = [f"{types[0].removeprefix(':type: ')}: {text[0]}", *text[1:]]
+
+
+def setup(app: Any) -> None:
+    """Register the hooks before and after napoleon's, which has priority 500."""
+    app.connect("autodoc-process-docstring", to_rst, priority=400)
+    app.connect("autodoc-process-docstring", rejoin_property, priority=600)
