@@ -6,7 +6,6 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
-
 # A longer list would hide the message; its first and last name show the pattern.
 _NAMES_SHOWN = 30
 

@@ -139,7 +139,7 @@ def _run(settings: RunSettings) -> None:
     runs: dict[str, tuple[Log, ComputeTimes]] = {}
     for controller in dict.fromkeys(settings.controllers):
         progress.say(f"replaying {recording.name}: {LABELS[controller]}")
-        runs[controller] = replay(placed, neck, sensor, controller, settings)
+        runs[controller] = replay(placed, neck, sensor, controller, resolved)
     rows = make_rows(
         [
             (name, log.info()["predictor"], measure(log), measure_compute(times, neck.control_period_s))
