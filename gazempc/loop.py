@@ -9,7 +9,7 @@ named in the log:
 ``no_observation_yet``   nobody has been seen; the neck holds still
 ``out_of_order``         an observation was not newer than the last one; dropped
 ``stale_observation``    an observation was older than `stale_after_s` when it came; dropped
-``forecast_failed``      the forecast had a NaN; the last plan goes on
+``forecast_failed``      the predictor raised or forecast a NaN; the last plan goes on
 ``controller_failed``    the controller raised or planned a NaN; the last plan goes on
 ``stale_plan``           the last plan has ended; the smoother stops the command
 ``limit_guard``          the smoother refused a motion that could not stop inside the position limits
@@ -39,6 +39,10 @@ from gazempc.smoother import Smoother
 from predictors import OutOfOrderError, Predictor
 
 FloatArray = NDArray[np.float64]
+
+
+# What numerical code raises on data it cannot cope with; anything else is a mistake in a program and must be seen.
+_NUMERICAL_ERRORS = (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError)
 
 
 class LoopSettings(BaseModel):
@@ -122,12 +126,14 @@ class GazeLoop:
         started = time.perf_counter()
         try:
             self._predictor.update(observation)
+            update_ms = 1e3 * (time.perf_counter() - started)
+            self._recorder.observation(time_s, observation, self._predictor, update_ms)
         except OutOfOrderError:
             self._recorder.event(time_s, "out_of_order")
             return
-        self._recorder.observation(
-            time_s, observation, self._predictor, update_ms=1e3 * (time.perf_counter() - started)
-        )
+        except _NUMERICAL_ERRORS:
+            self._recorder.event(time_s, "forecast_failed")
+            return
         self._newest_capture_s = observation.capture_time_s
 
     def _read_state(self, time_s: float) -> JointState | None:
@@ -145,11 +151,17 @@ class GazeLoop:
             return
         started = time.perf_counter()
         start_s = time_s + self._delay_ticks * self._neck.servo_period_s
-        forecast = self._predictor.forecast(self._controller.forecast_times_s(start_s, self._newest_capture_s))
-        if not np.all(np.isfinite(forecast.means_base_m)):
+        times_s = self._controller.forecast_times_s(start_s, self._newest_capture_s)
+        try:
+            forecast = self._predictor.forecast(times_s)
+        except _NUMERICAL_ERRORS:
+            forecast = None
+        if forecast is None or not np.all(np.isfinite(forecast.means_base_m)):
             self._recorder.event(time_s, "forecast_failed")
             return
-        committed = [self._committed(time_s + i * self._neck.servo_period_s) for i in range(self._delay_ticks)]
+        committed = [
+            self._committed(index + i, time_s + i * self._neck.servo_period_s) for i in range(self._delay_ticks)
+        ]
         situation = Situation(
             start_s=start_s,
             forecast=forecast,
@@ -161,7 +173,7 @@ class GazeLoop:
         )
         try:
             plan = self._controller.plan(situation)
-        except ControllerError:
+        except (ControllerError, *_NUMERICAL_ERRORS):
             plan = None
         self._recorder.step(1e3 * (time.perf_counter() - started))
         if plan is None or not plan.is_finite():
@@ -169,11 +181,12 @@ class GazeLoop:
             return
         self._waiting.append((index + self._delay_ticks, plan))
 
-    def _committed(self, time_s: float) -> CommandState:
-        # Until a plan takes effect the smoother follows the one before it.
-        if self._plan is None or time_s >= self._plan.end_s:
+    def _committed(self, index: int, time_s: float) -> CommandState:
+        # Until a plan takes effect the smoother follows the one before it, which may itself be waiting still.
+        plan = next((waiting for due, waiting in reversed(self._waiting) if due <= index), self._plan)
+        if plan is None or time_s >= plan.end_s:
             return self._smoother.command
-        return self._plan.at(time_s)
+        return plan.at(time_s)
 
     def _next_command(self, time_s: float) -> CommandState:
         unseen_s = 0.0 if self._newest_capture_s is None else time_s - self._newest_capture_s

@@ -143,6 +143,18 @@ def test_stale_and_out_of_order_frames_are_dropped_and_named():
     assert np.array_equal(with_faults.command_position_rad, Scene().run(4.0).command_position_rad)
 
 
+def test_a_predictor_that_raises_is_not_followed_and_the_gaze_recovers():
+    class Raising(ConstantVelocity):
+        def forecast(self, times_s):
+            if 2.0 < np.max(times_s) < 2.8:
+                raise np.linalg.LinAlgError("singular")
+            return super().forecast(times_s)
+
+    log = Scene(predictor=Raising()).run(5.0)
+    assert "forecast_failed" in events(log)
+    assert Scene.error_deg(log)[int(4.0 / TS) :].mean() < 3.0
+
+
 def test_a_forecast_with_a_nan_is_not_followed():
     class Broken(ConstantVelocity):
         def forecast(self, times_s):
@@ -195,11 +207,12 @@ def test_an_event_that_lasts_is_written_once():
     assert log.event_time_s.tolist() == [0.0, 3.0]
 
 
+@pytest.mark.parametrize("delay_s", [0.015, 0.05])
 @pytest.mark.parametrize("controller", [LookAhead, Mpc])
-def test_compute_delay_is_planned_for(controller):
-    """A plan that takes effect 15 ms late must cost next to nothing, as it is made for that time."""
+def test_compute_delay_is_planned_for(controller, delay_s):
+    """A plan that takes effect late, by less or more than a control period, is made for that time."""
     prompt = Scene(controller=controller(NECK)).run(4.0)
-    delayed = Scene(controller=controller(NECK), settings=LoopSettings(compute_delay_s=0.015)).run(4.0)
+    delayed = Scene(controller=controller(NECK), settings=LoopSettings(compute_delay_s=delay_s)).run(4.0)
     late = slice(int(1.5 / TS), None)
     assert Scene.error_deg(delayed)[late].mean() < Scene.error_deg(prompt)[late].mean() + 0.25
     assert not np.array_equal(prompt.command_position_rad, delayed.command_position_rad)
