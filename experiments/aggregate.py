@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 GROUP_ORDER = ("straight", "turn", "sharp")
-LABEL_COLUMNS = ("recording", "subject", "group", "controller", "predictor", "neck", "seed")
+LABEL_COLUMNS = ("recording", "source", "kind", "subject", "group", "controller", "predictor", "neck", "seed")
 _RESAMPLES = 2000
 _SEED = 20210603
 
@@ -55,7 +55,7 @@ def add_gap_closed(rows: list[dict[str, Any]]) -> None:
     """
 
     def place(row: dict[str, Any]) -> tuple[Any, ...]:
-        return row["recording"], row["neck"], row["seed"]
+        return row["source"], row["neck"], row["seed"]
 
     perfect = {place(r): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == "perfect"}
     reactive = {(*place(r), r["predictor"]): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == "reactive"}
@@ -110,7 +110,7 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
                 "controller": controller,
                 "predictor": predictor,
                 "neck": neck,
-                "n_clips": len({r["recording"] for r in chosen}),
+                "n_clips": len({r["source"] for r in chosen}),
                 "n_people": len(set(people)),
             }
             for name in figures:
@@ -136,7 +136,7 @@ def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, 
     """
 
     def same(row: dict[str, Any]) -> tuple[Any, ...]:
-        return row["recording"], row["neck"], row["seed"], row["predictor"]
+        return row["source"], row["neck"], row["seed"], row["predictor"]
 
     others = {same(r): r for r in rows if r["controller"] == second}
     pairs = [(r, others[same(r)]) for r in rows if r["controller"] == first and same(r) in others]

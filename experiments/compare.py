@@ -7,6 +7,7 @@ import json
 import os
 import sys
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -31,7 +32,7 @@ _INTERRUPTED = 130
 class CompareSettings(BaseModel):
     """Settings of `python -m experiments.compare`."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     recordings: tuple[str, ...] = Field(
         min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names"
@@ -69,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     settings = tyro.cli(CompareSettings, args=arguments, prog="python -m experiments.compare", description=__doc__)
     try:
         return compare(settings)
-    except GazempcError as error:
+    except (GazempcError, OSError) as error:
         print(f"compare: {error}", file=sys.stderr)
         return _BAD_INPUT
     except KeyboardInterrupt:
@@ -205,14 +206,20 @@ def report(summary: dict[str, Any], done: list[dict[str, Any]]) -> str:
             text += f" [{factor * interval[0]:.{digits}f}, {factor * interval[1]:.{digits}f}]"
         return text
 
+    chosen = summary["settings"]
+    counted = Counter({r["source"]: r["kind"] for r in done}.values())
+    kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
     lines = [
         "# Comparison of gazes",
         "",
-        f"{len({r['recording'] for r in done})} recordings of {len({r['subject'] for r in done})} people; "
-        f"means over clips, 95 % bootstrap intervals over people in brackets.",
+        f"{_count(len({r['source'] for r in done}), 'recording')} ({kinds or 'none'}) of "
+        f"{_count(len({r['subject'] for r in done}), 'person', 'people')}; sensor "
+        f"{chosen['sensor'] or 'that fits each recording'}, placement "
+        f"{chosen['placement'] or 'that fits each recording'}, seed {chosen['seed']}. Means over clips; in brackets "
+        "95 % bootstrap intervals over people (none where one person walks).",
         f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed.",
         "",
-        "| group | clips | people | neck | gaze | forecast by | gaze error RMS [deg] | eye contact 2.6 deg [%] "
+        "| group | clips | people | neck | gaze | filter and forecast | gaze error RMS [deg] | eye contact 2.6 deg [%] "
         "| gap closed | RMS acceleration [rad/s^2] |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
@@ -231,10 +238,15 @@ def report(summary: dict[str, Any], done: list[dict[str, Any]]) -> str:
                 f"({d['n_clips']} clips)"
             )
     lines += [f"- left out {name}: {reason}" for name, reason in summary["left_out"].items()]
-    lines += [f"- failed {f['recording']} {f['controller']}: {f['failed']}" for f in summary["failed"]]
+    reasons = dict.fromkeys((f["recording"], f["failed"]) for f in summary["failed"])
+    lines += ["", *[f"- failed {name}: {reason}" for name, reason in reasons]] if reasons else []
     violations = sum(r["limit_violations"] or 0 for r in done)
     lines += ["", f"Limit violations in all runs: {violations}.", ""]
     return "\n".join(lines)
+
+
+def _count(n: int, one: str, many: str | None = None) -> str:
+    return f"{n} {one if n == 1 else many or one + 's'}"
 
 
 if __name__ == "__main__":

@@ -116,7 +116,7 @@ def _paired(runs: Sequence[Row], differences: Sequence[Row], path: Path) -> None
                 for b in runs
                 if a["controller"] == "mpc"
                 and b["controller"] == "lookahead"
-                and all(a[k] == b[k] for k in ("recording", "predictor", "neck", "seed"))
+                and all(a[k] == b[k] for k in ("source", "predictor", "neck", "seed"))
                 and (a["predictor"], a["neck"]) == (predictor, neck)
                 and d["group"] in {"all", a["group"]}
             ]

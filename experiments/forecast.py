@@ -22,7 +22,6 @@ from experiments.forecast_errors import RUN_IN_S, ForecastErrors, forecast_error
 from experiments.recordings import find_recordings
 from gazempc.config import DEFAULT_PREDICTOR, PredictorName, RunSettings
 from gazempc.errors import GazempcError
-from gazempc.placement import place
 from gazempc.recording import load
 from gazempc.replay import make_predictor
 from gazempc.report import versions
@@ -39,7 +38,7 @@ _INSIDE_95 = float(chi2.ppf(0.95, df=3))
 class ForecastSettings(BaseModel):
     """Settings of `python -m experiments.forecast`."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     recordings: tuple[str, ...] = Field(
         min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names"
@@ -60,6 +59,7 @@ class ClipResult:
     """Errors of one predictor on one recording."""
 
     predictor: str
+    kind: str
     subject: str
     group: str
     errors: ForecastErrors
@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"forecast: {error}", file=sys.stderr)
         return _BAD_INPUT
     (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    text = report(rows)
+    text = report(rows, ", ".join(dict.fromkeys(r.kind for r in results)), settings.sensor)
     (settings.out / "summary.md").write_text(text, encoding="utf-8")
     from experiments.forecast_figures import draw  # noqa: PLC0415
 
@@ -121,13 +121,14 @@ def run(settings: ForecastSettings) -> list[ClipResult]:
     results = []
     for name in tqdm(recordings, unit="recording", file=sys.stderr, mininterval=1.0):
         # Errors do not depend on where a robot stands, so the recording's own frame serves.
-        placed = place(load(name), "recorded", distance_m=1.0, height_m=0.0)
-        sensor = load_sensor(settings.sensor or default_sensor(placed))
+        recording = load(name)
+        sensor = load_sensor(settings.sensor or default_sensor(recording))
         for predictor_name in names:
-            predictor = make_predictor(predictor_name, RunSettings(), TrueHead(placed))
-            errors = forecast_errors(placed, predictor, sensor, horizons_s, settings.seed)
-            labels = placed.labels
-            results.append(ClipResult(predictor_name, labels.subject, labels.group or "unknown", errors))
+            predictor = make_predictor(predictor_name, RunSettings(), TrueHead(recording))
+            errors = forecast_errors(recording, predictor, sensor, horizons_s, settings.seed)
+            labels = recording.labels
+            group = labels.group or "unknown"
+            results.append(ClipResult(predictor_name, recording.kind, labels.subject, group, errors))
     return results
 
 
@@ -200,11 +201,13 @@ def _share_inside(nees: Sequence[FloatArray], limit: float, people: Sequence[str
     return bootstrap_mean(shares, people)[0]
 
 
-def report(rows: Sequence[dict[str, Any]]) -> str:
+def report(rows: Sequence[dict[str, Any]], kinds: str, sensor: str | None) -> str:
     """The rows as a Markdown table.
 
     Args:
         rows: As made by `summarise`.
+        kinds: What kinds of recordings they are from.
+        sensor: The sensor that was asked for.
 
     Returns:
         The text.
@@ -216,7 +219,11 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     lines = [
         "# Forecast errors",
         "",
-        "Distance from the true head, means over clips with 95 % bootstrap intervals over people; parts are RMS.",
+        f"{kinds}; sensor {sensor or 'that fits each recording'}. Distance from the true head: mean over clips with "
+        "its 95 % bootstrap interval over people, and percentiles over frames. To filtered: distance from the "
+        "position that a constant-velocity filter has at that time. Along and across the direction of travel and "
+        "vertical: RMS. Within 68 and 95 %: share of frames inside the stated ellipsoid. NEES: 3 if the covariance "
+        "is honest.",
         "",
         "| predictor | group | clips | horizon [s] | error [mm] | p50 | p95 | to filtered [mm] | along | across "
         "| vertical | within 68 % | within 95 % | NEES | update [us] |",

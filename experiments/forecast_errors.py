@@ -40,7 +40,7 @@ class ForecastErrors:
 
 
 def forecast_errors(
-    placed: Recording, predictor: Predictor, sensor: SensorSpec, horizons_s: FloatArray, seed: int
+    recording: Recording, predictor: Predictor, sensor: SensorSpec, horizons_s: FloatArray, seed: int
 ) -> ForecastErrors:
     """Run a predictor over a recording and compare its forecasts with what came.
 
@@ -48,7 +48,7 @@ def forecast_errors(
     linearly interpolated; it is the same for all predictors.
 
     Args:
-        placed: The recording in the base frame.
+        recording: The recording, in any level frame.
         predictor: The predictor; reset first.
         sensor: What it sees of the recording.
         horizons_s: Horizons from capture, shape (H,), seconds.
@@ -59,9 +59,9 @@ def forecast_errors(
     """
     predictor.reset()
     reference = ConstantVelocity()
-    true_head = TrueHead(placed)
-    end_s = float(placed.times_s[-1])
-    observations = [sighting.observation for sighting in observe(placed, sensor, seed)]
+    true_head = TrueHead(recording)
+    end_s = float(recording.times_s[-1])
+    observations = [sighting.observation for sighting in observe(recording, sensor, seed)]
     captures, filtered, means, covariances, update_us = [], [], [], [], []
     for observation in observations:
         reference.update(observation)

@@ -5,15 +5,19 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import gazempc
+import predictors
 from gazempc.config import ControllerName, PlacementName, PredictorName, RunSettings
 from gazempc.controllers import Controller
-from gazempc.errors import GazempcError, PlacementError
+from gazempc.errors import GazempcError, LeftOutError
+from gazempc.log import ComputeTimes, Log
 from gazempc.metrics import measure, measure_compute
 from gazempc.neck import NeckSpec, load_neck
 from gazempc.placement import place
@@ -49,9 +53,10 @@ class Job:
     seed: int
 
     def key(self) -> str:
-        """Name of the run: a hash of the job, of the files it reads and of the package's version."""
-        content = {**asdict(self), "version": version("gazempc")}
-        for name in (self.recording, self.neck, self.sensor or ""):
+        """Name of the run: a hash of the job, of the files it reads and of the program."""
+        content = {**asdict(self), "program": program_hash()}
+        index = str(Path(self.recording).with_name("index.csv"))  # gives subject and group
+        for name in (self.recording, index, self.neck, self.sensor or ""):
             path = Path(name)
             if path.is_file():
                 content[f"bytes of {name}"] = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -61,6 +66,19 @@ class Job:
         """The job as the settings of a run."""
         predictor = "constant_velocity" if self.predictor == "perfect" else self.predictor
         return RunSettings(predictor=predictor, seed=self.seed)
+
+
+@lru_cache(maxsize=1)
+def program_hash() -> str:
+    """Hash of all that computes a run: the sources of this package's parts, and the versions of its libraries."""
+    digest = hashlib.sha256()
+    for package in (predictors, gazempc):
+        root = Path(package.__file__ or "").parent
+        for path in sorted(p for p in root.rglob("*") if p.suffix in {".py", ".toml"}):
+            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    for library in ("casadi", "numpy", "scipy", "filterpy", "ruckig", "control"):
+        digest.update(f"{library} {version(library)}".encode())
+    return digest.hexdigest()[:20]
 
 
 def execute(job: Job) -> dict[str, Any]:
@@ -75,6 +93,8 @@ def execute(job: Job) -> dict[str, Any]:
     """
     row: dict[str, Any] = {
         "recording": Path(job.recording).stem,
+        "source": job.recording,
+        "kind": None,
         "subject": None,
         "group": None,
         "controller": job.controller,
@@ -84,20 +104,49 @@ def execute(job: Job) -> dict[str, Any]:
         "left_out": None,
         "failed": None,
     }
-    try:
+
+    def work() -> dict[str, Any]:
         recording = _recording(job.recording)
-        row |= {"subject": recording.labels.subject, "group": recording.labels.group}
+        row.update(kind=recording.kind, subject=recording.labels.subject, group=recording.labels.group)
+        neck, sensor = _neck(job.neck), _sensor(job.sensor or default_sensor(recording))
         placement = job.placement or ("recorded" if recording.has_robot else "side")
         placed = place(recording, placement, job.distance_m, job.height_m)
-        neck, sensor = _neck(job.neck), _sensor(job.sensor or default_sensor(recording))
-        log, times = replay(placed, neck, sensor, job.controller, job.settings(), _controller(job.controller, job.neck))
-    except PlacementError as error:
-        return row | {"left_out": str(error)}
+        controller = _controller(job.controller, job.neck)
+        return figures_of(*replay(placed, neck, sensor, job.controller, job.settings(), controller))
+
+    return row | attempt(work)
+
+
+def attempt(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Do a run; never raises for what a user can cause.
+
+    Args:
+        work: Gives the figures of the run.
+
+    Returns:
+        The figures, or ``left_out`` (the experiment cannot be made with this walk) or ``failed`` with the reason.
+    """
+    try:
+        return work()
+    except LeftOutError as error:
+        return {"left_out": str(error)}
     except (GazempcError, ArithmeticError, ValueError, RuntimeError) as error:
-        return row | {"failed": f"{type(error).__name__}: {error}"}
-    figures = measure(log).as_dict() | measure_compute(times, neck.control_period_s).as_dict()
-    simulated = {"simulated_s": float(log.time_s[-1] - log.time_s[0])}
-    return row | simulated | {k: None if _is_nan(v) else v for k, v in figures.items()}
+        return {"failed": f"{type(error).__name__}: {error}"}
+
+
+def figures_of(log: Log, times: ComputeTimes) -> dict[str, Any]:
+    """All figures of a run.
+
+    Args:
+        log: What happened.
+        times: How long the computer took.
+
+    Returns:
+        ``simulated_s``, then every metric by name; NaN is None.
+    """
+    figures = measure(log).as_dict() | measure_compute(times, log.neck().control_period_s).as_dict()
+    simulated_s = float(log.time_s[-1] - log.time_s[0])
+    return {"simulated_s": simulated_s} | {k: None if _is_nan(v) else v for k, v in figures.items()}
 
 
 def _is_nan(value: object) -> bool:

@@ -35,7 +35,11 @@ def run_jobs(jobs: Sequence[Job], folder: Path, workers: int) -> list[dict[str, 
     Raises:
         GazempcError: If worker processes die (killed, out of memory); what was done is kept.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GazempcError(f"{folder}: cannot make this folder: {error.strerror}") from None
+    failed: dict[Path, dict[str, Any]] = {}
     paths = [folder / f"{job.key()}.json" for job in jobs]
     missing = {path: job for path, job in zip(paths, jobs, strict=True) if not path.is_file()}
     if missing:
@@ -49,7 +53,11 @@ def run_jobs(jobs: Sequence[Job], folder: Path, workers: int) -> list[dict[str, 
         try:
             waiting = {pool.submit(execute, job): path for path, job in missing.items()}
             for done in as_completed(waiting):
-                _write_whole(waiting[done], json.dumps(done.result()))
+                row, path = done.result(), waiting[done]
+                if row["failed"]:
+                    failed[path] = row  # not kept: the next start tries again
+                else:
+                    write_whole(path, json.dumps(row))
                 bar.update()
         except BrokenProcessPool:
             raise GazempcError(
@@ -58,10 +66,16 @@ def run_jobs(jobs: Sequence[Job], folder: Path, workers: int) -> list[dict[str, 
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
             bar.close()
-    return [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+    return [failed[path] if path in failed else json.loads(path.read_text(encoding="utf-8")) for path in paths]
 
 
-def _write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str) -> None:
+    """Write a file whole or not at all, also if the process is killed.
+
+    Args:
+        path: File to write.
+        text: Its content.
+    """
     part = path.with_suffix(f".{os.getpid()}.part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)

@@ -22,7 +22,7 @@ DEFAULT_PREDICTOR: PredictorName = "constant_velocity"
 
 
 class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class ConstantVelocitySettings(_Settings):

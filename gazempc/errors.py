@@ -26,7 +26,11 @@ class RecordingError(GazempcError):
         super().__init__(f"{place}: {problem}. Expected: {expected}.")
 
 
-class PlacementError(GazempcError):
+class LeftOutError(GazempcError):
+    """A recording is sound but this experiment cannot be made with it; comparisons leave it out and count it."""
+
+
+class PlacementError(LeftOutError):
     """The robot cannot be placed beside this recording (for example, the person comes too near)."""
 
 
@@ -46,7 +50,7 @@ class MissingOptionalDependencyError(GazempcError):
     """A feature needs an extra that is not installed: names the extra and the command."""
 
     def __init__(self, feature: str, package: str, extra: str) -> None:
-        super().__init__(f"{feature} needs the package {package!r}: pip install 'gazempc[{extra}]'")
+        super().__init__(f"{feature} needs the package {package!r}: pip install {package} (extra {extra!r} of gazempc)")
 
 
 def suggest(name: str, accepted: Iterable[str]) -> str:

@@ -12,6 +12,11 @@ from gazempc.neck import Geometry
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+# Keeps the neck from swinging to and fro before somebody who stands right behind it.
+_CLEARLY_BETTER_RAD = 0.2
+# Nearer than this to the eye, a target no longer says what a joint's error is worth.
+_NEAREST_M = 0.1
+
 
 @dataclass(frozen=True)
 class LookAt:
@@ -85,19 +90,58 @@ def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
     return LookAt(np.stack([_wrap(pan), _wrap(tilt)], axis=-1), reachable)
 
 
-def unwrap_pan(angles_rad: FloatArray, near_rad: float) -> FloatArray:
-    """Make a sequence of pan angles continuous, starting near a given one.
+def gaze_turn(geometry: Geometry, angles_rad: FloatArray, target_base_m: FloatArray) -> FloatArray:
+    """By how much an error of a joint turns the gaze away from the target that it looks at.
 
-    Without this, a person who walks round behind the robot would make the pan angle jump from +180 to -180 deg.
+    A joint that is off by a small angle moves the ray, at the target, by that angle times the target's distance from
+    the joint's axis (across the ray); seen from the eye that is this distance over the distance from the eye. Without
+    offsets this is cos(tilt) for pan and 1 for tilt.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Angles that look at the targets, shape (H, 2), radians.
+        target_base_m: The targets, shape (H, 3), metres.
+
+    Returns:
+        Radians of gaze error for a radian of pan and of tilt, shape (H, 2).
+    """
+    eye, _ = gaze_ray(geometry, angles_rad)
+    from_eye_m = np.maximum(np.linalg.norm(target_base_m - eye, axis=-1), _NEAREST_M)
+    tx, ty, tz = geometry.tilt_axis_in_pan_m
+    _, ey, ez = geometry.eye_in_tilt_m
+    # Only the part of the motion that is across the ray counts.
+    ground2 = target_base_m[:, 0] ** 2 + target_base_m[:, 1] ** 2
+    from_pan_m = np.sqrt(np.maximum(ground2 - (ty + ey) ** 2, 0.0))
+    from_tilt_m = np.sqrt(np.maximum((from_pan_m - tx) ** 2 + (target_base_m[:, 2] - tz) ** 2 - ez**2, 0.0))
+    turns: FloatArray = np.stack([from_pan_m, from_tilt_m], axis=-1) / from_eye_m[:, None]
+    return turns
+
+
+def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad: float) -> FloatArray:
+    """Make a sequence of pan angles continuous, on the turn of the circle that the neck can best reach.
+
+    Without this, a person who walks round behind the robot would make the pan angle jump from +180 to -180 deg; and a
+    neck that followed them past its limit would have to stay there until they came back the same way.
 
     Args:
         angles_rad: Pan and tilt over time, shape (H, 2), radians.
-        near_rad: Pan angle that the first one shall be nearest to, radians.
+        near_rad: Where the pan command stands, radians; kept to unless another turn is clearly better within reach.
+        low_rad: Lower pan limit, radians.
+        high_rad: Upper pan limit, radians.
 
     Returns:
         The same directions with continuous pan, shape (H, 2), radians.
     """
     pan = np.unwrap(np.concatenate([[near_rad], angles_rad[:, 0]]))[1:]
+
+    def out_of_reach_rad(turn: float) -> float:
+        moved = pan + turn
+        return float(np.mean(np.maximum(moved - high_rad, 0.0) + np.maximum(low_rad - moved, 0.0)))
+
+    turns = (-2.0 * np.pi, 2.0 * np.pi)
+    best = min(turns, key=out_of_reach_rad)
+    if out_of_reach_rad(best) < out_of_reach_rad(0.0) - _CLEARLY_BETTER_RAD:
+        pan = pan + best
     return np.stack([pan, angles_rad[:, 1]], axis=-1)
 
 

@@ -9,6 +9,7 @@ named in the log:
 ``no_observation_yet``   nobody has been seen; the neck holds still
 ``out_of_order``         an observation was not newer than the last one; dropped
 ``stale_observation``    an observation was older than `stale_after_s` when it came; dropped
+``future_observation``   an observation was captured later than now: a clock is wrong; dropped
 ``forecast_failed``      the predictor raised or forecast a NaN; the last plan goes on
 ``controller_failed``    the controller raised or planned a NaN; the last plan goes on
 ``stale_plan``           the last plan has ended; the smoother stops the command
@@ -21,15 +22,16 @@ named in the log:
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gazempc.controllers.controller import CommandState, Controller, ControllerError, Plan, Situation
+from gazempc.controllers.controller import CommandState, Controller, Plan, Situation
 from gazempc.errors import RobotError
 from gazempc.loop_recorder import LoopRecorder
 from gazempc.neck import NeckSpec
@@ -41,8 +43,9 @@ from predictors import OutOfOrderError, Predictor
 FloatArray = NDArray[np.float64]
 
 
-# What numerical code raises on data it cannot cope with; anything else is a mistake in a program and must be seen.
-_NUMERICAL_ERRORS = (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError)
+# Two clocks that agree still differ by this much.
+_CLOCK_TOLERANCE_S = 0.01
+_ROBOT_ERRORS = (RobotError, OSError)
 
 
 class LoopSettings(BaseModel):
@@ -56,7 +59,13 @@ class LoopSettings(BaseModel):
     stale_after_s: float = Field(default=0.5, gt=0, description="An observation older than this is dropped")
     lost_after_s: float = Field(default=1.0, gt=0, description="Without an observation for this long: stop")
     rest_after_s: float = Field(default=3.0, gt=0, description="Without an observation for this long: go to rest")
-    rest_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed of the return to rest")
+    rest_speed_rad_s: float = Field(default=0.5, ge=0.01, description="Speed of the return to rest")
+
+    @model_validator(mode="after")
+    def _lost_before_rest(self) -> LoopSettings:
+        if self.rest_after_s < self.lost_after_s:
+            raise ValueError(f"rest_after_s ({self.rest_after_s}) is less than lost_after_s ({self.lost_after_s})")
+        return self
 
 
 class GazeLoop:
@@ -89,7 +98,7 @@ class GazeLoop:
         self._robot = robot
         self._recorder = recorder
         self._settings = settings
-        self._delay_ticks = round(settings.compute_delay_s / neck.servo_period_s)
+        self._delay_ticks = math.ceil(settings.compute_delay_s / neck.servo_period_s - 1e-9)
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
         self._sent_rad: FloatArray = np.tile(smoother.command.position_rad, (history, 1))
         self._newest_capture_s: float | None = None
@@ -116,10 +125,14 @@ class GazeLoop:
         sent_rad = self._send(command, time_s)
         self._sent_rad[:-1] = self._sent_rad[1:]
         self._sent_rad[-1] = sent_rad
-        self._recorder.tick(time_s, state, command)
+        self._recorder.tick(time_s, state, sent_rad, self._smoother.command)
 
     def _take_in(self, sighting: Sighting, time_s: float) -> None:
         observation = sighting.observation
+        if observation.capture_time_s > time_s + _CLOCK_TOLERANCE_S:
+            # Taken in, it would make all later ones out of order.
+            self._recorder.event(time_s, "future_observation")
+            return
         if time_s - observation.capture_time_s > self._settings.stale_after_s:
             self._recorder.event(time_s, "stale_observation")
             return
@@ -131,17 +144,20 @@ class GazeLoop:
         except OutOfOrderError:
             self._recorder.event(time_s, "out_of_order")
             return
-        except _NUMERICAL_ERRORS:
+        except Exception:
             self._recorder.event(time_s, "forecast_failed")
             return
         self._newest_capture_s = observation.capture_time_s
 
     def _read_state(self, time_s: float) -> JointState | None:
         try:
-            return self._robot.read_state()
-        except RobotError:
+            state: JointState | None = self._robot.read_state()
+        except _ROBOT_ERRORS:
+            state = None
+        if state is None or state.position_rad.shape != (2,) or state.velocity_rad_s.shape != (2,):
             self._recorder.event(time_s, "robot_not_answering")
             return None
+        return state
 
     def _make_plan(self, index: int, time_s: float, state: JointState) -> None:
         if self._newest_capture_s is None:
@@ -154,10 +170,15 @@ class GazeLoop:
         times_s = self._controller.forecast_times_s(start_s, self._newest_capture_s)
         try:
             forecast = self._predictor.forecast(times_s)
-        except _NUMERICAL_ERRORS:
+        except Exception:
             forecast = None
-        if forecast is None or not np.all(np.isfinite(forecast.means_base_m)):
+        if forecast is None or forecast.means_base_m.shape != (times_s.size, 3):
             self._recorder.event(time_s, "forecast_failed")
+            return
+        if not np.all(np.isfinite(forecast.means_base_m)):
+            # A filter that holds a NaN holds it for ever: the next observation starts a new track.
+            self._recorder.event(time_s, "forecast_failed")
+            self._predictor.reset()
             return
         committed = [
             self._committed(index + i, time_s + i * self._neck.servo_period_s) for i in range(self._delay_ticks)
@@ -173,10 +194,10 @@ class GazeLoop:
         )
         try:
             plan = self._controller.plan(situation)
-        except (ControllerError, *_NUMERICAL_ERRORS):
+        except Exception:
             plan = None
         self._recorder.step(1e3 * (time.perf_counter() - started))
-        if plan is None or not plan.is_finite():
+        if plan is None or not np.all(np.isfinite(plan.position_rad + plan.velocity_rad_s + plan.acceleration_rad_s2)):
             self._recorder.event(time_s, "controller_failed")
             return
         self._waiting.append((index + self._delay_ticks, plan))
@@ -204,9 +225,16 @@ class GazeLoop:
 
     def _send(self, command: CommandState, time_s: float) -> FloatArray:
         try:
-            return self._robot.send_command(command.position_rad)
-        except RobotError:
-            self._recorder.event(time_s, "robot_not_answering")
-            # The robot goes on with what it got last.
-            last_rad: FloatArray = self._sent_rad[-1].copy()
-            return last_rad
+            sent_rad = self._robot.send_command(command.position_rad)
+        except _ROBOT_ERRORS:
+            sent_rad = None
+        if sent_rad is not None and sent_rad.shape == (2,) and np.all(np.isfinite(sent_rad)):
+            return sent_rad
+        self._recorder.event(time_s, "robot_not_answering")
+        # The robot stands by what it got last. The command starts again from there: had it moved on meanwhile, the
+        # first one to get through would be a jump.
+        last_rad: FloatArray = self._sent_rad[-1].copy()
+        self._smoother.reset(last_rad)
+        self._plan = None
+        self._waiting.clear()
+        return last_rad

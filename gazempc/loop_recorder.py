@@ -25,21 +25,21 @@ class LoopRecorder:
     An event that lasts is written once, when it begins: while the same event comes at every tick, it is one.
 
     Args:
-        tick_period_s: Period of the ticks, seconds.
+        control_period_s: Time between two plans, seconds; the rarest event that lasts comes once in it.
     """
 
-    def __init__(self, tick_period_s: float) -> None:
-        self._tick_period_s = tick_period_s
-        self._ticks: list[tuple[float, JointState | None, CommandState]] = []
+    def __init__(self, control_period_s: float) -> None:
+        self._control_period_s = control_period_s
+        self._ticks: list[tuple[float, JointState | None, FloatArray, CommandState]] = []
         self._observations: list[tuple[float, HeadObservation, FloatArray, FloatArray]] = []
         self._events: list[tuple[float, str]] = []
         self._event_last_s: dict[str, float] = {}
         self._update_ms: list[float] = []
         self._step_ms: list[float] = []
 
-    def tick(self, time_s: float, state: JointState | None, command: CommandState) -> None:
-        """Take down one servo tick: time, joints as measured (None if they were not) and command sent."""
-        self._ticks.append((time_s, state, command))
+    def tick(self, time_s: float, state: JointState | None, sent_rad: FloatArray, command: CommandState) -> None:
+        """Take down one servo tick: joints as measured (None if not), what was really sent, the command's motion."""
+        self._ticks.append((time_s, state, sent_rad, command))
 
     def observation(self, time_s: float, observation: HeadObservation, predictor: Predictor, update_ms: float) -> None:
         """Take down an observation, what the predictor makes of it, and how long its update took."""
@@ -54,45 +54,45 @@ class LoopRecorder:
 
     def event(self, time_s: float, name: str) -> None:
         """Take down something out of the ordinary."""
-        # Planning events come once a control period, so two in a row are a few servo ticks apart.
         last_s = self._event_last_s.get(name, -np.inf)
-        if time_s - last_s > 10 * self._tick_period_s:
+        if time_s - last_s > 2.5 * self._control_period_s:
             self._events.append((time_s, name))
         self._event_last_s[name] = time_s
 
     def finish(
-        self, about: dict[str, Any], true_head_base_m: Callable[[FloatArray], FloatArray], end_s: float
+        self, about: dict[str, Any], true_head_base_m: Callable[[FloatArray], FloatArray]
     ) -> tuple[Log, ComputeTimes]:
         """Make the log.
 
         Args:
             about: Description of the run, for `Log.about`.
-            true_head_base_m: True head positions, shape (H, 3), at times, shape (H,).
-            end_s: Last time for which they are known, seconds.
+            true_head_base_m: True head positions, shape (H, 3), at times, shape (H,); NaN where they are not known.
 
         Returns:
             The log, and the compute times.
         """
-        time_s = np.array([t for t, _, _ in self._ticks])
+        time_s = np.array([t for t, _, _, _ in self._ticks])
+        states = [s for _, s, _, _ in self._ticks]
+        commands = [c for _, _, _, c in self._ticks]
         captures = np.array([o.capture_time_s for _, o, _, _ in self._observations])
         horizons = np.array(FORECAST_HORIZONS_S)
+        shape = (captures.size, horizons.size, 3)
         ahead = captures[:, None] + horizons
-        true = true_head_base_m(ahead.ravel()).reshape(*ahead.shape, 3)
-        true[ahead > end_s + 1e-9] = np.nan
+        true = true_head_base_m(ahead.ravel()).reshape(shape)
         log = Log(
             about=json.dumps(about, sort_keys=True),
             time_s=time_s,
             head_true_base_m=true_head_base_m(time_s),
-            joint_position_rad=np.array([_NOWHERE if s is None else s.position_rad for _, s, _ in self._ticks]),
-            joint_velocity_rad_s=np.array([_NOWHERE if s is None else s.velocity_rad_s for _, s, _ in self._ticks]),
-            command_position_rad=np.array([c.position_rad for _, _, c in self._ticks]),
-            command_velocity_rad_s=np.array([c.velocity_rad_s for _, _, c in self._ticks]),
-            command_acceleration_rad_s2=np.array([c.acceleration_rad_s2 for _, _, c in self._ticks]),
+            joint_position_rad=np.array([_NOWHERE if s is None else s.position_rad for s in states]),
+            joint_velocity_rad_s=np.array([_NOWHERE if s is None else s.velocity_rad_s for s in states]),
+            command_position_rad=np.array([sent_rad for _, _, sent_rad, _ in self._ticks]),
+            command_velocity_rad_s=np.array([c.velocity_rad_s for c in commands]),
+            command_acceleration_rad_s2=np.array([c.acceleration_rad_s2 for c in commands]),
             capture_time_s=captures,
             arrival_time_s=np.array([t for t, _, _, _ in self._observations]),
-            head_observed_base_m=np.array([o.head_position_base_m for _, o, _, _ in self._observations]),
-            forecast_mean_base_m=np.array([mean for _, _, mean, _ in self._observations]),
-            forecast_covariance_m2=np.array([cov for _, _, _, cov in self._observations]),
+            head_observed_base_m=np.array([o.head_position_base_m for _, o, _, _ in self._observations]).reshape(-1, 3),
+            forecast_mean_base_m=np.array([mean for _, _, mean, _ in self._observations]).reshape(shape),
+            forecast_covariance_m2=np.array([cov for _, _, _, cov in self._observations]).reshape(*shape, 3),
             forecast_true_base_m=true,
             forecast_horizon_s=horizons,
             event_time_s=np.array([t for t, _ in self._events]),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gazempc.errors import LeftOutError
 from gazempc.kinematics import gaze_error_rad, gaze_ray
 from gazempc.log import ComputeTimes, Log
 from gazempc.neck import NeckSpec
@@ -16,6 +17,9 @@ from gazempc.smoothness import log_dimensionless_jerk, sparc
 FloatArray = NDArray[np.float64]
 
 SCORED_FROM_S = 1.0
+# With less than this, a mean over the scored window would be one glance.
+MIN_DURATION_S = 1.25
+_FEWEST_SCORED = 10
 # Half width of the cone in which people feel looked at: 5.2 deg diameter, Horstmann & Linke (2021); other
 # authors' wider cones beside it.
 CONTACT_DEG = (2.6, 4.0, 9.0)
@@ -90,7 +94,7 @@ def gaze_error_deg(log: Log) -> FloatArray:
         log: The run.
 
     Returns:
-        Angles, shape (M,), degrees.
+        Angles, shape (M,), degrees; NaN where true head or joints are not known.
     """
     error = gaze_error_rad(log.neck().geometry, log.joint_position_rad, log.head_true_base_m)
     return np.rad2deg(error)
@@ -104,13 +108,19 @@ def measure(log: Log) -> Metrics:
 
     Returns:
         The figures.
+
+    Raises:
+        LeftOutError: If the run is too short to be scored.
     """
     neck = log.neck()
-    scored = log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9
     error = gaze_error_deg(log)
-    if not scored.any():
-        # A recording shorter than the run-in is scored where it ends rather than not at all.
-        scored[-1] = True
+    # Nothing is scored where the true head or the joints are not known.
+    scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(error)
+    if scored.sum() < _FEWEST_SCORED:
+        raise LeftOutError(
+            f"{log.info().get('recording', 'the run')}: {log.time_s[-1] - log.time_s[0]:.2f} s is too short: gaze is "
+            f"scored from {SCORED_FROM_S} s to the end, and at least {MIN_DURATION_S} s are needed"
+        )
     dt_s = float(np.median(np.diff(log.time_s)))
     acceleration = np.diff(log.joint_position_rad, 2, axis=0) / dt_s**2
     scored_acceleration = acceleration[scored[2:]]
@@ -126,13 +136,13 @@ def measure(log: Log) -> Metrics:
         eye_contact_9=float(np.mean(error_scored <= CONTACT_DEG[2])),
         longest_break_s=_longest_run(error_scored > CONTACT_DEG[0]) * dt_s,
         time_to_contact_s=_first(error <= CONTACT_DEG[0], log.time_s),
-        rms_acceleration_rad_s2=float(np.sqrt(np.mean(np.sum(scored_acceleration**2, axis=1)))),
+        rms_acceleration_rad_s2=float(np.sqrt(np.nanmean(np.sum(scored_acceleration**2, axis=1)))),
         peak_velocity_rad_s=_peak(log.joint_position_rad, 1, dt_s),
         peak_acceleration_rad_s2=_peak(log.joint_position_rad, 2, dt_s),
         peak_jerk_rad_s3=_peak(log.joint_position_rad, 3, dt_s),
         limit_violations=limit_violations(log, neck),
-        sparc=sparc(speed, 1.0 / dt_s) if speed.size > 1 else float("nan"),
-        ldlj=log_dimensionless_jerk(speed, 1.0 / dt_s) if speed.size > 3 else float("nan"),
+        sparc=sparc(speed, 1.0 / dt_s),
+        ldlj=log_dimensionless_jerk(speed, 1.0 / dt_s),
         **_forecast_metrics(log),
     )
 
@@ -229,7 +239,7 @@ def _mean_of_known(values: FloatArray) -> float:
 
 
 def _peak(position_rad: FloatArray, order: int, dt_s: float) -> float:
-    return float(np.max(np.abs(np.diff(position_rad, order, axis=0)))) / dt_s**order
+    return float(np.nanmax(np.abs(np.diff(position_rad, order, axis=0)))) / dt_s**order
 
 
 def _longest_run(flags: NDArray[np.bool_]) -> int:

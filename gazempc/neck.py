@@ -39,9 +39,9 @@ class Axis(BaseModel):
 
     position_min_deg: float = Field(ge=-360, le=360)
     position_max_deg: float = Field(ge=-360, le=360)
-    velocity_max_rad_s: float = Field(gt=0)
-    acceleration_max_rad_s2: float = Field(gt=0)
-    jerk_max_rad_s3: float = Field(gt=0)
+    velocity_max_rad_s: float = Field(ge=0.01)
+    acceleration_max_rad_s2: float = Field(ge=0.01)
+    jerk_max_rad_s3: float = Field(ge=0.1)
     natural_frequency_rad_s: float = Field(gt=0)
     damping_ratio: float = Field(gt=0.1, le=10)
     dead_time_s: float = Field(ge=0, le=5)
@@ -84,7 +84,7 @@ class NeckSpec(BaseModel):
     geometry: Geometry = Geometry()
     pan: Axis
     tilt: Axis
-    control_rate_hz: float = Field(default=50.0, gt=0, le=1000)
+    control_rate_hz: float = Field(default=50.0, ge=5, le=1000)
     servo_rate_hz: float = Field(default=200.0, gt=0, le=5000)
 
     @model_validator(mode="after")

@@ -23,7 +23,8 @@ _STANDING_M = 0.1
 def place(recording: Recording, placement: Placement, distance_m: float, height_m: float) -> Recording:
     """Put a robot into a recording.
 
-    With ``recorded`` the recording's frame is the robot's base frame: the robot stands where the sensor stood.
+    With ``recorded`` the recording's frame is the robot's base frame: the robot stands where the sensor stood, or, if
+    there was none, at the origin.
     With ``side`` it stands beside the walk: with c the mean head position and d the horizontal direction from the
     first head position to the one farthest from it, at ``c + distance (z x d)``, facing c.
 
@@ -37,7 +38,8 @@ def place(recording: Recording, placement: Placement, distance_m: float, height_
         The same recording with positions and orientations in the base frame, and time starting at 0.
 
     Raises:
-        PlacementError: If with ``side`` the head comes nearer to the robot than 0.8 m horizontally.
+        PlacementError: If the head comes nearer than 0.8 m horizontally to a robot that was not there when the
+            recording was made.
     """
     start_s = recording.times_s[0]
     base_m, yaw_rad = (np.zeros(3), 0.0)
@@ -50,13 +52,15 @@ def place(recording: Recording, placement: Placement, distance_m: float, height_
         measured=None if recording.measured is None else _to_base(recording.measured, base_m, yaw_rad),
         has_robot=True,
     )
-    if placement == "side":
+    if placement == "side" or not recording.has_robot:
         heads = placed.truth.head_position_m[placed.truth.valid]
         nearest_m = float(np.min(np.hypot(heads[:, 0], heads[:, 1])))
         if nearest_m < _NEAREST_M:
             raise PlacementError(
-                f"{recording.name}: the head comes within {nearest_m:.2f} m of a robot that stands {distance_m} m "
-                f"beside the walk; at least {_NEAREST_M} m are needed: use a larger distance_m"
+                f"{recording.name}: the head comes within {nearest_m:.2f} m of a robot that stands "
+                + (f"{distance_m} m beside the walk" if placement == "side" else "at the origin of the recording")
+                + f"; at least {_NEAREST_M} m are needed: use "
+                + ("a larger distance_m" if placement == "side" else "placement side")
             )
     return placed
 
@@ -67,14 +71,23 @@ def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArra
     reach_m = np.linalg.norm(away, axis=1)
     far = int(np.argmax(reach_m))
     if reach_m[far] < _STANDING_M:
-        forward = Rotation.from_quat(track.head_quat_wxyz[track.valid][0], scalar_first=True).apply([1, 0, 0])
-        to_robot = forward[:2] / np.linalg.norm(forward[:2])
+        to_robot = _facing(track)
     else:
         d = away[far] / reach_m[far]
         to_robot = np.array([-d[1], d[0]])  # z x d
     centre = np.mean(heads, axis=0)
     base_m = np.array([*(centre[:2] + distance_m * to_robot), height_m])
     return base_m, float(np.arctan2(-to_robot[1], -to_robot[0]))
+
+
+def _facing(track: Track) -> FloatArray:
+    """Horizontal direction of the first face, or of the pelvis where the face looks straight up or down."""
+    for quats in (track.head_quat_wxyz, track.pelvis_quat_wxyz):
+        forward = Rotation.from_quat(quats[track.valid][0], scalar_first=True).apply([1.0, 0.0, 0.0])
+        length = float(np.linalg.norm(forward[:2]))
+        if length > 1e-3:
+            return np.asarray(forward[:2] / length, dtype=np.float64)
+    return np.array([1.0, 0.0])
 
 
 def _to_base(track: Track, base_m: FloatArray, yaw_rad: float) -> Track:

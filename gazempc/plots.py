@@ -191,7 +191,10 @@ def angles(logs: Logs, path: Path) -> None:
         time_s = log.time_s - log.time_s[0]
         neck, look = log.neck(), style(name)
         targets = unwrap_pan(
-            look_at(neck.geometry, log.head_true_base_m).angles_rad, float(log.joint_position_rad[0, 0])
+            look_at(neck.geometry, log.head_true_base_m).angles_rad,
+            float(log.joint_position_rad[0, 0]),
+            float(neck.position_min_rad[0]),
+            float(neck.position_max_rad[0]),
         )
         limits_deg = np.rad2deg([neck.position_min_rad, neck.position_max_rad])
         for axis, ax in enumerate(column):

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gazempc.config import ControllerName, PredictorName, RunSettings
 from gazempc.controllers import Controller, LookAhead, Mpc, Reactive
+from gazempc.errors import LeftOutError
 from gazempc.kinematics import look_at
 from gazempc.log import ComputeTimes, Log
 from gazempc.loop import GazeLoop
 from gazempc.loop_recorder import LoopRecorder
+from gazempc.metrics import MIN_DURATION_S
 from gazempc.neck import NeckSpec
 from gazempc.recording import Recording
 from gazempc.robots import SimulatedNeck
@@ -20,6 +24,8 @@ from gazempc.sensor import SensorSpec, observe
 from gazempc.smoother import Smoother
 from gazempc.truth import TrueHead
 from predictors import ConstantVelocity, HeadPose, LastPosition, Perfect, Predictor
+
+FloatArray = NDArray[np.float64]
 
 
 def make_predictor(name: PredictorName, settings: RunSettings, true_head: TrueHead) -> Predictor:
@@ -68,6 +74,7 @@ def replay(
     settings: RunSettings,
     controller: Controller | None = None,
     robot_neck: NeckSpec | None = None,
+    on_tick: Callable[[float], None] | None = None,
 ) -> tuple[Log, ComputeTimes]:
     """Replay a recording to one controller on a simulated neck.
 
@@ -81,11 +88,20 @@ def replay(
         controller_name: Which controller; ``perfect`` is the MPC with the predictor ``perfect``.
         settings: Parameters of predictor, controller and loop, and the seed.
         controller: An instance to use again, made by `make_controller` for the same neck and settings.
+        on_tick: Told at each tick which share of the recording is done, 0 to 1.
         robot_neck: The neck that is simulated, where it differs from what is known of it; it must have the same rates.
 
     Returns:
         The log, and how long the computer took.
+
+    Raises:
+        LeftOutError: If the recording is too short to be scored.
     """
+    if placed.times_s[-1] < MIN_DURATION_S:
+        raise LeftOutError(
+            f"{placed.name}: {placed.times_s[-1]:.2f} s is too short to be scored: "
+            f"at least {MIN_DURATION_S} s are needed"
+        )
     true_head = TrueHead(placed)
     predictor_name: PredictorName = "perfect" if controller_name == "perfect" else settings.predictor
     predictor = make_predictor(predictor_name, settings, true_head)
@@ -99,7 +115,7 @@ def replay(
 
     now_s = 0.0
     robot = SimulatedNeck(robot_neck or neck, smoother.command.position_rad, lambda: now_s)
-    recorder = LoopRecorder(neck.servo_period_s)
+    recorder = LoopRecorder(neck.control_period_s)
     loop = GazeLoop(neck, predictor, controller, smoother, robot, recorder, settings.loop)
     robot.connect()
     end_s = float(placed.times_s[-1])
@@ -109,6 +125,8 @@ def replay(
         while sightings and sightings[0].arrival_s <= now_s + 1e-9:
             arrived.append(sightings.popleft())
         loop.tick(index, now_s, arrived)
+        if on_tick is not None:
+            on_tick(now_s / end_s)
     robot.close()
     about: dict[str, Any] = {
         "recording": placed.name,
@@ -123,4 +141,8 @@ def replay(
         # Where and what else it was run with does not change a run.
         "settings": settings.model_dump(mode="json", exclude={"out", "config", "figures", "controllers", "list"}),
     }
-    return recorder.finish(about, true_head, end_s)
+
+    def where_known(times_s: FloatArray) -> FloatArray:
+        return np.where(true_head.known(times_s)[:, None], true_head(times_s), np.nan)
+
+    return recorder.finish(about, where_known)

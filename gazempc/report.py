@@ -77,7 +77,7 @@ def table(rows: list[Row], neck: NeckSpec) -> str:
 
     lines: list[tuple[str, list[str]]] = [
         ("", [LABELS[row.controller] for row in rows]),
-        ("forecast by", [row.predictor for row in rows]),
+        ("filter and forecast", [row.predictor for row in rows]),
         ("gaze error RMS [deg]", [f"{row.metrics.gaze_error_rms_deg:.2f}" for row in rows]),
         ("           median [deg]", [f"{row.metrics.gaze_error_median_deg:.2f}" for row in rows]),
         ("           95 % below [deg]", [f"{row.metrics.gaze_error_p95_deg:.2f}" for row in rows]),

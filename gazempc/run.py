@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 import tyro
 import yaml
 
-from gazempc.config import RunSettings, load_settings
+from gazempc.config import PlacementName, RunSettings, load_settings
 from gazempc.errors import GazempcError, LimitViolationError
 
 if TYPE_CHECKING:
@@ -40,10 +41,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if settings.replay is None:
             raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
         _run(settings)
+    except BrokenPipeError:
+        # Whoever read the output has seen enough, as in "... --list | head"; nothing more can be said to them.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except LimitViolationError as error:
         print(f"gazempc: {error}", file=sys.stderr)
         return _VIOLATION
-    except GazempcError as error:
+    except (GazempcError, OSError) as error:
         print(f"gazempc: {error}", file=sys.stderr)
         return _BAD_INPUT
     return 0
@@ -71,8 +76,20 @@ class Progress:
     """Says on standard error what is going on, once a job has been silent for two seconds."""
 
     def __init__(self) -> None:
-        self._started_s = time.monotonic()
+        self._started_s = self._said_s = time.monotonic()
+        self._what = ""
         self._shown = False
+
+    def at(self, share: float) -> None:
+        """Tell how far the present work is, every few seconds.
+
+        Args:
+            share: Done so far, 0 to 1.
+        """
+        now_s = time.monotonic()
+        if now_s - self._said_s > _SILENCE_S:
+            self._said_s, self._shown = now_s, True
+            print(f"... {self._what}, {100 * share:.0f} %", file=sys.stderr, flush=True)
 
     def say(self, what: str) -> None:
         """Tell what begins now.
@@ -80,6 +97,7 @@ class Progress:
         Args:
             what: A few words.
         """
+        self._what = what
         if self._shown or time.monotonic() - self._started_s > _SILENCE_S:
             self._shown = True
             print(f"... {what}", file=sys.stderr, flush=True)
@@ -129,17 +147,22 @@ def _run(settings: RunSettings) -> None:
     from gazempc.sensor import default_sensor, load_sensor  # noqa: PLC0415
 
     recording = load(settings.replay or "", settings.reading)
-    placement = settings.placement or ("recorded" if recording.has_robot else "side")
+    placement: PlacementName = settings.placement or ("recorded" if recording.has_robot else "side")
     neck = load_neck(settings.neck)
     sensor = load_sensor(settings.sensor or default_sensor(recording))
     placed = place(recording, placement, settings.distance_m, settings.height_m)
     out = settings.out or Path("out") / recording.name
     resolved = settings.model_copy(update={"placement": placement, "sensor": sensor.name, "out": out})
 
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GazempcError(f"--out {out}: cannot make this folder: {error.strerror}") from None
+
     runs: dict[str, tuple[Log, ComputeTimes]] = {}
     for controller in dict.fromkeys(settings.controllers):
         progress.say(f"replaying {recording.name}: {LABELS[controller]}")
-        runs[controller] = replay(placed, neck, sensor, controller, resolved)
+        runs[controller] = replay(placed, neck, sensor, controller, resolved, on_tick=progress.at)
     rows = make_rows(
         [
             (name, log.info()["predictor"], measure(log), measure_compute(times, neck.control_period_s))
@@ -147,10 +170,6 @@ def _run(settings: RunSettings) -> None:
         ]
     )
 
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise GazempcError(f"--out {out}: cannot make this folder: {error.strerror}") from None
     for name, (log, times) in runs.items():
         log.save(out / f"{name}.npz")
         times.save(out / f"{name}_compute.npz")
@@ -159,10 +178,11 @@ def _run(settings: RunSettings) -> None:
     about = {"recording": recording.name, "kind": recording.kind, "settings": shown}
     write_summary(out / "summary.json", about, rows)
 
-    print(f"{recording.name}: {recording.kind}, {placed.times_s[-1]:.1f} s, {recording.labels.description}")
+    heading = (recording.kind, f"{placed.times_s[-1]:.1f} s", recording.labels.description)
+    print(f"{recording.name}: {', '.join(part for part in heading if part)}")
     print(
         f"neck {neck.name}, sensor {sensor.name} ({1e3 * sensor.latency_s:.0f} ms late), robot "
-        + ("where the sensor stood" if placement == "recorded" else f"{settings.distance_m} m beside the walk")
+        + _standing(placement, recording.has_robot, settings.distance_m)
         + f"; scored from 1.0 s to the end\n\n{table(rows, neck)}\n\n{sentence(rows)}\n"
     )
     for name, (log, _) in runs.items():
@@ -173,10 +193,16 @@ def _run(settings: RunSettings) -> None:
     if settings.figures:
         progress.say("drawing")
         drawn = ", " + ", ".join(_draw({name: log for name, (log, _) in runs.items()}, out))
-        print(f"Written to {out}/: summary.json, settings.yaml, a log (.npz) of each controller{drawn}")
+    print(f"Written to {out}/: summary.json, settings.yaml, a log (.npz) of each controller{drawn}")
     violations = sum(row.metrics.limit_violations for row in rows)
     if violations:
         raise LimitViolationError(f"{violations} violations of the limits of neck {neck.name}: see {out}/summary.json")
+
+
+def _standing(placement: PlacementName, has_robot: bool, distance_m: float) -> str:
+    if placement == "side":
+        return f"{distance_m} m beside the walk"
+    return "where the sensor stood" if has_robot else "at the origin of the recording"
 
 
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:

@@ -94,10 +94,8 @@ class _AxisSmoother:
     def toward_rest(self, now: _Motion) -> _Motion:
         """Next motion of the fastest stop within the limits."""
         self._aim_at_rest(now)
-        stopped = self._sample(self._to_rest)
-        if stopped is None:
-            raise ruckig.RuckigError(f"no stop from {now}")
-        return stopped
+        # Ruckig has no stop only for limits too small for its arithmetic; standing still is then within them.
+        return self._sample(self._to_rest) or (now[0], 0.0, 0.0)
 
     def _aim_at_rest(self, motion: _Motion) -> None:
         request = self._to_rest
@@ -125,7 +123,7 @@ class _AxisSmoother:
     def _calculate(self, request: ruckig.InputParameter) -> bool:
         try:
             result = self._generator.calculate(request, self._trajectory)
-        except ruckig.RuckigError:
+        except (ruckig.RuckigError, ValueError):  # ValueError: a result code its binding does not know
             return False
         return result in (ruckig.Result.Working, ruckig.Result.Finished)
 

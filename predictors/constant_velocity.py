@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 # An innovation this improbable is a mistaken detection (another person, a reflection), not a step of a walk.
 _GATE_PROBABILITY = 0.999
 _GATE_D2 = float(chi2.ppf(_GATE_PROBABILITY, df=3))
+# A person who turns leaves the forecast of a steady walk by more than the filter's own spread tells; without this
+# allowance the gate would refuse people in sharp turns. A false detection half a metre away is still refused.
+_MANOEUVRE_SD_M = 0.08
 # Real detectors fail in bursts; a track is given up only after this many refusals in a row, about a third of
 # a second at 30 fps.
 _REJECTIONS_BEFORE_RESTART = 10
@@ -54,7 +57,8 @@ def process_noise(dt_s: float, acceleration_psd: float) -> FloatArray:
 class ConstantVelocity:
     """Constant-velocity Kalman filter driven by the time stamps of the observations.
 
-    Observations that the filter finds improbable at the 99.9 % level are refused; after ten refusals in a row
+    Observations that the filter finds improbable at the 99.9 % level, with an allowance for turning, are refused;
+    after ten refusals in a row
     the track starts anew from the latest one. A gap needs no special case: the state is carried over it and
     its covariance grows.
 
@@ -94,8 +98,9 @@ class ConstantVelocity:
         kf.predict(F=transition(dt_s), Q=process_noise(dt_s, self._psd))
         self._time_s = observation.capture_time_s
         innovation = observation.head_position_base_m - kf.x[:3]
-        spread = kf.P[:3, :3] + kf.R
-        if float(innovation @ np.linalg.solve(spread, innovation)) > _GATE_D2:
+        spread = kf.P[:3, :3] + kf.R + _MANOEUVRE_SD_M**2 * np.eye(3)
+        distance2 = float(innovation @ np.linalg.solve(spread, innovation))
+        if not distance2 <= _GATE_D2:  # so that a NaN, from a position of absurd size, is refused too
             self._rejections += 1
             if self._rejections >= _REJECTIONS_BEFORE_RESTART:
                 self._start(observation)

@@ -66,8 +66,14 @@ def test_one_person_has_no_interval_and_nan_does_not_count():
 
 
 def row(recording, controller, rms, subject="s", group="turn", predictor="p"):
-    labels = {"recording": recording, "subject": subject, "group": group, "controller": controller}
-    return labels | {"predictor": predictor, "neck": "n", "seed": 0, "gaze_error_rms_deg": rms}
+    labels = {"recording": recording, "source": recording, "kind": "synthetic", "subject": subject, "group": group}
+    return labels | {
+        "controller": controller,
+        "predictor": predictor,
+        "neck": "n",
+        "seed": 0,
+        "gaze_error_rms_deg": rms,
+    }
 
 
 def test_gap_closed_summary_and_differences_by_hand():

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gazempc.kinematics import gaze_error_rad, gaze_ray, look_at, unwrap_pan
+from gazempc.kinematics import gaze_error_rad, gaze_ray, gaze_turn, look_at, unwrap_pan
 from gazempc.neck import Geometry, load_neck, neck_names
 
 Array = NDArray[np.float64]
@@ -224,21 +224,21 @@ def test_pan_is_continuous_round_the_robot(turns: float) -> None:
     targets = np.stack([3 * np.cos(angle), 3 * np.sin(angle), 0.3 * np.sin(3 * angle)], axis=-1)
     wrapped = look_at(POINT, targets).angles_rad
     assert np.max(np.abs(np.diff(wrapped[:, 0]))) > 6.0
-    continuous = unwrap_pan(wrapped, near_rad=2.0)
+    continuous = unwrap_pan(wrapped, 2.0, -np.inf, np.inf)
     np.testing.assert_allclose(continuous[:, 0], angle, atol=1e-12)
     np.testing.assert_array_equal(continuous[:, 1], wrapped[:, 1])
 
 
 @given(first=st.floats(-3.14, 3.14), near=st.floats(-12, 12))
 def test_the_first_pan_is_within_half_a_turn_of_the_given_one(first: float, near: float) -> None:
-    pan = unwrap_pan(np.array([[first, 0.2]]), near)[0, 0]
+    pan = unwrap_pan(np.array([[first, 0.2]]), near, -np.inf, np.inf)[0, 0]
     assert abs(pan - near) <= np.pi + 1e-12
     assert np.exp(1j * pan) == pytest.approx(np.exp(1j * first), abs=1e-12)
 
 
 def test_unwrapping_leaves_its_input_alone() -> None:
     angles = np.array([[3.1, 0.0], [-3.1, 0.0]])
-    unwrap_pan(angles, 0.0)
+    unwrap_pan(angles, 0.0, -np.inf, np.inf)
     np.testing.assert_array_equal(angles, [[3.1, 0.0], [-3.1, 0.0]])
 
 
@@ -273,3 +273,27 @@ def test_target_straight_above_the_pan_axis_is_reached():
     seen = look_at(Geometry(), [0.0, 0.0, 1.0])
     assert seen.reachable
     assert gaze_error_rad(Geometry(), seen.angles_rad, [0.0, 0.0, 1.0]) < 1e-12
+
+
+def test_a_neck_is_sent_the_way_it_can_go():
+    """Limits of +-163.7 deg; the person walks round behind, from 170 over 180 to -20 deg: follow on the other side."""
+    limits = np.radians([-163.7, 163.7])
+    path = np.radians([[170.0, 0.0], [175.0, 0.0], [-175.0, 0.0], [-120.0, 0.0], [-20.0, 0.0]])
+    assert np.degrees(unwrap_pan(path, np.radians(160.0), *limits)[-1, 0]) == pytest.approx(-20.0)
+    # Right behind, both ways are as good: stay on the side where the neck is.
+    behind = np.radians([[179.0, 0.0], [-179.0, 0.0]])
+    for side in (-160.0, 160.0):
+        assert np.sign(unwrap_pan(behind, np.radians(side), *limits)[:, 0]) == pytest.approx(np.sign(side))
+
+
+@pytest.mark.parametrize("name", ["reference", "fetch", "pr2"])
+def test_gaze_turn_is_the_derivative_of_the_gaze_error(name):
+    geometry = load_neck(name).geometry
+    targets = np.array([[1.5, 0.7, 0.4], [2.5, -1.0, -0.3], [0.9, 0.0, 0.6]])
+    angles = look_at(geometry, targets).angles_rad
+    turns = gaze_turn(geometry, angles, targets)
+    step = 1e-6
+    for axis in range(2):
+        moved = angles.copy()
+        moved[:, axis] += step
+        assert gaze_error_rad(geometry, moved, targets) / step == pytest.approx(turns[:, axis], rel=1e-4)

@@ -7,7 +7,7 @@ import pytest
 
 from gazempc.config import RunSettings
 from gazempc.controllers import ControllerError, LookAhead, Mpc, Plan
-from gazempc.errors import RobotError
+from gazempc.errors import LeftOutError, RobotError
 from gazempc.loop import GazeLoop, LoopSettings
 from gazempc.loop_recorder import LoopRecorder
 from gazempc.metrics import limit_violations, measure
@@ -35,7 +35,7 @@ class Scene:
 
     def __init__(self, controller=None, predictor=None, robot=None, settings=None):
         self.now_s = 0.0
-        self.recorder = LoopRecorder(TS)
+        self.recorder = LoopRecorder(NECK.control_period_s)
         self.smoother = Smoother(NECK, np.zeros(2))
         self.robot = robot or SimulatedNeck(NECK, np.zeros(2), lambda: self.now_s)
         self.robot.connect()
@@ -49,8 +49,11 @@ class Scene:
             settings or LoopSettings(),
         )
 
-    def run(self, seconds, seen=lambda t: True, lead_s=0.066, extra=()):
-        """Run; frames at 30 fps whose capture time `seen` accepts arrive `lead_s` late."""
+    def run(self, seconds, seen=lambda t: True, lead_s=0.066, extra=(), answering=True):
+        """Run; frames at 30 fps whose capture time `seen` accepts arrive `lead_s` late.
+
+        A robot that is not `answering` holds its command at once, which no limit can prevent.
+        """
         frames = [k / 30 for k in range(int(seconds * 30)) if seen(k / 30)]
         sightings = [Sighting(t + lead_s, HeadObservation(t, head(t))) for t in frames]
         sightings = sorted([*sightings, *extra], key=lambda s: s.arrival_s)
@@ -60,10 +63,13 @@ class Scene:
             sightings = sightings[len(due) :]
             self.loop.tick(index, self.now_s, due)
         log, _ = self.recorder.finish(
-            {"neck": NECK.model_dump()}, lambda t: np.array([head(x) for x in t]).reshape(-1, 3), seconds
+            {"neck": NECK.model_dump()},
+            lambda t: np.where(t[:, None] <= seconds, np.array([head(x) for x in t]).reshape(-1, 3), np.nan),
         )
         assert len(log.time_s) == int(seconds / TS)
-        assert limit_violations(dataclasses.replace(log, joint_position_rad=log.command_position_rad), NECK) == 0
+        if answering:
+            commands_only = dataclasses.replace(log, joint_position_rad=log.command_position_rad)
+            assert limit_violations(commands_only, NECK) == 0
         return log
 
     @staticmethod
@@ -192,18 +198,118 @@ def test_a_robot_that_does_not_answer_is_named_and_the_gaze_recovers():
     robot = Unplugged(NECK, np.zeros(2), lambda: scene.now_s, start_s=2.0, stop_s=2.6)
     robot.connect()
     scene.loop._robot = robot
-    log = scene.run(6.0)
+    log = scene.run(6.0, answering=False)
     assert "robot_not_answering" in events(log)
     assert np.isnan(log.joint_position_rad).any()
     assert Scene.error_deg(log)[int(4.5 / TS) :].mean() < 3.0
 
 
+@pytest.mark.parametrize("silence_s", [0.05, 0.6])
+def test_after_silence_the_robot_gets_no_jump(silence_s):
+    """What the robot received, seen from the robot: every step within the limits, also over the silence."""
+    received = []
+
+    class Listening(Unplugged):
+        def send_command(self, position_rad):
+            sent = super().send_command(position_rad)
+            received.append((self._clock_s(), sent))
+            return sent
+
+    scene = Scene()
+    robot = Listening(NECK, np.zeros(2), lambda: scene.now_s, start_s=2.0, stop_s=2.0 + silence_s)
+    robot.connect()
+    scene.loop._robot = robot
+    log = scene.run(5.0, answering=False)
+    after = [sent for t, sent in received if t >= 2.0]
+    held = [sent for t, sent in received if t < 2.0][-1]
+    padded = np.vstack([np.tile(held, (3, 1)), after])
+    for order, limit in enumerate((NECK.velocity_max_rad_s, NECK.acceleration_max_rad_s2, NECK.jerk_max_rad_s3), 1):
+        assert np.all(np.abs(np.diff(padded, order, axis=0)) / TS**order <= limit * (1 + 1e-6))
+    silent = (log.time_s >= 2.0) & (log.time_s < 2.0 + silence_s - 1e-9)
+    assert np.all(log.command_position_rad[silent] == held)
+
+
+def test_a_robot_that_raises_system_errors_or_answers_nonsense_is_a_robot_that_does_not_answer():
+    class Flaky(SimulatedNeck):
+        def send_command(self, position_rad):
+            now = self._clock_s()
+            if 1.0 <= now < 1.1:
+                raise TimeoutError("serial line")
+            if 1.2 <= now < 1.3:
+                return np.array([np.nan, 0.0])
+            return super().send_command(position_rad)
+
+    scene = Scene()
+    scene.loop._robot = Flaky(NECK, np.zeros(2), lambda: scene.now_s)
+    scene.loop._robot.connect()
+    log = scene.run(4.0, answering=False)
+    assert list(log.event_name).count("robot_not_answering") == 2
+    assert np.all(np.isfinite(log.command_position_rad))
+
+
+def test_a_frame_from_the_future_is_dropped_and_does_not_blind():
+    ahead = Sighting(1.5, HeadObservation(1e6, np.array([2.5, -2.0, 0.4])))
+    log = Scene().run(4.0, extra=(ahead,))
+    assert "future_observation" in events(log)
+    assert np.array_equal(log.command_position_rad, Scene().run(4.0).command_position_rad)
+
+
+def test_a_position_of_absurd_size_does_not_poison_the_filter():
+    absurd = Sighting(1.5, HeadObservation(1.405, np.array([1e308, 1e308, 1e308])))
+    log = Scene().run(4.0, extra=(absurd,))
+    assert Scene.error_deg(log)[int(2.0 / TS) :].mean() < 3.0
+
+
+def test_plan_shapes_are_checked():
+    with pytest.raises(ValueError, match="shape"):
+        Plan(0.0, 0.02, np.zeros((3, 1)), np.zeros((3, 1)), np.zeros((3, 1)))
+    with pytest.raises(ValueError, match="differ"):
+        Plan(0.0, 0.02, np.zeros((3, 2)), np.zeros((2, 2)), np.zeros((3, 2)))
+    with pytest.raises(ValueError, match="finite start"):
+        Plan(np.nan, 0.02, np.zeros((3, 2)), np.zeros((3, 2)), np.zeros((3, 2)))
+
+
+def test_the_controller_sees_what_the_robot_received_and_its_plan_starts_when_said():
+    """With a compute delay of 15 ms: history, committed commands and the tick from which a plan is followed."""
+    seen, received = [], []
+
+    class Spy(LookAhead):
+        def plan(self, situation):
+            seen.append((situation.start_s, situation.sent_rad.copy(), situation.committed_rad.copy()))
+            plan = super().plan(situation)
+            still = np.full_like(plan.position_rad, 1e-3 * len(seen))
+            return Plan(plan.start_s, plan.step_s, still, 0 * still, 0 * still)
+
+    class Listening(SimulatedNeck):
+        def send_command(self, position_rad):
+            received.append((self._clock_s(), super().send_command(position_rad)))
+            return received[-1][1]
+
+    scene = Scene(controller=Spy(NECK), settings=LoopSettings(compute_delay_s=0.015))
+    scene.loop._robot = Listening(NECK, np.zeros(2), lambda: scene.now_s)
+    scene.loop._robot.connect()
+    scene.run(1.0)
+    times = np.array([t for t, _ in received])
+    commands = np.array([c for _, c in received])
+    for start_s, sent, committed in seen[5:40]:
+        now = round((start_s - 0.015) / TS)
+        assert times[now] == pytest.approx(start_s - 0.015)
+        np.testing.assert_array_equal(sent, commands[now - len(sent) : now] if now >= len(sent) else sent)
+        np.testing.assert_allclose(sent[-1], commands[now - 1])
+        # What is said to come until then is what the plan before asks for; the smoother is within one step of it.
+        np.testing.assert_allclose(committed, commands[now : now + 3], atol=1.1e-3)
+    # The first plan asks for 1 mrad; the command must begin to move on the very tick for which it was made.
+    first = round(seen[0][0] / TS)
+    assert np.all(commands[:first] == 0)
+    assert commands[first, 0] > 0
+
+
 def test_an_event_that_lasts_is_written_once():
-    recorder = LoopRecorder(TS)
+    recorder = LoopRecorder(NECK.control_period_s)
     for k in range(100):
-        recorder.event(k * TS, "stale_plan")
+        recorder.event(k * NECK.control_period_s, "stale_plan")
     recorder.event(3.0, "stale_plan")
-    log, _ = recorder.finish({}, lambda t: np.zeros((len(t), 3)), 1.0)
+    log, _ = recorder.finish({}, lambda t: np.zeros((len(t), 3)))
     assert log.event_time_s.tolist() == [0.0, 3.0]
 
 
@@ -229,12 +335,15 @@ def test_the_same_seed_gives_the_same_log_to_the_last_bit(tmp_path):
     assert a != c
 
 
-def test_short_recordings_are_scored_where_they_end():
+def test_a_recording_too_short_to_be_scored_is_refused():
     recording = place(load("subject01_R1"), "recorded", 2.5, 1.2)
     n = 20
     cut = {f.name: getattr(recording.truth, f.name)[:n] for f in dataclasses.fields(recording.truth)}
     short = dataclasses.replace(
         recording, times_s=recording.times_s[:n], truth=dataclasses.replace(recording.truth, **cut)
     )
-    log, _ = replay(short, NECK, load_sensor("reference"), "lookahead", RunSettings())
-    assert np.isfinite(measure(log).gaze_error_rms_deg)
+    with pytest.raises(LeftOutError, match=r"subject01_R1: 0\.63 s is too short"):
+        replay(short, NECK, load_sensor("reference"), "lookahead", RunSettings())
+    log, _ = replay(recording, NECK, load_sensor("reference"), "reactive", RunSettings())
+    with pytest.raises(LeftOutError, match="too short"):
+        measure(dataclasses.replace(log, head_true_base_m=np.full_like(log.head_true_base_m, np.nan)))

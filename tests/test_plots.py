@@ -194,7 +194,7 @@ def test_running_contact_ends_at_the_eye_contact(logs: Logs) -> None:
         assert share[-1] == pytest.approx(measure(log).eye_contact_2p6)
 
 
-@pytest.mark.parametrize(("frames", "behind"), [(37, False), (12, False), (50, True)])
+@pytest.mark.parametrize(("frames", "behind"), [(39, False), (50, True)])
 def test_short_recordings_and_a_head_behind_the_robot(frames: int, behind: bool, tmp_path: Path) -> None:
     logs = _replay(_first_frames(load("subject03_R1"), frames, behind=behind), ("reactive",))
     for draw in (birds_eye, angles, gaze_error, overview, animate):

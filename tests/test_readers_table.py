@@ -269,7 +269,7 @@ def test_parquet_without_pyarrow_names_the_extra(tmp_path: Path, monkeypatch: py
 
     (tmp_path / "a.parquet").write_bytes(b"PAR1")
     monkeypatch.setattr(builtins, "__import__", no_pyarrow)
-    with pytest.raises(MissingOptionalDependencyError, match=r"gazempc\[parquet\]"):
+    with pytest.raises(MissingOptionalDependencyError, match=r"pip install pyarrow"):
         load(tmp_path / "a.parquet")
 
 

@@ -31,11 +31,6 @@ class CommandState:
     velocity_rad_s: FloatArray
     acceleration_rad_s2: FloatArray
 
-    def is_finite(self) -> bool:
-        """True if no number is NaN or infinite."""
-        parts = (self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2)
-        return all(bool(np.all(np.isfinite(part))) for part in parts)
-
 
 @dataclass(frozen=True)
 class Situation:
@@ -70,6 +65,9 @@ class Plan:
         position_rad: Commanded angles at the knots, shape (K, 2), radians.
         velocity_rad_s: Shape (K, 2), rad/s.
         acceleration_rad_s2: Shape (K, 2), rad/s^2.
+
+    Raises:
+        ValueError: If shapes or times are not as said here.
     """
 
     start_s: float
@@ -77,6 +75,15 @@ class Plan:
     position_rad: FloatArray
     velocity_rad_s: FloatArray
     acceleration_rad_s2: FloatArray
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.position_rad)
+        if len(shape) != 2 or shape[0] < 1 or shape[1] != 2:
+            raise ValueError(f"a plan needs positions of shape (K, 2), got {shape}")
+        if {np.shape(self.velocity_rad_s), np.shape(self.acceleration_rad_s2)} != {shape}:
+            raise ValueError("positions, velocities and accelerations of a plan differ in shape")
+        if not (np.isfinite(self.start_s) and self.step_s > 0):
+            raise ValueError(f"a plan needs a finite start and a positive step, got {self.start_s} and {self.step_s}")
 
     @property
     def end_s(self) -> float:

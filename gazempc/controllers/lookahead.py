@@ -44,6 +44,8 @@ class LookAhead:
         angles = unwrap_pan(
             look_at(self._neck.geometry, situation.forecast.means_base_m).angles_rad,
             float(situation.command.position_rad[0]),
+            float(self._neck.command_limits.position_min_rad[0]),
+            float(self._neck.command_limits.position_max_rad[0]),
         )
         knots = self._knots_s.size
         wanted = np.stack([angles[:knots, 0], angles[knots:, 1]], axis=-1)

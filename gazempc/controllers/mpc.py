@@ -6,7 +6,7 @@ import numpy as np
 
 from gazempc.controllers.controller import ControllerError, FloatArray, Plan, Situation
 from gazempc.controllers.ocp import AxisOcp, SolverFailedError, servo_step
-from gazempc.kinematics import look_at, unwrap_pan
+from gazempc.kinematics import gaze_turn, look_at, unwrap_pan
 from gazempc.neck import NeckSpec
 from gazempc.servo import DeadTimeRoll, zero_order_hold
 
@@ -23,12 +23,15 @@ class Mpc:
         horizon_s: Length of the optimised motion after the dead time, seconds.
         smoothing_time_s: Gaze motion faster than the inverse of this time (in rad/s) is smoothed rather than
             followed; larger is smoother and less exact.
+
+    Attributes:
+        ocps: The programs of pan and tilt.
     """
 
     def __init__(self, neck: NeckSpec, horizon_s: float = 0.8, smoothing_time_s: float = 0.11) -> None:
         self._neck = neck
         self._steps = max(2, round(horizon_s / neck.control_period_s))
-        self._ocps = [AxisOcp(neck, i, self._steps, smoothing_time_s) for i in range(2)]
+        self.ocps = [AxisOcp(neck, i, self._steps, smoothing_time_s) for i in range(2)]
         self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes]
         self._servo = [zero_order_hold(axis, neck.servo_period_s) for axis in neck.axes]
         self._models = [servo_step(axis, neck.servo_period_s) for axis in neck.axes]
@@ -49,15 +52,17 @@ class Mpc:
         angles = unwrap_pan(
             look_at(self._neck.geometry, situation.forecast.means_base_m).angles_rad,
             float(situation.command.position_rad[0]),
+            float(self._neck.command_limits.position_min_rad[0]),
+            float(self._neck.command_limits.position_max_rad[0]),
         )
-        # An angle of pan turns the gaze by cos(tilt) of it.
         references = (angles[:n, 0], angles[n:, 1])
-        weights = (np.cos(angles[:n, 1]) ** 2, np.ones(n))
+        turns = gaze_turn(self._neck.geometry, angles, situation.forecast.means_base_m)
+        weights = (turns[:n, 0] ** 2, turns[n:, 1] ** 2)
         knots = np.empty((n + 1, 2, 3))
         for i in range(2):
             state = self._state_after_dead_time(situation, i)
             try:
-                solution = self._ocps[i].solve(state, references[i], weights[i])
+                solution = self.ocps[i].solve(state, references[i], weights[i])
             except SolverFailedError as error:
                 raise ControllerError(str(error)) from None
             knots[:, i] = self._roll_command(i, state[2:], solution.jerk_rad_s3)

@@ -32,6 +32,12 @@ class Reactive:
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
         angles = look_at(self._neck.geometry, situation.forecast.means_base_m).angles_rad
-        angles = unwrap_pan(angles, float(situation.command.position_rad[0]))
+        limits = self._neck.command_limits
+        angles = unwrap_pan(
+            angles,
+            float(situation.command.position_rad[0]),
+            float(limits.position_min_rad[0]),
+            float(limits.position_max_rad[0]),
+        )
         hold = np.zeros((1, 2))
-        return Plan(situation.start_s, _HOLD_S, self._neck.command_limits.clip_position(angles[:1]), hold, hold.copy())
+        return Plan(situation.start_s, _HOLD_S, limits.clip_position(angles[:1]), hold, hold.copy())
