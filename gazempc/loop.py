@@ -197,7 +197,7 @@ class GazeLoop:
         except Exception:
             plan = None
         self._recorder.step(1e3 * (time.perf_counter() - started))
-        if plan is None or not np.all(np.isfinite(plan.position_rad + plan.velocity_rad_s + plan.acceleration_rad_s2)):
+        if plan is None or not plan.is_finite():
             self._recorder.event(time_s, "controller_failed")
             return
         self._waiting.append((index + self._delay_ticks, plan))

@@ -69,6 +69,7 @@ class ComputeMetrics:
     Attributes:
         update_ms_p50: Median predictor update, milliseconds.
         update_ms_p99: 99th percentile.
+        update_ms_max: Longest.
         step_ms_p50: Median controller step (forecast and plan), milliseconds.
         step_ms_p99: 99th percentile.
         step_ms_max: Longest.
@@ -77,6 +78,7 @@ class ComputeMetrics:
 
     update_ms_p50: float
     update_ms_p99: float
+    update_ms_max: float
     step_ms_p50: float
     step_ms_p99: float
     step_ms_max: float
@@ -164,6 +166,7 @@ def measure_compute(times: ComputeTimes, control_period_s: float) -> ComputeMetr
     return ComputeMetrics(
         update_ms_p50=percentile(times.update_ms, 50),
         update_ms_p99=percentile(times.update_ms, 99),
+        update_ms_max=percentile(times.update_ms, 100),
         step_ms_p50=percentile(times.step_ms, 50),
         step_ms_p99=percentile(times.step_ms, 99),
         step_ms_max=percentile(times.step_ms, 100),

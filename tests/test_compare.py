@@ -21,7 +21,15 @@ from gazempc.synthetic import synthetic_names
 
 ROOT = Path(__file__).resolve().parents[1]
 # The only figures that differ from run to run.
-TIMING = {"update_ms_p50", "update_ms_p99", "step_ms_p50", "step_ms_p99", "step_ms_max", "missed_deadlines"}
+TIMING = {
+    "update_ms_p50",
+    "update_ms_p99",
+    "update_ms_max",
+    "step_ms_p50",
+    "step_ms_p99",
+    "step_ms_max",
+    "missed_deadlines",
+}
 
 
 def settings(out, **changes):
