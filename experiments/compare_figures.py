@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,13 +24,15 @@ def draw_all(rows: Sequence[Row], runs: Sequence[Row], out: Path) -> None:
         runs: The runs behind them.
         out: Folder to write PNG files to.
     """
-    _bars(rows, "gaze_error_rms_deg", "RMS gaze error (deg)", 1.0, out / "gaze_error.png")
-    _bars(rows, "eye_contact_2p6", "eye contact within 2.6 deg (% of the time)", 100.0, out / "eye_contact.png")
+    kinds = Counter({run["source"]: run["kind"] for run in runs}.values())
+    data = ", ".join(f"{n} recordings, {kind}" for kind, n in sorted(kinds.items()))
+    _bars(rows, data, "gaze_error_rms_deg", "RMS gaze error (deg)", 1.0, out / "gaze_error.png")
+    _bars(rows, data, "eye_contact_2p6", "eye contact within 2.6 deg (% of the time)", 100.0, out / "eye_contact.png")
     if any(row["gap_closed"] is not None for row in rows):
-        _bars(rows, "gap_closed", "gap between reactive and perfect closed", 1.0, out / "gap_closed.png")
-    _error_against_acceleration(rows, out / "error_against_acceleration.png")
+        _bars(rows, data, "gap_closed", "gap between reactive and perfect closed", 1.0, out / "gap_closed.png")
+    _error_against_acceleration(rows, data, out / "error_against_acceleration.png")
     if differences := paired_differences(runs, "gaze_error_rms_deg", "mpc", "lookahead"):
-        _paired(runs, differences, out / "mpc_minus_lookahead.png")
+        _paired(runs, data, differences, out / "mpc_minus_lookahead.png")
 
 
 def _series(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
@@ -47,7 +50,7 @@ def _name(series: tuple[str, str, str], all_series: Sequence[tuple[str, str, str
     return ", ".join(parts)
 
 
-def _bars(rows: Sequence[Row], figure: str, label: str, factor: float, path: Path) -> None:
+def _bars(rows: Sequence[Row], data: str, figure: str, label: str, factor: float, path: Path) -> None:
     groups, series = groups_of(r for r in rows if r["group"] != "all"), _series(rows)
     plot = Figure(figsize=(max(8.5, 3.0 + 0.35 * len(groups) * len(series)), 4.2), layout="constrained")
     ax = plot.subplots()
@@ -69,6 +72,7 @@ def _bars(rows: Sequence[Row], figure: str, label: str, factor: float, path: Pat
     ax.set_ylabel(label)
     plot.legend(frameon=False, fontsize="small", loc="outside right upper")
     ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
+    plot.supxlabel(data, fontsize="x-small", color="0.4")
     plot.savefig(path, dpi=150)
 
 
@@ -77,7 +81,7 @@ def _group_label(rows: Sequence[Row], group: str) -> str:
     return f"{group}\n{row['n_clips']} clips, {row['n_people']} people"
 
 
-def _error_against_acceleration(rows: Sequence[Row], path: Path) -> None:
+def _error_against_acceleration(rows: Sequence[Row], data: str, path: Path) -> None:
     groups, series = groups_of(r for r in rows if r["group"] != "all"), _series(rows)
     plot = Figure(figsize=(3.2 * len(groups) + 1.0, 3.6), layout="constrained")
     axes = np.atleast_1d(plot.subplots(1, len(groups), sharey=True))
@@ -99,10 +103,11 @@ def _error_against_acceleration(rows: Sequence[Row], path: Path) -> None:
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("RMS gaze error (deg)")
     axes[-1].legend(frameon=False, fontsize="small")
+    plot.supxlabel(data, fontsize="x-small", color="0.4")
     plot.savefig(path, dpi=150)
 
 
-def _paired(runs: Sequence[Row], differences: Sequence[Row], path: Path) -> None:
+def _paired(runs: Sequence[Row], data: str, differences: Sequence[Row], path: Path) -> None:
     combinations = list(dict.fromkeys((d["predictor"], d["neck"]) for d in differences))
     plot = Figure(figsize=(7.0, 3.2 * len(combinations)), layout="constrained")
     axes = np.atleast_1d(plot.subplots(len(combinations), 1))
@@ -129,4 +134,5 @@ def _paired(runs: Sequence[Row], differences: Sequence[Row], path: Path) -> None
         ax.set_xticks(range(len(chosen)), [f"{d['group']}\n{d['n_clips']} clips" for d in chosen])
         ax.set_ylabel("MPC minus look-ahead,\nRMS gaze error (deg)")
         ax.set_title(f"forecast by {predictor}, neck {neck}; below 0 the MPC is better", fontsize="medium")
+    plot.supxlabel(data, fontsize="x-small", color="0.4")
     plot.savefig(path, dpi=150)

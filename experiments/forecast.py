@@ -89,11 +89,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"forecast: {error}", file=sys.stderr)
         return _BAD_INPUT
     (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    text = report(rows, ", ".join(dict.fromkeys(r.kind for r in results)), settings.sensor)
+    kinds = ", ".join(dict.fromkeys(r.kind for r in results))
+    text = report(rows, kinds, settings.sensor)
     (settings.out / "summary.md").write_text(text, encoding="utf-8")
     from experiments.forecast_figures import draw  # noqa: PLC0415
 
-    draw(rows, settings.out / "forecast_error.png")
+    draw(rows, kinds, settings.out / "forecast_error.png")
     print(text)
     print(f"Written to {settings.out}/: summary.json, summary.md, forecast_error.png")
     return 0

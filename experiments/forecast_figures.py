@@ -15,11 +15,12 @@ from experiments.aggregate import groups_of
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 
-def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
+def draw(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> None:
     """Draw mean error against horizon, a panel for each group.
 
     Args:
         rows: As made by `experiments.forecast.summarise`.
+        kinds: What kinds of recordings they are from.
         path: PNG file to write.
     """
     groups = groups_of(r for r in rows if r["group"] != "all")
@@ -43,4 +44,5 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("mean forecast error (mm)")
     plot.legend(loc="outside upper center", ncols=len(predictors), frameon=False, fontsize="small")
+    plot.supxlabel(kinds, fontsize="x-small", color="0.4")
     plot.savefig(path, dpi=150)

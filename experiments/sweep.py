@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.jobs import program_hash
 from experiments.sweep_designs import Point
+from experiments.sweep_figures import draw_all, recorded_or_synthetic
 from experiments.sweep_plan import SweepPlan, load_plan, shipped_studies
 from experiments.sweep_runner import Run, Runner, cluster, local
 from experiments.sweep_spec import Case
@@ -97,8 +98,6 @@ def sweep(settings: SweepSettings) -> int:
     summary = _summary(plan, rows, table)
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     if settings.figures and table:
-        from experiments.sweep_figures import draw_all  # noqa: PLC0415
-
         draw_all(plan, rows, table, out)
     _print(plan, summary, table)
     if runner.simulated_s:
@@ -163,7 +162,7 @@ def _summary(plan: SweepPlan, rows: list[Row], table: list[Row]) -> dict[str, An
 def _print(plan: SweepPlan, summary: dict[str, Any], table: list[Row]) -> None:
     print(f"{plan.spec.name}: {' '.join(plan.spec.question.split())}".rstrip(": "))
     people = len({walk.subject for walk in plan.walks})
-    print(f"{len(plan.walks)} recordings of {people} people; means over clips")
+    print(f"{recorded_or_synthetic(plan)} of {people} {'people' if people > 1 else 'person'}; means over clips")
     print(text_table(plan, table))
     print(
         f"{summary['n_runs']} runs, {len(summary['failed'])} failed, {len(summary['left_out'])} recordings left out "

@@ -32,12 +32,30 @@ def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Pa
     """
     done = [row for row in rows if not row["failed"] and not row["left_out"]]
     overall = [row for row in table if row["group"] == "all"]
+    drawn: dict[str, Figure] = {}
     for x, metric, by in plan.spec.figures.response:
-        _response(done, x, metric, by).savefig(out / f"response_{_file(x)}_{metric}.png", dpi=_DPI)
+        drawn[f"response_{_file(x)}_{metric}"] = _response(done, x, metric, by)
     for x, y, metric in plan.spec.figures.heatmap:
-        _heatmap(done, x, y, metric).savefig(out / f"heatmap_{_file(x)}_{_file(y)}_{metric}.png", dpi=_DPI)
+        drawn[f"heatmap_{_file(x)}_{_file(y)}_{metric}"] = _heatmap(done, x, y, metric)
     for x, y, by in plan.spec.figures.pareto:
-        _pareto(overall, x, y, by).savefig(out / f"pareto_{x}_{y}.png", dpi=_DPI)
+        drawn[f"pareto_{x}_{y}"] = _pareto(overall, x, y, by)
+    for name, figure in drawn.items():
+        figure.supxlabel(recorded_or_synthetic(plan), fontsize="x-small", color="0.4")
+        figure.savefig(out / f"{name}.png", dpi=_DPI)
+
+
+def recorded_or_synthetic(plan: SweepPlan) -> str:
+    """Say how many of a sweep's recordings are synthetic.
+
+    Args:
+        plan: The sweep.
+
+    Returns:
+        Such as ``12 synthetic walks``.
+    """
+    synthetic = sum(walk.is_synthetic for walk in plan.walks)
+    parts = [(synthetic, "synthetic"), (len(plan.walks) - synthetic, "recorded")]
+    return ", ".join(f"{n} {kind} walk{'s' if n > 1 else ''}" for n, kind in parts if n)
 
 
 def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:

@@ -43,6 +43,11 @@ class Walk:
     subject: str
     group: str | None
 
+    @property
+    def is_synthetic(self) -> bool:
+        """Whether it is one of the generated walks."""
+        return not self.digest
+
 
 @dataclass(frozen=True)
 class SweepPlan:
