@@ -123,6 +123,23 @@ def test_any_state_has_a_solution(unit_state, target_rad, slope_rad_s, scale):
     assert np.all(solution.slack >= -1e-6)
 
 
+def test_where_the_first_solver_gives_up_the_second_does_not():
+    """Starts at up to three times the limits, some of which DAQP alone does not solve."""
+    rng = np.random.default_rng(0)
+    alone = AxisOcp(NECK, 0, N, T, solvers=("daqp",))
+    given_up = 0
+    for _ in range(2000):
+        unit = np.round(rng.uniform(-2, 2, 5)) / 2
+        state = 3.0 * unit * [1.4, 2.5, 1.4, 2.5, 15.0]
+        reference = np.full(N, round(rng.uniform(-6, 6)))
+        try:
+            alone.solve(state, reference, np.ones(N))
+        except SolverFailedError:
+            given_up += 1
+            OCP.solve(state, reference, np.ones(N))
+    assert given_up > 0
+
+
 def test_soft_limits_are_exact_when_they_can_be_kept():
     """A target far beyond the position limit presses hardest against it, and does not bend it."""
     ocp = AxisOcp(NECK, 0, 40, T)
@@ -141,7 +158,7 @@ def test_nan_is_refused(where):
 def test_solver_failure_is_an_error_not_a_command():
     """A solver that is stopped before it is done says so."""
     ocp = AxisOcp(
-        NECK, 0, N, T, solver="qrqp", solver_options={"max_iter": 1, "print_iter": False, "print_header": False}
+        NECK, 0, N, T, solvers=("qrqp",), solver_options={"max_iter": 1, "print_iter": False, "print_header": False}
     )
     with pytest.raises(SolverFailedError, match="QP solver"):
         ocp.solve(np.array([0, 0, 0, 3.0, 20.0]), np.ones(N), np.ones(N))

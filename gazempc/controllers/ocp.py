@@ -148,8 +148,9 @@ class AxisOcp:
         index: 0 for pan, 1 for tilt.
         steps: Length of the horizon N, control periods.
         smoothing_time_s: T: gaze motion faster than 1 / T (rad/s) is smoothed away rather than followed.
-        solver: CasADi's name of the QP solver.
-        solver_options: Its options.
+        solvers: CasADi's names of the QP solvers, in the order in which they are tried. DAQP is the faster by far; from
+            a few starts far outside the limits it gives up, and PIQP does not.
+        solver_options: Options of the solvers.
 
     Attributes:
         prediction: The maps of the condensed problem.
@@ -162,7 +163,7 @@ class AxisOcp:
         index: int,
         steps: int,
         smoothing_time_s: float,
-        solver: str = "daqp",
+        solvers: tuple[str, ...] = ("daqp", "piqp"),
         solver_options: dict[str, Any] | None = None,
     ) -> None:
         limits = neck.command_limits
@@ -192,13 +193,12 @@ class AxisOcp:
         self._upper = np.concatenate([np.ones(steps), np.full(_SLACKS, np.inf)])
         variables = steps + _SLACKS
         self._no_bound = np.full(3 * steps, np.inf)
+        shape = {
+            "h": ca.Sparsity.dense(variables, variables),
+            "a": ca.Sparsity.dense(6 * steps, variables),
+        }
         options: dict[str, Any] = {"error_on_fail": False, **(solver_options or {})}
-        self._solver = ca.conic(
-            "axis_ocp",
-            solver,
-            {"h": ca.Sparsity.dense(variables, variables), "a": ca.Sparsity.dense(6 * steps, variables)},
-            options,
-        )
+        self._solvers = [ca.conic("axis_ocp", name, shape, options) for name in solvers]
 
     def quadratic_program(
         self, state: FloatArray, reference_rad: FloatArray, weight: FloatArray
@@ -239,13 +239,14 @@ class AxisOcp:
             Jerks and slacks.
 
         Raises:
-            SolverFailedError: If an argument is not finite, or the solver fails or returns nonsense.
+            SolverFailedError: If an argument is not finite, or all solvers fail or return nonsense.
         """
         if not all(np.all(np.isfinite(value)) for value in (state, reference_rad, weight)):
             raise SolverFailedError("state, reference or weight is not finite")
-        answer = self._solver(**self.quadratic_program(state, reference_rad, weight))
-        stats = self._solver.stats()
-        x = np.array(answer["x"]).ravel()
-        if not stats["success"] or not np.all(np.isfinite(x)):
-            raise SolverFailedError(f"QP solver: {stats.get('return_status', 'no status')}")
-        return Solution(self.jerk_scale * np.clip(x[: self._steps], -1.0, 1.0), x[self._steps :])
+        program = self.quadratic_program(state, reference_rad, weight)
+        for solver in self._solvers:
+            x = np.array(solver(**program)["x"]).ravel()
+            stats = solver.stats()
+            if stats["success"] and np.all(np.isfinite(x)):
+                return Solution(self.jerk_scale * np.clip(x[: self._steps], -1.0, 1.0), x[self._steps :])
+        raise SolverFailedError(f"QP solver: {stats.get('return_status', 'no status')}")
