@@ -16,17 +16,14 @@ import tyro
 from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.aggregate import add_gap_closed, paired_differences, summarise
+from experiments.command import run_command
 from experiments.jobs import Job
 from experiments.pool import run_jobs
 from experiments.recordings import find_recordings
 from gazempc.config import DEFAULT_PREDICTOR, ControllerName, PlacementName, PredictorName
-from gazempc.errors import GazempcError
 from gazempc.neck import load_neck
 from gazempc.report import LABELS, versions
 from gazempc.sensor import load_sensor
-
-_BAD_INPUT = 2
-_INTERRUPTED = 130
 
 
 class CompareSettings(BaseModel):
@@ -68,14 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0, 1 if runs failed or left the limits, 2 on bad input, 130 if interrupted.
     """
     settings = tyro.cli(CompareSettings, args=arguments, prog="python -m experiments.compare", description=__doc__)
-    try:
-        return compare(settings)
-    except (GazempcError, OSError) as error:
-        print(f"compare: {error}", file=sys.stderr)
-        return _BAD_INPUT
-    except KeyboardInterrupt:
-        print(f"compare: interrupted; run the same command again to go on in {settings.out}", file=sys.stderr)
-        return _INTERRUPTED
+    return run_command("compare", lambda: compare(settings))
 
 
 def compare(settings: CompareSettings) -> int:

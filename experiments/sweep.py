@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import tyro
 from pydantic import BaseModel, ConfigDict, Field
 
+from experiments.command import run_command
 from experiments.jobs import program_hash
 from experiments.sweep_designs import Point
 from experiments.sweep_figures import draw_all, recorded_or_synthetic
@@ -22,11 +23,7 @@ from experiments.sweep_spec import Case
 from experiments.sweep_tables import Row, objective_means, pareto_front, point_table, run_row, text_table, write_table
 from experiments.sweep_tuning import check_installed, tune
 from experiments.variants import resolve
-from gazempc.errors import GazempcError
 from gazempc.report import versions
-
-_BAD_INPUT = 2
-_INTERRUPTED = 130
 
 
 class SweepSettings(BaseModel):
@@ -56,14 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0, 1 if runs failed or left the limits, 2 on bad input, 130 if interrupted.
     """
     settings = tyro.cli(SweepSettings, args=arguments, prog="python -m experiments.sweep", description=__doc__)
-    try:
-        return sweep(settings)
-    except GazempcError as error:
-        print(f"sweep: {error}", file=sys.stderr)
-        return _BAD_INPUT
-    except KeyboardInterrupt:
-        print("sweep: interrupted; run the same command again to go on", file=sys.stderr)
-        return _INTERRUPTED
+    return run_command("sweep", lambda: sweep(settings))
 
 
 def sweep(settings: SweepSettings) -> int:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from experiments.variants import accepted, check_name, check_value, is_number, setting_fields
+from experiments.variants import accepted, check_name, check_settings, check_value, is_number, setting_fields
 from gazempc.errors import suggest
 from gazempc.metrics import ComputeMetrics, Metrics
 
@@ -36,13 +36,7 @@ class Range(_Strict):
 
 
 def _check_base(base: dict[str, Any]) -> dict[str, Any]:
-    problems, checked = [], {}
-    for name, value in base.items():
-        problem = check_name(name)
-        if problem is None:
-            checked[name], problem = check_value(name, value)
-        if problem:
-            problems.append(f"{name}: {problem}")
+    checked, problems = check_settings(base)
     if problems:
         raise ValueError("\n".join(problems))
     return checked

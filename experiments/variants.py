@@ -140,6 +140,26 @@ def is_number(field: FieldInfo) -> bool:
     return bool({int, float} & {field.annotation, *get_args(field.annotation)}) and not _choices(field)
 
 
+def check_settings(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Check names and values of settings.
+
+    Args:
+        values: Values by dotted name.
+
+    Returns:
+        The checked values, and what is wrong with the others, a line each.
+    """
+    checked: dict[str, Any] = {}
+    problems = []
+    for name, value in values.items():
+        problem = check_name(name)
+        if problem is None:
+            checked[name], problem = check_value(name, value)
+        if problem:
+            problems.append(f"{name}: {problem}")
+    return checked, problems
+
+
 def resolve(values: Values) -> Variant:
     """Apply values to the default settings, the neck and the sensor.
 
@@ -152,14 +172,7 @@ def resolve(values: Values) -> Variant:
     Raises:
         SettingsError: With everything that is wrong, one line each.
     """
-    problems = []
-    checked: dict[str, Any] = {}
-    for name, value in values.items():
-        problem = check_name(name)
-        if problem is None:
-            checked[name], problem = check_value(name, value)
-        if problem:
-            problems.append(f"{name}: {problem}")
+    checked, problems = check_settings(values)
     if "controller" not in values:
         problems.append(f"controller: missing; accepted: {accepted(setting_fields()['controller'])}")
     if problems:

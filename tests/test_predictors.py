@@ -533,3 +533,16 @@ def test_the_head_of_a_refused_detection_does_not_bend_the_forecast():
         predictor.update(HeadObservation(k / 30, np.array([k / 30, 0.0, 0.4]), straight, straight))
     predictor.update(HeadObservation(1.0, np.array([1.0, 3.0, 0.4]), turned, straight))
     assert predictor.relative_yaw_rad() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_person_in_a_sharp_turn_is_not_taken_for_somebody_else():
+    """1.5 m/s straight, then a quarter turn of 0.5 m radius: no observation is refused."""
+    speed, radius, turn_s = 1.5, 0.5, 1.0
+    predictor, rng = ConstantVelocity(), np.random.default_rng(0)
+    for k in range(60):
+        t = k / 30
+        angle = min(max((t - turn_s) * speed / radius, 0.0), np.pi / 2)
+        after = max(t - turn_s - np.pi / 2 * radius / speed, 0.0) * speed
+        position = [min(t, turn_s) * speed + radius * np.sin(angle), radius * (1 - np.cos(angle)) + after, 1.6]
+        predictor.update(HeadObservation(t, np.array(position) + 0.01 * rng.standard_normal(3)))
+        assert predictor.rejections_in_a_row == 0, t
