@@ -58,8 +58,7 @@ class ConstantVelocity:
     """Constant-velocity Kalman filter driven by the time stamps of the observations.
 
     Observations that the filter finds improbable at the 99.9 % level, with an allowance for turning, are refused;
-    after ten refusals in a row
-    the track starts anew from the latest one. A gap needs no special case: the state is carried over it and
+    after ten refusals in a row the track starts anew from the latest one. A gap needs no special case: the state is carried over it and
     its covariance grows.
 
     Args:
@@ -80,7 +79,13 @@ class ConstantVelocity:
         self._filter: KalmanFilter | None = None
         self._time_s = -np.inf
         self._issued_at_s = -np.inf
+        self._started_at_s: float | None = None
         self._rejections = 0
+
+    @property
+    def started_at_s(self) -> float | None:
+        """Capture time of the observation that the track began with, None before the first one."""
+        return self._started_at_s
 
     @property
     def rejections_in_a_row(self) -> int:
@@ -164,5 +169,5 @@ class ConstantVelocity:
         kf.H = np.hstack([np.eye(3), np.zeros((3, 3))])
         kf.R = self._noise_variance_m2 * np.eye(3)
         self._filter = kf
-        self._time_s = self._issued_at_s = observation.capture_time_s
+        self._time_s = self._issued_at_s = self._started_at_s = observation.capture_time_s
         self._rejections = 0
