@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from gazempc.truth import TrueHead
 from predictors import ConstantVelocity, Predictor
 
 FloatArray = NDArray[np.float64]
+
+Cues = Literal["both", "head", "pelvis", "none"]
+_ORIENTATIONS = {"head": "head_quat_wxyz", "pelvis": "pelvis_quat_wxyz"}
 
 # A filter that has seen half a second knows the walk; earlier frames would measure its start.
 RUN_IN_S = 0.5
@@ -40,7 +44,12 @@ class ForecastErrors:
 
 
 def forecast_errors(
-    recording: Recording, predictor: Predictor, sensor: SensorSpec, horizons_s: FloatArray, seed: int
+    recording: Recording,
+    predictor: Predictor,
+    sensor: SensorSpec,
+    horizons_s: FloatArray,
+    seed: int,
+    cues: Cues = "both",
 ) -> ForecastErrors:
     """Run a predictor over a recording and compare its forecasts with what came.
 
@@ -53,6 +62,7 @@ def forecast_errors(
         sensor: What it sees of the recording.
         horizons_s: Horizons from capture, shape (H,), seconds.
         seed: Seed of the sensor's noise.
+        cues: Which orientations the predictor is shown.
 
     Returns:
         The errors of all frames captured at least half a second after the first one.
@@ -61,7 +71,8 @@ def forecast_errors(
     reference = ConstantVelocity()
     true_head = TrueHead(recording)
     end_s = float(recording.times_s[-1])
-    observations = [sighting.observation for sighting in observe(recording, sensor, seed)]
+    hidden = {name: None for part, name in _ORIENTATIONS.items() if cues not in {"both", part}}
+    observations = [replace(sighting.observation, **hidden) for sighting in observe(recording, sensor, seed)]
     captures, filtered, means, covariances, update_us = [], [], [], [], []
     for observation in observations:
         reference.update(observation)

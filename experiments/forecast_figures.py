@@ -13,6 +13,8 @@ from experiments.aggregate import groups_of
 
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_STYLES = ("-", "--", ":", "-.")
+_CUES = {"both": "", "head": ", head only", "pelvis": ", pelvis only", "none": ", no orientation"}
 
 
 def draw(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> None:
@@ -24,16 +26,17 @@ def draw(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> None:
         path: PNG file to write.
     """
     groups = groups_of(r for r in rows if r["group"] != "all")
-    predictors = list(dict.fromkeys(r["predictor"] for r in rows))
+    lines = list(dict.fromkeys((r["predictor"], r["cues"]) for r in rows))
     plot = Figure(figsize=(3.0 * len(groups) + 0.6, 3.6), layout="constrained")
     axes = np.atleast_1d(plot.subplots(1, len(groups), sharey=True))
     for ax, group in zip(axes, groups, strict=True):
-        for k, predictor in enumerate(predictors):
-            own = [r for r in rows if r["group"] == group and r["predictor"] == predictor and r["error_true_mm"]]
+        for k, line in enumerate(lines):
+            own = [r for r in rows if (r["group"], r["predictor"], r["cues"]) == (group, *line) and r["error_true_mm"]]
             own.sort(key=lambda r: r["horizon_s"])
             colour = _COLOURS[k % len(_COLOURS)]
             x, y = [r["horizon_s"] for r in own], [r["error_true_mm"] for r in own]
-            ax.plot(x, y, "o-", color=colour, label=predictor if group == groups[0] else None)
+            label = line[0] + _CUES[line[1]] if group == groups[0] else None
+            ax.plot(x, y, marker="o", linestyle=_STYLES[k // len(_COLOURS) % len(_STYLES)], color=colour, label=label)
             for r in own:
                 if interval := r["error_true_mm_ci95"]:
                     ax.plot([r["horizon_s"]] * 2, interval, color=colour, linewidth=1)
@@ -43,6 +46,6 @@ def draw(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> None:
         ax.set_ylim(bottom=0)
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("mean forecast error (mm)")
-    plot.legend(loc="outside upper center", ncols=len(predictors), frameon=False, fontsize="small")
+    plot.legend(loc="outside upper center", ncols=min(len(lines), 4), frameon=False, fontsize="small")
     plot.supxlabel(kinds, fontsize="x-small", color="0.4")
     plot.savefig(path, dpi=150)

@@ -14,7 +14,7 @@ from typing import Any
 
 import gazempc
 import predictors
-from gazempc.config import ControllerName, PlacementName, PredictorName, RunSettings
+from gazempc.config import ControllerName, PlacementName, PredictorName, RunSettings, WalkerSettings
 from gazempc.controllers import Controller
 from gazempc.errors import GazempcError, LeftOutError
 from gazempc.log import ComputeTimes, Log
@@ -40,6 +40,7 @@ class Job:
         distance_m: Distance for placement ``side``, metres.
         height_m: Height for placement ``side``, metres.
         seed: Seed of the sensor's noise.
+        fitted: Model of the predictor ``walker`` or folder of such models; None for the shipped one.
     """
 
     recording: str
@@ -51,12 +52,14 @@ class Job:
     distance_m: float
     height_m: float
     seed: int
+    fitted: str | None = None
 
     def key(self) -> str:
         """Name of the run: a hash of the job, of the files it reads and of the program."""
         content = {**asdict(self), "program": program_hash()}
         index = str(Path(self.recording).with_name("index.csv"))  # gives subject and group
-        for name in (self.recording, index, self.neck, self.sensor or ""):
+        models = [] if self.fitted is None else sorted(map(str, Path(self.fitted).rglob("*.npz"))) or [self.fitted]
+        for name in (self.recording, index, self.neck, self.sensor or "", *models):
             path = Path(name)
             if path.is_file():
                 content[f"bytes of {name}"] = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -65,7 +68,8 @@ class Job:
     def settings(self) -> RunSettings:
         """The job as the settings of a run."""
         predictor = "constant_velocity" if self.predictor == "perfect" else self.predictor
-        return RunSettings(predictor=predictor, seed=self.seed)
+        fitted = None if self.fitted is None else Path(self.fitted)
+        return RunSettings(predictor=predictor, seed=self.seed, walker=WalkerSettings(fitted=fitted))
 
 
 @lru_cache(maxsize=1)
@@ -74,7 +78,7 @@ def program_hash() -> str:
     digest = hashlib.sha256()
     for package in (predictors, gazempc):
         root = Path(package.__file__ or "").parent
-        for path in sorted(p for p in root.rglob("*") if p.suffix in {".py", ".toml"}):
+        for path in sorted(p for p in root.rglob("*") if p.suffix in {".py", ".toml", ".npz"}):
             digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     for library in ("casadi", "numpy", "scipy", "filterpy", "ruckig", "control"):
         digest.update(f"{library} {version(library)}".encode())

@@ -1,0 +1,197 @@
+"""Questions and answers to fit the predictor `walker` on: what it reads at a frame, and how the walk went on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from experiments.walk_variants import Walk, vary, walk_of
+from gazempc.recording import load
+from predictors import HeadObservation
+from predictors.walker import Walker
+from predictors.walker_inputs import N_INPUTS, N_SPREAD
+from predictors.walker_model import KNOTS_S, WalkerModel
+
+FloatArray = NDArray[np.float64]
+
+# Sensors from perfect to twice as noisy as the reference; yaw noise goes with it, 2 deg for 10 mm.
+_NOISES_M = (0.0, 0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.015, 0.02)
+_YAW_NOISE_RAD_PER_M = np.radians(200.0)
+_YAW_NOISE_FACTORS = (0.5, 1.0, 1.0, 1.0, 1.5)
+# Only its inputs are used here, so that a model can be fitted where there is none yet.
+_BLANK = WalkerModel(
+    (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
+    (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
+    np.zeros((N_SPREAD, KNOTS_S.size, 3)),
+)
+# The variants of straight walks that are bent outnumber real walks; they weigh half.
+_BENT_WEIGHT = 0.5
+
+
+@dataclass(frozen=True)
+class Examples:
+    """Examples of one recording or many, in rows.
+
+    Attributes:
+        network: Inputs of the network, shape (N, N_INPUTS).
+        spread: Inputs of the stated uncertainty, shape (N, N_SPREAD).
+        departure_m: How the walk left its line, shape (N, knots, 3), along, across, up; NaN after its end.
+        weight: How much each counts, shape (N,).
+    """
+
+    network: NDArray[np.float32]
+    spread: NDArray[np.float32]
+    departure_m: NDArray[np.float32]
+    weight: NDArray[np.float32]
+
+
+def join(parts: list[Examples]) -> Examples:
+    """Examples of many recordings in one table."""
+    return Examples(
+        np.concatenate([p.network for p in parts]),
+        np.concatenate([p.spread for p in parts]),
+        np.concatenate([p.departure_m for p in parts]),
+        np.concatenate([p.weight for p in parts]),
+    )
+
+
+def as_seen(
+    walk: Walk, noise_m: float, yaw_noise_rad: float, rng: np.random.Generator, faults: bool
+) -> list[HeadObservation]:
+    """Observations of a walk.
+
+    Args:
+        walk: The walk.
+        noise_m: Standard deviation of the positions on each axis.
+        yaw_noise_rad: Standard deviation of the yaws.
+        rng: Where chance comes from.
+        faults: Whether frames, a stretch of them or orientations may be missing.
+
+    Returns:
+        The observations.
+    """
+    n = walk.times_s.size
+    positions = walk.head_m + noise_m * rng.standard_normal((n, 3))
+    halves = 0.5 * np.stack([walk.head_yaw_rad, walk.pelvis_yaw_rad])
+    halves = halves + 0.5 * yaw_noise_rad * rng.standard_normal((2, n))
+    quats = np.zeros((2, n, 4))
+    quats[..., 0], quats[..., 3] = np.cos(halves), np.sin(halves)
+    kept = np.ones(n, dtype=bool)
+    oriented = np.ones((2, n), dtype=bool)
+    if faults:
+        fault = rng.random()
+        if fault < 0.1:
+            kept = rng.random(n) > rng.uniform(0.05, 0.5)
+        elif fault < 0.2:
+            begin_s = rng.uniform(walk.times_s[0] + 0.3, walk.times_s[-1])
+            kept = (walk.times_s < begin_s) | (walk.times_s > begin_s + rng.uniform(0.2, 1.0))
+        fault = rng.random()
+        if fault < 0.05:
+            oriented[:] = False
+        elif fault < 0.15:
+            oriented[rng.integers(2)] = False
+    return [
+        HeadObservation(
+            float(walk.times_s[k]),
+            positions[k],
+            quats[0, k] if oriented[0, k] else None,
+            quats[1, k] if oriented[1, k] else None,
+        )
+        for k in range(n)
+        if kept[k]
+    ]
+
+
+def examples_of_walk(walk: Walk, observations: list[HeadObservation], weight: float) -> Examples:
+    """What `Walker` reads at each frame of a walk, and how the walk went on.
+
+    Args:
+        walk: The true walk.
+        observations: What is seen of it.
+        weight: Weight of each example; frames at which nobody walks count less.
+
+    Returns:
+        The examples.
+    """
+    truth = CubicSpline(walk.times_s, walk.head_m)
+    walker = Walker(_BLANK)
+    network, spread, departure, weights = [], [], [], []
+    for observation in observations:
+        walker.update(observation)
+        inputs = walker.inputs()
+        if inputs.time_s != observation.capture_time_s or inputs.walking == 0.0:
+            continue
+        ahead_s = inputs.time_s + KNOTS_S
+        c, s = np.cos(inputs.heading_rad), np.sin(inputs.heading_rad)
+        off = truth(ahead_s) - inputs.origin_base_m - KNOTS_S[:, None] * inputs.velocity_base_m_s
+        off = np.stack([c * off[:, 0] + s * off[:, 1], c * off[:, 1] - s * off[:, 0], off[:, 2]], axis=1)
+        off[ahead_s > walk.times_s[-1] + 1e-6] = np.nan
+        network.append(inputs.network)
+        spread.append(inputs.spread)
+        departure.append(off)
+        weights.append(weight * inputs.walking)
+    return Examples(
+        *(np.array(a, dtype=np.float32) for a in (network, spread, departure, weights)),
+    )
+
+
+def fitting_examples(path: str, seed: int, variants: int) -> Examples:
+    """Examples of a recording and its variants.
+
+    Args:
+        path: Name or path of the recording.
+        seed: Seed of all that is random, with the recording's name.
+        variants: How many variants to make; where the walk turns by itself all are unbent, else three in five are bent.
+
+    Returns:
+        The examples.
+
+    Raises:
+        GazempcError: If the recording cannot be read or has no orientations.
+    """
+    recording = load(path)
+    rng = np.random.default_rng([seed, *recording.name.encode()])
+    walk = walk_of(recording)
+    straight = is_straight(walk)
+    parts = []
+    for k in range(variants):
+        bent = straight and k % 5 >= 2
+        varied = vary(walk, rng, bent)
+        noise_m = float(rng.choice(_NOISES_M))
+        yaw_noise_rad = noise_m * _YAW_NOISE_RAD_PER_M * float(rng.choice(_YAW_NOISE_FACTORS))
+        seen = as_seen(varied, noise_m, yaw_noise_rad, rng, faults=True)
+        if seen:
+            parts.append(examples_of_walk(varied, seen, _BENT_WEIGHT if bent else 1.0))
+    return join([p for p in parts if p.weight.size])
+
+
+def scoring_examples(path: str, seed: int, noise_m: float) -> Examples:
+    """Examples of a recording as it is.
+
+    Args:
+        path: Name or path of the recording.
+        seed: Seed of the noise.
+        noise_m: Standard deviation of the positions; that of the yaws goes with it.
+
+    Returns:
+        The examples.
+
+    Raises:
+        GazempcError: If the recording cannot be read or has no orientations.
+    """
+    recording = load(path)
+    rng = np.random.default_rng([seed, *recording.name.encode()])
+    walk = walk_of(recording)
+    seen = as_seen(walk, noise_m, noise_m * _YAW_NOISE_RAD_PER_M, rng, faults=False)
+    return examples_of_walk(walk, seen, 1.0)
+
+
+def is_straight(walk: Walk) -> bool:
+    """Whether a walk keeps its direction within 20 degrees, as far as strides of it tell."""
+    stride = min(30, walk.times_s.size - 1)
+    across = walk.head_m[stride:, :2] - walk.head_m[:-stride, :2]
+    direction = np.unwrap(np.arctan2(across[:, 1], across[:, 0]))
+    return bool(np.ptp(direction) < np.radians(20.0))
