@@ -30,16 +30,13 @@ from experiments.walk_examples import Examples, fitting_examples, join, scoring_
 from gazempc.errors import GazempcError
 from gazempc.recording import load
 from gazempc.report import versions
-from predictors.walker_inputs import N_SPREAD
-from predictors.walker_model import KNOTS_S, WalkerModel, load_walker_model
+from predictors.walker_model import KNOTS_S, N_DOUBT, WalkerModel, load_walker_model
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 MODEL_FILE = "walker.npz"
 FOLDS = "left_out"
-# The stated uncertainty is fitted on recordings as they are, without noise and with that of the reference sensor.
-_SCORED_NOISES_M = (0.0, 0.01)
 _FEWEST_PEOPLE = 2
 
 
@@ -51,8 +48,10 @@ class FitSettings(BaseModel):
     recordings: tuple[str, ...] = Field(
         min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names; of two people at least"
     )
-    variants: int = Field(default=24, ge=1, le=1000, description="Variants of each recording: bent, mirrored, noisy ...")
-    networks: int = Field(default=3, ge=1, le=20, description="Networks in the ensemble")
+    variants: int = Field(
+        default=40, ge=1, le=1000, description="Variants of each recording: bent, mirrored, noisy ..."
+    )
+    networks: int = Field(default=4, ge=1, le=20, description="Networks in the ensemble")
     steps: int = Field(default=6000, ge=1, description="Steps of gradient descent for each network")
     seed: int = Field(default=0, ge=0, description="Seed of all that is random")
     workers: int = Field(default=os.cpu_count() or 1, ge=1, description="Parallel processes")
@@ -106,10 +105,8 @@ def fit(settings: FitSettings) -> WalkerModel:
     folder.mkdir(parents=True, exist_ok=True)
     make = partial(fitting_examples, seed=settings.seed, variants=settings.variants)
     fitting = _in_parallel(make, paths, settings.workers, "recording")
-    scoring = [
-        join([scoring_examples(path, settings.seed + 1, noise_m) for noise_m in _SCORED_NOISES_M]) for path in paths
-    ]
-    left_out = [*names, None]
+    scoring = [scoring_examples(path, settings.seed + 1) for path in paths]
+    left_out: list[str | None] = [*names, None]
     parts = settings.out / "parts"
     parts.mkdir(exist_ok=True)
     for i, part in enumerate(fitting):
@@ -120,10 +117,11 @@ def fit(settings: FitSettings) -> WalkerModel:
         path.unlink()
     parts.rmdir()
 
-    errors = [
-        models[names.index(person)].departure_m(part.network.astype(np.float64)) - part.departure_m
-        for person, part in zip(people, scoring, strict=True)
-    ]
+    doubts, errors = [], []
+    for who, part in zip(people, scoring, strict=True):
+        departure, doubt = models[names.index(who)].answer(part.network.astype(float), part.spread.astype(float))
+        doubts.append(doubt)
+        errors.append(departure - part.departure_m)
     about = {
         "command": f"python -m experiments.fit --recordings {' '.join(Path(r).name for r in settings.recordings)}",
         "recordings": [Path(path).stem for path in paths],
@@ -133,14 +131,14 @@ def fit(settings: FitSettings) -> WalkerModel:
     for person, model in zip(left_out, models, strict=True):
         # Whoever is left out of the networks is left out of the uncertainty as well.
         used = [k for k, name in enumerate(people) if name != person]
-        log_spread = fit_spread(
-            np.concatenate([scoring[k].spread for k in used]).astype(np.float64),
-            np.concatenate([errors[k] for k in used]).astype(np.float64),
+        log_spread = fit_spread(np.concatenate([doubts[k] for k in used]), np.concatenate([errors[k] for k in used]))
+        fitted = replace(
+            model,
+            log_spread=log_spread,
+            about={**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]},
         )
-        who = sorted({people[k] for k in used})
-        model = replace(model, log_spread=log_spread, about={**about, "people": who, "key": model.about["key"]})
-        model.save(settings.out / MODEL_FILE if person is None else folder / f"{person}.npz")
-    return model
+        fitted.save(settings.out / MODEL_FILE if person is None else folder / f"{person}.npz")
+    return fitted
 
 
 def _key(settings: FitSettings, paths: Sequence[str], fitting: Sequence[Examples]) -> str:
@@ -165,14 +163,12 @@ def _networks(person: str | None, people: Sequence[str], settings: FitSettings, 
         with np.load(settings.out / "parts" / f"{i}.npz") as data:
             parts.append(Examples(**{name: data[name] for name in data.files}))
     weights, biases = fit_networks(join(parts), settings.seed, settings.networks, settings.steps)
-    model = WalkerModel(weights, biases, np.zeros((N_SPREAD, KNOTS_S.size, 3)), {"key": key})
+    model = WalkerModel(weights, biases, np.zeros((N_DOUBT, KNOTS_S.size, 3)), {"key": key})
     model.save(path)
     return model
 
 
-def _in_parallel(
-    work: Callable[[_Item], _Result], items: Sequence[_Item], workers: int, unit: str
-) -> list[_Result]:
+def _in_parallel(work: Callable[[_Item], _Result], items: Sequence[_Item], workers: int, unit: str) -> list[_Result]:
     # One numerical thread a process: the matrices are small, and the processes are the parallelism.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1")

@@ -187,9 +187,7 @@ def summarise(results: Sequence[ClipResult]) -> list[dict[str, Any]]:
                         **_figures(chosen, i),
                     }
                 )
-    baseline = {
-        (r["group"], r["horizon_s"]): r["error_true_mm"] for r in reversed(rows) if r["predictor"] == BASELINE
-    }
+    baseline = {(r["group"], r["horizon_s"]): r["error_true_mm"] for r in reversed(rows) if r["predictor"] == BASELINE}
     for row in rows:
         against, own = baseline.get((row["group"], row["horizon_s"])), row["error_true_mm"]
         row["ratio_to_constant_velocity"] = own / against if own is not None and against else None
@@ -313,7 +311,8 @@ def report(rows: Sequence[dict[str, Any]], kinds: str, sensor: str | None) -> st
         error = show(r["error_true_mm"]) + (f" [{interval[0]:.0f}, {interval[1]:.0f}]" if interval else "")
         lines.append(
             f"| {r['predictor']} | {r['cues']} | {r['group']} | {r['n_clips']} | {r['horizon_s']:g} | {error} "
-            f"| {show(r['ratio_to_constant_velocity'], 2)} | {show(r['error_true_p50_mm'])} | {show(r['error_true_p95_mm'])} | {show(r['error_filtered_mm'])} "
+            f"| {show(r['ratio_to_constant_velocity'], 2)} | {show(r['error_true_p50_mm'])} "
+            f"| {show(r['error_true_p95_mm'])} | {show(r['error_filtered_mm'])} "
             f"| {show(r['error_along_rms_mm'])} | {show(r['error_across_rms_mm'])} "
             f"| {show(r['error_vertical_rms_mm'])} "
             f"| {show(r['coverage_68'], 2)} | {show(r['coverage_90'], 2)} | {show(r['coverage_95'], 2)} "

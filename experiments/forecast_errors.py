@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from gazempc.recording import Recording
 from gazempc.sensor import SensorSpec, observe
 from gazempc.truth import TrueHead
-from predictors import ConstantVelocity, Predictor
+from predictors import ConstantVelocity, HeadObservation, Predictor
 
 FloatArray = NDArray[np.float64]
 
 Cues = Literal["both", "head", "pelvis", "none"]
-_ORIENTATIONS = {"head": "head_quat_wxyz", "pelvis": "pelvis_quat_wxyz"}
 
 # A filter that has seen half a second knows the walk; earlier frames would measure its start.
 RUN_IN_S = 0.5
@@ -71,8 +70,7 @@ def forecast_errors(
     reference = ConstantVelocity()
     true_head = TrueHead(recording)
     end_s = float(recording.times_s[-1])
-    hidden = {name: None for part, name in _ORIENTATIONS.items() if cues not in {"both", part}}
-    observations = [replace(sighting.observation, **hidden) for sighting in observe(recording, sensor, seed)]
+    observations = [_shown(sighting.observation, cues) for sighting in observe(recording, sensor, seed)]
     captures, filtered, means, covariances, update_us = [], [], [], [], []
     for observation in observations:
         reference.update(observation)
@@ -100,6 +98,14 @@ def forecast_errors(
     for values in (parts, nees):
         values[over] = np.nan
     return ForecastErrors(horizons_s, parts, error_filtered, nees, np.array(update_us))
+
+
+def _shown(observation: HeadObservation, cues: Cues) -> HeadObservation:
+    return replace(
+        observation,
+        head_quat_wxyz=observation.head_quat_wxyz if cues in {"both", "head"} else None,
+        pelvis_quat_wxyz=observation.pelvis_quat_wxyz if cues in {"both", "pelvis"} else None,
+    )
 
 
 def _along_across_up(difference_m: FloatArray, true_head: TrueHead, capture_s: FloatArray) -> FloatArray:

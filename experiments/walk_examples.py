@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from experiments.walk_variants import Walk, vary, walk_of
+from experiments.walk_variants import Walk, bend, vary, walk_of
 from gazempc.recording import load
 from predictors import HeadObservation
 from predictors.walker import Walker
-from predictors.walker_inputs import N_INPUTS, N_SPREAD
-from predictors.walker_model import KNOTS_S, WalkerModel
+from predictors.walker_inputs import N_INPUTS
+from predictors.walker_model import KNOTS_S, N_DOUBT, WalkerModel
 
 FloatArray = NDArray[np.float64]
 
@@ -21,14 +21,16 @@ FloatArray = NDArray[np.float64]
 _NOISES_M = (0.0, 0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.015, 0.02)
 _YAW_NOISE_RAD_PER_M = np.radians(200.0)
 _YAW_NOISE_FACTORS = (0.5, 1.0, 1.0, 1.0, 1.5)
+# How far forecasts err is measured without noise and with that of the reference sensor.
+_SCORED_NOISES_M = (0.0, 0.01)
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
 _BLANK = WalkerModel(
     (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
     (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
-    np.zeros((N_SPREAD, KNOTS_S.size, 3)),
+    np.zeros((N_DOUBT, KNOTS_S.size, 3)),
 )
-# The variants of straight walks that are bent outnumber real walks; they weigh half.
-_BENT_WEIGHT = 0.5
+# Bent walks outnumber real ones. With less weight, turns of people left out are forecast worse; straight walks alike.
+_BENT_WEIGHT = 1.0
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
     straight = is_straight(walk)
     parts = []
     for k in range(variants):
-        bent = straight and k % 5 >= 2
+        bent = straight and k % 5 >= 1
         varied = vary(walk, rng, bent)
         noise_m = float(rng.choice(_NOISES_M))
         yaw_noise_rad = noise_m * _YAW_NOISE_RAD_PER_M * float(rng.choice(_YAW_NOISE_FACTORS))
@@ -168,13 +170,12 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
     return join([p for p in parts if p.weight.size])
 
 
-def scoring_examples(path: str, seed: int, noise_m: float) -> Examples:
-    """Examples of a recording as it is.
+def scoring_examples(path: str, seed: int) -> Examples:
+    """Examples of a recording as it is and, if it is straight, bent; to measure how far somebody's forecasts err.
 
     Args:
         path: Name or path of the recording.
-        seed: Seed of the noise.
-        noise_m: Standard deviation of the positions; that of the yaws goes with it.
+        seed: Seed of noise and bends.
 
     Returns:
         The examples.
@@ -185,8 +186,15 @@ def scoring_examples(path: str, seed: int, noise_m: float) -> Examples:
     recording = load(path)
     rng = np.random.default_rng([seed, *recording.name.encode()])
     walk = walk_of(recording)
-    seen = as_seen(walk, noise_m, noise_m * _YAW_NOISE_RAD_PER_M, rng, faults=False)
-    return examples_of_walk(walk, seen, 1.0)
+    # Bent walks are there for the spread in turns, as few people have been recorded turning.
+    walks = [walk, bend(walk, rng)] if is_straight(walk) else [walk]
+    return join(
+        [
+            examples_of_walk(w, as_seen(w, noise_m, noise_m * _YAW_NOISE_RAD_PER_M, rng, faults=False), 1.0)
+            for w in walks
+            for noise_m in _SCORED_NOISES_M
+        ]
+    )
 
 
 def is_straight(walk: Walk) -> bool:

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 # Turns of real walkers are bursts: 40 degrees in two thirds of a second, 90 in about one; long arcs are rarer.
 _TURN_DEG, _TURN_TIME_S, _PEAK_RATE_DEG_S = (15.0, 120.0), (0.5, 2.2), (15.0, 160.0)
 # Walkers slow down in a 90 degree turn to 0.6-0.75 of their speed.
-_SLOW_DOWN = 0.35
+_SLOW_DOWN = 0.45
 # Pelvis before travel direction, head before pelvis, seconds; in real turns 0.1 to 0.25 s in all.
 _PELVIS_LEAD_S, _HEAD_LEAD_S = (-0.05, 0.25), (-0.05, 0.2)
 # Bodies turn in a shorter time than the path does.
@@ -25,6 +25,7 @@ _PELVIS_TURN_SHARE, _HEAD_TURN_SHARE = (0.5, 1.05), (0.45, 1.0)
 _OFFSET_SD_DEG = (6.0, 3.0)  # of head and pelvis yaw, on top of the person's own
 _GLANCE_DEG, _GLANCE_TIME_S, _GLANCE_RISE_S = (15.0, 60.0), (0.4, 4.0), 0.25
 _PEAK_OF_SMOOTH_STEP = 1.875
+_LONGEST_GAP_S, _SHORTEST_S = 0.2, 1.25
 
 
 @dataclass(frozen=True)
@@ -48,22 +49,28 @@ def walk_of(recording: Recording) -> Walk:
     """The walk in a recording.
 
     Args:
-        recording: The recording; frames without the person are bridged.
+        recording: The recording.
 
     Returns:
-        The walk.
+        Its longest stretch without a gap of more than 0.2 s.
 
     Raises:
-        GazempcError: If it has no orientations.
+        GazempcError: If that is shorter than 1.25 s.
     """
     truth = recording.truth
-    keep = truth.valid & np.all(np.isfinite(truth.head_quat_wxyz) & np.isfinite(truth.pelvis_quat_wxyz), axis=1)
-    if keep.sum() < 0.5 * keep.size:
-        raise GazempcError(f"{recording.name}: to fit on it, most frames need the orientation of head and pelvis")
-    yaws = [
-        np.unwrap([yaw_rad(q) for q in quats[keep]]) for quats in (truth.pelvis_quat_wxyz, truth.head_quat_wxyz)
-    ]
-    return Walk(recording.times_s[keep], truth.head_position_m[keep], yaws[0], yaws[1])
+    seen = np.flatnonzero(truth.valid)
+    stretches = np.split(seen, np.flatnonzero(np.diff(recording.times_s[seen]) > _LONGEST_GAP_S) + 1)
+    rows = max(stretches, key=len)
+    times_s = recording.times_s[rows]
+    if times_s[-1] - times_s[0] < _SHORTEST_S:
+        raise GazempcError(
+            f"{recording.name}: longest stretch without a gap {times_s[-1] - times_s[0]:.2f} s; to fit on it, at least "
+            f"{_SHORTEST_S} s are needed"
+        )
+    pelvis, head = (
+        np.unwrap([yaw_rad(q) for q in quats[rows]]) for quats in (truth.pelvis_quat_wxyz, truth.head_quat_wxyz)
+    )
+    return Walk(times_s, truth.head_position_m[rows], pelvis, head)
 
 
 def vary(walk: Walk, rng: np.random.Generator, bend_it: bool) -> Walk:
@@ -134,7 +141,7 @@ def change_pace(walk: Walk, rng: np.random.Generator) -> Walk:
     """
     t = walk.times_s - walk.times_s[0]
     wave = np.sin(2 * np.pi * (t / rng.uniform(2.0, 6.0) + rng.random()))
-    rate = rng.uniform(0.85, 1.18) * np.exp(rng.uniform(0.0, 0.12) * wave)
+    rate = rng.uniform(0.8, 1.35) * np.exp(rng.uniform(0.0, 0.12) * wave)
     if rng.random() < 0.2:
         stops_s = rng.uniform(0.5, t[-1] + 0.5)
         rate = rate * (1.0 - _smooth_step((t - stops_s) / rng.uniform(0.5, 1.2)) * rng.uniform(0.5, 1.0))

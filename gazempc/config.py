@@ -15,7 +15,18 @@ from gazempc.readers.options import ReadOptions
 from gazempc.specfiles import explain
 
 ControllerName = Literal["reactive", "lookahead", "mpc", "perfect"]
-PredictorName = Literal["last_position", "constant_velocity", "head_pose", "perfect"]
+PredictorName = Literal[
+    "last_position",
+    "constant_velocity",
+    "constant_acceleration",
+    "coordinated_turn",
+    "interacting_models",
+    "particle",
+    "head_pose",
+    "pelvis_pursuit",
+    "walker",
+    "perfect",
+]
 PlacementName = Literal["recorded", "side"]
 # The predictor with the least error on real people, as far as measured.
 DEFAULT_PREDICTOR: PredictorName = "constant_velocity"
@@ -37,6 +48,66 @@ class HeadPoseSettings(ConstantVelocitySettings):
 
     weight: float = Field(default=0.5, ge=0, le=1, description="w in equation 4")
     yaw_noise_rad: float = Field(default=0.05, gt=0, description="Standard deviation of a measurement")
+
+
+class WalkerSettings(_Settings):
+    """Predictor `walker`."""
+
+    fitted: Path | None = Field(
+        default=None,
+        description="Model or folder of `python -m experiments.fit`; from a folder each person is forecast by the "
+        "model that has not seen them; without it the model that ships with the package",
+    )
+
+
+class PelvisPursuitSettings(_Settings):
+    """Predictor `pelvis_pursuit`."""
+
+    gain: float = Field(default=0.75, ge=0, le=1, description="Share of the angle to the pelvis that is turned")
+    turn_time_s: float = Field(default=0.11, gt=0, description="Time constant of the turn")
+    acceleration_psd: float = Field(default=0.02, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
+    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
+
+
+class ConstantAccelerationSettings(_Settings):
+    """Predictor `constant_acceleration`."""
+
+    jerk_psd: float = Field(default=0.003, gt=0, description="Noise density of the head's jerk, m^2/s^5")
+    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
+
+
+class _TurningSettings(_Settings):
+    """What the predictors `coordinated_turn` and `particle` have in common."""
+
+    acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the speed's change, m^2/s^3")
+    heading_psd: float = Field(default=0.1, gt=0, description="Noise density of the heading's rate, rad^2/s")
+    turn_psd: float = Field(default=0.1, gt=0, description="Noise density of the turn rate's change, rad^2/s^3")
+    turn_time_s: float = Field(default=1.0, gt=0, description="Time constant with which a turn dies away")
+    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
+
+
+class CoordinatedTurnSettings(_TurningSettings):
+    """Predictor `coordinated_turn`."""
+
+    yaw_cues: Literal["none", "pelvis", "both"] = Field(
+        default="none",
+        description="Orientations that are measured as the heading plus an offset; both is with the head",
+    )
+
+
+class ParticleSettings(_TurningSettings):
+    """Predictor `particle`."""
+
+    particles: int = Field(default=400, ge=2, description="How many")
+
+
+class InteractingModelsSettings(_Settings):
+    """Predictor `interacting_models`."""
+
+    turn_rate_rad_s: float = Field(default=0.5, gt=0, description="Rate of the turns to the left and to the right")
+    mode_time_s: float = Field(default=10.0, gt=0, description="Mean time that straight or turning lasts")
+    acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
+    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
 
 
 class LookAheadSettings(_Settings):
@@ -92,7 +163,13 @@ class RunSettings(_Settings):
     lookahead: LookAheadSettings = LookAheadSettings()
     mpc: MpcSettings = MpcSettings()
     constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
+    constant_acceleration: ConstantAccelerationSettings = ConstantAccelerationSettings()
+    coordinated_turn: CoordinatedTurnSettings = CoordinatedTurnSettings()
+    interacting_models: InteractingModelsSettings = InteractingModelsSettings()
+    particle: ParticleSettings = ParticleSettings()
     head_pose: HeadPoseSettings = HeadPoseSettings()
+    pelvis_pursuit: PelvisPursuitSettings = PelvisPursuitSettings()
+    walker: WalkerSettings = WalkerSettings()
     loop: LoopSettings = LoopSettings()
     reading: ReadOptions = ReadOptions()
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from gazempc.config import ControllerName, PredictorName, RunSettings
 from gazempc.controllers import Controller, LookAhead, Mpc, Reactive
-from gazempc.errors import LeftOutError
+from gazempc.errors import LeftOutError, SettingsError
 from gazempc.kinematics import look_at
 from gazempc.log import ComputeTimes, Log
 from gazempc.loop import GazeLoop
@@ -23,29 +25,63 @@ from gazempc.robots import SimulatedNeck
 from gazempc.sensor import SensorSpec, observe
 from gazempc.smoother import Smoother
 from gazempc.truth import TrueHead
-from predictors import ConstantVelocity, HeadPose, LastPosition, Perfect, Predictor
+from predictors import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    CoordinatedTurn,
+    HeadPose,
+    InteractingModels,
+    LastPosition,
+    ParticleFilter,
+    PelvisPursuit,
+    Perfect,
+    Predictor,
+    Walker,
+)
+from predictors.walker_model import WalkerModel, WalkerModelError, load_walker_model, model_file
 
 FloatArray = NDArray[np.float64]
 
 
-def make_predictor(name: PredictorName, settings: RunSettings, true_head: TrueHead) -> Predictor:
+def make_predictor(name: PredictorName, settings: RunSettings, true_head: TrueHead, person: str = "") -> Predictor:
     """Make a predictor.
 
     Args:
         name: Which one.
         settings: Its parameters are in here.
         true_head: The future, for ``perfect``.
+        person: Who walks; with `settings.walker.fitted` a folder, the model is one that has not seen them.
 
     Returns:
         The predictor.
+
+    Raises:
+        SettingsError: If there is no fitted model where the settings say.
     """
     if name == "last_position":
         return LastPosition(settings.constant_velocity.position_noise_m)
-    if name == "constant_velocity":
-        return ConstantVelocity(**settings.constant_velocity.model_dump())
-    if name == "head_pose":
-        return HeadPose(**settings.head_pose.model_dump())
-    return Perfect(true_head)
+    if name == "walker":
+        return Walker(_walker_model(settings.walker.fitted, person), **settings.constant_velocity.model_dump())
+    if name == "perfect":
+        return Perfect(true_head)
+    classes: dict[str, Callable[..., Predictor]] = {
+        "constant_velocity": ConstantVelocity,
+        "constant_acceleration": ConstantAcceleration,
+        "coordinated_turn": CoordinatedTurn,
+        "interacting_models": InteractingModels,
+        "particle": ParticleFilter,
+        "head_pose": HeadPose,
+        "pelvis_pursuit": PelvisPursuit,
+    }
+    own: BaseModel = getattr(settings, name)
+    return classes[name](**own.model_dump())
+
+
+def _walker_model(fitted: Path | None, person: str) -> WalkerModel:
+    try:
+        return load_walker_model() if fitted is None else load_walker_model(model_file(fitted, person))
+    except WalkerModelError as error:
+        raise SettingsError(f"walker.fitted: {error}") from None
 
 
 def make_controller(name: ControllerName, neck: NeckSpec, settings: RunSettings) -> Controller:
@@ -104,7 +140,7 @@ def replay(
         )
     true_head = TrueHead(placed)
     predictor_name: PredictorName = "perfect" if controller_name == "perfect" else settings.predictor
-    predictor = make_predictor(predictor_name, settings, true_head)
+    predictor = make_predictor(predictor_name, settings, true_head, placed.labels.subject)
     if controller is None:
         controller = make_controller(controller_name, neck, settings)
     controller.reset()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,7 +11,7 @@ from predictors.constant_velocity import ConstantVelocity
 from predictors.predictor import NotReadyError, as_times
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker_inputs import WalkerHistory, WalkerInputs
-from predictors.walker_model import WalkerModel, between_knots, load_walker_model, spread_between_knots
+from predictors.walker_model import WalkerModel, between_knots, load_walker_model
 
 
 class Walker:
@@ -35,12 +37,14 @@ class Walker:
     ) -> None:
         self._model = load_walker_model() if model is None else model
         self._position = ConstantVelocity(acceleration_psd, position_noise_m)
-        self.reset()
+        self._history = WalkerHistory()
+        self._inputs: WalkerInputs | None = None
+        self._knots: tuple[FloatArray, FloatArray] | None = None
 
     def reset(self) -> None:
         """Forget the person."""
         self._position.reset()
-        self._forget_history()
+        self._history, self._inputs, self._knots = WalkerHistory(), None, None
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
@@ -49,7 +53,7 @@ class Walker:
         if self._position.rejections_in_a_row:
             return
         if self._position.started_at_s != started_at_s:
-            self._forget_history()
+            self._history = WalkerHistory()
         self._inputs = self._history.add(observation)
         self._knots = None
 
@@ -77,16 +81,16 @@ class Walker:
             return self._position.forecast(times_s)
         times = as_times(times_s)
         if self._knots is None:
-            departure = self._model.departure_m(inputs.network[None])[0]
-            self._knots = departure, self._model.spread_m(inputs.spread)
-        departure, spread = self._knots
+            departures, doubt = self._model.answer(inputs.network[None], inputs.spread[None])
+            self._knots = departures[0], self._model.spread_m(doubt)[0]
         tau = times - inputs.time_s
-        c, s = np.cos(inputs.heading_rad), np.sin(inputs.heading_rad)
+        c, s = math.cos(inputs.heading_rad), math.sin(inputs.heading_rad)
         to_base = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        means = inputs.origin_base_m + tau[:, None] * inputs.velocity_base_m_s
-        means = means + between_knots(tau) @ departure @ to_base.T
-        axes = spread_between_knots(tau, spread)[:, None, :] * to_base
-        covariances = axes @ axes.transpose(0, 2, 1)
+        departure, spread = between_knots(tau, *self._knots)
+        means = inputs.origin_base_m + tau[:, None] * inputs.velocity_base_m_s + departure @ to_base.T
+        # Each axis of the line's frame contributes its variance times the square of its direction.
+        squares = (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
+        covariances = (spread**2 @ squares).reshape(-1, 3, 3)
         if inputs.walking < 1.0:
             means, covariances = self._blend(inputs.walking, times, means, covariances)
         return Forecast(times, means, covariances, inputs.time_s)
@@ -103,8 +107,3 @@ class Walker:
             + (1.0 - walking) * other.covariances_m2
             + walking * (1.0 - walking) * apart[:, :, None] * apart[:, None, :],
         )
-
-    def _forget_history(self) -> None:
-        self._history = WalkerHistory()
-        self._inputs: WalkerInputs | None = None
-        self._knots: tuple[FloatArray, FloatArray] | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 
@@ -25,7 +26,7 @@ _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
 _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S = 2.2, 3.0
 _YAW_FADES_IN_S = 0.5
 _OFFSET_PRIOR_FRAMES = 15.0
-_NOISE_PRIOR_M, _NOISE_PRIOR_FRAMES, _NOISE_MEMORY_FRAMES = 0.01, 10.0, 30.0
+_NOISE_PRIOR_M, _NOISE_PRIOR_FRAMES, _NOISE_MEMORY_FRAMES = 0.01, 3.0, 30.0
 _LARGEST_NOISE_M = 0.05
 # Four frames farther apart than this bend with the walk itself, and say nothing of noise.
 _NOISE_SPAN_S = 0.2
@@ -41,6 +42,20 @@ _N_SCALARS = 9
 _DETAIL = _SCALARS + _N_SCALARS
 N_INPUTS = _DETAIL + 5 * RECENT
 N_SPREAD = 9
+
+
+def _mirror() -> FloatArray:
+    signs = np.ones(N_INPUTS)
+    signs[_YAWS] = -1.0
+    signs[_SCALARS : _SCALARS + 2] = -1.0
+    signs[_DETAIL + 3 * RECENT :] = -1.0
+    for positions in (signs[_POSITIONS], signs[_DETAIL : _DETAIL + 3 * RECENT]):
+        positions[1::3] = -1.0
+    return signs
+
+
+# The network's inputs for the same walk with left and right exchanged: these signs times the inputs.
+MIRROR = _mirror()
 
 
 @dataclass(frozen=True)
@@ -137,31 +152,28 @@ class WalkerHistory:
         if m == 1:
             return values[-1:], 1
         grid = times[-1] + _LAGS_S[WINDOW - m :]
-        right = np.clip(np.searchsorted(times, grid), 1, times.size - 1)
+        right = np.minimum(np.maximum(np.searchsorted(times, grid), 1), times.size - 1)
         left = right - 1
-        share = np.clip((grid - times[left]) / (times[right] - times[left]), 0.0, 1.0)
-        return values[left] + share[:, None] * (values[right] - values[left]), m
+        begin_s, low = times[left], values[left]
+        share = np.maximum((grid - begin_s) / (times[right] - begin_s), 0.0)
+        return low + share[:, None] * (values[right] - low), m
 
     def _inputs(self, fresh: list[bool], frames: float) -> WalkerInputs:
         window, m = self._resampled()
-        mean_weights, slope_weights, mean_lags_s = _line(m)
-        velocity = np.array([slope_weights[0] @ window[:, 0], slope_weights[0] @ window[:, 1], 0.0])
-        velocity[2] = slope_weights[1] @ window[:, 2]
-        means = np.array([*(mean_weights[0] @ window[:, :2]), mean_weights[1] @ window[:, 2]])
-        origin = means - velocity * mean_lags_s
-        heading = float(np.arctan2(velocity[1], velocity[0]))
-        speed = float(np.hypot(velocity[0], velocity[1]))
+        fitted = _line(m) @ window[:, :3]
+        velocity, origin = _by_axis(fitted[:2]), _by_axis(fitted[2:])
+        heading = math.atan2(velocity[1], velocity[0])
+        speed = math.hypot(velocity[0], velocity[1])
         walks = _ramp(speed, _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S)
-        c, s = np.cos(heading), np.sin(heading)
-        off = window[:, :3] - origin - _LAGS_S[WINDOW - m :, None] * velocity
+        c, s = math.cos(heading), math.sin(heading)
+        to_line = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) / _POSITION_SCALE_M
         now_s = float(self._times_s[-1])
 
         x = np.zeros(N_INPUTS)
         positions = x[_POSITIONS].reshape(WINDOW, 3)
         yaws = x[_YAWS].reshape(WINDOW, 2)
-        positions[WINDOW - m :, 0] = (c * off[:, 0] + s * off[:, 1]) / _POSITION_SCALE_M
-        positions[WINDOW - m :, 1] = (c * off[:, 1] - s * off[:, 0]) / _POSITION_SCALE_M
-        positions[WINDOW - m :, 2] = off[:, 2] / _POSITION_SCALE_M
+        off = window[:, :3] - origin - _LAGS_S[WINDOW - m :, None] * velocity
+        positions[WINDOW - m :] = off @ to_line
         relative = np.pi - (np.pi - (window[:, 3:] - heading)) % (2.0 * np.pi)
         known = [0.0, 0.0]
         for i, scale in enumerate((_PELVIS_SCALE_RAD, _HEAD_SCALE_RAD)):
@@ -174,7 +186,7 @@ class WalkerHistory:
             total / (weight + _OFFSET_PRIOR_FRAMES)
             for total, weight in zip(self._offset_sums_rad, self._offset_weights, strict=True)
         ]
-        noise = float(np.sqrt(self._noise_variance_m2)) / _NOISE_SCALE_M
+        noise = math.sqrt(self._noise_variance_m2) / _NOISE_SCALE_M
         x[_SCALARS:_DETAIL] = (
             known[0] * offsets[0] / _OFFSET_SCALE_RAD,
             known[1] * offsets[1] / _OFFSET_SCALE_RAD,
@@ -190,10 +202,8 @@ class WalkerHistory:
         detail = max(0.0, 1.0 - noise)
         x[_DETAIL : _DETAIL + 3 * RECENT] = detail * positions[-RECENT:].ravel()
         x[_DETAIL + 3 * RECENT :] = detail * yaws[-RECENT:].ravel()
-        np.clip(x, -_LARGEST, _LARGEST, out=x)
-        departure = [
-            known[i] * walks * min(abs(wrap_rad(float(relative[-1, i]) - offsets[i])), 1.0) for i in range(2)
-        ]
+        np.minimum(np.maximum(x, -_LARGEST, out=x), _LARGEST, out=x)
+        departure = [known[i] * walks * min(abs(wrap_rad(float(relative[-1, i]) - offsets[i])), 1.0) for i in range(2)]
         spread = np.array(
             [
                 1.0,
@@ -212,20 +222,24 @@ class WalkerHistory:
 
 
 @cache
-def _line(m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Weights that give mean and shrunk slope of the last m frames on the grid.
+def _line(m: int) -> FloatArray:
+    """Weights of the last m frames on the grid for a line with a slope shrunk towards zero.
 
     Returns:
-        Mean weights (2, m) and slope weights (2, m), for the horizontal plane and for the vertical, and the mean lag in
-        seconds of each axis, shape (3,).
+        Shape (4, m): slope over `LINE_WINDOW`, slope over all m, and the line's value now, of the one and of the other.
     """
-    means, slopes, lags = np.zeros((2, m)), np.zeros((2, m)), np.zeros(2)
+    slopes, values = np.zeros((2, m)), np.zeros((2, m))
     for i, frames in enumerate((min(m, LINE_WINDOW), m)):
         t = _LAGS_S[WINDOW - frames :]
-        lags[i] = t.mean()
-        means[i, m - frames :] = 1.0 / frames
-        slopes[i, m - frames :] = (t - lags[i]) / (np.sum((t - lags[i]) ** 2) + _LINE_PRIOR_S2)
-    return means, slopes, np.array([lags[0], lags[0], lags[1]])
+        slopes[i, m - frames :] = (t - t.mean()) / (np.sum((t - t.mean()) ** 2) + _LINE_PRIOR_S2)
+        values[i, m - frames :] = 1.0 / frames
+        values[i] -= t.mean() * slopes[i]
+    return np.concatenate([slopes, values])
+
+
+def _by_axis(fitted: FloatArray) -> FloatArray:
+    # Height over the whole window: it has two bobs or more, and people turn to the side, not upwards.
+    return np.array([fitted[0, 0], fitted[0, 1], fitted[1, 2]])
 
 
 def _ramp(value: float, low: float, high: float) -> float:

@@ -15,10 +15,15 @@ import yaml
 
 from gazempc import loop
 from gazempc.config import (
+    ConstantAccelerationSettings,
     ConstantVelocitySettings,
+    CoordinatedTurnSettings,
     HeadPoseSettings,
+    InteractingModelsSettings,
     LookAheadSettings,
     MpcSettings,
+    ParticleSettings,
+    PelvisPursuitSettings,
     PredictorName,
     RunSettings,
 )
@@ -114,6 +119,11 @@ DESCRIBED = {
         *get_args(PredictorName),
         *settings_of(ConstantVelocitySettings, prefix="constant_velocity."),
         *settings_of(HeadPoseSettings, prefix="head_pose."),
+        *settings_of(PelvisPursuitSettings, prefix="pelvis_pursuit."),
+        *settings_of(ConstantAccelerationSettings, prefix="constant_acceleration."),
+        *settings_of(CoordinatedTurnSettings, prefix="coordinated_turn."),
+        *settings_of(InteractingModelsSettings, prefix="interacting_models."),
+        *settings_of(ParticleSettings, prefix="particle."),
     ],
     "metrics": [f.name for model in (Metrics, ComputeMetrics, Log) for f in fields(model)] + ["gap_closed"],
     "safety": [*sorted(event_names()), *settings_of(LoopSettings)],

@@ -17,12 +17,17 @@ from scipy.spatial.transform import Rotation
 
 import predictors
 from predictors import (
+    ConstantAcceleration,
     ConstantVelocity,
+    CoordinatedTurn,
     HeadObservation,
     HeadPose,
+    InteractingModels,
     LastPosition,
     NotReadyError,
     OutOfOrderError,
+    ParticleFilter,
+    PelvisPursuit,
     Perfect,
     Predictor,
 )
@@ -34,7 +39,13 @@ WALK_M_S = np.array([1.1, -0.4, 0.05])
 MAKERS: dict[str, Callable[[], Predictor]] = {
     "last": LastPosition,
     "cv": ConstantVelocity,
+    "ca": ConstantAcceleration,
+    "ctrv": CoordinatedTurn,
+    "ctrv with yaw": lambda: CoordinatedTurn(yaw_cues="both"),
+    "imm": InteractingModels,
+    "particle": ParticleFilter,
     "head": lambda: HeadPose(weight=0.7),
+    "pursuit": PelvisPursuit,
     "perfect": lambda: Perfect(lambda times: np.outer(times, WALK_M_S)),
 }
 every_predictor = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())

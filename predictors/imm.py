@@ -1,0 +1,168 @@
+"""Interacting multiple models: the person walks straight, turns left or turns right, and we weigh which."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from predictors.constant_velocity import process_noise
+from predictors.gate import Gate
+from predictors.predictor import NotReadyError, as_times, check_newer
+from predictors.types import FloatArray, Forecast, HeadObservation
+
+if TYPE_CHECKING:
+    from filterpy.kalman import IMMEstimator
+
+_INITIAL_SPEED_SD_M_S = 1.0
+_INITIAL_PROBABILITIES = np.array([0.9, 0.05, 0.05])  # straight, left, right
+
+
+def turning_transition(dt_s: FloatArray | float, turn_rate_rad_s: float) -> FloatArray:
+    """State transition at constant speed and known turn rate, state [x, y, z, vx, vy, vz].
+
+    Args:
+        dt_s: Time steps, any shape (...), seconds.
+        turn_rate_rad_s: Turn rate about the vertical, positive to the left; 0 is constant velocity.
+
+    Returns:
+        F, shape (..., 6, 6). Bar-Shalom, Li & Kirubarajan (2001), eq. 11.7.1-4.
+    """
+    dt = np.asarray(dt_s)
+    angle = turn_rate_rad_s * dt
+    # The sinc has no singularity at a turn rate of zero.
+    along, aside = dt * np.sinc(angle / np.pi), dt * np.sinc(angle / (2.0 * np.pi)) * np.sin(angle / 2.0)
+    c, s = np.cos(angle), np.sin(angle)
+    F = np.broadcast_to(np.eye(6), (*dt.shape, 6, 6)).copy()
+    F[..., 0, 3] = F[..., 1, 4] = along
+    F[..., 0, 4], F[..., 1, 3] = -aside, aside
+    F[..., 2, 5] = dt
+    F[..., 3, 3] = F[..., 4, 4] = c
+    F[..., 3, 4], F[..., 4, 3] = -s, s
+    return F
+
+
+def mode_transition(dt_s: float, mode_time_s: float) -> FloatArray:
+    """Probabilities of going from one mode to another within a time step.
+
+    Args:
+        dt_s: Time step, seconds.
+        mode_time_s: Mean time that a mode lasts, seconds; either of the others follows.
+
+    Returns:
+        Shape (3, 3), from row to column: the exponential of the rates, so two steps are one of their sum.
+    """
+    kept = np.exp(-1.5 * dt_s / mode_time_s)
+    return np.asarray(kept * np.eye(3) + (1.0 - kept) / 3.0)
+
+
+class InteractingModels:
+    """IMM of constant velocity and turns to the left and to the right at a known rate.
+
+    Improbable observations are refused as by `ConstantVelocity`.
+
+    Args:
+        turn_rate_rad_s: Rate of the turns, rad/s.
+        mode_time_s: Mean time that a mode lasts, seconds.
+        acceleration_psd: Power spectral density of the head's acceleration on each axis, in all modes, m^2/s^3.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres.
+    """
+
+    def __init__(
+        self,
+        turn_rate_rad_s: float = 0.5,
+        mode_time_s: float = 10.0,
+        acceleration_psd: float = 0.05,
+        position_noise_m: float = 0.01,
+    ) -> None:
+        if not all(0 < v < np.inf for v in (turn_rate_rad_s, mode_time_s, acceleration_psd, position_noise_m)):
+            raise ValueError(
+                "turn_rate_rad_s, mode_time_s, acceleration_psd and position_noise_m must be positive and finite"
+            )
+        self._rates_rad_s = (0.0, turn_rate_rad_s, -turn_rate_rad_s)
+        self._mode_time_s = mode_time_s
+        self._psd = acceleration_psd
+        self._noise_variance_m2 = position_noise_m**2
+        self._gate = Gate()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._imm: IMMEstimator | None = None
+        self._time_s = -np.inf
+        self._issued_at_s = -np.inf
+        self._gate.reset()
+
+    def update(self, observation: HeadObservation) -> None:
+        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        check_newer(observation, None if self._imm is None else self._time_s)
+        if self._imm is None:
+            self._start(observation)
+            return
+        imm = self._imm
+        dt_s = observation.capture_time_s - self._time_s
+        # The probabilities for this time step. filterpy takes those of its last step, and after a refused
+        # observation would forget that modes may have changed since.
+        changes = mode_transition(dt_s, self._mode_time_s)
+        imm.cbar = imm.mu @ changes
+        imm.omega = imm.mu[:, None] * changes / imm.cbar
+        imm.mu = imm.cbar
+        for kf, rate_rad_s in zip(imm.filters, self._rates_rad_s, strict=True):
+            kf.F, kf.Q = turning_transition(dt_s, rate_rad_s), process_noise(dt_s, self._psd)
+        imm.predict()
+        self._time_s = observation.capture_time_s
+        spread = imm.P[:3, :3] + self._noise_variance_m2 * np.eye(3)
+        if self._gate.accepts(observation.head_position_base_m - imm.x[:3], spread):
+            imm.update(observation.head_position_base_m)
+            self._issued_at_s = observation.capture_time_s
+        elif self._gate.lost:
+            self._start(observation)
+
+    def probabilities(self) -> FloatArray:
+        """How probable the modes are.
+
+        Returns:
+            Of straight, left and right, shape (3,).
+
+        Raises:
+            NotReadyError: If there has been no observation since the last reset.
+        """
+        if self._imm is None:
+            raise NotReadyError("no observation yet")
+        return np.array(self._imm.mu)
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """Forecast the head position; see `predictors.predictor.Predictor.forecast`.
+
+        Each mode is carried to the time asked for; mean and covariance are those of the mixture.
+        """
+        weights = self.probabilities()
+        assert self._imm is not None
+        times = as_times(times_s)
+        tau = times - self._time_s
+        F = np.stack([turning_transition(tau, rate_rad_s)[:, :3] for rate_rad_s in self._rates_rad_s])
+        x = np.array([kf.x for kf in self._imm.filters])[:, None, :, None]
+        P = np.array([kf.P for kf in self._imm.filters])[:, None]
+        each = (F @ x)[..., 0]
+        means = np.sum(weights[:, None, None] * each, axis=0)
+        apart = (each - means)[..., None]
+        spread = F @ P @ np.swapaxes(F, -1, -2) + apart * np.swapaxes(apart, -1, -2)
+        noise = self._psd * np.maximum(tau, 0.0) ** 3 / 3.0
+        covariances = np.sum(weights[:, None, None, None] * spread, axis=0) + noise[:, None, None] * np.eye(3)
+        return Forecast(times, means, covariances, self._issued_at_s)
+
+    def _start(self, observation: HeadObservation) -> None:
+        from filterpy.kalman import IMMEstimator, KalmanFilter  # noqa: PLC0415
+
+        filters = []
+        for _ in self._rates_rad_s:
+            kf = KalmanFilter(dim_x=6, dim_z=3)
+            kf.x = np.concatenate([observation.head_position_base_m, np.zeros(3)])
+            kf.P = np.diag([self._noise_variance_m2] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3)
+            kf.H = np.eye(3, 6)
+            kf.R = self._noise_variance_m2 * np.eye(3)
+            filters.append(kf)
+        self._imm = IMMEstimator(filters, _INITIAL_PROBABILITIES, mode_transition(0.0, self._mode_time_s))
+        self._time_s = self._issued_at_s = observation.capture_time_s
+        self._gate.reset()

@@ -1,0 +1,93 @@
+"""A simple rule: people come to walk where their pelvis points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from predictors.constant_velocity import ConstantVelocity
+from predictors.head_pose import rotation_about_vertical
+from predictors.orientation import wrap_rad, yaw_rad
+from predictors.predictor import as_times
+from predictors.types import Forecast, HeadObservation
+
+# A person who hardly moves has no direction of travel: the rule fades out between these speeds.
+_NO_DIRECTION_BELOW_M_S = 0.2
+_FULL_GAIN_FROM_M_S = 0.5
+# Without an orientation for this long, the last one says nothing about where the person turns now.
+_YAW_VALID_FOR_S = 0.5
+
+
+class PelvisPursuit:
+    """Constant velocity that turns towards where the pelvis points.
+
+    With v the velocity of `ConstantVelocity` and R the rotation about the vertical by the gain times the angle from
+    v to the pelvis's forward axis, the velocity a time s ahead is ``v + (1 - exp(-s / T)) (R v - v)``; its integral
+    is the path. Without an orientation of the pelvis for half a second, and below 0.2 m/s, the forecast is that of
+    `ConstantVelocity`; the gain is full from 0.5 m/s.
+
+    Args:
+        gain: Share of the angle that is turned, in [0, 1].
+        turn_time_s: T, time constant of the turn, seconds.
+        acceleration_psd: See `ConstantVelocity`; less is better here, as the pelvis tells of a turn sooner.
+        position_noise_m: See `ConstantVelocity`.
+    """
+
+    def __init__(
+        self,
+        gain: float = 0.75,
+        turn_time_s: float = 0.11,
+        acceleration_psd: float = 0.02,
+        position_noise_m: float = 0.01,
+    ) -> None:
+        if not 0.0 <= gain <= 1.0:
+            raise ValueError(f"gain must be in [0, 1], got {gain}")
+        if not turn_time_s > 0:
+            raise ValueError(f"turn_time_s must be positive, got {turn_time_s}")
+        self._gain = gain
+        self._turn_time_s = turn_time_s
+        self._position = ConstantVelocity(acceleration_psd, position_noise_m)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._position.reset()
+        self._pelvis_yaw_rad = 0.0
+        self._pelvis_time_s = -np.inf
+
+    def update(self, observation: HeadObservation) -> None:
+        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        self._position.update(observation)
+        if self._position.started_at_s == observation.capture_time_s:
+            self._pelvis_time_s = -np.inf  # a new track: maybe another person
+        # Whoever was detected where an observation is refused is not the person; nor is that pelvis theirs.
+        if observation.pelvis_quat_wxyz is not None and not self._position.rejections_in_a_row:
+            self._pelvis_yaw_rad = yaw_rad(observation.pelvis_quat_wxyz)
+            self._pelvis_time_s = observation.capture_time_s
+
+    def turn_rad(self) -> float:
+        """Angle by which the velocity is going to turn.
+
+        Returns:
+            Radians, positive to the person's left; 0 where there is nothing to go by.
+
+        Raises:
+            NotReadyError: If there has been no observation since the last reset.
+        """
+        time_s, x, _ = self._position.state()
+        if time_s - self._pelvis_time_s > _YAW_VALID_FOR_S:
+            return 0.0
+        speed_m_s = np.hypot(x[3], x[4])
+        fade = (speed_m_s - _NO_DIRECTION_BELOW_M_S) / (_FULL_GAIN_FROM_M_S - _NO_DIRECTION_BELOW_M_S)
+        off_course_rad = wrap_rad(self._pelvis_yaw_rad - np.arctan2(x[4], x[3]))
+        return float(np.clip(fade, 0.0, 1.0)) * self._gain * off_course_rad
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
+        turn = rotation_about_vertical(self.turn_rad()) - np.eye(3)
+        times = as_times(times_s)
+        ahead = (times - self._position.state()[0]) / self._turn_time_s
+        # Share of the turn in the mean velocity until then; none where the past is asked for.
+        safe = np.where(ahead > 0, ahead, 1.0)
+        share = np.where(ahead > 0, 1.0 + np.expm1(-safe) / safe, 0.0)
+        return self._position.forecast_turned(times, np.eye(3) + share[:, None, None] * turn)
