@@ -116,11 +116,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     kinds = ", ".join(dict.fromkeys(r.kind for r in results))
     text = report(rows, kinds, settings.sensor)
     (settings.out / "summary.md").write_text(text, encoding="utf-8")
-    from experiments.forecast_figures import draw  # noqa: PLC0415
+    from experiments.forecast_figures import draw, draw_coverage, draw_cues  # noqa: PLC0415
 
     draw(rows, kinds, settings.out / "forecast_error.png")
+    draw_coverage(rows, kinds, settings.out / "coverage.png")
+    if len(set(settings.cues)) > 1:
+        middle_s = sorted(settings.horizons)[len(settings.horizons) // 2]
+        draw_cues(rows, kinds, settings.out / "cues.png", middle_s)
     print(text)
-    print(f"Written to {settings.out}/: summary.json, summary.md, forecast_error.png")
+    print(f"Written to {settings.out}/: summary.json, summary.md and figures")
     return 0
 
 

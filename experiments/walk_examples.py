@@ -29,8 +29,9 @@ _BLANK = WalkerModel(
     (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
     np.zeros((N_DOUBT, KNOTS_S.size, 3)),
 )
-# Bent walks outnumber real ones. With less weight, turns of people left out are forecast worse; straight walks alike.
-_BENT_WEIGHT = 1.0
+# Bent walks outnumber the others: with less weight, turns of people left out are forecast worse, and straight walks no
+# better. Turns that were recorded are of few people; with more weight, straight walks of others get worse.
+_BENT_WEIGHT, _TURNING_WEIGHT = 2.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,8 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
     Args:
         path: Name or path of the recording.
         seed: Seed of all that is random, with the recording's name.
-        variants: How many variants to make; where the walk turns by itself all are unbent, else three in five are bent.
+        variants: How many variants to make: two in five unbent, three in five bent; of a walk that turns by itself, the
+            unbent ones only.
 
     Returns:
         The examples.
@@ -160,13 +162,16 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
     straight = is_straight(walk)
     parts = []
     for k in range(variants):
-        bent = straight and k % 5 >= 1
+        bent = k % 5 >= 2
+        if bent and not straight:
+            continue
         varied = vary(walk, rng, bent)
         noise_m = float(rng.choice(_NOISES_M))
         yaw_noise_rad = noise_m * _YAW_NOISE_RAD_PER_M * float(rng.choice(_YAW_NOISE_FACTORS))
         seen = as_seen(varied, noise_m, yaw_noise_rad, rng, faults=True)
         if seen:
-            parts.append(examples_of_walk(varied, seen, _BENT_WEIGHT if bent else 1.0))
+            weight = _BENT_WEIGHT if bent else 1.0 if straight else _TURNING_WEIGHT
+            parts.append(examples_of_walk(varied, seen, weight))
     return join([p for p in parts if p.weight.size])
 
 

@@ -29,7 +29,7 @@ PredictorName = Literal[
 ]
 PlacementName = Literal["recorded", "side"]
 # The predictor with the least error on real people, as far as measured.
-DEFAULT_PREDICTOR: PredictorName = "constant_velocity"
+DEFAULT_PREDICTOR: PredictorName = "walker"
 
 
 class _Settings(BaseModel):
