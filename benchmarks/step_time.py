@@ -20,7 +20,7 @@ from gazempc.placement import place
 from gazempc.recording import load
 from gazempc.sensor import load_sensor, observe
 from gazempc.smoother import Smoother
-from predictors import ConstantVelocity, HeadPose
+from predictors import ConstantVelocity, HeadPose, Predictor, Walker
 from predictors.constant_velocity import process_noise, transition
 
 FloatArray = NDArray[np.float64]
@@ -64,14 +64,20 @@ def main(repeats: int = 3, horizons_s: tuple[float, ...] = (0.4, 0.8, 1.6)) -> N
         controllers[f"MPC step, N = {round(horizon_s / neck.control_period_s)}"] = Mpc(neck, horizon_s)
     ahead_s = np.linspace(0.4, 1.2, 40)
     for _ in range(repeats):
-        for name, predictor in (("constant_velocity", ConstantVelocity()), ("head_pose", HeadPose())):
+        predictors: dict[str, Predictor] = {
+            "constant_velocity": ConstantVelocity(),
+            "head_pose": HeadPose(),
+            "walker": Walker(),
+        }
+        for name, predictor in predictors.items():
             smoother = Smoother(neck, np.zeros(2))
             for sighting in sightings:
                 observation, now_s = sighting.observation, sighting.arrival_s
-                times = found.setdefault(f"{name}: update", [])
-                times.append(cpu_ms(lambda p=predictor, o=observation: p.update(o)))  # type: ignore[misc]
-                times = found.setdefault(f"{name}: forecast, 40 points", [])
-                times.append(cpu_ms(lambda p=predictor, t=now_s: p.forecast(t + ahead_s)))  # type: ignore[misc]
+                update_ms = cpu_ms(lambda p=predictor, o=observation: p.update(o))  # type: ignore[misc]
+                forecast_ms = cpu_ms(lambda p=predictor, t=now_s: p.forecast(t + ahead_s))  # type: ignore[misc]
+                found.setdefault(f"{name}: update", []).append(update_ms)
+                found.setdefault(f"{name}: forecast, 40 points", []).append(forecast_ms)
+                found.setdefault(f"{name}: both", []).append(update_ms + forecast_ms)
                 if name != "constant_velocity":
                     continue
                 for label, controller in controllers.items():

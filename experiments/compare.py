@@ -20,7 +20,7 @@ from experiments.command import run_command
 from experiments.jobs import Job
 from experiments.pool import run_jobs
 from experiments.recordings import find_recordings
-from gazempc.config import DEFAULT_PREDICTOR, ControllerName, PlacementName, PredictorName
+from gazempc.config import DEFAULT_PREDICTOR, ControllerName, PlacementName, PredictorName, WalkerSettings
 from gazempc.neck import load_neck
 from gazempc.report import LABELS, versions
 from gazempc.sensor import load_sensor
@@ -50,11 +50,7 @@ class CompareSettings(BaseModel):
     distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
     height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
     seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
-    fitted: Path | None = Field(
-        default=None,
-        description="For the predictor walker: model or folder of experiments.fit; from a folder each person is "
-        "forecast by the model that has not seen them",
-    )
+    walker: WalkerSettings = WalkerSettings()
     jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes")
     out: Path = Field(default=Path("out/compare"), description="Where to write; an interrupted run goes on there")
     figures: bool = Field(default=True, description="Draw figures")
@@ -147,7 +143,7 @@ def make_jobs(settings: CompareSettings) -> list[Job]:
             distance_m=settings.distance_m,
             height_m=settings.height_m,
             seed=settings.seed,
-            fitted=None if settings.fitted is None else str(settings.fitted),
+            fitted=None if settings.walker.fitted is None else str(settings.walker.fitted),
         )
         for recording in recordings
         for neck in settings.necks

@@ -76,7 +76,7 @@ def _run(settings: FitSettings) -> int:
     print(f"Written to {settings.out}/: {MODEL_FILE}, and {FOLDS}/ with a model for each person that has not seen them")
     print(
         "Errors on people left out: "
-        f"python -m experiments.forecast --recordings {' '.join(settings.recordings)} --fitted {settings.out}"
+        f"python -m experiments.forecast --recordings {' '.join(settings.recordings)} --walker.fitted {settings.out}"
     )
     return 0
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from tqdm import tqdm
@@ -22,14 +22,14 @@ from tqdm import tqdm
 from experiments.aggregate import bootstrap_mean, groups_of
 from experiments.forecast_errors import RUN_IN_S, Cues, ForecastErrors, forecast_errors
 from experiments.recordings import find_recordings
-from gazempc.config import DEFAULT_PREDICTOR, ConstantVelocitySettings, PredictorName, RunSettings, WalkerSettings
+from gazempc.config import DEFAULT_PREDICTOR, PredictorName, PredictorSettings
 from gazempc.errors import GazempcError
 from gazempc.recording import Recording, Track, load
 from gazempc.replay import make_predictor
 from gazempc.report import versions
 from gazempc.sensor import default_sensor, load_sensor
 from gazempc.truth import TrueHead
-from predictors import Walker
+from predictors import Predictor, Walker
 
 FloatArray = NDArray[np.float64]
 
@@ -41,16 +41,16 @@ _INSIDE_90 = float(chi2.ppf(0.90, df=3))
 _INSIDE_95 = float(chi2.ppf(0.95, df=3))
 
 
-class ForecastSettings(BaseModel):
+class ForecastSettings(PredictorSettings):
     """Settings of `python -m experiments.forecast`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     recordings: tuple[str, ...] = Field(
         min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names"
     )
     predictors: tuple[PredictorName | Literal["default"], ...] = Field(
-        default=("last_position", "constant_velocity", "head_pose"), min_length=1, description="What to compare"
+        default=("last_position", "constant_velocity", "head_pose", "pelvis_pursuit", "walker"),
+        min_length=1,
+        description="What to compare",
     )
     sensor: str | None = Field(
         default=None, description="Shipped sensor or .toml file; without it what fits each recording"
@@ -66,12 +66,7 @@ class ForecastSettings(BaseModel):
         description="Turn the recorded head aside by this angle (deg), as of who looks at something off their way",
     )
     glance_from: float = Field(default=0.0, ge=0, description="When the glance begins, seconds into the recording")
-    fitted: Path | None = Field(
-        default=None,
-        description="For the predictor walker: model or folder of experiments.fit; from a folder each person is "
-        "forecast by the model that has not seen them",
-    )
-    constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
+    example: str | None = Field(default=None, description="Recording to draw from above, with the forecasts")
     seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
     out: Path = Field(default=Path("out/forecast"), description="Where to write")
 
@@ -120,12 +115,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     draw(rows, kinds, settings.out / "forecast_error.png")
     draw_coverage(rows, kinds, settings.out / "coverage.png")
+    middle_s = sorted(settings.horizons)[len(settings.horizons) // 2]
     if len(set(settings.cues)) > 1:
-        middle_s = sorted(settings.horizons)[len(settings.horizons) // 2]
         draw_cues(rows, kinds, settings.out / "cues.png", middle_s)
+    if settings.example is not None:
+        _draw_example(settings, settings.example, middle_s)
     print(text)
     print(f"Written to {settings.out}/: summary.json, summary.md and figures")
     return 0
+
+
+def _draw_example(settings: ForecastSettings, name: str, horizon_s: float) -> None:
+    from experiments.forecast_example import draw_example  # noqa: PLC0415
+
+    recording = turn_head(load(name), settings.glance, settings.glance_from)
+    sensor = load_sensor(settings.sensor or default_sensor(recording))
+    shown: dict[str, Predictor] = {
+        p: make_predictor(p, settings, TrueHead(recording), recording.labels.subject) for p in _predictors(settings)
+    }
+    draw_example(recording, shown, sensor, settings.seed, horizon_s, settings.out / "example.png")
+
+
+def _predictors(settings: ForecastSettings) -> list[PredictorName]:
+    return list(dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors))
 
 
 def run(settings: ForecastSettings) -> list[ClipResult]:
@@ -146,10 +158,9 @@ def run(settings: ForecastSettings) -> list[ClipResult]:
     recordings = find_recordings(settings.recordings)
     if settings.sensor is not None:
         load_sensor(settings.sensor)
-    names = list(dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors))
-    run_settings = RunSettings(
-        walker=WalkerSettings(fitted=settings.fitted), constant_velocity=settings.constant_velocity
-    )
+    names = _predictors(settings)
+    if settings.example is not None:
+        load(settings.example)
     results = []
     for name in tqdm(recordings, unit="recording", file=sys.stderr, mininterval=1.0):
         # Errors do not depend on where a robot stands, so the recording's own frame serves.
@@ -157,7 +168,7 @@ def run(settings: ForecastSettings) -> list[ClipResult]:
         sensor = load_sensor(settings.sensor or default_sensor(recording))
         for predictor_name in names:
             subject, group = recording.labels.subject, recording.labels.group or "unknown"
-            predictor = make_predictor(predictor_name, run_settings, TrueHead(recording), subject)
+            predictor = make_predictor(predictor_name, settings, TrueHead(recording), subject)
             seen = isinstance(predictor, Walker) and subject in predictor.fitted_on()
             for cues in dict.fromkeys(settings.cues):
                 errors = forecast_errors(recording, predictor, sensor, horizons_s, settings.seed, cues)
@@ -302,7 +313,7 @@ def report(rows: Sequence[dict[str, Any]], kinds: str, sensor: str | None) -> st
         lines += [
             "",
             f"walker was fitted on {_count(seen)} of those who walk here, which flatters it: for errors on people "
-            "left out see --fitted.",
+            "left out see --walker.fitted.",
         ]
     lines += [
         "",

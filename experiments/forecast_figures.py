@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from experiments.aggregate import groups_of
 
 # Okabe and Ito's colours, which colour-blind people can tell apart.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _STYLES = ("-", "--", ":", "-.")
 _CUE_LABELS = {"none": "no orientation", "head": "head", "pelvis": "pelvis", "both": "head and pelvis"}
 _NOMINAL = (0.68, 0.90, 0.95)
@@ -35,10 +35,10 @@ def draw(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> None:
         for k, line in enumerate(lines):
             own = [r for r in rows if (r["group"], r["predictor"], r["cues"]) == (group, *line) and r["error_true_mm"]]
             own.sort(key=lambda r: r["horizon_s"])
-            colour = _COLOURS[k % len(_COLOURS)]
+            colour = COLOURS[k % len(COLOURS)]
             x, y = [r["horizon_s"] for r in own], [r["error_true_mm"] for r in own]
             label = line[0] + _CUES[line[1]] if group == groups[0] else None
-            ax.plot(x, y, marker="o", linestyle=_STYLES[k // len(_COLOURS) % len(_STYLES)], color=colour, label=label)
+            ax.plot(x, y, marker="o", linestyle=_STYLES[k // len(COLOURS) % len(_STYLES)], color=colour, label=label)
             for r in own:
                 if interval := r["error_true_mm_ci95"]:
                     ax.plot([r["horizon_s"]] * 2, interval, color=colour, linewidth=1)
@@ -76,7 +76,7 @@ def draw_cues(rows: Sequence[dict[str, Any]], kinds: str, path: Path, horizon_s:
                 if (r["group"], r["cues"], r["horizon_s"]) == (group, cue, horizon_s) and r["error_true_mm"]
             }
             x = [predictors.index(p) + (k - (len(cues) - 1) / 2) * width for p in own]
-            ax.bar(x, list(own.values()), width, color=_COLOURS[k], label=_CUE_LABELS[cue] if ax is axes[0] else None)
+            ax.bar(x, list(own.values()), width, color=COLOURS[k], label=_CUE_LABELS[cue] if ax is axes[0] else None)
         ax.set_xticks(range(len(predictors)), predictors, rotation=30, ha="right", fontsize="small")
         ax.set_title(group, fontsize="medium")
         ax.grid(axis="y", alpha=0.3)
@@ -115,8 +115,8 @@ def draw_coverage(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> Non
                     [r["horizon_s"] for r in own],
                     [r[f"coverage_{round(100 * nominal)}"] for r in own],
                     marker=marker,
-                    linestyle=_STYLES[k // len(_COLOURS) % len(_STYLES)],
-                    color=_COLOURS[k % len(_COLOURS)],
+                    linestyle=_STYLES[k // len(COLOURS) % len(_STYLES)],
+                    color=COLOURS[k % len(COLOURS)],
                     label=predictor if group == groups[0] and nominal == _NOMINAL[0] else None,
                 )
         ax.set_title(group, fontsize="medium")

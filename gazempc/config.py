@@ -110,6 +110,19 @@ class InteractingModelsSettings(_Settings):
     position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
 
 
+class PredictorSettings(_Settings):
+    """Settings of all predictors."""
+
+    constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
+    constant_acceleration: ConstantAccelerationSettings = ConstantAccelerationSettings()
+    coordinated_turn: CoordinatedTurnSettings = CoordinatedTurnSettings()
+    interacting_models: InteractingModelsSettings = InteractingModelsSettings()
+    particle: ParticleSettings = ParticleSettings()
+    head_pose: HeadPoseSettings = HeadPoseSettings()
+    pelvis_pursuit: PelvisPursuitSettings = PelvisPursuitSettings()
+    walker: WalkerSettings = WalkerSettings()
+
+
 class LookAheadSettings(_Settings):
     """Controller `lookahead`."""
 
@@ -127,7 +140,7 @@ class MpcSettings(_Settings):
     )
 
 
-class RunSettings(_Settings):
+class RunSettings(PredictorSettings):
     """Settings of `python -m gazempc.run`."""
 
     replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
@@ -162,14 +175,6 @@ class RunSettings(_Settings):
     )
     lookahead: LookAheadSettings = LookAheadSettings()
     mpc: MpcSettings = MpcSettings()
-    constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
-    constant_acceleration: ConstantAccelerationSettings = ConstantAccelerationSettings()
-    coordinated_turn: CoordinatedTurnSettings = CoordinatedTurnSettings()
-    interacting_models: InteractingModelsSettings = InteractingModelsSettings()
-    particle: ParticleSettings = ParticleSettings()
-    head_pose: HeadPoseSettings = HeadPoseSettings()
-    pelvis_pursuit: PelvisPursuitSettings = PelvisPursuitSettings()
-    walker: WalkerSettings = WalkerSettings()
     loop: LoopSettings = LoopSettings()
     reading: ReadOptions = ReadOptions()
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from gazempc.config import ControllerName, PredictorName, RunSettings
+from gazempc.config import ControllerName, PredictorName, PredictorSettings, RunSettings
 from gazempc.controllers import Controller, LookAhead, Mpc, Reactive
 from gazempc.errors import LeftOutError, SettingsError
 from gazempc.kinematics import look_at
@@ -43,7 +43,9 @@ from predictors.walker_model import WalkerModel, WalkerModelError, load_walker_m
 FloatArray = NDArray[np.float64]
 
 
-def make_predictor(name: PredictorName, settings: RunSettings, true_head: TrueHead, person: str = "") -> Predictor:
+def make_predictor(
+    name: PredictorName, settings: PredictorSettings, true_head: TrueHead, person: str = ""
+) -> Predictor:
     """Make a predictor.
 
     Args:

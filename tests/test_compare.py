@@ -167,9 +167,9 @@ def test_a_clip_that_comes_too_near_is_left_out_and_counted(tmp_path):
 
 
 def test_default_predictor_and_one_perfect_run_for_all():
-    jobs = make_jobs(settings(Path("x"), predictors=("default", "constant_velocity", "head_pose")))
+    jobs = make_jobs(settings(Path("x"), predictors=("default", "walker", "head_pose")))
     assert sum(job.controller == "perfect" for job in jobs) == 3
-    assert {job.predictor for job in jobs if job.controller == "reactive"} == {"constant_velocity", "head_pose"}
+    assert {job.predictor for job in jobs if job.controller == "reactive"} == {"walker", "head_pose"}
 
 
 def test_a_job_is_named_by_all_it_depends_on(tmp_path):

@@ -191,12 +191,12 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(tmp_path, 
     assert not np.array_equal(without.weights[0], everybody.weights[0])
     assert np.any(without.log_spread != everybody.log_spread)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["left_out", "walker.npz"]
-    assert "--fitted" in capsys.readouterr().out
+    assert "--walker.fitted" in capsys.readouterr().out
 
     from experiments.forecast import main as forecast
 
     out = tmp_path / "errors"
-    shown = ["--predictors", "walker", "constant_velocity", "--fitted", str(tmp_path), "--out", str(out)]
+    shown = ["--predictors", "walker", "constant_velocity", "--walker.fitted", str(tmp_path), "--out", str(out)]
     assert forecast(["--recordings", "subject01_R1", "subject03_R1", *shown]) == 0
     rows = json.loads((out / "summary.json").read_text())["rows"]
     assert {r["n_people_seen_in_fitting"] for r in rows} == {0}

@@ -184,7 +184,7 @@ def test_help_shows_every_default():
     done = command("--help")
     assert done.returncode == 0
     text = " ".join(done.stdout.split())
-    for word in ("--predictor", "default: constant_velocity", "--mpc.horizon-s", "default: 0.8", "reactive lookahead"):
+    for word in ("--predictor", "default: walker", "--mpc.horizon-s", "default: 0.8", "reactive lookahead"):
         assert word in text
 
 
