@@ -12,19 +12,20 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 from tqdm import tqdm
 
 from experiments.command import run_command
 from experiments.fit_networks import fit_networks
-from experiments.fit_spread import fit_spread
+from experiments.fit_spread import calibrate, fit_spread
 from experiments.recordings import find_recordings
 from experiments.walk_examples import Examples, fitting_examples, join, scoring_examples
 from gazempc.errors import GazempcError
@@ -32,6 +33,7 @@ from gazempc.recording import load
 from gazempc.report import versions
 from predictors.walker_model import KNOTS_S, N_DOUBT, WalkerModel, load_walker_model
 
+FloatArray = NDArray[np.float64]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -105,7 +107,7 @@ def fit(settings: FitSettings) -> WalkerModel:
     folder.mkdir(parents=True, exist_ok=True)
     make = partial(fitting_examples, seed=settings.seed, variants=settings.variants)
     fitting = _in_parallel(make, paths, settings.workers, "recording")
-    scoring = [scoring_examples(path, settings.seed + 1) for path in paths]
+    scoring = [[scoring_examples(path, settings.seed + 1, bent) for bent in (False, True)] for path in paths]
     left_out: list[str | None] = [*names, None]
     parts = settings.out / "parts"
     parts.mkdir(exist_ok=True)
@@ -117,11 +119,10 @@ def fit(settings: FitSettings) -> WalkerModel:
         path.unlink()
     parts.rmdir()
 
-    doubts, errors = [], []
-    for who, part in zip(people, scoring, strict=True):
-        departure, doubt = models[names.index(who)].answer(part.network.astype(float), part.spread.astype(float))
-        doubts.append(doubt)
-        errors.append(departure - part.departure_m)
+    found = [
+        [None if part is None else _Found.by(models[names.index(who)], part) for part in parts_of]
+        for who, parts_of in zip(people, scoring, strict=True)
+    ]
     about = {
         "command": f"python -m experiments.fit --recordings {' '.join(Path(r).name for r in settings.recordings)}",
         "recordings": [Path(path).stem for path in paths],
@@ -131,7 +132,10 @@ def fit(settings: FitSettings) -> WalkerModel:
     for person, model in zip(left_out, models, strict=True):
         # Whoever is left out of the networks is left out of the uncertainty as well.
         used = [k for k, name in enumerate(people) if name != person]
-        log_spread = fit_spread(np.concatenate([doubts[k] for k in used]), np.concatenate([errors[k] for k in used]))
+        plain = _Found.join([found[k][0] for k in used])
+        everything = _Found.join([f for k in used for f in found[k]])
+        log_spread = fit_spread(everything.doubt, everything.error_m, everything.weight)
+        log_spread = calibrate(log_spread, plain.doubt, plain.error_m)
         fitted = replace(
             model,
             log_spread=log_spread,
@@ -139,6 +143,25 @@ def fit(settings: FitSettings) -> WalkerModel:
         )
         fitted.save(settings.out / MODEL_FILE if person is None else folder / f"{person}.npz")
     return fitted
+
+
+@dataclass(frozen=True)
+class _Found:
+    """How far forecasts erred."""
+
+    doubt: FloatArray
+    error_m: FloatArray
+    weight: FloatArray
+
+    @classmethod
+    def by(cls, model: WalkerModel, part: Examples) -> _Found:
+        departure, doubt = model.answer(part.network.astype(np.float64), part.spread.astype(np.float64))
+        return cls(doubt, departure - part.departure_m, part.weight.astype(np.float64))
+
+    @classmethod
+    def join(cls, parts: Sequence[_Found | None]) -> _Found:
+        known = [p for p in parts if p is not None]
+        return cls(*(np.concatenate([getattr(p, f.name) for p in known]) for f in fields(cls)))
 
 
 def _key(settings: FitSettings, paths: Sequence[str], fitting: Sequence[Examples]) -> str:

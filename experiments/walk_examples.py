@@ -23,6 +23,8 @@ _YAW_NOISE_RAD_PER_M = np.radians(200.0)
 _YAW_NOISE_FACTORS = (0.5, 1.0, 1.0, 1.0, 1.5)
 # How far forecasts err is measured without noise and with that of the reference sensor.
 _SCORED_NOISES_M = (0.0, 0.01)
+# Errors in real turns are larger than in bent walks, and real turns are rare in recordings.
+_SCORED_BENT_WEIGHT, _SCORED_TURNING_WEIGHT = 0.5, 3.0
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
 _BLANK = WalkerModel(
     (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
@@ -175,15 +177,17 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
     return join([p for p in parts if p.weight.size])
 
 
-def scoring_examples(path: str, seed: int) -> Examples:
-    """Examples of a recording as it is and, if it is straight, bent; to measure how far somebody's forecasts err.
+def scoring_examples(path: str, seed: int, bent: bool) -> Examples | None:
+    """Examples of a recording as it is, or bent, to measure how far somebody's forecasts err.
 
     Args:
         path: Name or path of the recording.
         seed: Seed of noise and bends.
+        bent: Whether to bend it.
 
     Returns:
-        The examples.
+        The examples, without noise and with that of the reference sensor; None for a walk that turns by itself, which
+        is not bent.
 
     Raises:
         GazempcError: If the recording cannot be read or has no orientations.
@@ -191,12 +195,14 @@ def scoring_examples(path: str, seed: int) -> Examples:
     recording = load(path)
     rng = np.random.default_rng([seed, *recording.name.encode()])
     walk = walk_of(recording)
-    # Bent walks are there for the spread in turns, as few people have been recorded turning.
-    walks = [walk, bend(walk, rng)] if is_straight(walk) else [walk]
+    straight = is_straight(walk)
+    if bent and not straight:
+        return None
+    walk = bend(walk, rng) if bent else walk
+    weight = _SCORED_BENT_WEIGHT if bent else 1.0 if straight else _SCORED_TURNING_WEIGHT
     return join(
         [
-            examples_of_walk(w, as_seen(w, noise_m, noise_m * _YAW_NOISE_RAD_PER_M, rng, faults=False), 1.0)
-            for w in walks
+            examples_of_walk(walk, as_seen(walk, noise_m, noise_m * _YAW_NOISE_RAD_PER_M, rng, faults=False), weight)
             for noise_m in _SCORED_NOISES_M
         ]
     )

@@ -10,7 +10,7 @@ import pytest
 
 from experiments.fit import FitSettings, fit, main
 from experiments.fit_networks import fit_networks
-from experiments.fit_spread import fit_spread
+from experiments.fit_spread import calibrate, fit_spread
 from experiments.walk_examples import Examples, as_seen, examples_of_walk, fitting_examples, join
 from experiments.walk_variants import Walk, bend, change_pace, glance, mirror, vary, walk_of
 from gazempc.errors import GazempcError
@@ -140,8 +140,25 @@ def test_spread_is_recovered():
     true = np.array([np.log(0.05), 0.8, -0.3])
     error = np.exp(u @ true)[:, None, None] * rng.standard_normal((20000, 1, 3))
     error[::7] = np.nan
-    found = fit_spread(u, error)
+    found = fit_spread(u, error, np.ones(20000))
     np.testing.assert_allclose(found[:, 0, :], np.tile(true[:, None], 3), atol=0.03)
+
+
+def test_calibration_states_what_is_there():
+    """Spreads stated too small come out nearly right, on the safe side; with long tails, both are missed."""
+    rng = np.random.default_rng(0)
+    u = np.ones((40000, 1))
+    error = 0.1 * rng.standard_normal((40000, 1, 3))
+    small = np.full((1, 1, 3), np.log(0.07))
+    stated = np.exp(calibrate(small, u, error))
+    assert np.all((stated >= 0.1) & (stated < 0.11))
+    assert np.mean(np.sum((error / stated) ** 2, axis=-1) <= 3.5059) == pytest.approx(0.72, abs=0.01)
+
+    error = error / np.sqrt(rng.chisquare(3, (40000, 1, 1)) / 3)
+    stated = np.exp(calibrate(np.full((1, 1, 3), np.log(0.15)), u, error))
+    distance2 = np.sum((error / stated) ** 2, axis=-1)
+    too_many, too_few = np.mean(distance2 <= 3.5059) - 0.68, 0.95 - np.mean(distance2 <= 7.8147)
+    assert too_many == pytest.approx(max(too_few, 0.04), abs=0.01)
 
 
 def toy(n, seed):
