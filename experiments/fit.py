@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -40,6 +41,7 @@ _Result = TypeVar("_Result")
 MODEL_FILE = "walker.npz"
 FOLDS = "left_out"
 _FEWEST_PEOPLE = 2
+_COMPUTE = ("python", "gazempc", "numpy", "scipy")
 
 
 class FitSettings(BaseModel):
@@ -127,7 +129,7 @@ def fit(settings: FitSettings) -> WalkerModel:
         "command": f"python -m experiments.fit --recordings {' '.join(Path(r).name for r in settings.recordings)}",
         "recordings": [Path(path).stem for path in paths],
         "settings": settings.model_dump(mode="json", exclude={"out", "recordings", "workers"}),
-        "versions": versions(),
+        "versions": {k: v for k, v in versions().items() if k in _COMPUTE} | {k: version(k) for k in ("jax", "optax")},
     }
     for person, model in zip(left_out, models, strict=True):
         # Whoever is left out of the networks is left out of the uncertainty as well.

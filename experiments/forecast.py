@@ -227,7 +227,7 @@ def turn_head(recording: Recording, angle_deg: float, from_s: float) -> Recordin
     angle = np.radians(angle_deg) * side * np.clip(after_s / _GLANCE_RISE_S if from_s else after_s + 1.0, 0.0, 1.0)
 
     def turned(track: Track) -> Track:
-        turn = Rotation.from_euler("z", angle[track.valid])
+        turn = Rotation.from_euler("z", angle[track.valid, None])
         quats = track.head_quat_wxyz.copy()
         as_seen = Rotation.from_quat(quats[track.valid], scalar_first=True)
         quats[track.valid] = (turn * as_seen).as_quat(scalar_first=True)

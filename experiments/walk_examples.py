@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,11 @@ _YAW_NOISE_FACTORS = (0.5, 1.0, 1.0, 1.0, 1.5)
 _SCORED_NOISES_M = (0.0, 0.01)
 # Errors in real turns are larger than in bent walks, and real turns are rare in recordings.
 _SCORED_BENT_WEIGHT, _SCORED_TURNING_WEIGHT = 0.5, 3.0
+_HIDDEN: tuple[dict[str, Any], ...] = (
+    {"head_quat_wxyz": None},
+    {"pelvis_quat_wxyz": None},
+    {"head_quat_wxyz": None, "pelvis_quat_wxyz": None},
+)
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
 _BLANK = WalkerModel(
     (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
@@ -200,12 +206,15 @@ def scoring_examples(path: str, seed: int, bent: bool) -> Examples | None:
         return None
     walk = bend(walk, rng) if bent else walk
     weight = _SCORED_BENT_WEIGHT if bent else 1.0 if straight else _SCORED_TURNING_WEIGHT
-    return join(
-        [
-            examples_of_walk(walk, as_seen(walk, noise_m, noise_m * _YAW_NOISE_RAD_PER_M, rng, faults=False), weight)
-            for noise_m in _SCORED_NOISES_M
-        ]
-    )
+    parts = []
+    for noise_m in _SCORED_NOISES_M:
+        seen = as_seen(walk, noise_m, noise_m * _YAW_NOISE_RAD_PER_M, rng, faults=False)
+        parts.append(examples_of_walk(walk, seen, weight))
+        if bent:
+            # How much less is known without orientations is learned here, so that plain recordings stay plain.
+            hidden = _HIDDEN[rng.integers(len(_HIDDEN))]
+            parts.append(examples_of_walk(walk, [replace(o, **hidden) for o in seen], weight))
+    return join(parts)
 
 
 def is_straight(walk: Walk) -> bool:

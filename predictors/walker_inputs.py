@@ -41,7 +41,7 @@ _SCALARS = 5 * WINDOW
 _N_SCALARS = 9
 _DETAIL = _SCALARS + _N_SCALARS
 N_INPUTS = _DETAIL + 5 * RECENT
-N_SPREAD = 9
+N_SPREAD = 10
 
 
 def _mirror() -> FloatArray:
@@ -214,6 +214,7 @@ class WalkerHistory:
                 1.0 - m / WINDOW,
                 1.0 / m,
                 1.0 - known[0],
+                1.0 - known[1],
                 min(max(speed - _USUAL_SPEED_M_S, -0.6), 0.6),
             ]
         )

@@ -6,17 +6,21 @@ import json
 import numpy as np
 import pytest
 
-from experiments.forecast import main
+from experiments.forecast import main, turn_head
 from experiments.forecast_errors import forecast_errors
 from gazempc.placement import place
 from gazempc.recording import Recording, Track, load
 from gazempc.sensor import load_sensor
 from gazempc.truth import TrueHead
-from predictors import ConstantVelocity, Forecast, LastPosition, Perfect
+from predictors import ConstantVelocity, Forecast, HeadPose, LastPosition, Perfect
+from predictors.orientation import wrap_rad, yaw_rad
 
 HORIZONS = np.array([0.25, 0.5, 1.0])
 KEYS = {
     "predictor",
+    "cues",
+    "ratio_to_constant_velocity",
+    "n_people_seen_in_fitting",
     "group",
     "horizon_s",
     "error_true_mm",
@@ -129,3 +133,51 @@ def test_a_standing_person_has_finite_errors():
     errors = forecast_errors(walk, ConstantVelocity(), load_sensor("reference"), HORIZONS, 0)
     assert np.isfinite(errors.difference_m[0]).all()
     assert dataclasses.is_dataclass(errors)
+
+
+def test_hidden_cues_are_not_seen():
+    """The paper's rule without one of its two angles is the filter alone; with both it is not."""
+    walk = load("subject04_R5")
+    sensor = load_sensor("reference")
+    plain = forecast_errors(walk, ConstantVelocity(), sensor, HORIZONS, 0)
+    for cues in ("head", "pelvis", "none"):
+        blind = forecast_errors(walk, HeadPose(), sensor, HORIZONS, 0, cues)
+        np.testing.assert_array_equal(blind.difference_m, plain.difference_m)
+    assert not np.array_equal(forecast_errors(walk, HeadPose(), sensor, HORIZONS, 0).difference_m, plain.difference_m)
+
+
+@pytest.mark.parametrize("from_s", [0.0, 1.0])
+def test_a_glance_turns_the_head_and_nothing_else(from_s):
+    walk = load("subject04_R1")
+    looking = turn_head(walk, 40.0, from_s)
+    np.testing.assert_array_equal(looking.truth.head_position_m, walk.truth.head_position_m)
+    np.testing.assert_array_equal(looking.truth.pelvis_quat_wxyz, walk.truth.pelvis_quat_wxyz)
+    turned = [
+        abs(np.degrees(wrap_rad(yaw_rad(a) - yaw_rad(b))))
+        for a, b in zip(looking.truth.head_quat_wxyz, walk.truth.head_quat_wxyz, strict=True)
+    ]
+    after = walk.times_s - walk.times_s[0] >= (from_s + 0.25 if from_s else 0.0)
+    np.testing.assert_allclose(np.array(turned)[after], 40.0, atol=1e-6)
+    np.testing.assert_allclose(np.array(turned)[walk.times_s - walk.times_s[0] <= from_s - 1e-9], 0.0, atol=1e-6)
+    assert turn_head(walk, 0.0, from_s) is walk
+
+
+def test_cues_ratio_and_example(tmp_path):
+    words = ["--recordings", "subject01_R4", "subject02_R1", "--horizons", "0.5", "--out", str(tmp_path)]
+    shown = ["--predictors", "constant_velocity", "walker", "--cues", "both", "none", "--example", "subject03_R6"]
+    assert main([*words, *shown]) == 0
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    assert {(r["predictor"], r["cues"]) for r in rows} == {
+        (p, c) for p in ("constant_velocity", "walker") for c in ("both", "none")
+    }
+    plain = {r["group"]: r["error_true_mm"] for r in rows if r["predictor"] == "constant_velocity"}
+    for r in rows:
+        assert r["ratio_to_constant_velocity"] == pytest.approx(r["error_true_mm"] / plain[r["group"]])
+        assert r["n_people_seen_in_fitting"] == 0
+    for name in ("cues.png", "coverage.png", "example.png", "forecast_error.png"):
+        assert (tmp_path / name).stat().st_size > 5000
+
+
+def test_an_example_that_does_not_exist_is_refused_at_once(tmp_path, capsys):
+    assert main(["--recordings", "subject01_R4", "--example", "nobody", "--out", str(tmp_path)]) == 2
+    assert "nobody" in capsys.readouterr().err
