@@ -30,6 +30,8 @@ _NOISE_PRIOR_M, _NOISE_PRIOR_FRAMES, _NOISE_MEMORY_FRAMES = 0.01, 3.0, 30.0
 _LARGEST_NOISE_M = 0.05
 # Four frames farther apart than this bend with the walk itself, and say nothing of noise.
 _NOISE_SPAN_S = 0.2
+# Frames closer together than any camera's: two sources, or a clock that was set.
+_NOISE_STEP_S = 1e-3
 # Each input is of order one over walking people.
 _POSITION_SCALE_M, _PELVIS_SCALE_RAD, _HEAD_SCALE_RAD, _OFFSET_SCALE_RAD = 0.04, 0.15, 0.2, 0.1
 _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, _NOISE_SCALE_M = 1.1, 0.3, 0.01
@@ -129,7 +131,7 @@ class WalkerHistory:
         if self._times_s.size < 4:
             return
         a, b, c, d = self._times_s[-4:].tolist()
-        if d - a > _NOISE_SPAN_S:
+        if d - a > _NOISE_SPAN_S or min(b - a, c - b, d - c) < _NOISE_STEP_S:
             return
         weights = np.array(
             [

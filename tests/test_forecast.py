@@ -105,7 +105,7 @@ def test_the_command_writes_the_table(tmp_path, capsys):
     assert main([*words, "--predictors", "default", "last_position", "constant_velocity"]) == 0
     rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
     assert all(set(row) >= KEYS for row in rows)
-    assert {row["predictor"] for row in rows} == {"constant_velocity", "last_position"}
+    assert {row["predictor"] for row in rows} == {"constant_velocity", "last_position", "walker"}
     assert {row["group"] for row in rows} == {"straight", "turn", "all"}
     everything = next(r for r in rows if r["group"] == "all" and r["predictor"] == "constant_velocity")
     parts = [r for r in rows if r["group"] != "all" and r["predictor"] == "constant_velocity"]

@@ -30,6 +30,7 @@ from predictors import (
     PelvisPursuit,
     Perfect,
     Predictor,
+    Walker,
 )
 from predictors.orientation import wrap_rad, yaw_rad
 
@@ -46,6 +47,7 @@ MAKERS: dict[str, Callable[[], Predictor]] = {
     "particle": ParticleFilter,
     "head": lambda: HeadPose(weight=0.7),
     "pursuit": PelvisPursuit,
+    "walker": Walker,
     "perfect": lambda: Perfect(lambda times: np.outer(times, WALK_M_S)),
 }
 every_predictor = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())

@@ -252,6 +252,24 @@ def test_irregular_stamps_are_taken_as_they_are():
     assert errors[1] < 1.15 * errors[0]
 
 
+@given(
+    steps_s=st.lists(st.sampled_from([1e-9, 1e-6, 1e-3, 1 / 120, 1 / 30, 0.3, 3.0, 1e4]), min_size=1, max_size=60),
+    speed_m_s=st.floats(0.0, 5.0),
+    seed=st.integers(0, 1000),
+)
+def test_whatever_the_stamps_the_forecast_is_finite(steps_s, speed_m_s, seed):
+    """Bursts a nanosecond apart, gaps of hours, orientations that come and go: always a forecast, never a NaN."""
+    rng, walker, time_s = np.random.default_rng(seed), Walker(), 0.0
+    for step_s in steps_s:
+        time_s += step_s
+        quats = [yaw_quat(rng.uniform(-7, 7)) if rng.random() < 0.6 else None for _ in range(2)]
+        position = np.array([speed_m_s * time_s, 0.0, 0.4]) + 0.02 * rng.standard_normal(3)
+        walker.update(HeadObservation(time_s, position, *quats))
+        forecast = walker.forecast(time_s + np.array([-0.1, 0.0, 0.5, 3.0]))
+        assert np.all(np.isfinite(forecast.means_base_m))
+        assert np.all(np.linalg.eigvalsh(forecast.covariances_m2) > -1e-12)
+
+
 def test_a_constant_yaw_offset_is_learned():
     """A head frame that is mounted askew changes the forecast of a straight walk little, after two seconds."""
     observations = seen_of("subject08_R1")
