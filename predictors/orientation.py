@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from predictors.types import FloatArray
@@ -28,5 +30,5 @@ def yaw_rad(quat_wxyz: FloatArray) -> float:
     Returns:
         The angle about the vertical from +x towards +y, radians, in (-pi, pi].
     """
-    w, x, y, z = quat_wxyz
-    return float(np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)))
+    w, x, y, z = map(float, quat_wxyz)  # plain numbers: several times as fast as array scalars
+    return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))

@@ -95,18 +95,27 @@ class WalkerModel:
         """
         # The first layers take the same inputs: one product for all networks, which is most of the work.
         ensemble, _, hidden = self.weights[0].shape
-        first = np.concatenate([network, network * MIRROR]).astype(np.float32) @ self._first_layers
+        questions = np.empty((2 * len(network), N_INPUTS), dtype=np.float32)
+        questions[: len(network)] = network
+        np.multiply(network, MIRROR, out=questions[len(network) :], casting="same_kind")
+        first = questions @ self._first_layers
         h = first.reshape(-1, ensemble, hidden).transpose(1, 0, 2) + self.biases[0]
         for w, b in zip(self.weights[1:], self.biases[1:], strict=True):
             h = np.tanh(h) @ w + b
         answers = h.reshape(ensemble, 2, len(network), KNOTS_S.size, 3).astype(np.float64)
         answers[:, 1] *= _MIRRORED
         answers = answers.reshape(2 * ensemble, len(network), KNOTS_S.size, 3)
-        departure = answers.mean(axis=0) * DEPARTURE_SCALE_M[:, None]
+        mean = np.add.reduce(answers, axis=0) / (2 * ensemble)
+        departure = mean * DEPARTURE_SCALE_M[:, None]
         # How far the answers lie apart, in the horizontal plane, where turns are foreseen or not.
-        apart = np.sqrt(answers[..., _FAR, :2].var(axis=0).sum(axis=-1)) * DEPARTURE_SCALE_M[_FAR]
+        off = answers[:, :, _FAR, :2] - mean[:, _FAR, :2]
+        apart = np.sqrt(np.einsum("eni,eni->n", off, off) / (2 * ensemble)) * DEPARTURE_SCALE_M[_FAR]
+        doubt = np.empty((len(network), N_DOUBT))
+        doubt[:, :N_SPREAD] = spread
         size = np.abs(departure[:, (_NEAR, _FAR, _FAR), (1, 1, 0)]) / _USUAL_DEPARTURE_M
-        return departure, np.column_stack([spread, np.minimum(size, 4.0), np.log1p(apart / _USUAL_DISAGREEMENT_M)])
+        np.minimum(size, 4.0, out=doubt[:, N_SPREAD:-1])
+        doubt[:, -1] = np.log1p(apart / _USUAL_DISAGREEMENT_M)
+        return departure, doubt
 
     def spread_m(self, doubt: FloatArray) -> FloatArray:
         """Standard deviation of the forecast.
