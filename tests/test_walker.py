@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import zlib
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from experiments.forecast import turn_head
+from experiments.forecast_errors import forecast_errors
 from experiments.recordings import find_recordings
 from gazempc.config import RunSettings, WalkerSettings
 from gazempc.errors import SettingsError
@@ -390,7 +393,40 @@ def test_a_folder_gives_the_model_that_has_not_seen_the_person(tmp_path):
         model_file(tmp_path / "left_out", "bob")
 
 
-# ---------------------------------------------------------------- real people
+# ---------------------------------------------------------------- walks
+
+
+def errors_at_half_a_second(recording, predictor):
+    found = forecast_errors(recording, predictor, load_sensor("reference"), np.array([0.5]), 0)
+    return np.linalg.norm(found.difference_m[:, 0], axis=-1), found.nees[:, 0]
+
+
+def test_synthetic_walkers_are_forecast_well_and_with_honest_doubt():
+    """Nothing was fitted on these walks; a third of the set, all routes."""
+    ours, plain, inside = [], [], []
+    for name in [f"subject{k:02d}_R{k % 6 + 1}" for k in range(1, 15)]:
+        recording = load(name)
+        error, nees = errors_at_half_a_second(recording, Walker())
+        ours.append(np.nanmean(error))
+        plain.append(np.nanmean(errors_at_half_a_second(recording, ConstantVelocity())[0]))
+        inside.append(np.mean(nees[np.isfinite(nees)] <= 7.8147))
+    assert np.mean(ours) < 0.55 * np.mean(plain)
+    assert 0.85 < np.mean(inside) < 0.995
+
+
+def test_a_glance_does_not_mislead(walks_dir):
+    """Heads turned 40 degrees aside, throughout or from one second on, on straight walks of real people."""
+    errors = {case: [] for case in (None, 0.0, 1.0)}
+    for path in find_recordings([str(walks_dir)]):
+        recording = load(path)
+        if recording.labels.group != "straight" or zlib.crc32(recording.name.encode()) % 4:
+            continue
+        for case, found in errors.items():
+            seen = recording if case is None else turn_head(recording, 40.0, case)
+            found.append(np.nanmean(errors_at_half_a_second(seen, Walker())[0]))
+    assert len(errors[None]) >= 5
+    for case in (0.0, 1.0):
+        assert np.mean(errors[case]) < 1.2 * np.mean(errors[None])
 
 
 def test_real_walkers_are_forecast_far_better_than_by_constant_velocity(walks_dir):
