@@ -58,8 +58,9 @@ class Job:
         """Name of the run: a hash of the job, of the files it reads and of the program."""
         content = {**asdict(self), "program": program_hash()}
         index = str(Path(self.recording).with_name("index.csv"))  # gives subject and group
-        models = [] if self.fitted is None else sorted(map(str, Path(self.fitted).rglob("*.npz"))) or [self.fitted]
-        for name in (self.recording, index, self.neck, self.sensor or "", *models):
+        if self.fitted is not None:
+            content["bytes of fitted"] = fitted_hash(Path(self.fitted))
+        for name in (self.recording, index, self.neck, self.sensor or ""):
             path = Path(name)
             if path.is_file():
                 content[f"bytes of {name}"] = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -70,6 +71,22 @@ class Job:
         predictor = "constant_velocity" if self.predictor == "perfect" else self.predictor
         fitted = None if self.fitted is None else Path(self.fitted)
         return RunSettings(predictor=predictor, seed=self.seed, walker=WalkerSettings(fitted=fitted))
+
+
+@lru_cache(maxsize=4)
+def fitted_hash(fitted: Path) -> str:
+    """Hash of fitted models.
+
+    Args:
+        fitted: A model, or a folder with models in it.
+
+    Returns:
+        The hash; of nothing, if there is none.
+    """
+    digest = hashlib.sha256()
+    for path in [fitted] if fitted.is_file() else sorted(fitted.rglob("*.npz")):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=1)

@@ -16,7 +16,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from experiments.jobs import attempt, figures_of, program_hash
+from experiments.jobs import attempt, figures_of, fitted_hash, program_hash
 from experiments.pool import write_whole
 from experiments.sweep_plan import Walk
 from experiments.variants import Variant
@@ -62,6 +62,8 @@ class Run:
             "sensors": {name: sensor.model_dump(mode="json") for name, sensor in v.sensors.items()},
             "version": self.version,
         }
+        if (fitted := v.settings.walker.fitted) is not None:
+            content["fitted"] = fitted_hash(fitted)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 from functools import cache
@@ -26,6 +27,11 @@ _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
 _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S = 2.2, 3.0
 _YAW_FADES_IN_S = 0.5
 _OFFSET_PRIOR_FRAMES = 15.0
+# A person's own offset, of pelvis and of head, is less than this; a larger one is how a sensor or a marker is mounted,
+# and is taken away once it has been seen for a while.
+_MOUNTING_RAD, _MOUNTING_FRAMES = ((0.25, 0.4), (0.35, 0.5)), (5.0, 15.0)
+# Whose body or head points farther aside walks sideways or backwards, or is measured wrongly.
+_NOT_FORWARD_RAD = (1.4, 1.9)
 _NOISE_PRIOR_M, _NOISE_PRIOR_FRAMES, _NOISE_MEMORY_FRAMES = 0.01, 3.0, 30.0
 _LARGEST_NOISE_M = 0.05
 # Four frames farther apart than this bend with the walk itself, and say nothing of noise.
@@ -94,7 +100,7 @@ class WalkerHistory:
         self._times_s = np.empty(0)
         self._values = np.empty((0, 5))  # x, y, z, pelvis yaw, head yaw; the yaws unwrapped, the last known one held
         self._yaw_seen_s = [-np.inf, -np.inf]
-        self._offset_sums_rad = [0.0, 0.0]
+        self._offset_sums = [0j, 0j]  # unit vectors, so that an offset near pi has a mean
         self._offset_weights = [0.0, 0.0]
         self._noise_variance_m2 = _NOISE_PRIOR_M**2
         self._noise_frames = _NOISE_PRIOR_FRAMES
@@ -177,17 +183,19 @@ class WalkerHistory:
         off = window[:, :3] - origin - _LAGS_S[WINDOW - m :, None] * velocity
         positions[WINDOW - m :] = off @ to_line
         relative = np.pi - (np.pi - (window[:, 3:] - heading)) % (2.0 * np.pi)
-        known = [0.0, 0.0]
+        known, offsets = [0.0, 0.0], [0.0, 0.0]
         for i, scale in enumerate((_PELVIS_SCALE_RAD, _HEAD_SCALE_RAD)):
             if fresh[i]:
-                self._offset_sums_rad[i] += frames * walks * relative[-1, i]
+                self._offset_sums[i] += frames * walks * cmath.rect(1.0, float(relative[-1, i]))
                 self._offset_weights[i] += frames * walks
+            weight = self._offset_weights[i]
+            mean = cmath.phase(self._offset_sums[i])
+            mounting = mean * _ramp(abs(mean), *_MOUNTING_RAD[i]) * _ramp(weight, *_MOUNTING_FRAMES)
+            relative[:, i] = np.pi - (np.pi - (relative[:, i] - mounting)) % (2.0 * np.pi)
+            offsets[i] = (mean - mounting) * weight / (weight + _OFFSET_PRIOR_FRAMES)
             known[i] = 1.0 - _ramp(now_s - self._yaw_seen_s[i], 0.0, _YAW_FADES_IN_S)
+            known[i] *= 1.0 - _ramp(abs(float(relative[-1, i])), *_NOT_FORWARD_RAD)
             yaws[WINDOW - m :, i] = (walks * known[i] / scale) * relative[:, i]
-        offsets = [
-            total / (weight + _OFFSET_PRIOR_FRAMES)
-            for total, weight in zip(self._offset_sums_rad, self._offset_weights, strict=True)
-        ]
         noise = math.sqrt(self._noise_variance_m2) / _NOISE_SCALE_M
         x[_SCALARS:_DETAIL] = (
             known[0] * offsets[0] / _OFFSET_SCALE_RAD,

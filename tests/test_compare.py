@@ -14,8 +14,9 @@ import pytest
 
 from experiments.aggregate import add_gap_closed, bootstrap_mean, paired_differences, summarise
 from experiments.compare import CompareSettings, compare, main, make_jobs
-from experiments.jobs import execute
+from experiments.jobs import execute, fitted_hash
 from experiments.recordings import find_recordings
+from gazempc.config import WalkerSettings
 from gazempc.errors import GazempcError
 from gazempc.synthetic import synthetic_names
 
@@ -222,3 +223,18 @@ def test_figures_are_drawn(tmp_path):
 def test_a_worker_row_names_its_recording():
     job = make_jobs(settings(Path("x"), recordings=("subject01_R1",)))[0]
     assert execute(job)["recording"] == "subject01_R1"
+
+
+def test_another_fitted_model_is_another_run(tmp_path):
+    """A fit into the same folder changes the key, so that old results are not taken for new ones."""
+    path = tmp_path / "left_out" / "ann.npz"
+    path.parent.mkdir()
+    keys = []
+    for content in (b"one", b"two"):
+        path.write_bytes(content)
+        fitted_hash.cache_clear()
+        walker = WalkerSettings(fitted=tmp_path)
+        [job] = make_jobs(settings(tmp_path, recordings=("subject01_R1",), controllers=("mpc",), walker=walker))
+        keys.append(job.key())
+        assert job.settings().walker.fitted == tmp_path
+    assert keys[0] != keys[1]

@@ -289,6 +289,28 @@ def test_a_constant_yaw_offset_is_learned():
     assert np.mean(apart[60:]) < 0.03
 
 
+@pytest.mark.parametrize("angle_deg", [20.0, 90.0, 180.0])
+def test_a_mounting_of_any_angle_is_found_out(angle_deg):
+    """Orientations by a sensor whose forward axis is not the person's: half a second later it hardly matters."""
+    turn = Rotation.from_euler("z", angle_deg, degrees=True)
+
+    def mounted(q):
+        return (Rotation.from_quat(q, scalar_first=True) * turn).as_quat(scalar_first=True)
+
+    straight, plain = [], []
+    for name in ("subject08_R1", "subject03_R2", "subject11_R1"):
+        recording = load(name)
+        turned = dataclasses.replace(
+            recording.truth,
+            head_quat_wxyz=mounted(recording.truth.head_quat_wxyz),
+            pelvis_quat_wxyz=mounted(recording.truth.pelvis_quat_wxyz),
+        )
+        wrong = dataclasses.replace(recording, truth=turned, measured=None)
+        straight.append(np.nanmean(errors_at_half_a_second(wrong, Walker())[0][10:]))
+        plain.append(np.nanmean(errors_at_half_a_second(recording, Walker())[0][10:]))
+    assert np.mean(straight) < 1.5 * np.mean(plain)
+
+
 def test_the_noise_is_measured():
     for noise_m, low, high in ((0.0, 0.0, 0.25), (0.01, 0.7, 1.3), (0.02, 1.5, 2.6)):
         history, rng = WalkerHistory(), np.random.default_rng(1)
