@@ -22,6 +22,7 @@ from experiments.pool import run_jobs
 from experiments.recordings import find_recordings
 from gazempc.config import DEFAULT_PREDICTOR, ControllerName, PlacementName, PredictorName, WalkerSettings
 from gazempc.neck import load_neck
+from gazempc.replay import walker_model
 from gazempc.report import LABELS, versions
 from gazempc.sensor import load_sensor
 
@@ -131,6 +132,8 @@ def make_jobs(settings: CompareSettings) -> list[Job]:
         load_neck(neck)
     if settings.sensor is not None:
         load_sensor(settings.sensor)
+    if settings.walker.fitted is not None:
+        walker_model(settings.walker.fitted, "")  # before anything runs
     predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)
     jobs = [
         Job(
@@ -172,11 +175,18 @@ def _summary(settings: CompareSettings, rows: list[dict[str, Any]], done: list[d
         "n_left_out": len(left_out),
         "left_out": left_out,
         "failed": failed,
+        "people_seen_in_fitting": _seen_in_fitting(settings, done),
         "seed": settings.seed,
         # Where and with how many workers it ran does not change the figures.
         "settings": settings.model_dump(mode="json", exclude={"jobs", "out", "figures"}),
         "versions": versions(),
     }
+
+
+def _seen_in_fitting(settings: CompareSettings, done: list[dict[str, Any]]) -> list[str]:
+    people = sorted({str(row["subject"]) for row in done if row["predictor"] == "walker"})
+    fitted = settings.walker.fitted
+    return [p for p in people if p in walker_model(fitted, p).about.get("people", ())]
 
 
 def report(summary: dict[str, Any], done: list[dict[str, Any]]) -> str:
@@ -201,6 +211,13 @@ def report(summary: dict[str, Any], done: list[dict[str, Any]]) -> str:
     chosen = summary["settings"]
     counted = Counter({r["source"]: r["kind"] for r in done}.values())
     kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
+    n_seen = len(summary["people_seen_in_fitting"])
+    seen = [
+        "",
+        f"The predictor walker was fitted on {_count(n_seen, 'person', 'people')} of those who walk here, which "
+        "flatters it: for people left out see --walker.fitted.",
+    ]
+    seen = seen if n_seen else []
     lines = [
         "# Comparison of gazes",
         "",
@@ -210,6 +227,7 @@ def report(summary: dict[str, Any], done: list[dict[str, Any]]) -> str:
         f"{chosen['placement'] or 'that fits each recording'}, seed {chosen['seed']}. Means over clips; in brackets "
         "95 % bootstrap intervals over people (none where one person walks).",
         f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed.",
+        *seen,
         "",
         "| group | clips | people | neck | gaze | filter and forecast | gaze error RMS [deg] | eye contact 2.6 deg [%] "
         "| gap closed | RMS acceleration [rad/s^2] |",

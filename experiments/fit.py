@@ -5,12 +5,14 @@ Example: python -m experiments.fit --recordings my_walks --out out/fit
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import multiprocessing
 import os
 import sys
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -32,14 +34,14 @@ from experiments.walk_examples import Examples, fitting_examples, join, scoring_
 from gazempc.errors import GazempcError
 from gazempc.recording import load
 from gazempc.report import versions
-from predictors.walker_model import KNOTS_S, N_DOUBT, WalkerModel, load_walker_model
+from predictors.walker_model import KNOTS_S, N_DOUBT, WalkerModel, WalkerModelError, load_walker_model
 
 FloatArray = NDArray[np.float64]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 MODEL_FILE = "walker.npz"
-FOLDS = "left_out"
+FOLDS, NETWORKS = "left_out", "networks"
 _FEWEST_PEOPLE = 2
 _COMPUTE = ("python", "gazempc", "numpy", "scipy")
 
@@ -105,26 +107,24 @@ def fit(settings: FitSettings) -> WalkerModel:
             f"recordings of {len(names)} person ({', '.join(names)}): at least {_FEWEST_PEOPLE} are needed, "
             "because the stated uncertainty is fitted on people left out"
         )
+    print(f"{len(paths)} recordings of {len(names)} people: {', '.join(names)}")
+    if any("/" in name or "\\" in name for name in names):
+        raise GazempcError("people's names become file names and must not contain '/' or '\\'")
     folder = settings.out / FOLDS
     folder.mkdir(parents=True, exist_ok=True)
     make = partial(fitting_examples, seed=settings.seed, variants=settings.variants)
     fitting = _in_parallel(make, paths, settings.workers, "recording")
     scoring = [[scoring_examples(path, settings.seed + 1, bent) for bent in (False, True)] for path in paths]
     left_out: list[str | None] = [*names, None]
-    parts = settings.out / "parts"
-    parts.mkdir(exist_ok=True)
-    for i, part in enumerate(fitting):
-        np.savez(parts / f"{i}.npz", **vars(part))
-    train = partial(_networks, people=people, settings=settings, key=_key(settings, paths, fitting))
-    models = _in_parallel(train, left_out, settings.workers, "fit")
-    for path in parts.iterdir():
-        path.unlink()
-    parts.rmdir()
+    (settings.out / NETWORKS).mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as parts:
+        for i, part in enumerate(fitting):
+            np.savez(Path(parts) / f"{i}.npz", **vars(part))
+        key = _key(settings, paths, people, fitting)
+        train = partial(_networks, people=people, settings=settings, parts=Path(parts), key=key)
+        models = _in_parallel(train, left_out, settings.workers, "fit")
 
-    found = [
-        [None if part is None else _Found.by(models[names.index(who)], part) for part in parts_of]
-        for who, parts_of in zip(people, scoring, strict=True)
-    ]
+    found = _errors_on_left_out(dict(zip(names, models, strict=False)), people, scoring)
     about = {
         "command": f"python -m experiments.fit --recordings {' '.join(Path(r).name for r in settings.recordings)}",
         "recordings": [Path(path).stem for path in paths],
@@ -143,7 +143,10 @@ def fit(settings: FitSettings) -> WalkerModel:
             log_spread=log_spread,
             about={**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]},
         )
-        fitted.save(settings.out / MODEL_FILE if person is None else folder / f"{person}.npz")
+        _save_whole(fitted, settings.out / MODEL_FILE if person is None else folder / f"{person}.npz")
+    for path in folder.glob("*.npz"):
+        if path.stem not in names:
+            path.unlink()  # of an earlier fit with other people
     return fitted
 
 
@@ -166,30 +169,48 @@ class _Found:
         return cls(*(np.concatenate([getattr(p, f.name) for p in known]) for f in fields(cls)))
 
 
-def _key(settings: FitSettings, paths: Sequence[str], fitting: Sequence[Examples]) -> str:
+def _errors_on_left_out(
+    left_out: Mapping[str, WalkerModel], people: Sequence[str], scoring: Sequence[Sequence[Examples | None]]
+) -> list[list[_Found | None]]:
+    """Errors on each recording by the model that has not seen who walks in it."""
+    return [
+        [None if part is None else _Found.by(left_out[person], part) for part in parts]
+        for person, parts in zip(people, scoring, strict=True)
+    ]
+
+
+def _key(settings: FitSettings, paths: Sequence[str], people: Sequence[str], fitting: Sequence[Examples]) -> str:
     digest = hashlib.sha256(json.dumps([settings.seed, settings.networks, settings.steps, versions()]).encode())
-    for path, part in zip(paths, fitting, strict=True):
-        digest.update(Path(path).stem.encode())
+    digest.update(Path(fit_networks.__code__.co_filename).read_bytes())
+    for path, person, part in zip(paths, people, fitting, strict=True):
+        digest.update(f"{Path(path).stem} {person} ".encode())
         for array in vars(part).values():
             digest.update(array.tobytes())
     return digest.hexdigest()
 
 
-def _networks(person: str | None, people: Sequence[str], settings: FitSettings, key: str) -> WalkerModel:
-    path = settings.out / MODEL_FILE if person is None else settings.out / FOLDS / f"{person}.npz"
+def _save_whole(model: WalkerModel, path: Path) -> None:
+    part = path.with_suffix(f".{os.getpid()}.part.npz")
+    model.save(part)
+    part.replace(path)
+
+
+def _networks(person: str | None, people: Sequence[str], settings: FitSettings, parts: Path, key: str) -> WalkerModel:
+    # Networks whose uncertainty is not fitted yet are no models; they are kept where nobody looks for one.
+    path = settings.out / NETWORKS / f"{'everybody' if person is None else f'without {person}'}.npz"
     if path.is_file():
-        # load_walker_model keeps what it read; here the file may have changed.
-        model = load_walker_model.__wrapped__(path)
-        if model.about.get("key") == key:
-            return model
+        with contextlib.suppress(WalkerModelError):  # a broken one is made again
+            model = load_walker_model(path)
+            if model.about.get("key") == key:
+                return model
     used = [i for i, name in enumerate(people) if name != person]
-    parts = []
+    examples = []
     for i in used:
-        with np.load(settings.out / "parts" / f"{i}.npz") as data:
-            parts.append(Examples(**{name: data[name] for name in data.files}))
-    weights, biases = fit_networks(join(parts), settings.seed, settings.networks, settings.steps)
+        with np.load(parts / f"{i}.npz") as data:
+            examples.append(Examples(**{name: data[name] for name in data.files}))
+    weights, biases = fit_networks(join(examples), settings.seed, settings.networks, settings.steps)
     model = WalkerModel(weights, biases, np.zeros((N_DOUBT, KNOTS_S.size, 3)), {"key": key})
-    model.save(path)
+    _save_whole(model, path)
     return model
 
 

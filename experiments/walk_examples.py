@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from experiments.walk_variants import Walk, bend, vary, walk_of
+from gazempc.errors import GazempcError
 from gazempc.recording import load
 from predictors import HeadObservation
 from predictors.walker import Walker
@@ -67,6 +68,13 @@ def join(parts: list[Examples]) -> Examples:
         np.concatenate([p.departure_m for p in parts]),
         np.concatenate([p.weight for p in parts]),
     )
+
+
+def _joined(parts: list[Examples], name: str) -> Examples:
+    known = [p for p in parts if p.weight.size]
+    if not known:
+        raise GazempcError(f"{name}: nobody walks in it (0.2 to 3 m/s), so nothing can be fitted on it: leave it out")
+    return join(known)
 
 
 def as_seen(
@@ -180,7 +188,7 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
         if seen:
             weight = _BENT_WEIGHT if bent else 1.0 if straight else _TURNING_WEIGHT
             parts.append(examples_of_walk(varied, seen, weight))
-    return join([p for p in parts if p.weight.size])
+    return _joined(parts, recording.name)
 
 
 def scoring_examples(path: str, seed: int, bent: bool) -> Examples | None:
@@ -214,7 +222,7 @@ def scoring_examples(path: str, seed: int, bent: bool) -> Examples | None:
             # How much less is known without orientations is learned here, so that plain recordings stay plain.
             hidden = _HIDDEN[rng.integers(len(_HIDDEN))]
             parts.append(examples_of_walk(walk, [replace(o, **hidden) for o in seen], weight))
-    return join(parts)
+    return _joined(parts, recording.name)
 
 
 def is_straight(walk: Walk) -> bool:

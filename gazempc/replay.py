@@ -38,7 +38,7 @@ from predictors import (
     Predictor,
     Walker,
 )
-from predictors.walker_model import WalkerModel, WalkerModelError, load_walker_model, model_file
+from predictors.walker_model import WalkerModel, WalkerModelError, load_walker_model, model_file, shipped_walker_model
 
 FloatArray = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def make_predictor(
     if name == "last_position":
         return LastPosition(settings.constant_velocity.position_noise_m)
     if name == "walker":
-        return Walker(_walker_model(settings.walker.fitted, person), **settings.constant_velocity.model_dump())
+        return Walker(walker_model(settings.walker.fitted, person), **settings.constant_velocity.model_dump())
     if name == "perfect":
         return Perfect(true_head)
     classes: dict[str, Callable[..., Predictor]] = {
@@ -79,9 +79,21 @@ def make_predictor(
     return classes[name](**own.model_dump())
 
 
-def _walker_model(fitted: Path | None, person: str) -> WalkerModel:
+def walker_model(fitted: Path | None, person: str) -> WalkerModel:
+    """The model of the predictor `walker` for a person.
+
+    Args:
+        fitted: A model or a folder of models; None for the shipped one.
+        person: Who walks; of a folder, the model that has not seen them.
+
+    Returns:
+        The model.
+
+    Raises:
+        SettingsError: If there is none.
+    """
     try:
-        return load_walker_model() if fitted is None else load_walker_model(model_file(fitted, person))
+        return shipped_walker_model() if fitted is None else load_walker_model(model_file(fitted, person))
     except WalkerModelError as error:
         raise SettingsError(f"walker.fitted: {error}") from None
 

@@ -11,7 +11,7 @@ from predictors.constant_velocity import ConstantVelocity
 from predictors.predictor import NotReadyError, as_times
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker_inputs import WalkerHistory, WalkerInputs
-from predictors.walker_model import WalkerModel, between_knots, load_walker_model
+from predictors.walker_model import WalkerModel, between_knots, shipped_walker_model
 
 
 class Walker:
@@ -35,7 +35,7 @@ class Walker:
     def __init__(
         self, model: WalkerModel | None = None, acceleration_psd: float = 0.05, position_noise_m: float = 0.01
     ) -> None:
-        self._model = load_walker_model() if model is None else model
+        self._model = shipped_walker_model() if model is None else model
         self._position = ConstantVelocity(acceleration_psd, position_noise_m)
         self._history = WalkerHistory()
         self._inputs: WalkerInputs | None = None

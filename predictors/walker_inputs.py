@@ -34,8 +34,9 @@ _MOUNTING_RAD, _MOUNTING_FRAMES = ((0.25, 0.4), (0.35, 0.5)), (5.0, 15.0)
 _NOT_FORWARD_RAD = (1.4, 1.9)
 _NOISE_PRIOR_M, _NOISE_PRIOR_FRAMES, _NOISE_MEMORY_FRAMES = 0.01, 3.0, 30.0
 _LARGEST_NOISE_M = 0.05
-# Four frames farther apart than this bend with the walk itself, and say nothing of noise.
-_NOISE_SPAN_S = 0.2
+# Four frames farther apart than this bend with the walk itself, and say nothing of noise. Between the spans of four
+# frames at 15 and at 14 frames a second, so that rounding does not decide.
+_NOISE_SPAN_S = 0.207
 # Frames closer together than any camera's: two sources, or a clock that was set.
 _NOISE_STEP_S = 1e-3
 # Each input is of order one over walking people.
@@ -123,6 +124,7 @@ class WalkerHistory:
             row[3 + i] = before[3 + i]
             if quat is not None:
                 row[3 + i] += wrap_rad(yaw_rad(quat) - before[3 + i])
+                self._bridge(3 + i, self._yaw_seen_s[i], float(row[3 + i]), time_s)
                 self._yaw_seen_s[i] = time_s
                 fresh[i] = True
         last_s = self._times_s[-1] if self._times_s.size else time_s - STEP_S
@@ -131,6 +133,17 @@ class WalkerHistory:
         self._values = np.concatenate([self._values[old:], row[None]])
         self._learn_noise()
         return self._inputs(fresh, min((time_s - last_s) / STEP_S, 3.0))
+
+    def _bridge(self, column: int, seen_s: float, value: float, time_s: float) -> None:
+        # Where an orientation was missing it was held; now that it is back, the way between is known better.
+        missing = self._times_s > seen_s
+        if not missing.any():
+            return
+        if seen_s == -np.inf:
+            self._values[:, column] = value
+        else:
+            held = self._values[missing, column]
+            self._values[missing, column] += (self._times_s[missing] - seen_s) / (time_s - seen_s) * (value - held)
 
     def _learn_noise(self) -> None:
         # The third divided difference of a walk is next to nothing, so what is left of it is noise.

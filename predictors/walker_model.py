@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -63,7 +64,7 @@ class WalkerModel:
         n_out = 3 * KNOTS_S.size
         if not self.weights or len(self.weights) != len(self.biases):
             raise WalkerModelError("a network needs one bias a layer")
-        ensemble = self.weights[0].shape[0]
+        ensemble = self.weights[0].shape[0] if self.weights[0].ndim else 0
         n = N_INPUTS
         for w, b in zip(self.weights, self.biases, strict=True):
             if w.ndim != 3 or w.shape[:2] != (ensemble, n) or b.shape != (ensemble, 1, w.shape[2]):
@@ -142,7 +143,6 @@ class WalkerModel:
         np.savez_compressed(path, **arrays)
 
 
-@cache
 def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
     """Read a model.
 
@@ -150,7 +150,7 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
         path: File written by `WalkerModel.save`; without it the one that ships with the package.
 
     Returns:
-        The model; read once a process.
+        The model.
 
     Raises:
         WalkerModelError: If the file cannot be read or is no such model.
@@ -158,16 +158,25 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
     try:
         with np.load(path, allow_pickle=False) as data:
             layers = sum(name.startswith("weights_") for name in data.files)
+            about = json.loads(str(data["about"]))
+            if not isinstance(about, dict):
+                raise WalkerModelError("'about' is no mapping")
             return WalkerModel(
                 tuple(data[f"weights_{i}"] for i in range(layers)),
                 tuple(data[f"biases_{i}"] for i in range(layers)),
                 data["log_spread"],
-                json.loads(str(data["about"])),
+                about,
             )
     except OSError as error:
         raise WalkerModelError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (KeyError, ValueError, zipfile.BadZipFile, EOFError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, zipfile.BadZipFile, zlib.error, EOFError) as error:
         raise WalkerModelError(f"{path}: not a model of the walker predictor: {error}") from None
+
+
+@cache
+def shipped_walker_model() -> WalkerModel:
+    """The model that ships with the package, read once a process."""
+    return load_walker_model()
 
 
 def model_file(fitted: Path, person: str) -> Path:
@@ -214,16 +223,22 @@ def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArr
     Returns:
         Departures, shape (H, 3): a cubic spline between the knots, held before the first, straight on after the last.
         Standard deviations, shape (H, 3): linear between the knots, never falling with the horizon, and after the last
-        growing as that of a velocity which wanders at random.
+        growing as that of a velocity which wanders at random; as large for the past as for the same time ahead.
     """
-    at = np.minimum(np.maximum(tau_s, KNOTS_S[0]), KNOTS_S[-1]) / _TABLE_STEP_S
-    row = at.astype(np.intp)
-    low = _TABLE[row]
-    weights = low + (at - row)[:, None] * (_TABLE[row + 1] - low)
+    weights = _weights(np.maximum(tau_s, 0.0))
     departure = weights[:, : KNOTS_S.size] @ departure_m
+    if np.any(tau_s < 0.0):
+        weights = _weights(np.abs(tau_s))
     spread = weights[:, KNOTS_S.size :] @ np.maximum.accumulate(spread_m, axis=0)
     beyond_s = np.maximum(tau_s - KNOTS_S[-1], 0.0)[:, None]
     if beyond_s.any():
         departure = departure + beyond_s * (_END_SLOPE @ departure_m)
         spread = spread * (1.0 + beyond_s / KNOTS_S[-1]) ** _GROWTH
     return departure, spread
+
+
+def _weights(tau_s: FloatArray) -> FloatArray:
+    at = np.minimum(tau_s, KNOTS_S[-1]) / _TABLE_STEP_S
+    row = at.astype(np.intp)
+    low = _TABLE[row]
+    return np.asarray(low + (at - row)[:, None] * (_TABLE[row + 1] - low))

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from experiments.fit import FitSettings, fit, main
+from experiments.fit import FitSettings, _errors_on_left_out, _networks, fit, main
 from experiments.fit_networks import fit_networks
 from experiments.fit_spread import calibrate, fit_spread
-from experiments.walk_examples import Examples, as_seen, examples_of_walk, fitting_examples, join
+from experiments.walk_examples import Examples, as_seen, examples_of_walk, fitting_examples, join, scoring_examples
 from experiments.walk_variants import Walk, bend, change_pace, glance, mirror, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recording import load
 from predictors.walker_inputs import N_INPUTS, N_SPREAD
-from predictors.walker_model import KNOTS_S, WalkerModel, load_walker_model
+from predictors.walker_model import DEPARTURE_SCALE_M, KNOTS_S, WalkerModel, load_walker_model
 
 
 @pytest.fixture
@@ -199,15 +200,15 @@ def settings(folder, **changes):
 def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(tmp_path, capsys):
     words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
     assert main([*words, "--workers", "1", "--out", str(tmp_path)]) == 0
-    everybody = load_walker_model.__wrapped__(tmp_path / "walker.npz")
+    everybody = load_walker_model(tmp_path / "walker.npz")
     assert everybody.about["people"] == ["subject01", "subject02"]
     assert everybody.about["recordings"] == ["subject01_R1", "subject02_R4"]
     assert everybody.about["settings"]["steps"] == 20
-    without = load_walker_model.__wrapped__(tmp_path / "left_out" / "subject01.npz")
+    without = load_walker_model(tmp_path / "left_out" / "subject01.npz")
     assert without.about["people"] == ["subject02"]
     assert not np.array_equal(without.weights[0], everybody.weights[0])
     assert np.any(without.log_spread != everybody.log_spread)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["left_out", "walker.npz"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["left_out", "networks", "walker.npz"]
     assert "--walker.fitted" in capsys.readouterr().out
 
     from experiments.forecast import main as forecast
@@ -258,3 +259,70 @@ def test_a_walk_is_the_longest_stretch_without_a_gap():
 def test_examples_of_many_recordings_are_one_table():
     parts = [fitting_examples(name, 0, 1) for name in ("subject01_R1", "subject02_R4")]
     assert join(parts).weight.size == sum(p.weight.size for p in parts) > 100
+
+
+def constant_model(value):
+    """A model that says the same departure along, whatever it is asked: `value` at each knot in units of its scale."""
+    bias = np.zeros((1, 1, KNOTS_S.size, 3), dtype=np.float32)
+    bias[..., 0] = value
+    return WalkerModel(
+        (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
+        (bias.reshape(1, 1, -1),),
+        load_walker_model().log_spread,
+    )
+
+
+def test_errors_are_by_the_model_that_has_not_seen_the_person():
+    """With two clips a person, and models that can be told apart by what they say."""
+    people = ["ann", "bob", "ann", "bob"]
+    scoring = [[toy(5, k), None] for k in range(4)]
+    found = _errors_on_left_out({"ann": constant_model(1.0), "bob": constant_model(2.0)}, people, scoring)
+    for person, parts, examples in zip(people, found, scoring, strict=True):
+        said = parts[0].error_m + examples[0].departure_m
+        expected = {"ann": 1.0, "bob": 2.0}[person] * DEPARTURE_SCALE_M
+        np.testing.assert_allclose(said[0, :5, 0], expected[:5], rtol=1e-5)
+        assert parts[1] is None
+
+
+def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
+    """Each recording's examples carry a mark; the marks that reach the fit are those of the others, all of them."""
+    people = ["ann", "bob", "ann", "cat"]
+    parts = tmp_path / "parts"
+    parts.mkdir()
+    (tmp_path / "networks").mkdir()
+    for k in range(4):
+        np.savez(parts / f"{k}.npz", **vars(dataclasses.replace(toy(3, k), weight=np.full(3, float(k)))))
+    seen = {}
+
+    def spy(examples, seed, networks, steps):
+        seen[person] = set(examples.weight.tolist())
+        model = constant_model(0.0)
+        return model.weights, model.biases
+
+    monkeypatch.setattr("experiments.fit.fit_networks", spy)
+    for person in ("ann", "bob", "cat", None):
+        _networks(person, people, settings(tmp_path), parts, "key")
+    assert seen == {"ann": {1.0, 3.0}, "bob": {0.0, 2.0, 3.0}, "cat": {0.0, 1.0, 2.0}, None: {0.0, 1.0, 2.0, 3.0}}
+
+
+def test_people_who_are_no_more_leave_no_model_behind(tmp_path):
+    fit(settings(tmp_path))
+    stale = tmp_path / "left_out" / "nobody.npz"
+    load_walker_model().save(stale)
+    (tmp_path / "networks" / "everybody.npz").write_bytes(b"cut off")
+    fit(settings(tmp_path))
+    assert not stale.exists()
+    assert sorted(p.stem for p in (tmp_path / "left_out").iterdir()) == ["subject01", "subject02"]
+    assert not list(tmp_path.rglob("*.part*"))
+
+
+def test_a_recording_in_which_nobody_walks_is_refused(tmp_path):
+    path = tmp_path / "ann_stands.csv"
+    header = "t,head_x,head_y,head_z,head_qw,head_qx,head_qy,head_qz"
+    header += ",pelvis_x,pelvis_y,pelvis_z,pelvis_qw,pelvis_qx,pelvis_qy,pelvis_qz"
+    rows = [f"{k / 30:.4f},2,0,1.6,1,0,0,0,2,0,1,1,0,0,0" for k in range(90)]
+    path.write_text("\n".join([header, *rows]) + "\n")
+    with pytest.raises(GazempcError, match="nobody walks"):
+        fitting_examples(str(path), 0, 2)
+    with pytest.raises(GazempcError, match="nobody walks"):
+        scoring_examples(str(path), 0, bent=False)
