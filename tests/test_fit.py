@@ -12,7 +12,7 @@ import pytest
 from experiments.fit import FitSettings, _errors_on_left_out, _networks, fit, main
 from experiments.fit_networks import fit_networks
 from experiments.fit_spread import calibrate, fit_spread
-from experiments.walk_examples import Examples, as_seen, examples_of_walk, fitting_examples, join, scoring_examples
+from experiments.walk_examples import Examples, _joined, as_seen, examples_of_walk, fitting_examples, join
 from experiments.walk_variants import Walk, bend, change_pace, glance, mirror, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recording import load
@@ -316,13 +316,10 @@ def test_people_who_are_no_more_leave_no_model_behind(tmp_path):
     assert not list(tmp_path.rglob("*.part*"))
 
 
-def test_a_recording_in_which_nobody_walks_is_refused(tmp_path):
-    path = tmp_path / "ann_stands.csv"
-    header = "t,head_x,head_y,head_z,head_qw,head_qx,head_qy,head_qz"
-    header += ",pelvis_x,pelvis_y,pelvis_z,pelvis_qw,pelvis_qx,pelvis_qy,pelvis_qz"
-    rows = [f"{k / 30:.4f},2,0,1.6,1,0,0,0,2,0,1,1,0,0,0" for k in range(90)]
-    path.write_text("\n".join([header, *rows]) + "\n")
-    with pytest.raises(GazempcError, match="nobody walks"):
-        fitting_examples(str(path), 0, 2)
-    with pytest.raises(GazempcError, match="nobody walks"):
-        scoring_examples(str(path), 0, bent=False)
+def test_who_stands_gives_no_examples_and_that_is_said(rng):
+    """A stander without noise is never walking; a recording of which nothing is left is named."""
+    standing = Walk(np.arange(90) / 30, np.tile([2.0, 0.0, 1.6], (90, 1)), np.zeros(90), np.zeros(90))
+    examples = examples_of_walk(standing, as_seen(standing, 0.0, 0.0, rng, faults=False), 1.0)
+    assert examples.weight.size == 0
+    with pytest.raises(GazempcError, match="ann_stands: nobody walks"):
+        _joined([examples, examples], "ann_stands")
