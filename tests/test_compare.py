@@ -1,6 +1,7 @@
 """The comparison over many recordings: right means, resumable, and no crash on a bad recording."""
 
 import csv
+import dataclasses
 import json
 import os
 import signal
@@ -19,6 +20,7 @@ from experiments.recordings import find_recordings
 from gazempc.config import WalkerSettings
 from gazempc.errors import GazempcError
 from gazempc.synthetic import synthetic_names
+from predictors.walker_model import shipped_walker_model
 
 ROOT = Path(__file__).resolve().parents[1]
 # The only figures that differ from run to run.
@@ -229,6 +231,7 @@ def test_another_fitted_model_is_another_run(tmp_path):
     """A fit into the same folder changes the key, so that old results are not taken for new ones."""
     path = tmp_path / "left_out" / "ann.npz"
     path.parent.mkdir()
+    shipped_walker_model().save(tmp_path / "walker.npz")
     keys = []
     for content in (b"one", b"two"):
         path.write_bytes(content)
@@ -238,3 +241,21 @@ def test_another_fitted_model_is_another_run(tmp_path):
         keys.append(job.key())
         assert job.settings().walker.fitted == tmp_path
     assert keys[0] != keys[1]
+
+
+def test_a_fitted_model_that_is_not_there_is_refused_before_anything_runs(tmp_path):
+    with pytest.raises(GazempcError, match=r"walker\.fitted.*nowhere"):
+        make_jobs(settings(tmp_path, walker=WalkerSettings(fitted=tmp_path / "nowhere")))
+
+
+def test_people_that_the_model_has_seen_are_said(tmp_path, capsys):
+    model = shipped_walker_model()
+    dataclasses.replace(model, about={"people": ["subject01"]}).save(tmp_path / "walker.npz")
+    recordings = ("subject01_R1", "subject02_R6")
+    chosen = settings(
+        tmp_path / "out", recordings=recordings, controllers=("reactive",), walker=WalkerSettings(fitted=tmp_path)
+    )
+    assert compare(chosen) == 0
+    assert "fitted on 1 person of those who walk here" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["people_seen_in_fitting"] == ["subject01"]
