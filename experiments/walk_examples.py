@@ -170,11 +170,9 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
         The examples.
 
     Raises:
-        GazempcError: If the recording cannot be read or has no orientations.
+        GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
     """
-    recording = load(path)
-    rng = np.random.default_rng([seed, *recording.name.encode()])
-    walk = walk_of(recording)
+    name, walk, rng = _walk_and_chance(path, seed)
     straight = is_straight(walk)
     parts = []
     for k in range(variants):
@@ -188,7 +186,7 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
         if seen:
             weight = _BENT_WEIGHT if bent else 1.0 if straight else _TURNING_WEIGHT
             parts.append(examples_of_walk(varied, seen, weight))
-    return _joined(parts, recording.name)
+    return _joined(parts, name)
 
 
 def scoring_examples(path: str, seed: int, bent: bool) -> Examples | None:
@@ -204,11 +202,9 @@ def scoring_examples(path: str, seed: int, bent: bool) -> Examples | None:
         is not bent.
 
     Raises:
-        GazempcError: If the recording cannot be read or has no orientations.
+        GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
     """
-    recording = load(path)
-    rng = np.random.default_rng([seed, *recording.name.encode()])
-    walk = walk_of(recording)
+    name, walk, rng = _walk_and_chance(path, seed)
     straight = is_straight(walk)
     if bent and not straight:
         return None
@@ -222,7 +218,13 @@ def scoring_examples(path: str, seed: int, bent: bool) -> Examples | None:
             # How much less is known without orientations is learned here, so that plain recordings stay plain.
             hidden = _HIDDEN[rng.integers(len(_HIDDEN))]
             parts.append(examples_of_walk(walk, [replace(o, **hidden) for o in seen], weight))
-    return _joined(parts, recording.name)
+    return _joined(parts, name)
+
+
+def _walk_and_chance(path: str, seed: int) -> tuple[str, Walk, np.random.Generator]:
+    """Name and walk of a recording, and chance that is its own, so that no recording changes another's examples."""
+    recording = load(path)
+    return recording.name, walk_of(recording), np.random.default_rng([seed, *recording.name.encode()])
 
 
 def is_straight(walk: Walk) -> bool:

@@ -204,7 +204,8 @@ class WalkerHistory:
             weight = self._offset_weights[i]
             mean = cmath.phase(self._offset_sums[i])
             mounting = mean * _ramp(abs(mean), *_MOUNTING_RAD[i]) * _ramp(weight, *_MOUNTING_FRAMES)
-            relative[:, i] = np.pi - (np.pi - (relative[:, i] - mounting)) % (2.0 * np.pi)
+            if mounting != 0.0:
+                relative[:, i] = np.pi - (np.pi - (relative[:, i] - mounting)) % (2.0 * np.pi)
             offsets[i] = (mean - mounting) * weight / (weight + _OFFSET_PRIOR_FRAMES)
             known[i] = 1.0 - _ramp(now_s - self._yaw_seen_s[i], 0.0, _YAW_FADES_IN_S)
             known[i] *= 1.0 - _ramp(abs(float(relative[-1, i])), *_NOT_FORWARD_RAD)
