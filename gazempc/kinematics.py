@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ BoolArray = NDArray[np.bool_]
 
 # Keeps the neck from swinging to and fro before somebody who stands right behind it.
 _CLEARLY_BETTER_RAD = 0.2
-# Nearer than this to the eye, a target no longer says what a joint's error is worth.
+# Nearer than this to the axis, a target's direction means nothing.
 _NEAREST_M = 0.1
 
 
@@ -90,31 +91,29 @@ def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
     return LookAt(np.stack([_wrap(pan), _wrap(tilt)], axis=-1), reachable)
 
 
-def gaze_turn(geometry: Geometry, angles_rad: FloatArray, target_base_m: FloatArray) -> FloatArray:
-    """By how much an error of a joint turns the gaze away from the target that it looks at.
-
-    A joint that is off by a small angle moves the ray, at the target, by that angle times the target's distance from
-    the joint's axis (across the ray); seen from the eye that is this distance over the distance from the eye. Without
-    offsets this is cos(tilt) for pan and 1 for tilt.
+def angle_deviations_rad(target_base_m: FloatArray, covariance_m2: FloatArray) -> tuple[float, float]:
+    """How uncertain the direction to a target is, to first order; axis and eye offsets are left out of account.
 
     Args:
-        geometry: The neck's geometry.
-        angles_rad: Angles that look at the targets, shape (H, 2), radians.
-        target_base_m: The targets, shape (H, 3), metres.
+        target_base_m: Mean of the target's position, shape (3,), metres.
+        covariance_m2: Its covariance, shape (3, 3), square metres.
 
     Returns:
-        Radians of gaze error for a radian of pan and of tilt, shape (H, 2).
+        Standard deviations of pan and tilt, radians; NaN if a number is not finite.
     """
-    eye, _ = gaze_ray(geometry, angles_rad)
-    from_eye_m = np.maximum(np.linalg.norm(target_base_m - eye, axis=-1), _NEAREST_M)
-    tx, ty, tz = geometry.tilt_axis_in_pan_m
-    _, ey, ez = geometry.eye_in_tilt_m
-    # Only the part of the motion that is across the ray counts.
-    ground2 = target_base_m[:, 0] ** 2 + target_base_m[:, 1] ** 2
-    from_pan_m = np.sqrt(np.maximum(ground2 - (ty + ey) ** 2, 0.0))
-    from_tilt_m = np.sqrt(np.maximum((from_pan_m - tx) ** 2 + (target_base_m[:, 2] - tz) ** 2 - ez**2, 0.0))
-    turns: FloatArray = np.stack([from_pan_m, from_tilt_m], axis=-1) / from_eye_m[:, None]
-    return turns
+    x, y, z = map(float, target_base_m)
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = covariance_m2.tolist()
+    ground2 = max(x * x + y * y, _NEAREST_M**2)
+    ground = math.sqrt(ground2)
+    along = (x * x * xx + 2.0 * x * y * xy + y * y * yy) / ground2
+    across = (y * y * xx - 2.0 * x * y * xy + x * x * yy) / ground2
+    both = (x * xz + y * yz) / ground
+    distance2 = ground2 + z * z
+    rising = (ground2 * zz - 2.0 * z * ground * both + z * z * along) / distance2
+    pan2, tilt2 = across / ground2, rising / distance2
+    if not math.isfinite(pan2 + tilt2):
+        return math.nan, math.nan
+    return math.sqrt(max(pan2, 0.0)), math.sqrt(max(tilt2, 0.0))
 
 
 def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad: float) -> FloatArray:
@@ -132,7 +131,11 @@ def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad
     Returns:
         The same directions with continuous pan, shape (H, 2), radians.
     """
-    pan = np.unwrap(np.concatenate([[near_rad], angles_rad[:, 0]]))[1:]
+    pan = angles_rad[:, 0]
+    if abs(pan[0] - near_rad) > np.pi or np.abs(pan[1:] - pan[:-1]).max(initial=0.0) > np.pi:
+        pan = np.unwrap(np.concatenate([[near_rad], pan]))[1:]
+    if pan.min() >= low_rad and pan.max() <= high_rad:
+        return np.stack([pan, angles_rad[:, 1]], axis=-1)
 
     def out_of_reach_rad(turn: float) -> float:
         moved = pan + turn

@@ -11,7 +11,12 @@ named in the log:
 ``stale_observation``    an observation was older than `stale_after_s` when it came; dropped
 ``future_observation``   an observation was captured later than now: a clock is wrong; dropped
 ``forecast_failed``      the predictor raised or forecast a NaN; the last plan goes on
-``controller_failed``    the controller raised or planned a NaN; the last plan goes on
+``controller_failed``    the controller raised; the last plan goes on
+``solver_failed``        no solver found a plan; the last one goes on
+``solver_timed_out``     the last solver was stopped before it had a plan; the last one goes on
+``plan_not_finite``      the controller planned a NaN; the last plan goes on
+``second_solver``        the first solver gave up, the second found this plan
+``limits_softened``      no plan keeps all limits (a start outside them, say); this one leaves them the least
 ``stale_plan``           the last plan has ended; the smoother stops the command
 ``limit_guard``          the smoother refused a motion that could not stop inside the position limits
 ``target_lost``          no observation for `lost_after_s`; the command stops
@@ -31,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gazempc.controllers.controller import CommandState, Controller, Plan, Situation
+from gazempc.controllers.controller import CommandState, Controller, ControllerError, Plan, Situation
 from gazempc.errors import RobotError
 from gazempc.loop_recorder import LoopRecorder
 from gazempc.neck import NeckSpec
@@ -192,15 +197,23 @@ class GazeLoop:
             sent_rad=self._sent_rad,
             committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, 2),
         )
+        plan, event = self._ask_controller(situation)
+        self._recorder.step(1e3 * (time.perf_counter() - started))
+        if plan is None:
+            self._recorder.event(time_s, event)
+            return
+        for event in plan.events:
+            self._recorder.event(time_s, event)
+        self._waiting.append((index + self._delay_ticks, plan))
+
+    def _ask_controller(self, situation: Situation) -> tuple[Plan | None, str]:
         try:
             plan = self._controller.plan(situation)
+        except ControllerError as error:
+            return None, error.event
         except Exception:
-            plan = None
-        self._recorder.step(1e3 * (time.perf_counter() - started))
-        if plan is None or not plan.is_finite():
-            self._recorder.event(time_s, "controller_failed")
-            return
-        self._waiting.append((index + self._delay_ticks, plan))
+            return None, "controller_failed"
+        return (plan, "") if plan.is_finite() else (None, "plan_not_finite")
 
     def _committed(self, index: int, time_s: float) -> CommandState:
         # Until a plan takes effect the smoother follows the one before it, which may itself be waiting still.

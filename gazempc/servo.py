@@ -135,24 +135,30 @@ class DeadTimeRoll:
         columns += [np.linalg.matrix_power(step[:, :2], whole - 1 - i) @ step[:, 2] for i in range(whole)]
         self._state_map: FloatArray = state_map @ first[:, :2]
         self._command_map: FloatArray = np.stack(columns, axis=1)
+        self._step = step
 
     @property
     def commands_needed(self) -> int:
         """How many of the latest commands are still on their way, or acting."""
         return int(self._command_map.shape[1])
 
-    def __call__(self, position_rad: float, velocity_rad_s: float, sent_rad: FloatArray) -> FloatArray:
-        """State of the joint one dead time from now.
+    def __call__(
+        self, position_rad: float, velocity_rad_s: float, sent_rad: FloatArray, committed_rad: FloatArray
+    ) -> FloatArray:
+        """State of the joint one dead time after the last command that is settled.
 
         Args:
             position_rad: Joint position now, radians.
             velocity_rad_s: Joint velocity now, rad/s.
             sent_rad: Commands sent before now, one a period, oldest first, the last one `period_s` ago;
                 at least `commands_needed`, shape (M,), radians.
+            committed_rad: Commands that will be sent from now on whatever is planned, shape (n,), radians.
 
         Returns:
-            Position and velocity at now + dead time, shape (2,).
+            Position and velocity at now + n periods + dead time, shape (2,).
         """
         now = np.array([position_rad, velocity_rad_s])
         rolled: FloatArray = self._state_map @ now + self._command_map @ sent_rad[-self.commands_needed :]
+        for command_rad in committed_rad:
+            rolled = self._step[:, :2] @ rolled + self._step[:, 2] * command_rad
         return rolled

@@ -22,6 +22,10 @@ _Motion = tuple[float, float, float]  # position, velocity, acceleration
 # Ruckig refuses a target that touches its limits by rounding.
 _TARGET_MARGIN = 1.0 - 1e-9
 _SAME_TIME_S = 1e-6
+# A plan within this of where the command would go is the one that is being followed.
+_SAME_RAD = 1e-9
+# A limit that is used in full, with room for rounding.
+_ROUNDED_UP = 1.0 + 1e-9
 # A target this near the speed limit could hardly be caught; the chase assumes it a little slower.
 _CHASE_SHARE = 0.95
 
@@ -30,7 +34,7 @@ class _AxisSmoother:
     """One joint. Ruckig is asked for one axis at a time so that a slow axis does not hold back the other."""
 
     def __init__(self, limits: tuple[float, float, float, float, float], period_s: float) -> None:
-        self._low, self._high, self._v_max, self._a_max, j_max = limits
+        self._low, self._high, self._v_max, self._a_max, self._j_max = limits
         self._period_s = period_s
         self._generator = ruckig.Ruckig(1, period_s)
         self._trajectory = ruckig.Trajectory(1)
@@ -42,17 +46,19 @@ class _AxisSmoother:
         for request in (self._to_target, self._to_rest):
             request.max_velocity = [self._v_max]
             request.max_acceleration = [self._a_max]
-            request.max_jerk = [j_max]
+            request.max_jerk = [self._j_max]
 
     def toward(self, now: _Motion, target: _Motion, v_limit: float) -> tuple[_Motion, bool]:
         """Next motion toward where the target is one period from now; True if the guard stopped it instead."""
-        v_max = _TARGET_MARGIN * min(self._v_max, v_limit)
-        a_max = _TARGET_MARGIN * self._a_max
+        v_max = min(self._v_max, v_limit)
         position = min(max(target[0], self._low), self._high)
+        acceleration = min(max(target[2], -self._a_max), self._a_max)
+        exact = (position, min(max(target[1], -v_max), v_max), acceleration)
+        v_max *= _TARGET_MARGIN
         velocity = min(max(target[1], -v_max), v_max)
-        acceleration = min(max(target[2], -a_max), a_max)
         ways: tuple[Callable[[], _Motion | None], ...] = (
-            lambda: self._follow(now, (position, velocity, acceleration), v_max),
+            lambda: self._continue(now, exact, v_max / _TARGET_MARGIN),
+            lambda: self._follow(now, (position, velocity, _TARGET_MARGIN * acceleration), v_max),
             lambda: self._intercept(now, position, velocity, v_max),
             lambda: self._intercept(now, position, 0.0, v_max),
         )
@@ -61,6 +67,17 @@ class _AxisSmoother:
             if following is not None and self._can_stop_inside(following):
                 return following, False
         return self.toward_rest(now), True
+
+    def _continue(self, now: _Motion, target: _Motion, v_max: float) -> _Motion | None:
+        # A plan that was followed so far leads on by one constant jerk, also along its limits. Ruckig, asked for the
+        # same, takes a detour before the last digit of a limit.
+        h = self._period_s
+        jerk = (target[2] - now[2]) / h
+        position = now[0] + h * (now[1] + h * (now[2] / 2.0 + h * jerk / 6.0))
+        velocity = now[1] + h * (now[2] + h * jerk / 2.0)
+        reached = abs(position - target[0]) <= _SAME_RAD and abs(velocity - target[1]) * h <= _SAME_RAD
+        within = abs(jerk) <= self._j_max * _ROUNDED_UP and abs(velocity) <= v_max * _ROUNDED_UP
+        return (position, velocity, target[2]) if reached and within else None
 
     def _follow(self, now: _Motion, target: _Motion, v_max: float) -> _Motion | None:
         # Exactly the plan's motion, if it can be reached within this period; not before its end, as the command

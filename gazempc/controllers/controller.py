@@ -14,7 +14,25 @@ FloatArray = NDArray[np.float64]
 
 
 class ControllerError(RuntimeError):
-    """A controller has no plan this time; the loop goes on with the last one."""
+    """A controller has no plan this time; the loop goes on with the last one.
+
+    Attributes:
+        event: Name of the event in the log.
+    """
+
+    event = "controller_failed"
+
+
+class SolverFailed(ControllerError):  # noqa: N818  (named as its event)
+    """No solver found a solution."""
+
+    event = "solver_failed"
+
+
+class SolverTimedOut(ControllerError):  # noqa: N818
+    """The last solver was stopped before it had one."""
+
+    event = "solver_timed_out"
 
 
 @dataclass(frozen=True)
@@ -65,6 +83,7 @@ class Plan:
         position_rad: Commanded angles at the knots, shape (K, 2), radians.
         velocity_rad_s: Shape (K, 2), rad/s.
         acceleration_rad_s2: Shape (K, 2), rad/s^2.
+        events: What was out of the ordinary when it was made, for the log.
 
     Raises:
         ValueError: If shapes or times are not as said here.
@@ -75,6 +94,7 @@ class Plan:
     position_rad: FloatArray
     velocity_rad_s: FloatArray
     acceleration_rad_s2: FloatArray
+    events: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position_rad)

@@ -1,4 +1,4 @@
-"""The optimal control problem of one joint, condensed to a convex quadratic program with CasADi.
+"""The optimal control problem of one joint, condensed once to a quadratic program whose matrices never change.
 
 After the dead time the joint is a linear system. With z = [q, q', u, u', u''] (joint angle and velocity, command,
 its velocity and acceleration) and the command's jerk j as the input, constant over a control period, one servo
@@ -10,40 +10,47 @@ the horizon, everything of interest is linear in the initial state z0 and the je
 
 and the problem is
 
-    minimise    sum_k w_k (Q_k - r_k)^2 + T^4 sum_k A_k^2 + rho sum(s) + small |J|^2
+    minimise    sum_k (Q_k - r_k)^2 + T^4 sum_k A_k^2 + rho sum(s) + small |J|^2
     subject to  |J| <= j_max,   low - s <= C <= high + s,   s >= 0
 
-with reference angles r from the look-at kinematics. The slacks s (one for position, velocity and acceleration each)
-are zero whenever the limits can be kept; they let a start outside the limits be solved instead of refused. Limits
-on the command alone also keep the joint inside the neck's limits, see `gazempc.neck.Axis.servo_gain`.
+with reference angles r from the look-at kinematics. Gaze error and gaze acceleration are the joint's times what a
+radian of the joint is worth in gaze (cos(tilt) for pan): both terms scale alike, so the factor cancels, and the
+Hessian is one constant matrix for each smoothing time T. While no limit binds, the solution is therefore a constant
+matrix times [z0; 1; r], which also says whether a limit binds; only where one does, a QP solver is asked.
+
+The slacks s are zero whenever the limits can be kept; they let a start outside the limits be solved instead of
+refused. Limits on the command alone also keep the joint inside the neck's limits, see
+`gazempc.neck.Axis.servo_gain`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from gazempc.controllers.qp import Daqp, Piqp, QpData, QpSolver
 from gazempc.neck import Axis, NeckSpec
 from gazempc.servo import servo_model, zero_order_hold
 
 FloatArray = NDArray[np.float64]
 
 STATE = ("q", "v", "u", "du", "ddu")
-_SLACKS = 3
 # The cost is counted in squared hundredths of a radian, so that solvers' absolute tolerances suit it.
 _COST_SCALE = 1e4
 # Exact penalty: dearer than the gaze error that leaving a limit could save; slacks are shares of the limits.
 _SLACK_PENALTY = 300.0 * _COST_SCALE
-_SLACK_CURVATURE = _COST_SCALE
 # Keeps the Hessian positive definite; jerks are scaled to [-1, 1], so this is 1e-8 rad^2 a step at full jerk.
 _JERK_REGULARISATION = 1e-8
-# The plan leaves the smoother this headroom: Ruckig follows a plan that uses its limits to the last digit only
-# after a detour.
-_SHARE_OF_LIMITS = 0.99
+# Room for the rounding of those who follow the plan.
+_SHARE_OF_LIMITS = 1.0 - 1e-6
+# A limit that is left by less than this share of it is rounding.
+_ROUNDING = 1e-9
+# Solvers keep limits to their own tolerance; only more than this is called a limit left.
+_SOFTENED = 1e-5
 
 
 @dataclass(frozen=True)
@@ -69,19 +76,32 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Solution:
-    """What the solver found for one joint.
+    """The best motion of one joint's command.
 
     Attributes:
-        jerk_rad_s3: Jerk of the command in each step, shape (N,), rad/s^3.
-        slack: How far the limits of position, velocity and acceleration are left, as shares of them, shape (3,).
+        scaled_jerk: Jerk in each step, as a share of `AxisModel.jerk_scale`, shape (N,).
+        command: Position, velocity and acceleration at the end of each step, shape (3, N), rad, rad/s, rad/s^2.
+        softened: By how much a limit of position, velocity or acceleration is left at most, as a share of that limit; 0
+            if all are kept.
+        solver: What found it: ``gain`` where no limit binds, else the QP solver's name.
     """
 
-    jerk_rad_s3: FloatArray
-    slack: FloatArray
+    scaled_jerk: FloatArray
+    command: FloatArray
+    softened: float
+    solver: str
 
 
 class SolverFailedError(RuntimeError):
-    """The solver returned no trustworthy solution."""
+    """No solver returned a trustworthy solution.
+
+    Attributes:
+        timed_out: True if the last one was stopped at its limit of iterations.
+    """
+
+    def __init__(self, message: str, timed_out: bool = False) -> None:
+        super().__init__(message)
+        self.timed_out = timed_out
 
 
 def servo_step(axis: Axis, period_s: float) -> tuple[FloatArray, FloatArray]:
@@ -119,14 +139,16 @@ def predict(axis: Axis, neck: NeckSpec, steps: int, jerk_scale: float) -> Predic
         The maps.
     """
     M, m = servo_step(axis, neck.servo_period_s)
+    once, ticks = M, neck.servo_ticks_per_plan
+    m = np.sum([np.linalg.matrix_power(once, i) @ m for i in range(ticks)], axis=0)
+    M = np.linalg.matrix_power(once, ticks)
     rates = servo_model(axis)[1]
     z0 = ca.SX.sym("z0", len(STATE))
     jerk = ca.SX.sym("jerk", steps)
     z = z0
     joint, acceleration, commands = [], [], []
     for k in range(steps):
-        for _ in range(neck.servo_ticks_per_plan):
-            z = ca.mtimes(ca.DM(M), z) + ca.DM(m) * (jerk_scale * jerk[k])
+        z = ca.mtimes(ca.DM(M), z) + ca.DM(m) * (jerk_scale * jerk[k])
         joint.append(z[0])
         acceleration.append(rates[0] * z[0] + rates[1] * z[1] + rates[2] * z[2])
         commands.append(z[2:])
@@ -140,113 +162,138 @@ def predict(axis: Axis, neck: NeckSpec, steps: int, jerk_scale: float) -> Predic
     return Prediction(*maps(ca.vertcat(*joint)), *maps(ca.vertcat(*acceleration)), *maps(stacked))
 
 
-class AxisOcp:
-    """The quadratic program of one joint; built once, solved with new data every control tick.
+class AxisModel:
+    """One joint over the horizon: prediction and limits, condensed once for all smoothing times.
 
     Args:
         neck: The neck, for limits and rates.
         index: 0 for pan, 1 for tilt.
         steps: Length of the horizon N, control periods.
-        smoothing_time_s: T: gaze motion faster than 1 / T (rad/s) is smoothed away rather than followed.
-        solvers: CasADi's names of the QP solvers, in the order in which they are tried. DAQP is the faster by far; from
-            a few starts far outside the limits it gives up, and PIQP does not.
-        solver_options: Options of the solvers.
 
     Attributes:
-        prediction: The maps of the condensed problem.
+        steps: N.
         jerk_scale: Jerk that a scaled jerk of 1 stands for, rad/s^3.
+        prediction: The maps of the condensed problem.
+        rows_from_jerk: The command's N positions, then its velocities, then its accelerations, as shares of their
+            limits, from scaled jerks; shape (3 N, N).
+        rows_from_state: The same from [z0; 1], shape (3 N, 6).
+    """
+
+    def __init__(self, neck: NeckSpec, index: int, steps: int) -> None:
+        limits = neck.command_limits
+        self.steps = steps
+        self.jerk_scale = _SHARE_OF_LIMITS * float(limits.jerk_max_rad_s3[index])
+        self.prediction = predict(neck.axes[index], neck, steps, self.jerk_scale)
+        low, high = limits.position_min_rad[index], limits.position_max_rad[index]
+        # Each limit's rows are counted in units of that limit, which makes their slacks comparable.
+        self._unit = np.array(
+            [
+                0.5 * (high - low),
+                _SHARE_OF_LIMITS * limits.velocity_max_rad_s[index],
+                _SHARE_OF_LIMITS * limits.acceleration_max_rad_s2[index],
+            ]
+        )[:, None]
+        self._centre_rad = 0.5 * (high + low)
+        unit_of_row = np.repeat(self._unit, steps, axis=0)
+        centre_of_row = np.repeat([[self._centre_rad], [0.0], [0.0]], steps, axis=0) / unit_of_row
+        self.rows_from_jerk: FloatArray = self.prediction.command_from_jerk / unit_of_row
+        self.rows_from_state: FloatArray = np.hstack([self.prediction.command_from_state / unit_of_row, -centre_of_row])
+
+    def command(self, rows: FloatArray) -> FloatArray:
+        """Position, velocity and acceleration of the command, shape (3, N), from its rows, shape (3 N,)."""
+        command: FloatArray = rows.reshape(3, -1) * self._unit
+        command[0] += self._centre_rad
+        return command
+
+
+class AxisOcp:
+    """The optimal control problem of one joint; condensed once, solved with new data every control tick.
+
+    Args:
+        model: The joint over the horizon.
+        smoothing_time_s: T: gaze motion faster than 1 / T (rad/s) is smoothed away rather than followed.
+        solvers: Makers of the QP solvers, in the order in which they are tried; each is made when it is first needed.
+            DAQP is the faster by far; should it give up, PIQP hardly ever does.
+
+    Attributes:
+        model: The joint over the horizon.
+        data: The part of the quadratic program that stays; x is the scaled jerks, the soft rows are the model's.
     """
 
     def __init__(
         self,
-        neck: NeckSpec,
-        index: int,
-        steps: int,
+        model: AxisModel,
         smoothing_time_s: float,
-        solvers: tuple[str, ...] = ("daqp", "piqp"),
-        solver_options: dict[str, Any] | None = None,
+        solvers: Sequence[Callable[[QpData], QpSolver]] = (Daqp, Piqp),
     ) -> None:
-        limits = neck.command_limits
-        self._steps = steps
-        self.jerk_scale = _SHARE_OF_LIMITS * float(limits.jerk_max_rad_s3[index])
-        self.prediction = predict(neck.axes[index], neck, steps, self.jerk_scale)
-        p = self.prediction
-        smoothing = _COST_SCALE * smoothing_time_s**4 * p.acceleration_from_jerk.T
-        self._smoothness = smoothing @ p.acceleration_from_jerk + _COST_SCALE * _JERK_REGULARISATION * np.eye(steps)
-        self._smoothness_linear = smoothing @ p.acceleration_from_state
-        # Each limit's rows are counted in units of that limit, which makes their slacks comparable.
-        low, high = limits.position_min_rad[index], limits.position_max_rad[index]
-        centre = 0.5 * (high + low)
-        unit = [
-            0.5 * (high - low),
-            _SHARE_OF_LIMITS * limits.velocity_max_rad_s[index],
-            _SHARE_OF_LIMITS * limits.acceleration_max_rad_s2[index],
-        ]
-        unit_of_row = np.repeat(unit, steps)
-        self._centre = np.repeat([centre / unit[0], 0.0, 0.0], steps)
-        self._command_from_state = p.command_from_state / unit_of_row[:, None]
-        command_from_jerk = p.command_from_jerk / unit_of_row[:, None]
-        # Rows of the constraints: C - s <= 1, then C + s >= -1.
-        slack_of_row = np.repeat(np.eye(_SLACKS), steps, axis=0)
-        self._rows = np.block([[command_from_jerk, -slack_of_row], [command_from_jerk, slack_of_row]])
-        self._lower = np.concatenate([-np.ones(steps), np.zeros(_SLACKS)])
-        self._upper = np.concatenate([np.ones(steps), np.full(_SLACKS, np.inf)])
-        variables = steps + _SLACKS
-        self._no_bound = np.full(3 * steps, np.inf)
-        shape = {
-            "h": ca.Sparsity.dense(variables, variables),
-            "a": ca.Sparsity.dense(6 * steps, variables),
-        }
-        options: dict[str, Any] = {"error_on_fail": False, **(solver_options or {})}
-        self._solvers = [ca.conic("axis_ocp", name, shape, options) for name in solvers]
+        self.model, p, n = model, model.prediction, model.steps
+        smoothing = smoothing_time_s**4 * p.acceleration_from_jerk.T
+        hessian = p.joint_from_jerk.T @ p.joint_from_jerk + smoothing @ p.acceleration_from_jerk
+        self.data = QpData(
+            h=2.0 * _COST_SCALE * (hessian + _JERK_REGULARISATION * np.eye(n)),
+            a=model.rows_from_jerk,
+            penalty=_SLACK_PENALTY,
+        )
+        # From the parameters [z0; 1; r]: the linear cost, and the best jerks without limits with all rows at these.
+        by_state = p.joint_from_jerk.T @ p.joint_from_state + smoothing @ p.acceleration_from_state
+        cost_map = np.hstack([by_state, np.zeros((n, 1)), -p.joint_from_jerk.T])
+        self._cost_map: FloatArray = 2.0 * _COST_SCALE * cost_map
+        gain = -np.linalg.solve(self.data.h, self._cost_map)
+        rows = self.data.a @ gain
+        rows[:, : len(STATE) + 1] += model.rows_from_state
+        self._gain: FloatArray = np.ascontiguousarray(np.vstack([gain, rows]))
+        self._makers, self._solvers = solvers, list[QpSolver]()
 
-    def quadratic_program(
-        self, state: FloatArray, reference_rad: FloatArray, weight: FloatArray
-    ) -> dict[str, FloatArray]:
-        """The numbers of the program: minimise 1/2 x' h x + g' x, lba <= a x <= uba, lbx <= x <= ubx.
+    def parameters(self, state: FloatArray, reference_rad: FloatArray) -> FloatArray:
+        """What the program depends on: [z0; 1; r].
 
         Args:
             state: [q, q', u, u', u'']: joint one dead time from now, command now; shape (5,), SI units.
             reference_rad: Angles that look at the forecast head, shape (N,), radians.
-            weight: Weight of each step's squared error, shape (N,).
 
         Returns:
-            Arrays named as above; x is the scaled jerks, then the three slacks.
+            Shape (N + 6,).
         """
-        p, n = self.prediction, self._steps
-        weighted = _COST_SCALE * weight[:, None] * p.joint_from_jerk
-        h = np.zeros((n + _SLACKS, n + _SLACKS))
-        h[:n, :n] = 2.0 * (p.joint_from_jerk.T @ weighted + self._smoothness)
-        h[n:, n:] = _SLACK_CURVATURE * np.eye(_SLACKS)
-        free_error_rad = p.joint_from_state @ state - reference_rad
-        g = np.full(n + _SLACKS, _SLACK_PENALTY)
-        g[:n] = 2.0 * (weighted.T @ free_error_rad + self._smoothness_linear @ state)
-        free_command = self._command_from_state @ state - self._centre
-        return {
-            "h": h,
-            "g": g,
-            "a": self._rows,
-            "lba": np.concatenate([-self._no_bound, -1.0 - free_command]),
-            "uba": np.concatenate([1.0 - free_command, self._no_bound]),
-            "lbx": self._lower,
-            "ubx": self._upper,
-        }
+        return np.concatenate([state, (1.0,), reference_rad])
 
-    def solve(self, state: FloatArray, reference_rad: FloatArray, weight: FloatArray) -> Solution:
-        """Solve for one control tick; arguments as in `quadratic_program`.
+    def program(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The part of the quadratic program that changes.
+
+        Args:
+            parameters: From `parameters`.
 
         Returns:
-            Jerks and slacks.
+            Linear cost g, shape (N,); lower and upper bounds of the soft rows, shape (3 N,).
+        """
+        rows = self.model.rows_from_state @ parameters[: len(STATE) + 1]
+        return self._cost_map @ parameters, -1.0 - rows, 1.0 - rows
+
+    def solve(self, state: FloatArray, reference_rad: FloatArray) -> Solution:
+        """Solve for one control tick; arguments as in `parameters`.
+
+        Returns:
+            The best motion.
 
         Raises:
             SolverFailedError: If an argument is not finite, or all solvers fail or return nonsense.
         """
-        if not all(np.all(np.isfinite(value)) for value in (state, reference_rad, weight)):
-            raise SolverFailedError("state, reference or weight is not finite")
-        program = self.quadratic_program(state, reference_rad, weight)
-        for solver in self._solvers:
-            x = np.array(solver(**program)["x"]).ravel()
-            stats = solver.stats()
-            if stats["success"] and np.all(np.isfinite(x)):
-                return Solution(self.jerk_scale * np.clip(x[: self._steps], -1.0, 1.0), x[self._steps :])
-        raise SolverFailedError(f"QP solver: {stats.get('return_status', 'no status')}")
+        n = self.model.steps
+        parameters = self.parameters(state, reference_rad)
+        free = self._gain @ parameters
+        most = max(free.max(), -free.min())
+        if most <= 1.0 + _ROUNDING:
+            return Solution(free[:n], self.model.command(free[n:]), 0.0, "gain")
+        if not np.isfinite(most):
+            raise SolverFailedError("state or reference is not finite")
+        g, lower, upper = self.program(parameters)
+        for k, maker in enumerate(self._makers):
+            if k == len(self._solvers):
+                self._solvers.append(maker(self.data))
+            solver = self._solvers[k]
+            result = solver.solve(g, lower, upper)
+            if result.status == "solved":
+                jerk = np.clip(result.x, -1.0, 1.0)
+                rows = self.data.a @ jerk + 1.0 - upper
+                left = max(rows.max(), -rows.min()) - 1.0
+                return Solution(jerk, self.model.command(rows), left if left > _SOFTENED else 0.0, solver.name)
+        raise SolverFailedError(f"{solver.name} {result.status.replace('_', ' ')}", result.status == "timed_out")
