@@ -87,6 +87,7 @@ def main(repeats: int = 3, horizons_s: tuple[float, ...] = (0.4, 0.8, 1.6)) -> N
                         command=smoother.command,
                         joint_position_rad=smoother.command.position_rad,
                         joint_velocity_rad_s=smoother.command.velocity_rad_s,
+                        joint_offset_rad=np.zeros(2),
                         sent_rad=np.tile(smoother.command.position_rad, (100, 1)),
                         committed_rad=np.zeros((0, 2)),
                     )

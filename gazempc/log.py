@@ -30,7 +30,8 @@ class Log:
         about: JSON text: recording, controller, predictor, settings, and the neck in full.
         time_s: Servo ticks, shape (M,), seconds.
         head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
-        joint_position_rad: Pan and tilt of the joints at each tick, shape (M, 2), radians.
+        joint_position_rad: Pan and tilt of the joints at each tick, shape (M, 2), radians: of a simulated neck where
+            they are, of a robot what it reports.
         joint_velocity_rad_s: Shape (M, 2), rad/s.
         command_position_rad: Commands sent at each tick, shape (M, 2), radians.
         command_velocity_rad_s: Shape (M, 2), rad/s.

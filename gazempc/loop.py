@@ -21,7 +21,8 @@ named in the log:
 ``limit_guard``          the smoother refused a motion that could not stop inside the position limits
 ``target_lost``          no observation for `lost_after_s`; the command stops
 ``return_to_rest``       no observation for `rest_after_s`; the neck returns to rest, slowly
-``robot_not_answering``  state or command did not get through
+``robot_not_answering``  the joints could not be read (the plan then relies on the commands sent), or a command did
+                         not get through (the robot stands by the last one; no plan until one does)
 ======================== ==============================================================================
 """
 
@@ -40,6 +41,7 @@ from gazempc.controllers.controller import CommandState, Controller, ControllerE
 from gazempc.errors import RobotError
 from gazempc.loop_recorder import LoopRecorder
 from gazempc.neck import NeckSpec
+from gazempc.observer import JointEstimate, JointObserver
 from gazempc.robots.robot import JointState, Robot
 from gazempc.sensor import Sighting
 from gazempc.smoother import Smoother
@@ -106,6 +108,8 @@ class GazeLoop:
         self._delay_ticks = math.ceil(settings.compute_delay_s / neck.servo_period_s - 1e-9)
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
         self._sent_rad: FloatArray = np.tile(smoother.command.position_rad, (history, 1))
+        self._observer: JointObserver | None = None
+        self._gets_through = True
         self._newest_capture_s: float | None = None
         self._plan: Plan | None = None
         self._waiting: deque[tuple[int, Plan]] = deque()
@@ -121,16 +125,20 @@ class GazeLoop:
         """
         for sighting in arrived:
             self._take_in(sighting, time_s)
-        state = self._read_state(time_s)
-        if index % self._neck.servo_ticks_per_plan == 0 and state is not None:
-            self._make_plan(index, time_s, state)
+        measured = self._read_state(time_s)
+        if self._observer is None:
+            self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
+        joints = self._observer.update(time_s, measured)
+        if index % self._neck.servo_ticks_per_plan == 0 and self._gets_through:
+            self._make_plan(index, time_s, joints)
         while self._waiting and self._waiting[0][0] <= index:
             self._plan = self._waiting.popleft()[1]
         command = self._next_command(time_s)
         sent_rad = self._send(command, time_s)
+        self._observer.sent(sent_rad)
         self._sent_rad[:-1] = self._sent_rad[1:]
         self._sent_rad[-1] = sent_rad
-        self._recorder.tick(time_s, state, sent_rad, self._smoother.command)
+        self._recorder.tick(time_s, measured, sent_rad, self._smoother.command)
 
     def _take_in(self, sighting: Sighting, time_s: float) -> None:
         observation = sighting.observation
@@ -156,15 +164,16 @@ class GazeLoop:
 
     def _read_state(self, time_s: float) -> JointState | None:
         try:
-            state: JointState | None = self._robot.read_state()
+            state = self._robot.read_state()
         except _ROBOT_ERRORS:
-            state = None
-        if state is None or state.position_rad.shape != (2,) or state.velocity_rad_s.shape != (2,):
+            self._recorder.event(time_s, "robot_not_answering")
+            return None
+        if state is not None and not (state.position_rad.shape == state.velocity_rad_s.shape == (2,)):
             self._recorder.event(time_s, "robot_not_answering")
             return None
         return state
 
-    def _make_plan(self, index: int, time_s: float, state: JointState) -> None:
+    def _make_plan(self, index: int, time_s: float, joints: JointEstimate) -> None:
         if self._newest_capture_s is None:
             self._recorder.event(time_s, "no_observation_yet")
             return
@@ -192,8 +201,9 @@ class GazeLoop:
             start_s=start_s,
             forecast=forecast,
             command=committed[-1] if committed else self._smoother.command,
-            joint_position_rad=state.position_rad,
-            joint_velocity_rad_s=state.velocity_rad_s,
+            joint_position_rad=joints.position_rad,
+            joint_velocity_rad_s=joints.velocity_rad_s,
+            joint_offset_rad=joints.offset_rad,
             sent_rad=self._sent_rad,
             committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, 2),
         )
@@ -241,7 +251,8 @@ class GazeLoop:
             sent_rad = self._robot.send_command(command.position_rad)
         except _ROBOT_ERRORS:
             sent_rad = None
-        if sent_rad is not None and sent_rad.shape == (2,) and np.all(np.isfinite(sent_rad)):
+        self._gets_through = sent_rad is not None and sent_rad.shape == (2,) and bool(np.all(np.isfinite(sent_rad)))
+        if self._gets_through and sent_rad is not None:
             return sent_rad
         self._recorder.event(time_s, "robot_not_answering")
         # The robot stands by what it got last. The command starts again from there: had it moved on meanwhile, the

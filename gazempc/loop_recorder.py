@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,19 +60,23 @@ class LoopRecorder:
         self._event_last_s[name] = time_s
 
     def finish(
-        self, about: dict[str, Any], true_head_base_m: Callable[[FloatArray], FloatArray]
+        self,
+        about: dict[str, Any],
+        true_head_base_m: Callable[[FloatArray], FloatArray],
+        true_joints: Sequence[JointState | None] | None = None,
     ) -> tuple[Log, ComputeTimes]:
         """Make the log.
 
         Args:
             about: Description of the run, for `Log.about`.
             true_head_base_m: True head positions, shape (H, 3), at times, shape (H,); NaN where they are not known.
+            true_joints: Where the joints really were at each tick, if that is known; else what was measured counts.
 
         Returns:
             The log, and the compute times.
         """
         time_s = np.array([t for t, _, _, _ in self._ticks])
-        states = [s for _, s, _, _ in self._ticks]
+        states = true_joints or [s for _, s, _, _ in self._ticks]
         commands = [c for _, _, _, c in self._ticks]
         captures = np.array([o.capture_time_s for _, o, _, _ in self._observations])
         horizons = np.array(FORECAST_HORIZONS_S)

@@ -45,6 +45,15 @@ class Axis(BaseModel):
     natural_frequency_rad_s: float = Field(gt=0)
     damping_ratio: float = Field(gt=0.1, le=10)
     dead_time_s: float = Field(ge=0, le=5)
+    encoder_noise_deg: float = Field(
+        default=0.0, ge=0, le=5, description="Standard deviation of the angle that a simulated joint reports"
+    )
+    load_offset_deg: float = Field(
+        default=0.0,
+        ge=-10,
+        le=10,
+        description="How far from its command a simulated joint settles under its load; controllers do not know it",
+    )
 
     @model_validator(mode="after")
     def _range_is_not_empty(self) -> Axis:
@@ -84,6 +93,7 @@ class NeckSpec(BaseModel):
     geometry: Geometry = Geometry()
     pan: Axis
     tilt: Axis
+    reports_joints: bool = Field(default=True, description="False for a neck without encoders: it is driven open loop")
     control_rate_hz: float = Field(default=50.0, ge=5, le=1000)
     servo_rate_hz: float = Field(default=200.0, gt=0, le=5000)
 

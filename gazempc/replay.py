@@ -164,7 +164,8 @@ def replay(
     smoother = Smoother(neck, start)
 
     now_s = 0.0
-    robot = SimulatedNeck(robot_neck or neck, smoother.command.position_rad, lambda: now_s)
+    robot = SimulatedNeck(robot_neck or neck, smoother.command.position_rad, lambda: now_s, settings.seed)
+    true_joints = []
     recorder = LoopRecorder(neck.control_period_s)
     loop = GazeLoop(neck, predictor, controller, smoother, robot, recorder, settings.loop)
     robot.connect()
@@ -174,6 +175,7 @@ def replay(
         arrived = []
         while sightings and sightings[0].arrival_s <= now_s + 1e-9:
             arrived.append(sightings.popleft())
+        true_joints.append(robot.true_state())
         loop.tick(index, now_s, arrived)
         if on_tick is not None:
             on_tick(now_s / end_s)
@@ -195,4 +197,4 @@ def replay(
     def where_known(times_s: FloatArray) -> FloatArray:
         return np.where(true_head.known(times_s)[:, None], true_head(times_s), np.nan)
 
-    return recorder.finish(about, where_known)
+    return recorder.finish(about, where_known, true_joints)

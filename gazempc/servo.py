@@ -79,6 +79,11 @@ class DelayedServo:
         """
         self._waiting.append((self._time_s + self._axis.dead_time_s, command_rad))
 
+    def correct(self, position_rad: float, velocity_rad_s: float) -> None:
+        """Add to position and velocity; for an observer whose model this is."""
+        self._q += position_rad
+        self._v += velocity_rad_s
+
     def advance_to(self, time_s: float) -> None:
         """Move on in time.
 

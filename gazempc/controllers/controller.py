@@ -58,8 +58,9 @@ class Situation:
         start_s: Time at which the first command of the plan will be sent, seconds.
         forecast: Forecast for the times that the controller asked for.
         command: The last command before the plan starts, sent one servo period before `start_s`.
-        joint_position_rad: Joint angles now, shape (2,), radians.
+        joint_position_rad: Joint angles now, as the observer estimates them, shape (2,), radians.
         joint_velocity_rad_s: Joint velocities now, shape (2,), rad/s.
+        joint_offset_rad: How far from a command that stands still the joints settle, shape (2,), radians.
         sent_rad: Commands sent before now, one a servo period, oldest first, shape (M, 2), radians.
         committed_rad: Commands that will be sent from now until the plan starts, shape (n, 2), radians.
     """
@@ -69,6 +70,7 @@ class Situation:
     command: CommandState
     joint_position_rad: FloatArray
     joint_velocity_rad_s: FloatArray
+    joint_offset_rad: FloatArray
     sent_rad: FloatArray
     committed_rad: FloatArray
 

@@ -95,8 +95,10 @@ class Mpc:
         state = np.empty(5)
         events: tuple[str, ...] = ()
         for i, reference in enumerate((angles[:n, 0], angles[-n:, 1])):
+            # Counted without its offset, the joint follows the command as the model says.
+            offset_rad = situation.joint_offset_rad[i]
             state[:2] = self._rolls[i](
-                situation.joint_position_rad[i],
+                situation.joint_position_rad[i] - offset_rad,
                 situation.joint_velocity_rad_s[i],
                 situation.sent_rad[:, i],
                 situation.committed_rad[:, i],
@@ -105,7 +107,7 @@ class Mpc:
             k = self._doubted[i]
             sigma_rad = angle_deviations_rad(forecast.means_base_m[k], forecast.covariances_m2[k])[i]
             try:
-                solution = self.ocps[i][self._level(sigma_rad)].solve(state, reference)
+                solution = self.ocps[i][self._level(sigma_rad)].solve(state, reference - offset_rad)
             except SolverFailedError as error:
                 raise (SolverTimedOut if error.timed_out else SolverFailed)(str(error)) from None
             if solution.softened:

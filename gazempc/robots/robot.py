@@ -36,11 +36,11 @@ class Robot(Protocol):
         """Open the connection; calling it again does nothing."""
         ...
 
-    def read_state(self) -> JointState:
+    def read_state(self) -> JointState | None:
         """Read the joints.
 
         Returns:
-            The latest measured state.
+            The latest measured state; None if the robot does not measure its joints, or has nothing new.
         """
         ...
 

@@ -1,0 +1,133 @@
+"""Where the joints are now: model and measurement together, so that noise, silence and constant loads do no harm."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gazempc.neck import Axis, NeckSpec
+from gazempc.robots.robot import JointState
+from gazempc.servo import DelayedServo, zero_order_hold
+
+FloatArray = NDArray[np.float64]
+
+# An error of the model's joint is corrected with this time constant; noise of encoders is averaged over it.
+_STATE_TIME_S = 0.05
+# A load is learned with a time constant of this many response times (dead time and lag). Faster would mistake a dead
+# time that is modelled wrongly for a load, and the two delays would chase each other.
+_LOAD_RESPONSES = 1.0
+# A measurement older than this is not used.
+_MEMORY_S = 0.25
+
+
+@dataclass(frozen=True)
+class JointEstimate:
+    """Estimate of the joints at one instant; arrays of shape (2,), pan and tilt.
+
+    Attributes:
+        position_rad: Joint angles, radians.
+        velocity_rad_s: Joint velocities, rad/s.
+        offset_rad: How far from a command that stands still the joint settles, radians: a constant load (gravity,
+            friction) or an encoder that is off.
+    """
+
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    offset_rad: FloatArray
+
+
+class JointObserver:
+    """Steady-state Kalman filter for each joint, with the offset from the command as a state of its own.
+
+    Between measurements the joints follow the commands that were sent, through servo and dead time, exactly; without
+    any measurement that is all (open loop). The offset makes the control free of steady errors: Maeder, Borrelli &
+    Morari (2009), Linear offset-free model predictive control.
+
+    Args:
+        neck: The neck as it is known.
+        command_rad: Where the command stands, the joints at rest there, shape (2,), radians.
+        time_s: Present time, seconds.
+    """
+
+    def __init__(self, neck: NeckSpec, command_rad: FloatArray, time_s: float) -> None:
+        self._servos = [
+            DelayedServo(axis, float(start), time_s) for axis, start in zip(neck.axes, command_rad, strict=True)
+        ]
+        self._gains = np.stack([observer_gain(axis, neck.servo_period_s) for axis in neck.axes])
+        self._offset_rad = np.zeros(2)
+        self._past: deque[tuple[float, FloatArray, FloatArray]] = deque()
+        self._measured_s: float | None = None
+
+    def sent(self, command_rad: FloatArray) -> None:
+        """Take note of a command that was sent at the time of the last update, shape (2,), radians."""
+        for servo, command in zip(self._servos, command_rad, strict=True):
+            servo.send(float(command))
+
+    def update(self, time_s: float, measured: JointState | None) -> JointEstimate:
+        """Move on in time and take in a measurement.
+
+        Args:
+            time_s: Present time, seconds; one before that of the last update is taken for that.
+            measured: Newest measured state, perhaps of a moment ago; None if there is none. One that is not finite,
+                too old, or was taken in before is not used.
+
+        Returns:
+            The estimate for `time_s`.
+        """
+        time_s = max(time_s, self._past[-1][0]) if self._past else time_s
+        for servo in self._servos:
+            servo.advance_to(time_s)
+        states = np.array([servo.state for servo in self._servos])
+        self._past.append((time_s, states[:, 0] + self._offset_rad, states[:, 1]))
+        while self._past[0][0] < time_s - _MEMORY_S:
+            self._past.popleft()
+        if measured is not None and self._usable(measured, time_s):
+            self._correct(measured)
+            states = np.array([servo.state for servo in self._servos])
+        return JointEstimate(states[:, 0] + self._offset_rad, states[:, 1], self._offset_rad.copy())
+
+    def _usable(self, measured: JointState, time_s: float) -> bool:
+        new = self._measured_s is None or measured.time_s > self._measured_s
+        in_memory = self._past[0][0] <= measured.time_s <= time_s + 1e-9
+        return new and in_memory and bool(np.all(np.isfinite(measured.position_rad)))
+
+    def _correct(self, measured: JointState) -> None:
+        # What was expected at the time of measurement; the error is then taken to be the same now.
+        at_s, position_rad, velocity_rad_s = next(p for p in reversed(self._past) if p[0] <= measured.time_s + 1e-9)
+        error_rad = measured.position_rad - (position_rad + (measured.time_s - at_s) * velocity_rad_s)
+        first = self._measured_s is None
+        self._measured_s = measured.time_s
+        for i, servo in enumerate(self._servos):
+            if first:
+                servo.correct(float(error_rad[i]), 0.0)
+                continue
+            position, velocity, offset = self._gains[i] * error_rad[i]
+            self._offset_rad[i] += offset
+            # The servo's own position is counted without the offset.
+            servo.correct(float(position - offset), float(velocity))
+
+
+def observer_gain(axis: Axis, period_s: float) -> FloatArray:
+    """Steady-state Kalman gain for [joint angle, velocity, offset] from a measured angle at every period.
+
+    Only ratios of noises matter: they are chosen so that the joint's state is corrected within `_STATE_TIME_S` and the
+    offset within `_LOAD_RESPONSES` response times.
+
+    Args:
+        axis: The joint.
+        period_s: Time between measurements, seconds.
+
+    Returns:
+        Gain, shape (3,): dimensionless, 1/s, dimensionless.
+    """
+    import control  # noqa: PLC0415  (slow to import; only needed when something moves)
+
+    step = zero_order_hold(axis, period_s)
+    A = np.vstack([np.hstack([step[:, :2], step[:, 2:]]), [0.0, 0.0, 1.0]])
+    load_time_s = _LOAD_RESPONSES * (axis.dead_time_s + axis.servo_lag_s)
+    noise = [period_s / _STATE_TIME_S, period_s / _STATE_TIME_S**2, period_s / load_time_s]
+    gain, *_ = control.dlqe(A, np.eye(3), np.array([[1.0, 0.0, 0.0]]), np.diag(np.square(noise)), np.eye(1))
+    return np.asarray(gain, dtype=np.float64).ravel()
