@@ -16,9 +16,10 @@ FloatArray = NDArray[np.float64]
 
 # An error of the model's joint is corrected with this time constant; noise of encoders is averaged over it.
 _STATE_TIME_S = 0.05
-# A load is learned with a time constant of this many response times (dead time and lag). Faster would mistake a dead
-# time that is modelled wrongly for a load, and the two delays would chase each other.
-_LOAD_RESPONSES = 1.0
+# Noise that lets the offset change, in response times (dead time and lag). As the servo pulls the joint back to the
+# command meanwhile, a load is learned in about three response times (1.6 s for the neck `reference`). Faster would
+# mistake a dead time that is modelled wrongly for a load, and the two delays would chase each other.
+_LOAD_RESPONSES = 0.7
 # A measurement older than this is not used.
 _MEMORY_S = 0.25
 
@@ -113,8 +114,7 @@ class JointObserver:
 def observer_gain(axis: Axis, period_s: float) -> FloatArray:
     """Steady-state Kalman gain for [joint angle, velocity, offset] from a measured angle at every period.
 
-    Only ratios of noises matter: they are chosen so that the joint's state is corrected within `_STATE_TIME_S` and the
-    offset within `_LOAD_RESPONSES` response times.
+    Only ratios of noises matter; they are chosen by the times within which state and offset are to be corrected.
 
     Args:
         axis: The joint.

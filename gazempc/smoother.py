@@ -76,7 +76,9 @@ class _AxisSmoother:
         position = now[0] + h * (now[1] + h * (now[2] / 2.0 + h * jerk / 6.0))
         velocity = now[1] + h * (now[2] + h * jerk / 2.0)
         reached = abs(position - target[0]) <= _SAME_RAD and abs(velocity - target[1]) * h <= _SAME_RAD
-        within = abs(jerk) <= self._j_max * _ROUNDED_UP and abs(velocity) <= v_max * _ROUNDED_UP
+        # Where an acceleration takes the velocity before it can be ended.
+        peak = velocity + target[2] * abs(target[2]) / (2.0 * self._j_max)
+        within = abs(jerk) <= self._j_max * _ROUNDED_UP and max(abs(velocity), abs(peak)) <= v_max * _ROUNDED_UP
         return (position, velocity, target[2]) if reached and within else None
 
     def _follow(self, now: _Motion, target: _Motion, v_max: float) -> _Motion | None:

@@ -1,12 +1,16 @@
 """The loop: order of stages, determinism, and a safe command whatever happens."""
 
 import dataclasses
+import sys
 
 import numpy as np
 import pytest
 
 from gazempc.config import RunSettings
 from gazempc.controllers import ControllerError, LookAhead, Mpc, Plan
+from gazempc.controllers.controller import SolverFailed, SolverTimedOut
+from gazempc.controllers.ocp import AxisOcp
+from gazempc.controllers.qp import Daqp, Piqp, QpResult
 from gazempc.errors import LeftOutError, RobotError
 from gazempc.loop import GazeLoop, LoopSettings
 from gazempc.loop_recorder import LoopRecorder
@@ -106,16 +110,31 @@ class Failing:
     def plan(self, situation):
         if not self.start_s <= situation.start_s < self.stop_s:
             return self.inner.plan(situation)
-        if self.how == "error":
-            raise ControllerError("made to fail")
+        errors = {
+            "error": ControllerError,
+            "failed": SolverFailed,
+            "timed out": SolverTimedOut,
+            "bug": ZeroDivisionError,
+        }
+        if self.how in errors:
+            raise errors[self.how]("made to fail")
         return Plan(situation.start_s, 0.02, np.full((3, 2), np.nan), np.zeros((3, 2)), np.zeros((3, 2)))
 
 
-@pytest.mark.parametrize("how", ["error", "nan"])
-def test_a_short_solver_failure_is_bridged_by_the_last_plan(how):
+@pytest.mark.parametrize(
+    ("how", "event"),
+    [
+        ("error", "controller_failed"),
+        ("bug", "controller_failed"),
+        ("failed", "solver_failed"),
+        ("timed out", "solver_timed_out"),
+        ("nan", "plan_not_finite"),
+    ],
+)
+def test_a_short_solver_failure_is_bridged_by_the_last_plan(how, event):
     """0.2 s without a plan: the rest of the last one is followed, and the gaze hardly notices."""
     log = Scene(controller=Failing(how, 2.0, 2.2)).run(4.0)
-    assert events(log) == {"no_observation_yet", "controller_failed"}
+    assert events(log) == {"no_observation_yet", event}
     assert Scene.error_deg(log)[int(2.5 / TS) :].max() < 6.0
 
 
@@ -125,6 +144,89 @@ def test_a_long_solver_failure_stops_the_neck_and_the_gaze_recovers():
     standing = log.command_position_rad[int(3.0 / TS) : int(3.9 / TS)]
     assert np.ptp(standing, axis=0) == pytest.approx([0, 0], abs=1e-9)
     assert Scene.error_deg(log)[int(5.5 / TS) :].mean() < 3.0
+
+
+def gives_up(data):
+    """A QP solver that never finds anything."""
+
+    class GivesUp:
+        name = "gives up"
+
+        def solve(self, g, lower, upper):
+            return QpResult(np.full(g.size, np.nan), "failed")
+
+    return GivesUp()
+
+
+@pytest.mark.parametrize(
+    ("solvers", "event"),
+    [
+        ((gives_up, gives_up), "solver_failed"),
+        ((gives_up, lambda data: Piqp(data, iteration_limit=1)), "solver_timed_out"),
+        ((lambda data: Daqp(data, iteration_limit=1),), "solver_timed_out"),
+        ((gives_up, Piqp), "second_solver"),
+    ],
+)
+def test_real_solvers_that_fail_in_the_loop_are_named_and_the_gaze_recovers(solvers, event):
+    """The person jumps aside, so that limits bind and the solver is asked; it is made to fail for half a second."""
+
+    class Sabotaged(Mpc):
+        def plan(self, situation):
+            whole = self.ocps
+            if 2.0 <= situation.start_s < 2.5:
+                self.ocps = [[AxisOcp(o[0].model, 0.08, solvers)] * len(o) for o in whole]
+            try:
+                return super().plan(situation)
+            finally:
+                self.ocps = whole
+
+    ambling = head
+
+    def jump(t):
+        return ambling(t) + np.array([0.0, 1.5 if t > 1.9 else 0.0, 0.0])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.modules[__name__], "head", jump)
+        log = Scene(controller=Sabotaged(NECK, horizon_s=0.3)).run(6.0)
+    assert event in events(log)
+    error_deg = np.rad2deg(np.abs(log.joint_position_rad[:, 0] - np.arctan2(log.head_true_base_m[:, 1], 2.5)))
+    assert error_deg[int(4.5 / TS) :].mean() < 3.0
+
+
+def test_what_a_plan_has_to_say_is_in_the_log():
+    class Speaking(LookAhead):
+        def plan(self, situation):
+            return dataclasses.replace(super().plan(situation), events=("limits_softened",))
+
+    assert "limits_softened" in events(Scene(controller=Speaking(NECK)).run(1.0))
+
+
+def test_a_neck_without_encoders_is_driven_open_loop():
+    blind = NECK.model_copy(update={"reports_joints": False})
+    scene = Scene(controller=Mpc(NECK, horizon_s=0.3))
+    scene.loop._robot = SimulatedNeck(blind, np.zeros(2), lambda: scene.now_s)
+    scene.loop._robot.connect()
+    log = scene.run(4.0)
+    assert events(log) == {"no_observation_yet"}
+    with_encoders = Scene(controller=Mpc(NECK, horizon_s=0.3)).run(4.0)
+    assert log.command_position_rad == pytest.approx(with_encoders.command_position_rad, abs=1e-9)
+
+
+def test_joints_that_cannot_be_read_for_two_seconds_are_known_from_the_commands():
+    class Mute(SimulatedNeck):
+        def read_state(self):
+            if 1.5 <= self._clock_s() < 3.5:
+                raise RobotError("no answer")
+            return super().read_state()
+
+    scene = Scene(controller=Mpc(NECK, horizon_s=0.3))
+    scene.loop._robot = Mute(NECK, np.zeros(2), lambda: scene.now_s)
+    scene.loop._robot.connect()
+    log = scene.run(5.0)
+    assert "robot_not_answering" in events(log)
+    assert "stale_plan" not in events(log)
+    undisturbed = Scene(controller=Mpc(NECK, horizon_s=0.3)).run(5.0)
+    assert log.command_position_rad == pytest.approx(undisturbed.command_position_rad, abs=1e-9)
 
 
 def test_a_lost_target_stops_then_returns_to_rest_slowly_then_is_found_again():

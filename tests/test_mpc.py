@@ -9,7 +9,8 @@ from scipy.optimize import linprog
 from gazempc.controllers import CommandState, ControllerError, LookAhead, Mpc, Reactive, Situation
 from gazempc.controllers.ocp import predict
 from gazempc.kinematics import gaze_error_rad, look_at
-from gazempc.neck import load_neck
+from gazempc.neck import NeckSpec, load_neck
+from gazempc.observer import JointObserver
 from gazempc.robots import SimulatedNeck
 from gazempc.smoother import Smoother
 from predictors import Forecast
@@ -22,34 +23,44 @@ def forecast(times_s, path):
     return Forecast(times, path(times), np.zeros((times.size, 3, 3)), 0.0)
 
 
-def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None):
-    """Closed loop with the true future; returns joint angles, commands and the gaze error after each tick."""
+def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None, known=None):
+    """Closed loop, as the loop does it; returns true joint angles, commands and the gaze error after each tick.
+
+    The future is the true one, or what `known(now, times)` says of it. `neck` is simulated; controller, observer and
+    smoother know `model`.
+    """
     model = model or neck
     now = 0.0
-    smoother = Smoother(neck, np.array(start_rad))
+    observer = JointObserver(model, np.array(start_rad), 0.0)
+    smoother = Smoother(model, np.array(start_rad))
     robot = SimulatedNeck(neck, smoother.command.position_rad, lambda: now)
     robot.connect()
     sent = np.tile(smoother.command.position_rad, (400, 1))
     plan, joints, commands, errors = None, [], [], []
     for k in range(ticks):
         now = k * neck.servo_period_s
-        state = robot.read_state()
+        true = robot.true_state()
+        state = observer.update(now, robot.read_state())
         if k % neck.servo_ticks_per_plan == 0:
             situation = Situation(
                 start_s=now,
-                forecast=forecast(controller.forecast_times_s(now, now), path),
+                forecast=forecast(
+                    controller.forecast_times_s(now, now), path if known is None else lambda t, now=now: known(now, t)
+                ),
                 command=smoother.command,
                 joint_position_rad=state.position_rad,
                 joint_velocity_rad_s=state.velocity_rad_s,
+                joint_offset_rad=state.offset_rad,
                 sent_rad=sent,
                 committed_rad=np.zeros((0, 2)),
             )
             plan = controller.plan(situation)
         command = smoother.step(now, plan)
         sent = np.vstack([sent[1:], robot.send_command(command.position_rad)])
-        joints.append(state.position_rad)
+        observer.sent(sent[-1])
+        joints.append(true.position_rad)
         commands.append(command.position_rad)
-        errors.append(float(gaze_error_rad(neck.geometry, state.position_rad, path(np.array([now]))[0])))
+        errors.append(float(gaze_error_rad(neck.geometry, true.position_rad, path(np.array([now]))[0])))
     return np.array(joints), np.array(commands), np.rad2deg(errors)
 
 
@@ -142,6 +153,7 @@ def test_a_command_follows_the_plan_to_a_tenth_of_a_degree():
         smoother.command,
         np.array([0.5, 0.1]),
         np.zeros(2),
+        np.zeros(2),
         np.tile([0.5, 0.1], (100, 1)),
         np.zeros((0, 2)),
     )
@@ -187,6 +199,7 @@ def test_nan_in_the_situation_is_a_controller_error():
         CommandState(np.full(2, np.nan), np.zeros(2), np.zeros(2)),
         np.zeros(2),
         np.zeros(2),
+        np.zeros(2),
         np.zeros((100, 2)),
         np.zeros((0, 2)),
     )
@@ -211,6 +224,7 @@ def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_dela
         "command": CommandState(np.zeros(2), np.zeros(2), np.zeros(2)),
         "joint_position_rad": np.zeros(2),
         "joint_velocity_rad_s": np.zeros(2),
+        "joint_offset_rad": np.zeros(2),
         "sent_rad": np.zeros((100, 2)),
         "committed_rad": np.zeros((0, 2)),
     }

@@ -211,7 +211,7 @@ def test_roll_foresees_what_the_joint_will_do(
         servo.send(command)
         sent.append(command)
         servo.advance_to((k + 1) * period_s)
-    foreseen = roll(*servo.state, np.array(sent))
+    foreseen = roll(*servo.state, np.array(sent), np.zeros(0))
     servo.send(5.0)
     servo.advance_to(len(commands) * period_s + dead_time_s)
     np.testing.assert_allclose(servo.state, foreseen, atol=1e-6)
@@ -223,4 +223,21 @@ def test_commands_needed_covers_the_dead_time(dead_time_s: float, needed: int) -
 
 
 def test_roll_over_no_dead_time_is_the_present() -> None:
-    np.testing.assert_array_equal(DeadTimeRoll(axis(0.0), TICK_S)(0.3, -0.2, np.array([9.0])), [0.3, -0.2])
+    rolled = DeadTimeRoll(axis(0.0), TICK_S)(0.3, -0.2, np.array([9.0]), np.zeros(0))
+    np.testing.assert_array_equal(rolled, [0.3, -0.2])
+
+
+@pytest.mark.parametrize("dead_time_s", [0.0, 0.0131, 0.4])
+def test_roll_goes_on_through_commands_that_are_settled(dead_time_s: float) -> None:
+    """Commands that will be sent whatever is planned: the state one dead time after the last of them."""
+    joint = axis(dead_time_s)
+    roll = DeadTimeRoll(joint, TICK_S)
+    servo = DelayedServo(joint, 0.1)
+    committed = np.array([0.3, -0.1, 0.2])
+    rolled = roll(0.1, 0.0, np.full(roll.commands_needed, 0.1), committed)
+    for k, command in enumerate(committed):
+        servo.send(float(command))
+        servo.advance_to((k + 1) * TICK_S)
+    servo.send(5.0)
+    servo.advance_to(3 * TICK_S + dead_time_s)
+    np.testing.assert_allclose(servo.state, rolled, atol=1e-6)

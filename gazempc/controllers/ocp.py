@@ -11,10 +11,12 @@ the horizon, everything of interest is linear in the initial state z0 and the je
 and the problem is
 
     minimise    sum_k (Q_k - r_k)^2 + T^4 sum_k A_k^2 + rho sum(s) + small |J|^2
-    subject to  |J| <= j_max,   low - s <= C <= high + s,   s >= 0
+    subject to  |J| <= j_max,   low - s <= L C <= high + s,   s >= 0
 
-with reference angles r from the look-at kinematics. Gaze error and gaze acceleration are the joint's times what a
-radian of the joint is worth in gaze (cos(tilt) for pan): both terms scale alike, so the factor cancels, and the
+where L C are the command's positions, its velocities half a step on (which bounds the velocity between the steps,
+too) and its accelerations, and r are the reference angles from the look-at kinematics. Gaze error and gaze
+acceleration are the joint's times what a radian of the joint is worth in gaze (cos(tilt) for pan): both terms scale
+alike, so the factor cancels, and the
 Hessian is one constant matrix for each smoothing time T. While no limit binds, the solution is therefore a constant
 matrix times [z0; 1; r], which also says whether a limit binds; only where one does, a QP solver is asked.
 
@@ -174,8 +176,8 @@ class AxisModel:
         steps: N.
         jerk_scale: Jerk that a scaled jerk of 1 stands for, rad/s^3.
         prediction: The maps of the condensed problem.
-        rows_from_jerk: The command's N positions, then its velocities, then its accelerations, as shares of their
-            limits, from scaled jerks; shape (3 N, N).
+        rows_from_jerk: The command's N positions, then its velocities half a step on, then its accelerations, as
+            shares of their limits, from scaled jerks; shape (3 N, N).
         rows_from_state: The same from [z0; 1], shape (3 N, 6).
     """
 
@@ -195,14 +197,20 @@ class AxisModel:
         )[:, None]
         self._centre_rad = 0.5 * (high + low)
         unit_of_row = np.repeat(self._unit, steps, axis=0)
+        # v_k + a_k h/2 is the middle control point of the velocity's parabola over the next step, and v_k is the mean
+        # of two of them: kept within the limit, they keep the velocity within it also between the steps.
+        self._half_step_s = 0.5 * neck.control_period_s
+        ahead = np.eye(3 * steps) + self._half_step_s * np.diag(np.repeat([0.0, 1.0], steps), k=steps)
         centre_of_row = np.repeat([[self._centre_rad], [0.0], [0.0]], steps, axis=0) / unit_of_row
-        self.rows_from_jerk: FloatArray = self.prediction.command_from_jerk / unit_of_row
-        self.rows_from_state: FloatArray = np.hstack([self.prediction.command_from_state / unit_of_row, -centre_of_row])
+        self.rows_from_jerk: FloatArray = (ahead @ self.prediction.command_from_jerk) / unit_of_row
+        rows_from_z0 = (ahead @ self.prediction.command_from_state) / unit_of_row
+        self.rows_from_state: FloatArray = np.hstack([rows_from_z0, -centre_of_row])
 
     def command(self, rows: FloatArray) -> FloatArray:
         """Position, velocity and acceleration of the command, shape (3, N), from its rows, shape (3 N,)."""
         command: FloatArray = rows.reshape(3, -1) * self._unit
         command[0] += self._centre_rad
+        command[1] -= self._half_step_s * command[2]
         return command
 
 
