@@ -4,7 +4,7 @@ For pan and for tilt, with z = [q, q', u, u', u''] and ``z+ = M z + m s`` over o
 a share of its limit:
 
     minimise    sum_k (Q_k - r_k)^2 + T^4 sum_k A_k^2 + 1e-8 sum_k s_k^2,   k = 1 .. N
-    subject to  |s_k| <= 1 and the limits of u, u', u'' at the end of each step
+    subject to  |s_k| <= 1 and, at the end of each step, the limits of u, of u' half a step on, and of u''
 
 All count the cost in squared hundredths of a radian, which suits absolute tolerances. Each starts from its last
 solution where it can; solvers for quadratic programs get one program for each joint, which is faster for them, IPOPT
@@ -35,6 +35,8 @@ AxisSolver = Callable[[FloatArray, FloatArray], FloatArray]
 
 _COST_SCALE = 1e4
 _JERK_WEIGHT = 1e-8
+# A limit left by more than this share of it is more than a solver's tolerance.
+_SOFTENED = 1e-5
 _QUIET_IPOPT: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 _QUIET_QRQP: dict[str, Any] = {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False}
 
@@ -77,25 +79,47 @@ class AxisProblem:
         return C
 
     @property
+    def velocity_row(self) -> FloatArray:
+        """What the velocity limit is for, from z, shape (5,): the command's velocity half a step on."""
+        return np.array([0.0, 0.0, 0.0, 1.0, 0.5 * self.neck.control_period_s])
+
+    @property
+    def velocity_max_rad_s(self) -> float:
+        """The velocity limit."""
+        return float(self.neck.command_limits.velocity_max_rad_s[self.index])
+
+    @property
     def upper(self) -> FloatArray:
-        """Upper limits of u, u', u'', shape (3,)."""
+        """Upper bounds of z: those of position and acceleration, shape (5,)."""
         limits, i = self.neck.command_limits, self.index
-        top = (limits.position_max_rad[i], limits.velocity_max_rad_s[i], limits.acceleration_max_rad_s2[i])
+        top = (np.inf, np.inf, limits.position_max_rad[i], np.inf, limits.acceleration_max_rad_s2[i])
         return np.array(top, dtype=np.float64)
 
     @property
     def lower(self) -> FloatArray:
-        """Lower limits, shape (3,)."""
-        low = float(self.neck.command_limits.position_min_rad[self.index])
-        return np.concatenate([(low,), -self.upper[1:]])
+        """Lower bounds of z, shape (5,)."""
+        lower = -self.upper
+        lower[2] = self.neck.command_limits.position_min_rad[self.index]
+        return lower
 
 
 @dataclass(frozen=True)
 class SparseQp:
-    """The problem without condensing, in w = [z_1 .. z_N, s_1 .. s_N]: 1/2 w'Hw + g'w, ``equality @ w = [M z0; 0]``."""
+    """The problem without condensing, in w = [z_1 .. z_N, s_1 .. s_N]: 1/2 w'Hw + g'w with bounds on w and rows.
+
+    Attributes:
+        hessian: H, shape (6 N, 6 N).
+        rows: The model's 5 N equations, ``= [M z0; 0]``, then the N velocities; shape (6 N, 6 N).
+        rows_lower: Lower bounds of the rows, with zeros for M z0, shape (6 N,).
+        rows_upper: Upper bounds.
+        lower: Lower bounds of w, shape (6 N,).
+        upper: Upper bounds.
+    """
 
     hessian: sparse.csc_matrix
-    equality: sparse.csc_matrix
+    rows: sparse.csc_matrix
+    rows_lower: FloatArray
+    rows_upper: FloatArray
     lower: FloatArray
     upper: FloatArray
 
@@ -105,12 +129,16 @@ class SparseQp:
         n, (M, m), C = problem.steps, problem.model, problem.outputs
         stages = sparse.kron(sparse.eye(n), 2.0 * _COST_SCALE * C.T @ C)
         following = sparse.eye(5 * n) - sparse.kron(sparse.eye(n, k=-1), M)
-        no_bound = np.full(2, np.inf)
+        model = sparse.hstack([following, -sparse.kron(sparse.eye(n), m[:, None])])
+        velocity = sparse.hstack([sparse.kron(sparse.eye(n), problem.velocity_row), sparse.csc_matrix((n, n))])
+        fastest = np.concatenate([np.zeros(5 * n), np.full(n, problem.velocity_max_rad_s)])
         return SparseQp(
-            sparse.csc_matrix(sparse.block_diag([stages, 2.0 * _COST_SCALE * _JERK_WEIGHT * sparse.eye(n)])),
-            sparse.csc_matrix(sparse.hstack([following, -sparse.kron(sparse.eye(n), m[:, None])])),
-            np.concatenate([np.tile(np.concatenate([-no_bound, problem.lower]), n), -np.ones(n)]),
-            np.concatenate([np.tile(np.concatenate([no_bound, problem.upper]), n), np.ones(n)]),
+            hessian=sparse.csc_matrix(sparse.block_diag([stages, 2.0 * _COST_SCALE * _JERK_WEIGHT * sparse.eye(n)])),
+            rows=sparse.csc_matrix(sparse.vstack([model, velocity])),
+            rows_lower=-fastest,
+            rows_upper=fastest,
+            lower=np.concatenate([np.tile(problem.lower, n), -np.ones(n)]),
+            upper=np.concatenate([np.tile(problem.upper, n), np.ones(n)]),
         )
 
 
@@ -222,7 +250,10 @@ class DaqpAlways(AxisPeer):
             result: QpResult = solver.solve(g, lower, upper)
             if result.status != "solved":
                 raise PeerFailedError(result.status)
-            command: FloatArray = model.command(ocp.data.a @ result.x + 1.0 - upper)[0]
+            rows = ocp.data.a @ np.clip(result.x, -1.0, 1.0) + 1.0 - upper
+            if max(rows.max(), -rows.min()) > 1.0 + _SOFTENED:
+                raise PeerFailedError("limit left")
+            command: FloatArray = model.command(rows)[0]
             return command
 
         return solve
@@ -240,6 +271,9 @@ class PiqpPackage(AxisPeer):
         ocp, n = AxisOcp(model, problem.smoothing_time_s), problem.steps
         solver, ones = piqp.DenseSolver(), np.ones(n)
         rows = np.ones(3 * n)
+        # Its own tolerances are out of reach in some ticks.
+        solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = 1e-6
+        solver.settings.eps_rel = solver.settings.eps_duality_gap_rel = 1e-7
         solver.setup(
             np.asfortranarray(ocp.data.h),
             np.zeros(n),
@@ -264,36 +298,45 @@ class PiqpPackage(AxisPeer):
 
 
 class Osqp(AxisPeer):
-    """The osqp package on the sparse program, vectors updated, warm started."""
+    """The osqp package on the condensed program with hard limits, vectors updated, warm started.
+
+    On the sparse program it stops at its limit of iterations in far more of the ticks in which limits bind.
+    """
 
     name = module = package = "osqp"
 
     def _axis(self, problem: AxisProblem) -> AxisSolver:
         import osqp  # noqa: PLC0415
 
-        qp, n, (M, _) = SparseQp.of(problem), problem.steps, problem.model
-        cost = np.zeros(6 * n)
-        bounded = np.flatnonzero(np.isfinite(qp.upper))
-        rows = sparse.vstack([qp.equality, sparse.eye(6 * n, format="csr")[bounded]], format="csc")
-        lower = np.concatenate([np.zeros(5 * n), qp.lower[bounded]])
-        upper = np.concatenate([np.zeros(5 * n), qp.upper[bounded]])
-        solver = osqp.OSQP()
-        solver.setup(sparse.triu(qp.hessian, format="csc"), cost, rows, lower, upper, verbose=False, **OSQP_SETTINGS)
-        solved = osqp.SolverStatus.OSQP_SOLVED
+        model = AxisModel(problem.neck, problem.index, problem.steps)
+        ocp, n = AxisOcp(model, problem.smoothing_time_s), problem.steps
+        below, above = -np.ones(4 * n), np.ones(4 * n)
+        rows = sparse.csc_matrix(np.vstack([np.eye(n), ocp.data.a]))
+        hessian = sparse.csc_matrix(np.triu(ocp.data.h))
+        solver, solved = osqp.OSQP(), osqp.SolverStatus.OSQP_SOLVED
+        solver.setup(
+            hessian,
+            np.zeros(n),
+            rows,
+            below,
+            above,
+            verbose=False,
+            eps_abs=1e-6,
+            eps_rel=1e-6,
+            max_iter=20_000,
+            adaptive_rho_interval=10,
+        )
 
         def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
-            lower[:5] = upper[:5] = M @ state
-            solver.update(q=_linear_cost(cost, reference), l=lower, u=upper)
+            g, below[n:], above[n:] = ocp.program(ocp.parameters(state, reference))
+            solver.update(q=g, l=below, u=above)
             result = solver.solve(raise_error=False)
             if result.info.status_val != solved:
                 raise PeerFailedError(result.info.status)
-            command: FloatArray = result.x[2 : 5 * n : 5]
+            command: FloatArray = model.command(ocp.data.a @ result.x + 1.0 - above[n:])[0]
             return command
 
         return solve
-
-
-OSQP_SETTINGS: dict[str, Any] = {"eps_abs": 1e-5, "eps_rel": 1e-5, "max_iter": 20000, "warm_starting": True}
 
 
 class CasadiQrqp(AxisPeer):
@@ -305,16 +348,16 @@ class CasadiQrqp(AxisPeer):
 
     def _axis(self, problem: AxisProblem) -> AxisSolver:
         qp, n, (M, _) = SparseQp.of(problem), problem.steps, problem.model
-        h, a = ca.DM(qp.hessian), ca.DM(qp.equality)
+        h, a = ca.DM(qp.hessian), ca.DM(qp.rows)
         solver = ca.conic(self.name, self.plugin, {"h": h.sparsity(), "a": a.sparsity()}, self.options)
-        cost, equal = np.zeros(6 * n), np.zeros(5 * n)
+        cost, below, above = np.zeros(6 * n), qp.rows_lower.copy(), qp.rows_upper.copy()
         lower, upper = ca.DM(qp.lower), ca.DM(qp.upper)
         start: dict[str, Any] = {}
 
         def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
-            equal[:5] = M @ state
+            below[:5] = above[:5] = M @ state
             answer = solver(
-                h=h, g=_linear_cost(cost, reference), a=a, lba=equal, uba=equal, lbx=lower, ubx=upper, **start
+                h=h, g=_linear_cost(cost, reference), a=a, lba=below, uba=above, lbx=lower, ubx=upper, **start
             )
             if not solver.stats()["success"]:
                 start.clear()  # what led there is no start for the next call
@@ -345,22 +388,24 @@ class CasadiSqpmethod(AxisPeer):
         n, (M, m), C = problem.steps, problem.model, problem.outputs
         z, s = ca.SX.sym("z", 5, n), ca.SX.sym("s", n)
         z0, r = ca.SX.sym("z0", 5), ca.SX.sym("r", n)
-        cost, gaps = _JERK_WEIGHT * ca.sumsqr(s), []
+        cost, rows = _JERK_WEIGHT * ca.sumsqr(s), []
         for k in range(n):
             before = z[:, k - 1] if k else z0
-            gaps.append(z[:, k] - M @ before - m * s[k])
+            rows.append(z[:, k] - M @ before - m * s[k])
             cost += (z[0, k] - r[k]) ** 2 + (C[1:] @ z[:, k]) ** 2
+        velocities = ca.mtimes(problem.velocity_row[None], z).T
         w = ca.veccat(z, s)
-        program = {"x": w, "p": ca.vertcat(z0, r), "f": _COST_SCALE * cost, "g": ca.vertcat(*gaps)}
+        program = {"x": w, "p": ca.vertcat(z0, r), "f": _COST_SCALE * cost, "g": ca.vertcat(*rows, velocities)}
         quiet = {"print_header": False, "print_iteration": False, "print_status": False, "print_time": False}
         options: dict[str, Any] = {**quiet, "error_on_fail": False, "qpsol": "qrqp", "qpsol_options": _QUIET_QRQP}
         solver = ca.nlpsol(self.name, "sqpmethod", program, options)
         qp = SparseQp.of(problem)
         lower, upper = ca.DM(qp.lower), ca.DM(qp.upper)
+        below, above = ca.DM(qp.rows_lower), ca.DM(qp.rows_upper)
         start: dict[str, Any] = {}
 
         def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
-            answer = solver(p=np.concatenate([state, reference]), lbx=lower, ubx=upper, lbg=0, ubg=0, **start)
+            answer = solver(p=np.concatenate([state, reference]), lbx=lower, ubx=upper, lbg=below, ubg=above, **start)
             if not solver.stats()["success"]:
                 start.clear()
                 raise PeerFailedError("not solved")
@@ -390,12 +435,14 @@ class OptiIpopt(Peer):
             for k in range(n):
                 opti.subject_to(z[:, k + 1] == M @ z[:, k] + m * s[k])
             opti.subject_to(opti.bounded(-1, s, 1))
-            for row, low, high in zip((2, 3, 4), problem.lower, problem.upper, strict=True):
-                opti.subject_to(opti.bounded(low, z[row, 1:], high))
+            velocities, fastest = ca.mtimes(problem.velocity_row[None], z[:, 1:]), problem.velocity_max_rad_s
+            opti.subject_to(opti.bounded(-fastest, velocities, fastest))
+            for row in (2, 4):
+                opti.subject_to(opti.bounded(problem.lower[row], z[row, 1:], problem.upper[row]))
             cost += ca.sumsqr(z[0, 1:].T - reference[:, i]) + ca.sumsqr(C[1:] @ z[:, 1:]) + _JERK_WEIGHT * ca.sumsqr(s)
             commands.append(z[2, 1:])
         opti.minimize(_COST_SCALE * cost)
-        opti.solver("ipopt", {**_QUIET_IPOPT, **IPOPT_WARM})
+        opti.solver("ipopt", _QUIET_IPOPT)
         self._function = opti.to_function(
             "opti_ipopt",
             [state, reference, opti.x, opti.lam_g],
@@ -411,9 +458,6 @@ class OptiIpopt(Peer):
             raise PeerFailedError(str(error)) from None
         self._start = (start[0], start[1])
         return np.asarray(command)
-
-
-IPOPT_WARM: dict[str, Any] = {}
 
 
 class DoMpc(Peer):
@@ -444,15 +488,17 @@ class DoMpc(Peer):
         mpc.settings.n_horizon, mpc.settings.t_step = steps, neck.control_period_s
         mpc.settings.use_terminal_bounds = True
         mpc.settings.store_lagr_multiplier = False  # would only grow
-        mpc.settings.nlpsol_opts = dict(DO_MPC_OPTIONS)
         mpc.settings.supress_ipopt_output()
         mpc.set_objective(lterm=_COST_SCALE * (cost + jerk_cost), mterm=_COST_SCALE * cost)
         mpc.set_rterm(s0=0.0, s1=0.0)
         for i, problem in enumerate(self._problems):
             for side, bounds, sign in (("lower", problem.lower, -1.0), ("upper", problem.upper, 1.0)):
-                column = np.concatenate([np.full(2, sign * np.inf), bounds])
-                mpc.bounds[side, "_x", f"z{i}"] = mpc.terminal_bounds[side, f"z{i}"] = column
+                mpc.bounds[side, "_x", f"z{i}"] = mpc.terminal_bounds[side, f"z{i}"] = bounds
                 mpc.bounds[side, "_u", f"s{i}"] = sign
+                # Of the state at the step's end: do-mpc would put it to the state now, and not to the last one.
+                (M, m), row = problem.model, sign * problem.velocity_row
+                velocity = ca.mtimes((row @ M)[None], model.x[f"z{i}"]) + row @ m * model.u[f"s{i}"]
+                mpc.set_nl_cons(f"{side}_v{i}", velocity, ub=problem.velocity_max_rad_s)
         self._references = mpc.get_tvp_template()
         mpc.set_tvp_fun(lambda _: self._references)
         mpc.setup()
@@ -474,8 +520,6 @@ class DoMpc(Peer):
         command: FloatArray = np.asarray(self._mpc.opt_x_num.cat).ravel()[self._command]
         return command
 
-
-DO_MPC_OPTIONS: dict[str, Any] = {}
 
 PEERS: Sequence[type[Peer]] = (
     Gazempc,

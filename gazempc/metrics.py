@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gazempc.errors import LeftOutError
-from gazempc.kinematics import gaze_error_rad, gaze_ray
+from gazempc.kinematics import gaze_error_rad, gaze_ray, look_at
 from gazempc.log import ComputeTimes, Log
 from gazempc.neck import NeckSpec
 from gazempc.smoothness import log_dimensionless_jerk, sparc
@@ -20,6 +20,10 @@ SCORED_FROM_S = 1.0
 # With less than this, a mean over the scored window would be one glance.
 MIN_DURATION_S = 1.25
 _FEWEST_SCORED = 10
+# Contact that lasts at least this long is called stable.
+STABLE_S = 0.5
+# The pan joint overshoots within this time after it first reaches the head's direction, or not at all.
+OVERSHOOT_S = 1.0
 # Half width of the cone in which people feel looked at: 5.2 deg diameter, Horstmann & Linke (2021); other
 # authors' wider cones beside it.
 CONTACT_DEG = (2.6, 4.0, 9.0)
@@ -43,6 +47,8 @@ class Metrics:
     eye_contact_9: float
     longest_break_s: float
     time_to_contact_s: float
+    time_to_stable_contact_s: float
+    overshoot_deg: float
     rms_acceleration_rad_s2: float
     peak_velocity_rad_s: float
     peak_acceleration_rad_s2: float
@@ -138,6 +144,8 @@ def measure(log: Log) -> Metrics:
         eye_contact_9=float(np.mean(error_scored <= CONTACT_DEG[2])),
         longest_break_s=_longest_run(error_scored > CONTACT_DEG[0]) * dt_s,
         time_to_contact_s=_first(error <= CONTACT_DEG[0], log.time_s),
+        time_to_stable_contact_s=_first(_lasting(error <= CONTACT_DEG[0], round(STABLE_S / dt_s)), log.time_s),
+        overshoot_deg=_overshoot_deg(log, neck),
         rms_acceleration_rad_s2=float(np.sqrt(np.nanmean(np.sum(scored_acceleration**2, axis=1)))),
         peak_velocity_rad_s=_peak(log.joint_position_rad, 1, dt_s),
         peak_acceleration_rad_s2=_peak(log.joint_position_rad, 2, dt_s),
@@ -248,6 +256,25 @@ def _peak(position_rad: FloatArray, order: int, dt_s: float) -> float:
 def _longest_run(flags: NDArray[np.bool_]) -> int:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
+
+
+def _lasting(flags: NDArray[np.bool_], ticks: int) -> NDArray[np.bool_]:
+    """Ticks from which on a flag is true for so many ticks."""
+    run = np.convolve(flags, np.ones(ticks), "valid") == ticks
+    return np.concatenate([run, np.zeros(flags.size - run.size, dtype=np.bool_)])
+
+
+def _overshoot_deg(log: Log, neck: NeckSpec) -> float:
+    pan_rad = look_at(neck.geometry, log.head_true_base_m).angles_rad[:, 0]
+    off_deg = np.rad2deg((log.joint_position_rad[:, 0] - pan_rad + np.pi) % (2.0 * np.pi) - np.pi)
+    if not abs(off_deg[0]) > CONTACT_DEG[-1]:
+        return float("nan")
+    passed_deg = -np.sign(off_deg[0]) * off_deg
+    hits = np.flatnonzero(passed_deg > 0)
+    if not hits.size:
+        return float("nan")
+    soon = log.time_s <= log.time_s[hits[0]] + OVERSHOOT_S
+    return float(np.nanmax(passed_deg[hits[0] :][soon[hits[0] :]]))
 
 
 def _first(flags: NDArray[np.bool_], time_s: FloatArray) -> float:

@@ -58,6 +58,35 @@ def test_gaze_figures(log):
     assert m.time_to_contact_s == pytest.approx(log.time_s[np.flatnonzero(error <= 2.6)[0]])
 
 
+def test_stable_contact_is_the_first_that_lasts(log):
+    m = measure(log)
+    inside = independent_error_deg(log) <= 2.6
+    lasting = [k for k in range(len(inside) - 99) if all(inside[k : k + 100])]
+    assert m.time_to_stable_contact_s == pytest.approx(log.time_s[lasting[0]])
+    assert m.time_to_stable_contact_s >= m.time_to_contact_s
+
+
+def test_overshoot_of_a_joint_that_swings_past_a_head_that_stands_still(log):
+    """By hand: 30 deg aside, a damped swing about straight ahead; only the second that follows arrival counts."""
+    neck = load_neck("reference")
+    time_s = np.arange(600) * 0.005
+    swing_deg = 30.0 * np.exp(-time_s / 0.5) * np.cos(2 * np.pi * time_s / 0.8)
+    joints = np.stack([np.deg2rad(swing_deg), np.zeros(600)], axis=-1)
+    head = np.tile([2.5, 0.0, 0.0], (600, 1))
+    shared = {
+        "about": json.dumps(log.info() | {"neck": neck.model_dump()}),
+        "time_s": time_s,
+        "head_true_base_m": head,
+        "joint_velocity_rad_s": np.zeros((600, 2)),
+    }
+    swung = dataclasses.replace(log, joint_position_rad=joints, **shared)
+    assert measure(swung).overshoot_deg == pytest.approx(-swing_deg.min(), abs=1e-9)
+    other_side = dataclasses.replace(log, joint_position_rad=-joints, **shared)
+    assert measure(other_side).overshoot_deg == pytest.approx(-swing_deg.min(), abs=1e-9)
+    slight = dataclasses.replace(log, joint_position_rad=0.2 * joints, **shared)
+    assert np.isnan(measure(slight).overshoot_deg)
+
+
 def test_motion_figures(log):
     m = measure(log)
     dt = 0.005
@@ -156,7 +185,7 @@ def test_a_log_is_read_back_as_it_was_written(log, tmp_path):
     assert again.neck() == NECK
     for field in dataclasses.fields(Log):
         np.testing.assert_array_equal(getattr(again, field.name), getattr(log, field.name))
-    assert measure(again) == measure(log)
+    assert measure(again).as_dict() == pytest.approx(measure(log).as_dict(), nan_ok=True, abs=0, rel=0)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a log", b"PK\x03\x04 cut off"])

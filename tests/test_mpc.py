@@ -1,5 +1,7 @@
 """The MPC controller: dead time, forecast and limits put together."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -56,7 +58,8 @@ def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None, known=N
             )
             plan = controller.plan(situation)
         command = smoother.step(now, plan)
-        sent = np.vstack([sent[1:], robot.send_command(command.position_rad)])
+        sent = np.roll(sent, -1, axis=0)
+        sent[-1] = robot.send_command(command.position_rad)
         observer.sent(sent[-1])
         joints.append(true.position_rad)
         commands.append(command.position_rad)
@@ -162,6 +165,188 @@ def test_a_command_follows_the_plan_to_a_tenth_of_a_degree():
     followed = np.array([smoother.step(k * NECK.servo_period_s, plan).position_rad for k in ticks])
     wanted = np.array([plan.at(k * NECK.servo_period_s).position_rad for k in ticks])
     assert np.rad2deg(np.abs(followed - wanted)).max() < 0.1
+
+
+def still(angle_rad, distance_m=2.5):
+    """A person who stands still at an angle."""
+
+    def path(times):
+        return np.tile(
+            [distance_m * np.cos(angle_rad), distance_m * np.sin(angle_rad), 0.0], (np.asarray(times).size, 1)
+        )
+
+    return path
+
+
+def variant(name="reference", **of_both_axes):
+    content = load_neck(name).model_dump()
+    for axis in ("pan", "tilt"):
+        content[axis] |= of_both_axes
+    return NeckSpec.model_validate(content)
+
+
+def test_a_constant_load_leaves_no_error():
+    """Two degrees of load: the MPC looks at the person all the same; a look-ahead stays two degrees off."""
+    loaded = variant(load_offset_deg=2.0)
+    _, _, errors = run(Mpc(NECK), loaded, still(0.3), 2000, start_rad=(0.3, 0.0), model=NECK)
+    assert errors[-1] < 0.02
+    _, _, errors = run(LookAhead(NECK), loaded, still(0.3), 2000, start_rad=(0.3, 0.0), model=NECK)
+    assert errors[-1] > 2.0
+
+
+@settings(max_examples=8)
+@given(st.floats(0.7, 1.3), st.floats(0.05, 0.6), st.floats(-1.0, 1.0))
+def test_a_dead_time_modelled_30_percent_wrong_leaves_it_stable(scale, dead_time_s, far_rad):
+    """A person who jumps aside: the joint comes to them, passes them by little, and stays."""
+    plant, model = variant(dead_time_s=dead_time_s), variant(dead_time_s=scale * dead_time_s)
+
+    def known(now, times):
+        return still(0.0 if now < 0.5 else far_rad)(times)
+
+    joints, _, _ = run(Mpc(model, horizon_s=0.4), plant, still(far_rad), 1600, model=model, known=known)
+    off_deg = np.rad2deg(joints[:, 0] - far_rad) * (np.sign(far_rad) or 1.0)
+    assert off_deg.max() < 1.0 + 0.12 * abs(np.rad2deg(far_rad))
+    assert np.abs(off_deg[-200:]).max() < 0.3
+
+
+@settings(max_examples=60)
+@given(
+    st.fixed_dictionaries(
+        {
+            "position_min_deg": st.floats(-170, -1),
+            "position_max_deg": st.floats(1, 170),
+            "velocity_max_rad_s": st.floats(0.05, 8),
+            "acceleration_max_rad_s2": st.floats(0.2, 60),
+            "jerk_max_rad_s3": st.floats(2, 3000),
+            "natural_frequency_rad_s": st.floats(2, 60),
+            "damping_ratio": st.floats(0.3, 2),
+            "dead_time_s": st.floats(0, 0.6),
+        }
+    ),
+    st.integers(0, 2**32 - 1),
+)
+def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
+    """Thousands of plans: joints anywhere, targets that jump, also into the neck and behind it, any confidence."""
+    rng = np.random.default_rng(seed)
+    neck = variant(**axis)
+    limits = neck.command_limits
+    mpc, smoother = Mpc(neck, horizon_s=0.2), Smoother(neck, rng.uniform(-2, 2, 2))
+    ts = neck.servo_period_s
+    commands = [smoother.command.position_rad] * 3
+    for tick in range(40):
+        now = tick * neck.control_period_s
+        times = mpc.forecast_times_s(now, now)
+        means = rng.uniform(-4, 4, 3) + rng.uniform(-3, 3, 3) * (times - now)[:, None]
+        if rng.random() < 0.3:
+            means = np.tile(means[0] * 1e-3, (times.size, 1))
+        covariance = np.nan if rng.random() < 0.1 else 10 ** rng.uniform(-6, 2)
+        situation = Situation(
+            start_s=now,
+            forecast=Forecast(times, means, np.tile(covariance * np.eye(3), (times.size, 1, 1)), 0.0),
+            command=smoother.command,
+            joint_position_rad=rng.uniform(-3, 3, 2),
+            joint_velocity_rad_s=rng.uniform(-10, 10, 2),
+            joint_offset_rad=rng.normal(0, 0.05, 2),
+            sent_rad=np.tile(smoother.command.position_rad, (200, 1)),
+            committed_rad=np.zeros((0, 2)),
+        )
+        plan = mpc.plan(situation)
+        assert plan.is_finite()
+        commands += [smoother.step(now + k * ts, plan).position_rad for k in range(neck.servo_ticks_per_plan)]
+    x = np.array(commands)
+    assert np.all(x <= limits.position_max_rad + 1e-9)
+    assert np.all(x >= limits.position_min_rad - 1e-9)
+    bounds = (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3)
+    for order, limit in enumerate(bounds, start=1):
+        # Third differences of angles carry 1e-16 / ts^3 of rounding.
+        assert np.all(np.abs(np.diff(x, order, axis=0)) / ts**order <= limit * (1 + 1e-6) + 1e-8 / ts**order * 1e-5)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**32 - 1))
+def test_a_start_outside_the_limits_has_a_plan_that_says_so(seed):
+    """Commands at up to three times the limits: a finite plan, never an exception; the softened limit is named."""
+    rng = np.random.default_rng(seed)
+    limits = NECK.command_limits
+    mpc = FUZZED
+    times = mpc.forecast_times_s(0.0, 0.0)
+    command = CommandState(
+        limits.position_max_rad * rng.uniform(-3, 3, 2),
+        limits.velocity_max_rad_s * rng.uniform(-3, 3, 2),
+        limits.acceleration_max_rad_s2 * rng.uniform(-3, 3, 2),
+    )
+    situation = Situation(
+        0.0,
+        forecast(times, still(rng.uniform(-3, 3))),
+        command,
+        rng.uniform(-3, 3, 2),
+        rng.uniform(-9, 9, 2),
+        np.zeros(2),
+        np.zeros((100, 2)),
+        np.zeros((0, 2)),
+    )
+    plan = mpc.plan(situation)
+    assert plan.is_finite()
+    # An acceleration cannot be outside its limit for longer than it takes to end it: only the first knots may be.
+    outside = np.any(np.abs(plan.velocity_rad_s[1:]) > limits.velocity_max_rad_s * (1 + 1e-4))
+    assert not outside or "limits_softened" in plan.events
+
+
+FUZZED = Mpc(NECK, horizon_s=0.3)
+
+
+@pytest.mark.parametrize("name", ["reference", "slow", "fetch", "pr2"])
+def test_the_smoother_follows_plans_that_use_their_limits(name):
+    """A jump of 60 deg, replanned at every control tick: the command stays within 0.1 deg of each plan."""
+    neck = load_neck(name)
+    mpc, smoother = Mpc(neck), Smoother(neck, np.zeros(2))
+    ts, path = neck.servo_period_s, still(np.radians(60.0))
+    apart_deg = 0.0
+    for tick in range(60):
+        now = tick * neck.control_period_s
+        command = smoother.command
+        situation = Situation(
+            now,
+            forecast(mpc.forecast_times_s(now, now), path),
+            command,
+            command.position_rad,
+            command.velocity_rad_s,
+            np.zeros(2),
+            np.tile(command.position_rad, (200, 1)),
+            np.zeros((0, 2)),
+        )
+        plan = mpc.plan(situation)
+        for k in range(neck.servo_ticks_per_plan):
+            followed = smoother.step(now + k * ts, plan).position_rad
+            apart_deg = max(apart_deg, np.rad2deg(np.abs(followed - plan.at(now + k * ts).position_rad)).max())
+    assert apart_deg < 0.1
+    assert np.rad2deg(smoother.command.position_rad[0]) > 50.0
+
+
+def test_doubt_makes_the_motion_smoother():
+    """The same jump of a forecast, once sure and once not: the planned acceleration falls with confidence."""
+
+    def peak(sigma_m):
+        times = MPC.forecast_times_s(0.0, 0.0)
+        covariances = np.tile(sigma_m**2 * np.eye(3), (times.size, 1, 1))
+        situation = Situation(
+            0.0,
+            Forecast(times, still(0.05)(times), covariances, 0.0),
+            CommandState(np.zeros(2), np.zeros(2), np.zeros(2)),
+            np.zeros(2),
+            np.zeros(2),
+            np.zeros(2),
+            np.zeros((100, 2)),
+            np.zeros((0, 2)),
+        )
+        return np.abs(MPC.plan(situation).acceleration_rad_s2[:, 0]).max()
+
+    peaks = [peak(sigma_m) for sigma_m in (0.0, 0.05, 0.1, 0.3, 3.0, np.nan)]
+    assert all(later <= earlier for earlier, later in itertools.pairwise(peaks))
+    assert peaks[-1] < 0.2 * peaks[0]
+
+
+MPC = Mpc(NECK)
 
 
 @settings(max_examples=15)

@@ -1,16 +1,29 @@
-"""The convex program against the problem that it stands for: the true 3-D gaze angle, neck offsets, its own model."""
+"""The convex programs against the problem that they stand for: both joints, the true 3-D gaze angle, neck offsets."""
+
+from functools import lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from experiments.recordings import find_recordings
+from gazempc.config import RunSettings
 from gazempc.controllers import CommandState, Mpc, Situation
+from gazempc.errors import LeftOutError, PlacementError
 from gazempc.kinematics import gaze_ray, look_at
 from gazempc.neck import load_neck
+from gazempc.placement import place
+from gazempc.recording import load
+from gazempc.replay import replay
+from gazempc.sensor import load_sensor
 from predictors import Forecast
 
-STEPS, T = 25, 0.11
-SHARE_OF_LIMITS = 0.99
+ROUNDED = 1.0 - 1e-6  # the share of the limits that is used
+DAMPING = 4 * 0.8**2 - 2  # weight of the velocity: damping ratio 0.8
+
+
+# ---------------------------------------------------------------- oracle
 
 
 def rotated(pan, tilt, v):
@@ -20,11 +33,32 @@ def rotated(pan, tilt, v):
     return ca.vertcat(ca.cos(pan) * x - ca.sin(pan) * y, ca.sin(pan) * x + ca.cos(pan) * y, z)
 
 
-def gaze_angle2(neck, q, target):
-    """Squared sine of the angle between the gaze ray and the direction to the target."""
-    eye = rotated(q[0], 0.0, neck.geometry.tilt_axis_in_pan_m) + rotated(q[0], q[1], neck.geometry.eye_in_tilt_m)
-    to_target = ca.DM(target) - eye
-    return ca.sumsqr(ca.cross(rotated(q[0], q[1], (1.0, 0.0, 0.0)), to_target / ca.norm_2(to_target)))
+def gaze_angle2(neck, pan, tilt, target):
+    """Square of the angle between the gaze ray and the direction to the target, by the series of arcsin^2."""
+    eye = rotated(pan, 0.0, neck.geometry.tilt_axis_in_pan_m) + rotated(pan, tilt, neck.geometry.eye_in_tilt_m)
+    to_target = target - eye
+    sine2 = ca.sumsqr(ca.cross(rotated(pan, tilt, (1.0, 0.0, 0.0)), to_target / ca.norm_2(to_target)))
+    return sine2 * (1 + sine2 * (1 / 3 + sine2 * (8 / 45 + sine2 * (4 / 35 + sine2 * 128 / 1575))))
+
+
+def worth(neck, targets):
+    """Gaze error for a radian of pan and of tilt, shape (..., 2), where the neck looks at the targets.
+
+    The target's distance from the joint's axis, across the ray, over its distance from the eye.
+    """
+    angles = look_at(neck.geometry, targets).angles_rad
+    eye, ray = gaze_ray(neck.geometry, angles)
+    pan = angles[..., 0]
+    forward = np.stack([np.cos(pan), np.sin(pan), np.zeros_like(pan)], axis=-1)
+    left, up = np.stack([-np.sin(pan), np.cos(pan), np.zeros_like(pan)], axis=-1), np.array([0.0, 0.0, 1.0])
+    x, y, z = neck.geometry.tilt_axis_in_pan_m
+    tilt_axis = x * forward + y * left + z * up
+    turns = []
+    for axis, point in ((up, np.zeros(3)), (left, tilt_axis)):
+        moved = np.cross(axis, targets - point)
+        across = moved - np.sum(moved * ray, axis=-1, keepdims=True) * ray
+        turns.append(np.linalg.norm(across, axis=-1) / np.linalg.norm(targets - eye, axis=-1))
+    return np.stack(turns, axis=-1)
 
 
 def servo_tick(axis, p, v, u, h):
@@ -41,36 +75,144 @@ def servo_tick(axis, p, v, u, h):
     return p + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4), v + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
 
 
-def nonlinear_optimum(neck, start, targets):
-    """IPOPT on both joints at once, from rest; returns the joint angles at the steps, shape (STEPS, 2)."""
-    h = neck.servo_period_s
-    opti = ca.Opti()
-    jerk = opti.variable(2, STEPS)
-    state = [[start[i], 0.0, start[i], 0.0, 0.0] for i in range(2)]
-    cost, angles = 0, []
-    for k in range(STEPS):
-        q = []
-        for i, axis in enumerate(neck.axes):
-            p, v, u, du, ddu = state[i]
-            j = jerk[i, k] * 100
-            for _ in range(neck.servo_ticks_per_plan):
-                u, du, ddu = u + h * du + h**2 / 2 * ddu + h**3 / 6 * j, du + h * ddu + h**2 / 2 * j, ddu + h * j
-                p, v = servo_tick(axis, p, v, u, h)
-            state[i] = [p, v, u, du, ddu]
-            pull = axis.natural_frequency_rad_s * (u - p) - 2 * axis.damping_ratio * v
-            cost += T**4 * (axis.natural_frequency_rad_s * pull) ** 2
-            limits = neck.command_limits
-            bounds = (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3)
-            for value, bound in zip((du, ddu, j), bounds, strict=True):
-                most = SHARE_OF_LIMITS * float(bound[i])
-                opti.subject_to(opti.bounded(-most, value, most))
-            q.append(p)
-        cost += gaze_angle2(neck, q, targets[k])
-        angles.append(ca.vertcat(*q))
-    opti.minimize(1e4 * cost)
-    opti.solver("ipopt", {"print_time": 0}, {"print_level": 0, "sb": "yes"})
-    solution = opti.solve()
-    return np.array([solution.value(q) for q in angles])
+def rolled(neck, i, steps):
+    """Joint angle, its velocity and acceleration, command, its velocity and acceleration at the end of each step.
+
+    Returns the matrices by which they depend on the state, shape (6 K, 5), and on the jerks, shape (6 K, K).
+    """
+    axis, h = neck.axes[i], neck.servo_period_s
+    wn, zeta = axis.natural_frequency_rad_s, axis.damping_ratio
+    z0, jerk = ca.SX.sym("z0", 5), ca.SX.sym("jerk", steps)
+    p, v, u, du, ddu = (z0[k] for k in range(5))
+    columns = []
+    for k in range(steps):
+        for _ in range(neck.servo_ticks_per_plan):
+            u, du, ddu = (
+                u + h * du + h**2 / 2 * ddu + h**3 / 6 * jerk[k],
+                du + h * ddu + h**2 / 2 * jerk[k],
+                ddu + h * jerk[k],
+            )
+            p, v = servo_tick(axis, p, v, u, h)
+        columns.append(ca.vertcat(p, v, wn**2 * (u - p) - 2 * zeta * wn * v, u, du, ddu))
+    rows = ca.vec(ca.horzcat(*columns).T)
+    return ca.Function("rolled", [], [ca.jacobian(rows, z0), ca.jacobian(rows, jerk)]).call([])
+
+
+@lru_cache
+def oracle(name, steps):
+    """IPOPT on both joints at once, made once for each neck."""
+    neck = load_neck(name)
+    limits, half_s = neck.command_limits, neck.control_period_s / 2
+    share = ca.SX.sym("jerk", steps, 2)  # of the largest jerk
+    start, offset, smoothing = ca.SX.sym("z0", 5, 2), ca.SX.sym("offset", 2), ca.SX.sym("T", 2)
+    target, turn, rate = ca.SX.sym("target", 3, steps), ca.SX.sym("turn", 2, steps), ca.SX.sym("rate", 2, steps)
+    cost, rows, low, high, joints = 0, [], [], [], []
+    for i in range(2):
+        by_state, by_jerk = rolled(neck, i, steps)
+        jerk = ROUNDED * float(limits.jerk_max_rad_s3[i]) * share[:, i]
+        motion = ca.reshape(by_state @ start[:, i] + by_jerk @ jerk, steps, 6).T
+        joints.append(motion[0, :] + offset[i])
+        cost += smoothing[i] ** 4 * ca.sumsqr(turn[i, :] * motion[2, :]) + 1e-8 * ca.sumsqr(share[:, i])
+        cost += DAMPING * smoothing[i] ** 2 * ca.sumsqr(turn[i, :] * (motion[1, :] - rate[i, :]))
+        rows += [motion[3, :].T, (motion[4, :] + half_s * motion[5, :]).T, motion[5, :].T]
+        fast, hard = ROUNDED * limits.velocity_max_rad_s[i], ROUNDED * limits.acceleration_max_rad_s2[i]
+        high += [limits.position_max_rad[i], fast, hard]
+        low += [limits.position_min_rad[i], -fast, -hard]
+    cost += sum(gaze_angle2(neck, joints[0][k], joints[1][k], target[:, k]) for k in range(steps))
+    parameters = ca.veccat(start, offset, smoothing, target, turn, rate)
+    solver = ca.nlpsol(
+        "oracle",
+        "ipopt",
+        {"x": ca.vec(share), "p": parameters, "f": 1e4 * cost, "g": ca.vertcat(*rows)},
+        {"print_time": 0, "ipopt.print_level": 0, "ipopt.sb": "yes", "error_on_fail": True},
+    )
+    angles = ca.Function("angles", [share, parameters], [ca.vertcat(*joints).T])
+
+    def solve(states, offset_rad, times_s, targets):
+        # How fast each joint must turn to stay on the target.
+        rates = np.gradient(look_at(neck.geometry, targets).angles_rad, neck.control_period_s, axis=0)
+        values = (np.transpose(states), offset_rad, times_s, targets.T, worth(neck, targets).T, rates.T)
+        p = ca.veccat(*map(ca.DM, values))
+        bounds = {"lbg": np.repeat(low, steps), "ubg": np.repeat(high, steps)}
+        found = solver(x0=0.0, p=p, lbx=-1.0, ubx=1.0, **bounds)["x"]
+        return np.array(angles(ca.reshape(found, steps, 2), p))
+
+    return solve
+
+
+# ---------------------------------------------------------------- the MPC, listened to
+
+
+class Planned(NamedTuple):
+    """What the MPC was asked and what it answered; joint angles of shape (N, 2)."""
+
+    states: list
+    offset_rad: np.ndarray
+    times_s: list
+    targets: np.ndarray
+    angles_rad: np.ndarray
+
+
+class Listener(Mpc):
+    """An MPC that keeps what its programs were given in every plan for which `wanted` says so."""
+
+    def __init__(self, neck, smoothing_time_s, **settings):
+        super().__init__(neck, smoothing_time_s=smoothing_time_s, **settings)
+        self.kept, self.wanted, self._calls = [], lambda situation: True, []
+        for ocps in self.ocps:
+            for level, ocp in enumerate(ocps):
+                ocp.solve = self._listening(ocp, ocp.solve, smoothing_time_s * 2 ** (level / 4))
+
+    def _listening(self, ocp, solve, time_s):
+        def listening(state, reference):
+            solution, p = solve(state, reference), ocp.model.prediction
+            angles = p.joint_from_state @ state + p.joint_from_jerk @ solution.scaled_jerk
+            assert solution.softened == 0.0
+            self._calls.append((state.copy(), time_s, angles))
+            return solution
+
+        return listening
+
+    def plan(self, situation):
+        self._calls.clear()
+        plan = super().plan(situation)
+        if self.wanted(situation):
+            states, times_s, angles = zip(*self._calls, strict=True)
+            offset_rad = situation.joint_offset_rad
+            means = situation.forecast.means_base_m
+            self.kept.append(Planned(states, offset_rad, times_s, means, np.stack(angles, axis=1) + offset_rad))
+        return plan
+
+
+def differences_deg(name, planned):
+    """Angle between the gaze of the convex programs and that of the nonlinear one at each step, degrees."""
+    neck = load_neck(name)
+    best = oracle(name, len(planned.targets))(*planned[:4])
+    _, ours = gaze_ray(neck.geometry, planned.angles_rad)
+    _, theirs = gaze_ray(neck.geometry, best)
+    return np.degrees(np.linalg.norm(ours - theirs, axis=1))
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+# ---------------------------------------------------------------- tests
+
+
+@pytest.mark.parametrize("name", ["reference", "fetch", "pr2"])
+def test_worth_is_the_derivative_of_the_gaze_error(name):
+    """The oracle's own weights, by finite differences of its own angle."""
+    neck, step = load_neck(name), 1e-4
+    targets = np.array([[1.5, 0.7, 0.4], [2.5, -1.0, -0.3], [0.9, 0.0, 0.6]])
+    angles = look_at(neck.geometry, targets).angles_rad
+    for k, target in enumerate(targets):
+        for i in range(2):
+            moved = angles[k] + step * np.eye(2)[i]
+            turned = np.sqrt(float(gaze_angle2(neck, *moved, ca.DM(target)))) / step
+            assert turned == pytest.approx(worth(neck, targets)[k, i], rel=1e-3)
+    if name == "reference":
+        assert worth(neck, targets) == pytest.approx(np.stack([np.cos(angles[:, 1]), np.ones(3)], axis=1))
 
 
 @pytest.mark.parametrize(
@@ -79,14 +221,14 @@ def nonlinear_optimum(neck, start, targets):
         ("reference", 5.0, 1.1, 0.05),
         ("fetch", 1.0, 0.4, 0.05),
         # While the pan is 10 deg off, an eye that stands before the axis sees the target higher or lower; the convex
-        # program, which treats the joints apart, does not know.
+        # programs, which treat the joints apart, do not know.
         ("fetch", 5.0, 1.1, 0.15),
     ],
 )
-def test_the_gaze_of_the_convex_program_is_that_of_the_nonlinear_one(name, start_deg, speed_m_s, tolerance_deg):
-    """A walker who passes 1.5 m away, from a start beside: how far the two gazes are apart, RMS."""
+def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(name, start_deg, speed_m_s, tolerance_deg):
+    """A walker who passes 1.5 m away, from rest beside: how far the two gazes are apart, RMS."""
     neck = load_neck(name)
-    mpc = Mpc(neck, horizon_s=STEPS * neck.control_period_s, smoothing_time_s=T)
+    mpc = Listener(neck, smoothing_time_s=0.11, horizon_s=0.5)
     times = mpc.forecast_times_s(0.0, 0.0)
 
     def path(t):
@@ -99,19 +241,45 @@ def test_the_gaze_of_the_convex_program_is_that_of_the_nonlinear_one(name, start
         command=CommandState(start, np.zeros(2), np.zeros(2)),
         joint_position_rad=start,
         joint_velocity_rad_s=np.zeros(2),
+        joint_offset_rad=np.zeros(2),
         sent_rad=np.tile(start, (100, 1)),
         committed_rad=np.zeros((0, 2)),
     )
-    plan = mpc.plan(situation)
-    convex = []
-    for i, ocp in enumerate(mpc.ocps):
-        jerk = np.diff(plan.acceleration_rad_s2[:, i]) / plan.step_s / ocp.jerk_scale
-        state = np.array([start[i], 0.0, start[i], 0.0, 0.0])
-        convex.append(ocp.prediction.joint_from_state @ state + ocp.prediction.joint_from_jerk @ jerk)
-    nonlinear = nonlinear_optimum(neck, start, path(times[:STEPS]))
-    _, ours = gaze_ray(neck.geometry, np.stack(convex, axis=1))
-    _, theirs = gaze_ray(neck.geometry, nonlinear)
-    difference_deg = np.degrees(np.linalg.norm(ours - theirs, axis=1))
-    assert np.sqrt(np.mean(difference_deg**2)) < tolerance_deg
+    mpc.plan(situation)
+    (planned,) = mpc.kept
+    apart = rms(differences_deg(name, planned))
+    print(f"{name}: {apart:.4f} deg RMS")
+    assert apart < tolerance_deg
     # The test would notice: the motion itself is degrees, not hundredths of one.
-    assert np.degrees(np.ptp(convex[0])) > 2.0
+    assert np.degrees(np.ptp(planned.angles_rad[:, 0])) > 2.0
+
+
+def planned_on_walks(walks_dir, name):
+    """Three instants of a replay of every fourth walk."""
+    neck, sensor, settings = load_neck(name), load_sensor("reference"), RunSettings()
+    mpc = Listener(neck, **settings.mpc.model_dump())
+    for path in find_recordings([str(walks_dir)])[::4]:
+        try:
+            placed = place(load(path), "side", settings.distance_m, settings.height_m)
+            ticks = np.round(np.array([0.15, 0.45, 0.8]) * placed.times_s[-1] * neck.control_rate_hz)
+            mpc.wanted = lambda situation, ticks=ticks: round(situation.start_s * neck.control_rate_hz) in ticks
+            replay(placed, neck, sensor, "mpc", settings, mpc)
+        except (PlacementError, LeftOutError):
+            continue
+    assert len(mpc.kept) > 30
+    return mpc.kept
+
+
+@pytest.mark.parametrize(("name", "most_rms_deg", "most_deg"), [("reference", 0.005, 0.02), ("fetch", 0.005, 0.02)])
+def test_on_real_walks_the_gaze_is_that_of_the_nonlinear_one(walks_dir, name, most_rms_deg, most_deg):
+    """Over all instants and the whole horizon, forecasts and smoothing times as they were.
+
+    The aim is 0.05 deg RMS; held to a tenth of that, as a smoothing time that is a level off is worth 0.02 deg.
+    """
+    planned = planned_on_walks(walks_dir, name)
+    apart = np.array([differences_deg(name, each) for each in planned])
+    print(f"{name}: {len(planned)} plans, {rms(apart):.5f} deg RMS, at most {apart.max():.4f} deg")
+    assert rms(apart) < most_rms_deg
+    assert apart.max() < most_deg
+    # The test would notice: the gaze turns by degrees.
+    assert np.mean([np.degrees(np.ptp(each.angles_rad[:, 0])) for each in planned]) > 5.0

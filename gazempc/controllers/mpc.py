@@ -49,7 +49,7 @@ class Mpc:
     """
 
     def __init__(
-        self, neck: NeckSpec, horizon_s: float = 0.8, smoothing_time_s: float = 0.085, doubt_deg: float = 2.0
+        self, neck: NeckSpec, horizon_s: float = 0.8, smoothing_time_s: float = 0.075, doubt_deg: float = 2.0
     ) -> None:
         self._neck = neck
         self._steps = max(2, round(horizon_s / neck.control_period_s))
