@@ -3,7 +3,7 @@
 For pan and for tilt, with z = [q, q', u, u', u''] and ``z+ = M z + m s`` over one control period, s being the jerk as
 a share of its limit:
 
-    minimise    sum_k (Q_k - r_k)^2 + T^4 sum_k A_k^2 + 1e-8 sum_k s_k^2,   k = 1 .. N
+    minimise    sum_k (Q_k - r_k)^2 + d T^2 (V_k - r'_k)^2 + T^4 A_k^2 + 1e-8 s_k^2,   k = 1 .. N
     subject to  |s_k| <= 1 and, at the end of each step, the limits of u, of u' half a step on, and of u''
 
 All count the cost in squared hundredths of a radian, which suits absolute tolerances. Each starts from its last
@@ -35,6 +35,8 @@ AxisSolver = Callable[[FloatArray, FloatArray], FloatArray]
 
 _COST_SCALE = 1e4
 _JERK_WEIGHT = 1e-8
+# d of the problem is 4 zeta^2 - 2 with this zeta; with sqrt(1/2) there is no such term.
+_DAMPING_RATIO = 0.8
 # A limit left by more than this share of it is more than a solver's tolerance.
 _SOFTENED = 1e-5
 _QUIET_IPOPT: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
@@ -72,11 +74,22 @@ class AxisProblem:
 
     @property
     def outputs(self) -> FloatArray:
-        """What is made small: joint angle (less reference) and T^2 times joint acceleration, from z; shape (2, 5)."""
-        C = np.zeros((2, 5))
+        """What is made small, from z: joint angle, weighted velocity and acceleration; shape (3, 5)."""
+        C = np.zeros((3, 5))
         C[0, 0] = 1.0
-        C[1, :3] = self.smoothing_time_s**2 * servo_model(self.neck.axes[self.index])[1]
+        C[1, 1] = self.velocity_weight
+        C[2, :3] = self.smoothing_time_s**2 * servo_model(self.neck.axes[self.index])[1]
         return C
+
+    @property
+    def velocity_weight(self) -> float:
+        """Square root of d T^2."""
+        return float(np.sqrt(4.0 * _DAMPING_RATIO**2 - 2.0)) * self.smoothing_time_s
+
+    def aims(self, reference: FloatArray) -> FloatArray:
+        """What the outputs shall be: the reference, its weighted central differences and zero; shape (3, N)."""
+        rates = np.gradient(reference, self.neck.control_period_s)
+        return np.stack([reference, self.velocity_weight * rates, np.zeros_like(reference)])
 
     @property
     def velocity_row(self) -> FloatArray:
@@ -142,9 +155,12 @@ class SparseQp:
         )
 
 
-def _linear_cost(cost: FloatArray, reference: FloatArray) -> FloatArray:
+def _linear_cost(cost: FloatArray, problem: AxisProblem, reference: FloatArray) -> FloatArray:
     """Write a reference into the cost of a sparse program."""
-    cost[: 5 * len(reference) : 5] = -2.0 * _COST_SCALE * reference
+    aims = problem.aims(reference)
+    n = 5 * len(reference)
+    cost[:n:5] = -2.0 * _COST_SCALE * aims[0]
+    cost[1:n:5] = -2.0 * _COST_SCALE * problem.velocity_weight * aims[1]
     return cost
 
 
@@ -357,7 +373,7 @@ class CasadiQrqp(AxisPeer):
         def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
             below[:5] = above[:5] = M @ state
             answer = solver(
-                h=h, g=_linear_cost(cost, reference), a=a, lba=below, uba=above, lbx=lower, ubx=upper, **start
+                h=h, g=_linear_cost(cost, problem, reference), a=a, lba=below, uba=above, lbx=lower, ubx=upper, **start
             )
             if not solver.stats()["success"]:
                 start.clear()  # what led there is no start for the next call
@@ -387,15 +403,15 @@ class CasadiSqpmethod(AxisPeer):
     def _axis(self, problem: AxisProblem) -> AxisSolver:
         n, (M, m), C = problem.steps, problem.model, problem.outputs
         z, s = ca.SX.sym("z", 5, n), ca.SX.sym("s", n)
-        z0, r = ca.SX.sym("z0", 5), ca.SX.sym("r", n)
+        z0, aims = ca.SX.sym("z0", 5), ca.SX.sym("aims", 3, n)
         cost, rows = _JERK_WEIGHT * ca.sumsqr(s), []
         for k in range(n):
             before = z[:, k - 1] if k else z0
             rows.append(z[:, k] - M @ before - m * s[k])
-            cost += (z[0, k] - r[k]) ** 2 + (C[1:] @ z[:, k]) ** 2
+            cost += ca.sumsqr(C @ z[:, k] - aims[:, k])
         velocities = ca.mtimes(problem.velocity_row[None], z).T
         w = ca.veccat(z, s)
-        program = {"x": w, "p": ca.vertcat(z0, r), "f": _COST_SCALE * cost, "g": ca.vertcat(*rows, velocities)}
+        program = {"x": w, "p": ca.veccat(z0, aims), "f": _COST_SCALE * cost, "g": ca.vertcat(*rows, velocities)}
         quiet = {"print_header": False, "print_iteration": False, "print_status": False, "print_time": False}
         options: dict[str, Any] = {**quiet, "error_on_fail": False, "qpsol": "qrqp", "qpsol_options": _QUIET_QRQP}
         solver = ca.nlpsol(self.name, "sqpmethod", program, options)
@@ -405,7 +421,14 @@ class CasadiSqpmethod(AxisPeer):
         start: dict[str, Any] = {}
 
         def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
-            answer = solver(p=np.concatenate([state, reference]), lbx=lower, ubx=upper, lbg=below, ubg=above, **start)
+            answer = solver(
+                p=np.concatenate([state, problem.aims(reference).ravel(order="F")]),
+                lbx=lower,
+                ubx=upper,
+                lbg=below,
+                ubg=above,
+                **start,
+            )
             if not solver.stats()["success"]:
                 start.clear()
                 raise PeerFailedError("not solved")
@@ -426,7 +449,7 @@ class OptiIpopt(Peer):
     def __init__(self, neck: NeckSpec, steps: int, smoothing_time_s: float) -> None:
         super().__init__(neck, steps, smoothing_time_s)
         opti, n = ca.Opti(), steps
-        state, reference = opti.parameter(5, 2), opti.parameter(n, 2)
+        state, aims = opti.parameter(5, 2), opti.parameter(6, n)
         cost, commands = ca.MX(0), []
         for i, problem in enumerate(self._problems):
             (M, m), C = problem.model, problem.outputs
@@ -439,21 +462,22 @@ class OptiIpopt(Peer):
             opti.subject_to(opti.bounded(-fastest, velocities, fastest))
             for row in (2, 4):
                 opti.subject_to(opti.bounded(problem.lower[row], z[row, 1:], problem.upper[row]))
-            cost += ca.sumsqr(z[0, 1:].T - reference[:, i]) + ca.sumsqr(C[1:] @ z[:, 1:]) + _JERK_WEIGHT * ca.sumsqr(s)
+            cost += ca.sumsqr(C @ z[:, 1:] - aims[3 * i : 3 * i + 3, :]) + _JERK_WEIGHT * ca.sumsqr(s)
             commands.append(z[2, 1:])
         opti.minimize(_COST_SCALE * cost)
         opti.solver("ipopt", _QUIET_IPOPT)
         self._function = opti.to_function(
             "opti_ipopt",
-            [state, reference, opti.x, opti.lam_g],
+            [state, aims, opti.x, opti.lam_g],
             [ca.vertcat(*commands), opti.x, opti.lam_g],
         )
         self._start = (ca.DM.zeros(opti.x.shape), ca.DM.zeros(opti.lam_g.shape))
 
     def solve(self, states: FloatArray, references: FloatArray) -> FloatArray:
         """See `Peer.solve`."""
+        aims = [problem.aims(reference) for problem, reference in zip(self._problems, references, strict=True)]
         try:
-            command, *start = self._function(states.T, references.T, *self._start)
+            command, *start = self._function(states.T, np.vstack(aims), *self._start)
         except RuntimeError as error:
             raise PeerFailedError(str(error)) from None
         self._start = (start[0], start[1])
@@ -476,13 +500,13 @@ class DoMpc(Peer):
         for i, problem in enumerate(self._problems):
             M, m = problem.model
             z, s = model.set_variable("_x", f"z{i}", (5, 1)), model.set_variable("_u", f"s{i}")
-            model.set_variable("_tvp", f"r{i}")
+            model.set_variable("_tvp", f"aims{i}", (3, 1))
             model.set_rhs(f"z{i}", M @ z + m * s)
         model.setup()
         cost, jerk_cost = ca.SX(0), ca.SX(0)
         for i, problem in enumerate(self._problems):
             z = model.x[f"z{i}"]
-            cost += (z[0] - model.tvp[f"r{i}"]) ** 2 + (problem.outputs[1:] @ z) ** 2
+            cost += ca.sumsqr(problem.outputs @ z - model.tvp[f"aims{i}"])
             jerk_cost += _JERK_WEIGHT * model.u[f"s{i}"] ** 2
         mpc = do_mpc.controller.MPC(model)
         mpc.settings.n_horizon, mpc.settings.t_step = steps, neck.control_period_s
@@ -512,8 +536,9 @@ class DoMpc(Peer):
 
     def solve(self, states: FloatArray, references: FloatArray) -> FloatArray:
         """See `Peer.solve`."""
-        for i in range(2):
-            self._references["_tvp", :, f"r{i}"] = [references[i, 0], *references[i]]
+        for i, problem in enumerate(self._problems):
+            aims = problem.aims(references[i]).T
+            self._references["_tvp", :, f"aims{i}"] = [aims[0], *aims]  # that of the state now does not matter
         self._mpc.make_step(states.reshape(10, 1))
         if not self._mpc.solver_stats["success"]:
             raise PeerFailedError(self._mpc.solver_stats["return_status"])

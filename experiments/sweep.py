@@ -23,6 +23,7 @@ from experiments.sweep_spec import Case
 from experiments.sweep_tables import Row, objective_means, pareto_front, point_table, run_row, text_table, write_table
 from experiments.sweep_tuning import check_installed, tune
 from experiments.variants import resolve
+from gazempc.config import WalkerSettings
 from gazempc.report import versions
 
 
@@ -37,6 +38,7 @@ class SweepSettings(BaseModel):
     recordings: tuple[str, ...] | None = Field(
         default=None, min_length=1, description="In place of the file's: 'synthetic', folders, files or synthetic names"
     )
+    walker: WalkerSettings = WalkerSettings()
     jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes on this machine")
     dask: str | None = Field(default=None, description="Scheduler of a dask.distributed cluster that does the runs")
     out: Path | None = Field(default=None, description="Where to write, and to go on; without it out/sweep/<name>")
@@ -68,7 +70,7 @@ def sweep(settings: SweepSettings) -> int:
     Raises:
         GazempcError: On bad input, before anything runs; or if worker processes die, with what was done kept.
     """
-    plan = load_plan(settings.sweep, settings.recordings)
+    plan = load_plan(settings.sweep, settings.recordings, settings.walker.fitted)
     if any(case.design == "optuna" for case in plan.spec.all_cases()):
         check_installed()
     workers = cluster(settings.dask) if settings.dask else local(settings.jobs)

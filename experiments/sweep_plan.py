@@ -70,12 +70,15 @@ def shipped_studies() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
-def load_plan(name_or_path: str | Path, recordings: Sequence[str] | None = None) -> SweepPlan:
+def load_plan(
+    name_or_path: str | Path, recordings: Sequence[str] | None = None, fitted: Path | None = None
+) -> SweepPlan:
     """Read and check a sweep file.
 
     Args:
         name_or_path: YAML file or name of a shipped study.
         recordings: Recordings to use in place of the file's.
+        fitted: Model or models of the predictor `walker` to use in place of the file's.
 
     Returns:
         The plan.
@@ -85,6 +88,8 @@ def load_plan(name_or_path: str | Path, recordings: Sequence[str] | None = None)
     """
     path = _find(name_or_path)
     data = _read(path)
+    if fitted is not None and isinstance(data.get("base", {}), dict):
+        data["base"] = {**data.get("base", {}), "walker.fitted": str(fitted)}
     problems = _relations(data)
     spec: SweepSpec | None = None
     try:

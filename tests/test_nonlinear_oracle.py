@@ -226,7 +226,7 @@ def test_worth_is_the_derivative_of_the_gaze_error(name):
     ],
 )
 def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(name, start_deg, speed_m_s, tolerance_deg):
-    """A walker who passes 1.5 m away, from rest beside: how far the two gazes are apart, RMS."""
+    """A walker who passes 1.5 m away, from rest beside, under a load: how far the two gazes are apart, RMS."""
     neck = load_neck(name)
     mpc = Listener(neck, smoothing_time_s=0.11, horizon_s=0.5)
     times = mpc.forecast_times_s(0.0, 0.0)
@@ -235,13 +235,14 @@ def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(name, star
         return np.stack([np.full_like(t, 1.5), 0.9 - speed_m_s * t, 0.35 + 0.02 * np.sin(11 * t)], axis=-1)
 
     start = look_at(neck.geometry, path(neck.dead_time_s[:1])).angles_rad[0] + [np.radians(start_deg), 0.0]
+    offset_rad = np.array([0.005, -0.02])
     situation = Situation(
         start_s=0.0,
         forecast=Forecast(times, path(times), np.zeros((times.size, 3, 3)), 0.0),
         command=CommandState(start, np.zeros(2), np.zeros(2)),
-        joint_position_rad=start,
+        joint_position_rad=start + offset_rad,
         joint_velocity_rad_s=np.zeros(2),
-        joint_offset_rad=np.zeros(2),
+        joint_offset_rad=offset_rad,
         sent_rad=np.tile(start, (100, 1)),
         committed_rad=np.zeros((0, 2)),
     )

@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 
 from gazempc.controllers.kkt import kkt_residual
 from gazempc.controllers.ocp import AxisModel, AxisOcp, SolverFailedError, predict
-from gazempc.controllers.qp import Daqp, Piqp, QpResult
+from gazempc.controllers.qp import Daqp, Piqp, QpData, QpResult
 from gazempc.neck import load_neck
 
 NECK = load_neck("reference")
@@ -250,6 +250,22 @@ def test_the_gain_is_used_exactly_where_no_limit_binds():
     assert min(asked.values()) > 50
 
 
+@pytest.mark.parametrize("share", [0.9999, 1.0001])
+def test_the_gain_is_used_to_the_very_limit(share):
+    """From rest all is in proportion to the reference: scaled until the hardest limit is just kept, or just left."""
+    reference = np.linspace(0.0, 1.0, N) ** 2
+    free = np.linalg.lstsq(*least_squares(np.zeros(5), reference), rcond=None)[0]
+    u, du, ddu = (MODEL.prediction.command_from_jerk @ free).reshape(3, N)
+    limits, moved = NECK.command_limits, du + H / 2 * ddu
+    most = max(
+        np.abs(free).max(),
+        np.abs(u).max() / limits.position_max_rad[0],
+        np.abs(moved).max() / (ROUNDED * limits.velocity_max_rad_s[0]),
+        np.abs(ddu).max() / (ROUNDED * limits.acceleration_max_rad_s2[0]),
+    )
+    assert OCP.solve(np.zeros(5), share / most * reference).solver == ("gain" if share < 1 else "daqp")
+
+
 @settings(max_examples=100)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-1, 1), st.floats(-4, -1.5))
 def test_where_no_limit_binds_daqp_finds_what_the_gain_finds(unit_state, change, exponent):
@@ -350,6 +366,16 @@ def test_softened_solutions_of_both_solvers_agree(state, target_rad):
     first, second = (AxisOcp(LONG.model, 0.085, (maker,)).solve(state, reference) for maker in (Daqp, Piqp))
     assert first.softened > 0.1
     assert joint(LONG, state, first.scaled_jerk) == pytest.approx(joint(LONG, state, second.scaled_jerk), abs=1e-5)
+
+
+@pytest.mark.parametrize(("pull", "best"), [(0.25, 0.25), (2.0, 0.5), (2.75, 0.75), (9.0, 1.0)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_residual_of_a_program_solved_by_hand(pull, best, side):
+    """(x - pull)^2 / 2 with |x| <= 1/2 at 2 a unit: inside, held by a multiplier up to 2, beyond, at the bound."""
+    data = QpData(h=np.eye(1), a=np.eye(1), penalty=2.0)
+    for x in (0.0, 0.25, 0.5, 0.75, 1.0):
+        residual = kkt_residual(data, np.array([-side * pull]), np.array([-0.5]), np.array([0.5]), np.array([side * x]))
+        assert (residual.stationarity < 1e-12) == (x == best)
 
 
 def test_the_residual_of_what_is_not_finite_is_nan():

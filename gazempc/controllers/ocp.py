@@ -10,7 +10,7 @@ the horizon, everything of interest is linear in the initial state z0 and the je
 
 and the problem is
 
-    minimise    sum_k (Q_k - r_k)^2 + d T^2 sum_k (V_k - r'_k)^2 + T^4 sum_k A_k^2 + rho sum(s) + small |J|^2
+    minimise    sum_k (Q_k - r_k)^2 + d T^2 sum_k (V_k - r'_k)^2 + T^4 sum_k A_k^2 + T_j^6 |J|^2 + rho sum(s)
     subject to  |J| <= j_max,   low - s <= L C <= high + s,   s >= 0
 
 where r are the reference angles from the look-at kinematics and r' their central differences, and L C are the
@@ -48,8 +48,8 @@ _COST_SCALE = 1e4
 _SLACK_PENALTY = 300.0 * _COST_SCALE
 # Damping ratio zeta of the way to a reference that has jumped: it passes by 1.5 % (4 % without the term, at 0.71).
 _DAMPING = 0.8
-# Keeps the Hessian positive definite; jerks are scaled to [-1, 1], so this is 1e-8 rad^2 a step at full jerk.
-_JERK_REGULARISATION = 1e-8
+# Weight of the command's jerk, as a time to the sixth power: what the joint would hardly show is not done.
+_JERK_TIME_S = 0.025
 # Room for the rounding of those who follow the plan.
 _SHARE_OF_LIMITS = 1.0 - 1e-6
 # A limit that is left by less than this share of it is rounding.
@@ -248,8 +248,9 @@ class AxisOcp:
         damping = (4.0 * _DAMPING**2 - 2.0) * smoothing_time_s**2 * p.velocity_from_jerk.T
         smoothing = smoothing_time_s**4 * p.acceleration_from_jerk.T
         hessian = exact @ p.joint_from_jerk + damping @ p.velocity_from_jerk + smoothing @ p.acceleration_from_jerk
+        jerk_weight = (_JERK_TIME_S**3 * model.jerk_scale) ** 2
         self.data = QpData(
-            h=2.0 * _COST_SCALE * (hessian + _JERK_REGULARISATION * np.eye(n)),
+            h=2.0 * _COST_SCALE * (hessian + jerk_weight * np.eye(n)),
             a=model.rows_from_jerk,
             penalty=_SLACK_PENALTY,
         )

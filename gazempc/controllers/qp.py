@@ -24,8 +24,10 @@ Status = Literal["solved", "timed_out", "failed"]
 _DAQP_SOLVED = (1, 2)
 _DAQP_TIMED_OUT = (-4, -7)
 _DAQP_SOFT = 8
-# Curvature of DAQP's penalty beside its slope; with it alone the penalty would not be exact.
-_DAQP_RHO = 1e-3
+# DAQP's penalty has a slope, which makes it exact, and a curvature whose reciprocal this is: large for hardly any.
+_DAQP_RHO = 100.0
+# PIQP's own default is 1e-8, of a cost counted in squared hundredths of a radian.
+_PIQP_TOLERANCE = 1e-11
 # A solver that says "solved" with a bound left by more than this is not believed.
 _BOUND_TOLERANCE = 1e-5
 
@@ -91,15 +93,17 @@ class Daqp:
 
     name = "daqp"
 
-    def __init__(self, data: QpData, iteration_limit: int = 600) -> None:
+    def __init__(self, data: QpData, iteration_limit: int = 1000) -> None:
         n, rows = data.h.shape[0], data.a.shape[0]
         self._variables = n
-        self._upper, self._lower = np.ones(n + rows), -np.ones(n + rows)
+        # With a diagonal of ones the Hessian of a long horizon is still well-conditioned enough for DAQP.
+        self._scale: FloatArray = 1.0 / np.sqrt(np.diag(data.h))
+        bound = np.concatenate([1.0 / self._scale, np.ones(rows)])
+        self._upper, self._lower = bound.copy(), -bound
         self._sense = np.concatenate([np.zeros(n), np.full(rows, _DAQP_SOFT)]).astype(np.intc)
         self._model = daqp.Model()
-        self._model.setup(
-            data.h, np.zeros(n), np.ascontiguousarray(data.a), self._upper, self._lower, self._sense.copy()
-        )
+        h, a = data.h * np.outer(self._scale, self._scale), np.ascontiguousarray(data.a * self._scale)
+        self._model.setup(h, np.zeros(n), a, self._upper, self._lower, self._sense.copy())
         self._model.settings = {"iter_limit": iteration_limit}
         slope, curvature = np.full(n + rows, data.penalty), np.full(n + rows, _DAQP_RHO)
         self._model.soft_weights(w_l=slope, w_u=slope, rho_l=curvature, rho_u=curvature)
@@ -108,8 +112,9 @@ class Daqp:
         """See `QpSolver.solve`."""
         self._upper[self._variables :] = upper
         self._lower[self._variables :] = lower
-        self._model.update(f=g, bupper=self._upper, blower=self._lower)
+        self._model.update(f=g * self._scale, bupper=self._upper, blower=self._lower)
         x, _, flag, _ = self._model.solve()
+        x = x * self._scale
         if flag in _DAQP_SOLVED and np.abs(x).max() <= 1.0 + _BOUND_TOLERANCE:  # False for NaN
             return QpResult(x, "solved")
         # What led there is no start for the next call.
@@ -140,7 +145,16 @@ class Piqp:
             "piqp",
             "piqp",
             {"h": self._h.sparsity(), "a": self._a.sparsity()},
-            {"error_on_fail": False, "piqp": {"max_iter": iteration_limit, "compute_timings": False}},
+            {
+                "error_on_fail": False,
+                "piqp": {
+                    "max_iter": iteration_limit,
+                    "eps_abs": _PIQP_TOLERANCE,
+                    "eps_rel": 0.1 * _PIQP_TOLERANCE,
+                    "eps_duality_gap_abs": _PIQP_TOLERANCE,
+                    "eps_duality_gap_rel": 0.1 * _PIQP_TOLERANCE,
+                },
+            },
         )
 
     def solve(self, g: FloatArray, lower: FloatArray, upper: FloatArray) -> QpResult:

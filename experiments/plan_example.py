@@ -1,0 +1,198 @@
+"""Draw one plan of the MPC: `python -m experiments.plan_example --replay subject03_R4 --at-s 1.6 --out plan.png`.
+
+What was known and planned at one instant: the commands on their way through the dead time, the forecast with its
+confidence, the planned command and the joint that will follow it, and the limits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from experiments.command import run_command
+from gazempc.config import RunSettings
+from gazempc.controllers import Mpc, Plan, Situation
+from gazempc.errors import SettingsError
+from gazempc.kinematics import angle_deviations_rad, look_at
+from gazempc.neck import NeckSpec, load_neck
+from gazempc.placement import place
+from gazempc.recording import load
+from gazempc.replay import make_controller, replay
+from gazempc.sensor import default_sensor, load_sensor
+from gazempc.servo import DelayedServo
+
+FloatArray = NDArray[np.floating[Any]]
+_BEFORE_S, _AFTER_S = 0.4, 1.3
+
+
+class PlanExampleSettings(BaseModel):
+    """Settings of `python -m experiments.plan_example`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    replay: str = Field(default="subject03_R4", description="Synthetic name or path of a recording")
+    at_s: float = Field(
+        default=0.3, ge=0, description="Instant of the plan that is drawn, seconds from the first frame"
+    )
+    neck: str = Field(default="slow", description="Shipped neck or .toml file")
+    start_offset_deg: float = Field(default=20.0, description="Where the pan starts, beside the person")
+    out: Path = Field(default=Path("out/plan.png"), description="Image to write")
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One plan and what it was made from."""
+
+    situation: Situation
+    plan: Plan
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Command line without the program's name; default: the process's.
+
+    Returns:
+        Exit status: 0, 2 on bad input.
+    """
+    settings = tyro.cli(
+        PlanExampleSettings, args=arguments, prog="python -m experiments.plan_example", description=__doc__
+    )
+    return run_command("plan_example", lambda: plan_example(settings))
+
+
+def plan_example(settings: PlanExampleSettings) -> int:
+    """Replay up to the instant, and draw.
+
+    Args:
+        settings: Which instant of what.
+
+    Returns:
+        0.
+
+    Raises:
+        GazempcError: On bad input.
+    """
+    neck, recording = load_neck(settings.neck), load(settings.replay)
+    run = RunSettings(start_offset_deg=settings.start_offset_deg)
+    placed = place(recording, "recorded" if recording.has_robot else "side", run.distance_m, run.height_m)
+    controller = make_controller("mpc", neck, run)
+    assert isinstance(controller, Mpc)
+    moments: list[Moment] = []
+    make_plan = controller.plan
+
+    def remembered(situation: Situation) -> Plan:
+        plan = make_plan(situation)
+        # The loop goes on writing into the commands that it shows.
+        moments.append(Moment(dataclasses.replace(situation, sent_rad=situation.sent_rad.copy()), plan))
+        return plan
+
+    controller.plan = remembered  # type: ignore[method-assign]
+    log, _ = replay(placed, neck, load_sensor(default_sensor(recording)), "mpc", run, controller)
+    chosen = [m for m in moments if m.situation.start_s <= settings.at_s + 1e-9]
+    if not chosen:
+        raise SettingsError(f"--at-s {settings.at_s}: nobody had been seen yet; use a later instant")
+    true_rad = look_at(neck.geometry, log.head_true_base_m).angles_rad[:, 0]
+    figure = draw(chosen[-1], neck, log.time_s, true_rad)
+    settings.out.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(settings.out, dpi=110)
+    print(f"Plan made at {chosen[-1].situation.start_s:.2f} s of {placed.name}; written to {settings.out}")
+    return 0
+
+
+def draw(moment: Moment, neck: NeckSpec, time_s: FloatArray, true_pan_rad: FloatArray) -> Figure:
+    """Draw the pan axis of a plan.
+
+    Args:
+        moment: The plan and its situation.
+        neck: The neck.
+        time_s: Times of the true angles, shape (M,), seconds.
+        true_pan_rad: Pan that looks at the true head, shape (M,), radians.
+
+    Returns:
+        The figure.
+    """
+    situation, plan, limits = moment.situation, moment.plan, neck.command_limits
+    now_s, dead_s, ts = situation.start_s, float(neck.dead_time_s[0]), neck.servo_period_s
+    sent_s = now_s - ts * np.arange(len(situation.sent_rad), 0, -1)
+    ahead_s = now_s + ts * np.arange(int((plan.end_s - now_s) / ts))
+    commands = [plan.at(t) for t in ahead_s]
+    joint_s, joint_rad = _joint(moment, neck, sent_s, ahead_s)
+
+    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=[3, 1, 1])
+    forecast = situation.forecast
+    half = slice(0, len(plan.position_rad) - 1)
+    pan = np.rad2deg(np.unwrap(look_at(neck.geometry, forecast.means_base_m[half]).angles_rad[:, 0]))
+    pairs = zip(forecast.means_base_m[half], forecast.covariances_m2[half], strict=True)
+    sigma = np.rad2deg([angle_deviations_rad(mean, covariance)[0] for mean, covariance in pairs])
+    at_s = forecast.times_s[half] - now_s
+    top.fill_between(at_s, pan - sigma, pan + sigma, color="C2", alpha=0.2, label="its standard deviation")
+    top.plot(at_s, pan, "C2", label="forecast of the head")
+    top.plot(time_s - now_s, np.rad2deg(true_pan_rad), "k:", lw=1, label="head as it turned out")
+    top.plot(sent_s - now_s, np.rad2deg(situation.sent_rad[:, 0]), "C0--", label="commands sent")
+    top.plot(ahead_s - now_s, np.rad2deg([c.position_rad[0] for c in commands]), "C0", label="planned commands")
+    top.plot(joint_s - now_s, np.rad2deg(joint_rad), "C1", lw=2.5, label="joint, settled until the dead time is over")
+    top.axvspan(0.0, dead_s, color="0.9", zorder=0)
+    shown = [np.rad2deg(joint_rad), pan]
+    top.set_ylim(min(map(np.min, shown)) - 6.0, max(map(np.max, shown)) + 6.0)
+    top.set_ylabel("pan [deg]")
+    top.legend(fontsize=8, loc="best")
+    top.set_title(f"Plan for the neck {neck.name}; grey: dead time", fontsize=10)
+    _limited(middle, ahead_s - now_s, [c.velocity_rad_s[0] for c in commands], float(limits.velocity_max_rad_s[0]))
+    middle.set_ylabel("command\n[rad/s]")
+    accelerations = [c.acceleration_rad_s2[0] for c in commands]
+    _limited(bottom, ahead_s - now_s, accelerations, float(limits.acceleration_max_rad_s2[0]))
+    bottom.set_ylabel("command\n[rad/s²]")
+    bottom.set_xlabel("time from now [s]")
+    bottom.set_xlim(-_BEFORE_S, _AFTER_S)
+    for ax in (top, middle, bottom):
+        ax.axvline(0.0, color="k", lw=0.8)
+        ax.grid(alpha=0.3)
+    return figure
+
+
+def _joint(moment: Moment, neck: NeckSpec, sent_s: FloatArray, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # What the joint will do: what is on its way, then the plan, through servo and dead time.
+    situation, plan = moment.situation, moment.plan
+    servo = DelayedServo(neck.pan, float(situation.sent_rad[0, 0]), float(sent_s[0]))
+    commands = np.concatenate([situation.sent_rad[:, 0], [plan.at(t).position_rad[0] for t in ahead_s]])
+    times_s, angles = np.concatenate([sent_s, ahead_s]), []
+    for time_s, command_rad in zip(times_s, commands, strict=True):
+        servo.advance_to(float(time_s))
+        if abs(time_s - situation.start_s) < 1e-9:
+            position, velocity = servo.state
+            servo.correct(
+                float(situation.joint_position_rad[0]) - position, float(situation.joint_velocity_rad_s[0]) - velocity
+            )
+        angles.append(servo.state[0])
+        servo.send(float(command_rad))
+    end_s = float(times_s[-1])
+    later_s = np.arange(end_s, end_s + neck.pan.dead_time_s, neck.servo_period_s)[1:]
+    for time_s in later_s:
+        servo.advance_to(float(time_s))
+        angles.append(servo.state[0])
+    all_s = np.concatenate([times_s, later_s])
+    from_now = all_s >= situation.start_s - 1e-9
+    return all_s[from_now], np.array(angles)[from_now]
+
+
+def _limited(ax: Axes, time_s: FloatArray, values: Sequence[float], limit: float) -> None:
+    ax.plot(time_s, values, "C0")
+    for sign in (-1.0, 1.0):
+        ax.axhline(sign * limit, color="C3", ls="--", lw=1)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
