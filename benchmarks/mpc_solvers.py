@@ -45,7 +45,7 @@ from predictors import ConstantVelocity, Forecast, HeadObservation
 FloatArray = NDArray[np.float64]
 
 STEPS = 40
-SMOOTHING_TIME_S = 0.085
+SMOOTHING_TIME_S = 0.075
 # A command this near to the accurate one is the same.
 AGREE_RAD = 1e-4
 # Calls that are not timed: solvers set themselves up in their first ones.

@@ -3,7 +3,7 @@
 For pan and for tilt, with z = [q, q', u, u', u''] and ``z+ = M z + m s`` over one control period, s being the jerk as
 a share of its limit:
 
-    minimise    sum_k (Q_k - r_k)^2 + d T^2 (V_k - r'_k)^2 + T^4 A_k^2 + 1e-8 s_k^2,   k = 1 .. N
+    minimise    sum_k (Q_k - r_k)^2 + d T^2 (V_k - r'_k)^2 + T^4 A_k^2 + T_j^6 j_k^2,   k = 1 .. N
     subject to  |s_k| <= 1 and, at the end of each step, the limits of u, of u' half a step on, and of u''
 
 All count the cost in squared hundredths of a radian, which suits absolute tolerances. Each starts from its last
@@ -34,7 +34,7 @@ FloatArray = NDArray[np.float64]
 AxisSolver = Callable[[FloatArray, FloatArray], FloatArray]
 
 _COST_SCALE = 1e4
-_JERK_WEIGHT = 1e-8
+_JERK_TIME_S = 0.025
 # d of the problem is 4 zeta^2 - 2 with this zeta; with sqrt(1/2) there is no such term.
 _DAMPING_RATIO = 0.8
 # A limit left by more than this share of it is more than a solver's tolerance.
@@ -85,6 +85,11 @@ class AxisProblem:
     def velocity_weight(self) -> float:
         """Square root of d T^2."""
         return float(np.sqrt(4.0 * _DAMPING_RATIO**2 - 2.0)) * self.smoothing_time_s
+
+    @property
+    def jerk_weight(self) -> float:
+        """Weight of a squared jerk, counted as a share of the largest: T_j^6 j_max^2."""
+        return float(_JERK_TIME_S**3 * self.neck.command_limits.jerk_max_rad_s3[self.index]) ** 2
 
     def aims(self, reference: FloatArray) -> FloatArray:
         """What the outputs shall be: the reference, its weighted central differences and zero; shape (3, N)."""
@@ -146,7 +151,9 @@ class SparseQp:
         velocity = sparse.hstack([sparse.kron(sparse.eye(n), problem.velocity_row), sparse.csc_matrix((n, n))])
         fastest = np.concatenate([np.zeros(5 * n), np.full(n, problem.velocity_max_rad_s)])
         return SparseQp(
-            hessian=sparse.csc_matrix(sparse.block_diag([stages, 2.0 * _COST_SCALE * _JERK_WEIGHT * sparse.eye(n)])),
+            hessian=sparse.csc_matrix(
+                sparse.block_diag([stages, 2.0 * _COST_SCALE * problem.jerk_weight * sparse.eye(n)])
+            ),
             rows=sparse.csc_matrix(sparse.vstack([model, velocity])),
             rows_lower=-fastest,
             rows_upper=fastest,
@@ -404,7 +411,7 @@ class CasadiSqpmethod(AxisPeer):
         n, (M, m), C = problem.steps, problem.model, problem.outputs
         z, s = ca.SX.sym("z", 5, n), ca.SX.sym("s", n)
         z0, aims = ca.SX.sym("z0", 5), ca.SX.sym("aims", 3, n)
-        cost, rows = _JERK_WEIGHT * ca.sumsqr(s), []
+        cost, rows = problem.jerk_weight * ca.sumsqr(s), []
         for k in range(n):
             before = z[:, k - 1] if k else z0
             rows.append(z[:, k] - M @ before - m * s[k])
@@ -462,7 +469,7 @@ class OptiIpopt(Peer):
             opti.subject_to(opti.bounded(-fastest, velocities, fastest))
             for row in (2, 4):
                 opti.subject_to(opti.bounded(problem.lower[row], z[row, 1:], problem.upper[row]))
-            cost += ca.sumsqr(C @ z[:, 1:] - aims[3 * i : 3 * i + 3, :]) + _JERK_WEIGHT * ca.sumsqr(s)
+            cost += ca.sumsqr(C @ z[:, 1:] - aims[3 * i : 3 * i + 3, :]) + problem.jerk_weight * ca.sumsqr(s)
             commands.append(z[2, 1:])
         opti.minimize(_COST_SCALE * cost)
         opti.solver("ipopt", _QUIET_IPOPT)
@@ -507,7 +514,7 @@ class DoMpc(Peer):
         for i, problem in enumerate(self._problems):
             z = model.x[f"z{i}"]
             cost += ca.sumsqr(problem.outputs @ z - model.tvp[f"aims{i}"])
-            jerk_cost += _JERK_WEIGHT * model.u[f"s{i}"] ** 2
+            jerk_cost += problem.jerk_weight * model.u[f"s{i}"] ** 2
         mpc = do_mpc.controller.MPC(model)
         mpc.settings.n_horizon, mpc.settings.t_step = steps, neck.control_period_s
         mpc.settings.use_terminal_bounds = True

@@ -66,7 +66,7 @@ def setting_fields() -> dict[str, FieldInfo]:
     for axis in ("pan", "tilt", "both"):
         found |= {f"neck.{axis}.{name}": field for name, field in Axis.model_fields.items()}
     found |= {f"neck.geometry.{name}": field for name, field in Geometry.model_fields.items()}
-    found |= {f"neck.{name}": NeckSpec.model_fields[name] for name in ("control_rate_hz", "servo_rate_hz")}
+    found |= {f"neck.{name}": NeckSpec.model_fields[name] for name in ("control_rate_hz", "servo_rate_hz", "reports_joints")}
     found |= {f"sensor.{n}": field for n, field in SensorSpec.model_fields.items() if n not in {"name", "source"}}
     return found
 
@@ -107,7 +107,7 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
     """
     field = setting_fields()[name]
     # Python takes true for 1; and infinity means something only where it stands for "no limit".
-    if isinstance(value, bool) or (isinstance(value, float) and not math.isfinite(value) and value != field.default):
+    if isinstance(value, bool) != (field.annotation is bool) or (isinstance(value, float) and not math.isfinite(value) and value != field.default):
         return value, f"{_said(value)} is not accepted; accepted: {accepted(field)}"
     try:
         checked = _alone(name).model_validate({"value": value}).model_dump()["value"]
@@ -131,6 +131,8 @@ def accepted(field: FieldInfo) -> str:
     limits = [f"{sign} {getattr(m, key):g}" for m in field.metadata for key, sign in signs.items() if hasattr(m, key)]
     if choices := _choices(field):
         return ", ".join("null" if c is None else str(c) for c in choices)
+    if field.annotation is bool:
+        return "true, false"
     kind = "a whole number" if field.annotation is int else "a number" if is_number(field) else "a value of its type"
     return " and ".join([f"{kind} {limits[0]}", *limits[1:]]) if limits else kind
 

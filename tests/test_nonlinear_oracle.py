@@ -21,6 +21,7 @@ from predictors import Forecast
 
 ROUNDED = 1.0 - 1e-6  # the share of the limits that is used
 DAMPING = 4 * 0.8**2 - 2  # weight of the velocity: damping ratio 0.8
+JERK_TIME_S = 0.025
 
 
 # ---------------------------------------------------------------- oracle
@@ -112,7 +113,7 @@ def oracle(name, steps):
         jerk = ROUNDED * float(limits.jerk_max_rad_s3[i]) * share[:, i]
         motion = ca.reshape(by_state @ start[:, i] + by_jerk @ jerk, steps, 6).T
         joints.append(motion[0, :] + offset[i])
-        cost += smoothing[i] ** 4 * ca.sumsqr(turn[i, :] * motion[2, :]) + 1e-8 * ca.sumsqr(share[:, i])
+        cost += smoothing[i] ** 4 * ca.sumsqr(turn[i, :] * motion[2, :]) + JERK_TIME_S**6 * ca.sumsqr(jerk)
         cost += DAMPING * smoothing[i] ** 2 * ca.sumsqr(turn[i, :] * (motion[1, :] - rate[i, :]))
         rows += [motion[3, :].T, (motion[4, :] + half_s * motion[5, :]).T, motion[5, :].T]
         fast, hard = ROUNDED * limits.velocity_max_rad_s[i], ROUNDED * limits.acceleration_max_rad_s2[i]
