@@ -66,7 +66,9 @@ def setting_fields() -> dict[str, FieldInfo]:
     for axis in ("pan", "tilt", "both"):
         found |= {f"neck.{axis}.{name}": field for name, field in Axis.model_fields.items()}
     found |= {f"neck.geometry.{name}": field for name, field in Geometry.model_fields.items()}
-    found |= {f"neck.{name}": NeckSpec.model_fields[name] for name in ("control_rate_hz", "servo_rate_hz", "reports_joints")}
+    found |= {
+        f"neck.{name}": NeckSpec.model_fields[name] for name in ("control_rate_hz", "servo_rate_hz", "reports_joints")
+    }
     found |= {f"sensor.{n}": field for n, field in SensorSpec.model_fields.items() if n not in {"name", "source"}}
     return found
 
@@ -107,7 +109,9 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
     """
     field = setting_fields()[name]
     # Python takes true for 1; and infinity means something only where it stands for "no limit".
-    if isinstance(value, bool) != (field.annotation is bool) or (isinstance(value, float) and not math.isfinite(value) and value != field.default):
+    if isinstance(value, bool) != (field.annotation is bool) or (
+        isinstance(value, float) and not math.isfinite(value) and value != field.default
+    ):
         return value, f"{_said(value)} is not accepted; accepted: {accepted(field)}"
     try:
         checked = _alone(name).model_validate({"value": value}).model_dump()["value"]

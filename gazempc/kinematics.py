@@ -58,12 +58,7 @@ def gaze_ray(geometry: Geometry, angles_rad: ArrayLike) -> tuple[FloatArray, Flo
 
 
 def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
-    """Joint angles whose gaze ray passes through a target, in closed form.
-
-    The target's lateral offset is constant while the neck pans, which gives the pan angle; the height of the
-    gaze ray above the tilt axis is constant while it tilts, which gives the tilt angle. Of the two solutions
-    the one that faces the target is taken. A target behind the robot is reached by panning beyond +-90 deg;
-    whether the neck can do that is for its limits to say.
+    """Joint angles whose gaze ray passes through a target, in closed form, and whether there are any.
 
     Args:
         geometry: The neck's geometry.
@@ -77,18 +72,53 @@ def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
     ex, ey, ez = geometry.eye_in_tilt_m
     lateral = ty + ey
     ground = np.hypot(target[..., 0], target[..., 1])
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        pan_turn = np.where(ground > 0, np.clip(lateral / ground, -1.0, 1.0), np.sign(lateral))
-    pan = np.arctan2(target[..., 1], target[..., 0]) - np.arcsin(pan_turn)
     ahead = np.sqrt(np.maximum(ground**2 - lateral**2, 0.0)) - tx
-    above = target[..., 2] - tz
-    distance = np.hypot(ahead, above)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        tilt_turn = np.where(distance > 0, np.clip(ez / distance, -1.0, 1.0), np.sign(ez))
-    tilt = np.arctan2(above, ahead) - np.arcsin(tilt_turn)
+    distance = np.hypot(ahead, target[..., 2] - tz)
     in_front_of_eye = np.sqrt(np.maximum(distance**2 - ez**2, 0.0)) > ex
     reachable = (ground >= abs(lateral)) & (distance >= abs(ez)) & (distance > 0) & in_front_of_eye
-    return LookAt(np.stack([_wrap(pan), _wrap(tilt)], axis=-1), reachable)
+    return LookAt(look_at_rad(geometry, target), reachable)
+
+
+def look_at_rad(geometry: Geometry, target_base_m: FloatArray) -> FloatArray:
+    """Joint angles whose gaze ray passes through a target, in closed form.
+
+    The target's lateral offset is constant while the neck pans, which gives the pan angle; the height of the
+    gaze ray above the tilt axis is constant while it tilts, which gives the tilt angle. Of the two solutions
+    the one that faces the target is taken. A target behind the robot is reached by panning beyond +-90 deg;
+    whether the neck can do that is for its limits to say.
+
+    Args:
+        geometry: The neck's geometry.
+        target_base_m: Targets in the base frame, shape (..., 3), metres.
+
+    Returns:
+        Pan and tilt, shape (..., 2), radians, in (-pi, pi]; finite, and past the target, where it is inside the neck.
+    """
+    tx, ty, tz = geometry.tilt_axis_in_pan_m
+    _, ey, ez = geometry.eye_in_tilt_m
+    lateral = ty + ey
+    x, y = target_base_m[..., 0], target_base_m[..., 1]
+    ground = np.hypot(x, y)
+    above = target_base_m[..., 2] - tz
+    angles = np.empty((*ground.shape, 2))
+    # A negative zero would give -pi.
+    pan = np.arctan2(y + 0.0, x)
+    ahead = ground - tx
+    if lateral:
+        pan = _wrap(pan - _offset_turn(lateral, ground))
+        ahead = np.sqrt(np.maximum(ground**2 - lateral**2, 0.0)) - tx
+    tilt = np.arctan2(above, ahead)
+    if ez:
+        tilt = _wrap(tilt - _offset_turn(ez, np.hypot(ahead, above)))
+    angles[..., 0], angles[..., 1] = pan, tilt
+    return angles
+
+
+def _offset_turn(offset_m: float, distance_m: FloatArray) -> FloatArray:
+    # By how much a ray that passes its axis at an offset points beside the target; a right angle if it is nearer.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        sine = np.where(distance_m > 0, np.clip(offset_m / distance_m, -1.0, 1.0), np.sign(offset_m))
+    return np.asarray(np.arcsin(sine), dtype=np.float64)
 
 
 def angle_deviations_rad(target_base_m: FloatArray, covariance_m2: FloatArray) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from gazempc.controllers.controller import FloatArray, Plan, Situation
-from gazempc.kinematics import look_at, unwrap_pan
+from gazempc.kinematics import look_at_rad, unwrap_pan
 from gazempc.neck import NeckSpec
 
 # The plan reaches this far so that there is something to follow while the next one is late.
@@ -42,7 +42,7 @@ class LookAhead:
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
         angles = unwrap_pan(
-            look_at(self._neck.geometry, situation.forecast.means_base_m).angles_rad,
+            look_at_rad(self._neck.geometry, situation.forecast.means_base_m),
             float(situation.command.position_rad[0]),
             float(self._neck.command_limits.position_min_rad[0]),
             float(self._neck.command_limits.position_max_rad[0]),

@@ -15,7 +15,7 @@ from gazempc.controllers.controller import (
 )
 from gazempc.controllers.ocp import AxisModel, AxisOcp, SolverFailedError
 from gazempc.controllers.qp import Daqp
-from gazempc.kinematics import angle_deviations_rad, look_at, unwrap_pan
+from gazempc.kinematics import angle_deviations_rad, look_at_rad, unwrap_pan
 from gazempc.neck import NeckSpec
 from gazempc.servo import DeadTimeRoll
 
@@ -81,7 +81,7 @@ class Mpc:
         n, command, forecast = self._steps, situation.command, situation.forecast
         limits = self._neck.command_limits
         angles = unwrap_pan(
-            look_at(self._neck.geometry, forecast.means_base_m).angles_rad,
+            look_at_rad(self._neck.geometry, forecast.means_base_m),
             float(command.position_rad[0]),
             float(limits.position_min_rad[0]),
             float(limits.position_max_rad[0]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gazempc.controllers.controller import FloatArray, Plan, Situation
-from gazempc.kinematics import look_at, unwrap_pan
+from gazempc.kinematics import look_at_rad, unwrap_pan
 from gazempc.neck import NeckSpec
 
 # Long enough to bridge a late frame, short enough that the watchdog stops a gaze that gets no news.
@@ -31,7 +31,7 @@ class Reactive:
 
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
-        angles = look_at(self._neck.geometry, situation.forecast.means_base_m).angles_rad
+        angles = look_at_rad(self._neck.geometry, situation.forecast.means_base_m)
         limits = self._neck.command_limits
         angles = unwrap_pan(
             angles,
