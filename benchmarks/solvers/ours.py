@@ -1,0 +1,74 @@
+"""This project's solver, and the same without its first answer."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.solvers.peer import AxisPeer, AxisSolver, Peer, PeerFailedError
+from benchmarks.solvers.problem import AxisProblem
+from gazempc.controllers.ocp import AxisModel, AxisOcp, SolverFailedError
+from gazempc.controllers.qp import Daqp, QpResult
+from gazempc.neck import NeckSpec
+
+FloatArray = NDArray[np.float64]
+
+# A limit left by more than this share of it is more than a solver's tolerance.
+_SOFTENED = 1e-5
+
+
+class Gazempc(Peer):
+    """This project: one constant matrix while no limit binds, DAQP where one does.
+
+    Args:
+        neck: The neck.
+        steps: Length of the horizon, control periods.
+        smoothing_time_s: T.
+
+    Attributes:
+        ocps: The problems of pan and tilt.
+    """
+
+    name = "gazempc"
+
+    def __init__(self, neck: NeckSpec, steps: int, smoothing_time_s: float) -> None:
+        super().__init__(neck, steps, smoothing_time_s)
+        self.ocps = [AxisOcp(AxisModel(neck, i, steps), smoothing_time_s) for i in range(2)]
+
+    def solve(self, states: FloatArray, references: FloatArray) -> FloatArray:
+        """See `Peer.solve`."""
+        command = np.empty(self._shape)
+        try:
+            for i, ocp in enumerate(self.ocps):
+                command[i] = ocp.solve(states[i], references[i]).command[0]
+        except SolverFailedError as error:
+            raise PeerFailedError(str(error)) from None
+        return command
+
+    def used(self, states: FloatArray, references: FloatArray) -> list[str]:
+        """What answers for pan and for tilt; arguments of `Peer.solve`."""
+        return [ocp.solve(states[i], references[i]).solver for i, ocp in enumerate(self.ocps)]
+
+
+class DaqpAlways(AxisPeer):
+    """The same without the constant matrix: DAQP in every tick; shows what the matrix is worth."""
+
+    name = "daqp_always"
+
+    def _axis(self, problem: AxisProblem) -> AxisSolver:
+        model = AxisModel(problem.neck, problem.index, problem.steps)
+        ocp = AxisOcp(model, problem.smoothing_time_s)
+        solver = Daqp(ocp.data)
+
+        def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
+            g, lower, upper = ocp.program(ocp.parameters(state, reference))
+            result: QpResult = solver.solve(g, lower, upper)
+            if result.status != "solved":
+                raise PeerFailedError(result.status)
+            rows = ocp.data.a @ np.clip(result.x, -1.0, 1.0) + 1.0 - upper
+            if max(rows.max(), -rows.min()) > 1.0 + _SOFTENED:
+                raise PeerFailedError("limit left")
+            command: FloatArray = model.command(rows)[0]
+            return command
+
+        return solve
