@@ -259,6 +259,7 @@ class AxisOcp:
         by_reference = exact + damping @ np.gradient(np.eye(n), model.step_s, axis=0)
         cost_map = np.hstack([by_state, np.zeros((n, 1)), -by_reference])
         self._cost_map: FloatArray = 2.0 * _COST_SCALE * cost_map
+        self._parameters = np.ones(n + len(STATE) + 1)
         gain = -np.linalg.solve(self.data.h, self._cost_map)
         rows = self.data.a @ gain
         rows[:, : len(STATE) + 1] += model.rows_from_state
@@ -275,7 +276,10 @@ class AxisOcp:
         Returns:
             Shape (N + 6,).
         """
-        return np.concatenate([state, (1.0,), reference_rad])
+        parameters = self._parameters.copy()
+        parameters[: len(STATE)] = state
+        parameters[len(STATE) + 1 :] = reference_rad
+        return parameters
 
     def program(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The part of the quadratic program that changes.
@@ -301,7 +305,7 @@ class AxisOcp:
         n = self.model.steps
         parameters = self.parameters(state, reference_rad)
         free = self._gain @ parameters
-        most = max(free.max(), -free.min())
+        most = np.abs(free).max()
         if most <= 1.0 + _ROUNDING:
             return Solution(free[:n], self.model.command(free[n:]), 0.0, "gain")
         if not np.isfinite(most):
@@ -313,8 +317,9 @@ class AxisOcp:
             solver = self._solvers[k]
             result = solver.solve(g, lower, upper)
             if result.status == "solved":
-                jerk = np.clip(result.x, -1.0, 1.0)
-                rows = self.data.a @ jerk + 1.0 - upper
-                left = max(rows.max(), -rows.min()) - 1.0
+                jerk = np.minimum(np.maximum(result.x, -1.0), 1.0)
+                rows = self.data.a @ jerk
+                rows += 1.0 - upper
+                left = np.abs(rows).max() - 1.0
                 return Solution(jerk, self.model.command(rows), left if left > _SOFTENED else 0.0, solver.name)
         raise SolverFailedError(f"{solver.name} {result.status.replace('_', ' ')}", result.status == "timed_out")
