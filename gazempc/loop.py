@@ -5,25 +5,26 @@ robot gets a command within limits at every tick. The plan behind it is, in this
 last one; a stop; and after `rest_after_s` without the person, a slow return to rest. Whatever is out of the ordinary is
 named in the log:
 
-======================== ==============================================================================
-``no_observation_yet``   nobody has been seen; the neck holds still
-``out_of_order``         an observation was not newer than the last one; dropped
-``stale_observation``    an observation was older than `stale_after_s` when it came; dropped
-``future_observation``   an observation was captured later than now: a clock is wrong; dropped
-``forecast_failed``      the predictor raised or forecast a NaN; the last plan goes on
-``controller_failed``    the controller raised; the last plan goes on
-``solver_failed``        no solver found a plan; the last one goes on
-``solver_timed_out``     the last solver was stopped before it had a plan; the last one goes on
-``plan_not_finite``      the controller planned a NaN; the last plan goes on
-``second_solver``        the first solver gave up, the second found this plan
-``limits_softened``      no plan keeps all limits (a start outside them, say); this one leaves them the least
-``stale_plan``           the last plan has ended; the smoother stops the command
-``limit_guard``          the smoother refused a motion that could not stop inside the position limits
-``target_lost``          no observation for `lost_after_s`; the command stops
-``return_to_rest``       no observation for `rest_after_s`; the neck returns to rest, slowly
-``robot_not_answering``  the joints could not be read (the plan then relies on the commands sent), or a command did
-                         not get through (the robot stands by the last one; no plan until one does)
-======================== ==============================================================================
+========================= ==============================================================================
+``no_observation_yet``    nobody has been seen; the neck holds still
+``out_of_order``          an observation was not newer than the last one; dropped
+``stale_observation``     an observation was older than `stale_after_s` when it came; dropped
+``future_observation``    an observation was captured later than now: a clock is wrong; dropped
+``forecast_failed``       the predictor raised or forecast a NaN; the last plan goes on
+``controller_failed``     the controller raised; the last plan goes on
+``solver_failed``         no solver found a plan; the last one goes on
+``solver_timed_out``      the last solver was stopped before it had a plan; the last one goes on
+``plan_not_finite``       the controller planned a NaN; the last plan goes on
+``second_solver``         the first solver gave up, the second found this plan
+``limits_softened``       no plan keeps all limits (a start outside them, say); this one leaves them the least
+``stale_plan``            the last plan has ended; the smoother stops the command
+``limit_guard``           the smoother refused a motion that could not stop inside the position limits
+``target_lost``           no observation for `lost_after_s`; the command stops
+``return_to_rest``        no observation for `rest_after_s`; the neck returns to rest, slowly
+``joint_reading_refused`` a reading of the joints was NaN, too old or far from where they can be; not used
+``robot_not_answering``   the joints could not be read (the plan then relies on the commands sent), or a command did
+                          not get through (the robot stands by the last one; no plan until one does)
+========================= ==============================================================================
 """
 
 from __future__ import annotations
@@ -129,6 +130,8 @@ class GazeLoop:
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
         joints = self._observer.update(time_s, measured)
+        if self._observer.refused:
+            self._recorder.event(time_s, "joint_reading_refused")
         if index % self._neck.servo_ticks_per_plan == 0 and self._gets_through:
             self._make_plan(index, time_s, joints)
         while self._waiting and self._waiting[0][0] <= index:

@@ -107,6 +107,13 @@ class NeckSpec(BaseModel):
             )
         return self
 
+    def __eq__(self, other: object) -> bool:
+        # By the fields alone: arrays that were computed and kept have no truth value to compare by.
+        return isinstance(other, NeckSpec) and self.model_dump() == other.model_dump()
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.geometry, self.pan, self.tilt, self.control_rate_hz, self.servo_rate_hz))
+
     @property
     def servo_period_s(self) -> float:
         """Time between two commands sent to the robot, seconds."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -22,6 +23,15 @@ _STATE_TIME_S = 0.05
 _LOAD_RESPONSES = 0.7
 # A measurement older than this is not used.
 _MEMORY_S = 0.25
+# A robot reads its joints a moment after the tick began; clocks that agree still differ by this much.
+_CLOCK_TOLERANCE_S = 0.01
+# A joint this far from where it should be has been misread; after so many readings in a row it has been moved.
+_GATE_RAD = math.radians(15.0)
+_READINGS_TO_BELIEVE = 20
+# More than this is no load: a joint that is blocked, or an encoder that is stuck.
+_OFFSET_MAX_RAD = math.radians(10.0)
+# No joint turns so far; a reading beyond it is a wrong unit or a broken message.
+_ANY_TURN_RAD = 100.0
 
 
 @dataclass(frozen=True)
@@ -61,6 +71,13 @@ class JointObserver:
         self._offset_rad = np.zeros(2)
         self._past: deque[tuple[float, FloatArray, FloatArray]] = deque()
         self._measured_s: float | None = None
+        self._refused_in_a_row = 0
+        self._refused = False
+
+    @property
+    def refused(self) -> bool:
+        """True if the last update was given a measurement that could not be believed: NaN, too old, or far off."""
+        return self._refused
 
     def sent(self, command_rad: FloatArray) -> None:
         """Take note of a command that was sent at the time of the last update, shape (2,), radians."""
@@ -72,8 +89,8 @@ class JointObserver:
 
         Args:
             time_s: Present time, seconds; one before that of the last update is taken for that.
-            measured: Newest measured state, perhaps of a moment ago; None if there is none. One that is not finite,
-                too old, or was taken in before is not used.
+            measured: Newest measured state, perhaps of a moment ago; None if there is none. One that was taken in
+                before is not used; one that cannot be believed is `refused`.
 
         Returns:
             The estimate for `time_s`.
@@ -85,30 +102,52 @@ class JointObserver:
         self._past.append((time_s, states[:, 0] + self._offset_rad, states[:, 1]))
         while self._past[0][0] < time_s - _MEMORY_S:
             self._past.popleft()
-        if measured is not None and self._usable(measured, time_s):
-            self._correct(measured)
+        self._refused = False
+        if measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
+            self._take_in(measured, time_s)
             states = np.array([servo.state for servo in self._servos])
         return JointEstimate(states[:, 0] + self._offset_rad, states[:, 1], self._offset_rad.copy())
 
-    def _usable(self, measured: JointState, time_s: float) -> bool:
-        new = self._measured_s is None or measured.time_s > self._measured_s
-        in_memory = self._past[0][0] <= measured.time_s <= time_s + 1e-9
-        return new and in_memory and bool(np.all(np.isfinite(measured.position_rad)))
-
-    def _correct(self, measured: JointState) -> None:
+    def _take_in(self, measured: JointState, time_s: float) -> None:
+        measured_s = min(measured.time_s, time_s)
+        # Written so that a NaN is outside.
+        in_memory = self._past[0][0] <= measured_s and measured.time_s <= time_s + _CLOCK_TOLERANCE_S
+        if not (in_memory and np.all(np.abs(measured.position_rad) < _ANY_TURN_RAD)):
+            self._refused = True
+            return
+        at = max(k for k, past in enumerate(self._past) if past[0] <= measured_s)
+        at_s, position_rad, velocity_rad_s = self._past[at]
         # What was expected at the time of measurement; the error is then taken to be the same now.
-        at_s, position_rad, velocity_rad_s = next(p for p in reversed(self._past) if p[0] <= measured.time_s + 1e-9)
-        error_rad = measured.position_rad - (position_rad + (measured.time_s - at_s) * velocity_rad_s)
+        error_rad = measured.position_rad - (position_rad + (measured_s - at_s) * velocity_rad_s)
         first = self._measured_s is None
+        far = not first and bool(np.any(np.abs(error_rad) > _GATE_RAD))
+        self._refused_in_a_row = self._refused_in_a_row + 1 if far else 0
+        if far and self._refused_in_a_row < _READINGS_TO_BELIEVE:
+            self._refused = True
+            return
         self._measured_s = measured.time_s
+        self._refused_in_a_row = 0
+        before = np.array([servo.state for servo in self._servos]), self._offset_rad.copy()
         for i, servo in enumerate(self._servos):
-            if first:
+            if first or far:
+                # It stands where it was never sent: a start elsewhere, or a push; no load.
                 servo.correct(float(error_rad[i]), 0.0)
+                if first:
+                    servo.stand(servo.state[0])
                 continue
             position, velocity, offset = self._gains[i] * error_rad[i]
-            self._offset_rad[i] += offset
+            learned = float(np.clip(self._offset_rad[i] + offset, -_OFFSET_MAX_RAD, _OFFSET_MAX_RAD))
+            offset, self._offset_rad[i] = learned - self._offset_rad[i], learned
             # The servo's own position is counted without the offset.
             servo.correct(float(position - offset), float(velocity))
+        # What is now known was so then: an error that has been corrected must not be corrected again by the next
+        # measurement that is as old.
+        after = np.array([servo.state for servo in self._servos])
+        moved_rad = after[:, 0] - before[0][:, 0] + self._offset_rad - before[1]
+        faster_rad_s = after[:, 1] - before[0][:, 1]
+        for k in range(at, len(self._past)):
+            past_s, past_rad, past_rad_s = self._past[k]
+            self._past[k] = (past_s, past_rad + moved_rad, past_rad_s + faster_rad_s)
 
 
 def observer_gain(axis: Axis, period_s: float) -> FloatArray:

@@ -7,12 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from gazempc.neck import Axis
 
 FloatArray = NDArray[np.float64]
 
 _SAME_TIME_S = 1e-9
+_STEPS_REMEMBERED = 1000
 
 
 def servo_model(axis: Axis) -> FloatArray:
@@ -39,14 +41,12 @@ def zero_order_hold(axis: Axis, dt_s: float) -> FloatArray:
     Returns:
         [Ad Bd], shape (2, 3), so that [q, q'] after the step is ``[Ad Bd] @ [q, q', u]``.
     """
-    import control  # noqa: PLC0415  (slow to import; only needed when something moves)
-
     if dt_s == 0.0:
         return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    AB = servo_model(axis)
-    continuous = control.ss(AB[:, :2], AB[:, 2:], np.eye(2), np.zeros((2, 1)))
-    discrete = control.sample_system(continuous, dt_s, method="zoh")
-    return np.hstack([np.asarray(discrete.A), np.asarray(discrete.B)])
+    rates = np.zeros((3, 3))
+    rates[:2] = servo_model(axis)
+    transition: FloatArray = expm(rates * dt_s)[:2]
+    return transition
 
 
 class DelayedServo:
@@ -84,6 +84,10 @@ class DelayedServo:
         self._q += position_rad
         self._v += velocity_rad_s
 
+    def stand(self, position_rad: float) -> None:
+        """Stand still at a position until the next command acts; for an observer that finds the joint there."""
+        self._q, self._v, self._acting_rad = position_rad, 0.0, position_rad
+
     def advance_to(self, time_s: float) -> None:
         """Move on in time.
 
@@ -110,6 +114,8 @@ class DelayedServo:
             return
         step = self._steps.get(dt_s)
         if step is None:
+            if len(self._steps) > _STEPS_REMEMBERED:  # on a clock that jitters all steps differ
+                self._steps.clear()
             step = self._steps[dt_s] = tuple(map(float, zero_order_hold(self._axis, dt_s).ravel()))
         q, v, u = self._q, self._v, self._acting_rad
         self._q = step[0] * q + step[1] * v + step[2] * u

@@ -62,9 +62,13 @@ class _AxisSmoother:
             lambda: self._intercept(now, position, velocity, v_max),
             lambda: self._intercept(now, position, 0.0, v_max),
         )
+        # Not faster than the limit, nor bound to become so; who already is must at least become slower.
+        fastest = max(v_max / _TARGET_MARGIN, self._peak_speed(now)) * _ROUNDED_UP
         for way in ways:
             following = way()
-            if following is not None and self._can_stop_inside(following):
+            if following is None or self._peak_speed(following) > fastest:
+                continue
+            if self._can_stop_inside(following):
                 return following, False
         return self.toward_rest(now), True
 
@@ -76,10 +80,14 @@ class _AxisSmoother:
         position = now[0] + h * (now[1] + h * (now[2] / 2.0 + h * jerk / 6.0))
         velocity = now[1] + h * (now[2] + h * jerk / 2.0)
         reached = abs(position - target[0]) <= _SAME_RAD and abs(velocity - target[1]) * h <= _SAME_RAD
-        # Where an acceleration takes the velocity before it can be ended.
-        peak = velocity + target[2] * abs(target[2]) / (2.0 * self._j_max)
-        within = abs(jerk) <= self._j_max * _ROUNDED_UP and max(abs(velocity), abs(peak)) <= v_max * _ROUNDED_UP
-        return (position, velocity, target[2]) if reached and within else None
+        following = (position, velocity, target[2])
+        within = abs(jerk) <= self._j_max * _ROUNDED_UP and self._peak_speed(following) <= v_max * _ROUNDED_UP
+        return following if reached and within else None
+
+    def _peak_speed(self, motion: _Motion) -> float:
+        # The acceleration takes the velocity further before it can be ended.
+        _, velocity, acceleration = motion
+        return max(abs(velocity), abs(velocity + acceleration * abs(acceleration) / (2.0 * self._j_max)))
 
     def _follow(self, now: _Motion, target: _Motion, v_max: float) -> _Motion | None:
         # Exactly the plan's motion, if it can be reached within this period; not before its end, as the command

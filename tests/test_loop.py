@@ -426,6 +426,33 @@ def test_compute_delay_is_planned_for(controller, delay_s):
     assert not np.array_equal(prompt.command_position_rad, delayed.command_position_rad)
 
 
+def test_a_controller_that_is_used_again_gives_the_same_log_to_the_last_bit():
+    """What its solvers remember of another recording plays no part."""
+    neck, sensor, settings = load_neck("slow"), load_sensor("reference"), RunSettings()
+    placed = [place(load(name), "recorded", 2.5, 1.2) for name in ("subject03_R4", "subject01_R6")]
+    controller = Mpc(neck)
+    logs = [replay(placed[i], neck, sensor, "mpc", settings, controller)[0] for i in (0, 1, 0)]
+    fresh = replay(placed[0], neck, sensor, "mpc", settings)[0]
+    for log in (logs[2], fresh):
+        assert np.array_equal(log.command_position_rad, logs[0].command_position_rad)
+
+
+def test_joint_readings_that_are_nan_are_named_and_do_no_harm():
+    class Broken(SimulatedNeck):
+        def read_state(self):
+            state = super().read_state()
+            bad = np.nan if self._clock_s() > 2.0 else 1.0
+            return dataclasses.replace(state, position_rad=bad * state.position_rad)
+
+    scene = Scene(controller=Mpc(NECK, horizon_s=0.3))
+    scene.loop._robot = Broken(NECK, np.zeros(2), lambda: scene.now_s)
+    scene.loop._robot.connect()
+    log = scene.run(4.0)
+    assert "joint_reading_refused" in events(log)
+    undisturbed = Scene(controller=Mpc(NECK, horizon_s=0.3)).run(4.0)
+    assert log.command_position_rad == pytest.approx(undisturbed.command_position_rad, abs=1e-9)
+
+
 def test_the_same_seed_gives_the_same_log_to_the_last_bit(tmp_path):
     placed = place(load("subject05_R6"), "recorded", 2.5, 1.2)
     sensor = load_sensor("reference")

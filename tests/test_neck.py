@@ -285,3 +285,12 @@ def test_a_neck_cannot_be_changed() -> None:
         neck.name = "other"  # type: ignore[misc]
     with pytest.raises(ValidationError):
         neck.pan.dead_time_s = 0.0  # type: ignore[misc]
+
+
+def test_necks_are_equal_by_their_fields_whatever_was_computed_of_them():
+    used, unused = load_neck("reference"), load_neck("reference")
+    assert used.command_limits is not None
+    assert used.dead_time_s.size == 2
+    assert used == unused
+    assert hash(used) == hash(unused)
+    assert used != load_neck("slow")

@@ -79,20 +79,74 @@ def test_a_silence_is_bridged_by_the_commands():
     assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.1
 
 
+@pytest.mark.parametrize("name", ["reference", "fetch", "slow"])
+@pytest.mark.parametrize("age_s", [0.0, 0.04, 0.0825, 0.16, 0.24])
+def test_an_error_is_corrected_once_however_old_the_measurements(name, age_s):
+    """Corrected again by each measurement that is as old, it would grow without bound."""
+    neck = load_neck(name)
+    content = neck.model_dump()
+    for axis in ("pan", "tilt"):
+        content[axis] |= {"load_offset_deg": 1.0, "encoder_noise_deg": 0.05}
+    estimates, truth, _ = follow(type(neck).model_validate(content), 12.0, model=neck, age_s=age_s)
+    assert np.rad2deg(np.abs(estimates - truth)[-400:, 0]).max() < 0.25
+
+
+def test_a_start_away_from_the_command_is_no_load():
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    for k in range(60):
+        estimate = observer.update(k * TS, JointState(k * TS, np.full(2, 0.5), np.zeros(2)))
+        observer.sent(np.full(2, 0.5))
+    assert estimate.position_rad == pytest.approx([0.5, 0.5], abs=1e-9)
+    assert estimate.offset_rad == pytest.approx([0, 0], abs=1e-9)
+
+
+def test_a_reading_stamped_a_moment_after_the_tick_counts():
+    """A robot is read after the tick began."""
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    for k in range(2000):
+        estimate = observer.update(k * TS, JointState(k * TS + 1e-4, np.full(2, 0.03), np.zeros(2)))
+        observer.sent(np.zeros(2))
+        assert not observer.refused
+    assert estimate.offset_rad == pytest.approx([0.03, 0.03], abs=1e-3)
+
+
+def test_a_glitch_is_refused_and_a_push_is_believed_after_a_while():
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    for k in range(100):
+        observer.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
+    glitch = observer.update(100 * TS, JointState(100 * TS, np.ones(2), np.zeros(2)))
+    assert observer.refused
+    assert glitch.position_rad == pytest.approx([0, 0], abs=1e-12)
+    for k in range(101, 125):
+        pushed = observer.update(k * TS, JointState(k * TS, np.ones(2), np.zeros(2)))
+    assert pushed.position_rad == pytest.approx([1, 1], abs=0.15)
+
+
+def test_a_blocked_joint_is_no_load_without_bound():
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    for k in range(4000):
+        estimate = observer.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
+        observer.sent(np.full(2, min(0.001 * k, 1.0)))
+    assert np.rad2deg(np.abs(estimate.offset_rad)).max() <= 10.0 + 1e-9
+
+
 @pytest.mark.parametrize(
     "bad",
     [
         JointState(0.5, np.array([np.nan, 0.0]), np.zeros(2)),
-        JointState(0.1, np.ones(2), np.zeros(2)),  # older than the memory
+        JointState(0.5, np.array([1e300, 0.0]), np.zeros(2)),
+        JointState(0.496, np.ones(2), np.zeros(2)),  # far from where it can be
         JointState(0.7, np.ones(2), np.zeros(2)),  # from the future
     ],
 )
-def test_a_measurement_that_cannot_be_used_changes_nothing(bad):
+def test_a_measurement_that_cannot_be_believed_changes_nothing_and_is_said(bad):
     observer, untouched = (JointObserver(NECK, np.zeros(2), 0.0) for _ in range(2))
     for k in range(100):
         observer.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
         untouched.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
     got, wanted = observer.update(0.5, bad), untouched.update(0.5, None)
+    assert observer.refused
+    assert not untouched.refused
     assert np.array_equal(got.position_rad, wanted.position_rad)
     assert np.array_equal(got.offset_rad, wanted.offset_rad)
 

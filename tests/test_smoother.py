@@ -139,3 +139,19 @@ def test_time_to_a_step_is_that_of_the_closed_form():
     positions = roll(smoother, plan, 300)[:, 0]
     arrived_s = (np.argmax(positions > 1.0 - 1e-6) + 1) * TS
     assert arrived_s == pytest.approx(1.0 / v + v / a + a / j, abs=2 * TS)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_a_plan_that_ends_at_full_acceleration_is_not_followed_over_the_speed_limit(seed):
+    """Each plan speeds up to just below the limit and ends: there must be room to end its acceleration."""
+    rng = np.random.default_rng(seed)
+    h, fast, hard = NECK.control_period_s, LIMITS.velocity_max_rad_s, LIMITS.acceleration_max_rad_s2
+    knots = [(np.zeros(2), np.zeros(2), np.zeros(2))]
+    while np.all(knots[-1][1] < rng.uniform(0.9, 1.0) * fast) and len(knots) < 60:
+        p, v, a = knots[-1]
+        j = np.minimum(rng.uniform(0.3, 1.0) * LIMITS.jerk_max_rad_s3, (hard - a) / h)
+        knots.append((p + h * v + h**2 / 2 * a + h**3 / 6 * j, v + h * a + h**2 / 2 * j, a + h * j))
+    P, V, A = (np.array(x) for x in zip(*knots, strict=True))
+    P = P - P[-1]
+    smoother = Smoother(NECK, P[0])
+    assert_within_limits(roll(smoother, Plan(-TS, h, P, V, A), 4 * len(knots) + 200), P[0])

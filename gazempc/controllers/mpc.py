@@ -15,6 +15,7 @@ from gazempc.controllers.controller import (
 )
 from gazempc.controllers.ocp import AxisModel, AxisOcp, SolverFailedError
 from gazempc.controllers.qp import Daqp
+from gazempc.errors import SettingsError
 from gazempc.kinematics import angle_deviations_rad, look_at_rad, unwrap_pan
 from gazempc.neck import NeckSpec
 from gazempc.servo import DeadTimeRoll
@@ -23,6 +24,8 @@ _FIRST_SOLVERS = ("gain", Daqp.name)
 # Doubt makes the smoothing time up to 2^(8/4) = 4 times as long, in steps of a quarter of an octave.
 _LEVELS_PER_OCTAVE = 4
 _LEVELS = 9
+# With more steps a solve can take longer than a control period.
+_STEPS_MAX = 200
 # The doubt that counts is that of the forecast for this long after the dead time: what is planned now shows there.
 _DOUBT_AT_S = 0.2
 
@@ -44,6 +47,9 @@ class Mpc:
         doubt_deg: Standard deviation of the forecast direction from which on smoothing outweighs exactness; large for
             no regard to the forecast's covariance.
 
+    Raises:
+        SettingsError: If the horizon is longer than 200 steps.
+
     Attributes:
         ocps: The programs of pan and of tilt, each for longer and longer smoothing times.
     """
@@ -53,6 +59,11 @@ class Mpc:
     ) -> None:
         self._neck = neck
         self._steps = max(2, round(horizon_s / neck.control_period_s))
+        if self._steps > _STEPS_MAX:
+            raise SettingsError(
+                f"mpc.horizon_s: {horizon_s} s is {self._steps} steps at {neck.control_rate_hz:g} plans a second; "
+                f"accepted: at most {_STEPS_MAX} steps, {_STEPS_MAX * neck.control_period_s:g} s"
+            )
         self._doubt_rad = math.radians(doubt_deg)
         times_s = [smoothing_time_s * 2.0 ** (level / _LEVELS_PER_OCTAVE) for level in range(_LEVELS)]
         models = [AxisModel(neck, i, self._steps) for i in range(2)]
@@ -67,7 +78,10 @@ class Mpc:
         self._doubted = (doubted, doubted - self._steps)
 
     def reset(self) -> None:
-        """Nothing to forget: every plan is made from the situation alone."""
+        """Forget where the solvers stand; all else of a plan is made from the situation alone."""
+        for ocps in self.ocps:
+            for ocp in ocps:
+                ocp.reset()
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
         """End of each step of the horizon, one dead time late, shape (N,).

@@ -266,6 +266,11 @@ class AxisOcp:
         self._gain: FloatArray = np.ascontiguousarray(np.vstack([gain, rows]))
         self._makers, self._solvers = solvers, list[QpSolver]()
 
+    def reset(self) -> None:
+        """Forget earlier programs, see `QpSolver.reset`."""
+        for solver in self._solvers:
+            solver.reset()
+
     def parameters(self, state: FloatArray, reference_rad: FloatArray) -> FloatArray:
         """What the program depends on: [z0; 1; r].
 

@@ -69,6 +69,10 @@ class QpSolver(Protocol):
         """Name of the solver."""
         ...
 
+    def reset(self) -> None:
+        """Forget earlier programs: the next answer does not depend on them, not even in the last bit."""
+        ...
+
     def solve(self, g: FloatArray, lower: FloatArray, upper: FloatArray) -> QpResult:
         """Solve for new data.
 
@@ -108,6 +112,10 @@ class Daqp:
         slope, curvature = np.full(n + rows, data.penalty), np.full(n + rows, _DAQP_RHO)
         self._model.soft_weights(w_l=slope, w_u=slope, rho_l=curvature, rho_u=curvature)
 
+    def reset(self) -> None:
+        """See `QpSolver.reset`."""
+        self._model.update(sense=self._sense)
+
     def solve(self, g: FloatArray, lower: FloatArray, upper: FloatArray) -> QpResult:
         """See `QpSolver.solve`."""
         self._upper[self._variables :] = upper
@@ -118,7 +126,7 @@ class Daqp:
         if flag in _DAQP_SOLVED and np.abs(x).max() <= 1.0 + _BOUND_TOLERANCE:  # False for NaN
             return QpResult(x, "solved")
         # What led there is no start for the next call.
-        self._model.update(sense=self._sense)
+        self.reset()
         return QpResult(x, "timed_out" if flag in _DAQP_TIMED_OUT else "failed")
 
 
@@ -156,6 +164,9 @@ class Piqp:
                 },
             },
         )
+
+    def reset(self) -> None:
+        """See `QpSolver.reset`: every answer starts afresh."""
 
     def solve(self, g: FloatArray, lower: FloatArray, upper: FloatArray) -> QpResult:
         """See `QpSolver.solve`."""
