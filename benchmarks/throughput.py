@@ -51,7 +51,7 @@ def throughput(recordings: int, workers: int) -> tuple[float, float]:
     """
     with tempfile.TemporaryDirectory() as folder:
         started_s = time.perf_counter()
-        rows = run_jobs(make_jobs(recordings), Path(folder), workers)
+        rows = run_jobs(make_jobs(recordings), Path(folder), workers, execute)
         return time.perf_counter() - started_s, sum(row["simulated_s"] for row in rows)
 
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.aggregate import add_gap_closed, paired_differences, summarise
 from experiments.command import run_command
-from experiments.jobs import Job
+from experiments.jobs import Job, execute
 from experiments.pool import run_jobs
 from experiments.recordings import find_recordings
 from gazempc.config import DEFAULT_PREDICTOR, ControllerName, PlacementName, PredictorName, WalkerSettings
@@ -86,7 +86,7 @@ def compare(settings: CompareSettings) -> int:
     started_s = time.monotonic()
     runs_folder = settings.out / "runs"
     before = {path.name for path in runs_folder.glob("*.json")}
-    rows = run_jobs(jobs, runs_folder, settings.jobs)
+    rows = run_jobs(jobs, runs_folder, settings.jobs, execute)
     wall_s = time.monotonic() - started_s
     simulated_s = sum(
         row.get("simulated_s", 0.0) for job, row in zip(jobs, rows, strict=True) if f"{job.key()}.json" not in before

@@ -6,19 +6,31 @@ import json
 import multiprocessing
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from tqdm import tqdm
 
-from experiments.jobs import Job, execute
 from gazempc.errors import GazempcError
 
 
-def run_jobs(jobs: Sequence[Job], folder: Path, workers: int) -> list[dict[str, Any]]:
+class Keyed(Protocol):
+    """A job: plain data that can be sent to another process."""
+
+    def key(self) -> str:
+        """Name of the job: a hash of all that its result depends on."""
+        ...
+
+
+J = TypeVar("J", bound=Keyed)
+
+
+def run_jobs(
+    jobs: Sequence[J], folder: Path, workers: int, execute: Callable[[J], dict[str, Any]]
+) -> list[dict[str, Any]]:
     """Do all jobs that have no result yet.
 
     Each result is a file of its own, named by the job's hash and written whole or not at all, so that an interrupted
@@ -28,6 +40,8 @@ def run_jobs(jobs: Sequence[Job], folder: Path, workers: int) -> list[dict[str, 
         jobs: What to do.
         folder: Where the results are kept.
         workers: Number of processes.
+        execute: Does a job, in another process; never raises for what a user can cause, but says so in the row's
+            ``failed``.
 
     Returns:
         The rows in the order of the jobs.

@@ -48,6 +48,10 @@ class HeadPoseSettings(ConstantVelocitySettings):
 
     weight: float = Field(default=0.5, ge=0, le=1, description="w in equation 4")
     yaw_noise_rad: float = Field(default=0.05, gt=0, description="Standard deviation of a measurement")
+    yaw_from: Literal["waist", "travel"] = Field(
+        default="waist", description="What the head's yaw is relative to: the waist, or the direction of travel"
+    )
+    offset_removed: bool = Field(default=False, description="Take away the mean yaw since the track began")
 
 
 class WalkerSettings(_Settings):

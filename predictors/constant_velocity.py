@@ -61,14 +61,16 @@ class ConstantVelocity:
         acceleration_psd: Power spectral density of the head's acceleration on each axis, m^2/s^3. The default
             has the least error at 0.5 s over walking people at the noise below.
         position_noise_m: Standard deviation of a position measurement on each axis, metres.
+        gated: False to take in every observation, as a plain Kalman filter does.
     """
 
-    def __init__(self, acceleration_psd: float = 0.05, position_noise_m: float = 0.01) -> None:
+    def __init__(self, acceleration_psd: float = 0.05, position_noise_m: float = 0.01, gated: bool = True) -> None:
         if not (acceleration_psd > 0 and position_noise_m > 0):
             raise ValueError("acceleration_psd and position_noise_m must be positive")
         self._psd = acceleration_psd
         self._noise_variance_m2 = position_noise_m**2
         self._gate = Gate()
+        self._gated = gated
         self.reset()
 
     def reset(self) -> None:
@@ -100,7 +102,7 @@ class ConstantVelocity:
         kf.predict(F=transition(dt_s), Q=process_noise(dt_s, self._psd))
         self._time_s = observation.capture_time_s
         innovation = observation.head_position_base_m - kf.x[:3]
-        if not self._gate.accepts(innovation, kf.P[:3, :3] + kf.R):
+        if self._gated and not self._gate.accepts(innovation, kf.P[:3, :3] + kf.R):
             if self._gate.lost:
                 self._start(observation)
             return

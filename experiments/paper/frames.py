@@ -1,0 +1,256 @@
+"""Errors of the paper's two forecasts at every frame of a video, for any weight w at once."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.jobs import attempt, program_hash
+from experiments.paper.published import FRAME_RATE_HZ, HORIZON_S, PUBLISHED, RANGE_M
+from gazempc.placement import place
+from gazempc.recording import Recording, load
+from gazempc.sensor import SensorSpec, load_sensor, observe
+from gazempc.truth import TrueHead
+from predictors import ConstantVelocity, HeadObservation, HeadPose
+
+FloatArray = NDArray[np.float64]
+
+Rule = Literal["paper", "offset removed", "travel direction", "both"]
+Against = Literal["filtered", "true"]
+
+RULES: dict[Rule, dict[str, Any]] = {
+    "paper": {},
+    "offset removed": {"offset_removed": True},
+    "travel direction": {"yaw_from": "travel"},
+    "both": {"yaw_from": "travel", "offset_removed": True},
+}
+# The step of a video at 30 frames a second, and of one whose tracker only managed every second frame.
+HORIZONS_S = (HORIZON_S, 2.0 * HORIZON_S)
+POSITION_NOISE_M = 0.01
+# Over a longer gap between frames the filtered position is not known.
+_GAP_S = 0.1
+_DISTANCE_M, _HEIGHT_M = 2.5, 1.2
+_GROUPS = {p.label: p.group for p in PUBLISHED}
+
+
+def filter_time_s(acceleration_psd: float, position_noise_m: float = POSITION_NOISE_M) -> float:
+    """Time constant of a constant-velocity Kalman filter at 30 frames a second.
+
+    In the limit of many frames the filter is a second-order system with damping ratio 0.71 (Kalata 1984); this is the
+    inverse of its natural frequency.
+
+    Args:
+        acceleration_psd: Noise density of the acceleration, m^2/s^3.
+        position_noise_m: Standard deviation of a measurement.
+
+    Returns:
+        Seconds.
+    """
+    return float((position_noise_m**2 / FRAME_RATE_HZ / acceleration_psd) ** 0.25)
+
+
+def acceleration_psd(time_s: float, position_noise_m: float = POSITION_NOISE_M) -> float:
+    """Inverse of `filter_time_s`: noise density in m^2/s^3 that makes a filter so slow."""
+    return position_noise_m**2 / FRAME_RATE_HZ / time_s**4
+
+
+@dataclass(frozen=True)
+class FrameJob:
+    """All that the errors on one recording depend on.
+
+    Attributes:
+        recording: Synthetic name or path.
+        filter_time_s: Time constant of the position filter, see `filter_time_s`.
+        rules: Which relative yaws to turn by.
+        seed: Seed of the sensor's noise, where the recording has no measured track of its own.
+    """
+
+    recording: str
+    filter_time_s: float
+    rules: tuple[Rule, ...]
+    seed: int
+
+    def key(self) -> str:
+        """Name of the job: a hash of the job, of the files it reads and of the program."""
+        content: dict[str, Any] = {**asdict(self), "program": program_hash(), "module": _module_hash()}
+        for path in (Path(self.recording), Path(self.recording).with_name("index.csv")):
+            if path.is_file():
+                content[f"bytes of {path.name}"] = hashlib.sha256(path.read_bytes()).hexdigest()
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Errors at the scored frames of one video, at one horizon.
+
+    The forecast is linear in w (equations 4 and 5): its error is ``base_m + w turn_m``.
+
+    Attributes:
+        recording: Name.
+        subject: Who walks.
+        group: R12, R34 or R56.
+        base_m: Baseline's forecast minus where the head then is, shape (F, 3), metres.
+        turn_m: What w = 1 adds, shape (F, 3), metres.
+        yaw_deg: Relative yaw that the rule turns by, shape (F,), positive to the left; NaN where none is known.
+    """
+
+    recording: str
+    subject: str
+    group: str
+    base_m: FloatArray
+    turn_m: FloatArray
+    yaw_deg: FloatArray
+
+    def error_mm(self, weight: float) -> FloatArray:
+        """Euclidean error at each frame, shape (F,), mm.
+
+        Args:
+            weight: w; 0 is the baseline.
+        """
+        return np.asarray(1e3 * np.linalg.norm(self.base_m + weight * self.turn_m, axis=1))
+
+
+def execute(job: FrameJob) -> dict[str, Any]:
+    """Do a job; never raises for what a user can cause.
+
+    Args:
+        job: The job.
+
+    Returns:
+        A row for `frames_of`: labels and, for each horizon, the errors against the filtered and against the true
+        position; or ``left_out`` or ``failed`` with the reason.
+    """
+    row: dict[str, Any] = {"recording": Path(job.recording).stem, "source": job.recording, "kind": None}
+    row |= {"subject": None, "group": None, "left_out": None, "failed": None}
+
+    def work() -> dict[str, Any]:
+        recording, sensor = _seen(job.recording)
+        row.update(kind=recording.kind, subject=recording.labels.subject, group=recording.labels.group)
+        return _errors(recording, sensor, job)
+
+    return row | attempt(work)
+
+
+def frames_of(
+    rows: Sequence[dict[str, Any]], against: Against = "filtered", rule: Rule = "paper", horizon_s: float = HORIZON_S
+) -> list[Frames]:
+    """The errors of one way to measure them.
+
+    Args:
+        rows: As made by `execute`.
+        against: What a forecast is compared with: the paper's filtered position, or the true one.
+        rule: Which relative yaw the rule turns by.
+        horizon_s: One of `HORIZONS_S`.
+
+    Returns:
+        One entry a video; those left out or failed, without a known group, or with no frame to score are not there.
+    """
+    found = []
+    for row in rows:
+        if row["failed"] or row["left_out"] or row["group"] not in _GROUPS:
+            continue
+        errors = row["horizons"][HORIZONS_S.index(horizon_s)]
+        base_m = np.array(errors[against])
+        if not base_m.size:
+            continue
+        turn = errors["turn"][rule]
+        yaw_deg = np.array([np.nan if y is None else y for y in turn["yaw_deg"]], dtype=np.float64)
+        group = _GROUPS[row["group"]]
+        found.append(Frames(row["recording"], row["subject"], group, base_m, np.array(turn["turn_m"]), yaw_deg))
+    return found
+
+
+@lru_cache(maxsize=1)
+def _module_hash() -> str:
+    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:20]
+
+
+@lru_cache(maxsize=2)
+def _seen(name: str) -> tuple[Recording, SensorSpec]:
+    """The recording in the sensor's frame, and the sensor: what a tracker measured where that is recorded."""
+    recording = load(name)
+    sensor = load_sensor("recorded" if recording.measured is not None else "reference")
+    placed = place(recording, "recorded" if recording.has_robot else "side", _DISTANCE_M, _HEIGHT_M)
+    return placed, sensor.model_copy(update={"range_min_m": RANGE_M[0], "range_max_m": RANGE_M[1]})
+
+
+def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str, Any]:
+    psd = acceleration_psd(job.filter_time_s)
+    baseline = ConstantVelocity(psd, POSITION_NOISE_M, gated=False)
+    bent = {
+        rule: HeadPose(1.0, psd, POSITION_NOISE_M, gated=False, **changes)
+        for rule, changes in RULES.items()
+        if rule in job.rules
+    }
+    horizons_s = np.array(HORIZONS_S)
+    capture_s, filtered_m, forecast_m = [], [], []
+    turned_m: dict[Rule, list[FloatArray]] = {rule: [] for rule in bent}
+    yaw_deg: dict[Rule, list[float | None]] = {rule: [] for rule in bent}
+    for sighting in observe(recording, sensor, job.seed):
+        observation: HeadObservation = sighting.observation
+        ahead_s = observation.capture_time_s + horizons_s
+        baseline.update(observation)
+        capture_s.append(observation.capture_time_s)
+        filtered_m.append(baseline.state()[1][:3])
+        forecast_m.append(baseline.forecast(ahead_s).means_base_m)
+        for rule, predictor in bent.items():
+            predictor.update(observation)
+            turned_m[rule].append(predictor.forecast(ahead_s).means_base_m)
+            yaw_rad = predictor.relative_yaw_rad()
+            yaw_deg[rule].append(None if yaw_rad is None else round(float(np.degrees(yaw_rad)), 4))
+    times_s, positions_m, forecasts_m = np.array(capture_s), np.array(filtered_m), np.array(forecast_m)
+    true_head = TrueHead(recording)
+    errors = []
+    for i, horizon_s in enumerate(HORIZONS_S):
+        at_s = times_s + horizon_s
+        scored = _known(times_s, at_s)
+        then_m = np.stack([np.interp(at_s, times_s, positions_m[:, axis]) for axis in range(3)], axis=-1)
+        errors.append(
+            {
+                "filtered": _plain((forecasts_m[:, i] - then_m)[scored]),
+                "true": _plain(forecasts_m[scored, i] - true_head(at_s[scored])),
+                "turn": {
+                    rule: {
+                        "turn_m": _plain((np.array(turned_m[rule])[:, i] - forecasts_m[:, i])[scored]),
+                        "yaw_deg": [y for y, ok in zip(yaw_deg[rule], scored, strict=True) if ok],
+                    }
+                    for rule in bent
+                },
+            }
+        )
+    return {"seen_frames": times_s.size, "horizons": errors, **_walk(true_head, times_s)}
+
+
+def _plain(values_m: FloatArray) -> list[list[float]]:
+    """As nested lists, to a tenth of a micrometre, which keeps the files small."""
+    rounded: list[list[float]] = np.round(values_m, 7).tolist()
+    return rounded
+
+
+def _walk(true_head: TrueHead, times_s: FloatArray) -> dict[str, Any]:
+    """Speed and turn of the walk itself: from one half second to the next, horizontally."""
+    middle_s = times_s[(times_s >= times_s[0] + HORIZON_S) & (times_s <= times_s[-1] - HORIZON_S)]
+    if not middle_s.size:
+        return {"speed_m_s": [], "turn_deg": []}
+    steps_m = np.diff(np.stack([true_head(middle_s + d)[:, :2] for d in (-HORIZON_S, 0.0, HORIZON_S)]), axis=0)
+    along = steps_m[..., 0] + 1j * steps_m[..., 1]
+    return {
+        "speed_m_s": np.round(np.abs(along[1]) / HORIZON_S, 4).tolist(),
+        "turn_deg": np.round(np.degrees(np.angle(along[1] * np.conj(along[0]))), 3).tolist(),
+    }
+
+
+def _known(times_s: FloatArray, at_s: FloatArray) -> NDArray[np.bool_]:
+    """At which of the times, shape (F,), the person was seen, or just before and just after."""
+    after = np.clip(np.searchsorted(times_s, at_s - 1e-6), 1, times_s.size - 1)
+    gap_s = times_s[after] - times_s[after - 1]
+    at_frame = np.abs(times_s[after] - at_s) <= 1e-6
+    return np.asarray((at_s <= times_s[-1] + 1e-6) & (at_frame | (gap_s <= _GAP_S)))

@@ -1,0 +1,126 @@
+"""What the paper prints, and what its statistics imply about the number of frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from scipy.stats import norm
+
+SIGNIFICANCE_LEVEL = 0.05
+VIDEOS_PER_GROUP = 28
+PEOPLE = 14
+STEPS_AHEAD = 15
+FRAME_RATE_HZ = 30.0
+HORIZON_S = STEPS_AHEAD / FRAME_RATE_HZ
+RANGE_M = (0.5, 5.46)
+# Printed as it is; neither can hold for a weight in [0, 1].
+W_MEAN = 7.51
+W_SD = 0.36
+# What may have been meant: a slipped point, or steps of the 15.
+W_READINGS = (0.751, round(W_MEAN / STEPS_AHEAD, 2))
+
+
+@dataclass(frozen=True)
+class PublishedGroup:
+    """One group of routes as printed in the paper's section V-B.
+
+    Attributes:
+        group: Code of the routes.
+        label: The same group in our labels.
+        baseline_mm: Mean error of the Kalman forecast.
+        proposed_mm: Mean error of the forecast bent by the head's yaw.
+        statistic: Of the one-tailed Wilcoxon signed-rank test.
+        p_value: Its p value.
+        p_digits: Significant digits of the p value as printed.
+    """
+
+    group: str
+    label: str
+    baseline_mm: float
+    proposed_mm: float
+    statistic: float
+    p_value: float
+    p_digits: int
+
+
+PUBLISHED = (
+    PublishedGroup("R12", "straight", 122.0, 139.0, 579_000.0, 1.0, 2),
+    PublishedGroup("R34", "turn", 404.0, 362.0, 2_849_081.0, 6.09e-93, 3),
+    PublishedGroup("R56", "sharp", 559.0, 548.0, 1_990_900.0, 1.62e-3, 3),
+)
+
+
+@dataclass(frozen=True)
+class ImpliedFrames:
+    """The numbers of frames with which a statistic has a p value, by the normal approximation.
+
+    Attributes:
+        fewest: Smallest number.
+        most: Largest number; None where every larger one the search looked at does as well.
+        thinned_p_value: p value if only every `STEPS_AHEAD`-th frame counts, as frames whose horizons overlap are not
+            independent; NaN where `most` is None, as nothing is pinned down then.
+    """
+
+    fewest: int
+    most: int | None
+    thinned_p_value: float
+
+    @property
+    def per_video(self) -> float:
+        """Frames in each of the group's 28 videos; of the smallest number where there is no largest one."""
+        return 0.5 * (self.fewest + (self.most or self.fewest)) / VIDEOS_PER_GROUP
+
+
+def signed_rank_z(statistic: float, n: float) -> float:
+    """Standardised signed-rank statistic.
+
+    Args:
+        statistic: Sum of the ranks of the positive differences.
+        n: Number of differences, none of them 0 or tied.
+
+    Returns:
+        z of the normal approximation (Wilcoxon 1945).
+    """
+    return (statistic - n * (n + 1) / 4.0) / math.sqrt(n * (n + 1) * (2 * n + 1) / 24.0)
+
+
+def implied_frames(published: PublishedGroup, most: int = 6000) -> ImpliedFrames:
+    """Turn a printed statistic and p value round into the number of frames.
+
+    The positive ranks' sum must lie within 0 and n (n + 1) / 2, and the one-tailed p value must round to what is
+    printed.
+
+    Args:
+        published: Statistic and p value.
+        most: Largest number that is looked at.
+
+    Returns:
+        The numbers of frames that fit.
+
+    Raises:
+        ValueError: If none does.
+    """
+    fits = list(_fitting(published, most))
+    if not fits:
+        raise ValueError(f"no number of frames up to {most} gives the p value printed for {published.group}")
+    if fits[-1] == most:
+        return ImpliedFrames(fits[0], None, math.nan)
+    # All standardised differences shrink with the square root of the independent share.
+    middle = 0.5 * (fits[0] + fits[-1])
+    thinned = signed_rank_z(published.statistic, middle) / math.sqrt(STEPS_AHEAD)
+    return ImpliedFrames(fits[0], fits[-1], float(norm.sf(thinned)))
+
+
+def _fitting(published: PublishedGroup, most: int) -> Iterator[int]:
+    printed = _rounded(published.p_value, published.p_digits)
+    for n in range(2, most + 1):
+        if published.statistic <= n * (n + 1) / 2:
+            p_value = float(norm.sf(signed_rank_z(published.statistic, n)))
+            if _rounded(p_value, published.p_digits) == printed:
+                yield n
+
+
+def _rounded(value: float, digits: int) -> str:
+    return f"{value:.{digits - 1}e}"
