@@ -40,6 +40,8 @@ Rows = Sequence[dict[str, Any]]
 
 TURNING = ("R34", "R56")
 YAW_WEIGHT = W_READINGS[1]
+# Tuning hardly ever ends at exactly 0; a rule that is switched off to this is no worse than none.
+_NEGLIGIBLE_MM = 0.1
 
 
 def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int, trials: int) -> dict[str, Any]:
@@ -154,7 +156,9 @@ def _hypotheses(people: Mapping[str, PersonTest]) -> list[dict[str, str]]:
         test = people.get(group)
         if test is None:
             continue
-        if test.smallest_p > SIGNIFICANCE_LEVEL:
+        if abs(test.difference_mm) < _NEGLIGIBLE_MM:
+            answer = "no different"
+        elif test.smallest_p > SIGNIFICANCE_LEVEL:
             answer = f"cannot be told: the smallest p value of so few people ({test.n_people}) is {test.smallest_p:.2g}"
         elif test.p_better < SIGNIFICANCE_LEVEL:
             answer = "better"

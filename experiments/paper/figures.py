@@ -30,7 +30,7 @@ def _caption(summary: Mapping[str, Any]) -> str:
 
 
 def draw_bars(summary: Mapping[str, Any], path: Path) -> None:
-    """Draw the mean error by group and method: published, with the filter of the validation, and with a slow one.
+    """Draw the mean error by group and method: published, with the validation's filter (two w), and with a slow one.
 
     Args:
         summary: As saved in `summary.json`.
@@ -43,12 +43,18 @@ def draw_bars(summary: Mapping[str, Any], path: Path) -> None:
         if p.group in groups
     ]
     nearest = next(n for n in summary["nearest"] if n["against"] == "true")
+    fixed = summary["published_weights"][0]
+    quick = f"filter of {summary['settings']['filter_time_s']:.2g} s, own positions"
     panels: list[tuple[str, list[dict[str, Any]]]] = [
         ("published", published),
-        (f"filter of {summary['settings']['filter_time_s']:g} s,\nagainst its own positions", summary["groups"]),
-        (f"filter of {nearest['filter_time_s']:g} s,\nagainst the true positions", nearest["groups"]),
+        (f"{quick},\nw tuned (mean {summary['w_mean']:.2f})", summary["groups"]),
+        (f"{quick},\nw = {fixed['weight']:g}", fixed["groups"]),
+        (
+            f"filter of {nearest['filter_time_s']:.2g} s, true positions,\nw tuned (mean {nearest['w_mean']:.2f})",
+            nearest["groups"],
+        ),
     ]
-    plot = Figure(figsize=(9.6, 3.9), layout="constrained")
+    plot = Figure(figsize=(12.0, 3.9), layout="constrained")
     axes = plot.subplots(1, len(panels), sharey=True)
     for ax, (title, rows) in zip(axes, panels, strict=True):
         _bars(ax, rows)
@@ -161,7 +167,7 @@ def draw_rules(summary: Mapping[str, Any], path: Path) -> None:
     left.axhline(0, color="0.3", linewidth=0.8)
     left.set_xticks(range(len(rules)), [_RULE_LABELS[r] for r in rules])
     left.set_ylabel("proposed minus baseline (mm)")
-    left.set_title(f"the head's yaw against ...; filter of {time_s:g} s", fontsize="medium")
+    left.set_title(f"the head's yaw against ...; filter of {time_s:.2g} s", fontsize="medium")
     left.legend(frameon=False)
     yaw = summary["yaw"]
     right.plot(yaw["mean_yaw_deg"], yaw["cost_mm"], "o", color=COLOURS[0])

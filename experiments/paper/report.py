@@ -56,8 +56,8 @@ def report(summary: Mapping[str, Any]) -> str:
         "",
         f"{n} of {summary['n_recordings']} recordings ({', '.join(summary['kinds'])})"
         + (f"; {', '.join(left)}" if left else "")
-        + f". Kalman filter with a time constant of {settings['filter_time_s']:g} s, forecast 0.5 s (15 steps) ahead, "
-        "error against the filtered position, every frame within 0.5 to 5.46 m. w is tuned on the other people "
+        + f". Kalman filter with a time constant of {settings['filter_time_s']:.2g} s, forecast 0.5 s (15 steps) ahead,"
+        " error against the filtered position, every frame within 0.5 to 5.46 m. w is tuned on the other people "
         f"(Optuna, {settings['trials']} trials).",
         "",
         "## Mean errors, and the paper's test over frames",
@@ -166,7 +166,7 @@ def _rules_table(rules: Sequence[Mapping[str, Any]]) -> list[str]:
             for g in groups
         ]
         w_mean = next(iter(own.values()))["w_mean"]
-        lines.append((f"{time_s:g}", _RULE_NAMES[rule], f"{w_mean:.2f}", *cells))
+        lines.append((f"{time_s:.2g}", _RULE_NAMES[rule], f"{w_mean:.2f}", *cells))
     return _table(("filter [s]", "yaw", "mean w", *groups), lines)
 
 
@@ -198,7 +198,7 @@ def _filters_table(filters: Sequence[Mapping[str, Any]]) -> list[str]:
     for against, time_s in dict.fromkeys((r["against"], r["filter_time_s"]) for r in near):
         own = {r["group"]: r for r in near if (r["against"], r["filter_time_s"]) == (against, time_s)}
         cells = [f"{own[g]['baseline_mm']:.0f} -> {own[g]['error_at_weight_mm']:.0f}" for g in groups]
-        lines.append((against, f"{time_s:g}", *cells, f"{own[groups[0]]['weight']:.2f}"))
+        lines.append((against, f"{time_s:.2g}", *cells, f"{own[groups[0]]['weight']:.2f}"))
     published = {p.group: f"{p.baseline_mm:.0f} -> {p.proposed_mm:.0f}" for p in PUBLISHED}
     lines.append(("published", "?", *(published[g] for g in groups), "?"))
     return _table(
