@@ -87,10 +87,8 @@ class HeadPose:
     def reset(self) -> None:
         """Forget the person."""
         self._position.reset()
-        self._yaw: KalmanFilter | None = None
-        self._yaw_time_s = -np.inf
-        self._yaw_sum_rad, self._yaw_count = 0.0, 0
         self._started_at_s: float | None = None
+        self._forget_yaw()
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
@@ -101,7 +99,7 @@ class HeadPose:
         if self._position.started_at_s != self._started_at_s:
             # Another track may be another person.
             self._started_at_s = self._position.started_at_s
-            self._yaw_sum_rad, self._yaw_count = 0.0, 0
+            self._forget_yaw()
         zero_rad = self._zero_rad(observation)
         if observation.head_quat_wxyz is None or zero_rad is None:
             return
@@ -125,6 +123,11 @@ class HeadPose:
         R = rotation_about_vertical(angle_rad)
         return self._position.forecast_turned(times_s, (1.0 - self._weight) * np.eye(3) + self._weight * R)
 
+    def _forget_yaw(self) -> None:
+        self._yaw: KalmanFilter | None = None
+        self._yaw_time_s = self._yaw_since_s = -np.inf
+        self._yaw_sum_rad, self._yaw_count = 0.0, 0
+
     def _zero_rad(self, observation: HeadObservation) -> float | None:
         if self._yaw_from == "waist":
             return None if observation.pelvis_quat_wxyz is None else yaw_rad(observation.pelvis_quat_wxyz)
@@ -134,15 +137,21 @@ class HeadPose:
         return float(np.arctan2(velocity_m_s[1], velocity_m_s[0]))
 
     def _offset_rad(self) -> float:
-        if not self._offset_removed or self._yaw is None or self._started_at_s is None:
+        if not self._offset_removed:
             return 0.0
         mean_rad = self._yaw_sum_rad / self._yaw_count
-        known_s = self._yaw_time_s - self._started_at_s
+        known_s = self._yaw_time_s - self._yaw_since_s
         return mean_rad * known_s / (known_s + _OFFSET_PRIOR_S)
 
     def _update_yaw(self, measured_rad: float, time_s: float) -> None:
         from filterpy.kalman import KalmanFilter  # noqa: PLC0415
 
+        if self._yaw is None:
+            self._yaw_since_s = time_s
+        else:
+            # The innovation is wrapped, so that an angle that passes pi is a small step, also over a gap.
+            estimate_rad = float(self._yaw.x[0])
+            measured_rad = estimate_rad + wrap_rad(measured_rad - estimate_rad)
         if self._yaw is None or time_s - self._yaw_time_s > _YAW_VALID_FOR_S:
             kf = KalmanFilter(dim_x=1, dim_z=1)
             kf.x = np.array([measured_rad])
@@ -151,9 +160,7 @@ class HeadPose:
             self._yaw = kf
         else:
             self._yaw.predict(Q=_YAW_WALK_RAD2_PER_S * (time_s - self._yaw_time_s) * np.eye(1))
-            # The innovation is wrapped, so that an angle that passes pi is a small step.
-            estimate_rad = float(self._yaw.x[0])
-            self._yaw.update(np.array([estimate_rad + wrap_rad(measured_rad - estimate_rad)]))
+            self._yaw.update(np.array([measured_rad]))
         self._yaw_time_s = time_s
         # The filtered yaw is continuous, so its mean needs no wrapping.
         self._yaw_sum_rad += float(self._yaw.x[0])

@@ -23,7 +23,7 @@ from experiments.paper.filters import (
     misfit,
     sweep,
 )
-from experiments.paper.frames import HORIZONS_S, RULES, Frames, frames_of
+from experiments.paper.frames import HORIZONS_S, RULES, FloatArray, Frames, frames_of
 from experiments.paper.published import PUBLISHED, SIGNIFICANCE_LEVEL, W_MEAN, W_READINGS, W_SD, implied_frames
 from experiments.paper.significance import (
     ALTERNATIVE,
@@ -92,7 +92,7 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
         "rules": [row for time_s, rule, own in rules for row in _rule_rows(time_s, rule, own)],
         "yaw": _yaw(rows_by_time[filter_time_s]),
         "published": {
-            "groups": [{**asdict(p), "implied_frames": asdict(implied_frames(p))} for p in PUBLISHED],
+            "groups": [{**asdict(p), "implied_frames": _without_nan(asdict(implied_frames(p)))} for p in PUBLISHED],
             "w_mean": W_MEAN,
             "w_sd": W_SD,
         },
@@ -201,9 +201,13 @@ def _yaw(rows: Rows) -> dict[str, Any]:
     straight = {rule: [v for v in frames_of(rows, rule=rule) if v.group == "R12"] for rule in RULES}
     people = sorted({v.subject for v in straight["paper"]})
     offset_deg, cost_mm = [], []
-    for person in people:
+    for person in people.copy():
         own = [v for v in straight["paper"] if v.subject == person]
-        offset_deg.append(float(np.nanmean(np.concatenate([v.yaw_deg for v in own]))))
+        yaw_deg = _known(np.concatenate([v.yaw_deg for v in own]))
+        if not yaw_deg.size:
+            people.remove(person)
+            continue
+        offset_deg.append(float(yaw_deg.mean()))
         cost_mm.append(mean_mm(own, YAW_WEIGHT) - mean_mm(own, 0.0))
     several = len(people) > 2
     return {
@@ -216,17 +220,30 @@ def _yaw(rows: Rows) -> dict[str, Any]:
         else None,
         # Within a video: what is left is the swing of gait, wander and noise.
         "swing_deg": {
-            rule: float(np.median([np.nanstd(v.yaw_deg) for v in own])) for rule, own in straight.items() if own
+            rule: float(np.median(spread))
+            for rule, own in straight.items()
+            if (spread := [_known(v.yaw_deg).std() for v in own if _known(v.yaw_deg).size])
         },
     }
+
+
+def _known(values: FloatArray) -> FloatArray:
+    return values[np.isfinite(values)]
 
 
 def _filter_row(row: FilterRow) -> dict[str, Any]:
     return {**asdict(row), "error_mm": list(row.error_mm), "baseline_mm": row.baseline_mm}
 
 
+def _without_nan(figures: dict[str, Any]) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in figures.items()}
+
+
 def _nearest_at(table: Sequence[FilterRow], horizon_s: float) -> list[dict[str, Any]]:
-    nearest = []
+    nearest: list[dict[str, Any]] = []
+    table = [r for r in table if r.horizon_s == horizon_s]
+    if not table:
+        return nearest
     for against in AGAINST:
         time_s = closest_time_s(table, against, horizon_s)
         own = [r for r in table if (r.filter_time_s, r.against, r.horizon_s) == (time_s, against, horizon_s)]

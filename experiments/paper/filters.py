@@ -63,6 +63,8 @@ def sweep(rows_by_time: Mapping[float, Sequence[dict[str, Any]]]) -> list[Filter
         for horizon_s in HORIZONS_S:
             for against in AGAINST:
                 videos = frames_of(rows, against, horizon_s=horizon_s)
+                if not videos:
+                    continue
                 weight = exact_weight(videos)
                 for group in groups_in(videos):
                     own = [v for v in videos if v.group == group]

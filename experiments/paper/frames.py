@@ -253,4 +253,4 @@ def _known(times_s: FloatArray, at_s: FloatArray) -> NDArray[np.bool_]:
     after = np.clip(np.searchsorted(times_s, at_s - 1e-6), 1, times_s.size - 1)
     gap_s = times_s[after] - times_s[after - 1]
     at_frame = np.abs(times_s[after] - at_s) <= 1e-6
-    return np.asarray((at_s <= times_s[-1] + 1e-6) & (at_frame | (gap_s <= _GAP_S)))
+    return np.asarray((at_s <= times_s[-1] + 1e-6) & (at_frame | (gap_s <= _GAP_S + 1e-6)))

@@ -185,8 +185,8 @@ def _yaw_lines(yaw: Mapping[str, Any]) -> list[str]:
             else f"; rank correlation of its size with what the rule costs there at w = {yaw['weight']:g}: "
             f"{correlation:.2f}."
         ),
-        f"Within a video the yaw has a standard deviation of {swing['paper']:.1f} deg against the waist and "
-        f"{swing['travel direction']:.1f} deg against the filter's direction of travel (medians).",
+        f"Within a video the yaw has a standard deviation of {_number(swing.get('paper'), 1)} deg against the waist"
+        f" and {_number(swing.get('travel direction'), 1)} deg against the filter's direction of travel (medians).",
         "",
     ]
 
@@ -230,7 +230,10 @@ def _nearest_lines(summary: Mapping[str, Any]) -> list[str]:
             (
                 n["against"],
                 f"{n['filter_time_s']:g}",
-                *(f"{n['baseline_mm'][g]:.0f} -> {n['proposed_mm'][g]:.0f}" for g in groups),
+                *(
+                    f"{n['baseline_mm'][g]:.0f} -> {n['proposed_mm'][g]:.0f}" if g in n["baseline_mm"] else "-"
+                    for g in groups
+                ),
                 f"{n['weight']:.2f}",
                 f"{n['misfit']:.2f}",
             )
