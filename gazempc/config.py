@@ -147,7 +147,15 @@ class MpcSettings(_Settings):
     )
 
 
-class RunSettings(PredictorSettings):
+class GazeSettings(PredictorSettings):
+    """Settings of predictors, controllers and the loop, in a replay and live."""
+
+    lookahead: LookAheadSettings = LookAheadSettings()
+    mpc: MpcSettings = MpcSettings()
+    loop: LoopSettings = LoopSettings()
+
+
+class RunSettings(GazeSettings):
     """Settings of `python -m gazempc.run`."""
 
     replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
@@ -180,9 +188,6 @@ class RunSettings(PredictorSettings):
     start_offset_deg: float = Field(
         default=0.0, ge=-360, le=360, description="Pan at the start, from looking at the first observed head"
     )
-    lookahead: LookAheadSettings = LookAheadSettings()
-    mpc: MpcSettings = MpcSettings()
-    loop: LoopSettings = LoopSettings()
     reading: ReadOptions = ReadOptions()
 
 

@@ -92,10 +92,13 @@ class ComputeTimes:
     Attributes:
         update_ms: Predictor update of each observation, shape (F,), milliseconds.
         step_ms: Forecast and plan at each control tick, shape (C,), milliseconds.
+        latency_ms: From the capture of the newest observation to the first command of each plan made with it, shape
+            (P,), milliseconds; in a replay the simulated time.
     """
 
     update_ms: FloatArray
     step_ms: FloatArray
+    latency_ms: FloatArray
 
     def save(self, path: Path) -> None:
         """Write the times.
@@ -103,7 +106,7 @@ class ComputeTimes:
         Args:
             path: File to write, ending in ``.npz``.
         """
-        np.savez_compressed(path, update_ms=self.update_ms, step_ms=self.step_ms)
+        np.savez_compressed(path, update_ms=self.update_ms, step_ms=self.step_ms, latency_ms=self.latency_ms)
 
 
 def load_log(path: Path | str) -> Log:

@@ -1,9 +1,9 @@
 """The one place where all stages meet: observations in, commands out, at every tick something safe.
 
-One call of `GazeLoop.tick` is one servo period, whoever owns the clock: a replay calls it in simulated time. The
-robot gets a command within limits at every tick. The plan behind it is, in this order: a fresh one; the rest of the
-last one; a stop; and after `rest_after_s` without the person, a slow return to rest. Whatever is out of the ordinary is
-named in the log:
+One call of `GazeLoop.tick` is one servo period, whoever owns the clock: a replay calls it in simulated time, a live run
+on the real clock. The robot gets a command within limits at every tick. The plan behind it is, in this order: a fresh
+one; the rest of the last one; a stop; and after `rest_after_s` without the person, a slow return to rest. Whatever is
+out of the ordinary is named in the log:
 
 ========================= ==============================================================================
 ``no_observation_yet``    nobody has been seen; the neck holds still
@@ -15,6 +15,8 @@ named in the log:
 ``solver_failed``         no solver found a plan; the last one goes on
 ``solver_timed_out``      the last solver was stopped before it had a plan; the last one goes on
 ``plan_not_finite``       the controller planned a NaN; the last plan goes on
+``late_plan``             a plan came after the tick it was made for (what is left of it is used), or the one before
+                          was still under way (no new one was asked for)
 ``second_solver``         the first solver gave up, the second found this plan
 ``limits_softened``       no plan keeps all limits (a start outside them, say); this one leaves them the least
 ``stale_plan``            the last plan has ended; the smoother stops the command
@@ -29,6 +31,7 @@ named in the log:
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections import deque
@@ -39,21 +42,20 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gazempc.controllers.controller import CommandState, Controller, ControllerError, Plan, Situation
-from gazempc.errors import RobotError
 from gazempc.loop_recorder import LoopRecorder
 from gazempc.neck import NeckSpec
 from gazempc.observer import JointEstimate, JointObserver
+from gazempc.planner import Answer, ImmediatePlanner, Planner
 from gazempc.robots.robot import JointState, Robot
 from gazempc.sensor import Sighting
 from gazempc.smoother import Smoother
-from predictors import OutOfOrderError, Predictor
+from predictors import HeadObservation, OutOfOrderError, Predictor
 
 FloatArray = NDArray[np.float64]
 
 
 # Two clocks that agree still differ by this much.
 _CLOCK_TOLERANCE_S = 0.01
-_ROBOT_ERRORS = (RobotError, OSError)
 
 
 class LoopSettings(BaseModel):
@@ -87,6 +89,10 @@ class GazeLoop:
         robot: Executes the commands; connected.
         recorder: Takes down what happens.
         settings: When to give up on something.
+        planner: Asks the controller; without it at once, within the tick.
+
+    Attributes:
+        joints: Where the joints were at the last tick, as estimated; None before the first one.
     """
 
     def __init__(
@@ -98,6 +104,7 @@ class GazeLoop:
         robot: Robot,
         recorder: LoopRecorder,
         settings: LoopSettings,
+        planner: Planner | None = None,
     ) -> None:
         self._neck = neck
         self._predictor = predictor
@@ -110,38 +117,101 @@ class GazeLoop:
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
         self._sent_rad: FloatArray = np.tile(smoother.command.position_rad, (history, 1))
         self._observer: JointObserver | None = None
+        self.joints: JointEstimate | None = None
+        self._planner = planner or ImmediatePlanner(controller)
+        self._forecast_ms = 0.0
+        self._last_index: int | None = None
+        self._ignored_until = -1
+        self._stopping = False
         self._gets_through = True
         self._newest_capture_s: float | None = None
         self._plan: Plan | None = None
-        self._waiting: deque[tuple[int, Plan]] = deque()
+        self._waiting: deque[tuple[int, Plan, float]] = deque()
+        self._asked_capture_s = -math.inf
         self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, 2)), np.zeros((1, 2)))
 
     def tick(self, index: int, time_s: float, arrived: Iterable[Sighting]) -> None:
         """Do all that is due in one servo period.
 
         Args:
-            index: Number of the tick; every `NeckSpec.servo_ticks_per_plan`-th one plans.
+            index: Number of the tick, which is larger than the last one's; where ticks were left out, by more than
+                1. Every `NeckSpec.servo_ticks_per_plan`-th one plans.
             time_s: The time, seconds.
             arrived: Observations that have arrived since the last tick.
         """
+        per_plan = self._neck.servo_ticks_per_plan
+        plans = self._last_index is None or index // per_plan != self._last_index // per_plan
+        for _ in range(0 if self._last_index is None else min(index - self._last_index - 1, len(self._sent_rad))):
+            self._note_sent(self._sent_rad[-1].copy())
+        self._last_index = index
         for sighting in arrived:
             self._take_in(sighting, time_s)
         measured = self._read_state(time_s)
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
         joints = self._observer.update(time_s, measured)
+        self.joints = joints
         if self._observer.refused:
             self._recorder.event(time_s, "joint_reading_refused")
-        if index % self._neck.servo_ticks_per_plan == 0 and self._gets_through:
-            self._make_plan(index, time_s, joints)
+        if plans and self._gets_through and not self._stopping:
+            self._ask_for_plan(index, time_s, joints)
+        for answer in () if self._stopping else self._planner.answers():
+            self._take_answer(answer, index, time_s)
         while self._waiting and self._waiting[0][0] <= index:
-            self._plan = self._waiting.popleft()[1]
+            _, self._plan, capture_s = self._waiting.popleft()
+            self._recorder.latency(1e3 * (time_s - capture_s))
         command = self._next_command(time_s)
-        sent_rad = self._send(command, time_s)
+        sent_rad = self._send(command, index, time_s)
         self._observer.sent(sent_rad)
+        self._note_sent(sent_rad)
+        self._recorder.tick(time_s, measured, sent_rad, self._smoother.command)
+
+    def prepare(self, time_s: float) -> None:
+        """Build now what else the first ticks would wait for; predictor and controller are reset.
+
+        Args:
+            time_s: The time, seconds.
+        """
+        command = self._smoother.command
+        self._observer = JointObserver(self._neck, command.position_rad, time_s)
+        # Somebody passes so near that limits bind: then the solver is needed, too.
+        for i in range(5):
+            seen_s = time_s + i / 30.0
+            self._predictor.update(HeadObservation(seen_s, np.array([0.8, 0.1 * i, 0.3])))
+        start_s = time_s + self._delay_ticks * self._neck.servo_period_s
+        situation = Situation(
+            start_s=start_s,
+            forecast=self._predictor.forecast(self._controller.forecast_times_s(start_s, seen_s)),
+            command=command,
+            joint_position_rad=command.position_rad,
+            joint_velocity_rad_s=np.zeros(2),
+            joint_offset_rad=np.zeros(2),
+            sent_rad=self._sent_rad.copy(),
+            committed_rad=np.tile(command.position_rad, (self._delay_ticks, 1)),
+        )
+        with contextlib.suppress(ControllerError):
+            self._controller.plan(situation)
+        self._predictor.reset()
+        self._controller.reset()
+
+    def record_to(self, recorder: LoopRecorder) -> None:
+        """Take down what happens from now on somewhere else.
+
+        Args:
+            recorder: Where.
+        """
+        self._recorder = recorder
+
+    def stop(self) -> None:
+        """Give up the plan, and the planner: the following ticks stop the command."""
+        self._stopping = True
+        self._planner.close()
+        self._plan = None
+        self._waiting.clear()
+
+    def _note_sent(self, sent_rad: FloatArray) -> None:
         self._sent_rad[:-1] = self._sent_rad[1:]
         self._sent_rad[-1] = sent_rad
-        self._recorder.tick(time_s, measured, sent_rad, self._smoother.command)
 
     def _take_in(self, sighting: Sighting, time_s: float) -> None:
         observation = sighting.observation
@@ -168,7 +238,8 @@ class GazeLoop:
     def _read_state(self, time_s: float) -> JointState | None:
         try:
             state = self._robot.read_state()
-        except _ROBOT_ERRORS:
+        except Exception:
+            # RobotError is what is promised; but whatever somebody's driver raises, the loop goes on.
             self._recorder.event(time_s, "robot_not_answering")
             return None
         if state is not None and not (state.position_rad.shape == state.velocity_rad_s.shape == (2,)):
@@ -176,7 +247,7 @@ class GazeLoop:
             return None
         return state
 
-    def _make_plan(self, index: int, time_s: float, joints: JointEstimate) -> None:
+    def _ask_for_plan(self, index: int, time_s: float, joints: JointEstimate) -> None:
         if self._newest_capture_s is None:
             self._recorder.event(time_s, "no_observation_yet")
             return
@@ -207,35 +278,38 @@ class GazeLoop:
             joint_position_rad=joints.position_rad,
             joint_velocity_rad_s=joints.velocity_rad_s,
             joint_offset_rad=joints.offset_rad,
-            sent_rad=self._sent_rad,
+            sent_rad=self._sent_rad.copy(),  # a planner in the background reads it later
             committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, 2),
         )
-        plan, event = self._ask_controller(situation)
-        self._recorder.step(1e3 * (time.perf_counter() - started))
-        if plan is None:
-            self._recorder.event(time_s, event)
-            return
-        for event in plan.events:
-            self._recorder.event(time_s, event)
-        self._waiting.append((index + self._delay_ticks, plan))
+        self._forecast_ms = 1e3 * (time.perf_counter() - started)
+        if self._planner.request(index + self._delay_ticks, situation):
+            self._asked_capture_s = self._newest_capture_s
+        else:
+            self._recorder.event(time_s, "late_plan")
 
-    def _ask_controller(self, situation: Situation) -> tuple[Plan | None, str]:
-        try:
-            plan = self._controller.plan(situation)
-        except ControllerError as error:
-            return None, error.event
-        except Exception:
-            return None, "controller_failed"
-        return (plan, "") if plan.is_finite() else (None, "plan_not_finite")
+    def _take_answer(self, answer: Answer, index: int, time_s: float) -> None:
+        self._recorder.step(self._forecast_ms + answer.plan_ms)
+        if answer.due_index <= self._ignored_until:
+            return
+        if answer.plan is None:
+            self._recorder.event(time_s, answer.event)
+            return
+        for event in answer.plan.events:
+            self._recorder.event(time_s, event)
+        if answer.due_index < index:
+            self._recorder.event(time_s, "late_plan")
+        self._waiting.append((answer.due_index, answer.plan, self._asked_capture_s))
 
     def _committed(self, index: int, time_s: float) -> CommandState:
         # Until a plan takes effect the smoother follows the one before it, which may itself be waiting still.
-        plan = next((waiting for due, waiting in reversed(self._waiting) if due <= index), self._plan)
+        plan = next((waiting for due, waiting, _ in reversed(self._waiting) if due <= index), self._plan)
         if plan is None or time_s >= plan.end_s:
             return self._smoother.command
         return plan.at(time_s)
 
     def _next_command(self, time_s: float) -> CommandState:
+        if self._stopping:
+            return self._smoother.step(time_s, None)
         unseen_s = 0.0 if self._newest_capture_s is None else time_s - self._newest_capture_s
         if unseen_s > self._settings.rest_after_s:
             self._plan = None
@@ -249,10 +323,10 @@ class GazeLoop:
             self._recorder.event(time_s, self._smoother.intervention)
         return command
 
-    def _send(self, command: CommandState, time_s: float) -> FloatArray:
+    def _send(self, command: CommandState, index: int, time_s: float) -> FloatArray:
         try:
             sent_rad = self._robot.send_command(command.position_rad)
-        except _ROBOT_ERRORS:
+        except Exception:
             sent_rad = None
         self._gets_through = sent_rad is not None and sent_rad.shape == (2,) and bool(np.all(np.isfinite(sent_rad)))
         if self._gets_through and sent_rad is not None:
@@ -264,4 +338,6 @@ class GazeLoop:
         self._smoother.reset(last_rad)
         self._plan = None
         self._waiting.clear()
+        # What is asked for already starts from commands that did not get through.
+        self._ignored_until = index + self._delay_ticks
         return last_rad

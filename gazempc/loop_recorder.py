@@ -36,6 +36,12 @@ class LoopRecorder:
         self._event_last_s: dict[str, float] = {}
         self._update_ms: list[float] = []
         self._step_ms: list[float] = []
+        self._latency_ms: list[float] = []
+
+    @property
+    def ticks(self) -> int:
+        """How many ticks were taken down."""
+        return len(self._ticks)
 
     def tick(self, time_s: float, state: JointState | None, sent_rad: FloatArray, command: CommandState) -> None:
         """Take down one servo tick: joints as measured (None if not), what was really sent, the command's motion."""
@@ -51,6 +57,10 @@ class LoopRecorder:
     def step(self, step_ms: float) -> None:
         """Take down how long forecast and plan took, milliseconds."""
         self._step_ms.append(step_ms)
+
+    def latency(self, latency_ms: float) -> None:
+        """Take down how old a plan's newest observation was when its first command was sent, milliseconds."""
+        self._latency_ms.append(latency_ms)
 
     def event(self, time_s: float, name: str) -> None:
         """Take down something out of the ordinary."""
@@ -102,4 +112,4 @@ class LoopRecorder:
             event_time_s=np.array([t for t, _ in self._events]),
             event_name=np.array([name for _, name in self._events], dtype=np.str_),
         )
-        return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms))
+        return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms), np.array(self._latency_ms))

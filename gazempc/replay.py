@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from gazempc.config import ControllerName, PredictorName, PredictorSettings, RunSettings
+from gazempc.config import ControllerName, GazeSettings, PredictorName, PredictorSettings, RunSettings
 from gazempc.controllers import Controller, LookAhead, Mpc, Reactive
 from gazempc.errors import LeftOutError, SettingsError
 from gazempc.kinematics import look_at
@@ -44,27 +44,29 @@ FloatArray = NDArray[np.float64]
 
 
 def make_predictor(
-    name: PredictorName, settings: PredictorSettings, true_head: TrueHead, person: str = ""
+    name: PredictorName, settings: PredictorSettings, true_head: TrueHead | None, person: str = ""
 ) -> Predictor:
     """Make a predictor.
 
     Args:
         name: Which one.
         settings: Its parameters are in here.
-        true_head: The future, for ``perfect``.
+        true_head: The future, for ``perfect``; None where nobody knows it.
         person: Who walks; with `settings.walker.fitted` a folder, the model is one that has not seen them.
 
     Returns:
         The predictor.
 
     Raises:
-        SettingsError: If there is no fitted model where the settings say.
+        SettingsError: If there is no fitted model where the settings say, or no future.
     """
     if name == "last_position":
         return LastPosition(settings.constant_velocity.position_noise_m)
     if name == "walker":
         return Walker(walker_model(settings.walker.fitted, person), **settings.constant_velocity.model_dump())
     if name == "perfect":
+        if true_head is None:
+            raise SettingsError("predictor perfect: nobody knows the true future here")
         return Perfect(true_head)
     classes: dict[str, Callable[..., Predictor]] = {
         "constant_velocity": ConstantVelocity,
@@ -98,7 +100,7 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
         raise SettingsError(f"walker.fitted: {error}") from None
 
 
-def make_controller(name: ControllerName, neck: NeckSpec, settings: RunSettings) -> Controller:
+def make_controller(name: ControllerName, neck: NeckSpec, settings: GazeSettings) -> Controller:
     """Make a controller.
 
     Args:

@@ -1,0 +1,83 @@
+"""The clock of a live run: seconds since its start, that never run backwards."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+# The last stretch is waited for actively: a sleeping process wakes up late by about this much.
+_SPIN_S = 0.0005
+# Clocks of one machine drift apart by microseconds; more than this was a step.
+_STEP_S = 0.01
+
+
+class Clock(Protocol):
+    """What a loop in real time needs of a clock."""
+
+    def now_s(self) -> float:
+        """Seconds since the clock was made."""
+        ...
+
+    def sleep_until_s(self, time_s: float) -> None:
+        """Return at a time on this clock; at once if it has passed.
+
+        Args:
+            time_s: When, seconds.
+        """
+        ...
+
+
+class RealClock:
+    """The computer's monotonic clock, and how Unix time stamps relate to it."""
+
+    def __init__(self) -> None:
+        self._start_s = time.monotonic()
+        self._unix_start_s = time.time() - (time.monotonic() - self._start_s)
+
+    def now_s(self) -> float:
+        """See `Clock.now_s`."""
+        return time.monotonic() - self._start_s
+
+    def sleep_until_s(self, time_s: float) -> None:
+        """See `Clock.sleep_until_s`."""
+        while (left_s := time_s - self.now_s()) > 0:
+            if left_s > _SPIN_S:
+                time.sleep(left_s - _SPIN_S)
+
+    def from_unix_s(self, unix_s: float) -> float:
+        """A Unix time stamp on this clock.
+
+        Args:
+            unix_s: Seconds since 1970.
+
+        Returns:
+            Seconds since the clock was made.
+        """
+        return unix_s - self._unix_start_s
+
+    def unix_clock_stepped(self) -> bool:
+        """Whether the computer's Unix clock was set to another time since the last call; it then counts from there.
+
+        Returns:
+            True once after each step of more than 10 ms.
+        """
+        start_s = time.time() - self.now_s()
+        stepped = abs(start_s - self._unix_start_s) > _STEP_S
+        if stepped:
+            self._unix_start_s = start_s
+        return stepped
+
+
+class SimulatedClock:
+    """A clock that jumps to the time that is waited for: a live run as fast as the computer can, always the same."""
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+
+    def now_s(self) -> float:
+        """See `Clock.now_s`."""
+        return self._now_s
+
+    def sleep_until_s(self, time_s: float) -> None:
+        """See `Clock.sleep_until_s`."""
+        self._now_s = max(self._now_s, time_s)

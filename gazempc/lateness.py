@@ -1,0 +1,49 @@
+"""How late the ticks of a live run were, in constant memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_BIN_MS = 0.01
+_BINS = 20_000  # up to 200 ms; the last one holds all that is later
+
+
+class Lateness:
+    """A histogram of times with bins of 10 microseconds."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_BINS, dtype=np.int64)
+        self._max_ms = 0.0
+
+    def add(self, late_ms: float) -> None:
+        """Take note of one time, milliseconds; a negative one counts as 0."""
+        self._counts[min(max(int(late_ms / _BIN_MS), 0), _BINS - 1)] += 1
+        self._max_ms = max(self._max_ms, late_ms)
+
+    @property
+    def count(self) -> int:
+        """How many were noted."""
+        return int(self._counts.sum())
+
+    @property
+    def max_ms(self) -> float:
+        """The largest, milliseconds."""
+        return self._max_ms
+
+    def beyond(self, limit_ms: float) -> int:
+        """How many were later than a limit, up to 200 ms, to 10 microseconds."""
+        return int(self._counts[int(limit_ms / _BIN_MS) :].sum())
+
+    def percentile_ms(self, percent: float) -> float:
+        """The upper edge of the bin that a percentile is in.
+
+        Args:
+            percent: 0 to 100.
+
+        Returns:
+            Milliseconds; 0 if nothing was noted, and the largest where it is beyond 200 ms.
+        """
+        if not self.count:
+            return 0.0
+        k = int(np.searchsorted(np.cumsum(self._counts), max(percent / 100.0 * self.count, 1.0)))
+        return self._max_ms if k == _BINS - 1 else min((k + 1) * _BIN_MS, self._max_ms)

@@ -1,0 +1,236 @@
+"""The loop on a real clock: absolute ticks, observations from a source, a stop that stops."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gazempc.clock import Clock, RealClock
+from gazempc.controllers.controller import Controller
+from gazempc.errors import RobotError
+from gazempc.lateness import Lateness
+from gazempc.log import ComputeTimes, Log
+from gazempc.loop import GazeLoop, LoopSettings
+from gazempc.loop_recorder import LoopRecorder
+from gazempc.mount import JointHistory, Mount
+from gazempc.neck import NeckSpec
+from gazempc.planner import Planner
+from gazempc.robots.robot import JointState, Robot
+from gazempc.sensor import Sighting
+from gazempc.smoother import Smoother
+from gazempc.sources.source import Source
+from predictors import HeadObservation, Predictor
+
+FloatArray = NDArray[np.float64]
+
+# For so long the joints are asked for before the first command; a robot that does not report them starts at rest.
+_FIRST_READING_S = 1.0
+# A command that moves stops within limits long before.
+_STOPPING_S = 5.0
+_STILL_RAD_S = 1e-9
+_PROBLEMS_KEPT = 20
+
+
+@dataclass
+class LiveReport:
+    """What a live run was like; grows with the number of kinds of trouble only, not with time.
+
+    Attributes:
+        ticks: Number of ticks done.
+        skipped_ticks: Ticks left out, as the one before took too long.
+        lateness: How much later than due the ticks began.
+        observations: Number of observations that arrived.
+        problems: What arrived and could not be used, the first 20.
+        n_problems: How many there were.
+        stopped_by: Why the run ended.
+    """
+
+    ticks: int = 0
+    skipped_ticks: int = 0
+    lateness: Lateness = field(default_factory=Lateness)
+    observations: int = 0
+    problems: list[str] = field(default_factory=list)
+    n_problems: int = 0
+    stopped_by: str = ""
+
+
+Keep = Callable[[Log, ComputeTimes], None]
+
+
+class LiveRun:
+    """One live run.
+
+    Args:
+        neck: The neck as the controller knows it.
+        predictor: Forecasts the head.
+        controller: Plans commands; the planner's.
+        planner: Asks it.
+        robot: Executes commands; not yet connected.
+        source: Where observations come from; not yet open.
+        mount: Where the sensor is.
+        clock: The clock of all of these.
+        settings: When the loop gives up on something.
+        about: Description of the run, for the log.
+        keep: Takes each log, of `log_s` seconds, as soon as it is complete.
+        log_s: Length of a log, seconds.
+        true_head_base_m: True head positions, shape (H, 3), at times, shape (H,), where they are known.
+        true_state: Where the joints really are, for a simulated robot.
+    """
+
+    def __init__(
+        self,
+        neck: NeckSpec,
+        predictor: Predictor,
+        controller: Controller,
+        planner: Planner,
+        robot: Robot,
+        source: Source,
+        mount: Mount,
+        clock: Clock,
+        settings: LoopSettings,
+        about: dict[str, Any],
+        keep: Keep,
+        log_s: float = 300.0,
+        true_head_base_m: Callable[[FloatArray], FloatArray] | None = None,
+        true_state: Callable[[], JointState] | None = None,
+    ) -> None:
+        self._neck, self._robot, self._source = neck, robot, source
+        self._predictor, self._controller, self._planner = predictor, controller, planner
+        self._mount, self._clock, self._settings = mount, clock, settings
+        self._about, self._keep = about, keep
+        self._log_ticks = max(1, round(log_s * neck.servo_rate_hz))
+        self._true_head, self._true_state = true_head_base_m or _unknown, true_state
+        self._joints = JointHistory()
+        self._recorder = LoopRecorder(neck.control_period_s)
+        self._true_joints: list[JointState | None] = []
+        self.report = LiveReport()
+
+    def run(self, stop: threading.Event, duration_s: float | None = None) -> LiveReport:
+        """Run until told to stop, the source ends or the time is up; then stop the neck and close everything.
+
+        Args:
+            stop: Set it to end the run, from a signal handler say.
+            duration_s: Longest time; None for no end.
+
+        Returns:
+            The report.
+
+        Raises:
+            RobotError: If the robot cannot be connected to.
+            SourceError: If the source cannot be opened.
+        """
+        try:
+            self._robot.connect()
+            smoother = Smoother(self._neck, self._first_position_rad(stop))
+            loop = GazeLoop(
+                self._neck,
+                self._predictor,
+                self._controller,
+                smoother,
+                self._robot,
+                self._recorder,
+                self._settings,
+                self._planner,
+            )
+            loop.prepare(self._clock.now_s())
+            self._source.open()
+            self._tick_until_stopped(loop, smoother, stop, duration_s)
+        finally:
+            self._source.close()
+            self._planner.close()
+            self._robot.close()
+            self._keep_log()
+        return self.report
+
+    def _first_position_rad(self, stop: threading.Event) -> FloatArray:
+        """Where the joints stand: a command that began elsewhere would jump."""
+        until_s = self._clock.now_s() + _FIRST_READING_S
+        while not stop.is_set():
+            try:
+                state = self._robot.read_state()
+            except RobotError:
+                state = None
+            if state is not None and np.all(np.isfinite(state.position_rad)):
+                return state.position_rad
+            if not self._neck.reports_joints or self._clock.now_s() >= until_s:
+                break
+            self._clock.sleep_until_s(self._clock.now_s() + self._neck.servo_period_s)
+        return self._neck.rest_rad
+
+    def _tick_until_stopped(
+        self, loop: GazeLoop, smoother: Smoother, stop: threading.Event, duration_s: float | None
+    ) -> None:
+        start_s = self._clock.now_s()
+        index, stopping_at = 0, None
+        while True:
+            due_s = start_s + index * self._neck.servo_period_s
+            self._clock.sleep_until_s(due_s)
+            now_s = self._clock.now_s()
+            if stopping_at is None and (why := self._why_stop(stop, now_s - start_s, duration_s)):
+                self.report.stopped_by, stopping_at = why, now_s
+                loop.stop()
+            self._tick(loop, index, now_s, due_s)
+            still = bool(np.all(np.abs(smoother.command.velocity_rad_s) < _STILL_RAD_S))
+            if stopping_at is not None and (still or now_s - stopping_at > _STOPPING_S):
+                return
+            # Ticks that are over by now are left out: a burst of commands would help nobody.
+            late_ticks = int((self._clock.now_s() - due_s) * self._neck.servo_rate_hz)
+            self.report.skipped_ticks += max(late_ticks - 1, 0)
+            index += max(late_ticks, 1)
+
+    def _why_stop(self, stop: threading.Event, elapsed_s: float, duration_s: float | None) -> str:
+        if stop.is_set():
+            return "signal"
+        if self._source.finished:
+            return "end of the source"
+        return "duration" if duration_s is not None and elapsed_s >= duration_s else ""
+
+    def _tick(self, loop: GazeLoop, index: int, now_s: float, due_s: float) -> None:
+        self.report.ticks += 1
+        self.report.lateness.add(1e3 * (now_s - due_s))
+        if isinstance(self._clock, RealClock) and self._clock.unix_clock_stepped():
+            self._recorder.event(now_s, "clock_stepped")
+        if self._true_state is not None:
+            self._true_joints.append(self._true_state())
+        loop.tick(index, now_s, self._arrived(now_s))
+        if loop.joints is not None:
+            self._joints.add(now_s, loop.joints.position_rad, loop.joints.velocity_rad_s)
+        if self.report.ticks % self._log_ticks == 0:
+            self._keep_log()
+            loop.record_to(self._recorder)
+
+    def _arrived(self, now_s: float) -> list[Sighting]:
+        arrived = self._source.poll()
+        found, problems = [], list(arrived.problems)
+        for sighting in arrived.sightings:
+            try:
+                found.append(Sighting(sighting.arrival_s, self._in_base(sighting)))
+            except ValueError as error:
+                problems.append(str(error))
+        self.report.observations += len(arrived.sightings)
+        for problem in problems:
+            self._recorder.event(now_s, "bad_observation")
+            if len(self.report.problems) < _PROBLEMS_KEPT:
+                self.report.problems.append(problem)
+        self.report.n_problems += len(problems)
+        return found
+
+    def _in_base(self, sighting: Sighting) -> HeadObservation:
+        observation = sighting.observation
+        angles_rad = self._joints.at(observation.capture_time_s) if self._mount.on == "head" else None
+        return self._mount.to_base(observation, self._neck.geometry, angles_rad)
+
+    def _keep_log(self) -> None:
+        recorder, self._recorder = self._recorder, LoopRecorder(self._neck.control_period_s)
+        true_joints, self._true_joints = self._true_joints, []
+        if recorder.ticks:
+            self._keep(*recorder.finish(self._about, self._true_head, true_joints or None))
+
+
+def _unknown(times_s: FloatArray) -> FloatArray:
+    return np.full((times_s.size, 3), np.nan)
