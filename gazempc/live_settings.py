@@ -13,9 +13,10 @@ from gazempc.errors import SettingsError
 from gazempc.mount import Mount
 from gazempc.placement import place
 from gazempc.recording import Recording, load
-from gazempc.robots.factory import SIMULATED, RobotName, RobotOptions
+from gazempc.robots.factory import SIMULATED, RobotName, RobotOptions, ros2_network
 from gazempc.sensor import default_sensor, load_sensor
 from gazempc.sources.replay import ReplaySource
+from gazempc.sources.ros2 import Ros2Person
 from gazempc.sources.source import Source, SourceError
 from gazempc.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, parse_address
 
@@ -110,6 +111,8 @@ def make_source(settings: LiveSettings, clock: Clock, placed: Recording | None) 
     kind, _, rest = settings.source.partition(":")
     if not isinstance(clock, RealClock):
         raise SettingsError(f"source {settings.source!r} keeps real time")
+    if kind == "ros2":
+        return Ros2Person(rest, clock.now_s, clock.from_unix_s, ros2_network(settings.options.ros2))
     if kind == "udp":
         return LineSource(UdpPort(*parse_address(settings.source, rest, "127.0.0.1")), clock)
     if kind == "tcp":
