@@ -63,11 +63,11 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
     smooth = {against: closest_time_s(table, against) for against in AGAINST}
     ways = [("filtered", filter_time_s), *smooth.items()]
     rule_times_s = tuple(dict.fromkeys((filter_time_s, SLOW_TIME_S)))
-    total = len(ways) + len(rule_times_s) * len(RULES)
+    total = len(ways) + 1 + len(rule_times_s) * len(RULES)
     bar = tqdm(total=total, unit="validation", file=sys.stderr, mininterval=1.0)
 
-    def validate(videos: Sequence[Frames]) -> list[Judged]:
-        judged = leave_one_subject_out(videos, seed, trials)
+    def validate(videos: Sequence[Frames], balanced: bool = False) -> list[Judged]:
+        judged = leave_one_subject_out(videos, seed, trials, balanced)
         bar.update()
         return judged
 
@@ -77,8 +77,9 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
         for time_s in rule_times_s
         for rule in RULES
     ]
-    bar.close()
     videos = frames_of(rows_by_time[filter_time_s])
+    balanced = validate(videos, balanced=True)
+    bar.close()
     judged = main[2]
     people = _person_tests(judged)
     return {
@@ -88,6 +89,13 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
         "test": {"zero_method": ZERO_METHOD, "alternative": f"baseline {ALTERNATIVE}", "level": SIGNIFICANCE_LEVEL},
         "people": [{"group": group, **as_row(test)} for group, test in people.items()],
         "hypotheses": _hypotheses(people),
+        "balanced": {
+            **_weights(balanced),
+            "w_exact_all_subjects": exact_weight(videos, balanced=True),
+            "groups": _groups(balanced),
+            "people": [{"group": group, **as_row(test)} for group, test in _person_tests(balanced).items()],
+            "hypotheses": _hypotheses(_person_tests(balanced)),
+        },
         "published_weights": [_with_weight(videos, w) for w in W_READINGS],
         "rules": [row for time_s, rule, own in rules for row in _rule_rows(time_s, rule, own)],
         "yaw": _yaw(rows_by_time[filter_time_s]),
@@ -160,10 +168,11 @@ def _hypotheses(people: Mapping[str, PersonTest]) -> list[dict[str, str]]:
             answer = "no different"
         elif test.smallest_p > SIGNIFICANCE_LEVEL:
             answer = f"cannot be told: the smallest p value of so few people ({test.n_people}) is {test.smallest_p:.2g}"
-        elif test.p_better < SIGNIFICANCE_LEVEL:
+        elif claim == "better" and test.p_better < SIGNIFICANCE_LEVEL:
             answer = "better"
-        elif test.p_worse < SIGNIFICANCE_LEVEL:
-            answer = "worse"
+        elif test.p_two_sided < SIGNIFICANCE_LEVEL:
+            # What was not claimed is asked with both tails.
+            answer = "worse" if test.difference_mm > 0.0 else "better"
         else:
             answer = "no difference found"
         change = f"{test.difference_mm:+.1f} mm"

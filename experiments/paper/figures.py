@@ -19,6 +19,7 @@ _RULE_LABELS = {
     "offset removed": "waist,\nmean removed",
     "travel direction": "travel\ndirection",
     "both": "travel,\nmean removed",
+    "waist itself": "control: waist\nagainst travel",
 }
 _RULE_MARKERS = {"R12": "o", "R34": "s", "R56": "^"}
 
@@ -154,8 +155,8 @@ def draw_rules(summary: Mapping[str, Any], path: Path) -> None:
     rows = [r for r in summary["rules"] if r["filter_time_s"] == time_s and r["group"] in _RULE_MARKERS]
     groups = list(dict.fromkeys(r["group"] for r in rows))
     rules = list(dict.fromkeys(r["rule"] for r in rows))
-    plot = Figure(figsize=(10.0, 4.0), layout="constrained")
-    left, right = plot.subplots(1, 2, width_ratios=[1.5, 1.0])
+    plot = Figure(figsize=(11.0, 4.0), layout="constrained")
+    left, right = plot.subplots(1, 2, width_ratios=[1.9, 1.0])
     for k, group in enumerate(groups):
         for i, rule in enumerate(rules):
             row = next(r for r in rows if (r["group"], r["rule"]) == (group, rule))

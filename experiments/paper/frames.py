@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -23,7 +23,7 @@ from predictors import ConstantVelocity, HeadObservation, HeadPose
 
 FloatArray = NDArray[np.float64]
 
-Rule = Literal["paper", "offset removed", "travel direction", "both"]
+Rule = Literal["paper", "offset removed", "travel direction", "both", "waist itself"]
 Against = Literal["filtered", "true"]
 
 RULES: dict[Rule, dict[str, Any]] = {
@@ -31,6 +31,8 @@ RULES: dict[Rule, dict[str, Any]] = {
     "offset removed": {"offset_removed": True},
     "travel direction": {"yaw_from": "travel"},
     "both": {"yaw_from": "travel", "offset_removed": True},
+    # The control: is it the head, or would anything do that does not swing as the filter's velocity does?
+    "waist itself": {"yaw_from": "travel"},
 }
 # The step of a video at 30 frames a second, and of one whose tracker only managed every second frame.
 HORIZONS_S = (HORIZON_S, 2.0 * HORIZON_S)
@@ -202,7 +204,7 @@ def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str
         filtered_m.append(baseline.state()[1][:3])
         forecast_m.append(baseline.forecast(ahead_s).means_base_m)
         for rule, predictor in bent.items():
-            predictor.update(observation)
+            predictor.update(_with_waist(observation) if rule == "waist itself" else observation)
             turned_m[rule].append(predictor.forecast(ahead_s).means_base_m)
             yaw_rad = predictor.relative_yaw_rad()
             yaw_deg[rule].append(None if yaw_rad is None else round(float(np.degrees(yaw_rad)), 4))
@@ -227,6 +229,11 @@ def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str
             }
         )
     return {"seen_frames": times_s.size, "horizons": errors, **_walk(true_head, times_s)}
+
+
+def _with_waist(observation: HeadObservation) -> HeadObservation:
+    """As if the head were turned as the waist is."""
+    return replace(observation, head_quat_wxyz=observation.pelvis_quat_wxyz)
 
 
 def _plain(values_m: FloatArray) -> list[list[float]]:

@@ -59,12 +59,17 @@ class ImpliedFrames:
     Attributes:
         fewest: Smallest number.
         most: Largest number; None where every larger one the search looked at does as well.
+        effect: Rank-biserial correlation that the statistic stands for (1: better at every frame, -1: worse), at the
+            smallest number of frames and at the largest; where there is no largest one, at 100 a video.
+        worse_p_value: One-tailed p value of the opposite claim, that the baseline errs less, at the smallest number.
         thinned_p_value: p value if only every `STEPS_AHEAD`-th frame counts, as frames whose horizons overlap are not
             independent; NaN where `most` is None, as nothing is pinned down then.
     """
 
     fewest: int
     most: int | None
+    effect: tuple[float, float]
+    worse_p_value: float
     thinned_p_value: float
 
     @property
@@ -105,12 +110,31 @@ def implied_frames(published: PublishedGroup, most: int = 6000) -> ImpliedFrames
     fits = list(_fitting(published, most))
     if not fits:
         raise ValueError(f"no number of frames up to {most} gives the p value printed for {published.group}")
-    if fits[-1] == most:
-        return ImpliedFrames(fits[0], None, math.nan)
+    fewest = fits[0]
+    open_ended = fits[-1] == most
+    largest = 100 * VIDEOS_PER_GROUP if open_ended else fits[-1]
     # All standardised differences shrink with the square root of the independent share.
-    middle = 0.5 * (fits[0] + fits[-1])
-    thinned = signed_rank_z(published.statistic, middle) / math.sqrt(STEPS_AHEAD)
-    return ImpliedFrames(fits[0], fits[-1], float(norm.sf(thinned)))
+    thinned = signed_rank_z(published.statistic, 0.5 * (fewest + largest)) / math.sqrt(STEPS_AHEAD)
+    return ImpliedFrames(
+        fewest,
+        None if open_ended else largest,
+        effect=(rank_biserial(published.statistic, fewest), rank_biserial(published.statistic, largest)),
+        worse_p_value=float(norm.cdf(signed_rank_z(published.statistic, fewest))),
+        thinned_p_value=math.nan if open_ended else float(norm.sf(thinned)),
+    )
+
+
+def rank_biserial(statistic: float, n: int) -> float:
+    """Matched-pairs rank-biserial correlation of a signed-rank statistic (Kerby 2014).
+
+    Args:
+        statistic: Sum of the ranks of the positive differences.
+        n: Number of differences, none of them 0.
+
+    Returns:
+        1 if all differences are positive, -1 if all are negative.
+    """
+    return 4.0 * statistic / (n * (n + 1)) - 1.0
 
 
 def _fitting(published: PublishedGroup, most: int) -> Iterator[int]:
