@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +85,10 @@ class Axis(BaseModel):
         return (1.0 + overshoot) / (1.0 - overshoot)
 
 
+def _plain(value: Any) -> Any:
+    return value.model_dump() if isinstance(value, BaseModel) else value
+
+
 class NeckSpec(BaseModel):
     """A pan-tilt neck. Arrays have shape (2,): pan, tilt."""
 
@@ -106,6 +112,10 @@ class NeckSpec(BaseModel):
                 f"({self.control_rate_hz})"
             )
         return self
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> NeckSpec:
+        """A copy with other values, checked like a new one, and without arrays computed from the old values."""
+        return NeckSpec.model_validate(self.model_dump() | {k: _plain(v) for k, v in (update or {}).items()})
 
     def __eq__(self, other: object) -> bool:
         # By the fields alone: arrays that were computed and kept have no truth value to compare by.

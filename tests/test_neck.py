@@ -294,3 +294,13 @@ def test_necks_are_equal_by_their_fields_whatever_was_computed_of_them():
     assert used == unused
     assert hash(used) == hash(unused)
     assert used != load_neck("slow")
+
+
+def test_a_copy_with_other_limits_forgets_arrays_of_the_old_ones():
+    neck = load_neck("reference")
+    assert np.degrees(neck.position_max_rad[0]) == pytest.approx(80.0)
+    narrow = neck.model_copy(update={"pan": neck.pan.model_copy(update={"position_max_deg": 30.0})})
+    assert np.degrees(narrow.position_max_rad[0]) == pytest.approx(30.0)
+    assert narrow.command_limits.position_max_rad[0] < neck.command_limits.position_max_rad[0]
+    with pytest.raises(ValidationError):
+        neck.model_copy(update={"servo_rate_hz": 70.0})

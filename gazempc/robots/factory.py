@@ -14,6 +14,7 @@ from gazempc.errors import SettingsError
 from gazempc.neck import NeckSpec
 from gazempc.robots.dynamixel import DynamixelNeck
 from gazempc.robots.mujoco import MujocoNeck
+from gazempc.robots.reachy_mini import ReachyMiniNeck
 from gazempc.robots.robot import JointState, Robot
 from gazempc.robots.ros2 import Ros2Neck
 from gazempc.robots.simulated import SimulatedNeck
@@ -21,7 +22,7 @@ from gazempc.ros2_wire import Ros2Network
 
 FloatArray = NDArray[np.float64]
 
-RobotName = Literal["simulated", "mujoco", "dynamixel", "ros2"]
+RobotName = Literal["simulated", "mujoco", "dynamixel", "ros2", "reachy_mini"]
 # These keep the loop's time: they can be run on a simulated clock, and their true state is known.
 SIMULATED: tuple[RobotName, ...] = ("simulated", "mujoco")
 
@@ -64,11 +65,20 @@ class Ros2Options(_Options):
     silent_after_s: float = Field(default=0.5, gt=0, description="Without a joint state for so long: not answering")
 
 
+class ReachyMiniOptions(_Options):
+    """Robot `reachy_mini`; see `gazempc.robots.reachy_mini.ReachyMiniNeck`."""
+
+    host: str = Field(default="127.0.0.1", description="Where its daemon runs")
+    port: int = Field(default=8000, gt=0, lt=65536, description="Port of the daemon")
+    approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed to the first command")
+
+
 class RobotOptions(_Options):
     """Options of all robots; each reads its own."""
 
     dynamixel: DynamixelOptions = DynamixelOptions()
     ros2: Ros2Options = Ros2Options()
+    reachy_mini: ReachyMiniOptions = ReachyMiniOptions()
 
 
 def make_robot(
@@ -94,6 +104,8 @@ def make_robot(
         return MujocoNeck(neck, clock.now_s, position_rad, seed)
     if name == "dynamixel":
         return DynamixelNeck(neck, clock.now_s, **options.dynamixel.model_dump())
+    if name == "reachy_mini":
+        return ReachyMiniNeck(neck, clock.now_s, **options.reachy_mini.model_dump())
     if name == "ros2":
         if not isinstance(clock, RealClock):
             raise SettingsError("robot ros2 keeps real time")
