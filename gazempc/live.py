@@ -45,16 +45,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         that cannot be opened.
     """
     settings = tyro.cli(LiveSettings, args=arguments, prog="python -m gazempc.live", description=__doc__)
+    stop = threading.Event()
     try:
         check(settings)
-        _run(settings)
+        with _stopped_by_signals(stop):
+            _run(settings, stop)
     except (GazempcError, OSError) as error:
         print(f"gazempc.live: {error}", file=sys.stderr)
         return _BAD_INPUT
     return 0
 
 
-def _run(settings: LiveSettings) -> None:
+def _run(settings: LiveSettings, stop: threading.Event) -> None:
     from gazempc.kinematics import look_at  # noqa: PLC0415
     from gazempc.live_loop import LiveRun  # noqa: PLC0415
     from gazempc.neck import load_neck  # noqa: PLC0415
@@ -79,7 +81,6 @@ def _run(settings: LiveSettings) -> None:
     planner = ImmediatePlanner(controller) if settings.simulated_clock else BackgroundPlanner(controller)
     true_state = true_state_of(robot)
     kept = _Kept(settings, neck)
-    stop = threading.Event()
     run = LiveRun(
         neck,
         predictor,
@@ -99,8 +100,7 @@ def _run(settings: LiveSettings) -> None:
     print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}; Ctrl-C stops", flush=True)
     # The planner's thread must not hold the interpreter for longer than a tick can wait.
     sys.setswitchinterval(_SWITCH_S)
-    with _stopped_by_signals(stop):
-        report = run.run(stop, settings.duration_s)
+    report = run.run(stop, settings.duration_s)
     summary = kept.summary(report)
     (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     print(_text(summary))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,7 +30,7 @@ from predictors import HeadObservation, Predictor
 
 FloatArray = NDArray[np.float64]
 
-# For so long the joints are asked for before the first command; a robot that does not report them starts at rest.
+# For so long the joints are asked for before the first command.
 _FIRST_READING_S = 1.0
 # A command that moves stops within limits long before.
 _STOPPING_S = 5.0
@@ -108,6 +110,8 @@ class LiveRun:
         self._joints = JointHistory()
         self._recorder = LoopRecorder(neck.control_period_s)
         self._true_joints: list[JointState | None] = []
+        self._writer = ThreadPoolExecutor(1, "log")
+        self._written: deque[Future[None]] = deque()
         self.report = LiveReport()
 
     def run(self, stop: threading.Event, duration_s: float | None = None) -> LiveReport:
@@ -121,12 +125,17 @@ class LiveRun:
             The report.
 
         Raises:
-            RobotError: If the robot cannot be connected to.
+            RobotError: If the robot cannot be connected to, or does not say where it stands.
             SourceError: If the source cannot be opened.
+            Exception: Whatever else came up (a full disk, say), after the neck was braked.
         """
         try:
             self._robot.connect()
-            smoother = Smoother(self._neck, self._first_position_rad(stop))
+            start_rad = self._first_position_rad(stop)
+            if start_rad is None:
+                self.report.stopped_by = "signal"
+                return self.report
+            smoother = Smoother(self._neck, start_rad)
             loop = GazeLoop(
                 self._neck,
                 self._predictor,
@@ -142,46 +151,72 @@ class LiveRun:
             self._tick_until_stopped(loop, smoother, stop, duration_s)
         finally:
             self._source.close()
-            self._planner.close()
             self._robot.close()
+            self._planner.close()
             self._keep_log()
+            self._writer.shutdown()
+        self._raise_if_not_kept()
         return self.report
 
-    def _first_position_rad(self, stop: threading.Event) -> FloatArray:
-        """Where the joints stand: a command that began elsewhere would jump."""
+    def _first_position_rad(self, stop: threading.Event) -> FloatArray | None:
+        """Where the joints stand: a command that began elsewhere would jump. None if told to stop before that is known.
+
+        Raises:
+            RobotError: If it does not become known.
+        """
+        if not self._neck.reports_joints:
+            return self._neck.rest_rad
         until_s = self._clock.now_s() + _FIRST_READING_S
+        problem = "there is no reading"
         while not stop.is_set():
             try:
                 state = self._robot.read_state()
-            except RobotError:
-                state = None
-            if state is not None and np.all(np.isfinite(state.position_rad)):
-                return state.position_rad
-            if not self._neck.reports_joints or self._clock.now_s() >= until_s:
-                break
+                if state is not None and state.position_rad.shape == (2,) and np.all(np.isfinite(state.position_rad)):
+                    return state.position_rad
+            except Exception as error:
+                problem = str(error) or type(error).__name__
+            if self._clock.now_s() >= until_s:
+                raise RobotError(
+                    f"the joints cannot be read ({problem}), and a command that began elsewhere than where they stand "
+                    "would be a jump: check the robot, or say reports_joints = false in the neck file if it has no "
+                    "encoders and stands at rest"
+                )
             self._clock.sleep_until_s(self._clock.now_s() + self._neck.servo_period_s)
-        return self._neck.rest_rad
+        return None
 
     def _tick_until_stopped(
         self, loop: GazeLoop, smoother: Smoother, stop: threading.Event, duration_s: float | None
     ) -> None:
-        start_s = self._clock.now_s()
+        start_s, rate_hz = self._clock.now_s(), self._neck.servo_rate_hz
         index, stopping_at = 0, None
+        failure: Exception | None = None
         while True:
             due_s = start_s + index * self._neck.servo_period_s
             self._clock.sleep_until_s(due_s)
             now_s = self._clock.now_s()
+            self.report.lateness.add(1e3 * (now_s - due_s))
+            # Ticks that are over by now are left out: a burst of commands would help nobody.
+            over = int((now_s - due_s) * rate_hz + 1e-6)
+            self.report.skipped_ticks += over
+            index += over
             if stopping_at is None and (why := self._why_stop(stop, now_s - start_s, duration_s)):
                 self.report.stopped_by, stopping_at = why, now_s
                 loop.stop()
-            self._tick(loop, index, now_s, due_s)
+            try:
+                self._tick(loop, index, now_s, stopping_at is not None)
+            except Exception as error:
+                if failure is not None:
+                    raise failure from None
+                # Whatever it was, the neck is braked before it is told.
+                failure, stopping_at = error, now_s
+                self.report.stopped_by = "failure"
+                loop.stop()
             still = bool(np.all(np.abs(smoother.command.velocity_rad_s) < _STILL_RAD_S))
             if stopping_at is not None and (still or now_s - stopping_at > _STOPPING_S):
-                return
-            # Ticks that are over by now are left out: a burst of commands would help nobody.
-            late_ticks = int((self._clock.now_s() - due_s) * self._neck.servo_rate_hz)
-            self.report.skipped_ticks += max(late_ticks - 1, 0)
-            index += max(late_ticks, 1)
+                break
+            index += 1
+        if failure is not None:
+            raise failure
 
     def _why_stop(self, stop: threading.Event, elapsed_s: float, duration_s: float | None) -> str:
         if stop.is_set():
@@ -190,19 +225,20 @@ class LiveRun:
             return "end of the source"
         return "duration" if duration_s is not None and elapsed_s >= duration_s else ""
 
-    def _tick(self, loop: GazeLoop, index: int, now_s: float, due_s: float) -> None:
+    def _tick(self, loop: GazeLoop, index: int, now_s: float, stopping: bool) -> None:
         self.report.ticks += 1
-        self.report.lateness.add(1e3 * (now_s - due_s))
         if isinstance(self._clock, RealClock) and self._clock.unix_clock_stepped():
             self._recorder.event(now_s, "clock_stepped")
         if self._true_state is not None:
             self._true_joints.append(self._true_state())
-        loop.tick(index, now_s, self._arrived(now_s))
+        loop.tick(index, now_s, [] if stopping else self._arrived(now_s))
         if loop.joints is not None:
             self._joints.add(now_s, loop.joints.position_rad, loop.joints.velocity_rad_s)
         if self.report.ticks % self._log_ticks == 0:
             self._keep_log()
             loop.record_to(self._recorder)
+        if not stopping:
+            self._raise_if_not_kept()
 
     def _arrived(self, now_s: float) -> list[Sighting]:
         arrived = self._source.poll()
@@ -226,10 +262,21 @@ class LiveRun:
         return self._mount.to_base(observation, self._neck.geometry, angles_rad)
 
     def _keep_log(self) -> None:
+        """Hand the log so far over to be written; that takes many ticks' time, so it is not waited for."""
         recorder, self._recorder = self._recorder, LoopRecorder(self._neck.control_period_s)
         true_joints, self._true_joints = self._true_joints, []
         if recorder.ticks:
-            self._keep(*recorder.finish(self._about, self._true_head, true_joints or None))
+            self._written.append(self._writer.submit(self._write, recorder, true_joints))
+            if not isinstance(self._clock, RealClock):
+                # A simulated run would be far ahead of its logs.
+                wait(self._written)
+
+    def _write(self, recorder: LoopRecorder, true_joints: list[JointState | None]) -> None:
+        self._keep(*recorder.finish(self._about, self._true_head, true_joints or None))
+
+    def _raise_if_not_kept(self) -> None:
+        while self._written and self._written[0].done():
+            self._written.popleft().result()
 
 
 def _unknown(times_s: FloatArray) -> FloatArray:

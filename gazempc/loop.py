@@ -203,9 +203,8 @@ class GazeLoop:
         self._recorder = recorder
 
     def stop(self) -> None:
-        """Give up the plan, and the planner: the following ticks stop the command."""
+        """Give up planning: the following ticks stop the command."""
         self._stopping = True
-        self._planner.close()
         self._plan = None
         self._waiting.clear()
 
@@ -236,16 +235,15 @@ class GazeLoop:
         self._newest_capture_s = observation.capture_time_s
 
     def _read_state(self, time_s: float) -> JointState | None:
+        # RobotError is what is promised; but whatever somebody's driver raises or returns, the loop goes on.
         try:
             state = self._robot.read_state()
+            if state is None or state.position_rad.shape == state.velocity_rad_s.shape == (2,):
+                return state
         except Exception:
-            # RobotError is what is promised; but whatever somebody's driver raises, the loop goes on.
-            self._recorder.event(time_s, "robot_not_answering")
-            return None
-        if state is not None and not (state.position_rad.shape == state.velocity_rad_s.shape == (2,)):
-            self._recorder.event(time_s, "robot_not_answering")
-            return None
-        return state
+            pass
+        self._recorder.event(time_s, "robot_not_answering")
+        return None
 
     def _ask_for_plan(self, index: int, time_s: float, joints: JointEstimate) -> None:
         if self._newest_capture_s is None:
@@ -255,7 +253,11 @@ class GazeLoop:
             return
         started = time.perf_counter()
         start_s = time_s + self._delay_ticks * self._neck.servo_period_s
-        times_s = self._controller.forecast_times_s(start_s, self._newest_capture_s)
+        try:
+            times_s = self._controller.forecast_times_s(start_s, self._newest_capture_s)
+        except Exception:
+            self._recorder.event(time_s, "controller_failed")
+            return
         try:
             forecast = self._predictor.forecast(times_s)
         except Exception:
@@ -325,11 +327,11 @@ class GazeLoop:
 
     def _send(self, command: CommandState, index: int, time_s: float) -> FloatArray:
         try:
-            sent_rad = self._robot.send_command(command.position_rad)
+            sent_rad = np.array(self._robot.send_command(command.position_rad), dtype=np.float64)
+            self._gets_through = sent_rad.shape == (2,) and bool(np.all(np.isfinite(sent_rad)))
         except Exception:
-            sent_rad = None
-        self._gets_through = sent_rad is not None and sent_rad.shape == (2,) and bool(np.all(np.isfinite(sent_rad)))
-        if self._gets_through and sent_rad is not None:
+            self._gets_through = False
+        if self._gets_through:
             return sent_rad
         self._recorder.event(time_s, "robot_not_answering")
         # The robot stands by what it got last. The command starts again from there: had it moved on meanwhile, the

@@ -48,9 +48,16 @@ class LoopRecorder:
         self._ticks.append((time_s, state, sent_rad, command))
 
     def observation(self, time_s: float, observation: HeadObservation, predictor: Predictor, update_ms: float) -> None:
-        """Take down an observation, what the predictor makes of it, and how long its update took."""
+        """Take down an observation, what the predictor makes of it, and how long its update took.
+
+        Raises:
+            ValueError: If the forecast has not the shape that was asked for.
+        """
         horizons = observation.capture_time_s + np.array(FORECAST_HORIZONS_S)
         forecast = predictor.forecast(horizons)
+        n = horizons.size
+        if forecast.means_base_m.shape != (n, 3) or forecast.covariances_m2.shape != (n, 3, 3):
+            raise ValueError(f"forecast of shape {forecast.means_base_m.shape}, expected {(n, 3)}")
         self._observations.append((time_s, observation, forecast.means_base_m, forecast.covariances_m2))
         self._update_ms.append(update_ms)
 

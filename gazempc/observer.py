@@ -103,7 +103,10 @@ class JointObserver:
         while self._past[0][0] < time_s - _MEMORY_S:
             self._past.popleft()
         self._refused = False
-        if measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
+        # Written so that a NaN is refused. A driver that gives the same reading for ever has none.
+        if measured is not None and not measured.time_s >= time_s - _MEMORY_S:
+            self._refused = True
+        elif measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
             self._take_in(measured, time_s)
             states = np.array([servo.state for servo in self._servos])
         return JointEstimate(states[:, 0] + self._offset_rad, states[:, 1], self._offset_rad.copy())

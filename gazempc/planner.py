@@ -132,5 +132,5 @@ def _ask(controller: Controller, due_index: int, situation: Situation) -> Answer
     except ControllerError as error:
         event = error.event
     except Exception:
-        event = "controller_failed"
+        plan, event = None, "controller_failed"
     return Answer(due_index, plan, event, 1e3 * (time.perf_counter() - started))

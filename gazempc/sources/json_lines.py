@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from typing import Any
+
+import numpy as np
 
 from gazempc.errors import suggest
 from predictors import HeadObservation
@@ -48,25 +51,36 @@ def parse_line(text: str, arrival_s: float, from_unix_s: Callable[[float], float
     has_time, has_age = data.get("capture_time_s") is not None, data.get("age_s") is not None
     if has_time == has_age:
         raise LineError("needed is one of capture_time_s (Unix time) and age_s (seconds since capture)")
-    stamp = _number(data, "capture_time_s" if has_time else "age_s")
-    if has_age and stamp < 0:
-        raise LineError(f"age_s is {stamp:g}: needed are 0 or more seconds")
+    if has_age:
+        age_s = _number("age_s", data["age_s"])
+        if age_s < 0:
+            raise LineError(f"age_s is {age_s:g}: needed are 0 or more seconds")
+        capture_s = arrival_s - age_s
+    else:
+        capture_s = from_unix_s(_number("capture_time_s", data["capture_time_s"]))
+    position_m = _numbers("head_position_m", data["head_position_m"], 3)
+    quats = {name: _numbers(name, data[name], 4) for name in FIELDS[3:] if data.get(name) is not None}
     try:
-        return HeadObservation(
-            capture_time_s=from_unix_s(stamp) if has_time else arrival_s - stamp,
-            head_position_base_m=data["head_position_m"],
-            head_quat_wxyz=data.get("head_quat_wxyz"),
-            pelvis_quat_wxyz=data.get("pelvis_quat_wxyz"),
-        )
-    except (ValueError, TypeError) as error:
-        raise LineError(str(error).replace("head_position_base_m", "head_position_m")) from None
+        return HeadObservation(capture_s, np.array(position_m), **{k: np.array(v) for k, v in quats.items()})
+    except ValueError as error:  # a quaternion that is not of unit length
+        raise LineError(str(error)) from None
 
 
-def _number(data: dict[str, Any], name: str) -> float:
-    value = data[name]
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise LineError(f"{name} is {value!r}: needed is a number of seconds")
-    return float(value)
+def _number(name: str, value: Any) -> float:
+    if not isinstance(value, bool) and isinstance(value, int | float):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if math.isfinite(number):
+            return number
+    raise LineError(f"{name} has {_short(repr(value))}: needed is a finite number")
+
+
+def _numbers(name: str, values: Any, size: int) -> list[float]:
+    if not isinstance(values, list) or len(values) != size:
+        raise LineError(f"{name} is {_short(repr(values))}: needed is a list of {size} numbers")
+    return [_number(name, value) for value in values]
 
 
 def _short(text: str) -> str:

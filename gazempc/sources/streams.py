@@ -74,7 +74,11 @@ class UdpPort:
         """See `Wire.open`."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(_WAKE_S)
-        self._socket.bind(self._address)
+        try:
+            self._socket.bind(self._address)
+        except OSError:
+            self._socket.close()
+            raise
 
     def read(self) -> bytes | None:
         """See `Wire.read`."""
@@ -161,7 +165,10 @@ class LineSource:
         sightings: list[Sighting] = []
         problems: list[str] = []
         for _ in range(self._arrived.qsize()):
-            found = self._arrived.get_nowait()
+            try:
+                found = self._arrived.get_nowait()
+            except queue.Empty:  # the reader has thrown the oldest away meanwhile
+                break
             if isinstance(found, str):
                 problems.append(found)
             else:
