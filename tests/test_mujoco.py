@@ -1,8 +1,10 @@
 """The MuJoCo neck against closed-form answers, and against our own simulation of the same neck."""
 
+import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,7 +13,9 @@ from scipy import signal
 
 from gazempc.config import RunSettings
 from gazempc.errors import MissingOptionalDependencyError, RobotError
+from gazempc.identify import main as identify
 from gazempc.kinematics import gaze_ray
+from gazempc.live import main as live
 from gazempc.metrics import limit_violations, measure
 from gazempc.neck import Geometry, load_neck
 from gazempc.placement import place
@@ -359,3 +363,21 @@ def test_it_can_be_drawn(tmp_path):
     if "spread" not in done.stdout:
         pytest.skip(f"no off-screen OpenGL: {done.stderr.strip().splitlines()[-1:]}")
     assert float(done.stdout.split()[1]) > 20.0
+
+
+def test_a_loop_with_a_model_identified_from_it_is_as_good_as_on_our_own_neck(tmp_path):
+    """All that is known of the MuJoCo neck comes from moving it: error within 10 % of our own neck's."""
+
+    def gaze_error_deg(robot, neck):
+        out = tmp_path / f"{robot}_{Path(neck).stem}"
+        words = ["--source", "replay", "--simulated-clock", "--no-figures", "--robot", robot, "--neck", neck]
+        assert live(["--out", str(out), *words]) == 0
+        summary = json.loads((out / "summary.json").read_text())
+        assert summary["limit_violations"] == 0
+        return summary["metrics_of_last_log"]["gaze_error_rms_deg"]
+
+    measured = tmp_path / "measured.toml"
+    assert identify(["--robot", "mujoco", "--duration-s", "12", "--out", str(measured)]) == 0
+    own, identified = gaze_error_deg("simulated", "reference"), gaze_error_deg("mujoco", str(measured))
+    assert own < 2.0
+    assert identified == pytest.approx(own, rel=0.1)
