@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -147,9 +148,13 @@ class LiveRun:
                 self._planner,
             )
             loop.prepare(self._clock.now_s())
+            # What is there now stays: looking through it again for garbage would take many ticks' time.
+            gc.collect()
+            gc.freeze()
             self._source.open()
             self._tick_until_stopped(loop, smoother, stop, duration_s)
         finally:
+            gc.unfreeze()
             self._source.close()
             self._robot.close()
             self._planner.close()
