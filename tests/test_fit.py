@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -197,6 +198,14 @@ def settings(folder, **changes):
     return FitSettings(recordings=("subject01_R1", "subject02_R4"), **{**plain, **changes})
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Folder of a finished fit; starting workers takes long, so it is made once, and copied."""
+    folder = tmp_path_factory.mktemp("finished")
+    fit(settings(folder))
+    return folder
+
+
 def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(tmp_path, capsys):
     words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
     assert main([*words, "--workers", "1", "--out", str(tmp_path)]) == 0
@@ -224,9 +233,10 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(tmp_path, 
     assert "flatters" in (out / "summary.md").read_text()
 
 
-def test_finished_fits_are_used_again_and_only_those(tmp_path, monkeypatch):
+def test_finished_fits_are_used_again_and_only_those(tmp_path, finished):
     """Interrupted between the fits, the next start makes only what is missing; with other settings, everything."""
-    first = fit(settings(tmp_path))
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    first = load_walker_model(tmp_path / "walker.npz")
     stamps = {p: p.read_bytes() for p in tmp_path.rglob("*.npz")}
     (tmp_path / "left_out" / "subject01.npz").unlink()
     again = fit(settings(tmp_path))
@@ -305,8 +315,8 @@ def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
     assert seen == {"ann": {1.0, 3.0}, "bob": {0.0, 2.0, 3.0}, "cat": {0.0, 1.0, 2.0}, None: {0.0, 1.0, 2.0, 3.0}}
 
 
-def test_people_who_are_no_more_leave_no_model_behind(tmp_path):
-    fit(settings(tmp_path))
+def test_people_who_are_no_more_leave_no_model_behind(tmp_path, finished):
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     stale = tmp_path / "left_out" / "nobody.npz"
     load_walker_model().save(stale)
     (tmp_path / "networks" / "everybody.npz").write_bytes(b"cut off")

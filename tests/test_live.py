@@ -997,7 +997,7 @@ KINDS = (
 )  # fmt: skip
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(
     faults=st.lists(
         st.tuples(st.sampled_from(KINDS), st.floats(0.0, 2.8), st.floats(0.01, 1.5)), min_size=1, max_size=6
