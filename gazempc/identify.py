@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import datetime
 import os
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -27,6 +29,7 @@ from gazempc.identification.recording import IdentificationError, NeckRecord, lo
 from gazempc.neck import AXES, NeckSpec, load_neck
 from gazempc.robots import Robot
 from gazempc.robots.factory import SIMULATED, RobotName, RobotOptions, make_robot
+from gazempc.robots.start import way_in_rad
 from gazempc.run import Progress
 
 if TYPE_CHECKING:
@@ -75,6 +78,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0, 2 on bad input or where the data cannot tell, 130 if interrupted.
     """
     settings = tyro.cli(IdentifySettings, args=arguments, prog="python -m gazempc.identify", description=__doc__)
+    for number in (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ():
+        # As Ctrl-C: the neck is braked, then the command ends.
+        signal.signal(number, signal.default_int_handler)
     try:
         _run(settings)
     except BrokenPipeError:
@@ -106,6 +112,10 @@ def _run(settings: IdentifySettings) -> None:
         neck = taken.neck() if settings.neck is None else load_neck(settings.neck)
         origin = f"{settings.from_log.name}"
     else:
+        if settings.neck is None and settings.robot is not None and settings.robot not in SIMULATED:
+            raise SettingsError(
+                f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears"
+            )
         neck = load_neck(settings.neck or "reference")
         taken = _excite(settings, neck, progress)
         # Kept even where the data cannot tell, to look at.
@@ -143,7 +153,11 @@ def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> N
     clock: Clock = SimulatedClock() if name in SIMULATED else RealClock()
     with closing(make_robot(name, settings.options, neck, clock, neck.rest_rad, settings.seed)) as robot:
         robot.connect()
-        excitation = excite(neck, _where_it_stands(robot, clock), settings)
+        start_rad = _where_it_stands(robot, clock)
+        for command_rad in way_in_rad(neck, start_rad):
+            robot.send_command(command_rad)
+            clock.sleep_until_s(clock.now_s() + neck.servo_period_s)
+        excitation = excite(neck, neck.command_limits.clip_position(start_rad), settings)
         progress.say(f"moving the neck for {excitation.duration_s:.0f} s")
         about = {
             "from": f"robot {name}",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 _BIN_MS = 0.01
-_BINS = 20_000  # up to 200 ms; the last one holds all that is later
+_BINS = 100_000  # up to 1 s; the last one holds all that is later
 
 
 class Lateness:
@@ -31,7 +31,7 @@ class Lateness:
         return self._max_ms
 
     def beyond(self, limit_ms: float) -> int:
-        """How many were later than a limit, up to 200 ms, to 10 microseconds."""
+        """How many were later than a limit, up to 1 s, to 10 microseconds."""
         return int(self._counts[int(limit_ms / _BIN_MS) :].sum())
 
     def percentile_ms(self, percent: float) -> float:
@@ -41,7 +41,7 @@ class Lateness:
             percent: 0 to 100.
 
         Returns:
-            Milliseconds; 0 if nothing was noted, and the largest where it is beyond 200 ms.
+            Milliseconds; 0 if nothing was noted, and the largest where it is beyond 1 s.
         """
         if not self.count:
             return 0.0

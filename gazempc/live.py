@@ -16,7 +16,8 @@ import numpy as np
 import tyro
 
 from gazempc.clock import Clock, RealClock, SimulatedClock
-from gazempc.errors import GazempcError
+from gazempc.errors import GazempcError, LimitViolationError
+from gazempc.lateness import Lateness
 from gazempc.live_settings import LiveSettings, check, make_source, placed_recording
 
 if TYPE_CHECKING:
@@ -28,9 +29,11 @@ if TYPE_CHECKING:
     from gazempc.recording import Recording
     from gazempc.sources.source import Source
 
+_VIOLATION = 1
 _BAD_INPUT = 2
 _LATE_MS = 1.0
 _SWITCH_S = 0.0005
+_TIMES_TO_END = 2
 _SHOWN_PROBLEMS = 5
 
 
@@ -41,8 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0 after a run that was stopped in order, by a signal, too; 2 on bad input, or a robot or source
-        that cannot be opened.
+        Exit status: 0 after a run that was stopped in order, by a signal, too; 1 on a limit violation; 2 on bad input,
+        or a robot or source that cannot be opened.
     """
     settings = tyro.cli(LiveSettings, args=arguments, prog="python -m gazempc.live", description=__doc__)
     stop = threading.Event()
@@ -50,6 +53,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         check(settings)
         with _stopped_by_signals(stop):
             _run(settings, stop)
+    except LimitViolationError as error:
+        print(f"gazempc.live: {error}", file=sys.stderr)
+        return _VIOLATION
     except (GazempcError, OSError) as error:
         print(f"gazempc.live: {error}", file=sys.stderr)
         return _BAD_INPUT
@@ -65,7 +71,7 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
     from gazempc.robots.factory import make_robot, true_state_of  # noqa: PLC0415
     from gazempc.truth import TrueHead  # noqa: PLC0415
 
-    neck = load_neck(settings.neck)
+    neck = load_neck(settings.neck or "reference")
     settings.out.mkdir(parents=True, exist_ok=True)
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
     placed = placed_recording(settings) if settings.source.partition(":")[0] == "replay" else None
@@ -100,12 +106,19 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
     print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}; Ctrl-C stops", flush=True)
     # The planner's thread must not hold the interpreter for longer than a tick can wait.
     sys.setswitchinterval(_SWITCH_S)
-    report = run.run(stop, settings.duration_s)
-    summary = kept.summary(report)
-    (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    try:
+        run.run(stop, settings.duration_s)
+    finally:
+        summary = kept.summary(run.report)
+        (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     print(_text(summary))
     drawn = kept.draw() if settings.figures else []
     print(f"Written to {settings.out}/: {', '.join(['summary.json', *kept.names, *drawn])}")
+    if summary["limit_violations"]:
+        raise LimitViolationError(
+            f"{summary['limit_violations']} violations of the limits of neck {neck.name}, see "
+            f"{settings.out}/summary.json"
+        )
 
 
 class _Kept:
@@ -117,6 +130,7 @@ class _Kept:
         self._compute: ComputeTimes | None = None
         self._events: Counter[str] = Counter()
         self._violations = 0
+        self._latency = Lateness()
         self.names: list[str] = []
 
     def keep(self, log: Log, times: ComputeTimes) -> None:
@@ -129,6 +143,8 @@ class _Kept:
         self.names.append(name)
         self._last, self._compute = log, times
         self._events.update(log.event_name.tolist())
+        for latency_ms in times.latency_ms:
+            self._latency.add(float(latency_ms))
         if log.time_s.size > 3:
             self._violations += limit_violations(log, self._neck)
 
@@ -140,23 +156,24 @@ class _Kept:
 
         metrics: dict[str, Any] | None = None
         compute: dict[str, Any] | None = None
-        latency_ms: list[float | None] = [None, None]
         if self._last is not None and self._compute is not None:
             try:
                 metrics = _without_nan(measure(self._last).as_dict())
             except LeftOutError:
                 metrics = None  # too short to be scored
             compute = _without_nan(measure_compute(self._compute, self._neck.control_period_s).as_dict())
-            if self._compute.latency_ms.size:
-                latency_ms = [float(np.percentile(self._compute.latency_ms, q)) for q in (50, 99)]
-        late = report.lateness
+        late, latency = report.lateness, self._latency
+        known = latency.count > 0
         return {
             "stopped_by": report.stopped_by,
             "ticks": report.ticks,
             "skipped_ticks": report.skipped_ticks,
             "lateness_ms": {"p50": late.percentile_ms(50), "p99": late.percentile_ms(99), "max": late.max_ms},
             "late_ticks": late.beyond(_LATE_MS),
-            "end_to_end_latency_ms": {"p50": latency_ms[0], "p99": latency_ms[1]},
+            "end_to_end_latency_ms": {
+                "p50": latency.percentile_ms(50) if known else None,
+                "p99": latency.percentile_ms(99) if known else None,
+            },
             "observations": report.observations,
             "bad_observations": report.n_problems,
             "problems": report.problems,
@@ -214,12 +231,21 @@ def _truth(placed: Recording, source: Source) -> Callable[[NDArray[np.float64]],
 
 @contextmanager
 def _stopped_by_signals(stop: threading.Event) -> Iterator[None]:
-    """SIGINT and SIGTERM set the event instead of ending the process."""
+    """SIGINT, SIGTERM and SIGHUP set the event instead of ending the process; the third ends it."""
+    times = 0
 
     def told(number: int, frame: FrameType | None) -> None:
+        nonlocal times
+        times += 1
         stop.set()
+        if times == _TIMES_TO_END:
+            # A driver that hangs: what is left is to end at once.
+            for each in before:
+                signal.signal(each, signal.SIG_DFL)
 
-    numbers = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
+    numbers = (
+        (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
+    )
     before = {number: signal.signal(number, told) for number in numbers}
     try:
         yield

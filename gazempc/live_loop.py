@@ -7,6 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,6 +25,7 @@ from gazempc.mount import JointHistory, Mount
 from gazempc.neck import NeckSpec
 from gazempc.planner import Planner
 from gazempc.robots.robot import JointState, Robot
+from gazempc.robots.start import way_in_rad
 from gazempc.sensor import Sighting
 from gazempc.smoother import Smoother
 from gazempc.sources.source import Source
@@ -37,6 +39,7 @@ _FIRST_READING_S = 1.0
 _STOPPING_S = 5.0
 _STILL_RAD_S = 1e-9
 _PROBLEMS_KEPT = 20
+_NEWEST = 16
 
 
 @dataclass
@@ -130,12 +133,18 @@ class LiveRun:
             SourceError: If the source cannot be opened.
             Exception: Whatever else came up (a full disk, say), after the neck was braked.
         """
-        try:
+        with ExitStack() as closing:
+            closing.callback(self._writer.shutdown)
+            closing.callback(self._keep_log)
+            closing.callback(self._planner.close)
+            closing.callback(self._robot.close)
+            closing.callback(self._source.close)
             self._robot.connect()
             start_rad = self._first_position_rad(stop)
             if start_rad is None:
                 self.report.stopped_by = "signal"
                 return self.report
+            self._go_in(start_rad, stop)
             smoother = Smoother(self._neck, start_rad)
             loop = GazeLoop(
                 self._neck,
@@ -148,18 +157,15 @@ class LiveRun:
                 self._planner,
             )
             loop.prepare(self._clock.now_s())
-            # What is there now stays: looking through it again for garbage would take many ticks' time.
+            # What is there now stays; looking through it for garbage would take many ticks' time, and what comes is
+            # given back by its references.
             gc.collect()
             gc.freeze()
+            gc.disable()
+            closing.callback(gc.enable)
+            closing.callback(gc.unfreeze)
             self._source.open()
             self._tick_until_stopped(loop, smoother, stop, duration_s)
-        finally:
-            gc.unfreeze()
-            self._source.close()
-            self._robot.close()
-            self._planner.close()
-            self._keep_log()
-            self._writer.shutdown()
         self._raise_if_not_kept()
         return self.report
 
@@ -189,12 +195,26 @@ class LiveRun:
             self._clock.sleep_until_s(self._clock.now_s() + self._neck.servo_period_s)
         return None
 
+    def _go_in(self, start_rad: FloatArray, stop: threading.Event) -> None:
+        """Bring a neck that stands in the last bit of its range slowly to where commands may be."""
+        for k, command_rad in enumerate(way_in_rad(self._neck, start_rad)):
+            if stop.is_set():
+                return
+            if k == 0:
+                start_s = self._clock.now_s()
+            self._clock.sleep_until_s(start_s + k * self._neck.servo_period_s)
+            self._robot.send_command(command_rad)
+
     def _tick_until_stopped(
         self, loop: GazeLoop, smoother: Smoother, stop: threading.Event, duration_s: float | None
     ) -> None:
         start_s, rate_hz = self._clock.now_s(), self._neck.servo_rate_hz
         index, stopping_at = 0, None
-        failure: Exception | None = None
+        failure: BaseException | None = None
+        limits = self._neck.command_limits
+        ramp_s = limits.velocity_max_rad_s / limits.acceleration_max_rad_s2
+        ramp_s += limits.acceleration_max_rad_s2 / limits.jerk_max_rad_s3
+        stopping_s = max(_STOPPING_S, 2.0 * float(np.max(ramp_s)))
         while True:
             due_s = start_s + index * self._neck.servo_period_s
             self._clock.sleep_until_s(due_s)
@@ -208,16 +228,19 @@ class LiveRun:
                 self.report.stopped_by, stopping_at = why, now_s
                 loop.stop()
             try:
-                self._tick(loop, index, now_s, stopping_at is not None)
-            except Exception as error:
-                if failure is not None:
-                    raise failure from None
-                # Whatever it was, the neck is braked before it is told.
-                failure, stopping_at = error, now_s
-                self.report.stopped_by = "failure"
-                loop.stop()
+                if failure is None:
+                    self._tick(loop, index, now_s, start_s, stopping_at is not None)
+                else:
+                    # Not even the loop can be relied on any more.
+                    self._robot.send_command(smoother.step(now_s, None).position_rad)
+            except BaseException as error:
+                # Whatever it was, an interrupt, too: the neck is braked before it is told.
+                if failure is None:
+                    failure, stopping_at = error, now_s
+                    self.report.stopped_by = "failure"
+                    loop.stop()
             still = bool(np.all(np.abs(smoother.command.velocity_rad_s) < _STILL_RAD_S))
-            if stopping_at is not None and (still or now_s - stopping_at > _STOPPING_S):
+            if stopping_at is not None and (still or now_s - stopping_at > stopping_s):
                 break
             index += 1
         if failure is not None:
@@ -230,13 +253,14 @@ class LiveRun:
             return "end of the source"
         return "duration" if duration_s is not None and elapsed_s >= duration_s else ""
 
-    def _tick(self, loop: GazeLoop, index: int, now_s: float, stopping: bool) -> None:
+    def _tick(self, loop: GazeLoop, index: int, now_s: float, start_s: float, stopping: bool) -> None:
         self.report.ticks += 1
         if isinstance(self._clock, RealClock) and self._clock.unix_clock_stepped():
             self._recorder.event(now_s, "clock_stepped")
         if self._true_state is not None:
             self._true_joints.append(self._true_state())
-        loop.tick(index, now_s, [] if stopping else self._arrived(now_s))
+        due_s = start_s + index * self._neck.servo_period_s
+        loop.tick(index, now_s, [] if stopping else self._arrived(now_s), due_s)
         if loop.joints is not None:
             self._joints.add(now_s, loop.joints.position_rad, loop.joints.velocity_rad_s)
         if self.report.ticks % self._log_ticks == 0:
@@ -248,7 +272,10 @@ class LiveRun:
     def _arrived(self, now_s: float) -> list[Sighting]:
         arrived = self._source.poll()
         found, problems = [], list(arrived.problems)
-        for sighting in arrived.sightings:
+        # What has piled up is old; taking it all in would hold up the tick.
+        if len(arrived.sightings) > _NEWEST:
+            self._recorder.event(now_s, "observations_dropped")
+        for sighting in arrived.sightings[-_NEWEST:]:
             try:
                 found.append(Sighting(sighting.arrival_s, self._in_base(sighting)))
             except ValueError as error:

@@ -10,6 +10,7 @@ from pydantic import Field
 from gazempc.clock import Clock, RealClock
 from gazempc.config import DEFAULT_PREDICTOR, GazeSettings, PlacementName, PredictorName
 from gazempc.errors import SettingsError
+from gazempc.loop import LoopSettings
 from gazempc.mount import Mount
 from gazempc.placement import place
 from gazempc.recording import Recording, load
@@ -28,10 +29,14 @@ class LiveSettings(GazeSettings):
 
     source: str = Field(description=f"Where observations come from: {SOURCES}")
     robot: RobotName = Field(default="simulated", description="What executes the commands")
-    neck: str = Field(default="reference", description="Shipped neck or a .toml file")
+    neck: str | None = Field(
+        default=None, description="Shipped neck or a .toml file; without it, for a simulated robot, reference"
+    )
     controller: Literal["reactive", "lookahead", "mpc"] = Field(default="mpc", description="What plans them")
     predictor: PredictorName = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     mount: Mount = Mount()
+    # A plan that is made in the background is there a little later.
+    loop: LoopSettings = LoopSettings(compute_delay_s=0.01)
     options: RobotOptions = RobotOptions()
     replay: str = Field(default="subject03_R4", description="Recording of the source replay")
     sensor: str | None = Field(default=None, description="Sensor of the source replay; without it what fits")
@@ -65,6 +70,11 @@ def check(settings: LiveSettings) -> None:
         raise SettingsError(
             f"--simulated-clock: source {settings.source!r} and robot {settings.robot!r} keep real time; "
             f"accepted with it: source replay, robots {', '.join(SIMULATED)}"
+        )
+    if settings.neck is None and settings.robot not in SIMULATED:
+        raise SettingsError(
+            f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears; "
+            "see python -m gazempc.identify"
         )
     if settings.predictor == "perfect":
         raise SettingsError("--predictor perfect: nobody knows the true future of a live run")

@@ -56,6 +56,7 @@ FloatArray = NDArray[np.float64]
 
 # Two clocks that agree still differ by this much.
 _CLOCK_TOLERANCE_S = 0.01
+_SENDS_FORGIVEN = 2
 
 
 class LoopSettings(BaseModel):
@@ -124,13 +125,14 @@ class GazeLoop:
         self._ignored_until = -1
         self._stopping = False
         self._gets_through = True
+        self._failed_sends = 0
         self._newest_capture_s: float | None = None
         self._plan: Plan | None = None
         self._waiting: deque[tuple[int, Plan, float]] = deque()
         self._asked_capture_s = -math.inf
         self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, 2)), np.zeros((1, 2)))
 
-    def tick(self, index: int, time_s: float, arrived: Iterable[Sighting]) -> None:
+    def tick(self, index: int, time_s: float, arrived: Iterable[Sighting], due_s: float | None = None) -> None:
         """Do all that is due in one servo period.
 
         Args:
@@ -138,7 +140,10 @@ class GazeLoop:
                 1. Every `NeckSpec.servo_ticks_per_plan`-th one plans.
             time_s: The time, seconds.
             arrived: Observations that have arrived since the last tick.
+            due_s: When the tick was due, where it is a little late: commands are made for this time, so that they do
+                not jitter with the clock.
         """
+        due_s = time_s if due_s is None else due_s
         per_plan = self._neck.servo_ticks_per_plan
         plans = self._last_index is None or index // per_plan != self._last_index // per_plan
         for _ in range(0 if self._last_index is None else min(index - self._last_index - 1, len(self._sent_rad))):
@@ -153,15 +158,17 @@ class GazeLoop:
         self.joints = joints
         if self._observer.refused:
             self._recorder.event(time_s, "joint_reading_refused")
+        # Before asking, too: a planner that has answered is free again.
+        self._take_answers(index, time_s)
         if plans and self._gets_through and not self._stopping:
-            self._ask_for_plan(index, time_s, joints)
-        for answer in () if self._stopping else self._planner.answers():
-            self._take_answer(answer, index, time_s)
+            self._ask_for_plan(index, time_s, due_s, joints)
+        self._take_answers(index, time_s)
         while self._waiting and self._waiting[0][0] <= index:
             _, self._plan, capture_s = self._waiting.popleft()
             self._recorder.latency(1e3 * (time_s - capture_s))
-        command = self._next_command(time_s)
-        sent_rad = self._send(command, index, time_s)
+        before = self._smoother.command
+        command = self._next_command(time_s, due_s)
+        sent_rad = self._send(command, before, index, time_s)
         self._observer.sent(sent_rad)
         self._note_sent(sent_rad)
         self._recorder.tick(time_s, measured, sent_rad, self._smoother.command)
@@ -238,21 +245,24 @@ class GazeLoop:
         # RobotError is what is promised; but whatever somebody's driver raises or returns, the loop goes on.
         try:
             state = self._robot.read_state()
-            if state is None or state.position_rad.shape == state.velocity_rad_s.shape == (2,):
+            if state is None:
+                return None
+            float(state.time_s)
+            if state.position_rad.shape == state.velocity_rad_s.shape == (2,):
                 return state
         except Exception:
             pass
         self._recorder.event(time_s, "robot_not_answering")
         return None
 
-    def _ask_for_plan(self, index: int, time_s: float, joints: JointEstimate) -> None:
+    def _ask_for_plan(self, index: int, time_s: float, due_s: float, joints: JointEstimate) -> None:
         if self._newest_capture_s is None:
             self._recorder.event(time_s, "no_observation_yet")
             return
         if time_s - self._newest_capture_s > self._settings.lost_after_s:
             return
         started = time.perf_counter()
-        start_s = time_s + self._delay_ticks * self._neck.servo_period_s
+        start_s = due_s + self._delay_ticks * self._neck.servo_period_s
         try:
             times_s = self._controller.forecast_times_s(start_s, self._newest_capture_s)
         except Exception:
@@ -271,7 +281,7 @@ class GazeLoop:
             self._predictor.reset()
             return
         committed = [
-            self._committed(index + i, time_s + i * self._neck.servo_period_s) for i in range(self._delay_ticks)
+            self._committed(index + i, due_s + i * self._neck.servo_period_s) for i in range(self._delay_ticks)
         ]
         situation = Situation(
             start_s=start_s,
@@ -288,6 +298,10 @@ class GazeLoop:
             self._asked_capture_s = self._newest_capture_s
         else:
             self._recorder.event(time_s, "late_plan")
+
+    def _take_answers(self, index: int, time_s: float) -> None:
+        for answer in () if self._stopping else self._planner.answers():
+            self._take_answer(answer, index, time_s)
 
     def _take_answer(self, answer: Answer, index: int, time_s: float) -> None:
         self._recorder.step(self._forecast_ms + answer.plan_ms)
@@ -309,31 +323,38 @@ class GazeLoop:
             return self._smoother.command
         return plan.at(time_s)
 
-    def _next_command(self, time_s: float) -> CommandState:
+    def _next_command(self, time_s: float, due_s: float) -> CommandState:
         if self._stopping:
-            return self._smoother.step(time_s, None)
+            return self._smoother.step(due_s, None)
         unseen_s = 0.0 if self._newest_capture_s is None else time_s - self._newest_capture_s
         if unseen_s > self._settings.rest_after_s:
             self._plan = None
             self._recorder.event(time_s, "return_to_rest")
-            return self._smoother.step(time_s, self._rest_plan, self._settings.rest_speed_rad_s)
+            return self._smoother.step(due_s, self._rest_plan, self._settings.rest_speed_rad_s)
         if unseen_s > self._settings.lost_after_s:
             self._plan = None
             self._recorder.event(time_s, "target_lost")
-        command = self._smoother.step(time_s, self._plan)
+        command = self._smoother.step(due_s, self._plan)
         if self._smoother.intervention and self._plan is not None:
             self._recorder.event(time_s, self._smoother.intervention)
         return command
 
-    def _send(self, command: CommandState, index: int, time_s: float) -> FloatArray:
+    def _send(self, command: CommandState, before: CommandState, index: int, time_s: float) -> FloatArray:
         try:
-            sent_rad = np.array(self._robot.send_command(command.position_rad), dtype=np.float64)
+            sent_rad: FloatArray = np.array(self._robot.send_command(command.position_rad), dtype=np.float64)
             self._gets_through = sent_rad.shape == (2,) and bool(np.all(np.isfinite(sent_rad)))
         except Exception:
             self._gets_through = False
         if self._gets_through:
+            self._failed_sends = 0
             return sent_rad
         self._recorder.event(time_s, "robot_not_answering")
+        self._failed_sends += 1
+        if self._failed_sends <= _SENDS_FORGIVEN:
+            # One lost command is no reason to stop dead: the same motion goes on from where it was.
+            self._smoother.resume(before)
+            held_rad: FloatArray = self._sent_rad[-1].copy()
+            return held_rad
         # The robot stands by what it got last. The command starts again from there: had it moved on meanwhile, the
         # first one to get through would be a jump.
         last_rad: FloatArray = self._sent_rad[-1].copy()

@@ -28,6 +28,7 @@ OVERSHOOT_S = 1.0
 # authors' wider cones beside it.
 CONTACT_DEG = (2.6, 4.0, 9.0)
 # Third differences of double-precision angles at 200 Hz carry about 1e-8 of rounding.
+_ROBOT_STEP_RAD = 0.004
 _LIMIT_TOLERANCE = 1e-6
 
 
@@ -233,6 +234,9 @@ def _violations_of_motion(log: Log, neck: NeckSpec) -> int:
     position = log.command_position_rad
     count = int(np.sum(position > neck.position_max_rad + _LIMIT_TOLERANCE))
     count += int(np.sum(position < neck.position_min_rad - _LIMIT_TOLERANCE))
+    # A robot may round to steps of its own, and reach its first command at a speed of its own; a jump it must not get.
+    step_rad = neck.velocity_max_rad_s * neck.servo_period_s + _ROBOT_STEP_RAD
+    count += int(np.sum(np.abs(np.diff(position, axis=0)) > step_rad))
     jerk = np.diff(log.command_acceleration_rad_s2, axis=0) / neck.servo_period_s
     for motion, limit in (
         (log.command_velocity_rad_s, neck.velocity_max_rad_s),

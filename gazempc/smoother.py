@@ -195,6 +195,15 @@ class Smoother:
         self._now: list[_Motion] = [(float(p), 0.0, 0.0) for p in start]
         self._intervention: Intervention = ""
 
+    def resume(self, command: CommandState) -> None:
+        """Take a step back, as if it had not been made.
+
+        Args:
+            command: The command before the step.
+        """
+        motion = np.stack([command.position_rad, command.velocity_rad_s, command.acceleration_rad_s2], axis=1)
+        self._now = [(float(p), float(v), float(a)) for p, v, a in motion]
+
     @property
     def command(self) -> CommandState:
         """The command as it was last sent."""

@@ -609,3 +609,44 @@ def test_a_neck_without_encoders_is_not_moved(tmp_path, monkeypatch, capsys):
 def test_record_names_its_origin(clean):
     assert isinstance(clean, NeckRecord)
     assert json.loads(clean.about)["from"] == "test"
+
+
+class HeldUp(SimulatedClock):
+    """Wakes up late once."""
+
+    def __init__(self, late_s):
+        super().__init__()
+        self._late_s = late_s
+
+    def sleep_until_s(self, time_s):
+        if self._late_s and time_s > 3.0:
+            time_s, self._late_s = time_s + self._late_s, 0.0
+        super().sleep_until_s(time_s)
+
+
+def test_a_computer_that_is_held_up_makes_no_jump():
+    """What was planned is done later, not left out; after a longer stall the neck is braked and the run is given up."""
+    planned = np.abs(np.diff(excite(REFERENCE, REFERENCE.rest_rad, SHORT).position_rad, axis=0)).max()
+    taken = simulate(REFERENCE, clock=HeldUp(0.06))
+    assert np.abs(np.diff(taken.command_rad, axis=0)).max() <= planned + 1e-12
+    clock = HeldUp(0.5)
+    robot = SimulatedNeck(REFERENCE, REFERENCE.rest_rad, clock.now_s)
+    with pytest.raises(RobotError, match="held up for 500 ms"):
+        drive(robot, clock)
+    clock.sleep_until_s(clock.now_s() + 2.0)
+    assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3
+
+
+def test_whatever_ends_an_identification_the_neck_is_braked_first():
+    clock = SimulatedClock()
+    robot = SimulatedNeck(REFERENCE, REFERENCE.rest_rad, clock.now_s)
+    robot.connect()
+
+    def on_tick(share):
+        if share > 0.4:
+            raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        record(robot, clock, excite(REFERENCE, REFERENCE.rest_rad, SHORT), REFERENCE, {"from": "test"}, on_tick)
+    clock.sleep_until_s(clock.now_s() + 2.0)
+    assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3

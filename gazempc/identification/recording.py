@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
+import threading
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,8 @@ FloatArray = NDArray[np.float64]
 _ROBOT_ERRORS = (RobotError, OSError)
 # A robot that has not been read for so long may be stuck anywhere: better to stop than to go on moving it blindly.
 _SILENCE_S = 0.5
+# Held up for longer, going on at the old speed would be a jolt.
+_STALL_S = 0.15
 
 
 class IdentificationError(GazempcError):
@@ -94,7 +98,8 @@ def record(
         What happened.
 
     Raises:
-        RobotError: If a command does not get through, or the joints cannot be read for half a second.
+        RobotError: If a command does not get through, the joints cannot be read for half a second, or the computer is
+            held up for longer than 0.15 s.
         KeyboardInterrupt: If interrupted, after the stop.
     """
     commands: list[tuple[float, FloatArray]] = []
@@ -105,9 +110,15 @@ def record(
     try:
         while tick < count:
             clock.sleep_until_s(start_s + tick * excitation.period_s)
-            # A computer that woke up late leaves ticks out: commands sent in a burst would be faster than planned.
-            late = int((clock.now_s() - start_s) / excitation.period_s + 1e-6)
-            tick = min(max(tick, late), count - 1)
+            # A computer that woke up late does everything later: to leave commands out would be a jump.
+            late_s = clock.now_s() - (start_s + tick * excitation.period_s)
+            if late_s > _STALL_S:
+                raise RobotError(
+                    f"stopped: the computer was held up for {1e3 * late_s:.0f} ms, and the neck stood still meanwhile; "
+                    "try again with less beside it"
+                )
+            if late_s > excitation.period_s:
+                start_s += late_s
             try:
                 state = robot.read_state()
                 silent_since_s = clock.now_s()
@@ -127,9 +138,9 @@ def record(
             if on_tick is not None:
                 on_tick(tick / count)
             tick += 1
-    except (KeyboardInterrupt, RobotError):
+    except BaseException:
         # Whatever it was, a robot that still listens must not be left at full speed.
-        with contextlib.suppress(*_ROBOT_ERRORS):
+        with contextlib.suppress(Exception), _undisturbed():
             _stop(robot, clock, neck, excitation.position_rad[: max(tick, 1)])
         raise
     return NeckRecord(
@@ -140,6 +151,19 @@ def record(
         joint_rad=np.array([q for _, q in readings], dtype=np.float64).reshape(-1, 2),
         failed_reads=failed,
     )
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """No signal ends what is done within: the second Ctrl-C must not end the braking that the first one asked for."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    main = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers} if main else {}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _stop(robot: Robot, clock: Clock, neck: NeckSpec, sent_rad: FloatArray) -> None:

@@ -156,8 +156,9 @@ class LineSource:
         """See `gazempc.sources.source.Source.open`."""
         try:
             self._wire.open()
-        except OSError as error:
-            raise SourceError(f"{self._wire.name}: cannot be opened: {error.strerror or error}") from None
+        except (OSError, AttributeError, ValueError) as error:  # the last two: standard input is closed
+            why = getattr(error, "strerror", None) or error
+            raise SourceError(f"{self._wire.name}: cannot be opened: {why}") from None
         self._thread.start()
 
     def poll(self) -> Arrived:
@@ -187,6 +188,13 @@ class LineSource:
             self._thread.join(timeout=2.0)
 
     def _work(self) -> None:
+        try:
+            self._read_lines()
+        finally:
+            self._wire.close()
+            self._ended.set()
+
+    def _read_lines(self) -> None:
         rest = b""
         number = 0
         while not self._closing.is_set():
@@ -207,8 +215,6 @@ class LineSource:
                     self._put(self._parsed(line, number, arrival_s))
         if rest.strip():
             self._put(self._parsed(rest, number + 1, self._clock.now_s()))
-        self._wire.close()
-        self._ended.set()
 
     def _parsed(self, line: bytes, number: int, arrival_s: float) -> Sighting | str:
         text = line.decode("utf-8", errors="replace")

@@ -1,0 +1,52 @@
+"""From where a robot stands to where a command may begin."""
+
+from __future__ import annotations
+
+import numpy as np
+import ruckig
+from numpy.typing import NDArray
+
+from gazempc.errors import RobotError
+from gazempc.neck import NeckSpec
+
+FloatArray = NDArray[np.float64]
+
+# Outside the joints' range by more than this is no rounding: file and robot do not agree.
+_OUTSIDE_RAD = np.deg2rad(1.0)
+_SLOWLY_RAD_S = 0.3
+
+
+def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:
+    """Commands that bring a neck slowly to where its command may be: commands have a little less room than joints.
+
+    Args:
+        neck: The neck.
+        position_rad: Where the joints stand, shape (2,), radians.
+
+    Returns:
+        One command a servo period, the last one at rest inside `NeckSpec.command_limits`; shape (K, 2), K = 0 where it
+        stands inside already.
+
+    Raises:
+        RobotError: If it stands outside the joints' range.
+    """
+    low, high = neck.position_min_rad, neck.position_max_rad
+    if np.any((position_rad < low - _OUTSIDE_RAD) | (position_rad > high + _OUTSIDE_RAD)):
+        pan, tilt = np.rad2deg(position_rad)
+        raise RobotError(
+            f"the neck stands at pan {pan:.1f}, tilt {tilt:.1f} deg, outside its range ({np.rad2deg(low).round(1)} to "
+            f"{np.rad2deg(high).round(1)}): move it inside by hand, or check zero and direction of its axes"
+        )
+    limits = neck.command_limits
+    start, target = np.clip(position_rad, low, high), limits.clip_position(position_rad)
+    if np.array_equal(start, target):
+        return np.empty((0, 2))
+    request = ruckig.InputParameter(2)
+    request.current_position, request.target_position = start.tolist(), target.tolist()
+    request.max_velocity = np.minimum(limits.velocity_max_rad_s, _SLOWLY_RAD_S).tolist()
+    request.max_acceleration = limits.acceleration_max_rad_s2.tolist()
+    request.max_jerk = limits.jerk_max_rad_s3.tolist()
+    trajectory = ruckig.Trajectory(2)
+    ruckig.Ruckig(2, neck.servo_period_s).calculate(request, trajectory)
+    steps = int(np.ceil(trajectory.duration / neck.servo_period_s))
+    return np.array([trajectory.at_time((k + 1) * neck.servo_period_s)[0] for k in range(steps)])
