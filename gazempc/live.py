@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 import threading
@@ -47,12 +48,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0 after a run that was stopped in order, by a signal, too; 1 on a limit violation; 2 on bad input,
         or a robot or source that cannot be opened.
     """
-    settings = tyro.cli(LiveSettings, args=arguments, prog="python -m gazempc.live", description=__doc__)
     stop = threading.Event()
     try:
+        settings = tyro.cli(LiveSettings, args=arguments, prog="python -m gazempc.live", description=__doc__)
         check(settings)
         with _stopped_by_signals(stop):
             _run(settings, stop)
+    except BrokenPipeError:
+        # Whoever read the output has seen enough; nothing more can be said to them.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except LimitViolationError as error:
         print(f"gazempc.live: {error}", file=sys.stderr)
         return _VIOLATION
