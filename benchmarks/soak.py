@@ -27,7 +27,7 @@ from gazempc.clock import Clock, RealClock
 from gazempc.config import DEFAULT_PREDICTOR, RunSettings
 from gazempc.live_loop import LiveReport, LiveRun
 from gazempc.log import ComputeTimes, Log
-from gazempc.loop import LoopSettings
+from gazempc.loop_settings import LoopSettings
 from gazempc.metrics import limit_violations
 from gazempc.mount import Mount
 from gazempc.neck import NeckSpec, load_neck

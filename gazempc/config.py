@@ -10,7 +10,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gazempc.errors import SettingsError
-from gazempc.loop import LoopSettings
+from gazempc.loop_settings import LoopSettings
 from gazempc.readers.options import ReadOptions
 from gazempc.specfiles import explain
 

@@ -19,8 +19,9 @@ from gazempc.controllers.controller import Controller
 from gazempc.errors import RobotError
 from gazempc.lateness import Lateness
 from gazempc.log import ComputeTimes, Log
-from gazempc.loop import GazeLoop, LoopSettings
+from gazempc.loop import GazeLoop
 from gazempc.loop_recorder import LoopRecorder
+from gazempc.loop_settings import LoopSettings
 from gazempc.mount import JointHistory, Mount
 from gazempc.neck import NeckSpec
 from gazempc.planner import Planner

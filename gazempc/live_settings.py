@@ -10,7 +10,7 @@ from pydantic import Field
 from gazempc.clock import Clock, RealClock
 from gazempc.config import DEFAULT_PREDICTOR, GazeSettings, PlacementName, PredictorName
 from gazempc.errors import SettingsError
-from gazempc.loop import LoopSettings
+from gazempc.loop_settings import LoopSettings
 from gazempc.mount import Mount
 from gazempc.placement import place
 from gazempc.recording import Recording, load

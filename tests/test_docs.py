@@ -28,7 +28,7 @@ from gazempc.config import (
     RunSettings,
 )
 from gazempc.log import Log
-from gazempc.loop import LoopSettings
+from gazempc.loop_settings import LoopSettings
 from gazempc.metrics import ComputeMetrics, Metrics
 from gazempc.neck import Axis, Geometry, NeckSpec, neck_names
 from gazempc.readers.options import ReadOptions

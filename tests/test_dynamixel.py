@@ -19,8 +19,9 @@ pytest.importorskip("tty", reason="pseudo-terminals are of POSIX")
 
 from gazempc.controllers import LookAhead
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
-from gazempc.loop import GazeLoop, LoopSettings
+from gazempc.loop import GazeLoop
 from gazempc.loop_recorder import LoopRecorder
+from gazempc.loop_settings import LoopSettings
 from gazempc.neck import load_neck
 from gazempc.robots.dynamixel import DynamixelNeck
 from gazempc.sensor import Sighting

@@ -20,8 +20,8 @@ from gazempc.kinematics import look_at
 from gazempc.lateness import Lateness
 from gazempc.live import main
 from gazempc.live_loop import LiveRun
-from gazempc.loop import LoopSettings
 from gazempc.loop_recorder import LoopRecorder
+from gazempc.loop_settings import LoopSettings
 from gazempc.metrics import measure
 from gazempc.mount import Mount
 from gazempc.neck import load_neck

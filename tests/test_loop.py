@@ -12,8 +12,9 @@ from gazempc.controllers.controller import SolverFailed, SolverTimedOut
 from gazempc.controllers.ocp import AxisOcp
 from gazempc.controllers.qp import Daqp, Piqp, QpResult
 from gazempc.errors import LeftOutError, RobotError
-from gazempc.loop import GazeLoop, LoopSettings
+from gazempc.loop import GazeLoop
 from gazempc.loop_recorder import LoopRecorder
+from gazempc.loop_settings import LoopSettings
 from gazempc.metrics import limit_violations, measure
 from gazempc.neck import load_neck
 from gazempc.placement import place

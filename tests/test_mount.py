@@ -13,7 +13,7 @@ from gazempc.clock import SimulatedClock
 from gazempc.controllers import Mpc
 from gazempc.kinematics import gaze_ray
 from gazempc.live_loop import LiveRun
-from gazempc.loop import LoopSettings
+from gazempc.loop_settings import LoopSettings
 from gazempc.mount import JointHistory, Mount, head_in_base
 from gazempc.neck import Geometry, load_neck
 from gazempc.planner import ImmediatePlanner

@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
 from gazempc.neck import NeckSpec, load_neck
-from gazempc.robots.reachy_mini import ReachyMiniNeck, clamp_to_head, head_angles, head_matrix
+from gazempc.robots.reachy_mini import ReachyMiniNeck
+from gazempc.robots.reachy_mini_head import clamp_to_head, head_angles, head_matrix
 
 NECK = load_neck("reachy_mini")
 WIDE = NeckSpec.model_validate(

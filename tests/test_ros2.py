@@ -604,7 +604,7 @@ def test_importing_needs_neither_zenoh_nor_rosbags():
 
 @pytest.mark.parametrize("missing", ["zenoh", "rosbags.typesys"])
 def test_a_missing_package_is_named(scene, monkeypatch, missing):
-    ros2_wire._typestore.cache_clear()
+    ros2_wire.typestore.cache_clear()
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(MissingOptionalDependencyError, match="extra 'ros2'"):
         scene.neck().connect()

@@ -13,16 +13,8 @@ from numpy.typing import NDArray
 from gazempc.errors import RobotError, SettingsError, suggest
 from gazempc.neck import NeckSpec
 from gazempc.robots.robot import JointState
-from gazempc.ros2_wire import (
-    Publication,
-    Ros2Network,
-    Ros2Node,
-    Subscription,
-    WireError,
-    make_message,
-    stamp_to_loop_s,
-    topic_name,
-)
+from gazempc.ros2_node import Publication, Ros2Node, Subscription
+from gazempc.ros2_wire import Ros2Network, WireError, make_message, stamp_to_loop_s, topic_name
 
 FloatArray = NDArray[np.float64]
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.ros2_wire import Ros2Network, Ros2Node, Subscription, WireError, stamp_to_loop_s, topic_name
+from gazempc.ros2_node import Ros2Node, Subscription
+from gazempc.ros2_wire import Ros2Network, WireError, stamp_to_loop_s, topic_name
 from gazempc.sensor import Sighting
 from gazempc.sources.source import Arrived, SourceError
 from predictors import HeadObservation
