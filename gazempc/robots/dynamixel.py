@@ -5,13 +5,14 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
-from gazempc.neck import AXES, NeckSpec
+from gazempc.errors import RobotError, SettingsError
+from gazempc.neck import NeckSpec
+from gazempc.robots.dynamixel_bus import DynamixelBus
 from gazempc.robots.robot import JointState
 
 FloatArray = NDArray[np.float64]
@@ -23,7 +24,6 @@ _MODE = (11, 1)
 _RANGE = (48, 8)  # Max and Min Position Limit
 _TORQUE_ENABLE = (64, 1)
 _TORQUE = (64, 2)  # Torque Enable and LED
-_HARDWARE_ERROR = (68, 3)  # Status Return Level, Registered Instruction, Hardware Error Status
 _PROFILE = (108, 8)  # Profile Acceleration and Velocity
 _PROFILE_AND_GOAL = (108, 12)
 _GOAL = (116, 4)
@@ -33,28 +33,11 @@ _TICKS_PER_TURN = 4096
 _TICKS_PER_RAD = _TICKS_PER_TURN / (2.0 * np.pi)
 _RAD_S_PER_UNIT = 0.229 * 2.0 * np.pi / 60.0
 _POSITION_MODE, _EXTENDED_POSITION_MODE = 3, 4
-_ALERT = 0x80
-_HARDWARE_ERRORS = {
-    0: "input voltage",
-    1: "motor hall sensor",
-    2: "overheating",
-    3: "motor encoder",
-    4: "electrical shock or too little power",
-    5: "overload",
-}
-# MX motors with protocol 2.0 have the same control table; XL-320, P and PRO have others.
-_MX_MODELS = (30, 311, 321)
-_X_MODELS = range(1000, 2000)
 
 # Setting up may take its time; while the loop runs, the time for an answer is `reply_timeout_ms`.
 _CONNECT_WAIT_MS = 100.0
 # Nobody is there: ask this often, so that the ticks in between lose no time.
 _RETRY_S = 0.1
-# Bytes of an instruction, sent before an answer can come.
-_INSTRUCTION_BYTES = 30
-_POLL_S = 0.5e-3
-# Reached only if the adapter takes no bytes at all.
-_WRITE_S = 0.05
 
 
 class DynamixelNeck:
@@ -110,20 +93,16 @@ class DynamixelNeck:
         if any(abs(zero) > 65_536 for zero in zero_ticks):
             raise SettingsError(f"zero_ticks {zero_ticks}: each must be from -65536 to 65536")
         self._clock_s = clock_s
-        self._port_name = port
-        self._baud_rate_bps = baud_rate_bps
         self._ids = motor_ids
         self._zero = np.array(zero_ticks, dtype=np.float64)
         self._direction = np.array(directions, dtype=np.float64)
-        self._reply_timeout_ms = self._wait_ms = reply_timeout_ms
+        self._reply_timeout_ms = reply_timeout_ms
+        self._bus = DynamixelBus(port, baud_rate_bps, motor_ids, reply_timeout_ms)
         self._step_ticks = approach_speed_rad_s * neck.servo_period_s * _TICKS_PER_RAD
         self._torque_off_on_close = torque_off_on_close
         ends = self._zero + self._direction * np.stack([neck.position_min_rad, neck.position_max_rad]) * _TICKS_PER_RAD
         # Whole ticks inside the limits: rounding must not lead out of them.
         self._tick_min, self._tick_max = np.ceil(ends.min(axis=0)), np.floor(ends.max(axis=0))
-        self._sdk: Any = None
-        self._packets: Any = None
-        self._port: Any = None
         self._connected = False
         self._ready = False
         self._steps: Iterator[None] | None = None
@@ -143,13 +122,8 @@ class DynamixelNeck:
         """
         if self._connected:
             return
-        try:
-            import dynamixel_sdk  # noqa: PLC0415  (optional)
-        except ImportError as error:
-            raise MissingOptionalDependencyError("a Dynamixel neck", "dynamixel-sdk", "dynamixel") from error
-        self._sdk = dynamixel_sdk
-        self._packets = dynamixel_sdk.PacketHandler(2.0)
-        self._wait_ms = max(self._reply_timeout_ms, _CONNECT_WAIT_MS)
+        self._bus.load()
+        self._bus.wait_ms = max(self._reply_timeout_ms, _CONNECT_WAIT_MS)
         try:
             for _ in self._set_up():
                 pass
@@ -159,7 +133,7 @@ class DynamixelNeck:
         except Exception as error:
             raise self._port_error(error) from error
         finally:
-            self._wait_ms = self._reply_timeout_ms
+            self._bus.wait_ms = self._reply_timeout_ms
         self._connected = self._ready = True
         self._retry_at_s = -np.inf
 
@@ -198,16 +172,16 @@ class DynamixelNeck:
 
     def close(self) -> None:
         """Release the port; the motors hold their last goal, or let go if `torque_off_on_close`; never raises."""
-        if self._port is not None and self._connected and self._torque_off_on_close:
+        if self._bus.is_open and self._connected and self._torque_off_on_close:
             with suppress(Exception):
-                self._write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\0"))
+                self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\0"))
                 self._read(_TORQUE)  # has been carried out when it is answered
         self._drop_port()
         self._connected = self._ready = False
 
     def _perform(self, exchange: Callable[[], _T]) -> _T:
         if not self._connected:
-            raise RobotError(f"the Dynamixel neck at {self._port_name} is not connected: call connect() first")
+            raise RobotError(f"the Dynamixel neck at {self._bus.port_name} is not connected: call connect() first")
         if self._clock_s() < self._retry_at_s:
             raise RobotError(self._trouble)
         try:
@@ -232,11 +206,11 @@ class DynamixelNeck:
 
     def _recover(self) -> bool:
         """Take one step back to normal; True if that was the last one."""
-        if self._steps is None and self._port is not None:
+        if self._steps is None and self._bus.is_open:
             if self._torque_is_on().all():
                 self._ready = True
                 return True
-            self._trouble = f"{self._line}: a motor has lost its torque; perhaps its power was gone"
+            self._trouble = f"{self._bus.line}: a motor has lost its torque; perhaps its power was gone"
         self._steps = self._steps or self._set_up()
         try:
             next(self._steps)
@@ -247,16 +221,16 @@ class DynamixelNeck:
 
     def _set_up(self) -> Iterator[None]:
         """Find the motors and let them hold where they are; at most one exchange with them between two yields."""
-        if self._port is None:
-            self._open_port()
-        for i, motor_id in enumerate(self._ids):
-            self._ping(i, motor_id)
+        if not self._bus.is_open:
+            self._bus.open()
+        for i in range(len(self._ids)):
+            self._bus.ping(i)
             yield
         modes = [answer[0] for answer in self._read(_MODE)]
         for i, mode in enumerate(modes):
             if mode not in (_POSITION_MODE, _EXTENDED_POSITION_MODE):
                 raise RobotError(
-                    f"{self._motor(i)}: Operating Mode (11) is {mode}, but must be {_POSITION_MODE} (position) or "
+                    f"{self._bus.motor(i)}: Operating Mode (11) is {mode}, but must be {_POSITION_MODE} (position) or "
                     f"{_EXTENDED_POSITION_MODE} (extended position): set it with torque off; it is not changed here"
                 )
         yield
@@ -264,7 +238,7 @@ class DynamixelNeck:
             high, low = struct.unpack("<ii", answer)
             if modes[i] == _POSITION_MODE and not low <= self._tick_min[i] <= self._tick_max[i] <= high:
                 raise RobotError(
-                    f"{self._motor(i)}: the neck's range is {self._tick_min[i]:.0f}..{self._tick_max[i]:.0f} ticks, "
+                    f"{self._bus.motor(i)}: the neck needs {self._tick_min[i]:.0f}..{self._tick_max[i]:.0f} ticks, "
                     f"but the Position Limits (52, 48) are {low}..{high}: check zero tick and direction, or set them"
                 )
         yield
@@ -276,74 +250,25 @@ class DynamixelNeck:
         yield
         unlimited = bytes(_PROFILE[1])
         if holds.any():
-            self._write(_PROFILE, {m: unlimited for m, on in zip(self._ids, holds, strict=True) if on})
+            self._bus.write(_PROFILE, {m: unlimited for m, on in zip(self._ids, holds, strict=True) if on})
         limp = {m: goals[i] for i, m in enumerate(self._ids) if not holds[i]}
         if limp:
-            self._write(_PROFILE_AND_GOAL, {m: unlimited + struct.pack("<i", goal) for m, goal in limp.items()})
+            self._bus.write(_PROFILE_AND_GOAL, {m: unlimited + struct.pack("<i", goal) for m, goal in limp.items()})
         for i, answer in enumerate(self._read(_PROFILE_AND_GOAL)):
             goal = struct.unpack("<i", answer[8:])[0]
             if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
                 raise RobotError(
-                    f"{self._motor(i)}: did not take profile 0 and goal {limp.get(self._ids[i], goal)}: check the "
+                    f"{self._bus.motor(i)}: did not take profile 0 and goal {limp.get(self._ids[i], goal)}: check the "
                     "wiring, and that it stands inside its Position Limits (52, 48)"
                 )
             # A motor that holds keeps the goal that it has.
             self._goal[i] = goal
         yield
-        self._write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\1"))
+        self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\1"))
         for i, on in enumerate(self._torque_is_on()):
             if not on:
-                raise RobotError(f"{self._motor(i)}: did not switch its torque on: check its supply and its errors")
+                raise RobotError(f"{self._bus.motor(i)}: did not switch its torque on: check its supply and its errors")
         self._approaching = True
-
-    def _open_port(self) -> None:
-        port = self._port = self._sdk.PortHandler(self._port_name)
-        hint = "check that it exists, that no other program has it, and that you may use it (group dialout)"
-        try:
-            if not port.setBaudRate(self._baud_rate_bps):
-                raise RobotError(f"{self._line}: not a baud rate of Dynamixel motors, such as 57600 or 1000000")
-            # Two programs that answer each other's motors would see nonsense.
-            port.ser.exclusive = True
-        except OSError as error:
-            raise RobotError(f"{self._line}: cannot be opened ({error}): {hint}") from error
-        # The library would spin, and would wait 34 ms: seven ticks.
-        port.ser.timeout = _POLL_S
-        port.ser.write_timeout = _WRITE_S
-        port.setPacketTimeout = lambda length: port.setPacketTimeoutMillis(
-            self._wait_ms + (length + _INSTRUCTION_BYTES) * port.tx_time_per_byte
-        )
-
-        def read_in_time(length: int) -> bytes:
-            # The library looks at the time only when nothing comes: noise without end would hold it for ever.
-            if port.isPacketTimeout():
-                raise RobotError(f"{self._line}: no whole answer in time; check power, cable and baud rate")
-            return bytes(port.ser.read(length))
-
-        port.readPort = read_in_time
-
-    def _drop_port(self) -> None:
-        with suppress(Exception):
-            self._port.closePort()
-        self._port = self._steps = None
-
-    def _port_error(self, error: Exception) -> RobotError:
-        self._drop_port()
-        return RobotError(f"{self._line}: the port failed ({error}): check that the adapter is plugged in")
-
-    @property
-    def _line(self) -> str:
-        return f"{self._port_name} at {self._baud_rate_bps} baud"
-
-    def _motor(self, i: int) -> str:
-        return f"{self._line}, motor {self._ids[i]} ({AXES[i]})"
-
-    def _ping(self, i: int, motor_id: int) -> None:
-        self._port.is_using = False
-        model, result, error = self._packets.ping(self._port, motor_id)
-        self._require(i, result)
-        self._refuse_error(i, error)
-        if model not in _X_MODELS and model not in _MX_MODELS:
-            raise RobotError(f"{self._motor(i)}: model {model} is no X motor (nor MX with protocol 2.0); check the id")
 
     def _torque_is_on(self) -> NDArray[np.bool_]:
         return np.array([answer[0] == 1 for answer in self._read(_TORQUE)])
@@ -357,72 +282,28 @@ class DynamixelNeck:
 
     def _send(self, ticks: FloatArray) -> FloatArray:
         if not self._answered and not self._torque_is_on().all():
-            raise RobotError(f"{self._line}: a motor has lost its torque; perhaps its power was gone")
+            raise RobotError(f"{self._bus.line}: a motor has lost its torque; perhaps its power was gone")
         goal = ticks
         if self._approaching:
             near = np.clip(ticks, self._goal - self._step_ticks, self._goal + self._step_ticks)
             goal = np.clip(near, self._tick_min, self._tick_max)
             self._approaching = bool(np.any(goal != ticks))
         sent = np.rint(goal)
-        self._write(_GOAL, {m: struct.pack("<i", int(g)) for m, g in zip(self._ids, sent, strict=True)})
+        self._bus.write(_GOAL, {m: struct.pack("<i", int(g)) for m, g in zip(self._ids, sent, strict=True)})
         # Not rounded: a slow approach moves by less than a tick at a time.
         self._goal = goal
         self._answered = False
         return self._direction * (sent - self._zero) / _TICKS_PER_RAD
 
-    def _write(self, part: tuple[int, int], values: dict[int, bytes]) -> None:
-        self._port.is_using = False
-        group = self._sdk.GroupSyncWrite(self._port, self._packets, *part)
-        for motor_id, value in values.items():
-            group.addParam(motor_id, list(value))
-        result = group.txPacket()
-        if result != self._sdk.COMM_SUCCESS:
-            raise RobotError(f"{self._line}: could not send ({self._packets.getTxRxResult(result)})")
-
     def _read(self, part: tuple[int, int]) -> list[bytes]:
-        """Read the same part of both motors; raises if one does not answer rightly or has an error."""
-        answers = self._sync_read(part, (0, 1))
-        for i, (_, error) in enumerate(answers):
-            self._refuse_error(i, error)
+        answers = self._bus.read(part)
         self._answered = True
-        return [data for data, _ in answers]
+        return answers
 
-    def _sync_read(self, part: tuple[int, int], axes: tuple[int, ...]) -> list[tuple[bytes, int]]:
-        self._port.is_using = False
-        group = self._sdk.GroupSyncRead(self._port, self._packets, *part)
-        for i in axes:
-            group.addParam(self._ids[i])
-        result = group.txPacket()
-        for i in axes:
-            self._require(i, result)
-        return [self._receive(i, part[1]) for i in axes]
+    def _drop_port(self) -> None:
+        self._bus.drop()
+        self._steps = None
 
-    def _receive(self, i: int, length: int) -> tuple[bytes, int]:
-        # Not the group's own rxPacket and getData: they throw the error byte away, take an answer of any length, and
-        # give 0 for what is missing, which reads as half a turn.
-        while True:
-            packet, result = self._packets.rxPacket(self._port, False)
-            self._require(i, result)
-            error = packet[8]
-            is_whole = packet[5] + 256 * packet[6] == length + 4
-            # What does not fit is late: the answer to a question that was given up.
-            if packet[4] == self._ids[i] and (is_whole or error & ~_ALERT):
-                return bytes(packet[9 : 9 + length]), error
-
-    def _require(self, i: int, result: int) -> None:
-        if result != self._sdk.COMM_SUCCESS:
-            raise RobotError(
-                f"{self._motor(i)}: no answer that can be read ({self._packets.getTxRxResult(result)}): check power, "
-                "cable, id, baud rate, Status Return Level (68) of 1 or 2, and a latency timer of 1 ms of the adapter"
-            )
-
-    def _refuse_error(self, i: int, error: int) -> None:
-        if error & _ALERT:
-            status = self._sync_read(_HARDWARE_ERROR, (i,))[0][0][2]
-            names = [name for bit, name in _HARDWARE_ERRORS.items() if status >> bit & 1]
-            raise RobotError(
-                f"{self._motor(i)}: hardware error: {', '.join(names) or f'status {status:#04x}'}; it may have let go: "
-                "remove the cause, then reboot the motor or switch its power off and on"
-            )
-        if error:
-            raise RobotError(f"{self._motor(i)}: refused what it was asked: {self._packets.getRxPacketError(error)}")
+    def _port_error(self, error: Exception) -> RobotError:
+        self._drop_port()
+        return RobotError(f"{self._bus.line}: the port failed ({error}): check that the adapter is plugged in")
