@@ -140,7 +140,7 @@ class MpcSettings(_Settings):
 
     horizon_s: float = Field(default=0.8, ge=0.1, le=5, description="Optimised motion after the dead time")
     smoothing_time_s: float = Field(
-        default=0.075, gt=0, le=1, description="Gaze motion faster than 1/this (rad/s) is smoothed away"
+        default=0.08, gt=0, le=1, description="Gaze motion faster than 1/this (rad/s) is smoothed away"
     )
     doubt_deg: float = Field(
         default=2.0, gt=0, le=1000, description="Standard deviation of the forecast that calls for more smoothing"

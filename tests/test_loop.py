@@ -173,13 +173,16 @@ def test_real_solvers_that_fail_in_the_loop_are_named_and_the_gaze_recovers(solv
 
     class Sabotaged(Mpc):
         def plan(self, situation):
-            whole = self.ocps
+            whole = self.ocps, self.catch_up_ocps
             if 2.0 <= situation.start_s < 2.5:
-                self.ocps = [[AxisOcp(o[0].model, 0.08, solvers)] * len(o) for o in whole]
+                self.ocps, self.catch_up_ocps = (
+                    [[AxisOcp(o[0].model, 0.08, catching_up, solvers)] * len(o) for o in ocps]
+                    for ocps, catching_up in zip(whole, (False, True), strict=True)
+                )
             try:
                 return super().plan(situation)
             finally:
-                self.ocps = whole
+                self.ocps, self.catch_up_ocps = whole
 
     ambling = head
 

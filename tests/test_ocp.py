@@ -322,10 +322,68 @@ def test_a_start_outside_the_limits_is_solved_as_by_ipopt_with_slacks(state, tar
     softened = np.abs(shares).max() - 1.0
     assert softened > 0.001
     for maker in (Daqp, Piqp):
-        solution = AxisOcp(MODEL, T, (maker,)).solve(state, reference)
+        solution = AxisOcp(MODEL, T, solvers=(maker,)).solve(state, reference)
         assert solution.solver == maker.name
         assert solution.softened == pytest.approx(softened, abs=1e-5)
         assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(z[0], abs=1e-5)
+
+
+# ---------------------------------------------------------------- catching up
+
+CATCH_UP = AxisOcp(LONG.model, 0.085, catching_up=True)
+FAR_RAD = 100.0
+
+
+def not_past(reference, below):
+    bounds = np.full((2, len(reference)), [[-FAR_RAD], [FAR_RAD]])
+    bounds[int(below)] = reference
+    return bounds
+
+
+@pytest.mark.parametrize("below", [True, False])
+def test_a_joint_that_catches_up_does_not_pass_the_person(below):
+    """From rest 0.9 rad away; without the bound it passes by more than a degree."""
+    side = 1.0 if below else -1.0
+    reference = side * np.linspace(0.7, 0.9, LONG.model.steps)
+    state = np.array([-side * 0.2, 0.0, -side * 0.2, 0.0, 0.0])
+    plain = LONG.solve(state, reference)
+    assert np.degrees(np.max(side * (joint(LONG, state, plain.scaled_jerk) - reference))) > 1.0
+    bounds = not_past(reference, below)
+    ours = CATCH_UP.solve(state, reference, bounds)
+    angles = joint(CATCH_UP, state, ours.scaled_jerk)
+    assert np.max(side * (angles - reference)) < 1e-3
+    # It comes as soon, but for the last moments.
+    early = slice(0, 20)
+    assert angles[early] == pytest.approx(joint(LONG, state, plain.scaled_jerk)[early], abs=0.03)
+    assert ours.softened == 0.0
+    assert within_limits(CATCH_UP.model, ours.command, ours.scaled_jerk, 1e-5)
+    g, lower, upper = CATCH_UP.program(CATCH_UP.parameters(state, reference), bounds)
+    # In units of 150 rad the usual tolerance of being on a bound would be nearly a degree.
+    assert kkt_residual(CATCH_UP.data, g, lower, upper, ours.scaled_jerk, tolerance=1e-6).stationarity < 1e-4
+    other = AxisOcp(LONG.model, 0.085, True, (Piqp,)).solve(state, reference, bounds)
+    assert joint(CATCH_UP, state, other.scaled_jerk) == pytest.approx(angles, abs=1e-3)
+
+
+def test_limits_come_before_not_passing():
+    """Too fast to stop before somebody near: the person is passed, no limit is left."""
+    state, reference = np.array([0.0, 2.4, 0.2, 2.4, 0.0]), np.full(LONG.model.steps, 0.1)
+    ours = CATCH_UP.solve(state, reference, not_past(reference, below=True))
+    assert joint(CATCH_UP, state, ours.scaled_jerk).max() > 0.15
+    assert ours.softened == 0.0
+    assert within_limits(CATCH_UP.model, ours.command, ours.scaled_jerk, 1e-5)
+
+
+def test_bounds_out_of_reach_change_nothing():
+    bounds = np.full((2, LONG.model.steps), [[-FAR_RAD], [FAR_RAD]])
+    solvers = set()
+    for state, reference in random_states(40, 0.3, LONG.model.steps, seed=3):
+        ours, plain = CATCH_UP.solve(state, reference, bounds), LONG.solve(state, reference)
+        solvers.add(ours.solver)
+        assert joint(LONG, state, ours.scaled_jerk) == pytest.approx(joint(LONG, state, plain.scaled_jerk), abs=1e-6)
+    slow = np.linspace(0.0, 0.002, LONG.model.steps)
+    assert CATCH_UP.solve(np.zeros(5), slow, bounds).solver == "gain"
+    # A bound that binds is noticed where no limit does.
+    assert CATCH_UP.solve(np.zeros(5), slow, not_past(0.5 * slow, below=True)).solver == "daqp"
 
 
 # ---------------------------------------------------------------- solvers
@@ -371,7 +429,7 @@ def test_softened_solutions_of_both_solvers_agree(state, target_rad):
     """Far outside: any curvature of a solver's penalty would show."""
     state = np.array(state)
     reference = np.full(LONG.model.steps, target_rad)
-    first, second = (AxisOcp(LONG.model, 0.085, (maker,)).solve(state, reference) for maker in (Daqp, Piqp))
+    first, second = (AxisOcp(LONG.model, 0.085, solvers=(maker,)).solve(state, reference) for maker in (Daqp, Piqp))
     assert first.softened > 0.1
     assert joint(LONG, state, first.scaled_jerk) == pytest.approx(joint(LONG, state, second.scaled_jerk), abs=1e-5)
 

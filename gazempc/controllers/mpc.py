@@ -13,12 +13,14 @@ from gazempc.controllers.controller import (
     SolverFailed,
     SolverTimedOut,
 )
-from gazempc.controllers.ocp import AxisModel, AxisOcp, SolverFailedError
+from gazempc.controllers.ocp import AxisModel, AxisOcp, Solution, SolverFailedError
 from gazempc.controllers.qp import Daqp
+from gazempc.controllers.revisions import Revisions
 from gazempc.errors import SettingsError
 from gazempc.kinematics import angle_deviations_rad, look_at_rad, unwrap_pan
 from gazempc.neck import NeckSpec
 from gazempc.servo import DeadTimeRoll
+from predictors import Forecast
 
 _FIRST_SOLVERS = ("gain", Daqp.name)
 # Doubt makes the smoothing time up to 2^(8/4) = 4 times as long, in steps of a quarter of an octave.
@@ -28,6 +30,11 @@ _LEVELS = 9
 _STEPS_MAX = 200
 # The doubt that counts is that of the forecast for this long after the dead time: what is planned now shows there.
 _DOUBT_AT_S = 0.2
+# A joint on its way to the person stops short of them by what it goes in this time, so that a forecast that comes
+# nearer meanwhile does not carry it past them.
+_SHORT_S = 0.015
+# As good as no bound on a joint's angle.
+_FAR_RAD = 100.0
 
 
 class Mpc:
@@ -38,6 +45,11 @@ class Mpc:
     (`gazempc.controllers.ocp`) finds the smoothest motion that follows them within the limits. Where the forecast is
     in doubt the joint follows it more smoothly: with sigma the standard deviation of the reference angle the smoothing
     time is ``T sqrt(1 + (sigma / doubt)^2)``.
+
+    A joint that is farther from the person than the acceleration limit lets it go from rest to rest in 0.2 s, or too
+    fast to brake within that way, is catching up. The limits smooth its motion, and doubt counts less the farther it
+    is; it is planned not to pass the person. Any other joint is aimed at where the forecast will be revised to, should
+    it have been revised beyond its covariance (`gazempc.controllers.revisions`).
 
     Args:
         neck: The neck.
@@ -52,10 +64,11 @@ class Mpc:
 
     Attributes:
         ocps: The programs of pan and of tilt, each for longer and longer smoothing times.
+        catch_up_ocps: The same for a joint that is catching up.
     """
 
     def __init__(
-        self, neck: NeckSpec, horizon_s: float = 0.8, smoothing_time_s: float = 0.075, doubt_deg: float = 2.0
+        self, neck: NeckSpec, horizon_s: float = 0.8, smoothing_time_s: float = 0.08, doubt_deg: float = 2.0
     ) -> None:
         self._neck = neck
         self._steps = max(2, round(horizon_s / neck.control_period_s))
@@ -68,18 +81,26 @@ class Mpc:
         times_s = [smoothing_time_s * 2.0 ** (level / _LEVELS_PER_OCTAVE) for level in range(_LEVELS)]
         models = [AxisModel(neck, i, self._steps) for i in range(2)]
         self.ocps = [[AxisOcp(model, time_s) for time_s in times_s] for model in models]
+        self.catch_up_ocps = [[AxisOcp(model, time_s, catching_up=True) for time_s in times_s] for model in models]
+        self._reach_rad = 0.25 * _DOUBT_AT_S**2 * neck.acceleration_max_rad_s2
         self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes]
         # The first jerk acts from the last command before the plan on, so that the first command sent is
         # already a new one; the joint answers one dead time later.
         steps_s = neck.control_period_s * np.arange(1, self._steps + 1)
-        dead_times_s = neck.dead_time_s if neck.dead_time_s[0] != neck.dead_time_s[1] else neck.dead_time_s[:1]
+        self._two_dead_times = bool(neck.dead_time_s[0] != neck.dead_time_s[1])
+        dead_times_s = neck.dead_time_s if self._two_dead_times else neck.dead_time_s[:1]
         self._ahead_s = np.concatenate([dead_s + steps_s for dead_s in dead_times_s])
         doubted = min(round(_DOUBT_AT_S / neck.control_period_s), self._steps) - 1
-        self._doubted = (doubted, doubted - self._steps)
+        self._revisions = Revisions(neck.control_period_s)
+        # What is doubted, and what will be a window later, if the horizon reaches so far: pan's, tilt's.
+        later = min(doubted + self._revisions.plans, self._steps - 1)
+        self._doubted = ((doubted, doubted - self._steps), (later, later - self._steps))
+        self._revised = later == doubted + self._revisions.plans
 
     def reset(self) -> None:
-        """Forget where the solvers stand; all else of a plan is made from the situation alone."""
-        for ocps in self.ocps:
+        """Forget where the solvers stand and what was forecast; all else of a plan is made from the situation."""
+        self._revisions.reset()
+        for ocps in self.ocps + self.catch_up_ocps:
             for ocp in ocps:
                 ocp.reset()
 
@@ -106,6 +127,11 @@ class Mpc:
             command.velocity_rad_s,
             command.acceleration_rad_s2,
         )
+        deviations_rad = self._deviations_rad(forecast)
+        coming_rad = np.array([[angles[k, i] for i, k in enumerate(instant)] for instant in self._doubted])
+        further_rad = np.zeros(2)
+        if self._revised:
+            further_rad = self._revisions.expected_rad(situation.start_s, coming_rad, deviations_rad)
         state = np.empty(5)
         events: tuple[str, ...] = ()
         for i, reference in enumerate((angles[:n, 0], angles[-n:, 1])):
@@ -118,10 +144,8 @@ class Mpc:
                 situation.committed_rad[:, i],
             )
             state[2:] = knots[:, 0, i]
-            k = self._doubted[i]
-            sigma_rad = angle_deviations_rad(forecast.means_base_m[k], forecast.covariances_m2[k])[i]
             try:
-                solution = self.ocps[i][self._level(sigma_rad)].solve(state, reference - offset_rad)
+                solution = self._solve(i, state, reference - offset_rad, deviations_rad[0, i], further_rad[i])
             except SolverFailedError as error:
                 raise (SolverTimedOut if error.timed_out else SolverFailed)(str(error)) from None
             if solution.softened:
@@ -131,6 +155,32 @@ class Mpc:
             knots[:, 1:, i] = solution.command
         start_s = situation.start_s - self._neck.servo_period_s
         return Plan(start_s, self._neck.control_period_s, knots[0], knots[1], knots[2], events)
+
+    def _deviations_rad(self, forecast: Forecast) -> FloatArray:
+        # Of pan and tilt, for the doubted instant and the one a window later, shape (2, 2).
+        deviations_rad = np.empty((2, 2))
+        for instant, (pan, tilt) in zip(deviations_rad, self._doubted, strict=True):
+            instant[:] = angle_deviations_rad(forecast.means_base_m[pan], forecast.covariances_m2[pan])
+            if self._two_dead_times:
+                instant[1] = angle_deviations_rad(forecast.means_base_m[tilt], forecast.covariances_m2[tilt])[1]
+        return deviations_rad
+
+    def _solve(
+        self, axis: int, state: FloatArray, reference_rad: FloatArray, sigma_rad: float, further_rad: float
+    ) -> Solution:
+        gap_rad = float(reference_rad[0] - state[0])
+        # The speed at which the gap grows.
+        speed_rad_s = float((reference_rad[1] - reference_rad[0]) / self._neck.control_period_s - state[1])
+        braking_rad = speed_rad_s**2 / (2.0 * float(self._neck.acceleration_max_rad_s2[axis]))
+        reaches = max(abs(gap_rad), braking_rad) / float(self._reach_rad[axis])
+        if not reaches > 1.0:
+            return self.ocps[axis][self._level(sigma_rad)].solve(state, reference_rad + further_rad)
+        # Too fast to stop before the person, it comes from where it is going away.
+        from_below = gap_rad > 0.0 if abs(gap_rad) > braking_rad else speed_rad_s < 0.0
+        short_rad = _SHORT_S * abs(speed_rad_s)
+        not_past_rad = np.full((2, self._steps), [[-_FAR_RAD], [_FAR_RAD]])
+        not_past_rad[int(from_below)] = reference_rad - short_rad if from_below else reference_rad + short_rad
+        return self.catch_up_ocps[axis][self._level(sigma_rad / reaches)].solve(state, reference_rad, not_past_rad)
 
     def _level(self, sigma_rad: float) -> int:
         if not sigma_rad < math.inf:

@@ -44,6 +44,8 @@ FloatArray = NDArray[np.float64]
 STATE = ("q", "v", "u", "du", "ddu")
 # The cost is counted in squared hundredths of a radian, so that solvers' absolute tolerances suit it.
 _COST_SCALE = 1e4
+# Angles not to be passed are rows in so large a unit that all limits are kept before them.
+_PASSING_UNIT_RAD = 150.0
 # Exact penalty: dearer than the gaze error that leaving a limit could save; slacks are shares of the limits.
 _SLACK_PENALTY = 300.0 * _COST_SCALE
 # Damping ratio zeta of the way to a reference that has jumped: it passes by 1.5 % (4 % without the term, at 0.71).
@@ -229,6 +231,8 @@ class AxisOcp:
     Args:
         model: The joint over the horizon.
         smoothing_time_s: T: gaze motion faster than 1 / T (rad/s) is smoothed away rather than followed.
+        catching_up: True for a joint on its way to a reference far off: it is given bounds that it is not to pass, see
+            `solve`.
         solvers: Makers of the QP solvers, in the order in which they are tried; each is made when it is first needed.
             DAQP is the faster by far; should it give up, PIQP hardly ever does.
 
@@ -241,6 +245,7 @@ class AxisOcp:
         self,
         model: AxisModel,
         smoothing_time_s: float,
+        catching_up: bool = False,
         solvers: Sequence[Callable[[QpData], QpSolver]] = (Daqp, Piqp),
     ) -> None:
         self.model, p, n = model, model.prediction, model.steps
@@ -249,10 +254,13 @@ class AxisOcp:
         smoothing = smoothing_time_s**4 * p.acceleration_from_jerk.T
         hessian = exact @ p.joint_from_jerk + damping @ p.velocity_from_jerk + smoothing @ p.acceleration_from_jerk
         jerk_weight = (_JERK_TIME_S**3 * model.jerk_scale) ** 2
+        rows_from_jerk, self._rows_from_state = model.rows_from_jerk, model.rows_from_state
+        if catching_up:
+            rows_from_jerk = np.vstack([rows_from_jerk, p.joint_from_jerk / _PASSING_UNIT_RAD])
+            joint_from_state = np.hstack([p.joint_from_state, np.zeros((n, 1))])
+            self._rows_from_state = np.vstack([self._rows_from_state, joint_from_state / _PASSING_UNIT_RAD])
         self.data = QpData(
-            h=2.0 * _COST_SCALE * (hessian + jerk_weight * np.eye(n)),
-            a=model.rows_from_jerk,
-            penalty=_SLACK_PENALTY,
+            h=2.0 * _COST_SCALE * (hessian + jerk_weight * np.eye(n)), a=rows_from_jerk, penalty=_SLACK_PENALTY
         )
         # From the parameters [z0; 1; r]: the linear cost, and the best jerks without limits with all rows at these.
         by_state = exact @ p.joint_from_state + damping @ p.velocity_from_state + smoothing @ p.acceleration_from_state
@@ -262,7 +270,7 @@ class AxisOcp:
         self._parameters = np.ones(n + len(STATE) + 1)
         gain = -np.linalg.solve(self.data.h, self._cost_map)
         rows = self.data.a @ gain
-        rows[:, : len(STATE) + 1] += model.rows_from_state
+        rows[:, : len(STATE) + 1] += self._rows_from_state
         self._gain: FloatArray = np.ascontiguousarray(np.vstack([gain, rows]))
         self._makers, self._solvers = solvers, list[QpSolver]()
 
@@ -286,20 +294,33 @@ class AxisOcp:
         parameters[len(STATE) + 1 :] = reference_rad
         return parameters
 
-    def program(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def program(
+        self, parameters: FloatArray, not_past_rad: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The part of the quadratic program that changes.
 
         Args:
             parameters: From `parameters`.
+            not_past_rad: As in `solve`.
 
         Returns:
-            Linear cost g, shape (N,); lower and upper bounds of the soft rows, shape (3 N,).
+            Linear cost g, shape (N,); lower and upper bounds of the soft rows, shape (3 N,); when catching up
+            (4 N,).
         """
-        rows = self.model.rows_from_state @ parameters[: len(STATE) + 1]
-        return self._cost_map @ parameters, -1.0 - rows, 1.0 - rows
+        most = np.ones((2, len(self._rows_from_state)))
+        if not_past_rad is not None:
+            most[:, 3 * self.model.steps :] = [[-1.0], [1.0]] * (not_past_rad / _PASSING_UNIT_RAD)
+        rows = self._rows_from_state @ parameters[: len(STATE) + 1]
+        return self._cost_map @ parameters, -most[0] - rows, most[1] - rows
 
-    def solve(self, state: FloatArray, reference_rad: FloatArray) -> Solution:
+    def solve(self, state: FloatArray, reference_rad: FloatArray, not_past_rad: FloatArray | None = None) -> Solution:
         """Solve for one control tick; arguments as in `parameters`.
+
+        Args:
+            state: See `parameters`.
+            reference_rad: See `parameters`.
+            not_past_rad: When catching up, the joint's least and greatest angles at the end of each step, shape (2, N),
+                radians; passing them is dear, yet cheaper than leaving a limit.
 
         Returns:
             The best motion.
@@ -310,12 +331,13 @@ class AxisOcp:
         n = self.model.steps
         parameters = self.parameters(state, reference_rad)
         free = self._gain @ parameters
-        most = np.abs(free).max()
-        if most <= 1.0 + _ROUNDING:
-            return Solution(free[:n], self.model.command(free[n:]), 0.0, "gain")
+        most = np.abs(free[: 4 * n]).max()
+        passing = not_past_rad is not None and _outside(free[4 * n :] * _PASSING_UNIT_RAD, not_past_rad)
+        if most <= 1.0 + _ROUNDING and not passing:
+            return Solution(free[:n], self.model.command(free[n : 4 * n]), 0.0, "gain")
         if not np.isfinite(most):
             raise SolverFailedError("state or reference is not finite")
-        g, lower, upper = self.program(parameters)
+        g, lower, upper = self.program(parameters, not_past_rad)
         for k, maker in enumerate(self._makers):
             if k == len(self._solvers):
                 self._solvers.append(maker(self.data))
@@ -323,8 +345,12 @@ class AxisOcp:
             result = solver.solve(g, lower, upper)
             if result.status == "solved":
                 jerk = np.minimum(np.maximum(result.x, -1.0), 1.0)
-                rows = self.data.a @ jerk
-                rows += 1.0 - upper
+                rows = self.model.rows_from_jerk @ jerk
+                rows += 1.0 - upper[: 3 * n]
                 left = np.abs(rows).max() - 1.0
                 return Solution(jerk, self.model.command(rows), left if left > _SOFTENED else 0.0, solver.name)
         raise SolverFailedError(f"{solver.name} {result.status.replace('_', ' ')}", result.status == "timed_out")
+
+
+def _outside(angles_rad: FloatArray, bounds_rad: FloatArray) -> bool:
+    return bool(np.any((angles_rad < bounds_rad[0]) | (angles_rad > bounds_rad[1])))
