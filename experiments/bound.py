@@ -2,8 +2,8 @@
 
 For each recording the whole walk is known from the moment at which the gazes first know of the person. The command's
 limits, the dead time and the servo count; the tilt is taken to be on the person. The motion with the least sum of
-squared errors over the whole run is a quadratic program. Beside it stand look-ahead, the MPC and the MPC with the true
-future in the same place.
+squared errors, over what is scored of the run, is a quadratic program. Beside it stand look-ahead, the MPC and the MPC
+with the true future in the same place.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from gazempc.metrics import SCORED_FROM_S, measure
 from gazempc.neck import NeckSpec, load_neck
 from gazempc.placement import place
 from gazempc.recording import load
-from gazempc.replay import replay
+from gazempc.replay import replay, walker_model
 from gazempc.report import versions
 from gazempc.sensor import default_sensor, load_sensor
 from gazempc.servo import zero_order_hold
@@ -79,6 +79,8 @@ def bound(settings: BoundSettings) -> int:
         Exit status: 1 if a run failed.
     """
     neck = load_neck(settings.neck)
+    if settings.walker.fitted is not None:
+        walker_model(settings.walker.fitted, "")  # before anything runs
     rows: list[dict[str, Any]] = []
     for recording in tqdm(find_recordings(settings.recordings), unit="walk"):
         row: dict[str, Any] = {"recording": Path(recording).stem, "left_out": None, "failed": None}
@@ -116,7 +118,7 @@ def least_error_deg(log: Log, told_s: float) -> float:
     neck, n = log.neck(), len(log.time_s)
     aims = look_at(neck.geometry, log.head_true_base_m).angles_rad
     pan, worth = np.unwrap(aims[:, 0]), np.cos(aims[:, 1])
-    scored = np.flatnonzero(log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9)
+    scored = log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9
     start, h = float(log.joint_position_rad[0, 0]), neck.servo_period_s
     command, joint, speed = (ca.SX.sym(name, n) for name in ("command", "joint", "speed"))
     # Of a dead time that is no whole number of ticks the begun one is left out, too.
@@ -138,8 +140,10 @@ def least_error_deg(log: Log, told_s: float) -> float:
     before = log.time_s < told_s - 1e-9
     low[0, before] = high[0, before] = low[1, 0] = high[1, 0] = start
     low[2, 0] = high[2, 0] = 0.0
-    # The whole run counts, as for a controller that cannot know from when on it is scored.
-    problem = {"x": ca.vertcat(command, joint, speed), "f": ca.sumsqr(worth * (joint - pan)), "g": rows}
+    # A bound has to allow for a gaze that gives up what is not scored; a thousandth of it keeps the program regular.
+    counted = np.where(scored, 1.0, 1e-3)
+    cost = ca.sum(counted * (worth * (joint - pan)) ** 2)
+    problem = {"x": ca.vertcat(command, joint, speed), "f": cost, "g": rows}
     solver = ca.qpsol("least", "piqp", problem, {"print_time": 0, "error_on_fail": True})
     found = np.asarray(solver(lbx=low.ravel(), ubx=high.ravel(), lbg=-most, ubg=most)["x"]).ravel()[n : 2 * n]
     # The angle between two directions of equal tilt.
