@@ -19,7 +19,7 @@ from predictors import Forecast
 FloatArray = NDArray[np.float64]
 
 STEPS = 40
-SMOOTHING_TIME_S = 0.08
+SMOOTHING_TIME_S = 0.075
 # A limit is reached where this share of it is used.
 _REACHED = 1.0 - 1e-5
 
