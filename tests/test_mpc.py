@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from gazempc.controllers import CommandState, ControllerError, LookAhead, Mpc, Reactive, Situation
-from gazempc.controllers.ocp import predict
+from gazempc.controllers.prediction import predict
 from gazempc.errors import SettingsError
 from gazempc.kinematics import gaze_error_rad, look_at
 from gazempc.neck import NeckSpec, load_neck

@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import lsq_linear
 
 from gazempc.controllers.kkt import kkt_residual
-from gazempc.controllers.ocp import AxisModel, AxisOcp, SolverFailedError, predict
+from gazempc.controllers.ocp import AxisModel, AxisOcp, SolverFailedError
+from gazempc.controllers.prediction import predict
 from gazempc.controllers.qp import Daqp, Piqp, QpData, QpResult
 from gazempc.neck import load_neck
 

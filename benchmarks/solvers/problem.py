@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from gazempc.controllers.ocp import servo_step
+from gazempc.controllers.prediction import servo_step
 from gazempc.neck import NeckSpec
 from gazempc.servo import servo_model
 

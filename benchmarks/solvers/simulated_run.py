@@ -11,7 +11,8 @@ from benchmarks.solvers.ours import Gazempc
 from benchmarks.solvers.scenario import forecasts
 from gazempc.controllers import Situation
 from gazempc.controllers.controller import CommandState
-from gazempc.controllers.ocp import Solution, servo_step
+from gazempc.controllers.ocp import Solution
+from gazempc.controllers.prediction import servo_step
 from gazempc.kinematics import look_at, unwrap_pan
 from gazempc.neck import CommandLimits, NeckSpec
 from predictors import Forecast

@@ -21,6 +21,8 @@ a radian of the joint is worth in gaze (cos(tilt) for pan): all terms scale alik
 Hessian is one constant matrix for each smoothing time T. While no limit binds, the solution is therefore a constant
 matrix times [z0; 1; r], which also says whether a limit binds; only where one does, a QP solver is asked.
 
+A joint that is catching up with its reference has rows for Q, too, in a unit so large that all limits come first.
+
 The slacks s are zero whenever the limits can be kept; they let a start outside the limits be solved instead of
 refused. Limits on the command alone also keep the joint inside the neck's limits, see
 `gazempc.neck.Axis.servo_gain`.
@@ -31,17 +33,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from gazempc.controllers.prediction import STATE, predict
 from gazempc.controllers.qp import Daqp, Piqp, QpData, QpSolver
-from gazempc.neck import Axis, NeckSpec
-from gazempc.servo import servo_model, zero_order_hold
+from gazempc.neck import NeckSpec
 
 FloatArray = NDArray[np.float64]
 
-STATE = ("q", "v", "u", "du", "ddu")
 # The cost is counted in squared hundredths of a radian, so that solvers' absolute tolerances suit it.
 _COST_SCALE = 1e4
 # Angles not to be passed are rows in so large a unit that all limits are kept before them.
@@ -58,31 +58,6 @@ _SHARE_OF_LIMITS = 1.0 - 1e-6
 _ROUNDING = 1e-9
 # Solvers keep limits to their own tolerance; only more than this is called a limit left.
 _SOFTENED = 1e-5
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Linear maps from [initial state; scaled jerks] to what the horizon contains, N steps each.
-
-    Attributes:
-        joint_from_state: Joint angles, shape (N, 5).
-        joint_from_jerk: Shape (N, N).
-        velocity_from_state: Joint velocities, shape (N, 5).
-        velocity_from_jerk: Shape (N, N).
-        acceleration_from_state: Joint accelerations, shape (N, 5).
-        acceleration_from_jerk: Shape (N, N).
-        command_from_state: Command position, velocity, acceleration, stacked, shape (3 N, 5).
-        command_from_jerk: Shape (3 N, N).
-    """
-
-    joint_from_state: FloatArray
-    joint_from_jerk: FloatArray
-    velocity_from_state: FloatArray
-    velocity_from_jerk: FloatArray
-    acceleration_from_state: FloatArray
-    acceleration_from_jerk: FloatArray
-    command_from_state: FloatArray
-    command_from_jerk: FloatArray
 
 
 @dataclass(frozen=True)
@@ -113,66 +88,6 @@ class SolverFailedError(RuntimeError):
     def __init__(self, message: str, timed_out: bool = False) -> None:
         super().__init__(message)
         self.timed_out = timed_out
-
-
-def servo_step(axis: Axis, period_s: float) -> tuple[FloatArray, FloatArray]:
-    """One servo period of command and joint: ``z+ = M z + m j``.
-
-    Args:
-        axis: The joint.
-        period_s: Servo period, seconds.
-
-    Returns:
-        M, shape (5, 5), and m, shape (5,).
-    """
-    h = period_s
-    chain = np.array([[1.0, h, h**2 / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
-    jerk_in = np.array([h**3 / 6.0, h**2 / 2.0, h])
-    servo = zero_order_hold(axis, h)
-    M = np.zeros((5, 5))
-    M[2:, 2:] = chain
-    M[:2, :2] = servo[:, :2]
-    M[:2, 2:] = np.outer(servo[:, 2], chain[0])
-    m = np.concatenate([servo[:, 2] * jerk_in[0], jerk_in])
-    return M, m
-
-
-def predict(axis: Axis, neck: NeckSpec, steps: int, jerk_scale: float) -> Prediction:
-    """Build the condensed prediction by rolling the model symbolically and differentiating.
-
-    Args:
-        axis: The joint.
-        neck: The neck, for its rates.
-        steps: Length of the horizon, control periods.
-        jerk_scale: Jerk that a scaled jerk of 1 stands for, rad/s^3.
-
-    Returns:
-        The maps.
-    """
-    M, m = servo_step(axis, neck.servo_period_s)
-    once, ticks = M, neck.servo_ticks_per_plan
-    m = np.sum([np.linalg.matrix_power(once, i) @ m for i in range(ticks)], axis=0)
-    M = np.linalg.matrix_power(once, ticks)
-    rates = servo_model(axis)[1]
-    z0 = ca.SX.sym("z0", len(STATE))
-    jerk = ca.SX.sym("jerk", steps)
-    z = z0
-    joint, velocity, acceleration, commands = [], [], [], []
-    for k in range(steps):
-        z = ca.mtimes(ca.DM(M), z) + ca.DM(m) * (jerk_scale * jerk[k])
-        joint.append(z[0])
-        velocity.append(z[1])
-        acceleration.append(rates[0] * z[0] + rates[1] * z[1] + rates[2] * z[2])
-        commands.append(z[2:])
-    stacked = ca.vertcat(*[c[i] for i in range(3) for c in commands])
-
-    def maps(expression: ca.SX) -> tuple[FloatArray, FloatArray]:
-        jacobian = ca.Function("maps", [], [ca.jacobian(expression, z0), ca.jacobian(expression, jerk)])
-        by_state, by_jerk = jacobian.call([])
-        return np.array(ca.DM(by_state)), np.array(ca.DM(by_jerk))
-
-    whole = [ca.vertcat(*joint), ca.vertcat(*velocity), ca.vertcat(*acceleration), stacked]
-    return Prediction(*(part for expression in whole for part in maps(expression)))
 
 
 class AxisModel:
