@@ -632,7 +632,7 @@ def wild_plan(plan):
     ],
 )
 def test_a_solver_that_fails_for_a_second(instead, event):
-    """The rest of the last plan (0.3 s), then a stop; the gaze is back 1.2 s after the end."""
+    """The rest of the last plan (0.3 s), then a stop; the gaze is back 1.4 s after the end."""
     result = run_live(controller=Sabotaged(instead, 2.0, 3.0))
     assert_sound(result)
     assert result.events == {"no_observation_yet", event, "stale_plan"}
@@ -643,7 +643,7 @@ def test_a_solver_that_fails_for_a_second(instead, event):
     assert np.abs(np.diff(sent[(now >= 2.0) & (now < 2.2)], axis=0)).max(axis=1).min() > 1e-5
     standing = sent[(now >= 2.75) & (now < 3.0)]
     assert np.ptp(standing, axis=0) == pytest.approx([0, 0], abs=1e-9)
-    assert_recovered(result, 3.0 + 1.2)
+    assert_recovered(result, 3.0 + 1.4)
 
 
 def test_a_plan_far_outside_of_all_limits_is_followed_within_them_only():

@@ -92,9 +92,13 @@ def test_the_whole_run_makes_every_limit_bind_and_none_is_left():
 
 
 def test_the_run_poses_what_the_controller_solves():
-    """States come from the joints' history and the commands on their way, by another way than in the controller."""
+    """States come from the joints' history and the commands on their way, by another way than in the controller.
+
+    The program is that of a joint which has nothing to catch up with and whose forecast is taken as it is.
+    """
     run = simulate(NECK, STEPS, 60)
     mpc = Mpc(NECK, smoothing_time_s=SMOOTHING_TIME_S, doubt_deg=1e9)
+    mpc._reach_rad, mpc._revised = np.full(2, np.inf), False
     ours = Gazempc(NECK, STEPS, SMOOTHING_TIME_S)
     for states, references, situation in zip(run.states, run.references, run.situations, strict=True):
         command = ours.solve(states, references)
