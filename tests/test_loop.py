@@ -173,16 +173,16 @@ def test_real_solvers_that_fail_in_the_loop_are_named_and_the_gaze_recovers(solv
 
     class Sabotaged(Mpc):
         def plan(self, situation):
-            whole = self.ocps, self.catch_up_ocps
+            whole = self.ocps, self.meeting_ocps, self.catch_up_ocps
             if 2.0 <= situation.start_s < 2.5:
-                self.ocps, self.catch_up_ocps = (
-                    [[AxisOcp(o[0].model, 0.08, catching_up, solvers)] * len(o) for o in ocps]
-                    for ocps, catching_up in zip(whole, (False, True), strict=True)
+                self.ocps, self.meeting_ocps, self.catch_up_ocps = (
+                    [[AxisOcp(o[0].model, 0.08, catching_up=bounded, solvers=solvers)] * len(o) for o in ocps]
+                    for ocps, bounded in zip(whole, (False, False, True), strict=True)
                 )
             try:
                 return super().plan(situation)
             finally:
-                self.ocps, self.catch_up_ocps = whole
+                self.ocps, self.meeting_ocps, self.catch_up_ocps = whole
 
     ambling = head
 
@@ -373,6 +373,36 @@ def test_plan_shapes_are_checked():
         Plan(0.0, 0.02, np.zeros((3, 2)), np.zeros((2, 2)), np.zeros((3, 2)))
     with pytest.raises(ValueError, match="finite start"):
         Plan(np.nan, 0.02, np.zeros((3, 2)), np.zeros((3, 2)), np.zeros((3, 2)))
+    with pytest.raises(ValueError, match="shape"):
+        Plan(0.0, 0.02, np.zeros((3, 2)), np.zeros((3, 2)), np.zeros((3, 2)), first_parts=4)
+
+
+@pytest.mark.parametrize("whole_steps", [0, 1, 3])
+def test_a_plan_with_its_first_step_in_parts_is_the_integral_of_its_jerks(whole_steps):
+    lengths_s = np.array([0.005] * 4 + [0.02] * whole_steps)
+    jerks = np.random.default_rng(0).uniform(-1.0, 1.0, (len(lengths_s), 2))
+    knots = [(np.array([0.1, -0.2]), np.array([0.5, 0.3]), np.zeros(2))]
+
+    def moved(knot, jerk, h):
+        p, v, a = knot
+        return p + h * v + h**2 / 2 * a + h**3 / 6 * jerk, v + h * a + h**2 / 2 * jerk, a + h * jerk
+
+    for jerk, h in zip(jerks, lengths_s, strict=True):
+        knots.append(moved(knots[-1], jerk, h))
+    positions, velocities, accelerations = (np.array(part) for part in zip(*knots, strict=True))
+    plan = Plan(1.0, 0.02, positions, velocities, accelerations, first_parts=4)
+    times_s = np.concatenate([[0.0], np.cumsum(lengths_s)])
+    assert plan.end_s == pytest.approx(1.0 + times_s[-1] + 0.02)
+    for k, (jerk, h) in enumerate(zip(jerks, lengths_s, strict=True)):
+        for share in (0.0, 0.3, 0.99):
+            found = plan.at(1.0 + times_s[k] + share * h)
+            wanted = moved(knots[k], jerk, share * h)
+            assert found.position_rad == pytest.approx(wanted[0], abs=1e-12)
+            assert found.velocity_rad_s == pytest.approx(wanted[1], abs=1e-9)
+            assert found.acceleration_rad_s2 == pytest.approx(wanted[2], abs=1e-7)
+    beyond = plan.at(plan.end_s)
+    assert beyond.position_rad == pytest.approx(positions[-1] + 0.02 * velocities[-1])
+    assert plan.at(0.9).position_rad == pytest.approx(positions[0])
 
 
 def test_the_controller_sees_what_the_robot_received_and_its_plan_starts_when_said():

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from gazempc.controllers import CommandState, ControllerError, LookAhead, Mpc, Reactive, Situation
+from gazempc.controllers import mpc as mpc_module
 from gazempc.controllers.prediction import predict
 from gazempc.errors import SettingsError
 from gazempc.kinematics import gaze_error_rad, look_at
@@ -193,6 +194,58 @@ def test_somebody_who_appears_aside_is_not_passed(name, side, towards):
     aims = look_at(neck.geometry, path(neck.servo_period_s * np.arange(700))).angles_rad[:, 0]
     assert np.degrees(np.max(side * (joints[:, 0] - aims))) < 0.25
     assert errors[600:].max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["reference", "slow"])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_somebody_who_is_misjudged_while_met_is_passed_by_less(name, side, monkeypatch):
+    """50 deg aside, walking away; at first the forecast takes them for half as fast again. Contact is not put off."""
+    neck = load_neck(name)
+
+    def path(times):
+        y = side * (0.9 + 0.9 * np.asarray(times))
+        return np.stack([np.full_like(y, 2.5), y, np.zeros_like(y)], axis=-1)
+
+    def misjudged(now, times):
+        ahead = np.asarray(times) - now
+        return path(now) + np.array([0.0, side * 0.9 * (1.0 + 0.5 * np.exp(-now / 0.3)), 0.0]) * ahead[:, None]
+
+    start = look_at(neck.geometry, path(0.0)).angles_rad - [side * np.radians(50.0), 0.0]
+    passed_deg, contact_s = [], []
+    for from_rad in (mpc_module._MEETING_FROM_RAD, np.inf):
+        monkeypatch.setattr(mpc_module, "_MEETING_FROM_RAD", from_rad)
+        spread = {"sigma_m": lambda ahead_s: 0.02 + 0.05 * ahead_s}
+        joints, _, errors = run(Mpc(neck), neck, path, 500, start, known=misjudged, **spread)
+        aims = look_at(neck.geometry, path(neck.servo_period_s * np.arange(500))).angles_rad[:, 0]
+        passed_deg.append(np.degrees(np.max(side * (joints[:, 0] - aims))))
+        contact_s.append(np.argmax(errors < 2.6) * neck.servo_period_s)
+    assert passed_deg[0] < passed_deg[1] - 0.1
+    assert contact_s[0] < contact_s[1] + 0.02
+
+
+def test_who_is_ahead_by_no_more_than_the_dead_time_is_not_met():
+    """Somebody in full view from the first moment, so fast that the joint is 30 deg behind when it starts to turn."""
+
+    def running(times):
+        y = -1.0 + 2.2 * np.asarray(times)
+        return np.stack([np.full_like(y, 1.5), y, np.zeros_like(y)], axis=-1)
+
+    mpc = Mpc(NECK)
+    run(mpc, NECK, running, 200, look_at(NECK.geometry, running(0.0)).angles_rad)
+    assert mpc._far_off == [(-np.inf, 0.0)] * 2
+    run(mpc, NECK, running, 200, look_at(NECK.geometry, running(0.0)).angles_rad - np.array([0.4, 0.0]))
+    assert mpc._far_off[0][0] > -np.inf
+    mpc.reset()
+    assert mpc._far_off == [(-np.inf, 0.0)] * 2
+
+
+@pytest.mark.parametrize("sigma_m", [np.nan, 1e6])
+def test_a_doubt_without_bounds_is_no_reason_not_to_turn(sigma_m):
+    """Somebody 50 deg aside whose forecast has no useful covariance is met all the same."""
+    joints, _, _ = run(
+        Mpc(NECK), NECK, still(np.radians(50.0)), 800, sigma_m=lambda ahead_s: np.full_like(ahead_s, sigma_m)
+    )
+    assert np.degrees(joints[-1, 0]) == pytest.approx(50.0, abs=1.0)
 
 
 def test_a_short_horizon_serves_without_watching_revisions():

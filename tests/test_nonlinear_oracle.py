@@ -20,7 +20,8 @@ from gazempc.sensor import load_sensor
 from predictors import Forecast
 
 ROUNDED = 1.0 - 1e-6  # the share of the limits that is used
-DAMPING = 4 * 0.8**2 - 2  # weight of the velocity: damping ratio 0.8
+DAMPING = 0.8
+MEETING_DAMPING, MEETING_TIME = 1.35, 0.8
 JERK_TIME_S = 0.025
 PASSING = 2.0  # price of a radian beyond where a joint that is catching up is not to go, rad^2
 ANYWHERE = np.array([-100.0, 100.0])
@@ -78,6 +79,12 @@ def servo_tick(axis, p, v, u, h):
     return p + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4), v + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
 
 
+def step_ticks(neck, steps):
+    """Servo ticks in each step of the command: in the first control period each tick is one."""
+    ticks = neck.servo_ticks_per_plan
+    return [1] * ticks + [ticks] * (steps - 1)
+
+
 def rolled(neck, i, steps):
     """Joint angle, its velocity and acceleration, command, its velocity and acceleration at the end of each step.
 
@@ -85,11 +92,12 @@ def rolled(neck, i, steps):
     """
     axis, h = neck.axes[i], neck.servo_period_s
     wn, zeta = axis.natural_frequency_rad_s, axis.damping_ratio
-    z0, jerk = ca.SX.sym("z0", 5), ca.SX.sym("jerk", steps)
+    ticks = step_ticks(neck, steps)
+    z0, jerk = ca.SX.sym("z0", 5), ca.SX.sym("jerk", len(ticks))
     p, v, u, du, ddu = (z0[k] for k in range(5))
     columns = []
-    for k in range(steps):
-        for _ in range(neck.servo_ticks_per_plan):
+    for k, count in enumerate(ticks):
+        for _ in range(count):
             u, du, ddu = (
                 u + h * du + h**2 / 2 * ddu + h**3 / 6 * jerk[k],
                 du + h * ddu + h**2 / 2 * jerk[k],
@@ -105,26 +113,31 @@ def rolled(neck, i, steps):
 def oracle(name, steps):
     """IPOPT on both joints at once, made once for each neck."""
     neck = load_neck(name)
-    limits, half_s = neck.command_limits, neck.control_period_s / 2
-    share, beyond = ca.SX.sym("jerk", steps, 2), ca.SX.sym("beyond", steps, 2)  # jerk as a share of the largest
+    limits, ticks = neck.command_limits, np.array(step_ticks(neck, steps))
+    n, lasts = len(ticks), ticks / neck.servo_ticks_per_plan
+    half_s = 0.5 * neck.control_period_s * np.append(lasts[1:], 1.0)
+    share, beyond = ca.SX.sym("jerk", n, 2), ca.SX.sym("beyond", steps, 2)  # jerk as a share of the largest
     start, offset, smoothing = ca.SX.sym("z0", 5, 2), ca.SX.sym("offset", 2), ca.SX.sym("T", 2)
+    damping = ca.SX.sym("zeta", 2)
     target, turn, rate = ca.SX.sym("target", 3, steps), ca.SX.sym("turn", 2, steps), ca.SX.sym("rate", 2, steps)
     least, most = ca.SX.sym("least", steps, 2), ca.SX.sym("most", steps, 2)
     cost, rows, low, high, joints = PASSING * ca.sum(ca.sum(beyond)), [], [], [], []
     for i in range(2):
         by_state, by_jerk = rolled(neck, i, steps)
         jerk = ROUNDED * float(limits.jerk_max_rad_s3[i]) * share[:, i]
-        motion = ca.reshape(by_state @ start[:, i] + by_jerk @ jerk, steps, 6).T
+        command = ca.reshape(by_state @ start[:, i] + by_jerk @ jerk, n, 6).T
+        motion = command[:3, n - steps :]
         joints.append(motion[0, :] + offset[i])
-        cost += smoothing[i] ** 4 * ca.sumsqr(turn[i, :] * motion[2, :]) + JERK_TIME_S**6 * ca.sumsqr(jerk)
-        cost += DAMPING * smoothing[i] ** 2 * ca.sumsqr(turn[i, :] * (motion[1, :] - rate[i, :]))
+        cost += smoothing[i] ** 4 * ca.sumsqr(turn[i, :] * motion[2, :]) + JERK_TIME_S**6 * ca.dot(jerk**2, lasts)
+        slowing = 4 * damping[i] ** 2 - 2
+        cost += slowing * smoothing[i] ** 2 * ca.sumsqr(turn[i, :] * (motion[1, :] - rate[i, :]))
         passing = [motion[0, :].T - most[:, i] - beyond[:, i], least[:, i] - motion[0, :].T - beyond[:, i]]
-        rows += [*passing, motion[3, :].T, (motion[4, :] + half_s * motion[5, :]).T, motion[5, :].T]
+        rows += [*passing, command[3, :].T, command[4, :].T + half_s * command[5, :].T, command[5, :].T]
         fast, hard = ROUNDED * limits.velocity_max_rad_s[i], ROUNDED * limits.acceleration_max_rad_s2[i]
         high += [0.0, 0.0, limits.position_max_rad[i], fast, hard]
         low += [-np.inf, -np.inf, limits.position_min_rad[i], -fast, -hard]
     cost += sum(gaze_angle2(neck, joints[0][k], joints[1][k], target[:, k]) for k in range(steps))
-    parameters = ca.veccat(start, offset, smoothing, target, turn, rate, least, most)
+    parameters = ca.veccat(start, offset, smoothing, damping, target, turn, rate, least, most)
     solver = ca.nlpsol(
         "oracle",
         "ipopt",
@@ -133,15 +146,17 @@ def oracle(name, steps):
     )
     angles = ca.Function("angles", [share, parameters], [ca.vertcat(*joints).T])
 
-    def solve(states, offset_rad, times_s, targets, not_past_rad):
+    def solve(states, offset_rad, times_s, dampings, targets, not_past_rad):
         # How fast each joint must turn to stay on the target.
         rates = np.gradient(look_at(neck.geometry, targets).angles_rad, neck.control_period_s, axis=0)
-        values = (np.transpose(states), offset_rad, times_s, targets.T, worth(neck, targets).T, rates.T)
+        values = (np.transpose(states), offset_rad, times_s, dampings, targets.T, worth(neck, targets).T, rates.T)
         p = ca.veccat(*map(ca.DM, (*values, *np.transpose(not_past_rad, (1, 2, 0)))))
-        bounds = {"lbg": np.repeat(low, steps), "ubg": np.repeat(high, steps)}
-        bounds |= {"lbx": np.repeat([-1.0, 0.0], 2 * steps), "ubx": np.repeat([1.0, np.inf], 2 * steps)}
+        counts = [steps, steps, n, n, n] * 2
+        bounds = {"lbg": np.repeat(low, counts), "ubg": np.repeat(high, counts)}
+        counts = [2 * n, 2 * steps]
+        bounds |= {"lbx": np.repeat([-1.0, 0.0], counts), "ubx": np.repeat([1.0, np.inf], counts)}
         found = solver(x0=0.0, p=p, **bounds)["x"]
-        return np.array(angles(ca.reshape(found[: 2 * steps], steps, 2), p))
+        return np.array(angles(ca.reshape(found[: 2 * n], n, 2), p))
 
     return solve
 
@@ -155,6 +170,7 @@ class Planned(NamedTuple):
     states: list
     offset_rad: np.ndarray
     times_s: list
+    dampings: list
     targets: np.ndarray
     not_past_rad: list
     angles_rad: np.ndarray
@@ -169,16 +185,22 @@ class Listener(Mpc):
         # Else it would aim elsewhere than at the forecast that the oracle is given.
         self._revised = False
         for ocps in self.ocps + self.catch_up_ocps:
-            for level, ocp in enumerate(ocps):
-                ocp.solve = self._listening(ocp, ocp.solve, smoothing_time_s * 2 ** (level / 4))
+            self._listen(ocps, smoothing_time_s, DAMPING)
+        for ocps in self.meeting_ocps:
+            self._listen(ocps, MEETING_TIME * smoothing_time_s, MEETING_DAMPING)
 
-    def _listening(self, ocp, solve, time_s):
+    def _listen(self, ocps, smoothing_time_s, damping):
+        for level, ocp in enumerate(ocps):
+            ocp.solve = self._listening(ocp, ocp.solve, smoothing_time_s * 2 ** (level / 4), damping)
+
+    def _listening(self, ocp, solve, time_s, damping):
         def listening(state, reference, not_past_rad=None):
             solution, p = solve(state, reference, not_past_rad), ocp.model.prediction
             angles = p.joint_from_state @ state + p.joint_from_jerk @ solution.scaled_jerk
             assert solution.softened == 0.0
             free = np.repeat(ANYWHERE[:, None], len(reference), axis=1)
-            self._calls.append((state.copy(), time_s, free if not_past_rad is None else not_past_rad, angles))
+            bounds_rad = free if not_past_rad is None else not_past_rad
+            self._calls.append((state.copy(), time_s, damping, bounds_rad, angles))
             return solution
 
         return listening
@@ -187,18 +209,18 @@ class Listener(Mpc):
         self._calls.clear()
         plan = super().plan(situation)
         if self.wanted(situation):
-            states, times_s, not_past_rad, angles = zip(*self._calls, strict=True)
+            states, times_s, dampings, not_past_rad, angles = zip(*self._calls, strict=True)
             offset_rad = situation.joint_offset_rad
             means = situation.forecast.means_base_m
             angles_rad = np.stack(angles, axis=1) + offset_rad
-            self.kept.append(Planned(states, offset_rad, times_s, means, not_past_rad, angles_rad))
+            self.kept.append(Planned(states, offset_rad, times_s, dampings, means, not_past_rad, angles_rad))
         return plan
 
 
 def differences_deg(name, planned):
     """Angle between the gaze of the convex programs and that of the nonlinear one at each step, degrees."""
     neck = load_neck(name)
-    best = oracle(name, len(planned.targets))(*planned[:5])
+    best = oracle(name, len(planned.targets))(*planned[:6])
     _, ours = gaze_ray(neck.geometry, planned.angles_rad)
     _, theirs = gaze_ray(neck.geometry, best)
     return np.degrees(np.linalg.norm(ours - theirs, axis=1))
@@ -282,11 +304,12 @@ def planned_on_walks(walks_dir, name):
     return mpc.kept
 
 
-@pytest.mark.parametrize(("name", "most_rms_deg", "most_deg"), [("reference", 0.005, 0.03), ("fetch", 0.01, 0.15)])
+@pytest.mark.parametrize(("name", "most_rms_deg", "most_deg"), [("reference", 0.005, 0.03), ("fetch", 0.03, 0.3)])
 def test_on_real_walks_the_gaze_is_that_of_the_nonlinear_one(walks_dir, name, most_rms_deg, most_deg):
     """Over all instants and the whole horizon, forecasts and smoothing times as they were.
 
-    The aim is 0.05 deg RMS; held to less, as a smoothing time that is a level off is worth 0.02 deg.
+    The aim is 0.05 deg RMS; held to less, as a smoothing time that is a level off is worth 0.02 deg. Where `fetch` is
+    catching up its eye is beside the axis, which the convex programs do not know.
     """
     planned = planned_on_walks(walks_dir, name)
     apart = np.array([differences_deg(name, each) for each in planned])

@@ -81,11 +81,12 @@ class Plan:
 
     Attributes:
         start_s: Time of the first knot, seconds.
-        step_s: Time between knots, seconds.
+        step_s: Time between knots, seconds; in the first step there may be more of them.
         position_rad: Commanded angles at the knots, shape (K, 2), radians.
         velocity_rad_s: Shape (K, 2), rad/s.
         acceleration_rad_s2: Shape (K, 2), rad/s^2.
         events: What was out of the ordinary when it was made, for the log.
+        first_parts: The first step is cut into so many equal parts with a knot each.
 
     Raises:
         ValueError: If shapes or times are not as said here.
@@ -97,10 +98,11 @@ class Plan:
     velocity_rad_s: FloatArray
     acceleration_rad_s2: FloatArray
     events: tuple[str, ...] = ()
+    first_parts: int = 1
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position_rad)
-        if len(shape) != 2 or shape[0] < 1 or shape[1] != 2:
+        if len(shape) != 2 or shape[0] < self.first_parts or shape[1] != 2:
             raise ValueError(f"a plan needs positions of shape (K, 2), got {shape}")
         if {np.shape(self.velocity_rad_s), np.shape(self.acceleration_rad_s2)} != {shape}:
             raise ValueError("positions, velocities and accelerations of a plan differ in shape")
@@ -110,7 +112,7 @@ class Plan:
     @property
     def end_s(self) -> float:
         """Time after which the plan says nothing: one step after the last knot, seconds."""
-        return self.start_s + len(self.position_rad) * self.step_s
+        return self.start_s + (len(self.position_rad) - self.first_parts + 1) * self.step_s
 
     def is_finite(self) -> bool:
         """True if no number is NaN or infinite."""
@@ -130,12 +132,15 @@ class Plan:
         last = len(self.position_rad) - 1
         # A nanosecond early is on the knot; floor would put it in the interval before.
         since_s = max(time_s - self.start_s, 0.0)
-        k = min(int(since_s / self.step_s + 1e-6), last)
-        tau = since_s - k * self.step_s if k else since_s  # a single knot may last for ever
+        whole = min(int(since_s / self.step_s + 1e-6), last - self.first_parts + 1)
+        step_s = self.step_s if whole else self.step_s / self.first_parts
+        k = whole + self.first_parts - 1 if whole else min(int(since_s / step_s + 1e-6), self.first_parts - 1)
+        before = whole or k
+        tau = since_s - before * step_s if before else since_s  # a single knot may last for ever
         p, v, a = self.position_rad[k], self.velocity_rad_s[k], self.acceleration_rad_s2[k]
         if k == last:
             return CommandState(p + tau * v, v, np.zeros_like(a))
-        jerk = (self.acceleration_rad_s2[k + 1] - a) / self.step_s
+        jerk = (self.acceleration_rad_s2[k + 1] - a) / step_s
         return CommandState(
             position_rad=p + tau * (v + tau * (a / 2.0 + tau * jerk / 6.0)),
             velocity_rad_s=v + tau * (a + tau * jerk / 2.0),

@@ -32,7 +32,18 @@ _STEPS_MAX = 200
 _DOUBT_AT_S = 0.2
 # A joint on its way to the person stops short of them by what it goes in this time, so that a forecast that comes
 # nearer meanwhile does not carry it past them.
-_SHORT_S = 0.015
+_SHORT_S = 0.01
+# Who is farther than this off the gaze has come into view, and is met for so long from then on.
+_MEETING_FROM_RAD = math.radians(15.0)
+_MEETING_S = 2.0
+# Meeting somebody, the joint follows more quickly than T, yet so much damped that it creeps up to them, and is aimed
+# short of them by this share of the forecast's standard deviation, at most by the last.
+_MEETING_TIME = 0.8
+_MEETING_DAMPING = 1.35
+_MEETING_SHORT = 0.1
+_MEETING_SHORT_MAX_RAD = math.radians(1.0)
+# Steps of the command in the first control period, at most.
+_FIRST_PARTS_MAX = 5
 # As good as no bound on a joint's angle.
 _FAR_RAD = 100.0
 
@@ -48,8 +59,10 @@ class Mpc:
 
     A joint that is farther from the person than the acceleration limit lets it go from rest to rest in 0.2 s, or too
     fast to brake within that way, is catching up. The limits smooth its motion, and doubt counts less the farther it
-    is; it is planned not to pass the person. Any other joint is aimed at where the forecast will be revised to, should
-    it have been revised beyond its covariance (`gazempc.controllers.revisions`).
+    is; it is planned not to pass the person. Somebody farther off than 15 deg is met: for two seconds the joint is
+    critically damped or more, and aimed a little short of them, on the side that it comes from. At all other times it
+    is aimed at where the forecast will be revised to, should it have been revised beyond its covariance
+    (`gazempc.controllers.revisions`).
 
     Args:
         neck: The neck.
@@ -65,6 +78,7 @@ class Mpc:
     Attributes:
         ocps: The programs of pan and of tilt, each for longer and longer smoothing times.
         catch_up_ocps: The same for a joint that is catching up.
+        meeting_ocps: The same for a joint that comes up to somebody who was far off.
     """
 
     def __init__(
@@ -78,11 +92,18 @@ class Mpc:
                 f"accepted: at most {_STEPS_MAX} steps, {_STEPS_MAX * neck.control_period_s:g} s"
             )
         self._doubt_rad = math.radians(doubt_deg)
+        ticks = neck.servo_ticks_per_plan
+        # The next plan replaces all but the first control period: there the command is as fine as the joint can use.
+        self._first_parts = max(parts for parts in range(1, _FIRST_PARTS_MAX + 1) if ticks % parts == 0)
         times_s = [smoothing_time_s * 2.0 ** (level / _LEVELS_PER_OCTAVE) for level in range(_LEVELS)]
-        models = [AxisModel(neck, i, self._steps) for i in range(2)]
+        models = [AxisModel(neck, i, self._steps, self._first_parts) for i in range(2)]
         self.ocps = [[AxisOcp(model, time_s) for time_s in times_s] for model in models]
         self.catch_up_ocps = [[AxisOcp(model, time_s, catching_up=True) for time_s in times_s] for model in models]
+        self.meeting_ocps = [
+            [AxisOcp(model, _MEETING_TIME * time_s, _MEETING_DAMPING) for time_s in times_s] for model in models
+        ]
         self._reach_rad = 0.25 * _DOUBT_AT_S**2 * neck.acceleration_max_rad_s2
+        self._answer_s = neck.dead_time_s + neck.servo_lag_s
         self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes]
         # The first jerk acts from the last command before the plan on, so that the first command sent is
         # already a new one; the joint answers one dead time later.
@@ -96,11 +117,14 @@ class Mpc:
         later = min(doubted + self._revisions.plans, self._steps - 1)
         self._doubted = ((doubted, doubted - self._steps), (later, later - self._steps))
         self._revised = later == doubted + self._revisions.plans
+        self.reset()
 
     def reset(self) -> None:
-        """Forget where the solvers stand and what was forecast; all else of a plan is made from the situation."""
+        """Forget where the solvers stand, what was forecast and who is met; all else is in the situation."""
         self._revisions.reset()
-        for ocps in self.ocps + self.catch_up_ocps:
+        # When each joint was last far off, and on which side the person was.
+        self._far_off = [(-math.inf, 0.0)] * 2
+        for ocps in self.ocps + self.catch_up_ocps + self.meeting_ocps:
             for ocp in ocps:
                 ocp.reset()
 
@@ -121,7 +145,7 @@ class Mpc:
             float(limits.position_min_rad[0]),
             float(limits.position_max_rad[0]),
         )
-        knots = np.empty((3, n + 1, 2))
+        knots = np.empty((3, n + self._first_parts, 2))
         knots[0, 0], knots[1, 0], knots[2, 0] = (
             command.position_rad,
             command.velocity_rad_s,
@@ -145,7 +169,9 @@ class Mpc:
             )
             state[2:] = knots[:, 0, i]
             try:
-                solution = self._solve(i, state, reference - offset_rad, deviations_rad[0, i], further_rad[i])
+                solution = self._solve(
+                    i, situation.start_s, state, reference - offset_rad, deviations_rad[0, i], further_rad[i]
+                )
             except SolverFailedError as error:
                 raise (SolverTimedOut if error.timed_out else SolverFailed)(str(error)) from None
             if solution.softened:
@@ -154,7 +180,9 @@ class Mpc:
                 events += ("second_solver",)
             knots[:, 1:, i] = solution.command
         start_s = situation.start_s - self._neck.servo_period_s
-        return Plan(start_s, self._neck.control_period_s, knots[0], knots[1], knots[2], events)
+        return Plan(
+            start_s, self._neck.control_period_s, knots[0], knots[1], knots[2], events, first_parts=self._first_parts
+        )
 
     def _deviations_rad(self, forecast: Forecast) -> FloatArray:
         # Of pan and tilt, for the doubted instant and the one a window later, shape (2, 2).
@@ -166,14 +194,35 @@ class Mpc:
         return deviations_rad
 
     def _solve(
-        self, axis: int, state: FloatArray, reference_rad: FloatArray, sigma_rad: float, further_rad: float
+        self,
+        axis: int,
+        start_s: float,
+        state: FloatArray,
+        reference_rad: FloatArray,
+        sigma_rad: float,
+        further_rad: float,
     ) -> Solution:
         gap_rad = float(reference_rad[0] - state[0])
+        turning_rad_s = float((reference_rad[1] - reference_rad[0]) / self._neck.control_period_s)
         # The speed at which the gap grows.
-        speed_rad_s = float((reference_rad[1] - reference_rad[0]) / self._neck.control_period_s - state[1])
+        speed_rad_s = turning_rad_s - float(state[1])
         braking_rad = speed_rad_s**2 / (2.0 * float(self._neck.acceleration_max_rad_s2[axis]))
         reaches = max(abs(gap_rad), braking_rad) / float(self._reach_rad[axis])
-        if not reaches > 1.0:
+        # What a walker goes before the neck answers is not being far off.
+        side = math.copysign(1.0, gap_rad)
+        far_rad = side * gap_rad - max(side * turning_rad_s * float(self._answer_s[axis]), 0.0)
+        if far_rad > _MEETING_FROM_RAD:
+            self._far_off[axis] = start_s, side
+        far_off_s, side = self._far_off[axis]
+        still = 1.0 - (start_s - far_off_s) / _MEETING_S
+        if still > 0.0:
+            short_rad = _MEETING_SHORT * sigma_rad
+            # A doubt that is not a number is as large as any.
+            short_rad = short_rad if short_rad < _MEETING_SHORT_MAX_RAD else _MEETING_SHORT_MAX_RAD
+            reference_rad = reference_rad - side * still * short_rad
+            if not reaches > 1.0:
+                return self.meeting_ocps[axis][self._level(sigma_rad)].solve(state, reference_rad)
+        elif not reaches > 1.0:
             return self.ocps[axis][self._level(sigma_rad)].solve(state, reference_rad + further_rad)
         # Too fast to stop before the person, it comes from where it is going away.
         from_below = gap_rad > 0.0 if abs(gap_rad) > braking_rad else speed_rad_s < 0.0

@@ -19,17 +19,19 @@ STATE = ("q", "v", "u", "du", "ddu")
 
 @dataclass(frozen=True)
 class Prediction:
-    """Linear maps from [initial state; scaled jerks] to what the horizon contains, N steps each.
+    """Linear maps from [initial state; scaled jerks] to the ends of steps.
+
+    There are n jerks, one for each step of the command; the joint is looked at after N control periods.
 
     Attributes:
         joint_from_state: Joint angles, shape (N, 5).
-        joint_from_jerk: Shape (N, N).
+        joint_from_jerk: Shape (N, n).
         velocity_from_state: Joint velocities, shape (N, 5).
-        velocity_from_jerk: Shape (N, N).
+        velocity_from_jerk: Shape (N, n).
         acceleration_from_state: Joint accelerations, shape (N, 5).
-        acceleration_from_jerk: Shape (N, N).
-        command_from_state: Command position, velocity, acceleration, stacked, shape (3 N, 5).
-        command_from_jerk: Shape (3 N, N).
+        acceleration_from_jerk: Shape (N, n).
+        command_from_state: Command position, velocity, acceleration, stacked, shape (3 n, 5).
+        command_from_jerk: Shape (3 n, n).
     """
 
     joint_from_state: FloatArray
@@ -64,33 +66,40 @@ def servo_step(axis: Axis, period_s: float) -> tuple[FloatArray, FloatArray]:
     return M, m
 
 
-def predict(axis: Axis, neck: NeckSpec, steps: int, jerk_scale: float) -> Prediction:
+def predict(axis: Axis, neck: NeckSpec, steps: int, jerk_scale: float, first_parts: int = 1) -> Prediction:
     """Build the condensed prediction by rolling the model symbolically and differentiating.
 
     Args:
         axis: The joint.
         neck: The neck, for its rates.
-        steps: Length of the horizon, control periods.
+        steps: Length of the horizon N, control periods.
         jerk_scale: Jerk that a scaled jerk of 1 stands for, rad/s^3.
+        first_parts: The first control period is cut into so many steps of the command, all others are one each;
+            divides the servo ticks of a control period.
 
     Returns:
         The maps.
     """
     M, m = servo_step(axis, neck.servo_period_s)
-    once, ticks = M, neck.servo_ticks_per_plan
-    m = np.sum([np.linalg.matrix_power(once, i) @ m for i in range(ticks)], axis=0)
-    M = np.linalg.matrix_power(once, ticks)
+    per_plan = neck.servo_ticks_per_plan
+    ticks = [per_plan // first_parts] * first_parts + [per_plan] * (steps - 1)
+    over = {}
+    for count in set(ticks):
+        powers = [np.linalg.matrix_power(M, i) for i in range(count + 1)]
+        over[count] = ca.DM(powers[count]), ca.DM(np.sum(powers[:count], axis=0) @ m)
     rates = servo_model(axis)[1]
     z0 = ca.SX.sym("z0", len(STATE))
-    jerk = ca.SX.sym("jerk", steps)
+    jerk = ca.SX.sym("jerk", len(ticks))
     z = z0
     joint, velocity, acceleration, commands = [], [], [], []
-    for k in range(steps):
-        z = ca.mtimes(ca.DM(M), z) + ca.DM(m) * (jerk_scale * jerk[k])
-        joint.append(z[0])
-        velocity.append(z[1])
-        acceleration.append(rates[0] * z[0] + rates[1] * z[1] + rates[2] * z[2])
+    for k, count in enumerate(ticks):
+        by_state, by_jerk = over[count]
+        z = ca.mtimes(by_state, z) + by_jerk * (jerk_scale * jerk[k])
         commands.append(z[2:])
+        if k >= first_parts - 1:
+            joint.append(z[0])
+            velocity.append(z[1])
+            acceleration.append(rates[0] * z[0] + rates[1] * z[1] + rates[2] * z[2])
     stacked = ca.vertcat(*[c[i] for i in range(3) for c in commands])
 
     def maps(expression: ca.SX) -> tuple[FloatArray, FloatArray]:
