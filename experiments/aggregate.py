@@ -15,6 +15,8 @@ GROUP_ORDER = ("straight", "turn", "sharp")
 LABEL_COLUMNS = ("recording", "source", "kind", "subject", "group", "controller", "predictor", "neck", "seed")
 _RESAMPLES = 2000
 _SEED = 20210603
+# Figures that differ by no more than this are the same.
+_LEVEL = 1e-9
 
 
 def bootstrap_mean(values: Sequence[float], people: Sequence[str]) -> tuple[float, float, float]:
@@ -132,7 +134,8 @@ def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, 
         second: Controller that is subtracted.
 
     Returns:
-        One row a group, predictor and neck: mean difference, interval and number of clips.
+        One row a group, predictor and neck: mean difference, interval, number of clips that have the figure with both,
+        and in how many of these it is less and more.
     """
 
     def same(row: dict[str, Any]) -> tuple[Any, ...]:
@@ -148,6 +151,9 @@ def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, 
                 for a, b in pairs
                 if (a["predictor"], a["neck"]) == (predictor, neck) and group in {"all", a["group"]}
             ]
+            chosen = [(a, b) for a, b in chosen if a[figure] is not None and b[figure] is not None]
+            if not chosen:
+                continue
             values = [a[figure] - b[figure] for a, b in chosen]
             mean, low, high = bootstrap_mean(values, [str(a["subject"]) for a, _ in chosen])
             table.append(
@@ -158,6 +164,8 @@ def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, 
                     "difference": mean,
                     "ci95": [low, high] if math.isfinite(low) else None,
                     "n_clips": len(values),
+                    "n_less": sum(value < -_LEVEL for value in values),
+                    "n_more": sum(value > _LEVEL for value in values),
                 }
             )
     return table

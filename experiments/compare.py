@@ -26,6 +26,14 @@ from gazempc.replay import walker_model
 from gazempc.report import LABELS, versions
 from gazempc.sensor import load_sensor
 
+# What the two gazes are compared by, clip by clip: figure, what the report calls it, digits. All but the first are of
+# gazes that start aside.
+_COMPARED = {
+    "rms_deg": ("gaze_error_rms_deg", "RMS gaze error [deg]", 2),
+    "stable_contact_s": ("time_to_stable_contact_s", "time to stable contact where both reach it [s]", 3),
+    "overshoot_deg": ("overshoot_deg", "overshoot where both reach the person [deg]", 2),
+}
+
 
 class CompareSettings(BaseModel):
     """Settings of `python -m experiments.compare`."""
@@ -51,6 +59,12 @@ class CompareSettings(BaseModel):
     distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
     height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
     seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
+    start_offset_deg: float = Field(
+        default=0.0,
+        ge=-360,
+        le=360,
+        description="Where the pan starts, beside the person; then contact is compared, too",
+    )
     walker: WalkerSettings = WalkerSettings()
     jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes")
     out: Path = Field(default=Path("out/compare"), description="Where to write; an interrupted run goes on there")
@@ -147,6 +161,7 @@ def make_jobs(settings: CompareSettings) -> list[Job]:
             height_m=settings.height_m,
             seed=settings.seed,
             fitted=None if settings.walker.fitted is None else str(settings.walker.fitted),
+            start_offset_deg=settings.start_offset_deg,
         )
         for recording in recordings
         for neck in settings.necks
@@ -169,9 +184,13 @@ def _summary(settings: CompareSettings, rows: list[dict[str, Any]], done: list[d
     failed = [
         {k: row[k] for k in ("recording", "controller", "predictor", "neck", "failed")} for row in rows if row["failed"]
     ]
+    compared = list(_COMPARED.items())[: None if settings.start_offset_deg else 1]
     return {
         "rows": summarise(done),
-        "mpc_minus_lookahead_rms_deg": paired_differences(done, "gaze_error_rms_deg", "mpc", "lookahead"),
+        **{
+            f"mpc_minus_lookahead_{name}": paired_differences(done, figure, "mpc", "lookahead")
+            for name, (figure, _, _) in compared
+        },
         "n_left_out": len(left_out),
         "left_out": left_out,
         "failed": failed,
@@ -239,13 +258,15 @@ def report(summary: dict[str, Any], done: list[dict[str, Any]]) -> str:
         f"| {cell(r, 'gap_closed', 3)} | {cell(r, 'rms_acceleration_rad_s2', 2)} |"
         for r in summary["rows"]
     ]
-    if differences := summary["mpc_minus_lookahead_rms_deg"]:
-        lines += ["", "MPC minus look-ahead on the same clips, RMS gaze error [deg]; below 0 the MPC is better:", ""]
+    for name, (_, what, digits) in _COMPARED.items():
+        if not (differences := summary.get(f"mpc_minus_lookahead_{name}")):
+            continue
+        lines += ["", f"MPC minus look-ahead on the same clips, {what}; below 0 the MPC is better:", ""]
         for d in differences:
-            interval = f" [{d['ci95'][0]:+.2f}, {d['ci95'][1]:+.2f}]" if d["ci95"] else ""
+            interval = f" [{d['ci95'][0]:+.{digits}f}, {d['ci95'][1]:+.{digits}f}]" if d["ci95"] else ""
             lines.append(
-                f"- {d['group']}, {d['predictor']}, neck {d['neck']}: {d['difference']:+.2f}{interval} "
-                f"({d['n_clips']} clips)"
+                f"- {d['group']}, {d['predictor']}, neck {d['neck']}: {d['difference']:+.{digits}f}{interval} "
+                f"({d['n_clips']} clips: less in {d['n_less']}, more in {d['n_more']})"
             )
     lines += [f"- left out {name}: {reason}" for name, reason in summary["left_out"].items()]
     reasons = dict.fromkeys((f["recording"], f["failed"]) for f in summary["failed"])

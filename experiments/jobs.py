@@ -41,6 +41,7 @@ class Job:
         height_m: Height for placement ``side``, metres.
         seed: Seed of the sensor's noise.
         fitted: Model of the predictor ``walker`` or folder of such models; None for the shipped one.
+        start_offset_deg: Where the pan starts, beside the person, degrees.
     """
 
     recording: str
@@ -53,6 +54,7 @@ class Job:
     height_m: float
     seed: int
     fitted: str | None = None
+    start_offset_deg: float = 0.0
 
     def key(self) -> str:
         """Name of the run: a hash of the job, of the files it reads and of the program."""
@@ -70,7 +72,12 @@ class Job:
         """The job as the settings of a run."""
         predictor = "constant_velocity" if self.predictor == "perfect" else self.predictor
         fitted = None if self.fitted is None else Path(self.fitted)
-        return RunSettings(predictor=predictor, seed=self.seed, walker=WalkerSettings(fitted=fitted))
+        return RunSettings(
+            predictor=predictor,
+            seed=self.seed,
+            walker=WalkerSettings(fitted=fitted),
+            start_offset_deg=self.start_offset_deg,
+        )
 
 
 @lru_cache(maxsize=4)

@@ -110,6 +110,19 @@ def test_gap_closed_summary_and_differences_by_hand():
     differences = paired_differences(rows, "gaze_error_rms_deg", "mpc", "lookahead")
     assert [d["difference"] for d in differences] == [0.5, 0.5]
     assert differences[0]["ci95"] == pytest.approx([-1.0, 2.0])
+    assert (differences[0]["n_clips"], differences[0]["n_less"], differences[0]["n_more"]) == (2, 1, 1)
+
+
+def test_clips_without_the_figure_are_no_pair():
+    rows = [row(clip, gaze, 1.0, "x") for clip in "abc" for gaze in ("lookahead", "mpc")]
+    for entry, overshoot_deg in zip(rows, (2.0, 1.5, None, 1.0, 0.5, 0.5), strict=True):
+        entry["overshoot_deg"] = overshoot_deg
+    (_, everyone) = paired_differences(rows, "overshoot_deg", "mpc", "lookahead")
+    assert everyone["difference"] == -0.25
+    assert (everyone["n_clips"], everyone["n_less"], everyone["n_more"]) == (2, 1, 0)
+    for entry in rows:
+        entry["overshoot_deg"] = None
+    assert paired_differences(rows, "overshoot_deg", "mpc", "lookahead") == []
 
 
 def test_a_comparison_writes_its_tables(tmp_path):
@@ -125,6 +138,19 @@ def test_a_comparison_writes_its_tables(tmp_path):
     assert entry["n_clips"] == 3
     assert entry["n_people"] == 2
     assert "Limit violations in all runs: 0." in (tmp_path / "summary.md").read_text()
+
+
+def test_a_gaze_that_starts_aside_is_compared_by_contact_and_overshoot(tmp_path):
+    aside = {"controllers": ("lookahead", "mpc"), "start_offset_deg": 60.0, "recordings": ("subject01_R1",)}
+    assert compare(settings(tmp_path, **aside)) == 0
+    by_gaze = {r["controller"]: r for r in rows_of(tmp_path)}
+    later_s = [float(by_gaze[gaze]["time_to_stable_contact_s"]) for gaze in ("mpc", "lookahead")]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["mpc_minus_lookahead_stable_contact_s"][0]["difference"] == pytest.approx(later_s[0] - later_s[1])
+    # From where it is aimed at the person there is no way to them: nothing to overshoot.
+    text = (tmp_path / "summary.md").read_text()
+    assert "time to stable contact where both reach it [s]" in text
+    assert "overshoot where both reach the person [deg]" in text
 
 
 def test_killed_in_the_middle_it_goes_on_and_ends_the_same(tmp_path):

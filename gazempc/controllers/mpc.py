@@ -215,7 +215,7 @@ class Mpc:
             self._far_off[axis] = start_s, side
         far_off_s, side = self._far_off[axis]
         still = 1.0 - (start_s - far_off_s) / _MEETING_S
-        if still > 0.0:
+        if 0.0 < still <= 1.0:
             short_rad = _MEETING_SHORT * sigma_rad
             # A doubt that is not a number is as large as any.
             short_rad = short_rad if short_rad < _MEETING_SHORT_MAX_RAD else _MEETING_SHORT_MAX_RAD
