@@ -22,7 +22,7 @@ MIN_DURATION_S = 1.25
 _FEWEST_SCORED = 10
 # Contact that lasts at least this long is called stable.
 STABLE_S = 0.5
-# The pan joint overshoots within this time after it first reaches the head's direction, or not at all.
+# The pan joint overshoots within this time after it first comes into contact, or not at all.
 OVERSHOOT_S = 1.0
 # Half width of the cone in which people feel looked at: 5.2 deg diameter, Horstmann & Linke (2021); other
 # authors' wider cones beside it.
@@ -299,11 +299,11 @@ def _overshoot_deg(log: Log, neck: NeckSpec) -> float:
     if not abs(off_deg[0]) > CONTACT_DEG[-1]:
         return float("nan")
     passed_deg = -np.sign(off_deg[0]) * off_deg
-    hits = np.flatnonzero(passed_deg > 0)
-    if not hits.size:
+    there = np.flatnonzero(passed_deg >= -CONTACT_DEG[0])
+    if not there.size:
         return float("nan")
-    soon = log.time_s <= log.time_s[hits[0]] + OVERSHOOT_S
-    return float(np.nanmax(passed_deg[hits[0] :][soon[hits[0] :]]))
+    soon = log.time_s <= log.time_s[there[0]] + OVERSHOOT_S
+    return max(0.0, float(np.nanmax(passed_deg[there[0] :][soon[there[0] :]])))
 
 
 def _first(flags: NDArray[np.bool_], time_s: FloatArray) -> float:

@@ -83,6 +83,11 @@ def test_overshoot_of_a_joint_that_swings_past_a_head_that_stands_still(log):
     assert measure(swung).overshoot_deg == pytest.approx(-swing_deg.min(), abs=1e-9)
     other_side = dataclasses.replace(log, joint_position_rad=-joints, **shared)
     assert measure(other_side).overshoot_deg == pytest.approx(-swing_deg.min(), abs=1e-9)
+    # A joint that comes up to the head and stays short of it has arrived, and does not overshoot.
+    creeping = dataclasses.replace(log, joint_position_rad=np.abs(joints), **shared)
+    assert measure(creeping).overshoot_deg == 0.0
+    never = dataclasses.replace(log, joint_position_rad=joints * [0.0, 1.0] + [0.5, 0.0], **shared)
+    assert np.isnan(measure(never).overshoot_deg)
     slight = dataclasses.replace(log, joint_position_rad=0.2 * joints, **shared)
     assert np.isnan(measure(slight).overshoot_deg)
 

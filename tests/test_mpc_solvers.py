@@ -91,11 +91,14 @@ def test_the_whole_run_makes_every_limit_bind_and_none_is_left():
     assert min(run.by_limit.values()) > 20
 
 
-def test_the_run_poses_what_the_controller_solves():
+def test_the_run_poses_what_the_controller_solves(monkeypatch):
     """States come from the joints' history and the commands on their way, by another way than in the controller.
 
-    The program is that of a joint which has nothing to catch up with and whose forecast is taken as it is.
+    The program is that of a joint which meets nobody and has nothing to catch up with, whose forecast is taken as it
+    is, with equal steps.
     """
+    monkeypatch.setattr("gazempc.controllers.mpc._FIRST_PARTS_MAX", 1)
+    monkeypatch.setattr("gazempc.controllers.mpc._MEETING_FROM_RAD", np.inf)
     run = simulate(NECK, STEPS, 60)
     mpc = Mpc(NECK, smoothing_time_s=SMOOTHING_TIME_S, doubt_deg=1e9)
     mpc._reach_rad, mpc._revised = np.full(2, np.inf), False
