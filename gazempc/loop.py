@@ -208,6 +208,11 @@ class GazeLoop:
         if time_s - observation.capture_time_s > self._settings.stale_after_s:
             self._recorder.event(time_s, "stale_observation")
             return
+        before_s = self._newest_capture_s
+        if before_s is not None and observation.capture_time_s - before_s > self._settings.lost_after_s:
+            # Carried on for so long, the old track is far from anybody; its gate would refuse the first frames, and the
+            # gaze go where it says meanwhile.
+            self._predictor.reset()
         started = time.perf_counter()
         try:
             self._predictor.update(observation)

@@ -304,7 +304,10 @@ def test_undisturbed_the_loop_tracks_and_names_nothing_but_the_start():
 
 
 def test_a_source_that_is_silent_for_five_seconds():
-    """Stop 1 s after the last frame, at rest straight ahead slowly after 3 s, and the gaze back 2 s after the end."""
+    """Stop 1 s after the last frame, at rest straight ahead slowly after 3 s, and the gaze back 2 s after the end.
+
+    On the face, that is; to the last third of a degree when nobody is met any more.
+    """
     silent = between(3.0, 8.0)
     result = run_live(change=lambda now, s: [] if silent(now) else [s], duration_s=None)
     assert_sound(result)
@@ -319,7 +322,11 @@ def test_a_source_that_is_silent_for_five_seconds():
     returning = (now > last_capture_s + 3.0) & (now < 8.0)
     assert np.abs(np.diff(sent[returning], axis=0)).max() / TS <= 0.5 * (1 + 1e-9)
     assert sent[np.flatnonzero(returning)[-1]] == pytest.approx([0, 0], abs=1e-6)
-    assert_recovered(result, 8.0 + 2.0)
+    # Who was lost is looked for where they are, not where they would have gone.
+    back = (now >= 8.0) & (now < 10.0)
+    assert np.rad2deg(np.abs(result.joined("joint_position_rad")[back, 0])).max() < 25.0
+    assert_recovered(result, 8.0 + 2.0, within_deg=1.0)
+    assert_recovered(result, 8.0 + 3.0)
     assert measure(result.logs[0][0]).limit_violations == 0
 
 
@@ -647,9 +654,11 @@ def test_a_solver_that_fails_for_a_second(instead, event):
 
 
 def test_a_plan_far_outside_of_all_limits_is_followed_within_them_only():
-    result = run_live(controller=Sabotaged(wild_plan, 2.0, 2.5))
+    result = run_live(controller=Sabotaged(wild_plan, 2.0, 2.5), duration_s=8.0)
     assert_sound(result)
-    assert_recovered(result, 2.5 + 2.0)
+    # As near as ever when nobody is met any more.
+    assert_recovered(result, 2.5 + 2.0, within_deg=1.0)
+    assert_recovered(result, 2.5 + 4.0)
 
 
 def test_a_controller_that_cannot_say_what_it_needs_to_know_is_an_event():
@@ -830,7 +839,7 @@ def test_ticks_that_are_over_are_left_out_and_nothing_bursts(jump_s, where):
         pass
 
     Neck.jump_s = jump_s if where == "at work" else 0.0
-    result = run_live(clock=clock, controller=controller, on_read=on_read, robot_class=Neck, duration_s=7.5)
+    result = run_live(clock=clock, controller=controller, on_read=on_read, robot_class=Neck, duration_s=8.0)
     assert_sound(result)
     n = int(jump_s / TS + 1e-6)
     # A tick more may be done than there is time for, at the same instant.
@@ -859,7 +868,8 @@ def test_ticks_that_are_over_are_left_out_and_nothing_bursts(jump_s, where):
             astray.append(abs(state[0] - later_rad[i]))
     # A command that goes out up to two ticks late acts that much later.
     assert max(astray) < (1e-6 if where == "at work" and jump_s == 2.0 else 2.5 * 2 * TS)
-    assert_recovered(result, 2.0 + jump_s + 2.0)
+    assert_recovered(result, 2.0 + jump_s + 2.0, within_deg=1.0)
+    assert_recovered(result, 2.0 + jump_s + 2.5)
 
 
 def test_where_every_send_takes_a_control_period_it_is_planned_all_the_same():
@@ -879,7 +889,7 @@ def test_where_every_send_takes_a_control_period_it_is_planned_all_the_same():
     assert np.all(np.diff(numbers)[1:] == 4)
     assert numbers[1] == 3
     assert result.report.skipped_ticks >= 3 * (result.report.ticks - 2)
-    assert result.events <= {"no_observation_yet", "stale_plan", "limit_guard"}
+    assert result.events <= {"no_observation_yet", "stale_plan", "limit_guard", "limits_softened"}
     # It moves by a servo period at a time, a quarter as fast as it may; but it follows.
     assert np.median(result.error_deg[result.joined("time_s") > 2.0]) < 12.0
     assert np.ptp(result.joined("command_position_rad")[:, 0]) > 0.3

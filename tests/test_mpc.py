@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from gazempc.controllers import CommandState, ControllerError, LookAhead, Mpc, Reactive, Situation
-from gazempc.controllers import mpc as mpc_module
+from gazempc.controllers import CommandState, ControllerError, LookAhead, Mpc, Reactive, Situation, meeting
 from gazempc.controllers.prediction import predict
 from gazempc.errors import SettingsError
 from gazempc.kinematics import gaze_error_rad, look_at
@@ -212,8 +211,8 @@ def test_somebody_who_is_misjudged_while_met_is_passed_by_less(name, side, monke
 
     start = look_at(neck.geometry, path(0.0)).angles_rad - [side * np.radians(50.0), 0.0]
     passed_deg, contact_s = [], []
-    for from_rad in (mpc_module._MEETING_FROM_RAD, np.inf):
-        monkeypatch.setattr(mpc_module, "_MEETING_FROM_RAD", from_rad)
+    for from_rad in (meeting.MEETING_FROM_RAD, np.inf):
+        monkeypatch.setattr(meeting, "MEETING_FROM_RAD", from_rad)
         spread = {"sigma_m": lambda ahead_s: 0.02 + 0.05 * ahead_s}
         joints, _, errors = run(Mpc(neck), neck, path, 500, start, known=misjudged, **spread)
         aims = look_at(neck.geometry, path(neck.servo_period_s * np.arange(500))).angles_rad[:, 0]
@@ -223,20 +222,43 @@ def test_somebody_who_is_misjudged_while_met_is_passed_by_less(name, side, monke
     assert contact_s[0] < contact_s[1] + 0.02
 
 
-def test_who_is_ahead_by_no_more_than_the_dead_time_is_not_met():
-    """Somebody in full view from the first moment, so fast that the joint is 30 deg behind when it starts to turn."""
+def test_who_is_met_and_on_which_side_to_stay_short():
+    """By hand: a tenth of sigma, less with time; at most a degree; not for what goes on before the neck answers."""
+    joint = meeting.Meeting(0.5, -1.0, 1.0)
+    sigma = np.radians(3.0)
 
-    def running(times):
-        y = -1.0 + 2.2 * np.asarray(times)
-        return np.stack([np.full_like(y, 1.5), y, np.zeros_like(y)], axis=-1)
+    def short_deg(start_s, joint_deg, aim_deg, turning_deg_s=0.0, sigma_rad=sigma):
+        short = joint.short_rad(start_s, *np.radians([joint_deg, aim_deg, turning_deg_s]), sigma_rad)
+        return None if short is None else np.degrees(short)
 
-    mpc = Mpc(NECK)
-    run(mpc, NECK, running, 200, look_at(NECK.geometry, running(0.0)).angles_rad)
-    assert mpc._far_off == [(-np.inf, 0.0)] * 2
-    run(mpc, NECK, running, 200, look_at(NECK.geometry, running(0.0)).angles_rad - np.array([0.4, 0.0]))
-    assert mpc._far_off[0][0] > -np.inf
-    mpc.reset()
-    assert mpc._far_off == [(-np.inf, 0.0)] * 2
+    assert short_deg(0.0, 0.0, 14.0) is None
+    assert short_deg(0.1, 0.0, 30.0, turning_deg_s=40.0) is None  # they went 20 deg before the neck could answer
+    assert short_deg(0.2, 0.0, 30.0, turning_deg_s=-40.0) == pytest.approx(0.3)
+    assert short_deg(1.2, 5.0, 12.0) == pytest.approx(0.15)
+    assert short_deg(1.2, 5.0, 12.0, sigma_rad=np.nan) == pytest.approx(0.5)
+    assert short_deg(1.2, 5.0, 12.0, sigma_rad=2.0) == pytest.approx(0.5)
+    assert short_deg(1.2, 14.0, 12.0) == pytest.approx(0.15)  # just passed: still short on the side it came from
+    assert short_deg(1.2, 15.0, 12.0) == pytest.approx(-0.15)  # they are on the other side
+    assert short_deg(2.3, 12.0, 12.0) is None
+    assert short_deg(3.0, 12.0, -12.0) == pytest.approx(-0.3)
+    joint.reset()
+    assert short_deg(3.1, 12.0, 10.0) is None
+    # Out of reach, the joint waits at its limit; but it does have to go there.
+    assert short_deg(4.0, np.degrees(0.99), 130.0) is None
+    assert short_deg(5.0, 0.0, 130.0) == pytest.approx(0.3)
+    # An earlier time is that of another run.
+    assert short_deg(1.0, 10.0, 12.0) is None
+
+
+def test_who_comes_back_from_out_of_reach_is_followed_as_if_nothing_had_been():
+    """They walk about beyond the pan limit and come into reach again: the joint waits there and is not far off."""
+
+    def returning(times):
+        pan = np.radians(130.0 - 30.0 * np.asarray(times))
+        return np.stack([2.5 * np.cos(pan), 2.5 * np.sin(pan), np.zeros_like(pan)], axis=-1)
+
+    _, _, errors = run(Mpc(NECK), NECK, returning, 700, start_rad=(NECK.command_limits.position_max_rad[0], 0.0))
+    assert errors[int(2.3 / NECK.servo_period_s) :].max() < 0.1
 
 
 @pytest.mark.parametrize("sigma_m", [np.nan, 1e6])

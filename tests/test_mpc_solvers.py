@@ -98,7 +98,7 @@ def test_the_run_poses_what_the_controller_solves(monkeypatch):
     is, with equal steps.
     """
     monkeypatch.setattr("gazempc.controllers.mpc._FIRST_PARTS_MAX", 1)
-    monkeypatch.setattr("gazempc.controllers.mpc._MEETING_FROM_RAD", np.inf)
+    monkeypatch.setattr("gazempc.controllers.meeting.MEETING_FROM_RAD", np.inf)
     run = simulate(NECK, STEPS, 60)
     mpc = Mpc(NECK, smoothing_time_s=SMOOTHING_TIME_S, doubt_deg=1e9)
     mpc._reach_rad, mpc._revised = np.full(2, np.inf), False

@@ -102,7 +102,7 @@ class Plan:
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position_rad)
-        if len(shape) != 2 or shape[0] < self.first_parts or shape[1] != 2:
+        if len(shape) != 2 or shape[1] != 2 or not 1 <= self.first_parts <= shape[0]:
             raise ValueError(f"a plan needs positions of shape (K, 2), got {shape}")
         if {np.shape(self.velocity_rad_s), np.shape(self.acceleration_rad_s2)} != {shape}:
             raise ValueError("positions, velocities and accelerations of a plan differ in shape")

@@ -13,6 +13,7 @@ from gazempc.controllers.controller import (
     SolverFailed,
     SolverTimedOut,
 )
+from gazempc.controllers.meeting import Meeting
 from gazempc.controllers.ocp import AxisModel, AxisOcp, Solution, SolverFailedError
 from gazempc.controllers.qp import Daqp
 from gazempc.controllers.revisions import Revisions
@@ -33,15 +34,9 @@ _DOUBT_AT_S = 0.2
 # A joint on its way to the person stops short of them by what it goes in this time, so that a forecast that comes
 # nearer meanwhile does not carry it past them.
 _SHORT_S = 0.01
-# Who is farther than this off the gaze has come into view, and is met for so long from then on.
-_MEETING_FROM_RAD = math.radians(15.0)
-_MEETING_S = 2.0
-# Meeting somebody, the joint follows more quickly than T, yet so much damped that it creeps up to them, and is aimed
-# short of them by this share of the forecast's standard deviation, at most by the last.
+# Meeting somebody, the joint follows more quickly than T, yet so much damped that it creeps up to them.
 _MEETING_TIME = 0.8
 _MEETING_DAMPING = 1.35
-_MEETING_SHORT = 0.1
-_MEETING_SHORT_MAX_RAD = math.radians(1.0)
 # Steps of the command in the first control period, at most.
 _FIRST_PARTS_MAX = 5
 # As good as no bound on a joint's angle.
@@ -59,9 +54,9 @@ class Mpc:
 
     A joint that is farther from the person than the acceleration limit lets it go from rest to rest in 0.2 s, or too
     fast to brake within that way, is catching up. The limits smooth its motion, and doubt counts less the farther it
-    is; it is planned not to pass the person. Somebody farther off than 15 deg is met: for two seconds the joint is
-    critically damped or more, and aimed a little short of them, on the side that it comes from. At all other times it
-    is aimed at where the forecast will be revised to, should it have been revised beyond its covariance
+    is; it is planned not to pass the person. Somebody farther off than 15 deg is met (`gazempc.controllers.meeting`):
+    for two seconds the joint is aimed a little short of them, and comes up to them damped. At all other times it is
+    aimed at where the forecast will be revised to, should it have been revised beyond its covariance
     (`gazempc.controllers.revisions`).
 
     Args:
@@ -103,7 +98,10 @@ class Mpc:
             [AxisOcp(model, _MEETING_TIME * time_s, _MEETING_DAMPING) for time_s in times_s] for model in models
         ]
         self._reach_rad = 0.25 * _DOUBT_AT_S**2 * neck.acceleration_max_rad_s2
-        self._answer_s = neck.dead_time_s + neck.servo_lag_s
+        limits = neck.command_limits
+        reaches_rad = zip(limits.position_min_rad.tolist(), limits.position_max_rad.tolist(), strict=True)
+        answers_s = (neck.dead_time_s + neck.servo_lag_s).tolist()
+        self._meetings = [Meeting(answer_s, *reach) for answer_s, reach in zip(answers_s, reaches_rad, strict=True)]
         self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes]
         # The first jerk acts from the last command before the plan on, so that the first command sent is
         # already a new one; the joint answers one dead time later.
@@ -117,13 +115,12 @@ class Mpc:
         later = min(doubted + self._revisions.plans, self._steps - 1)
         self._doubted = ((doubted, doubted - self._steps), (later, later - self._steps))
         self._revised = later == doubted + self._revisions.plans
-        self.reset()
 
     def reset(self) -> None:
         """Forget where the solvers stand, what was forecast and who is met; all else is in the situation."""
         self._revisions.reset()
-        # When each joint was last far off, and on which side the person was.
-        self._far_off = [(-math.inf, 0.0)] * 2
+        for meeting in self._meetings:
+            meeting.reset()
         for ocps in self.ocps + self.catch_up_ocps + self.meeting_ocps:
             for ocp in ocps:
                 ocp.reset()
@@ -208,27 +205,20 @@ class Mpc:
         speed_rad_s = turning_rad_s - float(state[1])
         braking_rad = speed_rad_s**2 / (2.0 * float(self._neck.acceleration_max_rad_s2[axis]))
         reaches = max(abs(gap_rad), braking_rad) / float(self._reach_rad[axis])
-        # What a walker goes before the neck answers is not being far off.
-        side = math.copysign(1.0, gap_rad)
-        far_rad = side * gap_rad - max(side * turning_rad_s * float(self._answer_s[axis]), 0.0)
-        if far_rad > _MEETING_FROM_RAD:
-            self._far_off[axis] = start_s, side
-        far_off_s, side = self._far_off[axis]
-        still = 1.0 - (start_s - far_off_s) / _MEETING_S
-        if 0.0 < still <= 1.0:
-            short_rad = _MEETING_SHORT * sigma_rad
-            # A doubt that is not a number is as large as any.
-            short_rad = short_rad if short_rad < _MEETING_SHORT_MAX_RAD else _MEETING_SHORT_MAX_RAD
-            reference_rad = reference_rad - side * still * short_rad
+        short_rad = self._meetings[axis].short_rad(
+            start_s, float(state[0]), float(reference_rad[0]), turning_rad_s, sigma_rad
+        )
+        if short_rad is not None:
+            reference_rad = reference_rad - short_rad
             if not reaches > 1.0:
                 return self.meeting_ocps[axis][self._level(sigma_rad)].solve(state, reference_rad)
         elif not reaches > 1.0:
             return self.ocps[axis][self._level(sigma_rad)].solve(state, reference_rad + further_rad)
         # Too fast to stop before the person, it comes from where it is going away.
         from_below = gap_rad > 0.0 if abs(gap_rad) > braking_rad else speed_rad_s < 0.0
-        short_rad = _SHORT_S * abs(speed_rad_s)
+        before_rad = _SHORT_S * abs(speed_rad_s)
         not_past_rad = np.full((2, self._steps), [[-_FAR_RAD], [_FAR_RAD]])
-        not_past_rad[int(from_below)] = reference_rad - short_rad if from_below else reference_rad + short_rad
+        not_past_rad[int(from_below)] = reference_rad - before_rad if from_below else reference_rad + before_rad
         return self.catch_up_ocps[axis][self._level(sigma_rad / reaches)].solve(state, reference_rad, not_past_rad)
 
     def _level(self, sigma_rad: float) -> int:

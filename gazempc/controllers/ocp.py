@@ -240,8 +240,8 @@ class AxisOcp:
             not_past_rad: As in `solve`.
 
         Returns:
-            Linear cost g, shape (n,); lower and upper bounds of the soft rows, shape (3 n,); when catching up
-            (3 n + N,).
+            Linear cost g, one for each variable; lower and upper bounds of the soft rows, shape (3 n,), or (3 n + N,)
+            when catching up.
         """
         most = np.ones((2, len(self._rows_from_state)))
         if not_past_rad is not None:
