@@ -208,10 +208,9 @@ class GazeLoop:
         if time_s - observation.capture_time_s > self._settings.stale_after_s:
             self._recorder.event(time_s, "stale_observation")
             return
-        before_s = self._newest_capture_s
-        if before_s is not None and observation.capture_time_s - before_s > self._settings.lost_after_s:
-            # Carried on for so long, the old track is far from anybody; its gate would refuse the first frames, and the
-            # gaze go where it says meanwhile.
+        newest_s = self._newest_capture_s
+        if newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s:
+            # The gate of a track carried on for so long would refuse the first frames, and the gaze follow it meanwhile.
             self._predictor.reset()
         started = time.perf_counter()
         try:
