@@ -210,7 +210,7 @@ class GazeLoop:
             return
         newest_s = self._newest_capture_s
         if newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s:
-            # The gate of a track carried on for so long would refuse the first frames, and the gaze follow it meanwhile.
+            # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile.
             self._predictor.reset()
         started = time.perf_counter()
         try:
