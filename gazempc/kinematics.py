@@ -162,11 +162,14 @@ def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad
         The same directions with continuous pan, shape (H, 2), radians; the argument itself where nothing changes.
     """
     pan = angles_rad[:, 0]
-    jumps = abs(pan[0] - near_rad) > np.pi or np.abs(pan[1:] - pan[:-1]).max(initial=0.0) > np.pi
-    if jumps:
+    least_rad, most_rad = pan.min(), pan.max()
+    if abs(pan[0] - near_rad) > np.pi or most_rad - least_rad > np.pi:
         pan = np.unwrap(np.concatenate([[near_rad], pan]))[1:]
-    if pan.min() >= low_rad and pan.max() <= high_rad:
-        return np.stack([pan, angles_rad[:, 1]], axis=-1) if jumps else angles_rad
+        least_rad, most_rad = pan.min(), pan.max()
+    elif least_rad >= low_rad and most_rad <= high_rad:
+        return angles_rad
+    if least_rad >= low_rad and most_rad <= high_rad:
+        return np.stack([pan, angles_rad[:, 1]], axis=-1)
 
     def out_of_reach_rad(turn: float) -> float:
         moved = pan + turn

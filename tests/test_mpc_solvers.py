@@ -101,7 +101,7 @@ def test_the_run_poses_what_the_controller_solves(monkeypatch):
     monkeypatch.setattr("gazempc.controllers.meeting.MEETING_FROM_RAD", np.inf)
     run = simulate(NECK, STEPS, 60)
     mpc = Mpc(NECK, smoothing_time_s=SMOOTHING_TIME_S, doubt_deg=1e9)
-    mpc._reach_rad, mpc._revised = np.full(2, np.inf), False
+    mpc._reaches, mpc._revised = [(np.inf, 1.0)] * 2, False
     ours = Gazempc(NECK, STEPS, SMOOTHING_TIME_S)
     for states, references, situation in zip(run.states, run.references, run.situations, strict=True):
         command = ours.solve(states, references)

@@ -97,7 +97,9 @@ class Mpc:
         self.meeting_ocps = [
             [AxisOcp(model, _MEETING_TIME * time_s, _MEETING_DAMPING) for time_s in times_s] for model in models
         ]
-        self._reach_rad = 0.25 * _DOUBT_AT_S**2 * neck.acceleration_max_rad_s2
+        self._period_s = neck.control_period_s
+        # How far each joint gets from rest to rest while doubt counts, and its greatest acceleration.
+        self._reaches = [(0.25 * _DOUBT_AT_S**2 * most, most) for most in neck.acceleration_max_rad_s2.tolist()]
         limits = neck.command_limits
         reaches_rad = zip(limits.position_min_rad.tolist(), limits.position_max_rad.tolist(), strict=True)
         answers_s = (neck.dead_time_s + neck.servo_lag_s).tolist()
@@ -200,11 +202,12 @@ class Mpc:
         further_rad: float,
     ) -> Solution:
         gap_rad = float(reference_rad[0] - state[0])
-        turning_rad_s = float((reference_rad[1] - reference_rad[0]) / self._neck.control_period_s)
+        turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._period_s
         # The speed at which the gap grows.
         speed_rad_s = turning_rad_s - float(state[1])
-        braking_rad = speed_rad_s**2 / (2.0 * float(self._neck.acceleration_max_rad_s2[axis]))
-        reaches = max(abs(gap_rad), braking_rad) / float(self._reach_rad[axis])
+        reach_rad, acceleration_max_rad_s2 = self._reaches[axis]
+        braking_rad = speed_rad_s**2 / (2.0 * acceleration_max_rad_s2)
+        reaches = max(abs(gap_rad), braking_rad) / reach_rad
         short_rad = self._meetings[axis].short_rad(
             start_s, float(state[0]), float(reference_rad[0]), turning_rad_s, sigma_rad
         )
