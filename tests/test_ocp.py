@@ -229,6 +229,29 @@ def test_the_command_is_that_of_the_jerks():
                     assert solution.command[:, k] == pytest.approx([u, du, ddu], abs=1e-8)
 
 
+def test_the_velocity_keeps_its_limit_between_steps_of_different_length():
+    """From just below the limit and still speeding up, a jerk at the wrong step's end would carry it past."""
+    ocp = AxisOcp(AxisModel(NECK, 0, N, first_parts=4), T)
+    lengths_s, limit = H * ocp.model.shares, NECK.command_limits.velocity_max_rad_s[0]
+    bound, reached = 0, 0.0
+    for acceleration in np.linspace(0.0, 9.0, 37):
+        for speed in np.linspace(0.92, 1.0, 9) * limit:
+            state = np.array([0.0, speed, 0.0, speed, acceleration])
+            solution = ocp.solve(state, np.linspace(0.5, 1.2, N))
+            if solution.softened:
+                continue
+            _, v, a = np.column_stack([state[2:], solution.command])
+            shares = np.linspace(0.0, 1.0, 21)[:, None]
+            slope = np.diff(a) / lengths_s
+            # The first step starts where the state says.
+            between = v[:-1] + shares * lengths_s * a[:-1] + 0.5 * (shares * lengths_s) ** 2 * slope
+            assert between[:, 1:].max() <= limit * (1 + 1e-5)
+            bound += 1
+            reached = max(reached, between[:, 1:].max())
+    assert bound > 50
+    assert reached > limit * (1 - 1e-3)
+
+
 def test_finer_first_steps_reach_what_coarse_ones_cannot():
     """With the first control period in parts the cost is never higher, and lower where limits switch the jerk."""
     coarse, fine = AxisOcp(MODEL, T), AxisOcp(AxisModel(NECK, 0, N, first_parts=4), T)

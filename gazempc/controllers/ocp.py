@@ -53,8 +53,8 @@ _PASSING_UNIT_RAD = 150.0
 _HELD_STEPS, _HELD_FROM = 3, 12
 # Exact penalty: dearer than the gaze error that leaving a limit could save; slacks are shares of the limits.
 _SLACK_PENALTY = 300.0 * _COST_SCALE
-# Without the term it would be 0.71, and the reference passed by 4 % of its jump.
-DAMPING = 0.8
+# Damping ratio zeta of the way to a reference that has jumped: at 0.71 (no term at all) it is passed by 4 % of the jump.
+_DAMPING = 0.8
 # Weight of the command's jerk, as a time to the sixth power: what the joint would hardly show is not done.
 _JERK_TIME_S = 0.025
 # Room for the rounding of those who follow the plan.
@@ -174,7 +174,7 @@ class AxisOcp:
         self,
         model: AxisModel,
         smoothing_time_s: float,
-        damping: float = DAMPING,
+        damping: float = _DAMPING,
         catching_up: bool = False,
         solvers: Sequence[Callable[[QpData], QpSolver]] = (Daqp, Piqp),
     ) -> None:
