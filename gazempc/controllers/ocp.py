@@ -53,7 +53,7 @@ _PASSING_UNIT_RAD = 150.0
 _HELD_STEPS, _HELD_FROM = 3, 12
 # Exact penalty: dearer than the gaze error that leaving a limit could save; slacks are shares of the limits.
 _SLACK_PENALTY = 300.0 * _COST_SCALE
-# Damping ratio zeta of the way to a reference that has jumped: at 0.71 (no term at all) it is passed by 4 % of the jump.
+# Damping ratio zeta of the way to a reference that has jumped; at 0.71 (no term) it is passed by 4 % of the jump.
 _DAMPING = 0.8
 # Weight of the command's jerk, as a time to the sixth power: what the joint would hardly show is not done.
 _JERK_TIME_S = 0.025
