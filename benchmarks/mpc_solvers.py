@@ -33,9 +33,9 @@ from benchmarks.solvers.peer import Peer
 from benchmarks.solvers.qp_peers import CasadiQrqp, Osqp, PiqpPackage
 from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, simulate
 from benchmarks.step_time import bare_kalman_step
-from experiments.command import run_command
+from experiments.engine.command import run_command
 from gazempc.errors import SettingsError, suggest
-from gazempc.neck import load_neck
+from gazempc.neck.spec import load_neck
 
 PEERS: Sequence[type[Peer]] = (
     Gazempc,

@@ -21,24 +21,21 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
-from gazempc.clock import Clock, RealClock
-from gazempc.config import DEFAULT_PREDICTOR, RunSettings
-from gazempc.live_loop import LiveReport, LiveRun
-from gazempc.log import ComputeTimes, Log
-from gazempc.loop_settings import LoopSettings
-from gazempc.metrics import limit_violations
-from gazempc.mount import Mount
-from gazempc.neck import NeckSpec, load_neck
-from gazempc.planner import BackgroundPlanner
-from gazempc.replay import make_controller, make_predictor
-from gazempc.robots import SimulatedNeck
-from gazempc.sensor import Sighting
-from gazempc.sources.source import Arrived
+from gazempc.live.clock import Clock, RealClock
+from gazempc.live.mount import Mount
+from gazempc.live.run import LiveReport, LiveRun
+from gazempc.live.sources.source import Arrived
+from gazempc.loop.planner import BackgroundPlanner
+from gazempc.loop.settings import LoopSettings
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.metrics import limit_violations
+from gazempc.settings import DEFAULT_PREDICTOR, RunSettings
+from gazempc.sim.replay import make_controller, make_predictor
+from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
-
-FloatArray = NDArray[np.float64]
 
 FRAME_S = 1.0 / 30.0
 LATENCY_S = 0.066
@@ -77,11 +74,11 @@ class EndlessWalk:
         self.start_s = 0.0
 
     def open(self) -> None:
-        """See `gazempc.sources.source.Source.open`."""
+        """See `gazempc.live.sources.source.Source.open`."""
         self.start_s = self._clock.now_s()
 
     def poll(self) -> Arrived:
-        """See `gazempc.sources.source.Source.poll`."""
+        """See `gazempc.live.sources.source.Source.poll`."""
         elapsed_s = self._clock.now_s() - self.start_s
         arrived = []
         while (captured_s := self._frame * FRAME_S) + LATENCY_S <= elapsed_s:
@@ -93,11 +90,11 @@ class EndlessWalk:
 
     @property
     def finished(self) -> bool:
-        """See `gazempc.sources.source.Source.finished`: never."""
+        """See `gazempc.live.sources.source.Source.finished`: never."""
         return False
 
     def close(self) -> None:
-        """See `gazempc.sources.source.Source.close`."""
+        """See `gazempc.live.sources.source.Source.close`."""
 
 
 class Kept:

@@ -12,18 +12,18 @@ from collections.abc import Callable
 import numpy as np
 import tyro
 from filterpy.kalman import KalmanFilter
-from numpy.typing import NDArray
 
-from gazempc.controllers import Controller, LookAhead, Mpc, Reactive, Situation
-from gazempc.neck import load_neck
-from gazempc.placement import place
-from gazempc.recording import load
-from gazempc.sensor import load_sensor, observe
-from gazempc.smoother import Smoother
+from gazempc.controllers.controller import Controller, Situation
+from gazempc.controllers.lookahead import LookAhead
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.controllers.reactive import Reactive
+from gazempc.loop.smoother import Smoother
+from gazempc.neck.spec import load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadPose, Predictor, Walker
 from predictors.constant_velocity import process_noise, transition
-
-FloatArray = NDArray[np.float64]
 
 
 def cpu_ms(call: Callable[[], object]) -> float:

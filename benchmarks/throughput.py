@@ -17,15 +17,15 @@ from pathlib import Path
 
 import tyro
 
-from experiments.jobs import Job, execute
-from experiments.pool import run_jobs
-from gazempc.config import ControllerName, RunSettings
-from gazempc.neck import load_neck
-from gazempc.placement import place
-from gazempc.recording import load
-from gazempc.replay import make_controller, replay
-from gazempc.sensor import load_sensor
-from gazempc.synthetic import synthetic_names
+from experiments.engine.jobs import Job, execute
+from experiments.engine.pool import run_jobs
+from gazempc.neck.spec import load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.recordings.synthetic.walks import synthetic_names
+from gazempc.settings import ControllerName, RunSettings
+from gazempc.sim.replay import make_controller, replay
+from gazempc.sim.sensor import load_sensor
 
 CONTROLLERS: tuple[ControllerName, ...] = ("reactive", "lookahead", "mpc")
 

@@ -7,9 +7,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 GROUP_ORDER = ("straight", "turn", "sharp")
 LABEL_COLUMNS = ("recording", "source", "kind", "subject", "group", "controller", "predictor", "neck", "seed")

@@ -23,20 +23,20 @@ import tyro
 from pydantic import BaseModel, ConfigDict, Field
 from tqdm import tqdm
 
-from experiments.command import run_command
-from experiments.jobs import attempt
-from experiments.recordings import find_recordings
-from gazempc.config import ControllerName, RunSettings, WalkerSettings
-from gazempc.kinematics import look_at
-from gazempc.log import Log
-from gazempc.metrics import SCORED_FROM_S, measure
-from gazempc.neck import NeckSpec, load_neck
-from gazempc.placement import place
-from gazempc.recording import load
-from gazempc.replay import replay, walker_model
-from gazempc.report import versions
-from gazempc.sensor import default_sensor, load_sensor
-from gazempc.servo import zero_order_hold
+from experiments.engine.command import run_command
+from experiments.engine.jobs import attempt
+from experiments.engine.recordings import find_recordings
+from gazempc.neck.kinematics import look_at
+from gazempc.neck.servo import zero_order_hold
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.results.log import Log
+from gazempc.results.metrics import SCORED_FROM_S, measure
+from gazempc.results.report import versions
+from gazempc.settings import ControllerName, RunSettings, WalkerSettings
+from gazempc.sim.replay import replay, walker_model
+from gazempc.sim.sensor import default_sensor, load_sensor
 
 CONTROLLERS: tuple[ControllerName, ...] = ("lookahead", "mpc", "perfect")
 COLUMNS = (*CONTROLLERS, "bound")

@@ -16,15 +16,15 @@ import tyro
 from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.aggregate import add_gap_closed, paired_differences, summarise
-from experiments.command import run_command
-from experiments.jobs import Job, execute
-from experiments.pool import run_jobs
-from experiments.recordings import find_recordings
-from gazempc.config import DEFAULT_PREDICTOR, ControllerName, PlacementName, PredictorName, WalkerSettings
-from gazempc.neck import load_neck
-from gazempc.replay import walker_model
-from gazempc.report import LABELS, versions
-from gazempc.sensor import load_sensor
+from experiments.engine.command import run_command
+from experiments.engine.jobs import Job, execute
+from experiments.engine.pool import run_jobs
+from experiments.engine.recordings import find_recordings
+from gazempc.neck.spec import load_neck
+from gazempc.results.report import LABELS, versions
+from gazempc.settings import DEFAULT_PREDICTOR, ControllerName, PlacementName, PredictorName, WalkerSettings
+from gazempc.sim.replay import walker_model
+from gazempc.sim.sensor import load_sensor
 
 # What the two gazes are compared by, clip by clip: figure, what the report calls it, digits. All but the first are of
 # gazes that start aside.

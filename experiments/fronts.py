@@ -19,7 +19,7 @@ import tyro
 from matplotlib.figure import Figure
 from pydantic import BaseModel, ConfigDict, Field
 
-from experiments.command import run_command
+from experiments.engine.command import run_command
 from gazempc.errors import SettingsError
 
 SMOOTHNESS = "rms_acceleration_rad_s2"

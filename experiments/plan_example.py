@@ -10,28 +10,27 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from experiments.command import run_command
-from gazempc.config import RunSettings
-from gazempc.controllers import Mpc, Plan, Situation
+from experiments.engine.command import run_command
+from gazempc.controllers.controller import Plan, Situation
+from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import SettingsError
-from gazempc.kinematics import angle_deviations_rad, look_at
-from gazempc.neck import NeckSpec, load_neck
-from gazempc.placement import place
-from gazempc.recording import load
-from gazempc.replay import make_controller, replay
-from gazempc.sensor import default_sensor, load_sensor
-from gazempc.servo import DelayedServo
+from gazempc.neck.kinematics import angle_deviations_rad, look_at
+from gazempc.neck.servo import DelayedServo
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.settings import RunSettings
+from gazempc.sim.replay import make_controller, replay
+from gazempc.sim.sensor import default_sensor, load_sensor
+from gazempc.types import FloatArray
 
-FloatArray = NDArray[np.floating[Any]]
 _BEFORE_S, _AFTER_S = 0.4, 1.3
 
 
@@ -125,8 +124,8 @@ def draw(moment: Moment, neck: NeckSpec, time_s: FloatArray, true_pan_rad: Float
     """
     situation, plan, limits = moment.situation, moment.plan, neck.command_limits
     now_s, dead_s, ts = situation.start_s, float(neck.dead_time_s[0]), neck.servo_period_s
-    sent_s = now_s - ts * np.arange(len(situation.sent_rad), 0, -1)
-    ahead_s = now_s + ts * np.arange(int((plan.end_s - now_s) / ts))
+    sent_s: FloatArray = now_s - ts * np.arange(len(situation.sent_rad), 0, -1, dtype=np.float64)
+    ahead_s: FloatArray = now_s + ts * np.arange(int((plan.end_s - now_s) / ts), dtype=np.float64)
     commands = [plan.at(t) for t in ahead_s]
     joint_s, joint_rad = _joint(moment, neck, sent_s, ahead_s)
 

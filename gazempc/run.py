@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,15 +11,15 @@ from typing import TYPE_CHECKING
 import tyro
 import yaml
 
-from gazempc.config import PlacementName, RunSettings, load_settings
 from gazempc.errors import GazempcError, LimitViolationError
+from gazempc.progress import Progress
+from gazempc.settings import PlacementName, RunSettings, load_settings
 
 if TYPE_CHECKING:
-    from gazempc.log import Log
+    from gazempc.results.log import Log
 
 _VIOLATION = 1
 _BAD_INPUT = 2
-_SILENCE_S = 2.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -72,37 +71,6 @@ def parse(words: Sequence[str]) -> RunSettings:
     return tyro.cli(RunSettings, default=base, args=list(words), prog="python -m gazempc.run", description=__doc__)
 
 
-class Progress:
-    """Says on standard error what is going on, once a job has been silent for two seconds."""
-
-    def __init__(self) -> None:
-        self._started_s = self._said_s = time.monotonic()
-        self._what = ""
-        self._shown = False
-
-    def at(self, share: float) -> None:
-        """Tell how far the present work is, every few seconds.
-
-        Args:
-            share: Done so far, 0 to 1.
-        """
-        now_s = time.monotonic()
-        if now_s - self._said_s > _SILENCE_S:
-            self._said_s, self._shown = now_s, True
-            print(f"... {self._what}, {100 * share:.0f} %", file=sys.stderr, flush=True)
-
-    def say(self, what: str) -> None:
-        """Tell what begins now.
-
-        Args:
-            what: A few words.
-        """
-        self._what = what
-        if self._shown or time.monotonic() - self._started_s > _SILENCE_S:
-            self._shown = True
-            print(f"... {what}", file=sys.stderr, flush=True)
-
-
 def _config_path(words: Sequence[str]) -> Path | None:
     for i, word in enumerate(words):
         if word == "--config" and i + 1 < len(words):
@@ -113,9 +81,9 @@ def _config_path(words: Sequence[str]) -> Path | None:
 
 
 def _listing() -> str:
-    from gazempc.neck import load_neck, neck_names  # noqa: PLC0415
-    from gazempc.sensor import load_sensor, sensor_names  # noqa: PLC0415
-    from gazempc.synthetic import synthetic_names  # noqa: PLC0415
+    from gazempc.neck.spec import load_neck, neck_names  # noqa: PLC0415
+    from gazempc.recordings.synthetic.walks import synthetic_names  # noqa: PLC0415
+    from gazempc.sim.sensor import load_sensor, sensor_names  # noqa: PLC0415
 
     names = synthetic_names()
     lines = [
@@ -137,14 +105,14 @@ def _listing() -> str:
 def _run(settings: RunSettings) -> None:
     progress = Progress()
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
-    from gazempc.log import ComputeTimes  # noqa: PLC0415
-    from gazempc.metrics import measure, measure_compute  # noqa: PLC0415
-    from gazempc.neck import load_neck  # noqa: PLC0415
-    from gazempc.placement import place  # noqa: PLC0415
-    from gazempc.recording import load  # noqa: PLC0415
-    from gazempc.replay import replay  # noqa: PLC0415
-    from gazempc.report import LABELS, make_rows, sentence, table, write_summary  # noqa: PLC0415
-    from gazempc.sensor import default_sensor, load_sensor  # noqa: PLC0415
+    from gazempc.neck.spec import load_neck  # noqa: PLC0415
+    from gazempc.recordings.load import load  # noqa: PLC0415
+    from gazempc.recordings.placement import place  # noqa: PLC0415
+    from gazempc.results.log import ComputeTimes  # noqa: PLC0415
+    from gazempc.results.metrics import measure, measure_compute  # noqa: PLC0415
+    from gazempc.results.report import LABELS, make_rows, sentence, table, write_summary  # noqa: PLC0415
+    from gazempc.sim.replay import replay  # noqa: PLC0415
+    from gazempc.sim.sensor import default_sensor, load_sensor  # noqa: PLC0415
 
     recording = load(settings.replay or "", settings.reading)
     placement: PlacementName = settings.placement or ("recorded" if recording.has_robot else "side")
@@ -206,9 +174,9 @@ def _standing(placement: PlacementName, has_robot: bool, distance_m: float) -> s
 
 
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:
-    from gazempc import plots  # noqa: PLC0415
-    from gazempc.animation import animate  # noqa: PLC0415
-    from gazempc.overview import overview  # noqa: PLC0415
+    from gazempc.results.figures import plots  # noqa: PLC0415
+    from gazempc.results.figures.animation import animate  # noqa: PLC0415
+    from gazempc.results.figures.overview import overview  # noqa: PLC0415
 
     figures = {
         "overview.png": overview,

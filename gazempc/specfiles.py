@@ -18,7 +18,7 @@ def shipped_names(folder: str) -> tuple[str, ...]:
     """Names of the specifications that ship in a folder of the package.
 
     Args:
-        folder: ``"necks"`` or ``"sensors"``.
+        folder: Folder inside the package, ``"neck"`` or ``"sim/sensors"``.
 
     Returns:
         The file names without their ending, sorted.
@@ -48,7 +48,7 @@ def load_spec(model: type[Spec], folder: str, name_or_path: str | Path) -> Spec:
     path = Path(name_or_path)
     if not path.is_file():
         raise SettingsError(
-            f"no {folder.removesuffix('s')} file {str(name_or_path)!r}: give the path of a .toml file or a "
+            f"no {Path(folder).name.removesuffix('s')} file {str(name_or_path)!r}: give the path of a .toml file or a "
             f"shipped name; {suggest(str(name_or_path), shipped)}"
         )
     try:

@@ -1,17 +1,17 @@
 """Forecasts of a walking person's head: one method a file, no knowledge of robots or gaze."""
 
-from predictors.constant_acceleration import ConstantAcceleration
+from predictors.baselines.constant_acceleration import ConstantAcceleration
+from predictors.baselines.coordinated_turn import CoordinatedTurn
+from predictors.baselines.interacting_models import InteractingModels
+from predictors.baselines.particle import ParticleFilter
 from predictors.constant_velocity import ConstantVelocity
-from predictors.coordinated_turn import CoordinatedTurn
 from predictors.head_pose import HeadPose
-from predictors.imm import InteractingModels
 from predictors.last_position import LastPosition
-from predictors.particle import ParticleFilter
 from predictors.pelvis_pursuit import PelvisPursuit
 from predictors.perfect import Perfect
 from predictors.predictor import NotReadyError, OutOfOrderError, Predictor
 from predictors.types import Forecast, HeadObservation
-from predictors.walker import Walker
+from predictors.walker.predictor import Walker
 
 __all__ = [
     "ConstantAcceleration",

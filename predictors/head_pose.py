@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from predictors.constant_velocity import ConstantVelocity
-from predictors.orientation import wrap_rad, yaw_rad
 from predictors.types import FloatArray, Forecast, HeadObservation
+from predictors.yaw import wrap_rad, yaw_rad
 
 if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter

@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 
 from predictors.constant_velocity import ConstantVelocity
 from predictors.head_pose import rotation_about_vertical
-from predictors.orientation import wrap_rad, yaw_rad
 from predictors.predictor import as_times
 from predictors.types import Forecast, HeadObservation
+from predictors.yaw import wrap_rad, yaw_rad
 
 # A person who hardly moves has no direction of travel: the rule fades out between these speeds.
 _NO_DIRECTION_BELOW_M_S = 0.2

@@ -13,8 +13,15 @@ from typing import get_args
 import pytest
 import yaml
 
-from gazempc import loop
-from gazempc.config import (
+from gazempc.loop import gaze_loop as loop
+from gazempc.loop.settings import LoopSettings
+from gazempc.loop.smoother import Intervention
+from gazempc.neck.spec import Axis, Geometry, NeckSpec, neck_names
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.table import COLUMNS
+from gazempc.results.log import Log
+from gazempc.results.metrics import ComputeMetrics, Metrics
+from gazempc.settings import (
     ConstantAccelerationSettings,
     ConstantVelocitySettings,
     CoordinatedTurnSettings,
@@ -27,14 +34,7 @@ from gazempc.config import (
     PredictorName,
     RunSettings,
 )
-from gazempc.log import Log
-from gazempc.loop_settings import LoopSettings
-from gazempc.metrics import ComputeMetrics, Metrics
-from gazempc.neck import Axis, Geometry, NeckSpec, neck_names
-from gazempc.readers.options import ReadOptions
-from gazempc.readers.table import COLUMNS
-from gazempc.sensor import SensorSpec, sensor_names
-from gazempc.smoother import Intervention
+from gazempc.sim.sensor import SensorSpec, sensor_names
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

@@ -43,7 +43,7 @@ def test_metrics_and_figures_read_logs_only():
 def test_importing_has_no_side_effects_and_is_quick_to_name_what_it_needs():
     """Importing prints nothing, writes nothing and leaves matplotlib and control alone."""
     code = (
-        "import sys, gazempc, predictors, experiments, gazempc.run, gazempc.config;"
+        "import sys, gazempc, predictors, experiments, gazempc.run, gazempc.settings;"
         "heavy = {'matplotlib', 'control', 'filterpy'} & set(sys.modules); print(sorted(heavy))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -7,7 +7,6 @@ import gc
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from benchmarks.solvers.figures import AGREE_RAD, WARM_UP, GrowthFigures, PeerFigures
@@ -16,10 +15,9 @@ from benchmarks.solvers.peer import Peer, PeerFailedError
 from benchmarks.solvers.qp_peers import Accurate
 from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, Run, simulate
 from benchmarks.step_time import cpu_ms
-from gazempc.controllers import Mpc
-from gazempc.neck import NeckSpec
-
-FloatArray = NDArray[np.float64]
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
 
 
 def solve_all(peer: Peer, run: Run) -> tuple[FloatArray, FloatArray]:

@@ -10,14 +10,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.solvers.peer import AxisPeer, AxisSolver, Peer, PeerFailedError
 from benchmarks.solvers.problem import COST_SCALE, AxisProblem, SparseQp
 from benchmarks.solvers.qp_peers import TIGHT_PIQP
-from gazempc.neck import NeckSpec
-
-FloatArray = NDArray[np.float64]
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
 
 _QUIET_IPOPT: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 

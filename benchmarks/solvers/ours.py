@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.solvers.peer import AxisPeer, AxisSolver, Peer, PeerFailedError
 from benchmarks.solvers.problem import AxisProblem
-from gazempc.controllers.ocp import AxisModel, AxisOcp, SolverFailedError
-from gazempc.controllers.qp import Daqp, QpResult
-from gazempc.neck import NeckSpec
-
-FloatArray = NDArray[np.float64]
+from gazempc.controllers.mpc.ocp import AxisModel, AxisOcp, SolverFailedError
+from gazempc.controllers.mpc.qp import Daqp, QpResult
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
 
 # A limit left by more than this share of it is more than a solver's tolerance.
 _SOFTENED = 1e-5

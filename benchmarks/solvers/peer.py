@@ -8,12 +8,11 @@ from importlib.util import find_spec
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.solvers.problem import AxisProblem
-from gazempc.neck import NeckSpec
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
 
-FloatArray = NDArray[np.float64]
 AxisSolver = Callable[[FloatArray, FloatArray], FloatArray]
 
 

@@ -12,14 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from gazempc.controllers.prediction import servo_step
-from gazempc.neck import NeckSpec
-from gazempc.servo import servo_model
-
-FloatArray = NDArray[np.float64]
+from gazempc.controllers.mpc.prediction import servo_step
+from gazempc.neck.servo import servo_model
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
 
 # All count the cost in squared hundredths of a radian, which suits absolute tolerances.
 COST_SCALE = 1e4

@@ -6,14 +6,12 @@ from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from benchmarks.solvers.peer import AxisPeer, AxisSolver, PeerFailedError
 from benchmarks.solvers.problem import AxisProblem, SparseQp, linear_cost
-from gazempc.controllers.ocp import AxisModel, AxisOcp
-
-FloatArray = NDArray[np.float64]
+from gazempc.controllers.mpc.ocp import AxisModel, AxisOcp
+from gazempc.types import FloatArray
 
 TIGHT_PIQP: dict[str, Any] = {
     "error_on_fail": False,

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gazempc.controllers import Mpc
-from gazempc.neck import NeckSpec
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
 from predictors import ConstantVelocity, Forecast, HeadObservation
-
-FloatArray = NDArray[np.float64]
 
 _NOISE_M = 0.01
 _HOLD_TICKS = 50

@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 
 from benchmarks.solvers.ours import Gazempc
 from benchmarks.solvers.scenario import forecasts
-from gazempc.controllers import Situation
-from gazempc.controllers.controller import CommandState
-from gazempc.controllers.ocp import Solution
-from gazempc.controllers.prediction import servo_step
-from gazempc.kinematics import look_at, unwrap_pan
-from gazempc.neck import CommandLimits, NeckSpec
+from gazempc.controllers.controller import CommandState, Situation
+from gazempc.controllers.mpc.ocp import Solution
+from gazempc.controllers.mpc.prediction import servo_step
+from gazempc.neck.kinematics import look_at, unwrap_pan
+from gazempc.neck.spec import CommandLimits, NeckSpec
+from gazempc.types import FloatArray
 from predictors import Forecast
-
-FloatArray = NDArray[np.float64]
 
 STEPS = 40
 SMOOTHING_TIME_S = 0.075

@@ -23,18 +23,12 @@ from experiments.paper.filters import (
     misfit,
     sweep,
 )
-from experiments.paper.frames import HORIZONS_S, RULES, FloatArray, Frames, frames_of
+from experiments.paper.frames import HORIZONS_S, RULES, Frames, frames_of
 from experiments.paper.published import PUBLISHED, SIGNIFICANCE_LEVEL, W_MEAN, W_READINGS, W_SD, implied_frames
-from experiments.paper.significance import (
-    ALTERNATIVE,
-    ZERO_METHOD,
-    PersonTest,
-    as_row,
-    frame_test,
-    person_test,
-)
+from experiments.paper.significance import ALTERNATIVE, ZERO_METHOD, PersonTest, as_row, frame_test, person_test
 from experiments.paper.turns import turns_needed
 from experiments.paper.validation import Judged, exact_weight, leave_one_subject_out
+from gazempc.types import FloatArray
 
 Rows = Sequence[dict[str, Any]]
 

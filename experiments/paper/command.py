@@ -13,18 +13,19 @@ from typing import Any
 import tyro
 from pydantic import BaseModel, ConfigDict, Field
 
-from experiments.command import run_command
+from experiments.engine.command import run_command
+from experiments.engine.pool import run_jobs, write_whole
+from experiments.engine.recordings import find_recordings
 from experiments.paper.analysis import analyse, known_groups
 from experiments.paper.filters import FILTER_TIMES_S, SLOW_TIME_S, TUNED_TIME_S
 from experiments.paper.frames import RULES, FrameJob, execute
 from experiments.paper.report import report, side_by_side
 from experiments.paper.validation import check_optuna
-from experiments.pool import run_jobs, write_whole
-from experiments.recordings import find_recordings
 from gazempc.errors import GazempcError
-from gazempc.placement import place
-from gazempc.recording import Recording, load
-from gazempc.report import versions
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.recordings.recording import Recording
+from gazempc.results.report import versions
 
 
 class PaperSettings(BaseModel):

@@ -13,15 +13,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.jobs import attempt, program_hash
+from experiments.engine.jobs import attempt, program_hash
 from experiments.paper.published import FRAME_RATE_HZ, HORIZON_S, PUBLISHED, RANGE_M
-from gazempc.placement import place
-from gazempc.recording import Recording, load
-from gazempc.sensor import SensorSpec, load_sensor, observe
-from gazempc.truth import TrueHead
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.recordings.recording import Recording
+from gazempc.recordings.truth import TrueHead
+from gazempc.sim.sensor import SensorSpec, load_sensor, observe
+from gazempc.types import FloatArray
 from predictors import ConstantVelocity, HeadObservation, HeadPose
-
-FloatArray = NDArray[np.float64]
 
 Rule = Literal["paper", "offset removed", "travel direction", "both", "waist itself"]
 Against = Literal["filtered", "true"]

@@ -5,13 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from experiments.paper.published import (
-    PUBLISHED,
-    SIGNIFICANCE_LEVEL,
-    VIDEOS_PER_GROUP,
-    PublishedGroup,
-    implied_frames,
-)
+from experiments.paper.published import PUBLISHED, SIGNIFICANCE_LEVEL, VIDEOS_PER_GROUP, PublishedGroup, implied_frames
 
 _RULE_NAMES = {
     "paper": "head against waist (the paper's)",

@@ -13,9 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Rectangle, Wedge
 
 from experiments.aggregate import GROUP_ORDER
-from experiments.forecast_figures import COLOURS
-from gazempc.recording import FloatArray, Recording
-from gazempc.room import PAPER_ROOM, ROUTE_LANDMARKS, Room, way
+from experiments.forecast.figures import COLOURS
+from gazempc.recordings.recording import Recording
+from gazempc.recordings.synthetic.room import PAPER_ROOM, ROUTE_LANDMARKS, Room, way
+from gazempc.types import FloatArray
 
 _ROUTES = {"straight": "R12 straight", "turn": "R34 turn", "sharp": "R56 sharp"}
 # Of the side to which people go or turn, robot's or their own; who does not turn has none.
@@ -33,7 +34,8 @@ def draw_routes(recordings: Sequence[Recording], path: Path) -> None:
     In the room, walks are coloured by the side of the desk to which they go, else by the side to which people turn.
 
     Args:
-        recordings: Walks in the base frame: synthetic ones as generated, others placed (`gazempc.placement.place`).
+        recordings: Walks in the base frame: synthetic ones as generated, others placed by
+            `gazempc.recordings.placement.place`.
         path: PNG file to write.
 
     Raises:

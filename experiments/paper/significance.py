@@ -8,13 +8,11 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import PermutationMethod, rankdata, wilcoxon
 
 from experiments.paper.published import STEPS_AHEAD
 from experiments.paper.validation import Judged
-
-FloatArray = NDArray[np.float64]
+from gazempc.types import FloatArray
 
 ZERO_METHOD: Final = "wilcox"  # frames without any difference say nothing and are dropped
 ALTERNATIVE: Final = "greater"  # the baseline's errors are the greater ones

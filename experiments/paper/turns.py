@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from experiments.paper.published import HORIZON_S, PUBLISHED
-
-FloatArray = NDArray[np.float64]
 
 _GROUPS = {p.label: p.group for p in PUBLISHED}
 # At this turn the error of a straight forecast is largest: 1.26 times the way.

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from experiments.paper.frames import Frames
 from gazempc.errors import GazempcError, MissingOptionalDependencyError
-
-FloatArray = NDArray[np.float64]
+from gazempc.types import FloatArray
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gazempc.types import FloatArray
 from predictors import Forecast
-
-FloatArray = NDArray[np.float64]
 
 
 class ControllerError(RuntimeError):

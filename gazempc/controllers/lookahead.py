@@ -7,9 +7,10 @@ import math
 import numpy as np
 from scipy.signal import lfilter
 
-from gazempc.controllers.controller import FloatArray, Plan, Situation
-from gazempc.kinematics import look_at_rad, unwrap_pan
-from gazempc.neck import NeckSpec
+from gazempc.controllers.controller import Plan, Situation
+from gazempc.neck.kinematics import look_at_rad, unwrap_pan
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
 
 # The plan reaches this far so that there is something to follow while the next one is late.
 _PLAN_S = 0.4

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gazempc.controllers.controller import FloatArray, Plan, Situation
-from gazempc.kinematics import look_at_rad, unwrap_pan
-from gazempc.neck import NeckSpec
+from gazempc.controllers.controller import Plan, Situation
+from gazempc.neck.kinematics import look_at_rad, unwrap_pan
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
 
 # Long enough to bridge a late frame, short enough that the watchdog stops a gaze that gets no news.
 _HOLD_S = 1.0

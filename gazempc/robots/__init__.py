@@ -1,6 +1,1 @@
-"""Robots: what executes the commands."""
-
-from gazempc.robots.robot import JointState, Robot
-from gazempc.robots.simulated import SimulatedNeck
-
-__all__ = ["JointState", "Robot", "SimulatedNeck"]
+"""Robots: the interface, and one robot a file or folder. May import neck and ros2."""

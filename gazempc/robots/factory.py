@@ -5,22 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from gazempc.clock import Clock, RealClock
 from gazempc.errors import SettingsError
-from gazempc.neck import NeckSpec
-from gazempc.robots.dynamixel import DynamixelNeck
-from gazempc.robots.mujoco import MujocoNeck
-from gazempc.robots.reachy_mini import ReachyMiniNeck
-from gazempc.robots.robot import JointState, Robot
+from gazempc.live.clock import Clock, RealClock
+from gazempc.neck.spec import NeckSpec
+from gazempc.robots.dynamixel.robot import DynamixelNeck
+from gazempc.robots.mujoco.robot import MujocoNeck
+from gazempc.robots.reachy_mini.robot import ReachyMiniNeck
+from gazempc.robots.robot import Robot
 from gazempc.robots.ros2 import Ros2Neck
-from gazempc.robots.simulated import SimulatedNeck
-from gazempc.ros2_wire import Ros2Network
-
-FloatArray = NDArray[np.float64]
+from gazempc.ros2.wire import Ros2Network
+from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import FloatArray, JointState
 
 RobotName = Literal["simulated", "mujoco", "dynamixel", "ros2", "reachy_mini"]
 # These keep the loop's time: they can be run on a simulated clock, and their true state is known.
@@ -32,7 +29,7 @@ class _Options(BaseModel):
 
 
 class DynamixelOptions(_Options):
-    """Robot `dynamixel`; see `gazempc.robots.dynamixel.DynamixelNeck`."""
+    """Robot `dynamixel`; see `gazempc.robots.dynamixel.robot.DynamixelNeck`."""
 
     port: str = Field(default="/dev/ttyUSB0", description="Serial port")
     baud_rate_bps: int = Field(default=1_000_000, gt=0, description="As set in the motors")
@@ -66,7 +63,7 @@ class Ros2Options(_Options):
 
 
 class ReachyMiniOptions(_Options):
-    """Robot `reachy_mini`; see `gazempc.robots.reachy_mini.ReachyMiniNeck`."""
+    """Robot `reachy_mini`; see `gazempc.robots.reachy_mini.robot.ReachyMiniNeck`."""
 
     host: str = Field(default="127.0.0.1", description="Where its daemon runs")
     port: int = Field(default=8000, gt=0, lt=65536, description="Port of the daemon")

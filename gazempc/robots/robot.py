@@ -2,28 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class JointState:
-    """Measured state of the joints.
-
-    Attributes:
-        time_s: When it was measured, seconds, on the loop's clock.
-        position_rad: Pan and tilt, shape (2,), radians.
-        velocity_rad_s: Their velocities, shape (2,), rad/s.
-    """
-
-    time_s: float
-    position_rad: FloatArray
-    velocity_rad_s: FloatArray
+from gazempc.types import FloatArray, JointState
 
 
 class Robot(Protocol):

@@ -8,15 +8,12 @@ from collections.abc import Callable
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gazempc.errors import RobotError, SettingsError, suggest
-from gazempc.neck import NeckSpec
-from gazempc.robots.robot import JointState
-from gazempc.ros2_node import Publication, Ros2Node, Subscription
-from gazempc.ros2_wire import Ros2Network, WireError, make_message, stamp_to_loop_s, topic_name
-
-FloatArray = NDArray[np.float64]
+from gazempc.neck.spec import NeckSpec
+from gazempc.ros2.node import Publication, Ros2Node, Subscription
+from gazempc.ros2.wire import Ros2Network, WireError, make_message, stamp_to_loop_s, topic_name
+from gazempc.types import FloatArray, JointState
 
 CommandType = Literal["trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Float64MultiArray"]
 _STATE_TYPE = "sensor_msgs/msg/JointState"

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import ruckig
-from numpy.typing import NDArray
 
 from gazempc.errors import RobotError
-from gazempc.neck import NeckSpec
-
-FloatArray = NDArray[np.float64]
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
 
 # Outside the joints' range by more than this is no rounding: file and robot do not agree.
 _OUTSIDE_RAD = np.deg2rad(1.0)

@@ -1,0 +1,179 @@
+"""Figures of a sweep: response curves, heat maps and Pareto fronts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.aggregate import GROUP_ORDER, bootstrap_mean
+from experiments.sweep.plan import SweepPlan
+from experiments.sweep.spec import METRICS, Objective, direction_of
+from experiments.sweep.tables import Row, pareto_front
+from gazempc.results.figures.plots import style
+from gazempc.results.report import LABELS as CONTROLLER_LABELS
+
+_DPI = 150
+_MARKERS = "osD^vP*X"
+
+
+def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Path) -> None:
+    """Draw the figures that the sweep file asks for.
+
+    Args:
+        plan: The sweep.
+        rows: All runs.
+        table: Means, as made by `experiments.sweep.tables.point_table`.
+        out: Folder to write PNG files to.
+    """
+    done = [row for row in rows if not row["failed"] and not row["left_out"]]
+    overall = [row for row in table if row["group"] == "all"]
+    drawn: dict[str, Figure] = {}
+    for x, metric, by in plan.spec.figures.response:
+        drawn[f"response_{_file(x)}_{metric}"] = _response(done, x, metric, by)
+    for x, y, metric in plan.spec.figures.heatmap:
+        drawn[f"heatmap_{_file(x)}_{_file(y)}_{metric}"] = _heatmap(done, x, y, metric)
+    for x, y, by in plan.spec.figures.pareto:
+        drawn[f"pareto_{x}_{y}"] = _pareto(overall, x, y, by)
+    for name, figure in drawn.items():
+        figure.supxlabel(recorded_or_synthetic(plan), fontsize="x-small", color="0.4")
+        figure.savefig(out / f"{name}.png", dpi=_DPI)
+
+
+def recorded_or_synthetic(plan: SweepPlan) -> str:
+    """Say how many of a sweep's recordings are synthetic.
+
+    Args:
+        plan: The sweep.
+
+    Returns:
+        Such as ``12 synthetic walks``.
+    """
+    synthetic = sum(walk.is_synthetic for walk in plan.walks)
+    parts = [(synthetic, "synthetic"), (len(plan.walks) - synthetic, "recorded")]
+    return ", ".join(f"{n} {kind} walk{'s' if n > 1 else ''}" for n, kind in parts if n)
+
+
+def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
+    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    ax = figure.subplots()
+    ticks = _distinct(rows, x)
+    numeric = _numeric(ticks)
+    # Cases are different questions: a line never averages over them.
+    cases = _distinct(rows, "case")
+    series = [(c, b) for c in cases for b in _distinct([r for r in rows if r["case"] == c], by)]
+    for i, (case, one) in enumerate(series):
+        label = _said(one) if by == "case" or len(cases) == 1 else f"{_said(case)}, {_said(one)}"
+        at, means, low, high = [], [], [], []
+        for place, tick in enumerate(ticks):
+            chosen = [r for r in rows if (r["case"], r[by], r[x]) == (case, one, tick) and r[metric] is not None]
+            if not chosen:
+                continue
+            mean, lower, upper = bootstrap_mean([r[metric] for r in chosen], [str(r["subject"]) for r in chosen])
+            # Categories stand side by side, so that their intervals do not hide one another.
+            at.append(tick if numeric else place + 0.12 * (i - (len(series) - 1) / 2))
+            means.append(mean)
+            low.append(lower)
+            high.append(upper)
+        colour = _colour(rows, by, one, i)
+        if numeric:
+            ax.plot(at, means, f"{_MARKERS[i % 8]}-", color=colour, markersize=4, label=label)
+            ax.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
+        else:
+            ends = np.maximum(np.nan_to_num([np.subtract(means, low), np.subtract(high, means)]), 0.0)
+            ax.errorbar(at, means, ends, fmt=_MARKERS[i % 8], color=colour, capsize=3, label=label)
+    if not numeric:
+        ax.set_xticks(range(len(ticks)), [_said(tick) for tick in ticks])
+    ax.set(xlabel=x, ylabel=metric)
+    ax.grid(alpha=0.3)
+    ax.legend(frameon=False, fontsize="small", title=by)
+    ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
+    return figure
+
+
+def _heatmap(rows: Sequence[Row], x: str, y: str, metric: str) -> Figure:
+    cases = [c for c in _distinct(rows, "case") if any(r["case"] == c and r[x] is not None for r in rows)]
+    columns, lines = _distinct(rows, x), _distinct(rows, y)
+    grids = {}
+    for case in cases:
+        grid = np.full((len(lines), len(columns)), np.nan)
+        for i, line in enumerate(lines):
+            for j, column in enumerate(columns):
+                values = [
+                    r[metric] for r in rows if (r["case"], r[x], r[y]) == (case, column, line) and r[metric] is not None
+                ]
+                grid[i, j] = np.mean(values) if values else np.nan
+        grids[case] = grid
+    figure = Figure(
+        figsize=(1.5 + (1.2 + 0.8 * len(columns)) * len(cases), 1.8 + 0.6 * len(lines)), layout="constrained"
+    )
+    axes = np.atleast_1d(figure.subplots(1, len(cases), sharey=True))
+    low, high = (float(end([end(g) for g in grids.values()])) for end in (np.nanmin, np.nanmax))
+    # Bright is good, whichever way the metric goes.
+    colours = "viridis" if direction_of(metric) == "maximize" else "viridis_r"
+    for ax, (case, grid) in zip(axes, grids.items(), strict=True):
+        image = ax.imshow(grid, origin="lower", aspect="auto", vmin=low, vmax=high, cmap=colours)
+        for (i, j), value in np.ndenumerate(grid):
+            if np.isfinite(value):
+                dark = sum(image.to_rgba(np.array([value]))[0, :3]) < 1.4
+                ax.text(j, i, f"{value:.3g}", ha="center", va="center", color="white" if dark else "black")
+        ax.set_xticks(range(len(columns)), [_said(c) for c in columns])
+        ax.set_yticks(range(len(lines)), [_said(line) for line in lines])
+        ax.set(xlabel=x, title=_said(case))
+    axes[0].set_ylabel(y)
+    figure.suptitle(f"{metric}, means over clips", fontsize="medium")
+    return figure
+
+
+def _pareto(table: Sequence[Row], x: str, y: str, by: str) -> Figure:
+    figure = Figure(figsize=(7.0, 4.8), layout="constrained")
+    ax = figure.subplots()
+    objectives = [Objective(metric=metric, direction=direction_of(metric)) for metric in (x, y)]
+    for i, one in enumerate(_distinct(table, by)):
+        chosen = [r for r in table if r[by] == one and r[x] is not None and r[y] is not None]
+        front = pareto_front(chosen, objectives)
+        colour, marker = _colour(table, by, one, i), _MARKERS[i % 8]
+        ax.plot([r[x] for r in chosen], [r[y] for r in chosen], marker, color=colour, alpha=0.35, markersize=5)
+        ax.plot(
+            [r[x] for r in front], [r[y] for r in front], f"{marker}-", color=colour, markersize=5, label=_said(one)
+        )
+    ax.set(xlabel=x, ylabel=y)
+    ax.grid(alpha=0.3)
+    ax.legend(frameon=False, fontsize="small", title=f"{by}; lines: Pareto fronts")
+    ax.set_title("means over clips", fontsize="medium")
+    return figure
+
+
+def _distinct(rows: Sequence[Row], name: str) -> list[Any]:
+    found = [value for value in dict.fromkeys(row[name] for row in rows) if value is not None]
+    if name == "group":
+        return [group for group in (*GROUP_ORDER, "all") if group in found]
+    return sorted(found) if _numeric(found) else found
+
+
+def _numeric(values: Sequence[Any]) -> bool:
+    return bool(values) and all(isinstance(value, (int, float)) for value in values)
+
+
+def _colour(rows: Sequence[Row], by: str, one: Any, index: int) -> str:
+    # A line of one controller has the colour that the controller has everywhere, unless several lines share it.
+    def controllers(value: Any) -> set[str]:
+        return {row["controller"] for row in rows if row[by] == value}
+
+    own = controllers(one)
+    if len(own) == 1 and all(controllers(other) != own for other in _distinct(rows, by) if other != one):
+        return style(next(iter(own))).colour
+    cycle: list[str] = mpl.rcParams["axes.prop_cycle"].by_key()["color"]
+    return cycle[index % len(cycle)]
+
+
+def _said(value: Any) -> str:
+    return CONTROLLER_LABELS.get(value, f"{value:g}" if isinstance(value, float) else str(value))
+
+
+def _file(name: str) -> str:
+    return name.replace(".", "-") if name not in METRICS else name

@@ -1,0 +1,215 @@
+"""What a sweep file says: which settings vary, how, on which recordings, and what is tabulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from experiments.sweep.variants import accepted, check_name, check_settings, check_value, is_number, setting_fields
+from gazempc.errors import suggest
+from gazempc.results.metrics import ComputeMetrics, Metrics
+
+Design = Literal["grid", "random", "sobol", "optuna"]
+Direction = Literal["maximize", "minimize"]
+
+METRICS = tuple(f.name for model in (Metrics, ComputeMetrics) for f in fields(model))
+TIMING = tuple(f.name for f in fields(ComputeMetrics))
+# What a figure may put on an axis besides the settings that vary.
+LABELS = ("case", "group", "controller")
+_MORE_IS_BETTER = ("eye_contact_2p6", "eye_contact_4", "eye_contact_9", "sparc", "ldlj")
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Range(_Strict):
+    """All values between two ends, both included."""
+
+    low: float
+    high: float
+    log: bool = Field(default=False, description="Even in the logarithm")
+    integer: bool = Field(default=False, description="Whole numbers only")
+
+
+def _check_base(base: dict[str, Any]) -> dict[str, Any]:
+    checked, problems = check_settings(base)
+    if problems:
+        raise ValueError("\n".join(problems))
+    return checked
+
+
+def _check_vary(vary: dict[str, Any]) -> dict[str, Any]:
+    problems: list[str] = []
+    checked: dict[str, Any] = {}
+    for name, entry in vary.items():
+        if wrong := check_name(name):
+            problems.append(f"{name}: {wrong}")
+        elif isinstance(entry, list):
+            if not entry:
+                problems.append(f"{name}: an empty list of values")
+            results = [check_value(name, value) for value in entry]
+            problems += [f"{name}: {problem}" for _, problem in results if problem]
+            # A value given twice is one point.
+            checked[name] = tuple(dict.fromkeys(value for value, problem in results if not problem))
+        elif isinstance(entry, dict):
+            try:
+                checked[name] = Range.model_validate(entry)
+            except ValidationError as error:
+                problems += [f"{name}.{line}" for line in lines_of(error, Range)]
+            else:
+                problems += [f"{name}: {problem}" for problem in _range_problems(name, checked[name])]
+        else:
+            problems.append(f"{name}: expected a list of values or {{low, high}} (given: {entry!r})")
+    if problems:
+        raise ValueError("\n".join(problems))
+    return checked
+
+
+def _range_problems(name: str, ends: Range) -> Iterable[str]:
+    field = setting_fields()[name]
+    if not is_number(field):
+        yield f"has no numbers between two ends; give a list of values of: {accepted(field)}"
+        return
+    for end in ("low", "high"):
+        value = getattr(ends, end)
+        if problem := check_value(name, value)[1]:
+            yield f"{end}: {problem}"
+        if (ends.integer or field.annotation is int) and value != round(value):
+            yield f"{end}: not a whole number (given: {value})"
+    if not ends.low < ends.high:
+        yield f"low ({ends.low:g}) must be less than high ({ends.high:g})"
+    if ends.log and ends.low <= 0:
+        yield f"low must be more than 0 where log is true (given: {ends.low:g})"
+
+
+def _check_metric(name: str) -> str:
+    if name not in METRICS:
+        raise ValueError(f"unknown metric {name!r}; {suggest(name, METRICS)}")
+    return name
+
+
+def _one_or_many(value: Any) -> Any:
+    return [value] if isinstance(value, list) and value and all(isinstance(part, str) for part in value) else value
+
+
+Base = Annotated[dict[str, Any], AfterValidator(_check_base)]
+Vary = Annotated[dict[str, Any], AfterValidator(_check_vary)]
+# Points of a random, sobol or optuna design.
+Count = Annotated[int | None, Field(ge=1, le=100_000)]
+Metric = Annotated[str, AfterValidator(_check_metric)]
+
+
+class Objective(_Strict):
+    """What a tuning looks for."""
+
+    metric: Metric
+    direction: Direction
+
+
+class Figures(_Strict):
+    """Figures to draw; each kind once or several times. x and by are settings that vary, or case, group, controller."""
+
+    response: Annotated[tuple[tuple[str, Metric, str], ...], BeforeValidator(_one_or_many)] = Field(
+        default=(), description="[x, metric, by]: mean of a metric over x, a line for each value of by"
+    )
+    heatmap: Annotated[tuple[tuple[str, str, Metric], ...], BeforeValidator(_one_or_many)] = Field(
+        default=(), description="[x, y, metric]: mean of a metric, a panel for each case"
+    )
+    pareto: Annotated[tuple[tuple[Metric, Metric, str], ...], BeforeValidator(_one_or_many)] = Field(
+        default=(), description="[x metric, y metric, by]: all points, the front of each value of by as a line"
+    )
+
+
+class Case(_Strict):
+    """A named part of a sweep; what it does not say is as in the sweep."""
+
+    name: str = Field(min_length=1)
+    base: Base = {}
+    vary: Vary = {}
+    design: Design | None = None
+    n: Count = None
+
+
+class SweepSpec(_Strict):
+    """A sweep file."""
+
+    name: str = Field(pattern=r"^[\w-]+$", description="Short; names the output folder")
+    question: str = Field(default="", description="What the sweep is to answer")
+    recordings: tuple[str, ...] = Field(default=("synthetic",), min_length=1)
+    base: Base = {}
+    vary: Vary = {}
+    design: Design = "grid"
+    n: Count = None
+    seed: int = Field(default=0, ge=0, description="Of the design; the sensor's is the setting `seed`")
+    objectives: tuple[Objective, ...] = Field(
+        default=(
+            Objective(metric="eye_contact_2p6", direction="maximize"),
+            Objective(metric="rms_acceleration_rad_s2", direction="minimize"),
+        ),
+        min_length=1,
+    )
+    metrics: tuple[Metric, ...] = Field(
+        default=("gaze_error_rms_deg", "gaze_error_p95_deg", "eye_contact_2p6", "rms_acceleration_rad_s2"), min_length=1
+    )
+    figures: Figures = Figures()
+    cases: tuple[Case, ...] = ()
+
+    def all_cases(self) -> tuple[Case, ...]:
+        """The cases with everything filled in; the sweep itself where it has none."""
+        return tuple(
+            Case.model_construct(
+                name=case.name,
+                base={**self.base, **case.base},
+                vary={**{name: entry for name, entry in self.vary.items() if name not in case.base}, **case.vary},
+                design=case.design or self.design,
+                n=case.n or self.n,
+            )
+            for case in self.cases or (Case.model_construct(name=self.name),)
+        )
+
+    def varied(self) -> tuple[str, ...]:
+        """Names that vary in any case."""
+        return tuple(dict.fromkeys(name for case in self.all_cases() for name in case.vary))
+
+
+def direction_of(metric: str) -> Direction:
+    """Whether more or less of a metric is better."""
+    return "maximize" if metric in _MORE_IS_BETTER else "minimize"
+
+
+def lines_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """All errors of a validation, one line each, with what a misspelt key perhaps means.
+
+    Args:
+        error: What pydantic found.
+        model: The model that was validated.
+
+    Returns:
+        Lines ``place: problem``.
+    """
+    lines = []
+    places = [item["loc"] for item in error.errors()]
+    for item in error.errors():
+        depth = len(item["loc"])
+        if item["type"] == "too_short" and any(p[:depth] == item["loc"] and len(p) > depth for p in places):
+            continue  # its parts were wrong, and are named
+        place = ".".join(str(part) for part in item["loc"]) or "(whole file)"
+        if item["type"] == "extra_forbidden":
+            keys = _keys_at(model, item["loc"][:-1])
+            lines.append(f"{place}: unknown key; {suggest(str(item['loc'][-1]), keys)}")
+        elif item["type"] == "value_error":
+            lines += [f"{place}: {line}" for line in str(item["ctx"]["error"]).splitlines()]
+        elif item["type"] == "missing":
+            lines.append(f"{place}: missing")
+        else:
+            lines.append(f"{place}: {item['msg']} (given: {item['input']!r})")
+    return lines
+
+
+def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> Iterable[str]:
+    inside: dict[str, type[BaseModel]] = {"cases": Case, "objectives": Objective, "figures": Figures}
+    return inside.get(str(location[0]), model).model_fields if location else model.model_fields

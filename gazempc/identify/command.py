@@ -1,0 +1,224 @@
+"""Measure a neck: excite it within its limits and write its dead time and servo to a neck file.
+
+Example: python -m gazempc.identify --robot simulated --out my_neck.toml
+
+Without a robot, from a log already recorded: python -m gazempc.identify --from-log log.npz --out my_neck.toml
+"""
+
+from __future__ import annotations
+
+import datetime
+import os
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from pydantic import Field
+
+from gazempc.errors import GazempcError, SettingsError
+from gazempc.identify.excitation import ExcitationSettings, excite
+from gazempc.identify.record import IdentificationError, NeckRecord, load_record, record
+from gazempc.live.clock import Clock, RealClock, SimulatedClock
+from gazempc.neck.spec import AXES, NeckSpec, load_neck
+from gazempc.progress import Progress
+from gazempc.robots.factory import SIMULATED, RobotName, RobotOptions, make_robot
+from gazempc.robots.robot import Robot
+from gazempc.robots.start import way_in_rad
+from gazempc.types import FloatArray
+
+if TYPE_CHECKING:
+    from gazempc.identify.estimate import AxisEstimate
+
+
+_BAD_INPUT = 2
+_INTERRUPTED = 130
+# A robot's first message may take a while.
+_PATIENCE_S = 2.0
+
+
+class IdentifySettings(ExcitationSettings):
+    """Settings of `python -m gazempc.identify`."""
+
+    robot: RobotName | None = Field(default=None, description="Robot to move and measure")
+    options: RobotOptions = RobotOptions()
+    from_log: Path | None = Field(
+        default=None,
+        description="Instead of a robot: a record of this command, or a log of gazempc.run, with the axes that moved",
+    )
+    neck: str | None = Field(
+        default=None,
+        description="Neck (name or .toml file) whose limits are kept and copied; default: reference, or the log's own",
+    )
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")] = Field(
+        default=Path("identified.toml"), description="Neck file to write; a figure and the record go beside it"
+    )
+    dead_time_max_s: float = Field(default=1.5, ge=0.1, le=5, description="Largest dead time that is looked for")
+    read_delay_s: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="How much later than the measurement the angles are stamped; data cannot tell it from dead time",
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Command line without the program's name; default: the process's.
+
+    Returns:
+        Exit status: 0, 2 on bad input or where the data cannot tell, 130 if interrupted.
+    """
+    settings = tyro.cli(IdentifySettings, args=arguments, prog="python -m gazempc.identify", description=__doc__)
+    for number in (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ():
+        # As Ctrl-C: the neck is braked, then the command ends.
+        signal.signal(number, signal.default_int_handler)
+    try:
+        _run(settings)
+    except BrokenPipeError:
+        # Whoever read the output has seen enough, as in "... | head"; nothing more can be said to them.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (GazempcError, OSError) as error:
+        print(f"identify: {error}", file=sys.stderr)
+        return _BAD_INPUT
+    except KeyboardInterrupt:
+        print("identify: interrupted; the neck was stopped, nothing was written", file=sys.stderr)
+        return _INTERRUPTED
+    return 0
+
+
+def _run(settings: IdentifySettings) -> None:
+    if settings.out.suffix != ".toml":
+        raise SettingsError(f"--out {settings.out}: must end in .toml")
+    if (settings.robot is None) == (settings.from_log is None):
+        raise SettingsError("give either --robot NAME or --from-log FILE")
+    progress = Progress()
+    try:
+        settings.out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GazempcError(f"--out {settings.out}: cannot make its folder: {error.strerror}") from None
+    written = []
+    if settings.from_log is not None:
+        taken = load_record(settings.from_log)
+        neck = taken.neck() if settings.neck is None else load_neck(settings.neck)
+        origin = f"{settings.from_log.name}"
+    else:
+        if settings.neck is None and settings.robot is not None and settings.robot not in SIMULATED:
+            raise SettingsError(
+                f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears"
+            )
+        neck = load_neck(settings.neck or "reference")
+        taken = _excite(settings, neck, progress)
+        # Kept even where the data cannot tell, to look at.
+        taken.save(settings.out.with_suffix(".npz"))
+        written.append(settings.out.with_suffix(".npz"))
+        origin = f"robot {settings.robot}, neck {neck.name}"
+    print(_heading(taken, origin))
+    progress.say("fitting")
+    estimates, refusals = _estimate(taken, settings)
+
+    # Matplotlib is imported only here, so that --help and bad input answer at once.
+    from gazempc.identify.report import draw, neck_toml, table  # noqa: PLC0415
+
+    if estimates:
+        print(f"\n{table(estimates, neck)}\n\n± is half the 95 % confidence interval.")
+        for note in (estimate.note for estimate in estimates if estimate.note and not estimate.doubts):
+            print(f"Note: {note}.")
+        progress.say("drawing")
+        draw(taken, estimates, f"Identified from {origin}: measured against model", settings.out.with_suffix(".png"))
+        written.append(settings.out.with_suffix(".png"))
+    if settings.from_log is not None:
+        _print_latency(settings.from_log)
+    if refusals:
+        files = f"\nTo look at: {', '.join(map(str, written))}" if written else ""
+        raise IdentificationError("no neck file written, the data cannot tell:\n" + "\n".join(refusals) + files)
+    text = neck_toml(neck, estimates, settings.out.stem, origin, datetime.date.today())
+    settings.out.write_text(text, encoding="utf-8")
+    print(f"\nWritten: {', '.join(map(str, [settings.out, *written]))}")
+    print(f"Use it: python -m gazempc.run --replay subject03_R4 --neck {settings.out}")
+
+
+def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> NeckRecord:
+    name: RobotName = settings.robot or "simulated"
+    # A simulated neck keeps any clock's time, so its run need not last as long as the motion.
+    clock: Clock = SimulatedClock() if name in SIMULATED else RealClock()
+    with closing(make_robot(name, settings.options, neck, clock, neck.rest_rad, settings.seed)) as robot:
+        robot.connect()
+        start_rad = _where_it_stands(robot, clock)
+        for command_rad in way_in_rad(neck, start_rad):
+            robot.send_command(command_rad)
+            clock.sleep_until_s(clock.now_s() + neck.servo_period_s)
+        excitation = excite(neck, neck.command_limits.clip_position(start_rad), settings)
+        progress.say(f"moving the neck for {excitation.duration_s:.0f} s")
+        about = {
+            "from": f"robot {name}",
+            "date": datetime.date.today().isoformat(),
+            "settings": settings.model_dump(mode="json", exclude={"out", "from_log"}),
+        }
+        return record(robot, clock, excitation, neck, about, progress.at)
+
+
+def _where_it_stands(robot: Robot, clock: Clock) -> FloatArray:
+    """First measured angles, shape (2,), radians: a command that begins elsewhere would be a jump."""
+    start_s = clock.now_s()
+    while (state := robot.read_state()) is None:
+        if clock.now_s() - start_s > _PATIENCE_S:
+            raise IdentificationError(
+                f"the robot has not reported its joints within {_PATIENCE_S:g} s: a neck without encoders cannot be "
+                "identified this way; check its connection. It was not moved"
+            )
+        clock.sleep_until_s(clock.now_s() + 0.01)
+    return state.position_rad
+
+
+def _heading(taken: NeckRecord, origin: str) -> str:
+    text = f"{origin}: {taken.command_time_s.size} commands, {taken.joint_time_s.size} readings"
+    if taken.command_time_s.size > 1:
+        text += f" in {taken.command_time_s[-1] - taken.command_time_s[0]:.1f} s"
+    return text + (f", {taken.failed_reads} reads failed" if taken.failed_reads else "")
+
+
+def _estimate(taken: NeckRecord, settings: IdentifySettings) -> tuple[list[AxisEstimate], list[str]]:
+    from gazempc.identify.estimate import estimate_axis  # noqa: PLC0415
+
+    estimates, refusals = [], []
+    for index, axis in enumerate(AXES):
+        if settings.axes not in ("both", "in_turn", axis):
+            continue
+        try:
+            estimate = estimate_axis(taken, index, settings.dead_time_max_s, settings.read_delay_s)
+        except IdentificationError as error:
+            refusals.append(f"  {error}")
+            continue
+        estimates.append(estimate)
+        refusals += [f"  {doubt}" for doubt in estimate.doubts]
+    return estimates, refusals
+
+
+def _print_latency(path: Path) -> None:
+    from gazempc.identify.latency import log_latency  # noqa: PLC0415
+    from gazempc.results.log import load_log  # noqa: PLC0415
+
+    try:
+        arrived, captured = (estimate.latency_s for estimate in log_latency(load_log(path)))
+    except SettingsError:
+        return  # a record of this command has no observations
+    except IdentificationError as error:
+        print(f"\n{error}")
+        return
+    print(
+        f"\nSensor latency, from the person's motion to the arrival of its observation: {1e3 * arrived.value:.1f} "
+        f"± {1e3 * arrived.half_width:.1f} ms;\nits capture times are {1e3 * captured.value:.1f} "
+        f"± {1e3 * captured.half_width:.1f} ms late (should be 0)."
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,288 @@
+"""Dead time and servo of one axis, with confidence intervals; refuses what the data cannot tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gazempc.identify.axis_data import FEWEST_READINGS, AxisData, prepare_axis
+from gazempc.identify.fitting import Z_95, Fit, fit
+from gazempc.identify.model import ServoModel
+from gazempc.identify.record import IdentificationError, NeckRecord
+from gazempc.neck.spec import AXES
+from gazempc.types import FloatArray
+
+# Below these the result is doubted after the fit.
+_LEAST_FIT_PERCENT = 80.0
+_WIDEST_DEAD_TIME_S = 0.02
+_WIDEST_BANDWIDTH = 0.25
+# An encoder of 4096 steps has no more structure than this in its rounding.
+_NOTED_DEG = 0.1
+# The arithmetic of the model is that good; a narrower interval would claim more than the neck's model can hold.
+_NARROWEST_S = 1e-4
+_NARROWEST_SHARE = 1e-3
+
+# Fitted dead times may be negative, so that one of zero has an unbiased estimate.
+_EARLIEST_S = -0.1
+_SCAN_STEP_S = 0.02
+_SCAN_FREQUENCIES_RAD_S = (4.0, 8.0, 15.0, 30.0, 60.0)
+_SCAN_DAMPING = 0.8
+_SCAN_READINGS = 1000
+_STARTS = 3
+_SAME_PLACE_S = 0.15
+_HOPEFUL = 3.0
+_LOWEST = (math.log(0.5), math.log(0.101))
+_HIGHEST = (math.log(300.0), math.log(9.99))
+_AT_BOUND = 1e-3
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate and its 95 % confidence interval."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def half_width(self) -> float:
+        """The larger distance from the estimate to an end."""
+        return max(self.high - self.value, self.value - self.low)
+
+
+@dataclass(frozen=True)
+class AxisEstimate:
+    """What was found out about one axis.
+
+    Attributes:
+        axis: ``"pan"`` or ``"tilt"``.
+        dead_time_s: From sending a command to its first effect, seconds; includes any delay of the angles' time stamps.
+        natural_frequency_rad_s: wn of the servo.
+        damping_ratio: zeta of the servo.
+        bandwidth_hz: Frequency at which the servo's answer is down to -3 dB.
+        servo_lag_s: 2 zeta / wn, seconds.
+        offset_rad: How far from a command that stands still the joint settles, radians.
+        fit_percent: 100 (1 - |measured - model| / |measured - mean|).
+        residual_rms_deg: Of measured - model.
+        structured_rms_deg: The part of it that hangs together in time, as white noise of an encoder does not.
+        misread: Readings left out because no joint can move so.
+        time_s: When the angles were measured, shape (N,), seconds.
+        measured_rad: The angles, shape (N,), radians.
+        model_rad: What the fitted model says, shape (N,), radians.
+        doubts: Why the result should not be used, each with figures and advice; empty if it may be.
+    """
+
+    axis: str
+    dead_time_s: Interval
+    natural_frequency_rad_s: Interval
+    damping_ratio: Interval
+    bandwidth_hz: Interval
+    servo_lag_s: Interval
+    offset_rad: float
+    fit_percent: float
+    residual_rms_deg: float
+    structured_rms_deg: float
+    misread: int
+    time_s: FloatArray
+    measured_rad: FloatArray
+    model_rad: FloatArray
+    doubts: tuple[str, ...]
+
+    @property
+    def note(self) -> str:
+        """What to know when the result is used; empty if nothing."""
+        if self.structured_rms_deg < _NOTED_DEG:
+            return ""
+        return (
+            f"{self.axis}: {self.structured_rms_deg:.2f} deg of the difference hang together in time\n"
+            "  (friction, play, a motor at its limit): no second-order servo moves just so,\n"
+            "  and the truth may lie outside the intervals; "
+            "look at the figure, and try another --amplitude-deg"
+        )
+
+
+def bandwidth_hz(natural_frequency_rad_s: float, damping_ratio: float) -> float:
+    """Frequency at which a second-order servo's answer is down to 1/sqrt(2), Hz."""
+    a = 1.0 - 2.0 * damping_ratio**2
+    return natural_frequency_rad_s * math.sqrt(a + math.sqrt(a * a + 1.0)) / (2.0 * math.pi)
+
+
+def estimate_axis(
+    record: NeckRecord, index: int, dead_time_max_s: float = 1.5, read_delay_s: float = 0.0
+) -> AxisEstimate:
+    """Fit dead time, natural frequency and damping of one axis to a record.
+
+    The output error is made as small as possible: the fitted model runs on the commands alone. Offset and initial state
+    are solved for exactly at each step, the three others by `scipy.optimize.least_squares` from the best places of
+    a scan over dead times and speeds.
+
+    Args:
+        record: Commands and angles.
+        index: 0 for pan, 1 for tilt.
+        dead_time_max_s: Largest dead time that is looked for, seconds.
+        read_delay_s: How much later than the measurement the angles' time stamps are, seconds. The data cannot tell
+            this from dead time.
+
+    Returns:
+        The estimate; look at its doubts.
+
+    Raises:
+        IdentificationError: If the data cannot be fitted at all.
+    """
+    data = prepare_axis(record, index, read_delay_s)
+    starts = _scan(data, dead_time_max_s)
+    # What was sent before the record began is not known and acts until a dead time after its first command.
+    known = data.time_s >= data.command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)
+    if np.count_nonzero(known) < FEWEST_READINGS or float(np.ptp(data.measured_rad[known])) < 1e-9:
+        raise IdentificationError(
+            f"{AXES[index]}: too few readings after the first command can have acted "
+            f"({np.count_nonzero(known)} of at least {FEWEST_READINGS}): record longer"
+        )
+    time_s, measured = data.time_s[known], data.measured_rad[known]
+    model = ServoModel(data.command_time_s, data.command_rad, time_s)
+
+    def split(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        wn, zeta = math.exp(values[1]), math.exp(values[2])
+        answer = model.delayed(model.motion(wn, zeta), float(values[0]))
+        columns = np.column_stack([np.ones(time_s.size), model.free(wn, zeta)])
+        weights = _weights(columns, measured - answer)
+        return answer + columns @ weights, weights, answer
+
+    low, high = (_EARLIEST_S, *_LOWEST), (dead_time_max_s, *_HIGHEST)
+    best = fit(lambda values: np.rad2deg(measured - split(values)[0]), starts, low, high)
+    fitted, weights, _ = split(best.values)
+    spread = float(np.linalg.norm(measured - measured.mean()))
+    fit_percent = 100.0 * (1.0 - float(np.linalg.norm(measured - fitted)) / spread)
+    dead_time, wn, zeta, bandwidth, lag = _intervals(best)
+    doubts = _doubts(AXES[index], best, (low, high), fit_percent, dead_time, bandwidth)
+    return AxisEstimate(
+        axis=AXES[index],
+        dead_time_s=Interval(max(dead_time.value, 0.0), max(dead_time.low, 0.0), max(dead_time.high, 0.0)),
+        natural_frequency_rad_s=wn,
+        damping_ratio=zeta,
+        bandwidth_hz=bandwidth,
+        servo_lag_s=lag,
+        offset_rad=float(weights[0]),
+        fit_percent=fit_percent,
+        residual_rms_deg=float(np.sqrt(np.mean(best.residual**2))),
+        structured_rms_deg=_structured_rms(best.residual),
+        misread=data.misread,
+        time_s=time_s,
+        measured_rad=measured,
+        model_rad=fitted,
+        doubts=doubts,
+    )
+
+
+def _scan(data: AxisData, dead_time_max_s: float) -> list[tuple[float, float, float]]:
+    """The most promising places to start from, best first.
+
+    Correlates the measured motion with the answers of servos of several speeds at all lags; only a place from which no
+    neighbouring dead time is better is one to start from.
+    """
+    lags_s = np.arange(0.0, dead_time_max_s, _SCAN_STEP_S)
+    thinned = slice(None, None, max(1, data.time_s.size // _SCAN_READINGS))
+    model = ServoModel(data.command_time_s, data.command_rad, data.time_s[thinned])
+    centred = data.measured_rad[thinned] - data.measured_rad[thinned].mean()
+    found: list[tuple[float, tuple[float, float, float]]] = []
+    for wn in _SCAN_FREQUENCIES_RAD_S:
+        motion = model.motion(wn, _SCAN_DAMPING)
+        errors = np.empty(lags_s.size)
+        for i, lag_s in enumerate(lags_s):
+            answer = model.delayed(motion, float(lag_s))
+            errors[i] = float(np.sum((centred - (answer - answer.mean())) ** 2))
+        padded = np.pad(errors, 1, constant_values=np.inf)
+        for i in map(int, np.flatnonzero((errors <= padded[:-2]) & (errors <= padded[2:]))):
+            found.append((float(errors[i]), (float(lags_s[i]), math.log(wn), math.log(_SCAN_DAMPING))))
+    starts: list[tuple[float, float, float]] = []
+    for error, start in sorted(found):
+        # A faster servo with a longer dead time is nearly the same: from one of them the fit reaches the other.
+        distinct = all(abs(start[0] - other[0]) > _SAME_PLACE_S for other in starts)
+        if distinct and error <= _HOPEFUL * min(found)[0] and len(starts) < _STARTS:
+            starts.append(start)
+    return starts
+
+
+def _intervals(best: Fit) -> tuple[Interval, ...]:
+    """Dead time, natural frequency, damping, bandwidth and lag; all but the first by their logarithms."""
+    dead_time_s, log_wn, log_zeta = map(float, best.values)
+    half_s = max(Z_95 * math.sqrt(best.covariance[0, 0]), _NARROWEST_S)
+    wn, zeta = math.exp(log_wn), math.exp(log_zeta)
+    step = 1e-5
+    slope = math.log(bandwidth_hz(wn, zeta * math.exp(step)) / bandwidth_hz(wn, zeta * math.exp(-step))) / (2 * step)
+    combinations = (
+        (wn, (1.0, 0.0)),
+        (zeta, (0.0, 1.0)),
+        (bandwidth_hz(wn, zeta), (1.0, slope)),
+        (2 * zeta / wn, (-1.0, 1.0)),
+    )
+    found = [Interval(dead_time_s, dead_time_s - half_s, dead_time_s + half_s)]
+    for value, gradient in combinations:
+        variance = float(np.array(gradient) @ best.covariance[1:, 1:] @ np.array(gradient))
+        # A width beyond e^50 is no more than "anything"; the exponential must not overflow.
+        half = min(max(Z_95 * math.sqrt(max(variance, 0.0)), _NARROWEST_SHARE), 50.0)
+        found.append(Interval(value, value * math.exp(-half), value * math.exp(half)))
+    return tuple(found)
+
+
+def _weights(columns: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Least squares for three columns; by normal equations, which for so few need no threads."""
+    # A fast servo forgets its initial state within few readings: those columns may be all but zero.
+    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", columns, columns)), 1e-9)
+    scaled = columns / size
+    gram = np.einsum("ij,ik->jk", scaled, scaled)
+    inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
+    weights: FloatArray = inverse @ np.einsum("ij,i->j", scaled, wanted) / size
+    return weights
+
+
+def _structured_rms(residual: FloatArray) -> float:
+    # Second differences of white noise have six times its variance, and leave nothing of what changes slowly.
+    noise = float(np.mean(np.diff(residual, 2) ** 2)) / 6.0
+    return math.sqrt(max(float(np.mean(residual**2)) - noise, 0.0))
+
+
+def _doubts(
+    name: str,
+    best: Fit,
+    bounds: tuple[tuple[float, ...], tuple[float, ...]],
+    fit_percent: float,
+    dead_time: Interval,
+    bandwidth: Interval,
+) -> tuple[str, ...]:
+    found = []
+    if fit_percent < _LEAST_FIT_PERCENT:
+        found.append(
+            f"{name}: the model explains {fit_percent:.1f} % of the motion; at least {_LEAST_FIT_PERCENT:g} % are "
+            "needed: look at the figure; the joint may be hindered, too slow for its commands (lower the limits in the "
+            "neck file) or no second-order servo"
+        )
+    if dead_time.half_width > _WIDEST_DEAD_TIME_S:
+        found.append(
+            f"{name}: the dead time is only known to +-{1e3 * dead_time.half_width:.0f} ms; "
+            f"+-{1e3 * _WIDEST_DEAD_TIME_S:.0f} ms are needed: move more (--amplitude-deg) or longer (--duration-s)"
+        )
+    if (width := bandwidth.half_width / bandwidth.value) > _WIDEST_BANDWIDTH:
+        found.append(
+            f"{name}: the bandwidth is only known to +-{100 * width:.0f} %; +-{100 * _WIDEST_BANDWIDTH:.0f} % are "
+            "needed: move more (--amplitude-deg) or longer (--duration-s)"
+        )
+    labels = (("dead time", 1e3, "ms"), ("natural frequency", 1.0, "rad/s"), ("damping ratio", 1.0, ""))
+    for i, (label, factor, unit) in enumerate(labels):
+        for bound in (bounds[0][i], bounds[1][i]):
+            if abs(best.values[i] - bound) < _AT_BOUND:
+                shown = factor * (bound if i == 0 else math.exp(bound))
+                advice = "the joint may be hindered, or too fast or slow for its readings to show it"
+                if i == 0:
+                    advice = "check that commands and angles have time stamps of one clock"
+                    advice = f"allow more (--dead-time-max-s), or {advice}" if bound > 0 else advice
+                ends = f"({shown:.4g} {unit}".rstrip() + ")"
+                found.append(f"{name}: the {label} is at the end of what was looked for {ends}: {advice}")
+    if dead_time.high < -_NARROWEST_S:
+        found.append(
+            f"{name}: the joint moves {-1e3 * dead_time.value:.1f} ms before its commands: commands and angles do not "
+            "have time stamps of one clock, or --read-delay-s is too large"
+        )
+    return tuple(found)

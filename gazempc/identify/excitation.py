@@ -1,0 +1,218 @@
+"""Motions that tell dead time and servo apart: steps of several sizes, then a band-limited multisine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import ruckig
+from pydantic import BaseModel, ConfigDict, Field
+
+from gazempc.errors import RobotError
+from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.types import FloatArray
+
+ExcitedAxes = Literal["both", "in_turn", "pan", "tilt"]
+
+# Share of the command limits that is used: what the neck file says of a neck not yet measured may be optimistic.
+_MARGIN = 0.9
+# Nothing is known of the neck's answer yet, so it goes to where the motion starts at this share of its speed.
+_APPROACH_SPEED = 0.3
+_REST_BEFORE_S = 1.0
+# Longer than any dead time that is likely, so that the answer to the last motion is recorded too.
+_REST_AFTER_S = 1.5
+_STEPS_SHARE = 0.45
+_LONGEST_STEP_S = 1.0
+_HOLD_S = (0.25, 0.8)
+# Where the steps go, in amplitudes: all sizes, both directions.
+_TARGETS = (1.0, 0.0, -0.5, 0.5, -1.0, -0.75, 0.25, 0.0)
+_LOWEST_HZ, _HIGHEST_HZ = 0.2, 3.0
+_TAPER_S = 1.0
+
+
+class ExcitationSettings(BaseModel):
+    """How the neck is moved."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    axes: ExcitedAxes = Field(
+        default="both",
+        description="both axes at once, both in_turn (takes twice as long), or one only; what does not move is kept "
+        "as it is in the neck file",
+    )
+    duration_s: float = Field(default=24.0, ge=8, le=300, description="Length of the motion of an axis")
+    amplitude_deg: float = Field(default=20.0, gt=0, le=90, description="Largest angle from the middle of the motion")
+    seed: int = Field(default=0, ge=0, description="Of the times of the steps and the phases of the sines")
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Commands to send, one a servo period.
+
+    Attributes:
+        period_s: Time between two commands, seconds.
+        position_rad: Pan and tilt, shape (K, 2), radians.
+    """
+
+    period_s: float
+    position_rad: FloatArray
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last command, seconds."""
+        return (len(self.position_rad) - 1) * self.period_s
+
+
+def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) -> Excitation:
+    """Plan the motion.
+
+    Velocity, acceleration and jerk stay within 0.9 of `NeckSpec.command_limits`, and so does the position once it is
+    inside them; amplitudes are smaller than asked where limits are tight.
+
+    Args:
+        neck: Its limits and servo rate.
+        start_rad: Where the command starts at rest, shape (2,), radians.
+        settings: What to do.
+
+    Returns:
+        The commands: from the start to the middle of the motion, the motion, and back to rest in the middle.
+    """
+    motions = [_motion(neck, axis, settings) for axis in range(2)]
+    length = len(motions[0])
+    still = np.zeros(length)
+    if settings.axes == "in_turn":
+        parts = [np.concatenate([motions[0], still]), np.concatenate([still, motions[1]])]
+    else:
+        parts = [motion if settings.axes in ("both", AXES[i]) else still for i, motion in enumerate(motions)]
+    columns = []
+    for axis, part in enumerate(parts):
+        moves = settings.axes in ("both", "in_turn", AXES[axis])
+        centre = _centre(neck, axis, settings) if moves else float(start_rad[axis])
+        approach = _move(neck, axis, float(start_rad[axis]), centre, _APPROACH_SPEED)
+        columns.append((approach, centre + part))
+    # Both axes wait for the one that takes longer to get to its middle.
+    waits = max(len(approach) for approach, _ in columns)
+    position = [np.concatenate([approach, np.full(waits - len(approach), part[0]), part]) for approach, part in columns]
+    return Excitation(neck.servo_period_s, np.stack(position, axis=1))
+
+
+def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:
+    """Come to rest from a motion within the limits of velocity, acceleration and jerk.
+
+    Args:
+        neck: Its limits and servo rate.
+        last_rad: The last three commands, one a servo period, shape (3, 2), radians.
+
+    Returns:
+        The commands to send next, shape (K, 2), radians.
+    """
+    period_s, limits = neck.servo_period_s, neck.command_limits
+    velocity = np.diff(last_rad, axis=0)[-1] / period_s
+    acceleration = np.diff(last_rad, 2, axis=0)[-1] / period_s**2
+    columns = []
+    for axis in range(2):
+        request = ruckig.InputParameter(1)
+        request.control_interface = ruckig.ControlInterface.Velocity
+        request.current_position = [float(last_rad[-1, axis])]
+        request.current_velocity = [float(velocity[axis])]
+        request.current_acceleration = [float(acceleration[axis])]
+        request.target_velocity = request.target_acceleration = [0.0]
+        request.max_acceleration = [float(limits.acceleration_max_rad_s2[axis])]
+        request.max_jerk = [float(limits.jerk_max_rad_s3[axis])]
+        columns.append(_sampled(request, period_s))
+    longest = max(map(len, columns))
+    return np.stack([np.pad(column, (0, longest - len(column)), mode="edge") for column in columns], axis=1)
+
+
+def _amplitude_rad(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> float:
+    limits = neck.command_limits
+    half = 0.5 * _MARGIN * float(limits.position_max_rad[axis] - limits.position_min_rad[axis])
+    return min(float(np.deg2rad(settings.amplitude_deg)), half)
+
+
+def _centre(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> float:
+    # As near to rest as the room for the motion allows.
+    limits, amplitude = neck.command_limits, _amplitude_rad(neck, axis, settings)
+    low, high = float(limits.position_min_rad[axis]) + amplitude, float(limits.position_max_rad[axis]) - amplitude
+    return float(np.clip(neck.rest_rad[axis], low, high))
+
+
+def _motion(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> FloatArray:
+    """The motion of one axis around 0, at rest in the beginning and in the end; shape (K,), radians."""
+    rng = np.random.default_rng([settings.seed, axis])
+    rate_hz = neck.servo_rate_hz
+    total = round((settings.duration_s + _REST_BEFORE_S + _REST_AFTER_S) * rate_hz)
+    steps = _steps(neck, axis, settings, rng)
+    rest = np.zeros(round(_REST_BEFORE_S * rate_hz))
+    left = total - rest.size - steps.size - round(_REST_AFTER_S * rate_hz)
+    sines = _multisine(neck, axis, settings, rng, left)
+    motion = np.concatenate([rest, steps, sines])
+    return np.pad(motion, (0, total - motion.size))
+
+
+def _steps(neck: NeckSpec, axis: int, settings: ExcitationSettings, rng: np.random.Generator) -> FloatArray:
+    amplitude = _amplitude_rad(neck, axis, settings)
+    # The longest way is 1.5 amplitudes; a step that took longer would be a slow ramp, which says little.
+    while len(_move(neck, axis, 0.0, 1.5 * amplitude, 1.0)) > _LONGEST_STEP_S * neck.servo_rate_hz + 1:
+        amplitude *= 0.8
+    ends = round(_STEPS_SHARE * settings.duration_s * neck.servo_rate_hz)
+    parts: list[FloatArray] = []
+    at, count, number = 0.0, 0, 0
+    while True:
+        target = amplitude * _TARGETS[number % len(_TARGETS)]
+        hold = np.full(round(rng.uniform(*_HOLD_S) * neck.servo_rate_hz), target)
+        step = np.concatenate([_move(neck, axis, at, target, 1.0), hold])
+        home = _move(neck, axis, target, 0.0, 1.0)
+        if count + len(step) + len(home) > ends:
+            return np.concatenate([*parts, _move(neck, axis, at, 0.0, 1.0)])
+        parts.append(step)
+        at, count, number = target, count + len(step), number + 1
+
+
+def _multisine(
+    neck: NeckSpec, axis: int, settings: ExcitationSettings, rng: np.random.Generator, samples: int
+) -> FloatArray:
+    period_s, limits = neck.servo_period_s, neck.command_limits
+    time_s = np.arange(samples) * period_s
+    frequency_hz = np.geomspace(_LOWEST_HZ, min(_HIGHEST_HZ, neck.servo_rate_hz / 8), 18)
+    phase_rad = rng.uniform(0, 2 * np.pi, frequency_hz.size)
+    # Amplitudes that fall as 1/frequency share the velocity evenly.
+    waves = np.sin(2 * np.pi * frequency_hz[:, None] * time_s + phase_rad[:, None]) / frequency_hz[:, None]
+    taper_s = min(_TAPER_S, time_s[-1] / 3)
+    ramp = np.clip(np.minimum(time_s, time_s[-1] - time_s) / taper_s, 0.0, 1.0)
+    # Three derivatives vanish at both ends of the ramp, so that it adds no jump of the jerk.
+    shape = waves.sum(axis=0) * ramp**4 * (35 - 84 * ramp + 70 * ramp**2 - 20 * ramp**3)
+    # At rest before and after: the differences across the ends count too.
+    padded = np.pad(shape, 3)
+    bounds = (
+        _amplitude_rad(neck, axis, settings),
+        _MARGIN * float(limits.velocity_max_rad_s[axis]),
+        _MARGIN * float(limits.acceleration_max_rad_s2[axis]),
+        _MARGIN * float(limits.jerk_max_rad_s3[axis]),
+    )
+    peaks = [float(np.abs(np.diff(padded, order)).max()) / period_s**order for order in range(4)]
+    scaled: FloatArray = shape * min(bound / peak for bound, peak in zip(bounds, peaks, strict=True))
+    return scaled
+
+
+def _move(neck: NeckSpec, axis: int, start_rad: float, target_rad: float, speed_share: float) -> FloatArray:
+    """Rest to rest as fast as the margin allows; shape (K,) from one period after the start, radians."""
+    limits = neck.command_limits
+    request = ruckig.InputParameter(1)
+    request.current_position, request.target_position = [start_rad], [target_rad]
+    request.current_velocity = request.current_acceleration = [0.0]
+    request.target_velocity = request.target_acceleration = [0.0]
+    request.max_velocity = [speed_share * _MARGIN * float(limits.velocity_max_rad_s[axis])]
+    request.max_acceleration = [_MARGIN * float(limits.acceleration_max_rad_s2[axis])]
+    request.max_jerk = [_MARGIN * float(limits.jerk_max_rad_s3[axis])]
+    return _sampled(request, neck.servo_period_s)
+
+
+def _sampled(request: ruckig.InputParameter, period_s: float) -> FloatArray:
+    trajectory = ruckig.Trajectory(1)
+    result = ruckig.Ruckig(1, period_s).calculate(request, trajectory)
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise RobotError(f"cannot plan a motion within the neck's limits ({result})")
+    count = int(np.ceil(trajectory.duration / period_s - 1e-9)) + 1
+    return np.array([trajectory.at_time((k + 1) * period_s)[0][0] for k in range(count)])

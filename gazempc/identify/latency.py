@@ -1,0 +1,141 @@
+"""How late a sensor's observations are, where the motion that it observes is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from gazempc.identify.estimate import Interval
+from gazempc.identify.fitting import Z_95, fit
+from gazempc.identify.record import IdentificationError
+from gazempc.results.log import Log
+from gazempc.types import FloatArray
+
+_FEWEST_OBSERVATIONS = 30
+_SCAN_STEP_S = 0.01
+_EARLIEST_S = -0.2
+_WIDEST_S = 0.02
+_NARROWEST_S = 1e-4
+
+
+@dataclass(frozen=True)
+class LatencyEstimate:
+    """How late observations are.
+
+    Attributes:
+        latency_s: From the motion to the time stamp of its observation, seconds.
+        residual_rms: Of observed - known motion, in the unit of the motion.
+        observations: How many were used.
+    """
+
+    latency_s: Interval
+    residual_rms: float
+    observations: int
+
+
+def estimate_latency(
+    known_time_s: FloatArray,
+    known: FloatArray,
+    observed_time_s: FloatArray,
+    observed: FloatArray,
+    latency_max_s: float = 1.0,
+) -> LatencyEstimate:
+    """Find the delay at which observations agree best with a known motion; constant offsets do not matter.
+
+    The motion may be a person's true track, or what the joints' encoders say of a camera that turns before a fixed
+    target: then `known` is the direction of the target as the encoders have it.
+
+    Args:
+        known_time_s: Times of the known motion, shape (M,), increasing, seconds.
+        known: The motion, shape (M, k), any unit; rows with NaN are left out.
+        observed_time_s: Time stamps of the observations on the same clock, shape (F,), seconds. With times of arrival
+            the latency is the whole of it; with times of capture it is the error of those.
+        observed: What was observed, shape (F, k), the same unit.
+        latency_max_s: Largest latency that is looked for, seconds.
+
+    Returns:
+        The estimate.
+
+    Raises:
+        IdentificationError: If the data cannot tell.
+    """
+    known_time_s, known = _finite(known_time_s, known)
+    observed_time_s, observed = _finite(observed_time_s, observed)
+    if known_time_s.size < _FEWEST_OBSERVATIONS or observed_time_s.size < _FEWEST_OBSERVATIONS:
+        raise IdentificationError(
+            f"sensor latency: {observed_time_s.size} observations of a motion known at {known_time_s.size} times; "
+            f"at least {_FEWEST_OBSERVATIONS} of both are needed: record longer"
+        )
+    motion = CubicSpline(known_time_s, known)
+
+    def usable(earliest_s: float, latest_s: float) -> NDArray[np.bool_]:
+        # The same observations for all latencies that are compared: each one's moment must be known for all of them.
+        first, last = known_time_s[0] + latest_s, known_time_s[-1] + earliest_s
+        return np.asarray((observed_time_s >= first) & (observed_time_s <= last))
+
+    def residual(latency_s: float, used: NDArray[np.bool_]) -> FloatArray:
+        difference = observed[used] - motion(observed_time_s[used] - latency_s)
+        centred: FloatArray = difference - difference.mean(axis=0)
+        return centred
+
+    # Each latency is judged by the observations whose moment it knows: a short record has few for all of them at once.
+    lags_s = np.arange(_EARLIEST_S, latency_max_s + 1e-9, _SCAN_STEP_S)
+    scores = [
+        float(np.mean(residual(lag_s, used) ** 2)) if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS
+        else math.inf
+        for lag_s in lags_s
+    ]  # fmt: skip
+    near_s = float(lags_s[int(np.argmin(scores))])
+    low_s, high_s = near_s - 3 * _SCAN_STEP_S, near_s + 3 * _SCAN_STEP_S
+    used = usable(low_s, high_s)
+    if used.sum() < _FEWEST_OBSERVATIONS:
+        raise IdentificationError(
+            f"sensor latency: {used.sum()} observations while the motion is known; at least {_FEWEST_OBSERVATIONS} "
+            "are needed: record longer"
+        )
+    channels = observed.shape[1]
+    best = fit(lambda values: residual(values[0], used).ravel(), [[near_s]], [low_s], [high_s], channels)
+    latency_s = float(best.values[0])
+    half_s = max(Z_95 * math.sqrt(float(best.covariance[0, 0])), _NARROWEST_S)
+    if min(latency_s - low_s, high_s - latency_s) < 1e-6 or near_s in (lags_s[0], lags_s[-1]):
+        raise IdentificationError(
+            f"sensor latency: none between {_EARLIEST_S:g} and {latency_max_s:g} s makes the observations agree with "
+            "the motion: check that both are on one clock"
+        )
+    if not half_s <= _WIDEST_S:
+        raise IdentificationError(
+            f"sensor latency: only known to +-{1e3 * half_s:.0f} ms; +-{1e3 * _WIDEST_S:.0f} ms are needed: "
+            "record more, and faster, motion"
+        )
+    return LatencyEstimate(
+        Interval(latency_s, latency_s - half_s, latency_s + half_s),
+        float(np.sqrt(np.mean(best.residual**2))),
+        int(used.sum()),
+    )
+
+
+def log_latency(log: Log) -> tuple[LatencyEstimate, LatencyEstimate]:
+    """Latency of a log's observations of the head, where its true motion is known.
+
+    Args:
+        log: A run.
+
+    Returns:
+        From the true motion to the arrival, and to the capture time that the sensor states; the second should be 0.
+
+    Raises:
+        IdentificationError: If the data cannot tell, or the log has no true motion.
+    """
+    arrived = estimate_latency(log.time_s, log.head_true_base_m, log.arrival_time_s, log.head_observed_base_m)
+    captured = estimate_latency(log.time_s, log.head_true_base_m, log.capture_time_s, log.head_observed_base_m)
+    return arrived, captured
+
+
+def _finite(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    value = np.asarray(value, dtype=np.float64).reshape(len(time_s), -1)
+    keep = np.isfinite(time_s) & np.isfinite(value).all(axis=1)
+    return np.asarray(time_s, dtype=np.float64)[keep], value[keep]

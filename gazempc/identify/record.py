@@ -1,0 +1,210 @@
+"""Run the excitation on a robot, and keep command and measured angles in one file."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import threading
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gazempc.errors import GazempcError, RobotError, SettingsError
+from gazempc.identify.excitation import Excitation, brake
+from gazempc.live.clock import Clock
+from gazempc.neck.spec import NeckSpec
+from gazempc.results.log import load_log
+from gazempc.robots.robot import Robot
+from gazempc.types import FloatArray
+
+_ROBOT_ERRORS = (RobotError, OSError)
+# A robot that has not been read for so long may be stuck anywhere: better to stop than to go on moving it blindly.
+_SILENCE_S = 0.5
+# Held up for longer, going on at the old speed would be a jolt.
+_STALL_S = 0.15
+
+
+class IdentificationError(GazempcError):
+    """The data cannot tell what was asked: says why, with figures, and what to do."""
+
+
+@dataclass(frozen=True)
+class NeckRecord:
+    """Commands and measured angles of one run, each with its own time stamps.
+
+    Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it.
+
+    Attributes:
+        about: JSON text: where it is from, the neck in full, and settings.
+        command_time_s: When each command was sent, shape (K,), seconds.
+        command_rad: Pan and tilt as really sent, shape (K, 2), radians; each is held until the next.
+        joint_time_s: When the angles were measured, shape (M,), seconds, on the same clock.
+        joint_rad: Measured angles, shape (M, 2), radians.
+        failed_reads: How often the joints could not be read.
+    """
+
+    about: str
+    command_time_s: FloatArray
+    command_rad: FloatArray
+    joint_time_s: FloatArray
+    joint_rad: FloatArray
+    failed_reads: int = 0
+
+    def info(self) -> dict[str, Any]:
+        """The description as a dictionary."""
+        about: dict[str, Any] = json.loads(self.about)
+        return about
+
+    def neck(self) -> NeckSpec:
+        """The neck whose limits the run kept."""
+        return NeckSpec.model_validate(self.info()["neck"])
+
+    def save(self, path: Path) -> None:
+        """Write the record.
+
+        Args:
+            path: File to write, ending in ``.npz``.
+        """
+        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        np.savez_compressed(path, **arrays)
+
+
+def record(
+    robot: Robot,
+    clock: Clock,
+    excitation: Excitation,
+    neck: NeckSpec,
+    about: dict[str, Any],
+    on_tick: Callable[[float], None] | None = None,
+) -> NeckRecord:
+    """Drive the robot through the excitation and record it. Interrupted, the command first comes to rest.
+
+    Args:
+        robot: Connected; stays connected.
+        clock: The robot's clock.
+        excitation: What to command; begins where the joints stand.
+        neck: Its limits, for the stop.
+        about: Where the record is from; the neck is added.
+        on_tick: Told after each tick the share that is done, 0 to 1.
+
+    Returns:
+        What happened.
+
+    Raises:
+        RobotError: If a command does not get through, the joints cannot be read for half a second, or the computer is
+            held up for longer than 0.15 s.
+        KeyboardInterrupt: If interrupted, after the stop.
+    """
+    commands: list[tuple[float, FloatArray]] = []
+    readings: list[tuple[float, FloatArray]] = []
+    failed, silent_since_s = 0, clock.now_s()
+    start_s, count = clock.now_s() + excitation.period_s, len(excitation.position_rad)
+    tick = 0
+    try:
+        while tick < count:
+            clock.sleep_until_s(start_s + tick * excitation.period_s)
+            # A computer that woke up late does everything later: to leave commands out would be a jump.
+            late_s = clock.now_s() - (start_s + tick * excitation.period_s)
+            if late_s > _STALL_S:
+                raise RobotError(
+                    f"stopped: the computer was held up for {1e3 * late_s:.0f} ms, and the neck stood still meanwhile; "
+                    "try again with less beside it"
+                )
+            if late_s > excitation.period_s:
+                start_s += late_s
+            try:
+                state = robot.read_state()
+                silent_since_s = clock.now_s()
+                if state is not None and state.position_rad.shape == (2,):
+                    readings.append((state.time_s, state.position_rad))
+            except _ROBOT_ERRORS as error:
+                failed += 1
+                if clock.now_s() - silent_since_s > _SILENCE_S:
+                    raise RobotError(f"stopped: the joints could not be read for {_SILENCE_S} s ({error})") from None
+            sent_at_s = clock.now_s()
+            try:
+                sent_rad = robot.send_command(excitation.position_rad[tick])
+            except _ROBOT_ERRORS as error:
+                done_s = sent_at_s - start_s
+                raise RobotError(f"stopped after {done_s:.1f} s: a command did not get through ({error})") from None
+            commands.append((sent_at_s, np.array(sent_rad)))
+            if on_tick is not None:
+                on_tick(tick / count)
+            tick += 1
+    except BaseException:
+        # Whatever it was, a robot that still listens must not be left at full speed.
+        with contextlib.suppress(Exception), _undisturbed():
+            _stop(robot, clock, neck, excitation.position_rad[: max(tick, 1)])
+        raise
+    return NeckRecord(
+        about=json.dumps({**about, "neck": neck.model_dump()}, sort_keys=True),
+        command_time_s=np.array([t for t, _ in commands]),
+        command_rad=np.array([u for _, u in commands]),
+        joint_time_s=np.array([t for t, _ in readings], dtype=np.float64),
+        joint_rad=np.array([q for _, q in readings], dtype=np.float64).reshape(-1, 2),
+        failed_reads=failed,
+    )
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """No signal ends what is done within: the second Ctrl-C must not end the braking that the first one asked for."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    main = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers} if main else {}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _stop(robot: Robot, clock: Clock, neck: NeckSpec, sent_rad: FloatArray) -> None:
+    last = np.concatenate([np.repeat(sent_rad[:1], 3, axis=0), sent_rad])[-3:]
+    start_s = clock.now_s()
+    for i, position_rad in enumerate(brake(neck, last)):
+        clock.sleep_until_s(start_s + i * neck.servo_period_s)
+        robot.send_command(position_rad)
+
+
+def load_record(path: Path | str) -> NeckRecord:
+    """Read a record, or make one of a log of `gazempc.run`.
+
+    Args:
+        path: File written by `NeckRecord.save` or `gazempc.results.log.Log.save`.
+
+    Returns:
+        The record.
+
+    Raises:
+        SettingsError: If the file is missing or neither of them.
+    """
+    try:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
+            values: dict[str, Any] = {name: data[name] for name in data.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise SettingsError(f"{path}: not a log that can be read: {error}") from None
+    wanted = [f.name for f in fields(NeckRecord)]
+    if all(name in values for name in wanted):
+        values |= {"about": str(values["about"]), "failed_reads": int(values["failed_reads"])}
+        return NeckRecord(**{name: values[name] for name in wanted})
+    if "command_position_rad" not in values:
+        raise SettingsError(
+            f"{path}: neither a record of gazempc.identify (it lacks "
+            f"{', '.join(name for name in wanted if name not in values)}) nor a log of gazempc.run"
+        )
+    log = load_log(path)
+    # The log has a row for each tick, with NaN where the robot reported nothing.
+    measured = np.isfinite(log.joint_position_rad).all(axis=1)
+    return NeckRecord(
+        about=json.dumps({"from": f"log {Path(path).name}", "neck": log.info()["neck"]}, sort_keys=True),
+        command_time_s=log.time_s,
+        command_rad=log.command_position_rad,
+        joint_time_s=log.time_s[measured],
+        joint_rad=log.joint_position_rad[measured],
+    )

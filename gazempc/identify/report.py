@@ -1,0 +1,174 @@
+"""What was identified, for people (table, figure) and for programs (a neck file)."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from gazempc.identify.estimate import AxisEstimate, Interval
+from gazempc.identify.record import NeckRecord
+from gazempc.neck.spec import NeckSpec
+
+_MEASURED, _MODEL = "#E69F00", "#00405F"
+_DPI = 150
+_DETAIL_S = 4.0
+
+
+def table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
+    """Estimates with 95 % intervals beside what the neck file says.
+
+    Args:
+        estimates: One or two axes.
+        neck: The neck whose limits were kept.
+
+    Returns:
+        Text of several lines.
+    """
+    head = ["", *(text for e in estimates for text in (f"{e.axis}, identified", f"{e.axis}, neck {neck.name}"))]
+    rows = [
+        ("dead time (ms)", "dead_time_s", 1e3, 1),
+        ("natural frequency (rad/s)", "natural_frequency_rad_s", 1.0, 2),
+        ("damping ratio", "damping_ratio", 1.0, 3),
+        ("servo lag (ms)", "servo_lag_s", 1e3, 1),
+    ]
+    lines = [head]
+    for label, name, factor, digits in rows:
+        cells = [label]
+        for e in estimates:
+            filed = getattr(getattr(neck, e.axis), name)
+            cells += [_shown(getattr(e, name), factor, digits), f"{factor * filed:.{digits}f}"]
+        lines.append(cells)
+    lines.append(["bandwidth, -3 dB (Hz)", *_beside([_shown(e.bandwidth_hz, 1.0, 3) for e in estimates])])
+    lines.append(["offset (deg)", *_beside([f"{round(math.degrees(e.offset_rad), 2) + 0.0:.2f}" for e in estimates])])
+    lines.append(["fit (%)", *_beside([f"{e.fit_percent:.2f}" for e in estimates])])
+    lines.append(["residual RMS (deg)", *_beside([f"{e.residual_rms_deg:.3f}" for e in estimates])])
+    lines.append(["of it not noise (deg)", *_beside([f"{e.structured_rms_deg:.3f}" for e in estimates])])
+    used = [f"{e.time_s.size}" + (f" ({e.misread} misread)" if e.misread else "") for e in estimates]
+    lines.append(["readings used", *_beside(used)])
+    widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
+    text = []
+    for line in lines:
+        cells = [cell.rjust(width) for cell, width in zip(line, widths, strict=True)]
+        text.append("  ".join([line[0].ljust(widths[0]), *cells[1:]]).rstrip())
+    return "\n".join(text)
+
+
+def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, origin: str, day: datetime.date) -> str:
+    """A neck file with what was identified; all else as in the given neck.
+
+    Args:
+        neck: Where limits, geometry and rates are from.
+        estimates: One or two axes; an axis without estimate stays as it is.
+        name: Of the new neck.
+        origin: What was measured.
+        day: When.
+
+    Returns:
+        TOML that `gazempc.neck.spec.load_neck` reads.
+    """
+    found = "; ".join(
+        f"{e.axis}: dead time {_shown(e.dead_time_s, 1e3, 1)} ms, bandwidth {_shown(e.bandwidth_hz, 1.0, 3)} Hz, "
+        f"fit {e.fit_percent:.1f} %"
+        for e in estimates
+    )
+    kept = [axis for axis in ("pan", "tilt") if axis not in {e.axis for e in estimates}]
+    source = f"identified by gazempc on {day.isoformat()} from {origin} (95 % intervals): {found}; "
+    source += "".join(f"{axis} not identified, as in {neck.name}; " for axis in kept)
+    source += f"limits and geometry of {neck.name}: {neck.source}"
+    values = neck.model_dump()
+    for e in estimates:
+        values[e.axis] |= {
+            name: float(f"{getattr(e, name).value:.6g}")
+            for name in ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
+        }
+    values |= {"name": name, "source": source}
+    top = [f"{key} = {_toml(value)}" for key, value in values.items() if not isinstance(value, dict)]
+    lines = [*top]
+    for key, fields in values.items():
+        if isinstance(fields, dict):
+            lines += ["", f"[{key}]", *(f"{field} = {_toml(value)}" for field, value in fields.items())]
+    return "\n".join(lines) + "\n"
+
+
+def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path: Path) -> None:
+    """Draw measured against model, one column for each axis: all of it, a part of it, and the difference.
+
+    Args:
+        record: Commands and angles.
+        estimates: One or two axes.
+        title: Above the figure.
+        path: Picture to write.
+    """
+    figure = Figure(figsize=(max(6.4, 5.6 * len(estimates)), 7.6), dpi=_DPI, layout="constrained")
+    columns = figure.subplots(3, len(estimates), squeeze=False, height_ratios=(3, 3, 1.6)).T
+    start_s = float(record.command_time_s[0])
+    for rows, e in zip(columns, estimates, strict=True):
+        command_deg = np.rad2deg(record.command_rad[:, ("pan", "tilt").index(e.axis)])
+        from_s = _busiest_s(e)
+        for ax in rows[:2]:
+            ax.plot(record.command_time_s - start_s, command_deg, color="0.55", lw=1.2, drawstyle="steps-post")
+            ax.plot(e.time_s - start_s, np.rad2deg(e.measured_rad), color=_MEASURED, lw=3.6)
+            ax.plot(e.time_s - start_s, np.rad2deg(e.model_rad), color=_MODEL, lw=1.2, ls=(0, (5, 1.5)))
+            ax.set_ylabel("angle (deg)")
+        end_s = float(e.time_s[-1]) - start_s
+        rows[0].set(xlim=(0.0, end_s))
+        rows[0].set_title(
+            f"{e.axis}: dead time {_shown(e.dead_time_s, 1e3, 1)} ms\n"
+            f"bandwidth {_shown(e.bandwidth_hz, 1.0, 2)} Hz, damping {_shown(e.damping_ratio, 1.0, 2)}, "
+            f"fit {e.fit_percent:.1f} %",
+            fontsize="medium",
+        )
+        rows[0].axvspan(from_s - start_s, from_s - start_s + _DETAIL_S, color="0.93", lw=0, zorder=0.5)
+        rows[1].set(xlim=(from_s - start_s, from_s - start_s + _DETAIL_S), facecolor="0.97")
+        residual_deg = np.rad2deg(e.measured_rad - e.model_rad)
+        rows[2].plot(e.time_s - start_s, residual_deg, color="k", lw=0.7)
+        rows[2].set(xlim=(0.0, end_s), xlabel="time (s)", ylabel="difference (deg)")
+        for ax in rows:
+            ax.grid(color="0.9", lw=0.6)
+        rows[1].set_title(f"the shaded {_DETAIL_S:g} s in detail", loc="left", fontsize="small")
+        rows[2].set_title(f"measured - model: RMS {e.residual_rms_deg:.3f} deg", loc="left", fontsize="small")
+    key = columns[0][0]
+    key.plot([], [], color="0.55", lw=1.2, label="command sent")
+    key.plot([], [], color=_MEASURED, lw=3.6, label="measured")
+    key.plot([], [], color=_MODEL, lw=1.2, ls=(0, (5, 1.5)), label="fitted model, from the commands alone")
+    handles = key.get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=3, frameon=False)
+    figure.suptitle(title, fontsize="medium")
+    figure.savefig(path, dpi=_DPI)
+
+
+def _busiest_s(e: AxisEstimate) -> float:
+    """Start of the stretch in which the joint moves most, seconds."""
+    way = np.append(0.0, np.cumsum(np.abs(np.diff(e.model_rad))))
+    last_s = max(float(e.time_s[-1]) - _DETAIL_S, float(e.time_s[0]))
+    starts_s = e.time_s[e.time_s <= last_s]
+    ways = np.interp(starts_s + _DETAIL_S, e.time_s, way) - way[: starts_s.size]
+    return float(starts_s[int(np.argmax(ways))])
+
+
+def _shown(interval: Interval, factor: float, digits: int) -> str:
+    # An interval rounded to nothing would claim certainty.
+    half = max(factor * interval.half_width, 10.0**-digits)
+    return f"{factor * interval.value:.{digits}f} ± {half:.{digits}f}"
+
+
+def _beside(cells: Sequence[str]) -> list[str]:
+    # The neck file has no such figure.
+    return [text for cell in cells for text in (cell, "")]
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # JSON's escapes are TOML's, but for one character that JSON leaves as it is.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value)

@@ -1,0 +1,8 @@
+"""Start of `python -m gazempc.live`."""
+
+import sys
+
+from gazempc.live.command import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,122 @@
+"""Where the sensor is mounted, and what its observations are in the base frame."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.spatial.transform import Rotation
+
+from gazempc.neck.spec import Geometry
+from gazempc.types import FloatArray
+from predictors import HeadObservation
+
+# Observations older than this have no place in a live loop.
+_MEMORY_S = 2.0
+
+
+class Mount(BaseModel):
+    """Pose of the sensor on the robot."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    on: Literal["base", "head"] = Field(
+        default="base", description="What it is fixed to: the robot's base, or the head, which pans and tilts"
+    )
+    position_m: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="In the base frame, or in the head's: from the tilt axis, x to the front"
+    )
+    roll_pitch_yaw_deg: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="About x, y, z of that frame: pitch positive looks down, yaw to the left"
+    )
+
+    def to_base(
+        self, observation: HeadObservation, geometry: Geometry, angles_rad: FloatArray | None
+    ) -> HeadObservation:
+        """An observation in the base frame.
+
+        Args:
+            observation: In the sensor's frame.
+            geometry: The neck's geometry.
+            angles_rad: Pan and tilt of the joints when the frame was captured, shape (2,), radians; only needed for a
+                sensor on the head.
+
+        Returns:
+            The same in the base frame.
+
+        Raises:
+            ValueError: If the sensor is on the head and the angles are None.
+        """
+        turn = Rotation.from_euler("xyz", self.roll_pitch_yaw_deg, degrees=True)
+        shift_m = np.array(self.position_m)
+        if self.on == "head":
+            if angles_rad is None:
+                raise ValueError("the sensor moves with the head, and where the head was is not known")
+            head, axis_m = head_in_base(geometry, angles_rad)
+            turn, shift_m = head * turn, axis_m + head.apply(shift_m)
+
+        def turned(quat_wxyz: FloatArray | None) -> FloatArray | None:
+            if quat_wxyz is None:
+                return None
+            return (turn * Rotation.from_quat(quat_wxyz, scalar_first=True)).as_quat(scalar_first=True)
+
+        return HeadObservation(
+            capture_time_s=observation.capture_time_s,
+            head_position_base_m=shift_m + turn.apply(observation.head_position_base_m),
+            head_quat_wxyz=turned(observation.head_quat_wxyz),
+            pelvis_quat_wxyz=turned(observation.pelvis_quat_wxyz),
+        )
+
+
+def head_in_base(geometry: Geometry, angles_rad: FloatArray) -> tuple[Rotation, FloatArray]:
+    """Pose of the robot's head, whose origin is on the tilt axis.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Pan and tilt, shape (2,), radians.
+
+    Returns:
+        Rotation from the head's frame to the base frame, and the origin in the base frame, shape (3,), metres.
+    """
+    pan = Rotation.from_euler("z", angles_rad[0])
+    # Tilting up turns +x towards +z, which is a negative turn about y.
+    return pan * Rotation.from_euler("y", -angles_rad[1]), pan.apply(geometry.tilt_axis_in_pan_m)
+
+
+class JointHistory:
+    """Where the joints were in the last two seconds."""
+
+    def __init__(self) -> None:
+        self._past: deque[tuple[float, FloatArray, FloatArray]] = deque()
+
+    def add(self, time_s: float, position_rad: FloatArray, velocity_rad_s: FloatArray) -> None:
+        """Take note of the joints.
+
+        Args:
+            time_s: When, seconds; later than the last one.
+            position_rad: Pan and tilt, shape (2,), radians.
+            velocity_rad_s: Their velocities, shape (2,), rad/s.
+        """
+        self._past.append((time_s, position_rad, velocity_rad_s))
+        while self._past[0][0] < time_s - _MEMORY_S:
+            self._past.popleft()
+
+    def at(self, time_s: float) -> FloatArray | None:
+        """Where the joints were, linearly between two notes, and straight on after the last one.
+
+        Args:
+            time_s: When, seconds.
+
+        Returns:
+            Pan and tilt, shape (2,), radians; None for a time before the first note.
+        """
+        if not self._past or time_s < self._past[0][0]:
+            return None
+        last_s, position_rad, velocity_rad_s = self._past[-1]
+        if time_s >= last_s:
+            return position_rad + (time_s - last_s) * velocity_rad_s
+        after = next(k for k, past in enumerate(self._past) if past[0] > time_s)
+        (before_s, before_rad, _), (after_s, after_rad, _) = self._past[after - 1], self._past[after]
+        return before_rad + (time_s - before_s) / (after_s - before_s) * (after_rad - before_rad)

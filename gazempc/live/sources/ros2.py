@@ -1,0 +1,118 @@
+"""A person's head from a ROS 2 topic of poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gazempc.live.sources.source import Arrived, SourceError
+from gazempc.ros2.node import Ros2Node, Subscription
+from gazempc.ros2.wire import Ros2Network, WireError, stamp_to_loop_s, topic_name
+from gazempc.types import Sighting
+from predictors import HeadObservation
+
+_POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+
+
+class Ros2Person:
+    """Takes ``geometry_msgs/msg/PoseStamped`` in, over Zenoh as rmw_zenoh does.
+
+    Positions are metres in the sensor's frame, x forward, y left, z up; the stamp is the time of capture. When the
+    router goes, that is a problem in the next `poll`, and Zenoh connects again in the background.
+
+    Args:
+        topic: Where the head's poses are.
+        clock_s: The loop's clock, seconds.
+        to_loop_s: Converts Unix time in seconds to the loop's clock.
+        network: Router, domain and release of ROS 2.
+        frame_id: The frame that every pose must be in; None to take any but optical frames, whose axes are others.
+        use_orientation: Whether the poses' orientation is the head's (x to where the face looks); else it is left out.
+        node_name: How this program is called in the graph of ROS 2.
+
+    Raises:
+        SettingsError: If ROS 2 allows no such topic.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        clock_s: Callable[[], float],
+        to_loop_s: Callable[[float], float],
+        network: Ros2Network | None = None,
+        frame_id: str | None = None,
+        use_orientation: bool = True,
+        node_name: str = "gazempc_person",
+    ) -> None:
+        self._topic = topic_name(topic)
+        self._clock_s = clock_s
+        self._to_loop_s = to_loop_s
+        self._network = network or Ros2Network()
+        self._frame_id = frame_id
+        self._use_orientation = use_orientation
+        self._node_name = node_name
+        self._node: Ros2Node | None = None
+        self._poses: Subscription | None = None
+        self._was_connected = True
+
+    def open(self) -> None:
+        """See `gazempc.live.sources.source.Source.open`; does not wait until somebody sends."""
+        if self._node is not None:
+            return
+        try:
+            self._node = Ros2Node(self._node_name, self._network)
+            self._poses = self._node.subscription(self._topic, _POSE_TYPE)
+        except WireError as error:
+            self.close()
+            raise SourceError(f"ROS 2 topic {self._topic}: {error}") from None
+
+    def poll(self) -> Arrived:
+        """See `gazempc.live.sources.source.Source.poll`."""
+        if self._node is None or self._poses is None:
+            return Arrived()
+        sightings: list[Sighting] = []
+        problems: list[str] = []
+        connected = self._node.connected
+        if self._was_connected and not connected:
+            problems.append(f"the Zenoh router at {self._network.endpoint} has gone; trying to reach it again")
+        self._was_connected = connected
+        now_s = self._clock_s()
+        try:
+            for message in self._poses.take():
+                try:
+                    sightings.append(Sighting(now_s, self._observation(message, now_s)))
+                except ValueError as error:
+                    problems.append(f"{self._topic}: {error}")
+        except WireError as error:
+            problems.append(f"{self._topic}: {error}")
+        return Arrived(tuple(sightings), tuple(problems))
+
+    @property
+    def finished(self) -> bool:
+        """False: nobody can know that nothing more will be sent on a topic."""
+        return False
+
+    def close(self) -> None:
+        """See `gazempc.live.sources.source.Source.close`."""
+        if self._node is not None:
+            self._node.close()
+        self._node = self._poses = None
+        self._was_connected = True
+
+    def _observation(self, message: Any, now_s: float) -> HeadObservation:
+        if isinstance(message, WireError):
+            raise message
+        frame_id = message.header.frame_id
+        if self._frame_id is not None and frame_id != self._frame_id:
+            raise WireError(f"a pose is in the frame {frame_id!r}, expected is {self._frame_id!r}")
+        if self._frame_id is None and frame_id.endswith("optical_frame"):
+            raise WireError(f"a pose is in the frame {frame_id!r}, whose z points forward: needed is x forward, z up")
+        position, turn = message.pose.position, message.pose.orientation
+        quat_wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
+        return HeadObservation(
+            capture_time_s=stamp_to_loop_s(message.header.stamp, self._to_loop_s, now_s),
+            head_position_base_m=np.array([position.x, position.y, position.z]),
+            # All zeros is how ROS says that there is none.
+            head_quat_wxyz=quat_wxyz if self._use_orientation and quat_wxyz.any() else None,
+        )

@@ -1,0 +1,346 @@
+"""The one place where all stages meet: observations in, commands out, at every tick something safe.
+
+One call of `GazeLoop.tick` is one servo period, whoever owns the clock: a replay calls it in simulated time, a live run
+on the real clock. The robot gets a command within limits at every tick. The plan behind it is, in this order: a fresh
+one; the rest of the last one; a stop; and after `rest_after_s` without the person, a slow return to rest. Whatever is
+out of the ordinary is named in the log:
+
+========================= ==============================================================================
+``no_observation_yet``    nobody has been seen; the neck holds still
+``out_of_order``          an observation was not newer than the last one; dropped
+``stale_observation``     an observation was older than `stale_after_s` when it came; dropped
+``future_observation``    an observation was captured later than now: a clock is wrong; dropped
+``forecast_failed``       the predictor raised or forecast a NaN; the last plan goes on
+``controller_failed``     the controller raised; the last plan goes on
+``solver_failed``         no solver found a plan; the last one goes on
+``solver_timed_out``      the last solver was stopped before it had a plan; the last one goes on
+``plan_not_finite``       the controller planned a NaN; the last plan goes on
+``late_plan``             a plan came after the tick it was made for (what is left of it is used), or the one before
+                          was still under way (no new one was asked for)
+``second_solver``         the first solver gave up, the second found this plan
+``limits_softened``       no plan keeps all limits (a start outside them, say); this one leaves them the least
+``stale_plan``            the last plan has ended; the smoother stops the command
+``limit_guard``           the smoother refused a motion that could not stop inside the position limits
+``target_lost``           no observation for `lost_after_s`; the command stops
+``return_to_rest``        no observation for `rest_after_s`; the neck returns to rest, slowly
+``joint_reading_refused`` a reading of the joints was NaN, too old or far from where they can be; not used
+``robot_not_answering``   the joints could not be read (the plan then relies on the commands sent), or a command did
+                          not get through (the robot stands by the last one; no plan until one does)
+========================= ==============================================================================
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections import deque
+from collections.abc import Iterable
+
+import numpy as np
+
+from gazempc.controllers.controller import CommandState, Controller, ControllerError, Plan, Situation
+from gazempc.loop.observer import JointEstimate, JointObserver
+from gazempc.loop.planner import Answer, ImmediatePlanner, Planner
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.settings import LoopSettings
+from gazempc.loop.smoother import Smoother
+from gazempc.neck.spec import NeckSpec
+from gazempc.robots.robot import Robot
+from gazempc.types import FloatArray, JointState, Sighting
+from predictors import HeadObservation, OutOfOrderError, Predictor
+
+# Two clocks that agree still differ by this much.
+_CLOCK_TOLERANCE_S = 0.01
+_SENDS_FORGIVEN = 2
+
+
+class GazeLoop:
+    """Joins predictor, controller, smoother and robot.
+
+    Args:
+        neck: The neck as the controller knows it.
+        predictor: Forecasts the head.
+        controller: Plans commands.
+        smoother: Makes commands of plans; it holds where the command stands.
+        robot: Executes the commands; connected.
+        recorder: Takes down what happens.
+        settings: When to give up on something.
+        planner: Asks the controller; without it at once, within the tick.
+
+    Attributes:
+        joints: Where the joints were at the last tick, as estimated; None before the first one.
+    """
+
+    def __init__(
+        self,
+        neck: NeckSpec,
+        predictor: Predictor,
+        controller: Controller,
+        smoother: Smoother,
+        robot: Robot,
+        recorder: LoopRecorder,
+        settings: LoopSettings,
+        planner: Planner | None = None,
+    ) -> None:
+        self._neck = neck
+        self._predictor = predictor
+        self._controller = controller
+        self._smoother = smoother
+        self._robot = robot
+        self._recorder = recorder
+        self._settings = settings
+        self._delay_ticks = math.ceil(settings.compute_delay_s / neck.servo_period_s - 1e-9)
+        history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
+        self._sent_rad: FloatArray = np.tile(smoother.command.position_rad, (history, 1))
+        self._observer: JointObserver | None = None
+        self.joints: JointEstimate | None = None
+        self._planner = planner or ImmediatePlanner(controller)
+        self._forecast_ms = 0.0
+        self._last_index: int | None = None
+        self._ignored_until = -1
+        self._stopping = False
+        self._gets_through = True
+        self._failed_sends = 0
+        self._newest_capture_s: float | None = None
+        self._plan: Plan | None = None
+        self._waiting: deque[tuple[int, Plan, float]] = deque()
+        self._asked_capture_s = -math.inf
+        self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, 2)), np.zeros((1, 2)))
+
+    def tick(self, index: int, time_s: float, arrived: Iterable[Sighting], due_s: float | None = None) -> None:
+        """Do all that is due in one servo period.
+
+        Args:
+            index: Number of the tick, which is larger than the last one's; where ticks were left out, by more than
+                1. Every `NeckSpec.servo_ticks_per_plan`-th one plans.
+            time_s: The time, seconds.
+            arrived: Observations that have arrived since the last tick.
+            due_s: When the tick was due, where it is a little late: commands are made for this time, so that they do
+                not jitter with the clock.
+        """
+        due_s = time_s if due_s is None else due_s
+        per_plan = self._neck.servo_ticks_per_plan
+        plans = self._last_index is None or index // per_plan != self._last_index // per_plan
+        for _ in range(0 if self._last_index is None else min(index - self._last_index - 1, len(self._sent_rad))):
+            self._note_sent(self._sent_rad[-1].copy())
+        self._last_index = index
+        for sighting in arrived:
+            self._take_in(sighting, time_s)
+        measured = self._read_state(time_s)
+        if self._observer is None:
+            self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
+        joints = self._observer.update(time_s, measured)
+        self.joints = joints
+        if self._observer.refused:
+            self._recorder.event(time_s, "joint_reading_refused")
+        # Before asking, too: a planner that has answered is free again.
+        self._take_answers(index, time_s)
+        if plans and self._gets_through and not self._stopping:
+            self._ask_for_plan(index, time_s, due_s, joints)
+        self._take_answers(index, time_s)
+        while self._waiting and self._waiting[0][0] <= index:
+            _, self._plan, capture_s = self._waiting.popleft()
+            self._recorder.latency(1e3 * (time_s - capture_s))
+        before = self._smoother.command
+        command = self._next_command(time_s, due_s)
+        sent_rad = self._send(command, before, index, time_s)
+        self._observer.sent(sent_rad)
+        self._note_sent(sent_rad)
+        self._recorder.tick(time_s, measured, sent_rad, self._smoother.command)
+
+    def prepare(self, time_s: float) -> None:
+        """Build now what else the first ticks would wait for; predictor and controller are reset.
+
+        Args:
+            time_s: The time, seconds.
+        """
+        command = self._smoother.command
+        self._observer = JointObserver(self._neck, command.position_rad, time_s)
+        # Somebody passes so near that limits bind: then the solver is needed, too.
+        for i in range(5):
+            seen_s = time_s + i / 30.0
+            self._predictor.update(HeadObservation(seen_s, np.array([0.8, 0.1 * i, 0.3])))
+        start_s = time_s + self._delay_ticks * self._neck.servo_period_s
+        situation = Situation(
+            start_s=start_s,
+            forecast=self._predictor.forecast(self._controller.forecast_times_s(start_s, seen_s)),
+            command=command,
+            joint_position_rad=command.position_rad,
+            joint_velocity_rad_s=np.zeros(2),
+            joint_offset_rad=np.zeros(2),
+            sent_rad=self._sent_rad.copy(),
+            committed_rad=np.tile(command.position_rad, (self._delay_ticks, 1)),
+        )
+        with contextlib.suppress(ControllerError):
+            self._controller.plan(situation)
+        self._predictor.reset()
+        self._controller.reset()
+
+    def record_to(self, recorder: LoopRecorder) -> None:
+        """Take down what happens from now on somewhere else.
+
+        Args:
+            recorder: Where.
+        """
+        self._recorder = recorder
+
+    def stop(self) -> None:
+        """Give up planning: the following ticks stop the command."""
+        self._stopping = True
+        self._plan = None
+        self._waiting.clear()
+
+    def _note_sent(self, sent_rad: FloatArray) -> None:
+        self._sent_rad[:-1] = self._sent_rad[1:]
+        self._sent_rad[-1] = sent_rad
+
+    def _take_in(self, sighting: Sighting, time_s: float) -> None:
+        observation = sighting.observation
+        if observation.capture_time_s > time_s + _CLOCK_TOLERANCE_S:
+            # Taken in, it would make all later ones out of order.
+            self._recorder.event(time_s, "future_observation")
+            return
+        if time_s - observation.capture_time_s > self._settings.stale_after_s:
+            self._recorder.event(time_s, "stale_observation")
+            return
+        newest_s = self._newest_capture_s
+        if newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s:
+            # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile.
+            self._predictor.reset()
+        started = time.perf_counter()
+        try:
+            self._predictor.update(observation)
+            update_ms = 1e3 * (time.perf_counter() - started)
+            self._recorder.observation(time_s, observation, self._predictor, update_ms)
+        except OutOfOrderError:
+            self._recorder.event(time_s, "out_of_order")
+            return
+        except Exception:
+            self._recorder.event(time_s, "forecast_failed")
+            return
+        self._newest_capture_s = observation.capture_time_s
+
+    def _read_state(self, time_s: float) -> JointState | None:
+        # RobotError is what is promised; but whatever somebody's driver raises or returns, the loop goes on.
+        try:
+            state = self._robot.read_state()
+            if state is None:
+                return None
+            float(state.time_s)
+            if state.position_rad.shape == state.velocity_rad_s.shape == (2,):
+                return state
+        except Exception:
+            pass
+        self._recorder.event(time_s, "robot_not_answering")
+        return None
+
+    def _ask_for_plan(self, index: int, time_s: float, due_s: float, joints: JointEstimate) -> None:
+        if self._newest_capture_s is None:
+            self._recorder.event(time_s, "no_observation_yet")
+            return
+        if time_s - self._newest_capture_s > self._settings.lost_after_s:
+            return
+        started = time.perf_counter()
+        start_s = due_s + self._delay_ticks * self._neck.servo_period_s
+        try:
+            times_s = self._controller.forecast_times_s(start_s, self._newest_capture_s)
+        except Exception:
+            self._recorder.event(time_s, "controller_failed")
+            return
+        try:
+            forecast = self._predictor.forecast(times_s)
+        except Exception:
+            forecast = None
+        if forecast is None or forecast.means_base_m.shape != (times_s.size, 3):
+            self._recorder.event(time_s, "forecast_failed")
+            return
+        if not np.all(np.isfinite(forecast.means_base_m)):
+            # A filter that holds a NaN holds it for ever: the next observation starts a new track.
+            self._recorder.event(time_s, "forecast_failed")
+            self._predictor.reset()
+            return
+        committed = [
+            self._committed(index + i, due_s + i * self._neck.servo_period_s) for i in range(self._delay_ticks)
+        ]
+        situation = Situation(
+            start_s=start_s,
+            forecast=forecast,
+            command=committed[-1] if committed else self._smoother.command,
+            joint_position_rad=joints.position_rad,
+            joint_velocity_rad_s=joints.velocity_rad_s,
+            joint_offset_rad=joints.offset_rad,
+            sent_rad=self._sent_rad.copy(),  # a planner in the background reads it later
+            committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, 2),
+        )
+        self._forecast_ms = 1e3 * (time.perf_counter() - started)
+        if self._planner.request(index + self._delay_ticks, situation):
+            self._asked_capture_s = self._newest_capture_s
+        else:
+            self._recorder.event(time_s, "late_plan")
+
+    def _take_answers(self, index: int, time_s: float) -> None:
+        for answer in () if self._stopping else self._planner.answers():
+            self._take_answer(answer, index, time_s)
+
+    def _take_answer(self, answer: Answer, index: int, time_s: float) -> None:
+        self._recorder.step(self._forecast_ms + answer.plan_ms)
+        if answer.due_index <= self._ignored_until:
+            return
+        if answer.plan is None:
+            self._recorder.event(time_s, answer.event)
+            return
+        for event in answer.plan.events:
+            self._recorder.event(time_s, event)
+        if answer.due_index < index:
+            self._recorder.event(time_s, "late_plan")
+        self._waiting.append((answer.due_index, answer.plan, self._asked_capture_s))
+
+    def _committed(self, index: int, time_s: float) -> CommandState:
+        # Until a plan takes effect the smoother follows the one before it, which may itself be waiting still.
+        plan = next((waiting for due, waiting, _ in reversed(self._waiting) if due <= index), self._plan)
+        if plan is None or time_s >= plan.end_s:
+            return self._smoother.command
+        return plan.at(time_s)
+
+    def _next_command(self, time_s: float, due_s: float) -> CommandState:
+        if self._stopping:
+            return self._smoother.step(due_s, None)
+        unseen_s = 0.0 if self._newest_capture_s is None else time_s - self._newest_capture_s
+        if unseen_s > self._settings.rest_after_s:
+            self._plan = None
+            self._recorder.event(time_s, "return_to_rest")
+            return self._smoother.step(due_s, self._rest_plan, self._settings.rest_speed_rad_s)
+        if unseen_s > self._settings.lost_after_s:
+            self._plan = None
+            self._recorder.event(time_s, "target_lost")
+        command = self._smoother.step(due_s, self._plan)
+        if self._smoother.intervention and self._plan is not None:
+            self._recorder.event(time_s, self._smoother.intervention)
+        return command
+
+    def _send(self, command: CommandState, before: CommandState, index: int, time_s: float) -> FloatArray:
+        try:
+            sent_rad: FloatArray = np.array(self._robot.send_command(command.position_rad), dtype=np.float64)
+            self._gets_through = sent_rad.shape == (2,) and bool(np.all(np.isfinite(sent_rad)))
+        except Exception:
+            self._gets_through = False
+        if self._gets_through:
+            self._failed_sends = 0
+            return sent_rad
+        self._recorder.event(time_s, "robot_not_answering")
+        self._failed_sends += 1
+        if self._failed_sends <= _SENDS_FORGIVEN:
+            # One lost command is no reason to stop dead: the same motion goes on from where it was.
+            self._smoother.resume(before)
+            held_rad: FloatArray = self._sent_rad[-1].copy()
+            return held_rad
+        # The robot stands by what it got last. The command starts again from there: had it moved on meanwhile, the
+        # first one to get through would be a jump.
+        last_rad: FloatArray = self._sent_rad[-1].copy()
+        self._smoother.reset(last_rad)
+        self._plan = None
+        self._waiting.clear()
+        # What is asked for already starts from commands that did not get through.
+        self._ignored_until = index + self._delay_ticks
+        return last_rad

@@ -1,0 +1,242 @@
+"""Ruckig makes every command follow the plan within velocity, acceleration and jerk limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+import ruckig
+
+from gazempc.controllers.controller import CommandState, Plan
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
+
+# What the smoother did at a tick besides following the plan.
+Intervention = Literal["", "stale_plan", "limit_guard"]
+
+_Motion = tuple[float, float, float]  # position, velocity, acceleration
+# Ruckig refuses a target that touches its limits by rounding.
+_TARGET_MARGIN = 1.0 - 1e-9
+_SAME_TIME_S = 1e-6
+# A plan within this of where the command would go is the one that is being followed.
+_SAME_RAD = 1e-9
+# A limit that is used in full, with room for rounding.
+_ROUNDED_UP = 1.0 + 1e-9
+# A target this near the speed limit could hardly be caught; the chase assumes it a little slower.
+_CHASE_SHARE = 0.95
+
+
+class _AxisSmoother:
+    """One joint. Ruckig is asked for one axis at a time so that a slow axis does not hold back the other."""
+
+    def __init__(self, limits: tuple[float, float, float, float, float], period_s: float) -> None:
+        self._low, self._high, self._v_max, self._a_max, self._j_max = limits
+        self._period_s = period_s
+        self._generator = ruckig.Ruckig(1, period_s)
+        self._trajectory = ruckig.Trajectory(1)
+        self._to_target = ruckig.InputParameter(1)
+        self._to_rest = ruckig.InputParameter(1)
+        self._to_rest.control_interface = ruckig.ControlInterface.Velocity
+        self._to_rest.target_velocity = [0.0]
+        self._to_rest.target_acceleration = [0.0]
+        for request in (self._to_target, self._to_rest):
+            request.max_velocity = [self._v_max]
+            request.max_acceleration = [self._a_max]
+            request.max_jerk = [self._j_max]
+
+    def toward(self, now: _Motion, target: _Motion, v_limit: float) -> tuple[_Motion, bool]:
+        """Next motion toward where the target is one period from now; True if the guard stopped it instead."""
+        v_max = min(self._v_max, v_limit)
+        position = min(max(target[0], self._low), self._high)
+        acceleration = min(max(target[2], -self._a_max), self._a_max)
+        exact = (position, min(max(target[1], -v_max), v_max), acceleration)
+        v_max *= _TARGET_MARGIN
+        velocity = min(max(target[1], -v_max), v_max)
+        ways: tuple[Callable[[], _Motion | None], ...] = (
+            lambda: self._continue(now, exact, v_max / _TARGET_MARGIN),
+            lambda: self._follow(now, (position, velocity, _TARGET_MARGIN * acceleration), v_max),
+            lambda: self._intercept(now, position, velocity, v_max),
+            lambda: self._intercept(now, position, 0.0, v_max),
+        )
+        # Not faster than the limit, nor bound to become so; who already is must at least become slower.
+        fastest = max(v_max / _TARGET_MARGIN, self._peak_speed(now)) * _ROUNDED_UP
+        for way in ways:
+            following = way()
+            if following is None or self._peak_speed(following) > fastest:
+                continue
+            if self._can_stop_inside(following):
+                return following, False
+        return self.toward_rest(now), True
+
+    def _continue(self, now: _Motion, target: _Motion, v_max: float) -> _Motion | None:
+        # A plan that was followed so far leads on by one constant jerk, also along its limits. Ruckig, asked for the
+        # same, takes a detour before the last digit of a limit.
+        h = self._period_s
+        jerk = (target[2] - now[2]) / h
+        position = now[0] + h * (now[1] + h * (now[2] / 2.0 + h * jerk / 6.0))
+        velocity = now[1] + h * (now[2] + h * jerk / 2.0)
+        reached = abs(position - target[0]) <= _SAME_RAD and abs(velocity - target[1]) * h <= _SAME_RAD
+        following = (position, velocity, target[2])
+        within = abs(jerk) <= self._j_max * _ROUNDED_UP and self._peak_speed(following) <= v_max * _ROUNDED_UP
+        return following if reached and within else None
+
+    def _peak_speed(self, motion: _Motion) -> float:
+        # The acceleration takes the velocity further before it can be ended.
+        _, velocity, acceleration = motion
+        return max(abs(velocity), abs(velocity + acceleration * abs(acceleration) / (2.0 * self._j_max)))
+
+    def _follow(self, now: _Motion, target: _Motion, v_max: float) -> _Motion | None:
+        # Exactly the plan's motion, if it can be reached within this period; not before its end, as the command
+        # would then wait for the plan.
+        request = self._to_target
+        request.minimum_duration = self._period_s
+        request.max_velocity, request.min_velocity = [v_max / _TARGET_MARGIN], [-v_max / _TARGET_MARGIN]
+        request.current_position, request.target_position = [now[0]], [target[0]]
+        request.current_velocity, request.target_velocity = [now[1]], [target[1]]
+        request.current_acceleration, request.target_acceleration = [now[2]], [target[2]]
+        following = self._sample(request)
+        return following if self._trajectory.duration <= self._period_s + _SAME_TIME_S else None
+
+    def _intercept(self, now: _Motion, position: float, velocity: float, v_max: float) -> _Motion | None:
+        # A plan that has jumped away moves on while the command catches up; aimed at where it is, the command would
+        # always arrive where it was. In the frame that moves with the plan the target stands still, and the
+        # time-optimal motion to it is the earliest meeting.
+        request = self._to_target
+        velocity = min(max(velocity, -_CHASE_SHARE * v_max), _CHASE_SHARE * v_max)
+        request.minimum_duration = None
+        request.max_velocity, request.min_velocity = [v_max - velocity], [-v_max - velocity]
+        request.current_position = [now[0] - (position - velocity * self._period_s)]
+        request.current_velocity = [now[1] - velocity]
+        request.current_acceleration = [now[2]]
+        request.target_position = request.target_velocity = request.target_acceleration = [0.0]
+        relative = self._sample(request)
+        if relative is None:
+            return None
+        return relative[0] + position, relative[1] + velocity, relative[2]
+
+    def toward_rest(self, now: _Motion) -> _Motion:
+        """Next motion of the fastest stop within the limits."""
+        self._aim_at_rest(now)
+        # Ruckig has no stop only for limits too small for its arithmetic; standing still is then within them.
+        return self._sample(self._to_rest) or (now[0], 0.0, 0.0)
+
+    def _aim_at_rest(self, motion: _Motion) -> None:
+        request = self._to_rest
+        request.current_position, request.current_velocity, request.current_acceleration = (
+            [motion[0]],
+            [motion[1]],
+            [motion[2]],
+        )
+
+    def _can_stop_inside(self, motion: _Motion) -> bool:
+        # If every command can still be brought to rest inside the position limits, no later one can be
+        # forced out of them. Ruckig itself does not know position limits.
+        self._aim_at_rest(motion)
+        if self._calculate(self._to_rest):
+            reach = self._trajectory.position_extrema[0]
+            return bool(reach.min >= self._low - 1e-12 and reach.max <= self._high + 1e-12)
+        return False
+
+    def _sample(self, request: ruckig.InputParameter) -> _Motion | None:
+        if not self._calculate(request):
+            return None
+        p, v, a = self._trajectory.at_time(self._period_s)
+        return (p[0], v[0], a[0]) if math.isfinite(p[0] + v[0] + a[0]) else None
+
+    def _calculate(self, request: ruckig.InputParameter) -> bool:
+        try:
+            result = self._generator.calculate(request, self._trajectory)
+        except (ruckig.RuckigError, ValueError):  # ValueError: a result code its binding does not know
+            return False
+        return result in (ruckig.Result.Working, ruckig.Result.Finished)
+
+
+class Smoother:
+    """Holds the motion of the command and moves it on by one servo period at a time.
+
+    Whatever the plan asks, the command stays within `NeckSpec.command_limits`: velocity, acceleration and jerk
+    by Ruckig, position by only ever sending a command from which a stop inside the limits is possible. A plan
+    that has run out is not followed: the command brakes to rest (Ruckig alone would coast on).
+
+    Args:
+        neck: The neck whose limits apply.
+        position_rad: Where the command starts, at rest, shape (2,), radians; clipped to the limits.
+    """
+
+    def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
+        self._neck = neck
+        limits = neck.command_limits
+        self._axes = [
+            _AxisSmoother(
+                (
+                    float(limits.position_min_rad[i]),
+                    float(limits.position_max_rad[i]),
+                    float(limits.velocity_max_rad_s[i]),
+                    float(limits.acceleration_max_rad_s2[i]),
+                    float(limits.jerk_max_rad_s3[i]),
+                ),
+                neck.servo_period_s,
+            )
+            for i in range(2)
+        ]
+        self.reset(position_rad)
+
+    def reset(self, position_rad: FloatArray) -> None:
+        """Put the command somewhere, at rest.
+
+        Args:
+            position_rad: Shape (2,), radians; clipped to the limits.
+        """
+        start = self._neck.command_limits.clip_position(np.asarray(position_rad, dtype=np.float64))
+        self._now: list[_Motion] = [(float(p), 0.0, 0.0) for p in start]
+        self._intervention: Intervention = ""
+
+    def resume(self, command: CommandState) -> None:
+        """Take a step back, as if it had not been made.
+
+        Args:
+            command: The command before the step.
+        """
+        motion = np.stack([command.position_rad, command.velocity_rad_s, command.acceleration_rad_s2], axis=1)
+        self._now = [(float(p), float(v), float(a)) for p, v, a in motion]
+
+    @property
+    def command(self) -> CommandState:
+        """The command as it was last sent."""
+        p, v, a = np.array(self._now).T
+        return CommandState(p, v, a)
+
+    @property
+    def intervention(self) -> Intervention:
+        """What the last step did besides following the plan; empty if nothing."""
+        return self._intervention
+
+    def step(self, time_s: float, plan: Plan | None, speed_limit_rad_s: float | None = None) -> CommandState:
+        """Make the next command.
+
+        Args:
+            time_s: Time at which it will be sent, seconds.
+            plan: What to follow; None, one that has ended or one with a NaN means stop.
+            speed_limit_rad_s: A lower speed limit for this step, for a slow return to rest; None for the neck's own.
+
+        Returns:
+            The command to send.
+        """
+        if plan is None or time_s >= plan.end_s or not plan.is_finite():
+            self._now = [axis.toward_rest(now) for axis, now in zip(self._axes, self._now, strict=True)]
+            self._intervention = "stale_plan"
+            return self.command
+        target = plan.at(time_s)
+        guarded = False
+        for i, axis in enumerate(self._axes):
+            wanted = (
+                float(target.position_rad[i]),
+                float(target.velocity_rad_s[i]),
+                float(target.acceleration_rad_s2[i]),
+            )
+            self._now[i], stopped = axis.toward(self._now[i], wanted, speed_limit_rad_s or math.inf)
+            guarded = guarded or stopped
+        self._intervention = "limit_guard" if guarded else ""
+        return self.command

@@ -1,0 +1,204 @@
+"""From joint angles to the gaze ray, and back: where must the neck point to look at a place?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gazempc.neck.spec import Geometry
+from gazempc.types import BoolArray, FloatArray
+
+# Keeps the neck from swinging to and fro before somebody who stands right behind it.
+_CLEARLY_BETTER_RAD = 0.2
+# Nearer than this to the axis, a target's direction means nothing.
+_NEAREST_M = 0.1
+
+
+@dataclass(frozen=True)
+class LookAt:
+    """Joint angles that look at a target.
+
+    Attributes:
+        angles_rad: Pan and tilt, shape (..., 2), radians; pan in (-pi, pi] unless unwrapped.
+        reachable: Shape (...); False where no pan and tilt, even without limits, looks at the target because it
+            is inside the neck. The angles are then finite, and look past it.
+    """
+
+    angles_rad: FloatArray
+    reachable: BoolArray
+
+
+def gaze_ray(geometry: Geometry, angles_rad: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Where the eye is and where it looks.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Pan (positive left) and tilt (positive up), shape (..., 2), radians.
+
+    Returns:
+        Position of the eye in the base frame, shape (..., 3), metres; direction of the gaze, shape (..., 3), unit.
+    """
+    angles = np.asarray(angles_rad, dtype=np.float64)
+    cp, sp = np.cos(angles[..., 0]), np.sin(angles[..., 0])
+    ct, st = np.cos(angles[..., 1]), np.sin(angles[..., 1])
+    tx, ty, tz = geometry.tilt_axis_in_pan_m
+    ex, ey, ez = geometry.eye_in_tilt_m
+    # In the frame that turns with the pan axis; tilting up turns +x towards +z.
+    x = tx + ct * ex - st * ez
+    y = np.full_like(cp, ty + ey)
+    z = tz + st * ex + ct * ez
+    eye = np.stack([cp * x - sp * y, sp * x + cp * y, z], axis=-1)
+    direction = np.stack([cp * ct, sp * ct, st], axis=-1)
+    return eye, direction
+
+
+def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
+    """Joint angles whose gaze ray passes through a target, in closed form, and whether there are any.
+
+    Args:
+        geometry: The neck's geometry.
+        target_base_m: Targets in the base frame, shape (..., 3), metres.
+
+    Returns:
+        The angles and whether the target can be looked at, shapes (..., 2) and (...).
+    """
+    target = np.asarray(target_base_m, dtype=np.float64)
+    tx, ty, tz = geometry.tilt_axis_in_pan_m
+    ex, ey, ez = geometry.eye_in_tilt_m
+    lateral = ty + ey
+    ground = np.hypot(target[..., 0], target[..., 1])
+    ahead = np.sqrt(np.maximum(ground**2 - lateral**2, 0.0)) - tx
+    distance = np.hypot(ahead, target[..., 2] - tz)
+    in_front_of_eye = np.sqrt(np.maximum(distance**2 - ez**2, 0.0)) > ex
+    reachable = (ground >= abs(lateral)) & (distance >= abs(ez)) & (distance > 0) & in_front_of_eye
+    return LookAt(look_at_rad(geometry, target), reachable)
+
+
+def look_at_rad(geometry: Geometry, target_base_m: FloatArray) -> FloatArray:
+    """Joint angles whose gaze ray passes through a target, in closed form.
+
+    The target's lateral offset is constant while the neck pans, which gives the pan angle; the height of the
+    gaze ray above the tilt axis is constant while it tilts, which gives the tilt angle. Of the two solutions
+    the one that faces the target is taken. A target behind the robot is reached by panning beyond +-90 deg;
+    whether the neck can do that is for its limits to say.
+
+    Args:
+        geometry: The neck's geometry.
+        target_base_m: Targets in the base frame, shape (..., 3), metres.
+
+    Returns:
+        Pan and tilt, shape (..., 2), radians, in (-pi, pi]; finite, and past the target, where it is inside the neck.
+    """
+    tx, ty, tz = geometry.tilt_axis_in_pan_m
+    _, ey, ez = geometry.eye_in_tilt_m
+    lateral = ty + ey
+    x, y = target_base_m[..., 0], target_base_m[..., 1]
+    ground = np.hypot(x, y)
+    above = target_base_m[..., 2] - tz
+    angles = np.empty((*ground.shape, 2))
+    # A negative zero would give -pi.
+    pan = np.arctan2(y + 0.0, x)
+    ahead = ground - tx
+    if lateral:
+        pan = _wrap(pan - _offset_turn(lateral, ground))
+        ahead = np.sqrt(np.maximum(ground**2 - lateral**2, 0.0)) - tx
+    tilt = np.arctan2(above, ahead)
+    if ez:
+        tilt = _wrap(tilt - _offset_turn(ez, np.hypot(ahead, above)))
+    angles[..., 0], angles[..., 1] = pan, tilt
+    return angles
+
+
+def _offset_turn(offset_m: float, distance_m: FloatArray) -> FloatArray:
+    # By how much a ray that passes its axis at an offset points beside the target; a right angle if it is nearer.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        sine = np.where(distance_m > 0, np.clip(offset_m / distance_m, -1.0, 1.0), np.sign(offset_m))
+    return np.asarray(np.arcsin(sine), dtype=np.float64)
+
+
+def angle_deviations_rad(target_base_m: FloatArray, covariance_m2: FloatArray) -> tuple[float, float]:
+    """How uncertain the direction to a target is, to first order; axis and eye offsets are left out of account.
+
+    Args:
+        target_base_m: Mean of the target's position, shape (3,), metres.
+        covariance_m2: Its covariance, shape (3, 3), square metres.
+
+    Returns:
+        Standard deviations of pan and tilt, radians; NaN if a number is not finite.
+    """
+    x, y, z = map(float, target_base_m)
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = covariance_m2.tolist()
+    ground2 = max(x * x + y * y, _NEAREST_M**2)
+    ground = math.sqrt(ground2)
+    along = (x * x * xx + 2.0 * x * y * xy + y * y * yy) / ground2
+    across = (y * y * xx - 2.0 * x * y * xy + x * x * yy) / ground2
+    both = (x * xz + y * yz) / ground
+    distance2 = ground2 + z * z
+    rising = (ground2 * zz - 2.0 * z * ground * both + z * z * along) / distance2
+    pan2, tilt2 = across / ground2, rising / distance2
+    if not math.isfinite(pan2 + tilt2):
+        return math.nan, math.nan
+    return math.sqrt(max(pan2, 0.0)), math.sqrt(max(tilt2, 0.0))
+
+
+def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad: float) -> FloatArray:
+    """Make a sequence of pan angles continuous, on the turn of the circle that the neck can best reach.
+
+    Without this, a person who walks round behind the robot would make the pan angle jump from +180 to -180 deg; and a
+    neck that followed them past its limit would have to stay there until they came back the same way.
+
+    Args:
+        angles_rad: Pan and tilt over time, shape (H, 2), radians.
+        near_rad: Where the pan command stands, radians; kept to unless another turn is clearly better within reach.
+        low_rad: Lower pan limit, radians.
+        high_rad: Upper pan limit, radians.
+
+    Returns:
+        The same directions with continuous pan, shape (H, 2), radians; the argument itself where nothing changes.
+    """
+    pan = angles_rad[:, 0]
+    least_rad, most_rad = pan.min(), pan.max()
+    if abs(pan[0] - near_rad) > np.pi or most_rad - least_rad > np.pi:
+        pan = np.unwrap(np.concatenate([[near_rad], pan]))[1:]
+        least_rad, most_rad = pan.min(), pan.max()
+    elif least_rad >= low_rad and most_rad <= high_rad:
+        return angles_rad
+    if least_rad >= low_rad and most_rad <= high_rad:
+        return np.stack([pan, angles_rad[:, 1]], axis=-1)
+
+    def out_of_reach_rad(turn: float) -> float:
+        moved = pan + turn
+        return float(np.mean(np.maximum(moved - high_rad, 0.0) + np.maximum(low_rad - moved, 0.0)))
+
+    turns = (-2.0 * np.pi, 2.0 * np.pi)
+    best = min(turns, key=out_of_reach_rad)
+    if out_of_reach_rad(best) < out_of_reach_rad(0.0) - _CLEARLY_BETTER_RAD:
+        pan = pan + best
+    return np.stack([pan, angles_rad[:, 1]], axis=-1)
+
+
+def gaze_error_rad(geometry: Geometry, angles_rad: ArrayLike, target_base_m: ArrayLike) -> FloatArray:
+    """Angle between the gaze ray and the direction from the eye to a target.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Pan and tilt, shape (..., 2), radians.
+        target_base_m: Targets, shape (..., 3), metres, base frame.
+
+    Returns:
+        Angles in [0, pi], shape (...), radians; exact also for very small angles.
+    """
+    eye, direction = gaze_ray(geometry, angles_rad)
+    to_target = np.asarray(target_base_m, dtype=np.float64) - eye
+    across = np.linalg.norm(np.cross(direction, to_target), axis=-1)
+    along = np.sum(direction * to_target, axis=-1)
+    error: FloatArray = np.arctan2(across, along)
+    return error
+
+
+def _wrap(angle_rad: FloatArray) -> FloatArray:
+    wrapped: FloatArray = np.pi - (np.pi - angle_rad) % (2.0 * np.pi)
+    return wrapped

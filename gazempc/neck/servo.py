@@ -1,0 +1,178 @@
+"""The joint's servo: second-order follower behind an exact dead time."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from gazempc.neck.spec import Axis
+from gazempc.types import FloatArray
+
+_SAME_TIME_S = 1e-9
+
+
+def servo_model(axis: Axis) -> FloatArray:
+    """The servo without its dead time, for a command that is held: d/dt [q, q'] = A [q, q'] + B u.
+
+    Args:
+        axis: The joint.
+
+    Returns:
+        A and B side by side, shape (2, 3).
+    """
+    wn, zeta = axis.natural_frequency_rad_s, axis.damping_ratio
+    return np.array([[0.0, 1.0, 0.0], [-(wn**2), -2.0 * zeta * wn, wn**2]])
+
+
+def zero_order_hold(axis: Axis, dt_s: float) -> FloatArray:
+    """Exact transition of the servo over a time in which the command is held.
+
+    Args:
+        axis: The joint.
+        dt_s: Time step, seconds.
+
+    Returns:
+        [Ad Bd], shape (2, 3), so that [q, q'] after the step is ``[Ad Bd] @ [q, q', u]``.
+    """
+    return np.array(_transition(axis.natural_frequency_rad_s, axis.damping_ratio, dt_s)).reshape(2, 3)
+
+
+def _transition(wn: float, zeta: float, dt_s: float) -> tuple[float, ...]:
+    """[Ad Bd] row by row, in closed form: on a clock that jitters every step is another, and this takes microseconds.
+
+    With s = sqrt(zeta^2 - 1) wn dt the matrix exponential of A dt is
+    ``exp(-zeta wn dt) (cosh(s) I + sinh(s) / s (A + zeta wn I) dt)``; below zeta = 1 cos and sin take the place of cosh
+    and sinh, and at 1 what both tend to.
+    """
+    decay, square = zeta * wn * dt_s, (zeta**2 - 1.0) * (wn * dt_s) ** 2
+    s = math.sqrt(abs(square))
+    if square > 0.0:
+        # The decay goes into the exponents: apart, cosh could overflow.
+        slow, fast = math.exp(s - decay), math.exp(-s - decay)
+        even, odd = 0.5 * (slow + fast), 0.5 * (slow - fast) / s
+    else:
+        even = math.exp(-decay) * math.cos(s)
+        odd = math.exp(-decay) * (math.sin(s) / s if s > 0.0 else 1.0)
+    stays = even + decay * odd
+    return stays, odd * dt_s, 1.0 - stays, -(wn**2) * dt_s * odd, even - decay * odd, wn**2 * dt_s * odd
+
+
+class DelayedServo:
+    """One simulated joint. Commands act exactly `dead_time_s` after they were sent, also between ticks.
+
+    Args:
+        axis: The joint.
+        position_rad: Where it stands at rest when time starts, with the command equal to it, radians.
+        time_s: Time at which it starts, seconds.
+    """
+
+    def __init__(self, axis: Axis, position_rad: float, time_s: float = 0.0) -> None:
+        self._axis = axis
+        self._time_s = time_s
+        self._q, self._v = position_rad, 0.0
+        self._acting_rad = position_rad
+        self._waiting: deque[tuple[float, float]] = deque()
+
+    @property
+    def state(self) -> tuple[float, float]:
+        """Joint position and velocity, radians and rad/s."""
+        return self._q, self._v
+
+    def send(self, command_rad: float) -> None:
+        """Send a command at the present time.
+
+        Args:
+            command_rad: Position to go to, radians; held until the next one.
+        """
+        self._waiting.append((self._time_s + self._axis.dead_time_s, command_rad))
+
+    def correct(self, position_rad: float, velocity_rad_s: float) -> None:
+        """Add to position and velocity; for an observer whose model this is."""
+        self._q += position_rad
+        self._v += velocity_rad_s
+
+    def stand(self, position_rad: float) -> None:
+        """Stand still at a position until the next command acts; for an observer that finds the joint there."""
+        self._q, self._v, self._acting_rad = position_rad, 0.0, position_rad
+
+    def advance_to(self, time_s: float) -> None:
+        """Move on in time.
+
+        Args:
+            time_s: New time, seconds, not before the present one.
+
+        Raises:
+            ValueError: If time would run backwards.
+        """
+        if time_s < self._time_s - _SAME_TIME_S:
+            raise ValueError(f"time cannot run backwards: {self._time_s} -> {time_s}")
+        while self._waiting and self._waiting[0][0] <= time_s + _SAME_TIME_S:
+            acts_at_s, command_rad = self._waiting.popleft()
+            self._hold_until(acts_at_s)
+            self._acting_rad = command_rad
+        self._hold_until(time_s)
+
+    def _hold_until(self, time_s: float) -> None:
+        dt_s = time_s - self._time_s
+        self._time_s = max(time_s, self._time_s)
+        if dt_s <= _SAME_TIME_S:
+            return
+        step = _transition(self._axis.natural_frequency_rad_s, self._axis.damping_ratio, dt_s)
+        q, v, u = self._q, self._v, self._acting_rad
+        self._q = step[0] * q + step[1] * v + step[2] * u
+        self._v = step[3] * q + step[4] * v + step[5] * u
+
+
+class DeadTimeRoll:
+    """Rolls a joint's state exactly over its dead time, through the commands already sent.
+
+    What the joint will do until now + dead time is settled: it is driven by commands that are on their way. With
+    commands sent every `period_s`, the state then is a fixed linear map of the state now and of these commands.
+
+    Args:
+        axis: The joint.
+        period_s: Time between two commands, seconds.
+    """
+
+    def __init__(self, axis: Axis, period_s: float) -> None:
+        whole = int(np.floor(axis.dead_time_s / period_s + 1e-9))
+        rest_s = axis.dead_time_s - whole * period_s
+        if rest_s < _SAME_TIME_S:
+            rest_s = 0.0
+        step = zero_order_hold(axis, round(period_s, 12))
+        # The oldest command still acts for the part of a period by which the dead time exceeds whole ticks.
+        first = zero_order_hold(axis, round(rest_s, 12))
+        state_map = np.linalg.matrix_power(step[:, :2], whole)
+        columns = [state_map @ first[:, 2]]
+        columns += [np.linalg.matrix_power(step[:, :2], whole - 1 - i) @ step[:, 2] for i in range(whole)]
+        self._state_map: FloatArray = state_map @ first[:, :2]
+        self._command_map: FloatArray = np.stack(columns, axis=1)
+        self._step = step
+
+    @property
+    def commands_needed(self) -> int:
+        """How many of the latest commands are still on their way, or acting."""
+        return int(self._command_map.shape[1])
+
+    def __call__(
+        self, position_rad: float, velocity_rad_s: float, sent_rad: FloatArray, committed_rad: FloatArray
+    ) -> FloatArray:
+        """State of the joint one dead time after the last command that is settled.
+
+        Args:
+            position_rad: Joint position now, radians.
+            velocity_rad_s: Joint velocity now, rad/s.
+            sent_rad: Commands sent before now, one a period, oldest first, the last one `period_s` ago;
+                at least `commands_needed`, shape (M,), radians.
+            committed_rad: Commands that will be sent from now on whatever is planned, shape (n,), radians.
+
+        Returns:
+            Position and velocity at now + n periods + dead time, shape (2,).
+        """
+        now = np.array([position_rad, velocity_rad_s])
+        rolled: FloatArray = self._state_map @ now + self._command_map @ sent_rad[-self.commands_needed :]
+        for command_rad in committed_rad:
+            rolled = self._step[:, :2] @ rolled + self._step[:, 2] * command_rad
+        return rolled

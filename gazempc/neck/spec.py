@@ -1,0 +1,238 @@
+"""What a neck is: geometry, limits, servo, dead time and rates. Everything that moves reads it from here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gazempc.specfiles import load_spec, shipped_names
+from gazempc.types import FloatArray
+
+AXES = ("pan", "tilt")
+
+
+class Geometry(BaseModel):
+    """Where the axes and the eye are. All zero: both axes and the eye in one point.
+
+    At pan = tilt = 0 all frames are parallel to the base frame (x forward, y left, z up).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    tilt_axis_in_pan_m: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="Tilt axis, seen from the pan axis, metres"
+    )
+    eye_in_tilt_m: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="Eye, seen from the tilt axis, metres; it looks along +x"
+    )
+
+
+class Axis(BaseModel):
+    """One joint: its limits and its servo ``q'' = wn^2 (u(t - dead time) - q) - 2 zeta wn q'``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    position_min_deg: float = Field(ge=-360, le=360)
+    position_max_deg: float = Field(ge=-360, le=360)
+    velocity_max_rad_s: float = Field(ge=0.01)
+    acceleration_max_rad_s2: float = Field(ge=0.01)
+    jerk_max_rad_s3: float = Field(ge=0.1)
+    natural_frequency_rad_s: float = Field(gt=0)
+    damping_ratio: float = Field(gt=0.1, le=10)
+    dead_time_s: float = Field(ge=0, le=5)
+    encoder_noise_deg: float = Field(
+        default=0.0, ge=0, le=5, description="Standard deviation of the angle that a simulated joint reports"
+    )
+    load_offset_deg: float = Field(
+        default=0.0,
+        ge=-10,
+        le=10,
+        description="How far from its command a simulated joint settles under its load; controllers do not know it",
+    )
+
+    @model_validator(mode="after")
+    def _range_is_not_empty(self) -> Axis:
+        if self.position_min_deg >= self.position_max_deg:
+            raise ValueError(
+                f"position_min_deg ({self.position_min_deg}) must be less than position_max_deg "
+                f"({self.position_max_deg})"
+            )
+        return self
+
+    @property
+    def servo_lag_s(self) -> float:
+        """Time by which the joint trails a steadily moving command, 2 zeta / wn, seconds."""
+        return 2.0 * self.damping_ratio / self.natural_frequency_rad_s
+
+    @property
+    def servo_gain(self) -> float:
+        """By how much the servo can enlarge a command at worst: the integral of |impulse response|.
+
+        A joint that follows ``u`` through the servo is ``u`` convolved with the impulse response h, so no
+        derivative of the joint is larger than max |that derivative of u| times the integral of |h|. For
+        a second-order servo with overshoot M the integral is (1 + M) / (1 - M); without overshoot it is 1.
+        """
+        if self.damping_ratio >= 1.0:
+            return 1.0
+        overshoot = math.exp(-math.pi * self.damping_ratio / math.sqrt(1.0 - self.damping_ratio**2))
+        return (1.0 + overshoot) / (1.0 - overshoot)
+
+
+def _plain(value: Any) -> Any:
+    return value.model_dump() if isinstance(value, BaseModel) else value
+
+
+class NeckSpec(BaseModel):
+    """A pan-tilt neck. Arrays have shape (2,): pan, tilt."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: str
+    source: str = Field(description="Where the figures are from; printed with results")
+    geometry: Geometry = Geometry()
+    pan: Axis
+    tilt: Axis
+    reports_joints: bool = Field(default=True, description="False for a neck without encoders: it is driven open loop")
+    control_rate_hz: float = Field(default=50.0, ge=5, le=1000)
+    servo_rate_hz: float = Field(default=200.0, gt=0, le=5000)
+
+    @model_validator(mode="after")
+    def _rates_divide(self) -> NeckSpec:
+        ratio = self.servo_rate_hz / self.control_rate_hz
+        if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
+            raise ValueError(
+                f"servo_rate_hz ({self.servo_rate_hz}) must be a whole multiple of control_rate_hz "
+                f"({self.control_rate_hz})"
+            )
+        return self
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> NeckSpec:
+        """A copy with other values, checked like a new one, and without arrays computed from the old values."""
+        return NeckSpec.model_validate(self.model_dump() | {k: _plain(v) for k, v in (update or {}).items()})
+
+    def __eq__(self, other: object) -> bool:
+        # By the fields alone: arrays that were computed and kept have no truth value to compare by.
+        return isinstance(other, NeckSpec) and self.model_dump() == other.model_dump()
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.geometry, self.pan, self.tilt, self.control_rate_hz, self.servo_rate_hz))
+
+    @property
+    def servo_period_s(self) -> float:
+        """Time between two commands sent to the robot, seconds."""
+        return 1.0 / self.servo_rate_hz
+
+    @property
+    def control_period_s(self) -> float:
+        """Time between two plans, seconds."""
+        return 1.0 / self.control_rate_hz
+
+    @property
+    def servo_ticks_per_plan(self) -> int:
+        """Commands sent between two plans."""
+        return round(self.servo_rate_hz / self.control_rate_hz)
+
+    @property
+    def axes(self) -> tuple[Axis, Axis]:
+        """Pan and tilt."""
+        return (self.pan, self.tilt)
+
+    def _per_axis(self, name: str) -> FloatArray:
+        return np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)
+
+    @cached_property
+    def position_min_rad(self) -> FloatArray:
+        """Lower position limits of the joints, radians."""
+        return np.deg2rad(self._per_axis("position_min_deg"))
+
+    @cached_property
+    def position_max_rad(self) -> FloatArray:
+        """Upper position limits of the joints, radians."""
+        return np.deg2rad(self._per_axis("position_max_deg"))
+
+    @cached_property
+    def velocity_max_rad_s(self) -> FloatArray:
+        """Velocity limits of the joints, rad/s."""
+        return self._per_axis("velocity_max_rad_s")
+
+    @cached_property
+    def acceleration_max_rad_s2(self) -> FloatArray:
+        """Acceleration limits of the joints, rad/s^2."""
+        return self._per_axis("acceleration_max_rad_s2")
+
+    @cached_property
+    def jerk_max_rad_s3(self) -> FloatArray:
+        """Jerk limits of the joints, rad/s^3."""
+        return self._per_axis("jerk_max_rad_s3")
+
+    @cached_property
+    def dead_time_s(self) -> FloatArray:
+        """Dead times, seconds."""
+        return self._per_axis("dead_time_s")
+
+    @cached_property
+    def servo_lag_s(self) -> FloatArray:
+        """Servo lags, seconds."""
+        return self._per_axis("servo_lag_s")
+
+    @cached_property
+    def command_limits(self) -> CommandLimits:
+        """Limits on the command that keep command and joint within the limits of the neck."""
+        gain = self._per_axis("servo_gain")
+        centre = 0.5 * (self.position_max_rad + self.position_min_rad)
+        half = 0.5 * (self.position_max_rad - self.position_min_rad) / gain
+        return CommandLimits(
+            position_min_rad=centre - half,
+            position_max_rad=centre + half,
+            velocity_max_rad_s=self.velocity_max_rad_s / gain,
+            acceleration_max_rad_s2=self.acceleration_max_rad_s2 / gain,
+            jerk_max_rad_s3=self.jerk_max_rad_s3 / gain,
+        )
+
+    @cached_property
+    def rest_rad(self) -> FloatArray:
+        """Where the neck rests without a person: straight ahead, or as near as the limits allow, radians."""
+        limits = self.command_limits
+        return np.clip(np.zeros(2), limits.position_min_rad, limits.position_max_rad)
+
+
+class CommandLimits(BaseModel):
+    """What a command may be; arrays of shape (2,). A little inside the neck's own, see `Axis.servo_gain`."""
+
+    model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
+
+    position_min_rad: FloatArray
+    position_max_rad: FloatArray
+    velocity_max_rad_s: FloatArray
+    acceleration_max_rad_s2: FloatArray
+    jerk_max_rad_s3: FloatArray
+
+    def clip_position(self, position_rad: FloatArray) -> FloatArray:
+        """Nearest allowed position, shape (..., 2), radians."""
+        return np.clip(position_rad, self.position_min_rad, self.position_max_rad)
+
+
+def neck_names() -> tuple[str, ...]:
+    """Names of the necks that ship with the package."""
+    return shipped_names("neck")
+
+
+def load_neck(name_or_path: str | Path) -> NeckSpec:
+    """Load a neck by name or path.
+
+    Args:
+        name_or_path: A shipped name (`neck_names`) or the path of a TOML file.
+
+    Returns:
+        The checked neck.
+
+    Raises:
+        SettingsError: If there is no such neck or a field is wrong; the message names file and field.
+    """
+    return load_spec(NeckSpec, "neck", name_or_path)

@@ -1,0 +1,52 @@
+"""Load a recording by its name in the synthetic data set or by its path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gazempc.errors import RecordingError, suggest
+from gazempc.recordings.readers.bvh import read_bvh
+from gazempc.recordings.readers.kinect import read_kinect
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.table import read_csv, read_parquet
+from gazempc.recordings.recording import Recording
+from gazempc.recordings.synthetic.walks import generate, synthetic_names
+
+
+def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Recording:
+    """Load a recording by its name in the synthetic data set or by its path.
+
+    Args:
+        name_or_path: ``subject01_R1`` to ``subject14_R6``, or a file ending in .csv, .parquet, .json (Azure
+            Kinect body tracking) or .bvh.
+        options: What the user says about the file; default: nothing.
+
+    Returns:
+        The recording.
+
+    Raises:
+        RecordingError: If there is no such recording or its file is wrong.
+        MissingOptionalDependencyError: If the format needs a package that is not installed.
+    """
+    readers = {".csv": read_csv, ".parquet": read_parquet, ".json": read_kinect, ".bvh": read_bvh}
+    accepted = f"a file ending in {', '.join(readers)}"
+    name, path = str(name_or_path), Path(name_or_path)
+    names = list(synthetic_names())
+    if name in names:
+        return generate(name)
+    try:
+        is_directory, exists, is_file = path.is_dir(), path.exists(), path.is_file()
+    except OSError as error:  # such as a name longer than the system allows
+        raise RecordingError(name, "", f"cannot be opened: {error.strerror}", accepted) from None
+    if is_directory:
+        raise RecordingError(name, "", "this is a directory", accepted)
+    if not exists:
+        looks_like_file = path.suffix.lower() in readers or len(path.parts) > 1
+        expected = accepted if looks_like_file else f"{accepted}, or a synthetic name: {suggest(name, names)}"
+        raise RecordingError(name, "", "no such file or synthetic recording", expected)
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise RecordingError(name, "", f"unknown kind of file {path.suffix!r}", accepted)
+    if not is_file:
+        raise RecordingError(name, "", "this is not a regular file", accepted)
+    return reader(path, options if options is not None else ReadOptions())

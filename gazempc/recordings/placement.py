@@ -1,0 +1,110 @@
+"""Where the robot stands: turns a recording into one in the robot's base frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import PlacementError
+from gazempc.recordings.recording import Recording, Track
+from gazempc.types import FloatArray
+
+Placement = Literal["recorded", "side"]
+
+_NEAREST_M = 0.8
+# A person who moves less than this has no direction of travel; the robot then stands in front of the face.
+_STANDING_M = 0.1
+
+
+def place(recording: Recording, placement: Placement, distance_m: float, height_m: float) -> Recording:
+    """Put a robot into a recording.
+
+    With ``recorded`` the recording's frame is the robot's base frame: the robot stands where the sensor stood, or, if
+    there was none, at the origin.
+    With ``side`` it stands beside the walk: with c the mean head position and d the horizontal direction from the
+    first head position to the one farthest from it, at ``c + distance (z x d)``, facing c.
+
+    Args:
+        recording: Any recording.
+        placement: Where the robot stands.
+        distance_m: Distance of ``side`` from the mean head position, metres.
+        height_m: Height of ``side`` above the recording's floor (z = 0), metres.
+
+    Returns:
+        The same recording with positions and orientations in the base frame, and time starting at 0.
+
+    Raises:
+        PlacementError: If the head comes nearer than 0.8 m horizontally to a robot that was not there when the
+            recording was made.
+    """
+    start_s = recording.times_s[0]
+    base_m, yaw_rad = (np.zeros(3), 0.0)
+    if placement == "side":
+        base_m, yaw_rad = _beside(recording.truth, distance_m, height_m)
+    placed = replace(
+        recording,
+        times_s=recording.times_s - start_s,
+        truth=_to_base(recording.truth, base_m, yaw_rad),
+        measured=None if recording.measured is None else _to_base(recording.measured, base_m, yaw_rad),
+        has_robot=True,
+    )
+    if placement == "side" or not recording.has_robot:
+        heads = placed.truth.head_position_m[placed.truth.valid]
+        nearest_m = float(np.min(np.hypot(heads[:, 0], heads[:, 1])))
+        if nearest_m < _NEAREST_M:
+            raise PlacementError(
+                f"{recording.name}: the head comes within {nearest_m:.2f} m of a robot that stands "
+                + (f"{distance_m} m beside the walk" if placement == "side" else "at the origin of the recording")
+                + f"; at least {_NEAREST_M} m are needed: use "
+                + ("a larger distance_m" if placement == "side" else "placement side")
+            )
+    return placed
+
+
+def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArray, float]:
+    heads = track.head_position_m[track.valid]
+    away = heads[:, :2] - heads[0, :2]
+    reach_m = np.linalg.norm(away, axis=1)
+    far = int(np.argmax(reach_m))
+    if reach_m[far] < _STANDING_M:
+        to_robot = _facing(track)
+    else:
+        d = away[far] / reach_m[far]
+        to_robot = np.array([-d[1], d[0]])  # z x d
+    centre = np.mean(heads, axis=0)
+    base_m = np.array([*(centre[:2] + distance_m * to_robot), height_m])
+    return base_m, float(np.arctan2(-to_robot[1], -to_robot[0]))
+
+
+def _facing(track: Track) -> FloatArray:
+    """Horizontal direction of the first face, or of the pelvis where the face looks straight up or down."""
+    for quats in (track.head_quat_wxyz, track.pelvis_quat_wxyz):
+        forward = Rotation.from_quat(quats[track.valid][0], scalar_first=True).apply([1.0, 0.0, 0.0])
+        length = float(np.linalg.norm(forward[:2]))
+        if length > 1e-3:
+            return np.asarray(forward[:2] / length, dtype=np.float64)
+    return np.array([1.0, 0.0])
+
+
+def _to_base(track: Track, base_m: FloatArray, yaw_rad: float) -> Track:
+    turn = Rotation.from_euler("z", -yaw_rad)
+
+    def positions(values: FloatArray) -> FloatArray:
+        return np.asarray((values - base_m) @ turn.as_matrix().T, dtype=np.float64)
+
+    def orientations(values: FloatArray) -> FloatArray:
+        turned = np.full_like(values, np.nan)
+        valid = track.valid
+        turned[valid] = (turn * Rotation.from_quat(values[valid], scalar_first=True)).as_quat(scalar_first=True)
+        return turned
+
+    return Track(
+        head_position_m=positions(track.head_position_m),
+        head_quat_wxyz=orientations(track.head_quat_wxyz),
+        pelvis_position_m=positions(track.pelvis_position_m),
+        pelvis_quat_wxyz=orientations(track.pelvis_quat_wxyz),
+        valid=track.valid,
+    )

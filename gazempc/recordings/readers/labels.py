@@ -1,0 +1,55 @@
+"""Labels of a recording, from the index file beside it or else from its name and motion."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from gazempc.recordings.readers.route_group import route_group
+from gazempc.recordings.recording import Labels
+from gazempc.types import FloatArray
+
+_INDEX_NAME = "index.csv"
+_INDEX_COLUMNS = {"clip", "subject", "group"}
+
+
+def labels_for(path: Path, times_s: FloatArray, pelvis_position_m: FloatArray) -> Labels:
+    """Find a recording's labels.
+
+    A file ``index.csv`` in the same folder with the columns clip, subject, group and, if it likes,
+    source_description wins for the clips it names. Otherwise the subject is the file's name up to the first
+    underscore and the group follows from the motion.
+
+    Args:
+        path: The recording's file.
+        times_s: Shape (N,), seconds, strictly increasing.
+        pelvis_position_m: Shape (N, 3), metres, z up; NaN where not seen.
+
+    Returns:
+        The labels.
+    """
+    row = _index_row(path)
+    return Labels(
+        subject=row.get("subject") or path.stem.split("_")[0] or path.stem,
+        group=row.get("group") or route_group(times_s, pelvis_position_m),
+        description=row.get("source_description") or "",
+    )
+
+
+def _index_row(path: Path) -> dict[str, str]:
+    """Row of the index about this clip; empty where there is no index or it does not name the clip.
+
+    A damaged or unrelated ``index.csv`` must not keep a sound recording from being read, so it is ignored.
+    """
+    try:
+        text = path.with_name(_INDEX_NAME).read_text(encoding="utf-8-sig", errors="replace")
+        rows = list(csv.reader(text.splitlines()))
+    except (OSError, csv.Error):
+        return {}
+    if not rows or not set(rows[0]) >= _INDEX_COLUMNS:
+        return {}
+    clip = rows[0].index("clip")
+    for row in rows[1:]:
+        if len(row) == len(rows[0]) and row[clip] == path.stem:
+            return {name: cell.strip() for name, cell in zip(rows[0], row, strict=True)}
+    return {}

@@ -1,0 +1,201 @@
+"""How a walking person's head and pelvis move about the path of travel: traits of people, and gait.
+
+Figures marked "the walks" were measured on 64 motion-capture clips of the CMU database; only the figures are
+used here, none of the clips' data.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.special import ndtri
+
+from gazempc.types import FloatArray
+
+REFERENCE_SPEED_M_S = 1.05
+"""Speed at which the gait amplitudes of `Walker` hold; the mean walking speed of short bouts."""
+
+PELVIS_HEIGHT_RATIO = 0.607  # pelvis over head height; the walks: 0.99 m over 1.63 m
+PELVIS_SWAY_RATIO = 0.85  # pelvis over head sway; the walks
+PELVIS_SWAY_LAG_RAD = np.radians(18.0)  # of the pelvis behind the head's sway; the walks
+PELVIS_YAW_LAG_RAD = np.radians(111.0)  # of the pelvis's yaw swing behind the head's sway; the walks
+SWAY_SLOPE_S_M = -0.41  # relative change of sway per m/s: people sway less when faster; the walks
+BOB_SLOPE_S_M = 1.0  # relative change of bob per m/s: longer steps lift more; the walks
+PITCH_SWING_RAD = np.radians(1.5)  # at the step rate; head pitch and roll vary by 2.2 and 1.4 deg in all
+ROLL_SWING_RAD = np.radians(1.0)  # at the stride rate
+
+
+@dataclass(frozen=True)
+class Walker:
+    """What stays the same about a person from walk to walk.
+
+    Attributes:
+        head_height_m: Of the head above the floor.
+        head_ahead_m: Of the head before the pelvis, along the travel direction.
+        speed_m_s: Preferred walking speed over a few metres.
+        step_rate_offset_hz: Difference from the step rate usual at a speed.
+        sway_m: Amplitude of the head's sideways sway at the reference speed.
+        bob_m: Amplitude of the vertical bob at the reference speed.
+        fore_aft_m: Amplitude of the fore-aft motion.
+        pelvis_yaw_swing_rad: Amplitude of the pelvis's yaw swing.
+        head_lead_s: Time by which head yaw leads the travel direction in a turn of 90 deg.
+        pelvis_lead_s: The same of the pelvis's yaw.
+        head_yaw_offset_rad: Constant yaw between the measured and the true "straight ahead" of the head.
+        head_yaw_wander_rad: Standard deviation of the slow wander of head yaw.
+        head_pitch_rad: Mean pitch of the head, positive nose down.
+    """
+
+    head_height_m: float
+    head_ahead_m: float
+    speed_m_s: float
+    step_rate_offset_hz: float
+    sway_m: float
+    bob_m: float
+    fore_aft_m: float
+    pelvis_yaw_swing_rad: float
+    head_lead_s: float
+    pelvis_lead_s: float
+    head_yaw_offset_rad: float
+    head_yaw_wander_rad: float
+    head_pitch_rad: float
+
+
+@dataclass(frozen=True)
+class GaitMotion:
+    """Periodic motion of walking, relative to the smooth path of travel; each field has shape (N,).
+
+    Attributes:
+        head_left_m: Sideways sway of the head, positive to the person's left.
+        pelvis_left_m: Sideways sway of the pelvis.
+        up_m: Bob of head and pelvis.
+        ahead_m: Fore-aft motion of head and pelvis.
+        pelvis_yaw_rad: Yaw swing of the pelvis.
+        head_pitch_rad: Pitch swing of the head, positive nose down.
+        head_roll_rad: Roll swing of the head, positive to the right ear.
+    """
+
+    head_left_m: FloatArray
+    pelvis_left_m: FloatArray
+    up_m: FloatArray
+    ahead_m: FloatArray
+    pelvis_yaw_rad: FloatArray
+    head_pitch_rad: FloatArray
+    head_roll_rad: FloatArray
+
+
+def bounded_normal(rng: np.random.Generator, mean: float, sd: float, low: float, high: float) -> float:
+    """Draw from a normal distribution, moved to the nearer bound where it falls outside [low, high]."""
+    return float(np.clip(rng.normal(mean, sd), low, high))
+
+
+def slow_variation(rng: np.random.Generator, times_s: FloatArray, highest_hz: float) -> FloatArray:
+    """Draw a smooth random signal of expected mean square 1 with no power above `highest_hz`.
+
+    Args:
+        rng: Source of frequencies and phases.
+        times_s: Shape (N,), seconds.
+        highest_hz: Upper edge of the band.
+
+    Returns:
+        Shape (N,), without unit.
+    """
+    count = 5
+    frequencies_hz = rng.uniform(0.1, highest_hz, count)
+    phases_rad = rng.uniform(-np.pi, np.pi, count)
+    waves = np.cos(2.0 * np.pi * np.outer(times_s, frequencies_hz) + phases_rad)
+    return np.asarray(np.sqrt(2.0 / count) * waves.sum(axis=1))
+
+
+def _radians(mean_deg: float, sd_deg: float, low_deg: float, high_deg: float) -> tuple[float, float, float, float]:
+    return math.radians(mean_deg), math.radians(sd_deg), math.radians(low_deg), math.radians(high_deg)
+
+
+# Mean, standard deviation and bounds of each trait over people.
+_TRAITS: dict[str, tuple[float, float, float, float]] = {
+    # Adults' stature less about 0.1 m: the head joint lies inside the head.
+    "head_height_m": (1.60, 0.08, 1.45, 1.75),
+    "head_ahead_m": (0.042, 0.017, 0.01, 0.08),  # the walks
+    # Short bouts: 0.6-1.3 m/s (Carlisle & Kuo 2023), below the 0.94-1.43 of long walks (Bohannon 2011).
+    "speed_m_s": (REFERENCE_SPEED_M_S, 0.17, 0.68, 1.25),
+    "step_rate_offset_hz": (0.0, 0.12, -0.24, 0.24),  # the walks
+    # The walks, 30 +- 11 and 9 +- 4 mm; the spread here is what is left of it beside the effect of speed.
+    "sway_m": (0.030, 0.0098, 0.012, 0.052),
+    "bob_m": (0.0092, 0.0025, 0.005, 0.016),
+    "fore_aft_m": (0.006, 0.003, 0.002, 0.012),  # the walks
+    "pelvis_yaw_swing_rad": _radians(4.5, 2.0, 1.5, 8.5),  # the walks
+    # About 200 ms: Grasso 1996, Lopez 2019; median 242 ms in sharp turns on the walks.
+    "head_lead_s": (0.205, 0.035, 0.15, 0.26),
+    "pelvis_lead_s": (0.10, 0.02, 0.06, 0.14),  # about 100 ms after the head: Farkhatdinov 2017
+    "head_yaw_offset_rad": _radians(-4.0, 9.0, -22.0, 14.0),  # the walks
+    "head_yaw_wander_rad": _radians(3.4, 2.1, 0.8, 8.0),  # the walks
+    "head_pitch_rad": _radians(5.0, 4.0, -5.0, 15.0),  # our choice: eyes on the way ahead
+}
+
+
+def draw_walkers(rng: np.random.Generator, count: int) -> tuple[Walker, ...]:
+    """Draw people's traits from published ranges, so that few people already show the whole spread.
+
+    Each trait takes one value from each of `count` equally likely parts of its distribution, in an order of
+    its own (Latin hypercube).
+
+    Args:
+        rng: Source of the draws.
+        count: How many people.
+
+    Returns:
+        The people.
+    """
+    values = {
+        trait: np.clip(mean + sd * ndtri((rng.permutation(count) + rng.uniform(size=count)) / count), low, high)
+        for trait, (mean, sd, low, high) in _TRAITS.items()
+    }
+    return tuple(Walker(**{trait: float(drawn[i]) for trait, drawn in values.items()}) for i in range(count))
+
+
+def step_rate_hz(walker: Walker, speed_m_s: FloatArray) -> FloatArray:
+    """Steps per second at a speed (the walks; MacDougall & Moore 2005 find 2 +- 0.13 Hz at free speed).
+
+    Args:
+        walker: Who walks.
+        speed_m_s: Shape (N,), metres a second.
+
+    Returns:
+        Shape (N,), hertz; twice the stride rate.
+    """
+    return 0.93 + 0.72 * speed_m_s + walker.step_rate_offset_hz
+
+
+def walk_motion(rng: np.random.Generator, walker: Walker, times_s: FloatArray, speed_m_s: FloatArray) -> GaitMotion:
+    """Periodic motion of head and pelvis while walking at a varying speed.
+
+    The head moves toward the stance foot and is highest and slowest at mid-stance, and lowest and fastest in
+    double support, as an inverted pendulum is. It pitches down as it rises (Pozzo 1990).
+
+    Args:
+        rng: Source of the phase at the start and of the variation between strides.
+        walker: Who walks.
+        times_s: Shape (N,), seconds.
+        speed_m_s: Shape (N,), smooth speed of travel.
+
+    Returns:
+        The motion at `times_s`.
+    """
+    # Phase 0 is the double support before the left foot's stance, pi the one before the right foot's.
+    stride_rate_hz = 0.5 * step_rate_hz(walker, speed_m_s)
+    phase = rng.uniform(-np.pi, np.pi) + 2.0 * np.pi * cumulative_trapezoid(stride_rate_hz, times_s, initial=0)
+    # Strides differ by some 10-15 % in width and lift; slower than a stride, so that the peaks stay sharp.
+    faster_m_s = speed_m_s - REFERENCE_SPEED_M_S
+    sway_m = walker.sway_m * (1.0 + SWAY_SLOPE_S_M * faster_m_s + 0.12 * slow_variation(rng, times_s, 0.4))
+    bob_m = walker.bob_m * (1.0 + BOB_SLOPE_S_M * faster_m_s + 0.10 * slow_variation(rng, times_s, 0.4))
+    return GaitMotion(
+        head_left_m=sway_m * np.sin(phase),
+        pelvis_left_m=PELVIS_SWAY_RATIO * sway_m * np.sin(phase - PELVIS_SWAY_LAG_RAD),
+        up_m=-bob_m * np.cos(2.0 * phase),
+        ahead_m=walker.fore_aft_m * np.sin(2.0 * phase),
+        pelvis_yaw_rad=walker.pelvis_yaw_swing_rad * np.sin(phase - PELVIS_YAW_LAG_RAD),
+        head_pitch_rad=-PITCH_SWING_RAD * np.cos(2.0 * phase),
+        head_roll_rad=-ROLL_SWING_RAD * np.sin(phase),
+    )

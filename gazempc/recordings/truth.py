@@ -1,0 +1,60 @@
+"""The true head position between the frames of a recording."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
+from gazempc.recordings.recording import Recording
+from gazempc.types import BoolArray, FloatArray
+
+# Over a longer gap a person may do anything: it is bridged for the robot's sake, but nothing is scored against it.
+_LONGEST_GAP_S = 0.2
+_ON_A_FRAME_S = 1e-6
+
+
+class TrueHead:
+    """Cubic spline through the valid frames; a straight line at the last velocity beyond them.
+
+    Args:
+        recording: The recording; positions are in its frame.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        valid = recording.truth.valid
+        times = recording.times_s[valid]
+        self._times_s: FloatArray = times
+        self._spline = CubicSpline(times, recording.truth.head_position_m[valid], axis=0)
+        self._first_s, self._last_s = float(times[0]), float(times[-1])
+
+    def known(self, times_s: ArrayLike) -> BoolArray:
+        """Where the position is known: not beyond the recording, nor inside a gap of more than 0.2 s.
+
+        Args:
+            times_s: Times, shape (H,), seconds.
+
+        Returns:
+            Shape (H,).
+        """
+        times = np.asarray(times_s, dtype=np.float64)
+        after = np.clip(np.searchsorted(self._times_s, times), 1, self._times_s.size - 1)
+        gap_s = self._times_s[after] - self._times_s[after - 1]
+        on_a_frame = np.minimum(self._times_s[after] - times, times - self._times_s[after - 1]) < _ON_A_FRAME_S
+        inside = (times >= self._first_s - _ON_A_FRAME_S) & (times <= self._last_s + _ON_A_FRAME_S)
+        return inside & ((gap_s <= _LONGEST_GAP_S) | on_a_frame)
+
+    def __call__(self, times_s: ArrayLike) -> FloatArray:
+        """Positions at times.
+
+        Args:
+            times_s: Times, shape (H,), seconds.
+
+        Returns:
+            Positions, shape (H, 3), metres.
+        """
+        times = np.asarray(times_s, dtype=np.float64)
+        inside = np.clip(times, self._first_s, self._last_s)
+        beyond = (times - inside)[..., None]
+        positions: FloatArray = self._spline(inside) + beyond * self._spline(inside, 1)
+        return positions

@@ -1,0 +1,130 @@
+"""Everything that happened in one run, in one file that numpy reads."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gazempc.errors import SettingsError
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray, StringArray
+
+FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Log:
+    """One run of one controller. Positions are in the base frame; rows of a rate share one time array.
+
+    Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it.
+
+    Attributes:
+        about: JSON text: recording, controller, predictor, settings, and the neck in full.
+        time_s: Servo ticks, shape (M,), seconds.
+        head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
+        joint_position_rad: Pan and tilt of the joints at each tick, shape (M, 2), radians: of a simulated neck where
+            they are, of a robot what it reports.
+        joint_velocity_rad_s: Shape (M, 2), rad/s.
+        command_position_rad: Commands sent at each tick, shape (M, 2), radians.
+        command_velocity_rad_s: Shape (M, 2), rad/s.
+        command_acceleration_rad_s2: Shape (M, 2), rad/s^2.
+        capture_time_s: Capture times of the observations that reached the robot, shape (F,), seconds.
+        arrival_time_s: When they were taken in, shape (F,), seconds.
+        head_observed_base_m: Observed heads, shape (F, 3), metres.
+        forecast_mean_base_m: Forecast after each observation at each of `forecast_horizon_s` from its capture,
+            shape (F, 3, 3): observation, horizon, axis; NaN where none was made.
+        forecast_covariance_m2: Shape (F, 3, 3, 3), square metres.
+        forecast_true_base_m: True head at these times, NaN past the end of the recording, shape (F, 3, 3), metres.
+        forecast_horizon_s: Shape (3,), seconds.
+        event_time_s: When something out of the ordinary happened, shape (E,), seconds.
+        event_name: What it was, shape (E,).
+    """
+
+    about: str
+    time_s: FloatArray
+    head_true_base_m: FloatArray
+    joint_position_rad: FloatArray
+    joint_velocity_rad_s: FloatArray
+    command_position_rad: FloatArray
+    command_velocity_rad_s: FloatArray
+    command_acceleration_rad_s2: FloatArray
+    capture_time_s: FloatArray
+    arrival_time_s: FloatArray
+    head_observed_base_m: FloatArray
+    forecast_mean_base_m: FloatArray
+    forecast_covariance_m2: FloatArray
+    forecast_true_base_m: FloatArray
+    forecast_horizon_s: FloatArray
+    event_time_s: FloatArray
+    event_name: StringArray
+
+    def info(self) -> dict[str, Any]:
+        """The run's description as a dictionary."""
+        about: dict[str, Any] = json.loads(self.about)
+        return about
+
+    def neck(self) -> NeckSpec:
+        """The neck the run was made with."""
+        return NeckSpec.model_validate(self.info()["neck"])
+
+    def save(self, path: Path) -> None:
+        """Write the log; equal logs give equal files to the last bit.
+
+        Args:
+            path: File to write, ending in ``.npz``.
+        """
+        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        np.savez_compressed(path, **arrays)
+
+
+@dataclass(frozen=True)
+class ComputeTimes:
+    """How long the computer took; kept apart from the log, because it differs from run to run.
+
+    Attributes:
+        update_ms: Predictor update of each observation, shape (F,), milliseconds.
+        step_ms: Forecast and plan at each control tick, shape (C,), milliseconds.
+        latency_ms: From the capture of the newest observation to the first command of each plan made with it, shape
+            (P,), milliseconds; in a replay the simulated time.
+    """
+
+    update_ms: FloatArray
+    step_ms: FloatArray
+    latency_ms: FloatArray
+
+    def save(self, path: Path) -> None:
+        """Write the times.
+
+        Args:
+            path: File to write, ending in ``.npz``.
+        """
+        np.savez_compressed(path, update_ms=self.update_ms, step_ms=self.step_ms, latency_ms=self.latency_ms)
+
+
+def load_log(path: Path | str) -> Log:
+    """Read a log.
+
+    Args:
+        path: File written by `Log.save`.
+
+    Returns:
+        The log.
+
+    Raises:
+        SettingsError: If the file is missing or not a log.
+    """
+    try:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
+            values = {name: data[name] for name in data.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise SettingsError(f"{path}: not a log that can be read: {error}") from None
+    wanted = {f.name for f in fields(Log)}
+    if missing := sorted(wanted - set(values)):
+        raise SettingsError(f"{path}: not a gazempc log, it lacks {', '.join(missing)}")
+    values["about"] = str(values["about"])
+    return Log(**{name: values[name] for name in wanted})

@@ -1,0 +1,177 @@
+"""Two Dynamixel motors on a serial line: packets of protocol 2.0, each answer checked."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+from gazempc.errors import MissingOptionalDependencyError, RobotError
+from gazempc.neck.spec import AXES
+
+# Of the control table: address, bytes.
+_HARDWARE_ERROR = (68, 3)  # Status Return Level, Registered Instruction, Hardware Error Status
+_ALERT = 0x80
+_HARDWARE_ERRORS = {
+    0: "input voltage",
+    1: "motor hall sensor",
+    2: "overheating",
+    3: "motor encoder",
+    4: "electrical shock or too little power",
+    5: "overload",
+}
+# MX motors with protocol 2.0 have the same control table; XL-320, P and PRO have others.
+_MX_MODELS = (30, 311, 321)
+_X_MODELS = range(1000, 2000)
+
+# Bytes of an instruction, sent before an answer can come.
+_INSTRUCTION_BYTES = 30
+_POLL_S = 0.5e-3
+# Reached only if the adapter takes no bytes at all.
+_WRITE_S = 0.05
+
+
+class DynamixelBus:
+    """The line and what is exchanged on it; what a part of the control table means is for others to know.
+
+    Args:
+        port_name: Serial port.
+        baud_rate_bps: As set in the motors.
+        motor_ids: Of pan and tilt.
+        wait_ms: How long to wait for an answer.
+
+    Attributes:
+        port_name: Serial port.
+        wait_ms: How long to wait for an answer; may be changed at any time.
+    """
+
+    def __init__(self, port_name: str, baud_rate_bps: int, motor_ids: tuple[int, int], wait_ms: float) -> None:
+        self.port_name, self._baud_rate_bps = port_name, baud_rate_bps
+        self._ids, self.wait_ms = motor_ids, wait_ms
+        self._sdk: Any = None
+        self._packets: Any = None
+        self._port: Any = None
+
+    def load(self) -> None:
+        """Load the library.
+
+        Raises:
+            MissingOptionalDependencyError: If dynamixel-sdk is not installed.
+        """
+        try:
+            import dynamixel_sdk  # noqa: PLC0415  (optional)
+        except ImportError as error:
+            raise MissingOptionalDependencyError("a Dynamixel neck", "dynamixel-sdk", "dynamixel") from error
+        self._sdk = dynamixel_sdk
+        self._packets = dynamixel_sdk.PacketHandler(2.0)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open."""
+        return self._port is not None
+
+    def open(self) -> None:
+        """Open the port for this program alone; raises RobotError with what to check."""
+        port = self._port = self._sdk.PortHandler(self.port_name)
+        hint = "check that it exists, that no other program has it, and that you may use it (group dialout)"
+        try:
+            if not port.setBaudRate(self._baud_rate_bps):
+                raise RobotError(f"{self.line}: not a baud rate of Dynamixel motors, such as 57600 or 1000000")
+            # Two programs that answer each other's motors would see nonsense.
+            port.ser.exclusive = True
+        except OSError as error:
+            raise RobotError(f"{self.line}: cannot be opened ({error}): {hint}") from error
+        # The library would spin, and would wait 34 ms: seven ticks.
+        port.ser.timeout = _POLL_S
+        port.ser.write_timeout = _WRITE_S
+        port.setPacketTimeout = lambda length: port.setPacketTimeoutMillis(
+            self.wait_ms + (length + _INSTRUCTION_BYTES) * port.tx_time_per_byte
+        )
+
+        def read_in_time(length: int) -> bytes:
+            # The library looks at the time only when nothing comes: noise without end would hold it for ever.
+            if port.isPacketTimeout():
+                raise RobotError(f"{self.line}: no whole answer in time; check power, cable and baud rate")
+            return bytes(port.ser.read(length))
+
+        port.readPort = read_in_time
+
+    def drop(self) -> None:
+        """Close the port; never raises."""
+        with suppress(Exception):
+            self._port.closePort()
+        self._port = None
+
+    @property
+    def line(self) -> str:
+        """Port and baud rate, for messages."""
+        return f"{self.port_name} at {self._baud_rate_bps} baud"
+
+    def motor(self, i: int) -> str:
+        """Port and motor, for messages."""
+        return f"{self.line}, motor {self._ids[i]} ({AXES[i]})"
+
+    def ping(self, i: int) -> None:
+        """Find one motor; raises RobotError if it does not answer or is of another kind."""
+        self._port.is_using = False
+        model, result, error = self._packets.ping(self._port, self._ids[i])
+        self._require(i, result)
+        self._refuse_error(i, error)
+        if model not in _X_MODELS and model not in _MX_MODELS:
+            raise RobotError(f"{self.motor(i)}: model {model} is no X motor (nor MX with protocol 2.0); check the id")
+
+    def write(self, part: tuple[int, int], values: dict[int, bytes]) -> None:
+        """Write one part of several motors, by id; nothing acknowledges it. Raises RobotError if it is not sent."""
+        self._port.is_using = False
+        group = self._sdk.GroupSyncWrite(self._port, self._packets, *part)
+        for motor_id, value in values.items():
+            group.addParam(motor_id, list(value))
+        result = group.txPacket()
+        if result != self._sdk.COMM_SUCCESS:
+            raise RobotError(f"{self.line}: could not send ({self._packets.getTxRxResult(result)})")
+
+    def read(self, part: tuple[int, int]) -> list[bytes]:
+        """Read the same part of both motors; raises if one does not answer rightly or has an error."""
+        answers = self._sync_read(part, (0, 1))
+        for i, (_, error) in enumerate(answers):
+            self._refuse_error(i, error)
+        return [data for data, _ in answers]
+
+    def _sync_read(self, part: tuple[int, int], axes: tuple[int, ...]) -> list[tuple[bytes, int]]:
+        self._port.is_using = False
+        group = self._sdk.GroupSyncRead(self._port, self._packets, *part)
+        for i in axes:
+            group.addParam(self._ids[i])
+        result = group.txPacket()
+        for i in axes:
+            self._require(i, result)
+        return [self._receive(i, part[1]) for i in axes]
+
+    def _receive(self, i: int, length: int) -> tuple[bytes, int]:
+        # Not the group's own rxPacket and getData: they throw the error byte away, take an answer of any length, and
+        # give 0 for what is missing, which reads as half a turn.
+        while True:
+            packet, result = self._packets.rxPacket(self._port, False)
+            self._require(i, result)
+            error = packet[8]
+            is_whole = packet[5] + 256 * packet[6] == length + 4
+            # What does not fit is late: the answer to a question that was given up.
+            if packet[4] == self._ids[i] and (is_whole or error & ~_ALERT):
+                return bytes(packet[9 : 9 + length]), error
+
+    def _require(self, i: int, result: int) -> None:
+        if result != self._sdk.COMM_SUCCESS:
+            raise RobotError(
+                f"{self.motor(i)}: no answer that can be read ({self._packets.getTxRxResult(result)}): check power, "
+                "cable, id, baud rate, Status Return Level (68) of 1 or 2, and a latency timer of 1 ms of the adapter"
+            )
+
+    def _refuse_error(self, i: int, error: int) -> None:
+        if error & _ALERT:
+            status = self._sync_read(_HARDWARE_ERROR, (i,))[0][0][2]
+            names = [name for bit, name in _HARDWARE_ERRORS.items() if status >> bit & 1]
+            raise RobotError(
+                f"{self.motor(i)}: hardware error: {', '.join(names) or f'status {status:#04x}'}; it may have let go: "
+                "remove the cause, then reboot the motor or switch its power off and on"
+            )
+        if error:
+            raise RobotError(f"{self.motor(i)}: refused what it was asked: {self._packets.getRxPacketError(error)}")

@@ -1,0 +1,214 @@
+"""A node in the graph of ROS 2 over Zenoh, as rmw_zenoh has them."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import re
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from gazempc.errors import MissingOptionalDependencyError, SettingsError
+from gazempc.ros2.wire import (
+    Ros2Network,
+    WireError,
+    attachment,
+    dds_name,
+    decode,
+    encode,
+    ros_name,
+    topic_key,
+    type_hash,
+    typestore,
+)
+
+# The newest count; a message that has waited for so many others to be read is out of date.
+_WAITING_MAX = 256
+# A client of Zenoh waits so long before it tries the router again.
+_RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2.0}
+_ASK_S = 1.0
+# In the notation of rmw_zenoh: reliable, volatile, the last 10 kept; what is empty is the default.
+_QOS = "::,10:,:,:,,"
+_NODE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@contextlib.contextmanager
+def _wire_errors() -> Iterator[None]:
+    """Whatever Zenoh raises becomes a WireError; the end of its text, where in its source it was raised, is cut off."""
+    try:
+        yield
+    except Exception as error:
+        raise WireError(str(error).split(" at /")[0].strip()) from None
+
+
+class Publication:
+    """A topic that is sent on; made by `Ros2Node`."""
+
+    def __init__(self, publisher: Any, token: str) -> None:
+        self._publisher = publisher
+        # rmw_zenoh takes another hash of the token; to whoever listens it is only a name that no other sender has.
+        self._gid = hashlib.blake2b(token.encode(), digest_size=16).digest()
+        self._sequence = 0
+
+    @property
+    def has_listeners(self) -> bool:
+        """Whether anybody subscribes to this topic with this type."""
+        return bool(self._publisher.matching_status.matching)
+
+    def publish(self, message: Any) -> None:
+        """Send a message; does not wait until it has arrived.
+
+        Raises:
+            WireError: If it cannot be sent.
+        """
+        self._sequence += 1
+        with _wire_errors():
+            self._publisher.put(encode(message), attachment=attachment(self._sequence, time.time_ns(), self._gid))
+
+
+class Subscription:
+    """A topic that is listened to; made by `Ros2Node`."""
+
+    def __init__(self, subscriber: Any, type_name: str) -> None:
+        self._subscriber = subscriber
+        self._type_name = type_name
+
+    def take(self) -> list[Any | WireError]:
+        """The messages that have come since the last call, oldest first; for a broken one what is wrong with it.
+
+        Raises:
+            WireError: If the session is closed.
+        """
+        taken: list[Any | WireError] = []
+        for _ in range(_WAITING_MAX):
+            with _wire_errors():
+                sample = self._subscriber.try_recv()
+            if sample is None:
+                break
+            try:
+                taken.append(decode(sample.payload.to_bytes(), self._type_name))
+            except WireError as error:
+                taken.append(error)
+        return taken
+
+
+class Ros2Node:
+    """A node in the graph of ROS 2, with a Zenoh session of its own.
+
+    It is a client of the router, which passes everything on: that works from any computer that reaches the router.
+    When the router goes, Zenoh's own threads try to reach it again, about once a second, and put everything back.
+
+    Args:
+        name: The node's name.
+        network: Where the other nodes are.
+
+    Raises:
+        SettingsError: If ROS 2 allows no such name.
+        MissingOptionalDependencyError: If the extra `ros2` is not installed.
+        WireError: If no router answers.
+    """
+
+    def __init__(self, name: str, network: Ros2Network) -> None:
+        if not _NODE.fullmatch(name):
+            raise SettingsError(f"node {name!r}: expected letters, digits and _")
+        try:
+            import zenoh  # noqa: PLC0415
+        except ImportError:
+            raise MissingOptionalDependencyError("ROS 2", "eclipse-zenoh", "ros2") from None
+        typestore()
+        self._zenoh: Any = zenoh
+        self._name, self._network = name, network
+        config: Any = zenoh.Config()
+        for key, value in {
+            "mode": "client",
+            "connect/endpoints": [network.endpoint],
+            "connect/retry": _RETRY,
+            "scouting/multicast/enabled": False,
+        }.items():
+            with _wire_errors():
+                config.insert_json5(key, json.dumps(value))
+        try:
+            self._session: Any = zenoh.open(config)
+        except Exception:
+            raise WireError(
+                f"no Zenoh router answers at {network.endpoint}: start one (ros2 run rmw_zenoh_cpp rmw_zenohd), and "
+                "check address and firewall"
+            ) from None
+        self._tokens: list[Any] = []
+        self._declare(f"NN/%/%/{name}")
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a connection at present."""
+        info = self._session.info
+        return bool(info.routers_zid() or info.peers_zid())
+
+    def publication(self, topic: str, type_name: str) -> Publication:
+        """Announce a topic to send on.
+
+        Args:
+            topic: Its full name.
+            type_name: Such as ``std_msgs/msg/String``.
+        """
+        # Late commands are worth nothing: no waiting for others in a batch; a network that is stuck loses them.
+        with _wire_errors():
+            publisher = self._session.declare_publisher(
+                topic_key(self._network.domain_id, topic, type_name, self._network.humble),
+                congestion_control=self._zenoh.CongestionControl.DROP,
+                express=True,
+            )
+        return Publication(publisher, self._declare_topic("MP", topic, type_name))
+
+    def subscription(self, topic: str, type_name: str) -> Subscription:
+        """Announce a topic to listen to; see `publication` for the arguments."""
+        # A ring buffer inside Zenoh: no thread of Python's runs, and nothing is left but the newest messages.
+        with _wire_errors():
+            subscriber = self._session.declare_subscriber(
+                topic_key(self._network.domain_id, topic, type_name, self._network.humble),
+                self._zenoh.handlers.RingChannel(_WAITING_MAX),
+            )
+        self._declare_topic("MS", topic, type_name)
+        return Subscription(subscriber, type_name)
+
+    def why_nobody(self, kind: str, topic: str, type_name: str) -> str:
+        """Why this topic finds no other side, for people to read; takes up to a second.
+
+        Args:
+            kind: Of the other side: "MS" if it should listen, "MP" if it should send.
+            topic: Full name of the topic.
+            type_name: What is sent or expected here.
+        """
+        does = "listens to" if kind == "MS" else "sends on"
+        found = set()
+        with contextlib.suppress(Exception):
+            key = f"@ros2_lv/*/*/*/*/{kind}/*/*/*/{topic.replace('/', '%')}/*/*/*"
+            for reply in self._session.liveliness().get(key, timeout=_ASK_S):
+                parts = str(reply.ok.key_expr).split("/")
+                found.add((parts[1], ros_name(parts[10]), parts[11]))
+        here = (str(self._network.domain_id), type_name, type_hash(type_name, self._network.humble))
+        if not found or here in found:
+            return f"nobody {does} {topic} as {type_name} in ROS 2 domain {here[0]}: is that node or controller active?"
+        others = "; ".join(f"{name} in domain {domain} ({digest[:14]})" for domain, name, digest in sorted(found))
+        return (
+            f"nobody {does} {topic} as {type_name} in domain {here[0]} ({here[2][:14]}), but there is {others}: check "
+            "type, domain and, for ROS 2 Humble, the option for it"
+        )
+
+    def close(self) -> None:
+        """Leave the graph; never raises."""
+        with contextlib.suppress(Exception):
+            self._session.close()
+
+    def _declare_topic(self, kind: str, topic: str, type_name: str) -> str:
+        mangled = topic.replace("/", "%")
+        digest = type_hash(type_name, self._network.humble)
+        return self._declare(f"{kind}/%/%/{self._name}/{mangled}/{dds_name(type_name)}/{digest}/{_QOS}")
+
+    def _declare(self, entity: str) -> str:
+        token = f"@ros2_lv/{self._network.domain_id}/{self._session.zid()}/0/{len(self._tokens)}/{entity}"
+        # It stands for as long as it is referred to.
+        with _wire_errors():
+            self._tokens.append(self._session.liveliness().declare_token(token))
+        return token

@@ -1,0 +1,77 @@
+"""A neck that behaves exactly as its specification says, encoder noise and load included."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gazempc.errors import RobotError
+from gazempc.neck.servo import DelayedServo
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray, JointState
+
+
+class SimulatedNeck:
+    """Two servos behind exact dead times; time is what the clock says when a method is called.
+
+    Args:
+        neck: What to simulate.
+        position_rad: Where it stands at rest in the beginning, shape (2,), radians.
+        clock_s: Gives the present time in seconds; never runs backwards.
+        seed: Of the encoders' noise.
+    """
+
+    def __init__(self, neck: NeckSpec, position_rad: FloatArray, clock_s: Callable[[], float], seed: int = 0) -> None:
+        self._neck = neck
+        self._start_rad = np.asarray(position_rad, dtype=np.float64)
+        self._clock_s = clock_s
+        self._servos: list[DelayedServo] | None = None
+        self._load_rad = np.deg2rad([axis.load_offset_deg for axis in neck.axes])
+        self._noise_rad = np.deg2rad([axis.encoder_noise_deg for axis in neck.axes])
+        self._rng = np.random.default_rng(seed)
+
+    def connect(self) -> None:
+        """Start the simulation at the clock's time; see `gazempc.robots.robot.Robot.connect`."""
+        if self._servos is None:
+            now_s = self._clock_s()
+            self._servos = [
+                DelayedServo(axis, float(start), now_s)
+                for axis, start in zip(self._neck.axes, self._start_rad, strict=True)
+            ]
+
+    def read_state(self) -> JointState | None:
+        """See `gazempc.robots.robot.Robot.read_state`; the velocity is without noise."""
+        true = self.true_state()
+        if not self._neck.reports_joints:
+            return None
+        noise_rad = self._rng.normal(0.0, self._noise_rad) if self._noise_rad.any() else 0.0
+        return JointState(true.time_s, true.position_rad + noise_rad, true.velocity_rad_s)
+
+    def true_state(self) -> JointState:
+        """Where the joints really are; raises as `read_state`."""
+        servos, now_s = self._advance()
+        states = np.array([servo.state for servo in servos])
+        return JointState(now_s, states[:, 0] + self._load_rad, states[:, 1])
+
+    def send_command(self, position_rad: FloatArray) -> FloatArray:
+        """See `gazempc.robots.robot.Robot.send_command`."""
+        if not np.all(np.isfinite(position_rad)):
+            raise RobotError(f"refused a command that is not finite: {position_rad}")
+        servos, _ = self._advance()
+        sent = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        for servo, command_rad in zip(servos, sent, strict=True):
+            servo.send(float(command_rad))
+        return sent
+
+    def close(self) -> None:
+        """Stop the simulation; see `gazempc.robots.robot.Robot.close`."""
+        self._servos = None
+
+    def _advance(self) -> tuple[list[DelayedServo], float]:
+        if self._servos is None:
+            raise RobotError("the simulated neck is not connected: call connect() first")
+        now_s = self._clock_s()
+        for servo in self._servos:
+            servo.advance_to(now_s)
+        return self._servos, now_s

@@ -1,0 +1,43 @@
+"""Values that pass between the stages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from predictors.types import FloatArray, HeadObservation
+
+BoolArray = NDArray[np.bool_]
+StringArray = NDArray[np.str_]
+
+__all__ = ["BoolArray", "FloatArray", "JointState", "Sighting", "StringArray"]
+
+
+@dataclass(frozen=True)
+class JointState:
+    """Measured state of the joints.
+
+    Attributes:
+        time_s: Time of the measurement, seconds, on the loop's clock.
+        position_rad: Pan and tilt, shape (2,), radians.
+        velocity_rad_s: Their velocities, shape (2,), rad/s.
+    """
+
+    time_s: float
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """An observation and the time of its arrival.
+
+    Attributes:
+        arrival_s: Time at which the loop can first use it, seconds.
+        observation: The observation with its capture time.
+    """
+
+    arrival_s: float
+    observation: HeadObservation

@@ -1,0 +1,1 @@
+"""Standard filters to compare with. May import `predictors` only."""

@@ -1,0 +1,206 @@
+"""Extended Kalman filter of a walker at constant speed and turn rate (CTRV), who may show where they face."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from predictors.baselines.arc import NODES, WEIGHTS, arc, turned_per_rate_s
+from predictors.constant_velocity import ConstantVelocity
+from predictors.gate import Gate
+from predictors.types import FloatArray, Forecast, HeadObservation
+from predictors.yaw import wrap_rad, yaw_rad
+
+if TYPE_CHECKING:
+    from filterpy.kalman import ExtendedKalmanFilter
+
+YawCues = Literal["none", "pelvis", "both"]
+_CUES_USED: dict[YawCues, int] = {"none": 0, "pelvis": 1, "both": 2}  # of pelvis, head
+
+_SPEED, _HEADING, _TURN_RATE, _PELVIS_OFFSET, _HEAD_OFFSET = range(2, 7)
+# Who is slower has no heading; who is to have one must be clearly faster, so that it does not come and go.
+_STANDS_BELOW_M_S = 0.2
+_WALKS_FROM_M_S = 0.3
+_INITIAL_TURN_RATE_SD_RAD_S = 0.5
+# By how much people's heads and pelvises, as tracked, point aside of where they walk, and how that drifts.
+_OFFSET_SD_RAD = np.array([0.1, 0.2])
+_OFFSET_WALK_RAD2_PER_S = np.array([0.0004, 0.0004])
+
+
+def transition(x: FloatArray, dt_s: FloatArray, turn_time_s: float) -> tuple[FloatArray, FloatArray]:
+    """Carry a walker on, with the derivatives.
+
+    Args:
+        x: State [x, y, speed, heading, turn rate, pelvis offset, head offset], shape (7,), metres, seconds, radians.
+        dt_s: Time steps, any shape (...), seconds.
+        turn_time_s: Time constant with which the turn rate dies away, seconds.
+
+    Returns:
+        The states after these times, shape (..., 7), and their Jacobians to x, shape (..., 7, 7).
+    """
+    dt = np.asarray(dt_s)
+    way, way_by_rate = arc(x[_HEADING], x[_TURN_RATE], dt, turn_time_s)
+    turned, decay = turned_per_rate_s(dt, turn_time_s), np.exp(-dt / turn_time_s)
+    after = np.broadcast_to(x, (*dt.shape, 7)).copy()
+    after[..., :2] += x[_SPEED] * way
+    after[..., _HEADING] += x[_TURN_RATE] * turned
+    after[..., _TURN_RATE] *= decay
+    jacobian = np.broadcast_to(np.eye(7), (*dt.shape, 7, 7)).copy()
+    jacobian[..., :2, _SPEED] = way
+    jacobian[..., 0, _HEADING], jacobian[..., 1, _HEADING] = -x[_SPEED] * way[..., 1], x[_SPEED] * way[..., 0]
+    jacobian[..., :2, _TURN_RATE] = x[_SPEED] * way_by_rate
+    jacobian[..., _HEADING, _TURN_RATE] = turned
+    jacobian[..., _TURN_RATE, _TURN_RATE] = decay
+    return after, jacobian
+
+
+class CoordinatedTurn:
+    """CTRV filter: a walker keeps speed and turn rate; the turn rate may die away.
+
+    Refused detections, the height and the start are those of a `ConstantVelocity` filter that runs beside; below
+    0.2 m/s, where there is no heading, its forecast is this predictor's. Where yaw is used, it is measured as the
+    heading plus an offset of the person's, which is estimated and kept while they stand.
+
+    Args:
+        yaw_cues: Which orientations are used; those that an observation does not have are done without.
+        acceleration_psd: Power spectral density of the acceleration along the path, m^2/s^3.
+        heading_psd: Power spectral density of the heading's own rate, rad^2/s: the head's sway, which is no turn.
+        turn_psd: Power spectral density of the turn rate's derivative, rad^2/s^3.
+        turn_time_s: Time constant with which the turn rate dies away, seconds; the textbook's is endless.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres.
+        pelvis_noise_rad: Standard deviation of the pelvis's yaw about its mean, radians; as the pelvis swings with the
+            stride, which lasts many frames, more than the sensor's.
+        head_noise_rad: The same for the head.
+    """
+
+    def __init__(
+        self,
+        yaw_cues: YawCues = "none",
+        acceleration_psd: float = 0.05,
+        heading_psd: float = 0.1,
+        turn_psd: float = 0.1,
+        turn_time_s: float = 1.0,
+        position_noise_m: float = 0.01,
+        pelvis_noise_rad: float = 0.15,
+        head_noise_rad: float = 0.2,
+    ) -> None:
+        if yaw_cues not in get_args(YawCues):
+            raise ValueError(f"yaw_cues must be one of {', '.join(get_args(YawCues))}, got {yaw_cues!r}")
+        densities = (acceleration_psd, heading_psd, turn_psd)
+        numbers = (*densities, turn_time_s, position_noise_m, pelvis_noise_rad, head_noise_rad)
+        if not all(0 < number < np.inf for number in numbers):
+            raise ValueError("noises, densities and turn_time_s must be positive and finite")
+        self._yaw_cues = yaw_cues
+        self._psd = np.array(densities)
+        self._turn_time_s = turn_time_s
+        self._R = position_noise_m**2 * np.eye(2)
+        self._yaw_variances_rad2 = np.array([pelvis_noise_rad, head_noise_rad]) ** 2
+        self._position = ConstantVelocity(position_noise_m=position_noise_m)
+        self._filter: ExtendedKalmanFilter | None = None
+        self._walks = False
+        self._time_s = -np.inf
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._position.reset()
+        self._forget()
+
+    def update(self, observation: HeadObservation) -> None:
+        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        self._position.update(observation)
+        if self._position.started_at_s == observation.capture_time_s:
+            self._forget()
+        if self._position.rejections_in_a_row:
+            return
+        _, x, _ = self._position.state()
+        speed_m_s = float(np.hypot(x[3], x[4]))
+        if self._walks:
+            self._walks = speed_m_s >= _STANDS_BELOW_M_S and self._follow(observation)
+        if not self._walks and speed_m_s >= _WALKS_FROM_M_S:
+            self._begin()
+        self._time_s = observation.capture_time_s
+
+    def state(self) -> tuple[FloatArray, FloatArray] | None:
+        """The filter's estimate at the last accepted observation.
+
+        Returns:
+            The state as for `transition`, shape (7,), and its covariance, shape (7, 7); None while the person stands.
+        """
+        return (self._filter.x.copy(), self._filter.P.copy()) if self._filter is not None and self._walks else None
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
+        steady = self._position.forecast(times_s)
+        if self._filter is None or not self._walks:
+            return steady
+        x, P = self._ahead(steady.times_s - self._time_s)
+        means, covariances = steady.means_base_m.copy(), steady.covariances_m2.copy()
+        means[:, :2] = x[:, :2]
+        covariances[:, :2, :2] = P[:, :2, :2]
+        return Forecast(steady.times_s, means, covariances, steady.issued_at_s)
+
+    def _forget(self) -> None:
+        self._filter = None
+        self._walks = False
+        self._time_s = -np.inf
+
+    def _ahead(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        assert self._filter is not None
+        x, F = transition(self._filter.x, dt_s, self._turn_time_s)
+        # White noise that enters at some time on the way is carried on to its end; the quadrature sums over when.
+        forward = np.maximum(dt_s, 0.0)[:, None]
+        _, since = transition(self._filter.x, forward * NODES, self._turn_time_s)
+        columns = since[..., [_SPEED, _HEADING, _TURN_RATE]] * np.sqrt((forward * WEIGHTS)[..., None, None] * self._psd)
+        columns = np.moveaxis(columns, 1, 2).reshape(len(dt_s), 7, 3 * len(NODES))
+        P = F @ self._filter.P @ np.swapaxes(F, 1, 2) + columns @ np.swapaxes(columns, 1, 2)
+        P[:, range(5, 7), range(5, 7)] += forward * _OFFSET_WALK_RAD2_PER_S
+        return x, (P + np.swapaxes(P, 1, 2)) / 2.0
+
+    def _begin(self) -> None:
+        """Take position, speed and heading from the steady walk, with no turn known yet."""
+        from filterpy.kalman import ExtendedKalmanFilter  # noqa: PLC0415
+
+        _, steady, spread = self._position.state()
+        speed, heading = np.hypot(steady[3], steady[4]), np.arctan2(steady[4], steady[3])
+        c, s = np.cos(heading), np.sin(heading)
+        to_polar = np.zeros((4, 6))
+        to_polar[0, 0] = to_polar[1, 1] = 1.0
+        to_polar[2:, 3:5] = [[c, s], [-s / speed, c / speed]]
+        ekf = ExtendedKalmanFilter(dim_x=7, dim_z=1)
+        ekf.x, ekf.P = np.zeros(7), np.diag([0.0] * 5 + list(_OFFSET_SD_RAD**2))
+        if self._filter is not None:  # the offsets are the person's, whatever they did in between
+            ekf.x[5:], ekf.P[5:, 5:] = self._filter.x[5:], self._filter.P[5:, 5:]
+        ekf.x[:4] = [steady[0], steady[1], speed, heading]
+        ekf.P[:4, :4] = to_polar @ spread @ to_polar.T
+        ekf.P[_TURN_RATE, _TURN_RATE] = _INITIAL_TURN_RATE_SD_RAD_S**2
+        self._filter = ekf
+        self._walks = True
+
+    def _follow(self, observation: HeadObservation) -> bool:
+        """Update the walk; False if it does not look like one, so that it has to begin anew."""
+        ekf = self._filter
+        assert ekf is not None
+        x, P = self._ahead(np.array([observation.capture_time_s - self._time_s]))
+        ekf.x, ekf.P = x[0], P[0]
+        seen = observation.head_position_base_m[:2]
+        spread = np.eye(3)  # the height is judged already
+        spread[:2, :2] = ekf.P[:2, :2] + self._R
+        if not Gate().accepts(np.append(seen - ekf.x[:2], 0.0), spread):
+            return False
+        ekf.update(seen, lambda _: np.eye(2, 7), lambda x: x[:2], R=self._R)
+        cues = (observation.pelvis_quat_wxyz, observation.head_quat_wxyz)
+        for i, quat in enumerate(cues[: _CUES_USED[self._yaw_cues]]):
+            if quat is None or ekf.x[_SPEED] < _STANDS_BELOW_M_S:
+                continue
+            H = np.zeros((1, 7))
+            H[0, [_HEADING, _PELVIS_OFFSET + i]] = 1.0
+            off_rad = wrap_rad(yaw_rad(quat) - float(ekf.x[_HEADING] + ekf.x[_PELVIS_OFFSET + i]))
+            ekf.update(
+                np.array([off_rad]),
+                lambda _, H=H: H,
+                lambda _: np.zeros(1),
+                R=self._yaw_variances_rad2[i] * np.eye(1),
+            )
+        return bool(ekf.x[_SPEED] >= _STANDS_BELOW_M_S)

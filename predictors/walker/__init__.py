@@ -1,0 +1,5 @@
+"""The default predictor: its inputs, its networks and the uncertainty that it states. May import `predictors` only."""
+
+from predictors.walker.predictor import Walker
+
+__all__ = ["Walker"]

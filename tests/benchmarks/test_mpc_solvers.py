@@ -1,0 +1,144 @@
+"""The solver benchmark is run as a user would run it; its closed-loop run poses what the controller solves."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import mpc_solvers
+from benchmarks.solvers.figures import WARM_UP
+from benchmarks.solvers.measure import measure, solve_all
+from benchmarks.solvers.nlp_peers import DoMpc
+from benchmarks.solvers.ours import Gazempc
+from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, simulate
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.neck.spec import load_neck
+
+ROOT = Path(__file__).resolve().parents[2]
+NECK = load_neck("reference")
+PEERS = {
+    "gazempc",
+    "daqp_always",
+    "casadi_qrqp",
+    "casadi_sqpmethod",
+    "piqp",
+    "osqp",
+    "opti_ipopt",
+    "do_mpc",
+}
+# Of the whole run: qrqp fails or says "success" to commands 0.1 rad off, OSQP stops at its limit of iterations.
+NOT_EXACT = {"casadi_qrqp", "osqp"}
+
+
+def call(*words):
+    return subprocess.run(
+        [sys.executable, "-m", "benchmarks.mpc_solvers", *words], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    path = tmp_path_factory.mktemp("bench") / "figures.json"
+    done = call("--ticks", "50", "--growth", "20", "40", "--json", str(path))
+    assert done.returncode == 0, done.stderr
+    return path, done.stdout, json.loads(path.read_text())
+
+
+def test_all_solvers_are_measured_and_ours_agrees(measured):
+    _, text, figures = measured
+    peers = {peer["name"]: peer for peer in figures["peers"]}
+    assert peers.keys() == PEERS
+    for name, peer in peers.items():
+        assert 0 < peer["median_ms"] <= peer["p95_ms"] <= peer["p99_ms"] <= peer["max_ms"]
+        assert peer["calls"] == 50 - WARM_UP
+        assert peer["agrees"] == (peer["ticks_over"] == peer["failures"] == 0)
+        assert peer["agrees"] or name in NOT_EXACT
+        assert name in text
+    assert peers["gazempc"]["worst_difference_rad"] < 1e-6
+    assert 0 < peers["gazempc"]["step_median_ms"] <= peers["gazempc"]["step_p99_ms"]
+    assert peers["do_mpc"]["median_ms"] > 20 * peers["gazempc"]["median_ms"]
+
+
+def test_the_run_is_described(measured):
+    _, text, figures = measured
+    assert 0 < figures["ticks_with_limits"] <= figures["ticks"] == 50
+    assert figures["ticks_softened"] == 0
+    assert f"A limit binds in {figures['ticks_with_limits']} of 50 ticks" in text
+    assert [row["horizon_steps"] for row in figures["growth"]] == [20, 40]
+    for row in figures["growth"]:
+        assert 0 < row["median_ms"] <= row["p99_ms"]
+        assert row["worst_difference_rad"] < 1e-6
+        assert sum(row["solvers"].values()) == 2 * 50
+        assert "piqp" not in row["solvers"]
+
+
+def test_earlier_figures_are_compared_with(measured):
+    path, _, figures = measured
+    done = call("--ticks", "20", "--peers", "gazempc", "--growth", "--compare", str(path))
+    assert done.returncode == 0, done.stderr
+    assert f"({figures['bare_kalman_ms']:.4f} -> " in done.stdout
+    line = next(line for line in done.stdout.splitlines() if line.startswith("gazempc "))
+    assert line.count("%") == 2
+
+
+def test_the_whole_run_makes_every_limit_bind_and_none_is_left():
+    run = simulate(NECK, STEPS, 500)
+    assert run.softened == 0
+    assert 200 < run.binding.sum() < 300
+    assert min(run.by_limit.values()) > 20
+
+
+def test_the_run_poses_what_the_controller_solves(monkeypatch):
+    """States come from the joints' history and the commands on their way, by another way than in the controller.
+
+    The program is that of a joint which meets nobody and has nothing to catch up with, whose forecast is taken as it
+    is, with equal steps.
+    """
+    monkeypatch.setattr("gazempc.controllers.mpc.mpc._FIRST_PARTS_MAX", 1)
+    monkeypatch.setattr("gazempc.controllers.mpc.meeting.MEETING_FROM_RAD", np.inf)
+    run = simulate(NECK, STEPS, 60)
+    mpc = Mpc(NECK, smoothing_time_s=SMOOTHING_TIME_S, doubt_deg=1e9)
+    mpc._reaches, mpc._revised = [(np.inf, 1.0)] * 2, False
+    ours = Gazempc(NECK, STEPS, SMOOTHING_TIME_S)
+    for states, references, situation in zip(run.states, run.references, run.situations, strict=True):
+        command = ours.solve(states, references)
+        assert mpc.plan(situation).position_rad[1:] == pytest.approx(command.T, abs=1e-6)
+
+
+def test_solver_without_a_solution_is_counted_not_hidden():
+    run = simulate(NECK, STEPS, 20)
+    peer = Gazempc(NECK, STEPS, SMOOTHING_TIME_S)
+    first = solve_all(peer, run)[1]
+    run.references[3] = np.nan
+    first[7] += 2e-4
+    figures = measure(peer, run, first)
+    assert (figures.agrees, figures.failures, figures.ticks_over) == (False, 1, 1)
+    assert figures.worst_difference_rad == pytest.approx(2e-4)
+
+
+def test_peer_that_is_not_installed_is_named(monkeypatch, capsys):
+    monkeypatch.setattr(DoMpc, "module", "do_mpc_that_is_not_there")
+    assert mpc_solvers.main(["--ticks", "20", "--peers", "do_mpc", "--growth"]) == 0
+    text = capsys.readouterr().out
+    assert "do_mpc: skipped, not installed: pip install do-mpc" in text
+    assert "\ngazempc " in text
+
+
+def test_unknown_peer_is_refused(capsys):
+    assert mpc_solvers.main(["--peers", "osqq"]) == 2
+    assert "perhaps you meant 'osqp'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", [None, "", "no JSON", "[1]", '{"peers": []}', b"\xff\xfe"])
+def test_bad_file_to_compare_with_is_one_clear_line(tmp_path, capsys, content):
+    path = tmp_path / "earlier.json"
+    if content is not None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert mpc_solvers.main(["--compare", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("mpc_solvers: --compare: ")
+    assert str(path) in error
+    assert error.count("\n") == 1

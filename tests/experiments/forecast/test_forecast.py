@@ -1,0 +1,184 @@
+"""Forecast errors over recordings: known motions give known errors."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from experiments.forecast.command import main, turn_head
+from experiments.forecast.errors import forecast_errors
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.recordings.recording import Recording, Track
+from gazempc.recordings.truth import TrueHead
+from gazempc.sim.sensor import load_sensor
+from predictors import ConstantVelocity, Forecast, HeadPose, LastPosition, Perfect
+from predictors.yaw import wrap_rad, yaw_rad
+
+HORIZONS = np.array([0.25, 0.5, 1.0])
+KEYS = {
+    "predictor",
+    "cues",
+    "ratio_to_constant_velocity",
+    "n_people_seen_in_fitting",
+    "group",
+    "horizon_s",
+    "error_true_mm",
+    "error_filtered_mm",
+    "coverage_68",
+    "coverage_95",
+    "nees",
+    "update_us",
+    "n_clips",
+    "n_frames",
+}
+
+
+def straight_walk(speed=1.2, heading=0.7, seconds=4.0, name="line"):
+    t = np.arange(0, seconds, 1 / 30)
+    position = np.stack([speed * t * np.cos(heading), speed * t * np.sin(heading), np.full_like(t, 1.6)], axis=1)
+    quat = np.tile([1.0, 0, 0, 0], (t.size, 1))
+    track = Track(position, quat, position - [0, 0, 0.6], quat, np.ones(t.size, dtype=bool))
+    return Recording(name, "made here", "motion capture", t, track, None, True)
+
+
+def test_last_position_errs_by_speed_times_horizon_along_the_path():
+    errors = forecast_errors(straight_walk(), LastPosition(), load_sensor("perfect"), HORIZONS, 0)
+    for i, horizon in enumerate(HORIZONS):
+        parts = errors.difference_m[:, i][np.isfinite(errors.difference_m[:, i, 0])]
+        assert parts[:, 0] == pytest.approx(-1.2 * horizon)
+        assert parts[:, 1:] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_perfect_has_no_error_and_constant_velocity_next_to_none_on_a_line():
+    walk = straight_walk()
+    perfect = forecast_errors(walk, Perfect(TrueHead(walk)), load_sensor("perfect"), HORIZONS, 0)
+    assert np.nanmax(np.abs(perfect.difference_m)) < 1e-12
+    assert np.all(np.isnan(perfect.nees))
+    steady = forecast_errors(walk, ConstantVelocity(), load_sensor("perfect"), HORIZONS, 0)
+    late = steady.difference_m[30:]
+    assert np.nanmax(np.abs(late)) < 0.002
+
+
+def test_frames_are_those_with_half_a_second_before_and_the_horizon_after():
+    errors = forecast_errors(straight_walk(), ConstantVelocity(), load_sensor("perfect"), HORIZONS, 0)
+    captures = np.arange(0, 4.0, 1 / 30)
+    for i, horizon in enumerate(HORIZONS):
+        inside = (captures >= 0.5 - 1e-9) & (captures + horizon <= captures[-1] + 1e-6)
+        assert np.isfinite(errors.difference_m[:, i, 0]).sum() == inside.sum()
+        assert np.isfinite(errors.error_filtered_m[:, i]).sum() == inside.sum()
+
+
+def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage(tmp_path):
+    """Forecasts that are the truth plus noise of the stated covariance."""
+    walk = straight_walk(seconds=400.0)
+    truth, rng = TrueHead(walk), np.random.default_rng(0)
+    spread = np.diag([0.01, 0.04, 0.0025])
+
+    class Honest(Perfect):
+        def forecast(self, times_s):
+            forecast = super().forecast(times_s)
+            noise = rng.multivariate_normal(np.zeros(3), spread, size=len(times_s))
+            return Forecast(
+                forecast.times_s,
+                forecast.means_base_m + noise,
+                np.tile(spread, (len(times_s), 1, 1)),
+                forecast.issued_at_s,
+            )
+
+    nees = forecast_errors(walk, Honest(truth), load_sensor("perfect"), HORIZONS, 0).nees
+    assert np.nanmean(nees) == pytest.approx(3.0, rel=0.02)
+    known = nees[np.isfinite(nees)]
+    assert np.mean(known <= 3.5059) == pytest.approx(0.68, abs=0.01)
+    assert np.mean(known <= 7.8147) == pytest.approx(0.95, abs=0.005)
+
+
+def test_error_to_the_filtered_position_is_zero_for_the_filter_itself():
+    """At horizon zero-like steps: the filter's own position one frame later differs from its forecast by the update."""
+    walk = place(load("subject04_R1"), "recorded", 1.0, 0.0)
+    errors = forecast_errors(walk, ConstantVelocity(), load_sensor("reference"), np.array([1e-6]), 0)
+    assert np.nanmax(errors.error_filtered_m) < 1e-4
+
+
+def test_the_command_writes_the_table(tmp_path, capsys):
+    words = ["--recordings", "subject01_R1", "subject02_R4", "--out", str(tmp_path), "--horizons", "0.5"]
+    assert main([*words, "--predictors", "default", "last_position", "constant_velocity"]) == 0
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    assert all(set(row) >= KEYS for row in rows)
+    assert {row["predictor"] for row in rows} == {"constant_velocity", "last_position", "walker"}
+    assert {row["group"] for row in rows} == {"straight", "turn", "all"}
+    everything = next(r for r in rows if r["group"] == "all" and r["predictor"] == "constant_velocity")
+    parts = [r for r in rows if r["group"] != "all" and r["predictor"] == "constant_velocity"]
+    assert everything["error_true_mm"] == pytest.approx(np.mean([r["error_true_mm"] for r in parts]))
+    assert everything["n_frames"] == sum(r["n_frames"] for r in parts)
+    assert (tmp_path / "forecast_error.png").stat().st_size > 5000
+    assert "constant_velocity" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--recordings", "nowhere"], "nowhere"),
+        (["--recordings", "subject01_R1", "--horizons", "-1"], "positive"),
+        (["--recordings", "subject01_R1", "--sensor", "eyes"], "'eyes'"),
+    ],
+)
+def test_bad_input(words, expected, tmp_path, capsys):
+    assert main([*words, "--out", str(tmp_path)]) == 2
+    assert expected in capsys.readouterr().err
+
+
+def test_a_standing_person_has_finite_errors():
+    walk = straight_walk(speed=0.0)
+    errors = forecast_errors(walk, ConstantVelocity(), load_sensor("reference"), HORIZONS, 0)
+    assert np.isfinite(errors.difference_m[0]).all()
+    assert dataclasses.is_dataclass(errors)
+
+
+def test_hidden_cues_are_not_seen():
+    """The paper's rule without one of its two angles is the filter alone; with both it is not."""
+    walk = load("subject04_R5")
+    sensor = load_sensor("reference")
+    plain = forecast_errors(walk, ConstantVelocity(), sensor, HORIZONS, 0)
+    for cues in ("head", "pelvis", "none"):
+        blind = forecast_errors(walk, HeadPose(), sensor, HORIZONS, 0, cues)
+        np.testing.assert_array_equal(blind.difference_m, plain.difference_m)
+    assert not np.array_equal(forecast_errors(walk, HeadPose(), sensor, HORIZONS, 0).difference_m, plain.difference_m)
+
+
+@pytest.mark.parametrize("from_s", [0.0, 1.0])
+def test_a_glance_turns_the_head_and_nothing_else(from_s):
+    walk = load("subject04_R1")
+    looking = turn_head(walk, 40.0, from_s)
+    np.testing.assert_array_equal(looking.truth.head_position_m, walk.truth.head_position_m)
+    np.testing.assert_array_equal(looking.truth.pelvis_quat_wxyz, walk.truth.pelvis_quat_wxyz)
+    turned = [
+        abs(np.degrees(wrap_rad(yaw_rad(a) - yaw_rad(b))))
+        for a, b in zip(looking.truth.head_quat_wxyz, walk.truth.head_quat_wxyz, strict=True)
+    ]
+    after = walk.times_s - walk.times_s[0] >= (from_s + 0.25 if from_s else 0.0)
+    np.testing.assert_allclose(np.array(turned)[after], 40.0, atol=1e-6)
+    np.testing.assert_allclose(np.array(turned)[walk.times_s - walk.times_s[0] <= from_s - 1e-9], 0.0, atol=1e-6)
+    assert turn_head(walk, 0.0, from_s) is walk
+
+
+def test_cues_ratio_and_example(tmp_path):
+    words = ["--recordings", "subject01_R4", "subject02_R1", "--horizons", "0.5", "--out", str(tmp_path)]
+    shown = ["--predictors", "constant_velocity", "walker", "--cues", "both", "none", "--example", "subject03_R6"]
+    assert main([*words, *shown]) == 0
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    assert {(r["predictor"], r["cues"]) for r in rows} == {
+        (p, c) for p in ("constant_velocity", "walker") for c in ("both", "none")
+    }
+    plain = {r["group"]: r["error_true_mm"] for r in rows if r["predictor"] == "constant_velocity"}
+    for r in rows:
+        assert r["ratio_to_constant_velocity"] == pytest.approx(r["error_true_mm"] / plain[r["group"]])
+        assert r["n_people_seen_in_fitting"] == 0
+    for name in ("cues.png", "coverage.png", "example.png", "forecast_error.png"):
+        assert (tmp_path / name).stat().st_size > 5000
+
+
+def test_an_example_that_does_not_exist_is_refused_at_once(tmp_path, capsys):
+    assert main(["--recordings", "subject01_R4", "--example", "nobody", "--out", str(tmp_path)]) == 2
+    assert "nobody" in capsys.readouterr().err

@@ -1,0 +1,79 @@
+"""The least gaze error that limits leave, against the gazes that have to keep them."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from experiments.bound import COLUMNS, least_error_deg, main, summarise
+from gazempc.neck.spec import load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.results.metrics import measure
+from gazempc.settings import RunSettings
+from gazempc.sim.replay import replay
+from gazempc.sim.sensor import load_sensor
+
+
+def perfect(neck, recording, start_offset_deg=0.0):
+    placed = place(load(recording), "side", 2.5, 1.2)
+    settings = RunSettings(start_offset_deg=start_offset_deg)
+    log, _ = replay(placed, load_neck(neck), load_sensor("perfect"), "perfect", settings)
+    moving = np.flatnonzero(np.any(log.command_position_rad != log.command_position_rad[0], axis=1))
+    return log, float(log.time_s[moving[0]])
+
+
+def test_a_neck_that_can_keep_up_need_not_err():
+    log, told_s = perfect("reference", "subject03_R1")
+    assert least_error_deg(log, told_s) < 0.02
+
+
+@pytest.mark.parametrize("recording", ["subject01_R1", "subject03_R4"])
+@pytest.mark.parametrize("start_offset_deg", [60.0, -30.0])
+def test_where_limits_bind_perfect_foresight_is_little_above_the_least_error(recording, start_offset_deg):
+    """The MPC with the true future is another program by another solver: near, and never below."""
+    log, told_s = perfect("slow", recording, start_offset_deg)
+    error_deg, least_deg = measure(log).gaze_error_rms_deg, least_error_deg(log, told_s)
+    print(recording, error_deg, least_deg)
+    assert error_deg > 1.0
+    assert 0.95 * error_deg < least_deg < error_deg
+
+
+def test_who_is_told_later_errs_more():
+    log, told_s = perfect("slow", "subject03_R4", 60.0)
+    assert least_error_deg(log, told_s + 0.2) > least_error_deg(log, told_s) + 0.5
+
+
+def test_command_prints_and_saves_all(tmp_path, capsys):
+    recordings = ["subject01_R1", "subject03_R4"]
+    status = main(["--recordings", *recordings, "--distance-m", "1.5", "--out", str(tmp_path)])
+    printed = capsys.readouterr().out
+    assert status == 0
+    saved = json.loads((tmp_path / "bound.json").read_text())
+    assert saved["settings"]["neck"] == "slow"
+    assert "gazempc" in saved["versions"]
+    rows = {row["group"]: row for row in saved["rows"]}
+    assert rows["all"]["clips"] == 2
+    assert rows["all"]["bound"] < min(rows["all"][name] for name in COLUMNS[:-1])
+    assert f"{rows['all']['bound']:.2f}" in printed
+    with (tmp_path / "bound.csv").open() as file:
+        assert [row["recording"] for row in csv.DictReader(file)] == recordings
+
+
+def test_a_walk_too_near_is_left_out_and_said(tmp_path, capsys):
+    assert main(["--recordings", "subject03_R5", "--distance-m", "0.3", "--out", str(tmp_path)]) == 0
+    assert "1 recordings left out" in capsys.readouterr().out
+
+
+def test_bad_input_is_one_line(tmp_path, capsys):
+    assert main(["--recordings", "nowhere", "--out", str(tmp_path)]) == 2
+    assert "nowhere" in capsys.readouterr().err
+
+
+def test_groups_are_means():
+    rows = [dict.fromkeys(COLUMNS, 2.0 * k) | {"group": g} for k, g in enumerate(("straight", "straight", "turn"), 1)]
+    straight, turn, both = summarise(rows)
+    assert (straight["clips"], straight["mpc"], turn["mpc"], both["mpc"]) == (2, 3.0, 6.0, 4.0)
+    assert math.isclose(both["bound_to_lookahead"], 1.0)

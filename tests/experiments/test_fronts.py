@@ -1,0 +1,90 @@
+"""Fronts compared at equal smoothness, and the picture of one plan, as a user would run them."""
+
+import csv
+import json
+import math
+
+import pytest
+
+from experiments import fronts, plan_example
+from experiments.sweep import command as sweep
+
+
+def test_a_front_leaves_out_what_is_beaten():
+    points = [(2.0, 1.0), (1.0, 2.0), (1.5, 3.0), (3.0, 1.5), (2.5, 0.5)]
+    assert fronts.front(points, 1.0) == [(1.0, 2.0), (2.0, 1.0), (2.5, 0.5)]
+    assert fronts.front(points, -1.0) == [(1.0, 2.0), (1.5, 3.0)]
+
+
+def test_between_points_a_front_is_a_line_and_it_does_not_reach_below_its_smoothest():
+    front = [(1.0, 2.0), (2.0, 1.0)]
+    assert fronts.at(front, 1.25) == pytest.approx(1.75)
+    assert fronts.at(front, 9.0) == 1.0
+    assert math.isnan(fronts.at(front, 0.9))
+
+
+def write_table(path, rows):
+    names = ("case", "group", "neck", "rms_acceleration_rad_s2", "gaze_error_rms_deg", "eye_contact_2p6")
+    with (path / "table.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerows([names, *rows])
+
+
+def test_margins_by_hand(tmp_path, capsys):
+    """At 1.0 the rival errs 2.0 and the MPC, between its points, 1.8; at 2.0 the MPC is 10 % worse."""
+    write_table(
+        tmp_path,
+        [
+            ("lookahead", "sharp", "slow", 1.0, 2.0, 0.5),
+            ("lookahead", "sharp", "slow", 2.0, 1.0, 0.9),
+            ("mpc", "sharp", "slow", 0.5, 2.5, 0.4),
+            ("mpc", "sharp", "slow", 1.5, 1.1, 0.8),
+        ],
+    )
+    assert fronts.main([str(tmp_path)]) == 0
+    (margin,) = json.loads((tmp_path / "fronts.json").read_text())
+    assert margin["error_ratio"] == pytest.approx(1.1)
+    assert margin["contact_difference"] == pytest.approx(-0.1)
+    assert margin["points"] == 2
+    assert "+10.0 %" in capsys.readouterr().out
+    assert (tmp_path / "fronts.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ([("mpc", "all", "slow", 1.0, "x", 0.5)], "row 2: gaze_error_rms_deg is not a number"),
+        ([("mpc", "all", "slow", 1.0, 1.0, 0.5)], "no case 'lookahead'; there are mpc"),
+        ([], "is empty"),
+    ],
+)
+def test_a_table_that_cannot_be_compared_is_refused(tmp_path, capsys, rows, said):
+    write_table(tmp_path, rows)
+    assert fronts.main([str(tmp_path)]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_without_a_sweep_the_command_says_what_to_run(tmp_path, capsys):
+    assert fronts.main([str(tmp_path / "nothing")]) == 2
+    assert "run python -m experiments.sweep first" in capsys.readouterr().err
+
+
+def test_a_sweep_is_compared(tmp_path):
+    study = tmp_path / "small.yaml"
+    study.write_text(
+        "name: small\nrecordings: [subject01_R1]\nvary: {neck: [reference]}\ncases:\n"
+        "  - {name: lookahead, base: {controller: lookahead}, vary: {lookahead.smoothing_time_s: [0, 0.1]}}\n"
+        "  - {name: mpc, base: {controller: mpc}, vary: {mpc.smoothing_time_s: [0.075, 0.2]}}\n"
+        "metrics: [gaze_error_rms_deg, eye_contact_2p6, rms_acceleration_rad_s2]\n"
+    )
+    assert sweep.main([str(study), "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    assert fronts.main([str(tmp_path / "out")]) == 0
+    margins = json.loads((tmp_path / "out" / "fronts.json").read_text())
+    assert {m["group"] for m in margins} == {"straight", "all"}
+
+
+def test_one_plan_is_drawn(tmp_path, capsys):
+    assert plan_example.main(["--out", str(tmp_path / "plan.png")]) == 0
+    assert (tmp_path / "plan.png").stat().st_size > 10_000
+    assert plan_example.main(["--at-s", "0.0", "--out", str(tmp_path / "none.png")]) == 2
+    assert "nobody had been seen yet" in capsys.readouterr().err

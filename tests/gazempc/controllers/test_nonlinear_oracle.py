@@ -1,0 +1,325 @@
+"""The convex programs against the problem that they stand for: both joints, the true 3-D gaze angle, neck offsets."""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from experiments.engine.recordings import find_recordings
+from gazempc.controllers.controller import CommandState, Situation
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.errors import LeftOutError, PlacementError
+from gazempc.neck.kinematics import gaze_ray, look_at
+from gazempc.neck.spec import load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.settings import RunSettings
+from gazempc.sim.replay import replay
+from gazempc.sim.sensor import load_sensor
+from predictors import Forecast
+
+ROUNDED = 1.0 - 1e-6  # the share of the limits that is used
+DAMPING = 0.8
+MEETING_DAMPING, MEETING_TIME = 1.35, 0.8
+JERK_TIME_S = 0.025
+PASSING = 2.0  # price of a radian beyond where a joint that is catching up is not to go, rad^2
+ANYWHERE = np.array([-100.0, 100.0])
+
+
+# ---------------------------------------------------------------- oracle
+
+
+def rotated(pan, tilt, v):
+    """Rz(pan) Ry(-tilt) v, written out."""
+    x, y, z = v
+    x, z = ca.cos(tilt) * x - ca.sin(tilt) * z, ca.sin(tilt) * x + ca.cos(tilt) * z
+    return ca.vertcat(ca.cos(pan) * x - ca.sin(pan) * y, ca.sin(pan) * x + ca.cos(pan) * y, z)
+
+
+def gaze_angle2(neck, pan, tilt, target):
+    """Square of the angle between the gaze ray and the direction to the target, by the series of arcsin^2."""
+    eye = rotated(pan, 0.0, neck.geometry.tilt_axis_in_pan_m) + rotated(pan, tilt, neck.geometry.eye_in_tilt_m)
+    to_target = target - eye
+    sine2 = ca.sumsqr(ca.cross(rotated(pan, tilt, (1.0, 0.0, 0.0)), to_target / ca.norm_2(to_target)))
+    return sine2 * (1 + sine2 * (1 / 3 + sine2 * (8 / 45 + sine2 * (4 / 35 + sine2 * 128 / 1575))))
+
+
+def worth(neck, targets):
+    """Gaze error for a radian of pan and of tilt, shape (..., 2), where the neck looks at the targets.
+
+    The target's distance from the joint's axis, across the ray, over its distance from the eye.
+    """
+    angles = look_at(neck.geometry, targets).angles_rad
+    eye, ray = gaze_ray(neck.geometry, angles)
+    pan = angles[..., 0]
+    forward = np.stack([np.cos(pan), np.sin(pan), np.zeros_like(pan)], axis=-1)
+    left, up = np.stack([-np.sin(pan), np.cos(pan), np.zeros_like(pan)], axis=-1), np.array([0.0, 0.0, 1.0])
+    x, y, z = neck.geometry.tilt_axis_in_pan_m
+    tilt_axis = x * forward + y * left + z * up
+    turns = []
+    for axis, point in ((up, np.zeros(3)), (left, tilt_axis)):
+        moved = np.cross(axis, targets - point)
+        across = moved - np.sum(moved * ray, axis=-1, keepdims=True) * ray
+        turns.append(np.linalg.norm(across, axis=-1) / np.linalg.norm(targets - eye, axis=-1))
+    return np.stack(turns, axis=-1)
+
+
+def servo_tick(axis, p, v, u, h):
+    """One servo period of the joint by Runge-Kutta, command held."""
+    wn, zeta = axis.natural_frequency_rad_s, axis.damping_ratio
+
+    def pull(p, v):
+        return wn**2 * (u - p) - 2 * zeta * wn * v
+
+    a1, b1 = v, pull(p, v)
+    a2, b2 = v + h / 2 * b1, pull(p + h / 2 * a1, v + h / 2 * b1)
+    a3, b3 = v + h / 2 * b2, pull(p + h / 2 * a2, v + h / 2 * b2)
+    a4, b4 = v + h * b3, pull(p + h * a3, v + h * b3)
+    return p + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4), v + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
+
+
+def step_ticks(neck, steps):
+    """Servo ticks in each step of the command: in the first control period each tick is one."""
+    ticks = neck.servo_ticks_per_plan
+    return [1] * ticks + [ticks] * (steps - 1)
+
+
+def rolled(neck, i, steps):
+    """Joint angle, its velocity and acceleration, command, its velocity and acceleration at the end of each step.
+
+    Returns the matrices by which they depend on the state, shape (6 K, 5), and on the jerks, shape (6 K, K).
+    """
+    axis, h = neck.axes[i], neck.servo_period_s
+    wn, zeta = axis.natural_frequency_rad_s, axis.damping_ratio
+    ticks = step_ticks(neck, steps)
+    z0, jerk = ca.SX.sym("z0", 5), ca.SX.sym("jerk", len(ticks))
+    p, v, u, du, ddu = (z0[k] for k in range(5))
+    columns = []
+    for k, count in enumerate(ticks):
+        for _ in range(count):
+            u, du, ddu = (
+                u + h * du + h**2 / 2 * ddu + h**3 / 6 * jerk[k],
+                du + h * ddu + h**2 / 2 * jerk[k],
+                ddu + h * jerk[k],
+            )
+            p, v = servo_tick(axis, p, v, u, h)
+        columns.append(ca.vertcat(p, v, wn**2 * (u - p) - 2 * zeta * wn * v, u, du, ddu))
+    rows = ca.vec(ca.horzcat(*columns).T)
+    return ca.Function("rolled", [], [ca.jacobian(rows, z0), ca.jacobian(rows, jerk)]).call([])
+
+
+@lru_cache
+def oracle(name, steps):
+    """IPOPT on both joints at once, made once for each neck."""
+    neck = load_neck(name)
+    limits, ticks = neck.command_limits, np.array(step_ticks(neck, steps))
+    n, lasts = len(ticks), ticks / neck.servo_ticks_per_plan
+    half_s = 0.5 * neck.control_period_s * np.append(lasts[1:], 1.0)
+    share, beyond = ca.SX.sym("jerk", n, 2), ca.SX.sym("beyond", steps, 2)  # jerk as a share of the largest
+    start, offset, smoothing = ca.SX.sym("z0", 5, 2), ca.SX.sym("offset", 2), ca.SX.sym("T", 2)
+    damping = ca.SX.sym("zeta", 2)
+    target, turn, rate = ca.SX.sym("target", 3, steps), ca.SX.sym("turn", 2, steps), ca.SX.sym("rate", 2, steps)
+    least, most = ca.SX.sym("least", steps, 2), ca.SX.sym("most", steps, 2)
+    cost, rows, low, high, joints = PASSING * ca.sum(ca.sum(beyond)), [], [], [], []
+    for i in range(2):
+        by_state, by_jerk = rolled(neck, i, steps)
+        jerk = ROUNDED * float(limits.jerk_max_rad_s3[i]) * share[:, i]
+        command = ca.reshape(by_state @ start[:, i] + by_jerk @ jerk, n, 6).T
+        motion = command[:3, n - steps :]
+        joints.append(motion[0, :] + offset[i])
+        cost += smoothing[i] ** 4 * ca.sumsqr(turn[i, :] * motion[2, :]) + JERK_TIME_S**6 * ca.dot(jerk**2, lasts)
+        slowing = 4 * damping[i] ** 2 - 2
+        cost += slowing * smoothing[i] ** 2 * ca.sumsqr(turn[i, :] * (motion[1, :] - rate[i, :]))
+        passing = [motion[0, :].T - most[:, i] - beyond[:, i], least[:, i] - motion[0, :].T - beyond[:, i]]
+        rows += [*passing, command[3, :].T, command[4, :].T + half_s * command[5, :].T, command[5, :].T]
+        fast, hard = ROUNDED * limits.velocity_max_rad_s[i], ROUNDED * limits.acceleration_max_rad_s2[i]
+        high += [0.0, 0.0, limits.position_max_rad[i], fast, hard]
+        low += [-np.inf, -np.inf, limits.position_min_rad[i], -fast, -hard]
+    cost += sum(gaze_angle2(neck, joints[0][k], joints[1][k], target[:, k]) for k in range(steps))
+    parameters = ca.veccat(start, offset, smoothing, damping, target, turn, rate, least, most)
+    solver = ca.nlpsol(
+        "oracle",
+        "ipopt",
+        {"x": ca.veccat(share, beyond), "p": parameters, "f": 1e4 * cost, "g": ca.vertcat(*rows)},
+        {"print_time": 0, "ipopt.print_level": 0, "ipopt.sb": "yes", "error_on_fail": True},
+    )
+    angles = ca.Function("angles", [share, parameters], [ca.vertcat(*joints).T])
+
+    def solve(states, offset_rad, times_s, dampings, targets, not_past_rad):
+        # How fast each joint must turn to stay on the target.
+        rates = np.gradient(look_at(neck.geometry, targets).angles_rad, neck.control_period_s, axis=0)
+        values = (np.transpose(states), offset_rad, times_s, dampings, targets.T, worth(neck, targets).T, rates.T)
+        p = ca.veccat(*map(ca.DM, (*values, *np.transpose(not_past_rad, (1, 2, 0)))))
+        counts = [steps, steps, n, n, n] * 2
+        bounds = {"lbg": np.repeat(low, counts), "ubg": np.repeat(high, counts)}
+        counts = [2 * n, 2 * steps]
+        bounds |= {"lbx": np.repeat([-1.0, 0.0], counts), "ubx": np.repeat([1.0, np.inf], counts)}
+        found = solver(x0=0.0, p=p, **bounds)["x"]
+        return np.array(angles(ca.reshape(found[: 2 * n], n, 2), p))
+
+    return solve
+
+
+# ---------------------------------------------------------------- the MPC, listened to
+
+
+class Planned(NamedTuple):
+    """What the MPC was asked and what it answered; joint angles of shape (N, 2), bounds of them two of shape (2, N)."""
+
+    states: list
+    offset_rad: np.ndarray
+    times_s: list
+    dampings: list
+    targets: np.ndarray
+    not_past_rad: list
+    angles_rad: np.ndarray
+
+
+class Listener(Mpc):
+    """An MPC that keeps what its programs were given in every plan for which `wanted` says so."""
+
+    def __init__(self, neck, smoothing_time_s, **settings):
+        super().__init__(neck, smoothing_time_s=smoothing_time_s, **settings)
+        self.kept, self.wanted, self._calls = [], lambda situation: True, []
+        # Else it would aim elsewhere than at the forecast that the oracle is given.
+        self._revised = False
+        for ocps in self.ocps + self.catch_up_ocps:
+            self._listen(ocps, smoothing_time_s, DAMPING)
+        for ocps in self.meeting_ocps:
+            self._listen(ocps, MEETING_TIME * smoothing_time_s, MEETING_DAMPING)
+
+    def _listen(self, ocps, smoothing_time_s, damping):
+        for level, ocp in enumerate(ocps):
+            ocp.solve = self._listening(ocp, ocp.solve, smoothing_time_s * 2 ** (level / 4), damping)
+
+    def _listening(self, ocp, solve, time_s, damping):
+        def listening(state, reference, not_past_rad=None):
+            solution, p = solve(state, reference, not_past_rad), ocp.model.prediction
+            angles = p.joint_from_state @ state + p.joint_from_jerk @ solution.scaled_jerk
+            assert solution.softened == 0.0
+            free = np.repeat(ANYWHERE[:, None], len(reference), axis=1)
+            bounds_rad = free if not_past_rad is None else not_past_rad
+            self._calls.append((state.copy(), time_s, damping, bounds_rad, angles))
+            return solution
+
+        return listening
+
+    def plan(self, situation):
+        self._calls.clear()
+        plan = super().plan(situation)
+        if self.wanted(situation):
+            states, times_s, dampings, not_past_rad, angles = zip(*self._calls, strict=True)
+            offset_rad = situation.joint_offset_rad
+            means = situation.forecast.means_base_m
+            angles_rad = np.stack(angles, axis=1) + offset_rad
+            self.kept.append(Planned(states, offset_rad, times_s, dampings, means, not_past_rad, angles_rad))
+        return plan
+
+
+def differences_deg(name, planned):
+    """Angle between the gaze of the convex programs and that of the nonlinear one at each step, degrees."""
+    neck = load_neck(name)
+    best = oracle(name, len(planned.targets))(*planned[:6])
+    _, ours = gaze_ray(neck.geometry, planned.angles_rad)
+    _, theirs = gaze_ray(neck.geometry, best)
+    return np.degrees(np.linalg.norm(ours - theirs, axis=1))
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+# ---------------------------------------------------------------- tests
+
+
+@pytest.mark.parametrize("name", ["reference", "fetch", "pr2"])
+def test_worth_is_the_derivative_of_the_gaze_error(name):
+    """The oracle's own weights, by finite differences of its own angle."""
+    neck, step = load_neck(name), 1e-4
+    targets = np.array([[1.5, 0.7, 0.4], [2.5, -1.0, -0.3], [0.9, 0.0, 0.6]])
+    angles = look_at(neck.geometry, targets).angles_rad
+    for k, target in enumerate(targets):
+        for i in range(2):
+            moved = angles[k] + step * np.eye(2)[i]
+            turned = np.sqrt(float(gaze_angle2(neck, *moved, ca.DM(target)))) / step
+            assert turned == pytest.approx(worth(neck, targets)[k, i], rel=1e-3)
+    if name == "reference":
+        assert worth(neck, targets) == pytest.approx(np.stack([np.cos(angles[:, 1]), np.ones(3)], axis=1))
+
+
+@pytest.mark.parametrize(
+    ("name", "start_deg", "speed_m_s", "met", "tolerance_deg"),
+    [
+        ("reference", 5.0, 1.1, False, 0.05),
+        ("reference", 5.0, 1.1, True, 0.05),
+        ("fetch", 1.0, 0.4, False, 0.05),
+        # While the pan is 10 deg off, an eye that stands before the axis sees the target higher or lower; the convex
+        # programs, which treat the joints apart, do not know.
+        ("fetch", 5.0, 1.1, False, 0.15),
+    ],
+)
+def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(name, start_deg, speed_m_s, met, tolerance_deg):
+    """A walker who passes 1.5 m away, from rest beside, under a load: how far the two gazes are apart, RMS."""
+    neck = load_neck(name)
+    mpc = Listener(neck, smoothing_time_s=0.11, horizon_s=0.5)
+    for meeting in mpc._meetings if met else []:
+        meeting.short_rad(-0.02, 0.0, 0.5, 0.0, 0.0)  # they were 0.5 rad away
+    times = mpc.forecast_times_s(0.0, 0.0)
+
+    def path(t):
+        return np.stack([np.full_like(t, 1.5), 0.9 - speed_m_s * t, 0.35 + 0.02 * np.sin(11 * t)], axis=-1)
+
+    start = look_at(neck.geometry, path(neck.dead_time_s[:1])).angles_rad[0] + [np.radians(start_deg), 0.0]
+    offset_rad = np.array([0.005, -0.02])
+    situation = Situation(
+        start_s=0.0,
+        forecast=Forecast(times, path(times), np.zeros((times.size, 3, 3)), 0.0),
+        command=CommandState(start, np.zeros(2), np.zeros(2)),
+        joint_position_rad=start + offset_rad,
+        joint_velocity_rad_s=np.zeros(2),
+        joint_offset_rad=offset_rad,
+        sent_rad=np.tile(start, (100, 1)),
+        committed_rad=np.zeros((0, 2)),
+    )
+    mpc.plan(situation)
+    (planned,) = mpc.kept
+    assert planned.dampings == (MEETING_DAMPING if met else DAMPING,) * 2
+    apart = rms(differences_deg(name, planned))
+    print(f"{name}: {apart:.4f} deg RMS")
+    assert apart < tolerance_deg
+    # The test would notice: the motion itself is degrees, not hundredths of one.
+    assert np.degrees(np.ptp(planned.angles_rad[:, 0])) > 2.0
+
+
+def planned_on_walks(walks_dir, name):
+    """Three instants of a replay of every fourth walk."""
+    neck, sensor, settings = load_neck(name), load_sensor("reference"), RunSettings()
+    mpc = Listener(neck, **settings.mpc.model_dump())
+    for path in find_recordings([str(walks_dir)])[::4]:
+        try:
+            placed = place(load(path), "side", settings.distance_m, settings.height_m)
+            ticks = np.round(np.array([0.15, 0.45, 0.8]) * placed.times_s[-1] * neck.control_rate_hz)
+            mpc.wanted = lambda situation, ticks=ticks: round(situation.start_s * neck.control_rate_hz) in ticks
+            replay(placed, neck, sensor, "mpc", settings, mpc)
+        except (PlacementError, LeftOutError):
+            continue
+    assert len(mpc.kept) > 30
+    return mpc.kept
+
+
+@pytest.mark.parametrize(("name", "most_rms_deg", "most_deg"), [("reference", 0.005, 0.03), ("fetch", 0.03, 0.3)])
+def test_on_real_walks_the_gaze_is_that_of_the_nonlinear_one(walks_dir, name, most_rms_deg, most_deg):
+    """Over all instants and the whole horizon, forecasts and smoothing times as they were.
+
+    The aim is 0.05 deg RMS; held to less, as a smoothing time that is a level off is worth 0.02 deg. Where `fetch` is
+    catching up, its eye is beside the axis, which the convex programs do not know; and late jerks are held in them.
+    """
+    planned = planned_on_walks(walks_dir, name)
+    apart = np.array([differences_deg(name, each) for each in planned])
+    print(f"{name}: {len(planned)} plans, {rms(apart):.5f} deg RMS, at most {apart.max():.4f} deg")
+    assert rms(apart) < most_rms_deg
+    assert apart.max() < most_deg
+    # The test would notice: the gaze turns by degrees.
+    assert np.mean([np.degrees(np.ptp(each.angles_rad[:, 0])) for each in planned]) > 5.0

@@ -1,0 +1,323 @@
+"""Where the sensor is: its observations in the base frame, also while the head that carries it moves."""
+
+import dataclasses
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.live.clock import SimulatedClock
+from gazempc.live.mount import JointHistory, Mount, head_in_base
+from gazempc.live.run import LiveRun
+from gazempc.live.sources.source import Arrived
+from gazempc.loop.planner import ImmediatePlanner
+from gazempc.loop.settings import LoopSettings
+from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.spec import Geometry, load_neck
+from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import Sighting
+from predictors import ConstantVelocity, HeadObservation
+
+GEOMETRY = Geometry(tilt_axis_in_pan_m=(0.14, 0.01, 0.06), eye_in_tilt_m=(0.05, 0.0, 0.02))
+metres = st.floats(-3.0, 3.0)
+degrees = st.floats(-170.0, 170.0)
+points = st.tuples(metres, metres, metres)
+turns = st.tuples(degrees, st.floats(-85.0, 85.0), degrees)
+
+
+def about_x(a):
+    return np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+
+
+def about_y(a):
+    return np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+
+
+def about_z(a):
+    return np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+
+
+def pose(rotation, shift):
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, shift
+    return matrix
+
+
+def sensor_in_base(mount, geometry=None, angles_rad=None):
+    """The sensor's pose as a product of matrices written out by hand."""
+    roll, pitch, yaw = np.deg2rad(mount.roll_pitch_yaw_deg)
+    sensor = pose(about_z(yaw) @ about_y(pitch) @ about_x(roll), mount.position_m)
+    if angles_rad is None:
+        return sensor
+    pan, tilt = angles_rad
+    # Up is a turn from +x towards +z, against the right-handed turn about y.
+    return pose(about_z(pan), np.zeros(3)) @ pose(about_y(-tilt), geometry.tilt_axis_in_pan_m) @ sensor
+
+
+def seen(point_m, quat_wxyz=None, time_s=1.0):
+    return HeadObservation(time_s, np.array(point_m, dtype=float), quat_wxyz, quat_wxyz)
+
+
+def test_without_settings_the_sensor_s_frame_is_the_base_frame():
+    observation = seen([2.0, 0.3, 0.4], np.array([0.6, 0.0, 0.0, 0.8]))
+    found = Mount().to_base(observation, GEOMETRY, None)
+    assert found.capture_time_s == observation.capture_time_s
+    np.testing.assert_allclose(found.head_position_base_m, [2.0, 0.3, 0.4], atol=1e-15)
+    np.testing.assert_allclose(found.head_quat_wxyz, [0.6, 0.0, 0.0, 0.8], atol=1e-15)
+
+
+def test_the_signs_are_as_described():
+    """Pitch positive looks down, yaw positive to the left; on the head, tilt positive looks up."""
+    ahead = seen([1.0, 0.0, 0.0])
+
+    def base(angles_rad=None, **mount):
+        return Mount(**mount).to_base(ahead, Geometry(), angles_rad).head_position_base_m
+
+    np.testing.assert_allclose(base(roll_pitch_yaw_deg=(0, 90, 0)), [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(base(roll_pitch_yaw_deg=(0, 0, 90)), [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(base(roll_pitch_yaw_deg=(90, 0, 0), position_m=(0, 0, 2)), [1, 0, 2], atol=1e-12)
+    np.testing.assert_allclose(base(np.array([np.pi / 2, 0.0]), on="head"), [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(base(np.array([0.0, np.pi / 2]), on="head"), [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(
+        base(np.array([np.pi / 2, 0.0]), on="head", position_m=(0.0, 0.5, 0.0)), [-0.5, 1, 0], atol=1e-12
+    )
+
+
+@given(points, points, turns)
+def test_a_sensor_on_the_base_is_a_fixed_transform(point_m, position_m, roll_pitch_yaw_deg):
+    mount = Mount(position_m=position_m, roll_pitch_yaw_deg=roll_pitch_yaw_deg)
+    expected = sensor_in_base(mount) @ np.array([*point_m, 1.0])
+    for angles_rad in (None, np.array([0.7, -0.2])):  # the joints play no part
+        found = mount.to_base(seen(point_m), GEOMETRY, angles_rad)
+        np.testing.assert_allclose(found.head_position_base_m, expected[:3], atol=1e-12)
+
+
+@given(points, points, turns, st.floats(-1.4, 1.4), st.floats(-0.8, 0.8))
+def test_a_sensor_on_the_head_moves_with_both_joints(point_m, position_m, roll_pitch_yaw_deg, pan_rad, tilt_rad):
+    mount = Mount(on="head", position_m=position_m, roll_pitch_yaw_deg=roll_pitch_yaw_deg)
+    angles_rad = np.array([pan_rad, tilt_rad])
+    matrix = sensor_in_base(mount, GEOMETRY, angles_rad)
+    found = mount.to_base(seen(point_m), GEOMETRY, angles_rad)
+    np.testing.assert_allclose(found.head_position_base_m, (matrix @ [*point_m, 1.0])[:3], atol=1e-12)
+    # What stands still in the room, seen from wherever the head is, stands still.
+    fixed_m = np.array([2.0, -0.5, 0.4])
+    in_sensor_m = (np.linalg.inv(matrix) @ [*fixed_m, 1.0])[:3]
+    back = mount.to_base(seen(in_sensor_m), GEOMETRY, angles_rad)
+    np.testing.assert_allclose(back.head_position_base_m, fixed_m, atol=1e-11)
+
+
+@given(turns, turns, st.sampled_from(["base", "head"]), st.floats(-1.4, 1.4), st.floats(-0.8, 0.8))
+def test_orientations_turn_as_positions_do(face_deg, roll_pitch_yaw_deg, on, pan_rad, tilt_rad):
+    """A point 1 m in front of the face is there after the transform, too."""
+    mount = Mount(on=on, position_m=(0.1, -0.2, 0.3), roll_pitch_yaw_deg=roll_pitch_yaw_deg)
+    angles_rad = np.array([pan_rad, tilt_rad])
+    face = Rotation.from_euler("xyz", face_deg, degrees=True)
+    head_m = np.array([2.0, 0.3, 0.1])
+    found = mount.to_base(seen(head_m, face.as_quat(scalar_first=True)), GEOMETRY, angles_rad)
+    for ahead in np.eye(3):
+        in_front = mount.to_base(seen(head_m + face.apply(ahead)), GEOMETRY, angles_rad).head_position_base_m
+        for quat in (found.head_quat_wxyz, found.pelvis_quat_wxyz):
+            turned = Rotation.from_quat(quat, scalar_first=True).apply(ahead)
+            np.testing.assert_allclose(found.head_position_base_m + turned, in_front, atol=1e-12)
+            assert np.linalg.norm(quat) == pytest.approx(1.0)
+
+
+def test_orientations_that_were_not_seen_stay_unknown():
+    found = Mount(on="head", roll_pitch_yaw_deg=(10, 20, 30)).to_base(seen([2, 0, 0]), GEOMETRY, np.zeros(2))
+    assert found.head_quat_wxyz is None
+    assert found.pelvis_quat_wxyz is None
+
+
+def test_a_sensor_in_the_eye_looks_along_the_gaze():
+    mount = Mount(on="head", position_m=GEOMETRY.eye_in_tilt_m)
+    for angles_rad in (np.array([0.0, 0.0]), np.array([0.8, -0.3]), np.array([-1.2, 0.5])):
+        eye_m, direction = gaze_ray(GEOMETRY, angles_rad)
+        found = mount.to_base(seen([1.7, 0.0, 0.0]), GEOMETRY, angles_rad)
+        np.testing.assert_allclose(found.head_position_base_m, eye_m + 1.7 * direction, atol=1e-12)
+        rotation, axis_m = head_in_base(GEOMETRY, angles_rad)
+        np.testing.assert_allclose(axis_m + rotation.apply(GEOMETRY.eye_in_tilt_m), eye_m, atol=1e-12)
+
+
+def test_where_the_head_was_must_be_known():
+    with pytest.raises(ValueError, match="not known"):
+        Mount(on="head").to_base(seen([2, 0, 0]), GEOMETRY, None)
+
+
+def test_the_history_of_the_joints_is_interpolated():
+    history = JointHistory()
+    assert history.at(0.0) is None
+    rng = np.random.default_rng(0)
+    times = 1.0 + np.cumsum(rng.uniform(0.002, 0.02, 100))
+    positions = np.cumsum(rng.normal(0, 0.01, (100, 2)), axis=0)
+    for t, position in zip(times, positions, strict=True):
+        history.add(t, position, np.array([0.3, -0.2]))
+    assert history.at(times[0] - 1e-6) is None
+    for t in [*rng.uniform(times[0], times[-1], 200), *times]:
+        expected = [np.interp(t, times, positions[:, i]) for i in range(2)]
+        np.testing.assert_allclose(history.at(t), expected, atol=1e-12)
+    np.testing.assert_allclose(history.at(times[-1] + 0.1), positions[-1] + [0.03, -0.02], atol=1e-12)
+
+
+def test_the_history_reaches_back_two_seconds_and_no_further():
+    history = JointHistory()
+    for k in range(1000):
+        history.add(0.01 * k, np.array([0.001 * k, 0.0]), np.zeros(2))
+    assert history.at(9.99 - 1.99)[0] == pytest.approx(0.8)
+    assert history.at(9.99 - 2.02) is None
+    assert len(history._past) < 210
+
+
+# --- a whole live run
+
+NECK = load_neck("reference").model_copy(update={"geometry": GEOMETRY})
+CAMERA = {"position_m": (0.06, 0.02, 0.08), "roll_pitch_yaw_deg": (2.0, -5.0, 3.0)}
+LATENCY_S = 0.066
+STATIONARY_M = (2.0, 0.0, 0.3)
+
+
+def walker_m(time_s):
+    """To and fro within the pan range, fast enough that the neck has to turn briskly."""
+    return np.array([2.0, 1.5 * np.sin(1.1 * time_s), 0.3 + 0.1 * np.sin(0.7 * time_s)])
+
+
+class Camera:
+    """Sees the person at 30 fps from the robot's base, or from its moving head, 66 ms late."""
+
+    def __init__(self, clock, mount, joints):
+        self.clock, self.mount, self.joints = clock, mount, joints
+        self.frame, self.under_way = 0, []
+
+    def open(self):
+        pass
+
+    def poll(self):
+        now_s = self.clock.now_s()
+        while self.frame / 30.0 <= now_s + 1e-9:
+            captured_s = self.frame / 30.0
+            # The true joints at the capture: known to the simulation at its ticks.
+            past = np.array([t for t, _ in self.joints[-50:]])
+            joints = np.array([p for _, p in self.joints[-50:]])
+            angles = np.array([np.interp(captured_s, past, joints[:, i]) for i in range(2)])
+            matrix = sensor_in_base(self.mount, GEOMETRY, angles if self.mount.on == "head" else None)
+            point_m = (np.linalg.inv(matrix) @ [*walker_m(captured_s), 1.0])[:3]
+            self.under_way.append(Sighting(captured_s + LATENCY_S, HeadObservation(captured_s, point_m)))
+            self.frame += 1
+        due = [s for s in self.under_way if s.arrival_s <= now_s]
+        self.under_way = [s for s in self.under_way if s.arrival_s > now_s]
+        return Arrived(tuple(due))
+
+    @property
+    def finished(self):
+        return False
+
+    def close(self):
+        pass
+
+
+def run_with(on, at_arrival=False, seconds=8.0):
+    """A live run with the sensor there; `at_arrival` transforms by where the head is when a frame arrives."""
+    clock = SimulatedClock()
+    robot = SimulatedNeck(NECK, np.zeros(2), clock.now_s)
+    mount = Mount(on=on, **CAMERA)
+    joints = []
+
+    def true_state():
+        state = robot.true_state()
+        joints.append((state.time_s, state.position_rad))
+        return state
+
+    camera = Camera(clock, mount, joints)
+    logs = []
+    controller = Mpc(NECK, horizon_s=0.3)
+    run = LiveRun(
+        NECK,
+        ConstantVelocity(),
+        controller,
+        ImmediatePlanner(controller),
+        robot,
+        camera,
+        mount,
+        clock,
+        LoopSettings(),
+        {"neck": NECK.model_dump(), "joints": "true"},
+        lambda log, times: logs.append(log),
+        true_state=true_state,
+    )
+    if at_arrival:
+        run._joints.at = lambda time_s: joints[-1][1]
+    report = run.run(threading.Event(), seconds)
+    (log,) = logs
+    eye, direction = gaze_ray(GEOMETRY, log.joint_position_rad)
+    to_head = np.array([walker_m(t) for t in log.time_s]) - eye
+    cosine = np.sum(direction * to_head, axis=1) / np.linalg.norm(to_head, axis=1)
+    error_deg = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
+    return log, report, error_deg[(log.time_s > 2.0) & (log.time_s < seconds)]
+
+
+def test_a_sensor_on_the_moving_head_sees_as_well_as_one_on_the_base():
+    base_log, base_report, base_deg = run_with("base")
+    log, report, error_deg = run_with("head")
+    assert report.n_problems == base_report.n_problems == 0
+    assert set(log.event_name) == set(base_log.event_name) == {"no_observation_yet"}
+    np.testing.assert_allclose(
+        log.head_observed_base_m, [walker_m(t) for t in log.capture_time_s], atol=2e-4, err_msg="what it makes of it"
+    )
+    rms = np.sqrt(np.mean(np.square(error_deg)))
+    base_rms = np.sqrt(np.mean(np.square(base_deg)))
+    assert rms == pytest.approx(base_rms, abs=0.05)
+    # With the angles at arrival the head's own motion in 66 ms is taken for the person's.
+    _, _, ignored_deg = run_with("head", at_arrival=True)
+    assert np.sqrt(np.mean(np.square(ignored_deg))) > base_rms + 1.0
+
+
+def test_a_frame_from_before_the_first_tick_cannot_be_placed_and_is_named():
+    """Where the head was then, nobody knows."""
+    clock = SimulatedClock()
+    clock.sleep_until_s(5.0)
+    mount = Mount(on="head", **CAMERA)
+    robot = SimulatedNeck(NECK, np.zeros(2), clock.now_s)
+
+    class Early(Camera):
+        def poll(self):
+            now_s = self.clock.now_s()
+            frames = [now_s - 0.05] if self.frame == 0 else []
+            self.frame += 1
+            return Arrived(tuple(Sighting(now_s, seen(STATIONARY_M, time_s=t)) for t in frames))
+
+    logs = []
+    controller = Mpc(NECK, horizon_s=0.3)
+    run = LiveRun(
+        NECK,
+        ConstantVelocity(),
+        controller,
+        ImmediatePlanner(controller),
+        robot,
+        Early(clock, mount, []),
+        mount,
+        clock,
+        LoopSettings(),
+        {"neck": NECK.model_dump(), "joints": "measured"},
+        lambda log, times: logs.append(log),
+    )
+    report = run.run(threading.Event(), 0.2)
+    assert report.n_problems == 1
+    assert "not known" in report.problems[0]
+    assert set(logs[0].event_name) == {"bad_observation", "no_observation_yet"}
+    assert np.all(logs[0].command_position_rad == 0)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"on": "hand"}, {"position_m": (0.0, np.nan, 0.0)}, {"roll_pitch_yaw_deg": (0.0, 0.0)}, {"at": 1}]
+)
+def test_a_wrong_mount_is_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Mount(**wrong)
+
+
+def test_a_mount_is_a_value():
+    assert Mount() == Mount(on="base")
+    assert dataclasses.asdict(seen([1, 2, 3]))["capture_time_s"] == 1.0

@@ -1,0 +1,194 @@
+"""The joint observer against a plant whose truth is known."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gazempc.loop.observer import JointObserver, observer_gain
+from gazempc.neck.servo import zero_order_hold
+from gazempc.neck.spec import Axis, load_neck
+from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import JointState
+
+NECK = load_neck("reference")
+TS = NECK.servo_period_s
+
+
+def variant(**of_both_axes):
+    content = NECK.model_dump()
+    for axis in ("pan", "tilt"):
+        content[axis] |= of_both_axes
+    return NECK.model_validate(content)
+
+
+def follow(plant, seconds, model=NECK, age_s=0.0, stamped=True, seen=lambda t: True):
+    """Drive a neck to and fro; returns estimates and truth at each tick, and the offset in the end."""
+    now = 0.0
+    robot = SimulatedNeck(plant, np.zeros(2), lambda: now, seed=1)
+    robot.connect()
+    observer = JointObserver(model, np.zeros(2), 0.0)
+    measured, estimates, truth = [], [], []
+    for k in range(int(seconds / TS)):
+        now = k * TS
+        measured.append(robot.read_state())
+        old = measured[max(0, k - round(age_s / TS))]
+        if old is not None and not stamped:
+            old = JointState(now, old.position_rad, old.velocity_rad_s)
+        estimate = observer.update(now, old if seen(now) else None)
+        estimates.append([estimate.position_rad, estimate.velocity_rad_s])
+        true = robot.true_state()
+        truth.append([true.position_rad, true.velocity_rad_s])
+        command = np.array([0.6, 0.3]) * np.sin([2.0 * now, 3.0 * now])
+        observer.sent(robot.send_command(command))
+    return np.array(estimates), np.array(truth), estimate.offset_rad
+
+
+@pytest.mark.parametrize("dead_time_s", [0.0, 0.0131, 0.4, 0.4023])
+@pytest.mark.parametrize("reports", [True, False])
+def test_a_neck_that_is_as_modelled_is_known_exactly_with_or_without_encoders(dead_time_s, reports):
+    neck = variant(dead_time_s=dead_time_s).model_copy(update={"reports_joints": reports})
+    estimates, truth, offset = follow(neck, 2.0, model=neck)
+    assert estimates == pytest.approx(truth, abs=1e-9)
+    assert offset == pytest.approx([0, 0], abs=1e-9)
+
+
+def test_a_load_is_learned_within_a_few_response_times():
+    estimates, truth, offset = follow(variant(load_offset_deg=2.0), 9.0)
+    assert np.rad2deg(offset) == pytest.approx([2.0, 2.0], abs=0.05)
+    assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.05
+
+
+def test_noise_of_the_encoders_is_averaged():
+    estimates, truth, _ = follow(variant(encoder_noise_deg=0.2), 10.0)
+    error_deg = np.rad2deg(estimates - truth)[400:, 0]
+    assert error_deg.std() < 0.1
+    assert np.abs(error_deg.mean()) < 0.02
+
+
+def test_an_old_measurement_is_taken_for_the_time_that_it_is_stamped_with():
+    """With 40 ms of age and a load: by its stamp nothing is lost; taken for new, it is a phantom load."""
+    plant = variant(load_offset_deg=1.0)
+    estimates, truth, _ = follow(plant, 9.0, age_s=0.04)
+    assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.1
+    estimates, truth, _ = follow(plant, 9.0, age_s=0.04, stamped=False)
+    assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() > 0.5
+
+
+def test_a_silence_is_bridged_by_the_commands():
+    estimates, truth, _ = follow(variant(load_offset_deg=2.0), 11.0, seen=lambda t: t < 9.0)
+    assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["reference", "fetch", "slow"])
+@pytest.mark.parametrize("age_s", [0.0, 0.04, 0.0825, 0.16, 0.24])
+def test_an_error_is_corrected_once_however_old_the_measurements(name, age_s):
+    """Corrected again by each measurement that is as old, it would grow without bound."""
+    neck = load_neck(name)
+    content = neck.model_dump()
+    for axis in ("pan", "tilt"):
+        content[axis] |= {"load_offset_deg": 1.0, "encoder_noise_deg": 0.05}
+    estimates, truth, _ = follow(type(neck).model_validate(content), 12.0, model=neck, age_s=age_s)
+    assert np.rad2deg(np.abs(estimates - truth)[-400:, 0]).max() < 0.25
+
+
+def test_a_start_away_from_the_command_is_no_load():
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    for k in range(60):
+        estimate = observer.update(k * TS, JointState(k * TS, np.full(2, 0.5), np.zeros(2)))
+        observer.sent(np.full(2, 0.5))
+    assert estimate.position_rad == pytest.approx([0.5, 0.5], abs=1e-9)
+    assert estimate.offset_rad == pytest.approx([0, 0], abs=1e-9)
+
+
+def test_a_reading_stamped_a_moment_after_the_tick_counts():
+    """A robot is read after the tick began."""
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    for k in range(2000):
+        estimate = observer.update(k * TS, JointState(k * TS + 1e-4, np.full(2, 0.03), np.zeros(2)))
+        observer.sent(np.zeros(2))
+        assert not observer.refused
+    assert estimate.offset_rad == pytest.approx([0.03, 0.03], abs=1e-3)
+
+
+def test_a_glitch_is_refused_and_a_push_is_believed_after_a_while():
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    for k in range(100):
+        observer.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
+    glitch = observer.update(100 * TS, JointState(100 * TS, np.ones(2), np.zeros(2)))
+    assert observer.refused
+    assert glitch.position_rad == pytest.approx([0, 0], abs=1e-12)
+    for k in range(101, 125):
+        pushed = observer.update(k * TS, JointState(k * TS, np.ones(2), np.zeros(2)))
+    assert pushed.position_rad == pytest.approx([1, 1], abs=0.15)
+
+
+def test_a_blocked_joint_is_no_load_without_bound():
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    for k in range(4000):
+        estimate = observer.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
+        observer.sent(np.full(2, min(0.001 * k, 1.0)))
+    assert np.rad2deg(np.abs(estimate.offset_rad)).max() <= 10.0 + 1e-9
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        JointState(0.5, np.array([np.nan, 0.0]), np.zeros(2)),
+        JointState(0.5, np.array([1e300, 0.0]), np.zeros(2)),
+        JointState(0.496, np.ones(2), np.zeros(2)),  # far from where it can be
+        JointState(0.7, np.ones(2), np.zeros(2)),  # from the future
+    ],
+)
+def test_a_measurement_that_cannot_be_believed_changes_nothing_and_is_said(bad):
+    observer, untouched = (JointObserver(NECK, np.zeros(2), 0.0) for _ in range(2))
+    for k in range(100):
+        observer.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
+        untouched.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
+    got, wanted = observer.update(0.5, bad), untouched.update(0.5, None)
+    assert observer.refused
+    assert not untouched.refused
+    assert np.array_equal(got.position_rad, wanted.position_rad)
+    assert np.array_equal(got.offset_rad, wanted.offset_rad)
+
+
+def test_the_same_measurement_counts_once():
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    observer.update(0.0, JointState(0.0, np.zeros(2), np.zeros(2)))
+    measured = JointState(TS, np.full(2, 0.1), np.zeros(2))
+    once = observer.update(TS, measured)
+    assert np.all(once.position_rad > 0)
+    for k in range(2, 40):
+        again = observer.update(k * TS, measured)
+    assert np.array_equal(again.offset_rad, once.offset_rad)
+
+
+def test_a_clock_that_runs_backwards_is_taken_for_one_that_stands():
+    observer = JointObserver(NECK, np.zeros(2), 0.0)
+    observer.update(1.0, None)
+    assert observer.update(0.5, None).position_rad == pytest.approx([0, 0])
+
+
+@settings(max_examples=50)
+@given(
+    st.floats(0.5, 60.0),
+    st.floats(0.2, 3.0),
+    st.floats(0.0, 1.0),
+    st.sampled_from([0.001, 0.005, 0.02]),
+)
+def test_the_observer_is_stable(natural_frequency_rad_s, damping_ratio, dead_time_s, period_s):
+    """Eigenvalues of the error's dynamics are inside the unit circle, for slow and quick joints."""
+    axis = Axis.model_validate(
+        NECK.pan.model_dump()
+        | {
+            "natural_frequency_rad_s": natural_frequency_rad_s,
+            "damping_ratio": damping_ratio,
+            "dead_time_s": dead_time_s,
+        }
+    )
+    step = zero_order_hold(axis, period_s)
+    model = np.vstack([step, [0.0, 0.0, 1.0]])
+    gain = observer_gain(axis, period_s)
+    # The measurement corrects after the prediction.
+    error = (np.eye(3) - np.outer(gain, [1.0, 0.0, 0.0])) @ model
+    assert np.abs(np.linalg.eigvals(error)).max() < 1.0

@@ -1,0 +1,336 @@
+"""Gaze ray and look-at, against chains of scipy rotations."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gazempc.neck.kinematics import angle_deviations_rad, gaze_error_rad, gaze_ray, look_at, unwrap_pan
+from gazempc.neck.spec import Geometry, load_neck, neck_names
+
+Array = NDArray[np.float64]
+POINT = Geometry()
+OFFSET = Geometry(tilt_axis_in_pan_m=(0.07, -0.03, 0.05), eye_in_tilt_m=(0.04, 0.035, 0.06))
+
+
+def metres(limit_m: float) -> st.SearchStrategy[tuple[float, ...]]:
+    """Points on a grid of a tenth of a millimetre, zero included."""
+    steps = round(limit_m * 1e4)
+    return st.tuples(*[st.integers(-steps, steps).map(lambda i: i * 1e-4)] * 3)
+
+
+offsets = metres(0.1)
+geometries = st.builds(Geometry, tilt_axis_in_pan_m=offsets, eye_in_tilt_m=offsets)
+angle_pairs = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5))
+
+
+def chain(geometry: Geometry, pan: float, tilt: float) -> tuple[Array, Array]:
+    """Eye and gaze by turning frames into one another; a positive turn about y brings x down, so tilt is negated."""
+    pan_turn, tilt_turn = Rotation.from_euler("z", pan), Rotation.from_euler("y", -tilt)
+    eye_in_pan = np.array(geometry.tilt_axis_in_pan_m) + tilt_turn.apply(geometry.eye_in_tilt_m)
+    return pan_turn.apply(eye_in_pan), (pan_turn * tilt_turn).apply([1.0, 0.0, 0.0])
+
+
+def error_by_chain(geometry: Geometry, angles: Array, target: Array) -> float:
+    eye, gaze = chain(geometry, *angles)
+    to_target = target - eye
+    return float(np.arctan2(np.linalg.norm(np.cross(gaze, to_target)), gaze @ to_target))
+
+
+# ---------------------------------------------------------------- gaze ray
+
+
+@given(geometry=geometries, angles=angle_pairs)
+def test_gaze_ray_is_the_chain_of_rotations(geometry: Geometry, angles: tuple[float, float]) -> None:
+    eye, gaze = gaze_ray(geometry, angles)
+    expected_eye, expected_gaze = chain(geometry, *angles)
+    np.testing.assert_allclose(eye, expected_eye, atol=1e-14)
+    np.testing.assert_allclose(gaze, expected_gaze, atol=1e-14)
+
+
+@pytest.mark.parametrize("geometry", [POINT, OFFSET])
+def test_pan_is_positive_to_the_left_and_tilt_positive_up(geometry: Geometry) -> None:
+    _, ahead = gaze_ray(geometry, [0.0, 0.0])
+    _, left = gaze_ray(geometry, [0.3, 0.0])
+    _, up = gaze_ray(geometry, [0.0, 0.3])
+    np.testing.assert_array_equal(ahead, [1.0, 0.0, 0.0])
+    assert left[1] > 0.2
+    assert left[2] == 0.0
+    assert up[2] > 0.2
+    assert up[1] == 0.0
+
+
+def test_the_eye_rises_as_it_tilts_up_and_moves_left_as_it_pans() -> None:
+    geometry = Geometry(eye_in_tilt_m=(0.1, 0.0, 0.0))
+    np.testing.assert_allclose(gaze_ray(geometry, [0.0, np.pi / 2])[0], [0.0, 0.0, 0.1], atol=1e-15)
+    np.testing.assert_allclose(gaze_ray(geometry, [np.pi / 2, 0.0])[0], [0.0, 0.1, 0.0], atol=1e-15)
+
+
+# ---------------------------------------------------------------- look at
+
+
+@given(
+    geometry=geometries,
+    direction=st.tuples(*[st.floats(-1, 1)] * 3),
+    distance=st.floats(0.3, 10.0),
+)
+def test_look_at_looks_at_the_target(
+    geometry: Geometry, direction: tuple[float, float, float], distance: float
+) -> None:
+    assume(np.linalg.norm(direction) > 0.1)
+    target = distance * np.array(direction) / np.linalg.norm(direction)
+    lateral = abs(geometry.tilt_axis_in_pan_m[1] + geometry.eye_in_tilt_m[1])
+    ground = float(np.hypot(target[0], target[1]))
+    # Nearer than this to the cylinder that the gaze can just touch, angles are ill-conditioned.
+    assume(ground > lateral + 0.02)
+    solution = look_at(geometry, target)
+    if ground > 0.5:  # farther than any part of the neck reaches
+        assert solution.reachable
+    if solution.reachable:
+        assert error_by_chain(geometry, solution.angles_rad, target) < 1e-9
+
+
+@pytest.mark.parametrize("name", neck_names())
+@given(angles=st.tuples(st.floats(-3.1, 3.1), st.floats(-1.4, 1.4)), distance=st.floats(0.5, 10.0))
+def test_look_at_undoes_gaze_ray(name: str, angles: tuple[float, float], distance: float) -> None:
+    geometry = load_neck(name).geometry
+    eye, gaze = chain(geometry, *angles)
+    target = eye + distance * gaze
+    assume(np.hypot(target[0] - eye[0], target[1] - eye[1]) > 0.2)
+    assume(np.hypot(target[0], target[1]) > 0.2)
+    assume(target @ [np.cos(angles[0]), np.sin(angles[0]), 0.0] > 0.2)
+    solution = look_at(geometry, target)
+    assert solution.reachable
+    np.testing.assert_allclose(solution.angles_rad, angles, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("target", "pan_deg", "tilt_deg"),
+    [
+        ([2, 0, 0], 0, 0),
+        ([2, 2, 0], 45, 0),
+        ([0, -3, 0], -90, 0),
+        ([2, 0, 2], 0, 45),
+        ([1, 1, -np.sqrt(2)], 45, -45),
+        ([-2, 0, 0], 180, 0),
+        ([-2, 2, 0], 135, 0),
+        ([-1, -1, np.sqrt(2)], -135, 45),
+    ],
+)
+def test_look_at_without_offsets_by_hand(target: list[float], pan_deg: float, tilt_deg: float) -> None:
+    """A target behind is reached by panning beyond 90 deg, not by tilting over the top."""
+    solution = look_at(POINT, target)
+    np.testing.assert_allclose(np.rad2deg(solution.angles_rad), [pan_deg, tilt_deg], atol=1e-12)
+    assert solution.reachable
+
+
+def test_look_at_with_a_sideways_eye_by_hand() -> None:
+    """An eye 0.1 m to the left sees a target straight ahead of the base by panning right."""
+    geometry = Geometry(eye_in_tilt_m=(0.0, 0.1, 0.0))
+    solution = look_at(geometry, [2.0, 0.0, 0.0])
+    np.testing.assert_allclose(solution.angles_rad, [-np.arcsin(0.05), 0.0], atol=1e-15)
+
+
+def test_look_at_with_a_raised_eye_by_hand() -> None:
+    geometry = Geometry(tilt_axis_in_pan_m=(0.0, 0.0, 1.0), eye_in_tilt_m=(0.0, 0.0, 0.1))
+    solution = look_at(geometry, [2.0, 0.0, 1.0])
+    np.testing.assert_allclose(solution.angles_rad, [0.0, -np.arcsin(0.05)], atol=1e-15)
+
+
+@pytest.mark.parametrize("z", [0.5, 3.0, -3.0])
+@pytest.mark.parametrize(
+    "geometry", [POINT, Geometry(tilt_axis_in_pan_m=(0.07, 0.0, 0.05), eye_in_tilt_m=(0.02, 0.0, 0.06))]
+)
+def test_target_on_the_pan_axis_gets_angles_that_look_at_it(geometry: Geometry, z: float) -> None:
+    angles = look_at(geometry, [0.0, 0.0, z]).angles_rad
+    assert np.all(np.isfinite(angles))
+    assert error_by_chain(geometry, angles, np.array([0.0, 0.0, z])) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("geometry", "target"),
+    [
+        (POINT, [0.0, 0.0, 0.0]),
+        (OFFSET, [0.0, 0.0, 0.0]),
+        (Geometry(eye_in_tilt_m=(0.0, 0.1, 0.0)), [0.05, 0.0, 1.0]),  # inside the circle the eye's side runs on
+        (Geometry(eye_in_tilt_m=(0.0, 0.1, 0.0)), [0.0, 0.0, 1.0]),
+        (Geometry(eye_in_tilt_m=(0.0, 0.0, 0.1)), [0.05, 0.0, 0.0]),  # nearer to the tilt axis than the gaze
+        (Geometry(eye_in_tilt_m=(0.1, 0.0, 0.0)), [0.05, 0.0, 0.0]),  # behind the eye
+        (Geometry(tilt_axis_in_pan_m=(0.1, 0.0, 0.2)), [0.1, 0.0, 0.2]),  # on the tilt axis
+    ],
+)
+def test_target_inside_the_neck_is_flagged_with_finite_angles(geometry: Geometry, target: list[float]) -> None:
+    solution = look_at(geometry, target)
+    assert not solution.reachable
+    assert np.all(np.isfinite(solution.angles_rad))
+
+
+@given(geometry=geometries, target=metres(0.3))
+def test_targets_at_the_neck_are_looked_at_or_flagged(geometry: Geometry, target: tuple[float, float, float]) -> None:
+    """Near the edge of what can be seen the angles are ill-conditioned, hence the tolerance."""
+    solution = look_at(geometry, target)
+    assert np.all(np.isfinite(solution.angles_rad))
+    eye, _ = chain(geometry, *solution.angles_rad)
+    assume(np.linalg.norm(np.array(target) - eye) > 1e-3)
+    if solution.reachable:
+        assert error_by_chain(geometry, solution.angles_rad, np.array(target)) < 1e-4
+
+
+def test_a_target_that_is_seen_from_no_angles_is_flagged() -> None:
+    """By search over all pans and tilts."""
+    rng = np.random.default_rng(2)
+    pan, tilt = np.meshgrid(np.linspace(-np.pi, np.pi, 181), np.linspace(-np.pi, np.pi, 181))
+    grid = np.stack([pan, tilt], axis=-1)
+    flagged = 0
+    for _ in range(60):
+        tilt_axis, eye = rng.uniform(-0.1, 0.1, (2, 3))
+        geometry = Geometry(tilt_axis_in_pan_m=tuple(tilt_axis), eye_in_tilt_m=tuple(np.abs(eye)))
+        target = rng.uniform(-0.1, 0.1, 3)
+        eyes, gazes = gaze_ray(geometry, grid)
+        along = np.maximum(np.sum(gazes * (target - eyes), axis=-1), 0.0)
+        nearest_m = float(np.min(np.linalg.norm(eyes + along[..., None] * gazes - target, axis=-1)))
+        if nearest_m > 0.02:  # by more than the grid can miss
+            assert not look_at(geometry, target).reachable
+            flagged += 1
+    assert flagged > 10
+
+
+@pytest.mark.parametrize("shape", [(), (4,), (2, 4), (0,)])
+def test_shapes_broadcast(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(1)
+    targets = np.array([2.0, 0.0, 0.5]) + rng.uniform(-1, 1, (*shape, 3))
+    solution = look_at(OFFSET, targets)
+    assert solution.angles_rad.shape == (*shape, 2)
+    assert solution.reachable.shape == shape
+    assert np.all(solution.reachable)
+    eye, gaze = gaze_ray(OFFSET, solution.angles_rad)
+    assert eye.shape == gaze.shape == (*shape, 3)
+    errors = gaze_error_rad(OFFSET, solution.angles_rad, targets)
+    assert errors.shape == shape
+    for index in np.ndindex(shape):
+        one = look_at(OFFSET, targets[index])
+        np.testing.assert_array_equal(one.angles_rad, solution.angles_rad[index])
+        assert error_by_chain(OFFSET, one.angles_rad, targets[index]) < 1e-9
+
+
+# ---------------------------------------------------------------- unwrapping
+
+
+@pytest.mark.parametrize("turns", [1.7, -1.7])
+def test_pan_is_continuous_round_the_robot(turns: float) -> None:
+    angle = 2.0 + np.linspace(0.0, 2 * np.pi * turns, 200)
+    targets = np.stack([3 * np.cos(angle), 3 * np.sin(angle), 0.3 * np.sin(3 * angle)], axis=-1)
+    wrapped = look_at(POINT, targets).angles_rad
+    assert np.max(np.abs(np.diff(wrapped[:, 0]))) > 6.0
+    continuous = unwrap_pan(wrapped, 2.0, -np.inf, np.inf)
+    np.testing.assert_allclose(continuous[:, 0], angle, atol=1e-12)
+    np.testing.assert_array_equal(continuous[:, 1], wrapped[:, 1])
+
+
+@given(first=st.floats(-3.14, 3.14), near=st.floats(-12, 12))
+def test_the_first_pan_is_within_half_a_turn_of_the_given_one(first: float, near: float) -> None:
+    pan = unwrap_pan(np.array([[first, 0.2]]), near, -np.inf, np.inf)[0, 0]
+    assert abs(pan - near) <= np.pi + 1e-12
+    assert np.exp(1j * pan) == pytest.approx(np.exp(1j * first), abs=1e-12)
+
+
+def test_unwrapping_leaves_its_input_alone() -> None:
+    angles = np.array([[3.1, 0.0], [-3.1, 0.0]])
+    unwrap_pan(angles, 0.0, -np.inf, np.inf)
+    np.testing.assert_array_equal(angles, [[3.1, 0.0], [-3.1, 0.0]])
+
+
+# ---------------------------------------------------------------- gaze error
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1e-6, 1e-3])
+def test_small_gaze_errors_are_exact(angle: float) -> None:
+    """arccos of a scalar product cannot tell 1e-9 rad from 0."""
+    target = 3.0 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    assert gaze_error_rad(POINT, [0.0, 0.0], target) == pytest.approx(angle, rel=1e-6)
+    assert gaze_error_rad(POINT, [0.0, angle], [3.0, 0.0, 0.0]) == pytest.approx(angle, rel=1e-6)
+
+
+@given(geometry=geometries, angles=angle_pairs, target=metres(5.0))
+def test_large_gaze_errors_are_the_arc_cosine(
+    geometry: Geometry, angles: tuple[float, float], target: tuple[float, float, float]
+) -> None:
+    eye, gaze = chain(geometry, *angles)
+    to_target = np.array(target) - eye
+    assume(np.linalg.norm(to_target) > 0.01)
+    cosine = gaze @ to_target / np.linalg.norm(to_target)
+    assume(abs(cosine) < 0.999)
+    assert gaze_error_rad(geometry, angles, target) == pytest.approx(np.arccos(cosine), abs=1e-10)
+
+
+def test_the_target_right_behind_the_eye_is_pi_off() -> None:
+    assert gaze_error_rad(POINT, [0.0, 0.0], [-2.0, 0.0, 0.0]) == pytest.approx(np.pi)
+
+
+def test_target_straight_above_the_pan_axis_is_reached():
+    seen = look_at(Geometry(), [0.0, 0.0, 1.0])
+    assert seen.reachable
+    assert gaze_error_rad(Geometry(), seen.angles_rad, [0.0, 0.0, 1.0]) < 1e-12
+
+
+def test_a_neck_is_sent_the_way_it_can_go():
+    """Limits of +-163.7 deg; the person walks round behind, from 170 over 180 to -20 deg: follow on the other side."""
+    limits = np.radians([-163.7, 163.7])
+    path = np.radians([[170.0, 0.0], [175.0, 0.0], [-175.0, 0.0], [-120.0, 0.0], [-20.0, 0.0]])
+    assert np.degrees(unwrap_pan(path, np.radians(160.0), *limits)[-1, 0]) == pytest.approx(-20.0)
+    # Right behind, both ways are as good: stay on the side where the neck is.
+    behind = np.radians([[179.0, 0.0], [-179.0, 0.0]])
+    for side in (-160.0, 160.0):
+        assert np.sign(unwrap_pan(behind, np.radians(side), *limits)[:, 0]) == pytest.approx(np.sign(side))
+
+
+# ---------------------------------------------------------------- how uncertain a direction is
+
+
+def random_covariance(rng: np.random.Generator, deviation_m: float) -> Array:
+    """Correlated in all three directions."""
+    root = rng.normal(size=(3, 3))
+    return np.asarray(deviation_m**2 * (root @ root.T), dtype=np.float64)
+
+
+@pytest.mark.parametrize("target", [[2.5, 0.0, 0.0], [1.5, 0.7, 0.4], [2.5, -1.0, -1.3], [-0.9, 0.2, 0.6]])
+def test_direction_deviations_are_those_of_the_derivative_of_look_at(target: list[float]) -> None:
+    """Propagated with a Jacobian by central differences, neck without offsets."""
+    step_m = 1e-6
+    moves = np.concatenate([np.eye(3), -np.eye(3)]) * step_m
+    angles = look_at(POINT, np.array(target) + moves).angles_rad
+    jacobian = (angles[:3] - angles[3:]).T / (2.0 * step_m)
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        covariance = random_covariance(rng, 0.1)
+        expected = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+        assert angle_deviations_rad(np.array(target), covariance) == pytest.approx(expected, rel=1e-6)
+
+
+def test_direction_deviations_are_those_of_many_samples() -> None:
+    rng = np.random.default_rng(5)
+    target, covariance = np.array([1.5, -1.2, 0.5]), random_covariance(rng, 0.02)
+    angles = look_at(POINT, rng.multivariate_normal(target, covariance, 200_000)).angles_rad
+    # 200000 samples give a standard deviation to 0.2 %; the second order is as small.
+    assert angle_deviations_rad(target, covariance) == pytest.approx(np.std(angles, axis=0), rel=0.01)
+
+
+def test_direction_deviations_of_a_target_at_the_axis_are_finite() -> None:
+    """Above the neck the pan angle means nothing; a certain position is certain from everywhere."""
+    for target in ([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1e-9, 0.0, 0.0]):
+        assert np.all(np.isfinite(angle_deviations_rad(np.array(target), 0.01 * np.eye(3))))
+        assert angle_deviations_rad(np.array(target), np.zeros((3, 3))) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_direction_deviations_of_what_is_not_finite_are_nan(value: float) -> None:
+    target, covariance = np.array([2.0, 0.3, 0.1]), 0.01 * np.eye(3)
+    for k in range(3):
+        wrong = target.copy()
+        wrong[k] = value
+        assert np.all(np.isnan(angle_deviations_rad(wrong, covariance)))
+        wrong = covariance.copy()
+        wrong[k, k] = value
+        assert np.all(np.isnan(angle_deviations_rad(target, wrong)))

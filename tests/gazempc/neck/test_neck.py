@@ -1,0 +1,306 @@
+"""Necks: the shipped figures, limits on the command that bind the joint too, and errors a person can act on."""
+
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from scipy import signal
+
+from gazempc.errors import SettingsError
+from gazempc.neck.servo import DelayedServo
+from gazempc.neck.spec import Axis, Geometry, NeckSpec, load_neck, neck_names
+
+Array = NDArray[np.float64]
+REFERENCE_TOML = files("gazempc").joinpath("neck", "reference.toml").read_text(encoding="utf-8")
+
+
+def axis(**changes: float) -> Axis:
+    figures = {
+        "position_min_deg": -10.0,
+        "position_max_deg": 20.0,
+        "velocity_max_rad_s": 5.0,
+        "acceleration_max_rad_s2": 100.0,
+        "jerk_max_rad_s3": 5000.0,
+        "natural_frequency_rad_s": 12.0,
+        "damping_ratio": 0.9,
+        "dead_time_s": 0.0,
+    }
+    return Axis(**(figures | changes))
+
+
+def neck_of(pan: Axis, tilt: Axis | None = None) -> NeckSpec:
+    return NeckSpec(name="test", source="test", pan=pan, tilt=tilt or pan)
+
+
+# ---------------------------------------------------------------- shipped necks
+
+
+@pytest.mark.parametrize(("name", "limits"), [("reference", (2.5, 15.0, 300.0)), ("slow", (1.0, 4.0, 80.0))])
+def test_reference_necks_have_the_figures_of_the_design(name: str, limits: tuple[float, float, float]) -> None:
+    neck = load_neck(name)
+    assert neck.name == name
+    np.testing.assert_allclose(np.rad2deg(neck.position_min_rad), [-80, -35])
+    np.testing.assert_allclose(np.rad2deg(neck.position_max_rad), [80, 45])
+    for values, limit in zip(
+        (neck.velocity_max_rad_s, neck.acceleration_max_rad_s2, neck.jerk_max_rad_s3), limits, strict=True
+    ):
+        np.testing.assert_array_equal(values, [limit, limit])
+    for each in neck.axes:
+        assert (each.natural_frequency_rad_s, each.damping_ratio, each.dead_time_s) == (12.0, 0.9, 0.4)
+    np.testing.assert_array_equal(neck.dead_time_s, [0.4, 0.4])
+    np.testing.assert_allclose(neck.servo_lag_s, [0.15, 0.15])
+    assert (neck.control_rate_hz, neck.servo_rate_hz, neck.servo_ticks_per_plan) == (50.0, 200.0, 4)
+    assert (neck.control_period_s, neck.servo_period_s) == (0.02, 0.005)
+    assert neck.geometry == Geometry()
+    assert neck.axes == (neck.pan, neck.tilt)
+
+
+@pytest.mark.parametrize("name", neck_names())
+def test_every_shipped_neck_loads_and_says_where_its_figures_are_from(name: str) -> None:
+    neck = load_neck(name)
+    assert neck.name == name
+    assert len(neck.source) > 20
+    limits = neck.command_limits
+    assert np.all((limits.position_min_rad <= neck.rest_rad) & (neck.rest_rad <= limits.position_max_rad))
+
+
+def test_a_neck_loads_from_a_path(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(REFERENCE_TOML, encoding="utf-8")
+    assert load_neck(path) == load_neck(str(path)) == load_neck("reference")
+
+
+# ---------------------------------------------------------------- servo gain and command limits
+
+
+@pytest.mark.parametrize("zeta", [0.2, 0.35, 0.5, 0.7, 0.9, 0.99, 1.0, 1.2, 1.5])
+@pytest.mark.parametrize("wn", [3.0, 12.0])
+def test_servo_gain_is_the_integral_of_the_absolute_impulse_response(zeta: float, wn: float) -> None:
+    times_s = np.linspace(0.0, 40.0 / wn / min(zeta, 0.4), 100_001)
+    _, response = signal.impulse(([wn**2], [1.0, 2 * zeta * wn, wn**2]), T=times_s)
+    integral = np.trapezoid(np.abs(response), times_s)
+    assert axis(natural_frequency_rad_s=wn, damping_ratio=zeta).servo_gain == pytest.approx(integral, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", neck_names())
+def test_command_limits_are_inside_those_of_the_joint(name: str) -> None:
+    neck = load_neck(name)
+    limits = neck.command_limits
+    assert np.all(limits.position_min_rad >= neck.position_min_rad)
+    assert np.all(limits.position_max_rad <= neck.position_max_rad)
+    assert np.all(limits.position_min_rad < limits.position_max_rad)
+    assert np.all(limits.velocity_max_rad_s <= neck.velocity_max_rad_s)
+    assert np.all(limits.acceleration_max_rad_s2 <= neck.acceleration_max_rad_s2)
+    assert np.all(limits.jerk_max_rad_s3 <= neck.jerk_max_rad_s3)
+
+
+def test_an_overdamped_joint_needs_no_margin() -> None:
+    neck = neck_of(axis(damping_ratio=1.3))
+    limits = neck.command_limits
+    np.testing.assert_allclose(limits.position_min_rad, neck.position_min_rad)
+    np.testing.assert_allclose(limits.position_max_rad, neck.position_max_rad)
+    np.testing.assert_array_equal(limits.jerk_max_rad_s3, neck.jerk_max_rad_s3)
+
+
+def test_clip_position_moves_to_the_nearest_allowed_one() -> None:
+    limits = load_neck("reference").command_limits
+    low, high = limits.position_min_rad, limits.position_max_rad
+    np.testing.assert_array_equal(
+        limits.clip_position(np.array([[-9.0, 9.0], [0.1, -0.2]])), [[low[0], high[1]], [0.1, -0.2]]
+    )
+
+
+def smooth(raw: Array, neck: NeckSpec) -> Array:
+    """A command within the limits of the first axis, from any signal in [-1, 1].
+
+    A moving average over n samples of a signal in +-b changes by at most 2 b / n a sample; three of them bound
+    velocity, acceleration and jerk, and none enlarges anything.
+    """
+    limits, dt = neck.command_limits, neck.servo_period_s
+    centre = 0.5 * (limits.position_max_rad[0] + limits.position_min_rad[0])
+    bound = 0.5 * (limits.position_max_rad[0] - limits.position_min_rad[0])
+    command = bound * raw
+    for limit in (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3):
+        n = int(np.ceil(2.0 * bound / (limit[0] * dt)))
+        bound = 2.0 * bound / (n * dt)
+        # Held before the start, so that the joint begins at rest on the command.
+        command = np.convolve(np.concatenate([np.full(n - 1, command[0]), command]), np.full(n, 1.0 / n), "valid")
+    for order, limit in enumerate(
+        (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3), 1
+    ):
+        assert np.all(np.abs(np.diff(command, order)) <= limit[0] * dt**order * (1 + 1e-6))
+    return centre + command
+
+
+def joint_that_follows(command: Array, neck: NeckSpec) -> Array:
+    servo = DelayedServo(neck.pan, float(command[0]))
+    joint = []
+    for k, u in enumerate(command):
+        joint.append(servo.state[0])
+        servo.send(float(u))
+        servo.advance_to((k + 1) * neck.servo_period_s)
+    return np.array(joint)
+
+
+def excess(joint: Array, neck: NeckSpec) -> float:
+    """How far the joint gets, as a share of the limit that it comes nearest to (1 is on the limit)."""
+    centre = 0.5 * (neck.position_max_rad[0] + neck.position_min_rad[0])
+    shares = [float(np.max(np.abs(joint - centre))) / float(neck.position_max_rad[0] - centre)]
+    limits = (neck.velocity_max_rad_s[0], neck.acceleration_max_rad_s2[0], neck.jerk_max_rad_s3[0])
+    for order, limit in enumerate(limits, start=1):
+        shares.append(float(np.max(np.abs(np.diff(joint, order)))) / (limit * neck.servo_period_s**order))
+    return max(shares)
+
+
+@given(
+    zeta=st.sampled_from([0.2, 0.4, 0.7, 0.9, 1.2]),
+    jerk=st.sampled_from([300.0, 5000.0]),
+    levels=st.lists(st.tuples(st.sampled_from([-1.0, 0.0, 1.0]), st.integers(5, 120)), min_size=2, max_size=12),
+)
+@example(zeta=0.2, jerk=5000.0, levels=[((-1.0) ** i, 53) for i in range(12)])
+def test_a_command_within_its_limits_keeps_the_joint_within_its_own(
+    zeta: float, jerk: float, levels: list[tuple[float, int]]
+) -> None:
+    neck = neck_of(axis(damping_ratio=zeta, jerk_max_rad_s3=jerk))
+    raw = np.concatenate([np.full(ticks, level) for level, ticks in levels])
+    assert excess(joint_that_follows(smooth(raw, neck), neck), neck) <= 1.0 + 1e-9
+
+
+def test_the_command_limits_are_not_needlessly_tight() -> None:
+    """The worst command, which reverses at the servo's resonance, brings a lively joint to its limit."""
+    neck = neck_of(axis(damping_ratio=0.3, velocity_max_rad_s=50.0, acceleration_max_rad_s2=1e4, jerk_max_rad_s3=1e7))
+    half_period = round(np.pi / (12.0 * np.sqrt(1 - 0.3**2)) / neck.servo_period_s)
+    raw = np.repeat([(-1.0) ** i for i in range(20)], half_period)
+    assert 0.97 < excess(joint_that_follows(smooth(raw, neck), neck), neck) <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize(("low", "high", "rests_at"), [(-10, 10, "0"), (15, 40, "low"), (-60, -20, "high")])
+def test_rest_is_straight_ahead_or_as_near_as_the_limits_allow(low: float, high: float, rests_at: str) -> None:
+    neck = neck_of(axis(), axis(position_min_deg=low, position_max_deg=high, damping_ratio=0.5))
+    limits = neck.command_limits
+    expected = {"0": 0.0, "low": limits.position_min_rad[1], "high": limits.position_max_rad[1]}[rests_at]
+    np.testing.assert_array_equal(neck.rest_rad, [0.0, expected])
+    assert np.all((neck.position_min_rad <= neck.rest_rad) & (neck.rest_rad <= neck.position_max_rad))
+
+
+# ---------------------------------------------------------------- bad files
+
+
+def refusal(tmp_path: Path, text: str | bytes) -> list[str]:
+    """Lines of the error that a file with this text raises, each checked to begin with the file's path."""
+    path = tmp_path / "mine.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(SettingsError) as caught:
+        load_neck(path)
+    lines = str(caught.value).splitlines()
+    assert all(line.startswith(f"{path}: ") for line in lines)
+    return [line.removeprefix(f"{path}: ") for line in lines]
+
+
+def changed(*changes: tuple[str, str]) -> str:
+    """The reference file with the first occurrence of each text replaced."""
+    text = REFERENCE_TOML
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text
+
+
+def test_a_misspelt_key_is_named_with_the_nearest_one(tmp_path: Path) -> None:
+    lines = refusal(tmp_path, changed(("dead_time_s", "deadtime_s")))
+    unknown = next(line for line in lines if "unknown" in line)
+    assert unknown.startswith("pan.deadtime_s: unknown field; perhaps you meant 'dead_time_s'; accepted: ")
+    assert "natural_frequency_rad_s" in unknown
+    assert "pan.dead_time_s: Field required" in lines
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (("dead_time_s = 0.4", 'dead_time_s = "long"'), r"pan\.dead_time_s: .*valid number.*\(given: 'long'\)"),
+        (("dead_time_s = 0.4", "dead_time_s = -0.1"), r"pan\.dead_time_s: .*equal to 0 \(given: -0.1\)"),
+        (("dead_time_s = 0.4", "dead_time_s = nan"), r"pan\.dead_time_s: "),
+        (("damping_ratio = 0.9", "damping_ratio = 0.0"), r"pan\.damping_ratio: .*greater than 0\.1"),
+        (("velocity_max_rad_s = 2.5", "velocity_max_rad_s = 0"), r"pan\.velocity_max_rad_s: .*or equal to 0.01"),
+        (("position_max_deg = 80.0", "position_max_deg = -80.0"), r"pan: .*\(-80\.0\) must be less than"),
+        (("position_max_deg = 45.0", "position_max_deg = 4500"), r"tilt\.position_max_deg: .*360.*\(given: 4500\)"),
+        (("[geometry]", "control_rate_hz = 60\n[geometry]"), r"\(whole file\): .*whole multiple of control_rate_hz"),
+        (("[geometry]", "control_rate_hz = 400\n[geometry]"), r"\(whole file\): .*whole multiple of control_rate_hz"),
+        (("[0.0, 0.0, 0.0]", "[0.0, 0.0]"), r"geometry\.tilt_axis_in_pan_m\.2: Field required"),
+        (("[geometry]", "colour = 1\n[geometry]"), r"colour: unknown field; accepted: .*pan"),
+        (("[tilt]", "[roll]"), r"roll: unknown field; .*accepted: .*tilt"),
+    ],
+)  # fmt: skip
+def test_a_wrong_field_is_named_with_what_is_wrong(tmp_path: Path, change: tuple[str, str], line: str) -> None:
+    assert any(re.match(line, found) for found in refusal(tmp_path, changed(change)))
+
+
+def test_all_errors_are_told_at_once(tmp_path: Path) -> None:
+    lines = refusal(
+        tmp_path,
+        changed(
+            ("dead_time_s = 0.4", 'dead_time_s = "long"'),
+            ("damping_ratio = 0.9", "damping_ratio = 99"),
+            ("jerk_max_rad_s3 = 300.0", "jerk = 300.0"),
+            ("position_min_deg = -35.0", "position_min_deg = 50.0"),
+        ),
+    )
+    fields = [line.split(":")[0] for line in lines]
+    assert sorted(fields) == ["pan.damping_ratio", "pan.dead_time_s", "pan.jerk", "pan.jerk_max_rad_s3", "tilt"]
+
+
+def test_text_that_is_not_toml_is_refused_with_the_place(tmp_path: Path) -> None:
+    (line,) = refusal(tmp_path, "name = \npan: 3\n")
+    assert line.startswith("not valid TOML: ")
+    assert "line 1" in line
+
+
+def test_a_binary_file_is_refused(tmp_path: Path) -> None:
+    (line,) = refusal(tmp_path, b"\xff\xfe\x00\x01")
+    assert line.startswith("not a text file")
+
+
+def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
+    with pytest.raises(
+        SettingsError, match=r"no neck file 'referense'.*perhaps you meant 'reference'; accepted: .*slow"
+    ):
+        load_neck("referense")
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.toml", tmp_path):
+        with pytest.raises(SettingsError, match=r"accepted: .*reference"):
+            load_neck(path)
+
+
+def test_a_neck_cannot_be_changed() -> None:
+    neck = load_neck("reference")
+    with pytest.raises(ValidationError):
+        neck.name = "other"  # type: ignore[misc]
+    with pytest.raises(ValidationError):
+        neck.pan.dead_time_s = 0.0  # type: ignore[misc]
+
+
+def test_necks_are_equal_by_their_fields_whatever_was_computed_of_them():
+    used, unused = load_neck("reference"), load_neck("reference")
+    assert used.command_limits is not None
+    assert used.dead_time_s.size == 2
+    assert used == unused
+    assert hash(used) == hash(unused)
+    assert used != load_neck("slow")
+
+
+def test_a_copy_with_other_limits_forgets_arrays_of_the_old_ones():
+    neck = load_neck("reference")
+    assert np.degrees(neck.position_max_rad[0]) == pytest.approx(80.0)
+    narrow = neck.model_copy(update={"pan": neck.pan.model_copy(update={"position_max_deg": 30.0})})
+    assert np.degrees(narrow.position_max_rad[0]) == pytest.approx(30.0)
+    assert narrow.command_limits.position_max_rad[0] < neck.command_limits.position_max_rad[0]
+    with pytest.raises(ValidationError):
+        neck.model_copy(update={"servo_rate_hz": 70.0})

@@ -1,0 +1,243 @@
+"""The delayed servo against closed forms, python-control and itself without the delay."""
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from gazempc.neck.servo import DeadTimeRoll, DelayedServo, servo_model, zero_order_hold
+from gazempc.neck.spec import Axis, load_neck
+
+Array = NDArray[np.float64]
+REFERENCE = load_neck("reference").pan
+TICK_S = 0.005
+DEAD_TIMES_S = [0.4, 0.4012, 0.003, 0.0375, 0.0]
+
+
+def axis(dead_time_s: float, wn: float = 12.0, zeta: float = 0.9) -> Axis:
+    changes = {"dead_time_s": dead_time_s, "natural_frequency_rad_s": wn, "damping_ratio": zeta}
+    return REFERENCE.model_copy(update=changes)
+
+
+def step_response(times_s: Array, wn: float, zeta: float) -> Array:
+    """Closed form of the response to a unit step at 0, zero before it."""
+    t = np.maximum(times_s, 0.0)
+    if zeta == 1.0:
+        return 1.0 - np.exp(-wn * t) * (1.0 + wn * t)
+    root = np.sqrt(complex(zeta**2 - 1.0))
+    fast, slow = -wn * (zeta + root), -wn * (zeta - root)
+    response = 1.0 - (fast * np.exp(slow * t) - slow * np.exp(fast * t)) / (fast - slow)
+    return np.real(response)
+
+
+def replay(joint: Axis, commands: Array, look_s: Array, period_s: float = TICK_S) -> Array:
+    """Positions at given times of a joint that starts at 0 and is sent one command a period, from time 0 on."""
+    servo = DelayedServo(joint, 0.0)
+    sends = [(k * period_s, 1, float(u)) for k, u in enumerate(commands)]
+    looks = [(float(t), 0, 0.0) for t in look_s]
+    seen = []
+    for time_s, is_send, command in sorted(sends + looks):
+        servo.advance_to(time_s)
+        if is_send:
+            servo.send(command)
+        else:
+            seen.append(servo.state)
+    return np.array(seen)
+
+
+# ---------------------------------------------------------------- discretisation
+
+
+@pytest.mark.parametrize("zeta", [0.2, 0.9, 1.0, 2.0])
+@pytest.mark.parametrize("dt_s", [1e-6, 0.0012, 0.005, 0.3])
+def test_zero_order_hold_is_the_matrix_exponential(zeta: float, dt_s: float) -> None:
+    wn = 12.0
+    augmented = np.array([[0.0, 1.0, 0.0], [-(wn**2), -2 * zeta * wn, wn**2], [0.0, 0.0, 0.0]])
+    joint = axis(0.0, wn, zeta)
+    np.testing.assert_array_equal(servo_model(joint), augmented[:2])
+    np.testing.assert_allclose(zero_order_hold(joint, dt_s), expm(augmented * dt_s)[:2], atol=1e-12)
+
+
+def test_zero_order_hold_over_no_time_changes_nothing() -> None:
+    np.testing.assert_array_equal(zero_order_hold(REFERENCE, 0.0), [[1, 0, 0], [0, 1, 0]])
+
+
+# ---------------------------------------------------------------- delayed servo
+
+
+@pytest.mark.parametrize("zeta", [0.3, 0.9, 1.0, 1.6])
+@pytest.mark.parametrize("dead_time_s", DEAD_TIMES_S)
+def test_step_response_is_the_closed_form_one_dead_time_later(dead_time_s: float, zeta: float) -> None:
+    look_s = np.linspace(0.0, 1.5, 301)
+    seen = replay(axis(dead_time_s, zeta=zeta), np.array([0.7]), look_s)
+    np.testing.assert_allclose(seen[:, 0], 0.7 * step_response(look_s - dead_time_s, 12.0, zeta), atol=1e-9)
+
+
+def test_step_response_is_that_of_python_control() -> None:
+    system = control.tf([144.0], [1.0, 2 * 0.9 * 12.0, 144.0])
+    times_s = np.linspace(0.0, 1.0, 201)
+    expected = control.forced_response(system, times_s, np.full(201, 0.3)).outputs
+    seen = replay(axis(0.4012), np.array([0.3]), times_s + 0.4012)
+    np.testing.assert_allclose(seen[:, 0], expected, atol=1e-9)
+
+
+def test_ramp_response_is_that_of_python_control_half_a_tick_later() -> None:
+    """A ramp that is held for a tick at a time is on average half a tick late."""
+    speed, tick_s, dead_time_s = 1.5, 0.001, 0.0375
+    system = control.tf([144.0], [1.0, 2 * 0.9 * 12.0, 144.0])
+    times_s = np.linspace(0.0, 1.0, 1001)
+    expected = control.forced_response(system, times_s, speed * times_s).outputs
+    commands = speed * tick_s * np.arange(1200)
+    seen = replay(axis(dead_time_s), commands, times_s + dead_time_s + 0.5 * tick_s, tick_s)
+    np.testing.assert_allclose(seen[:, 0], expected, atol=speed * 144.0 * tick_s**2 / 2)
+
+
+@pytest.mark.parametrize("dead_time_s", [0.0, 0.4, 0.4012])
+def test_a_ramp_is_followed_late_by_servo_lag_and_half_a_tick_and_dead_time(dead_time_s: float) -> None:
+    speed = 0.5
+    commands = speed * TICK_S * np.arange(600)
+    # The mean over a tick, in which the joint's speed ripples.
+    look_s = 2.5 + dead_time_s + TICK_S * np.arange(100) / 100
+    seen = replay(axis(dead_time_s), commands, look_s)[:, 0]
+    late_s = np.mean(look_s - seen / speed)
+    assert late_s == pytest.approx(2 * 0.9 / 12.0 + TICK_S / 2 + dead_time_s, abs=1e-6)
+    assert REFERENCE.servo_lag_s == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize("dead_time_s", DEAD_TIMES_S)
+def test_the_dead_time_shifts_the_undelayed_motion_exactly(dead_time_s: float) -> None:
+    commands = np.random.default_rng(4).uniform(-1, 1, 200)
+    look_s = np.sort(np.random.default_rng(5).uniform(0.0, 1.0, 100))
+    undelayed = replay(axis(0.0), commands, look_s)
+    delayed = replay(axis(dead_time_s), commands, look_s + dead_time_s)
+    np.testing.assert_allclose(delayed, undelayed, atol=1e-9)
+
+
+@pytest.mark.parametrize("dead_time_s", DEAD_TIMES_S)
+def test_the_sum_of_all_steps_is_the_motion(dead_time_s: float) -> None:
+    """Random commands as steps, each answered by the closed form."""
+    commands = np.random.default_rng(6).uniform(-1, 1, 120)
+    look_s = np.linspace(0.0011, 0.9, 77)
+    steps = np.diff(np.concatenate([[0.0], commands]))
+    expected = sum(step * step_response(look_s - k * TICK_S - dead_time_s, 12.0, 0.9) for k, step in enumerate(steps))
+    np.testing.assert_allclose(replay(axis(dead_time_s), commands, look_s)[:, 0], expected, atol=1e-9)
+
+
+def test_how_often_one_looks_does_not_matter() -> None:
+    commands = np.random.default_rng(7).uniform(-1, 1, 100)
+    rarely = replay(axis(0.4012), commands, np.array([0.5, 1.0]))
+    often = replay(axis(0.4012), commands, np.linspace(0.0, 1.0, 1001))
+    np.testing.assert_allclose(often[[500, 1000]], rarely, atol=1e-9)
+
+
+def test_a_whole_dead_time_in_decimal_seconds_ends_on_the_tick() -> None:
+    """0.4 s is 80 ticks; rounding of k * 0.005 + 0.4 must not make it 81."""
+    for start in range(0, 4000, 37):
+        servo = DelayedServo(axis(0.4), 0.0, time_s=start * TICK_S)
+        servo.send(1.0)
+        servo.advance_to((start + 80) * TICK_S)
+        assert abs(servo.state[0]) < 1e-12
+        servo.advance_to((start + 81) * TICK_S)
+        assert servo.state[0] == pytest.approx(step_response(np.array([TICK_S]), 12.0, 0.9)[0], abs=1e-9)
+
+
+def test_nothing_moves_before_the_dead_time_is_over() -> None:
+    servo = DelayedServo(axis(0.4), 0.25, time_s=10.0)
+    servo.send(1.0)
+    servo.advance_to(10.399)
+    assert servo.state == pytest.approx((0.25, 0.0), abs=1e-12)
+    servo.advance_to(10.41)
+    assert servo.state[0] > 0.25
+    assert servo.state[1] > 0.0
+
+
+@given(
+    start=st.floats(-1, 1),
+    before=st.lists(st.floats(-1, 1), max_size=20),
+    held=st.floats(-1, 1),
+    dead_time_s=st.sampled_from(DEAD_TIMES_S),
+)
+def test_a_held_command_is_reached(start: float, before: list[float], held: float, dead_time_s: float) -> None:
+    servo = DelayedServo(axis(dead_time_s), start)
+    for k, command in enumerate([*before, held]):
+        servo.send(command)
+        servo.advance_to((k + 1) * TICK_S)
+    servo.advance_to(6.0)
+    assert servo.state == pytest.approx((held, 0.0), abs=1e-9)
+
+
+def test_time_does_not_run_backwards() -> None:
+    servo = DelayedServo(REFERENCE, 0.0, time_s=1.0)
+    servo.advance_to(1.0)
+    servo.advance_to(2.0)
+    with pytest.raises(ValueError, match="time cannot run backwards"):
+        servo.advance_to(1.999)
+    servo.advance_to(2.5)
+
+
+def test_of_two_commands_at_one_time_the_last_acts() -> None:
+    twice, once = DelayedServo(axis(0.0375), 0.0), DelayedServo(axis(0.0375), 0.0)
+    twice.send(-1.0)
+    for servo in (twice, once):
+        servo.send(0.5)
+        servo.advance_to(0.2)
+    assert twice.state == once.state
+
+
+# ---------------------------------------------------------------- roll over the dead time
+
+
+@given(
+    dead_time_s=st.one_of(st.sampled_from([*DEAD_TIMES_S, 0.005, 0.1, 0.0049999, 0.0050001]), st.floats(0.0, 0.6)),
+    period_s=st.sampled_from([0.005, 0.02, 1 / 120]),
+    zeta=st.sampled_from([0.3, 0.9, 1.5]),
+    commands=st.lists(st.floats(-1, 1), min_size=1, max_size=40),
+)
+def test_roll_foresees_what_the_joint_will_do(
+    dead_time_s: float, period_s: float, zeta: float, commands: list[float]
+) -> None:
+    """A command sent from now on cannot act before the dead time is over, so the joint must end up there.
+
+    The tolerance is that of times, 1 ns: by so much the last command may act early.
+    """
+    joint = axis(dead_time_s, zeta=zeta)
+    roll = DeadTimeRoll(joint, period_s)
+    servo = DelayedServo(joint, 0.1)
+    sent = [0.1] * roll.commands_needed
+    for k, command in enumerate(commands):
+        servo.send(command)
+        sent.append(command)
+        servo.advance_to((k + 1) * period_s)
+    foreseen = roll(*servo.state, np.array(sent), np.zeros(0))
+    servo.send(5.0)
+    servo.advance_to(len(commands) * period_s + dead_time_s)
+    np.testing.assert_allclose(servo.state, foreseen, atol=1e-6)
+
+
+@pytest.mark.parametrize(("dead_time_s", "needed"), [(0.4, 81), (0.4012, 81), (0.003, 1), (0.0375, 8), (0.0, 1)])
+def test_commands_needed_covers_the_dead_time(dead_time_s: float, needed: int) -> None:
+    assert DeadTimeRoll(axis(dead_time_s), TICK_S).commands_needed == needed
+
+
+def test_roll_over_no_dead_time_is_the_present() -> None:
+    rolled = DeadTimeRoll(axis(0.0), TICK_S)(0.3, -0.2, np.array([9.0]), np.zeros(0))
+    np.testing.assert_array_equal(rolled, [0.3, -0.2])
+
+
+@pytest.mark.parametrize("dead_time_s", [0.0, 0.0131, 0.4])
+def test_roll_goes_on_through_commands_that_are_settled(dead_time_s: float) -> None:
+    """Commands that will be sent whatever is planned: the state one dead time after the last of them."""
+    joint = axis(dead_time_s)
+    roll = DeadTimeRoll(joint, TICK_S)
+    servo = DelayedServo(joint, 0.1)
+    committed = np.array([0.3, -0.1, 0.2])
+    rolled = roll(0.1, 0.0, np.full(roll.commands_needed, 0.1), committed)
+    for k, command in enumerate(committed):
+        servo.send(float(command))
+        servo.advance_to((k + 1) * TICK_S)
+    servo.send(5.0)
+    servo.advance_to(3 * TICK_S + dead_time_s)
+    np.testing.assert_allclose(servo.state, rolled, atol=1e-6)

@@ -1,0 +1,80 @@
+"""A whole run on each recording format, from a file to `summary.json`."""
+
+import csv
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import test_readers_bvh as bvh
+import test_readers_kinect as kinect
+
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.table import COLUMNS
+from gazempc.run import main
+
+SECONDS = 3.5
+
+
+def table():
+    """A synthetic walk in the columns of the CSV format."""
+    recording = load("subject07_R3")
+    t = recording.truth
+    values = [recording.times_s[:, None], t.head_position_m, t.head_quat_wxyz, t.pelvis_position_m, t.pelvis_quat_wxyz]
+    return pd.DataFrame(np.hstack(values), columns=COLUMNS)
+
+
+def write_csv(folder):
+    path = folder / "me_01.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        writer.writerows(table().to_numpy().tolist())
+    return path
+
+
+def write_parquet(folder):
+    path = folder / "me_01.parquet"
+    table().to_parquet(path)
+    return path
+
+
+def write_kinect(folder):
+    """A person who crosses 2.5 m in front of the camera, facing to its left, with a tracker's noise and a gap."""
+    rng = np.random.default_rng(0)
+    frames = []
+    for k in range(int(SECONDS * 30)):
+        place = np.array([2.5, -1.6 + 1.0 * k / 30, -0.2]) + rng.normal(0, 0.004, 3)
+        seen = [] if 60 <= k < 64 else [kinect.body(3, place, 90.0, 95.0, 0.0)]
+        frames.append(
+            {"timestamp_usec": 33_333 * k, "frame_id": k, "num_bodies": len(seen), "bodies": seen},
+        )
+    content = {"k4abt_sdk_version": "1.1.2", "joint_names": kinect.NAMES, "bone_list": [], "frames": frames}
+    return kinect.write(folder / "me_01.json", content)
+
+
+def write_bvh(folder):
+    """A stiff person who walks straight at 1.2 m/s, at 120 frames a second."""
+    frames = [[0.0, 95.0, 1.0 * k] + [0.0] * 15 for k in range(int(SECONDS * 120))]
+    return bvh.write(folder / "me_01.bvh", bvh.Y_UP, frames)
+
+
+@pytest.mark.parametrize(
+    ("write", "kind", "sensor", "placement"),
+    [
+        (write_csv, "motion capture", "reference", "side"),
+        (write_parquet, "motion capture", "reference", "side"),
+        (write_kinect, "body tracking", "recorded", "recorded"),
+        (write_bvh, "motion capture", "reference", "side"),
+    ],
+)
+def test_a_run_on_each_format(write, kind, sensor, placement, tmp_path, capsys):
+    words = ["--replay", str(write(tmp_path)), "--controllers", "reactive", "lookahead", "perfect", "--no-figures"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["kind"] == kind
+    assert (summary["settings"]["sensor"], summary["settings"]["placement"]) == (sensor, placement)
+    rows = {row["controller"]: row for row in summary["rows"]}
+    assert rows["lookahead"]["gaze_error_rms_deg"] < rows["reactive"]["gaze_error_rms_deg"] / 3
+    assert rows["perfect"]["gaze_error_rms_deg"] < 0.3
+    assert kind in capsys.readouterr().out

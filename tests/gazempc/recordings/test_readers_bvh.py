@@ -1,0 +1,371 @@
+"""BVH: hand-computed skeletons come back in the package's axes; damage is named with file, line, remedy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gazempc.errors import RecordingError
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.recording import Recording
+
+N = 30
+C, S = np.cos, np.sin
+
+# Y up, facing +z, person's left +x, centimetres; the order in the file is that of many exporters.
+Y_UP = """HIERARCHY
+ROOT Hips
+{
+  OFFSET 0.0 0.0 0.0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT LeftUpLeg
+  {
+    OFFSET 9.0 -5.0 0.0
+    CHANNELS 3 Zrotation Xrotation Yrotation
+    End Site
+    {
+      OFFSET 0.0 -90.0 0.0
+    }
+  }
+  JOINT RightUpLeg
+  {
+    OFFSET -9.0 -5.0 0.0
+    CHANNELS 3 Zrotation Xrotation Yrotation
+    End Site
+    {
+      OFFSET 0.0 -90.0 0.0
+    }
+  }
+  JOINT Spine
+  {
+    OFFSET 0.0 20.0 0.0
+    CHANNELS 3 Zrotation Xrotation Yrotation
+    JOINT Head
+    {
+      OFFSET 0.0 30.0 0.0
+      CHANNELS 3 Zrotation Xrotation Yrotation
+      End Site
+      {
+        OFFSET 0.0 15.0 2.0
+      }
+    }
+  }
+}
+MOTION
+Frames: {count}
+Frame Time: 0.0083333333
+"""
+
+# Z up, facing +x, person's left +y, metres; rotations X, Y, Z, head without an end site, other names.
+Z_UP = """HIERARCHY
+ROOT mixamorig:Hips {
+  OFFSET 0 0 0
+  CHANNELS 6 Zposition Yposition Xposition Xrotation Yrotation Zrotation
+  JOINT mixamorig:LeftLeg {
+    OFFSET 0 0.09 -0.05
+    CHANNELS 0
+    End Site {
+      OFFSET 0 0 -0.9
+    } }
+  JOINT mixamorig:RightLeg {
+    OFFSET 0 -0.09 -0.05
+    CHANNELS 0
+    End Site {
+      OFFSET 0 0 -0.9
+    } }
+  JOINT mixamorig:Neck {
+    OFFSET 0 0 0.5
+    CHANNELS 3 Xrotation Yrotation Zrotation
+    JOINT mixamorig:Head {
+      OFFSET 0 0 0.1
+      CHANNELS 3 Xrotation Yrotation Zrotation
+    } }
+}
+MOTION
+Frames: {count}
+Frame Time: 0.0333333333
+"""
+
+
+def rx(deg: float) -> np.ndarray:
+    c, s = C(np.radians(deg)), S(np.radians(deg))
+    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def ry(deg: float) -> np.ndarray:
+    c, s = C(np.radians(deg)), S(np.radians(deg))
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def rz(deg: float) -> np.ndarray:
+    c, s = C(np.radians(deg)), S(np.radians(deg))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def matrices(quat_wxyz: np.ndarray) -> np.ndarray:
+    """Rotation matrices by the textbook formula, shape (N, 3, 3)."""
+    w, x, y, z = quat_wxyz.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def write(path: Path, head: str, frames: list[list[float]]) -> Path:
+    lines = [" ".join(repr(float(v)) for v in frame) for frame in frames]
+    path.write_text(head.replace("{count}", str(len(frames))) + "\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def y_up_frames() -> list[list[float]]:
+    """Hips z 5, x 3, y (yaw) 40; legs still; spine yaw -10; head z 2, x -8, y 25 degrees; walking along z."""
+    legs = [0.0] * 6
+    return [[10, 95, 1.0 * k, 5, 3, 40, *legs, 0, 0, -10, 2, -8, 25] for k in range(N)]
+
+
+def z_up_frames() -> list[list[float]]:
+    """Hips x 2, y 4, z (yaw) -70; neck yaw 15; head x 3, y -5, z 20 degrees; walking along x."""
+    return [[0.95, 0.4, 0.04 * k, 2, 4, -70, 0, 0, 15, 3, -5, 20] for k in range(N)]
+
+
+def test_y_up_zxy_by_hand(tmp_path: Path) -> None:
+    recording = load(write(tmp_path / "mia_01.bvh", Y_UP, y_up_frames()))
+    hips = rz(5) @ rx(3) @ ry(40)
+    spine = hips @ ry(-10)
+    head = spine @ rz(2) @ rx(-8) @ ry(25)
+    to_out = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])  # file z is out x, file x is out y, file y is out z
+    tip = hips @ [0, 20, 0] + spine @ [0, 30, 0] + head @ [0, 15, 2]
+    for k in (0, N - 1):
+        place = np.array([10, 95, 1.0 * k])
+        np.testing.assert_allclose(recording.truth.pelvis_position_m[k], to_out @ place / 100, atol=1e-12)
+        np.testing.assert_allclose(recording.truth.head_position_m[k], to_out @ (place + tip) / 100, atol=1e-12)
+    # In the rest pose the person faces file z: a yaw about file y is a yaw about out z, and so on.
+    np.testing.assert_allclose(matrices(recording.truth.pelvis_quat_wxyz)[3], to_out @ hips @ to_out.T, atol=1e-12)
+    np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[3], to_out @ head @ to_out.T, atol=1e-12)
+    np.testing.assert_allclose(recording.times_s, np.arange(N) / 120.0, atol=1e-7)
+    assert recording.kind == "motion capture"
+    assert recording.measured is None
+    assert not recording.has_robot
+    assert (recording.name, recording.labels.subject, recording.labels.group) == ("mia_01", "mia", "straight")
+
+
+def test_z_up_xyz_by_hand(tmp_path: Path) -> None:
+    recording = load(write(tmp_path / "a.bvh", Z_UP, z_up_frames()))
+    hips = rx(2) @ ry(4) @ rz(-70)
+    neck = hips @ rz(15)
+    head = neck @ rx(3) @ ry(-5) @ rz(20)
+    place = np.array([0.04 * 7, 0.4, 0.95])
+    np.testing.assert_allclose(recording.truth.pelvis_position_m[7], place, atol=1e-12)
+    joint = place + hips @ [0, 0, 0.5] + neck @ [0, 0, 0.1]
+    np.testing.assert_allclose(recording.truth.head_position_m[7], joint, atol=1e-12)
+    np.testing.assert_allclose(matrices(recording.truth.pelvis_quat_wxyz)[7], hips, atol=1e-12)
+    np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[7], head, atol=1e-12)
+
+
+def test_rest_pose_is_the_identity_when_the_person_faces_forward(tmp_path: Path) -> None:
+    frames = [[0, 95, 1.0 * k, *[0.0] * 15] for k in range(N)]
+    recording = load(write(tmp_path / "a.bvh", Y_UP, frames))
+    for quat in (recording.truth.head_quat_wxyz, recording.truth.pelvis_quat_wxyz):
+        np.testing.assert_allclose(np.abs(quat), np.tile([1.0, 0, 0, 0], (N, 1)), atol=1e-12)
+    assert np.ptp(recording.truth.pelvis_position_m[:, 0]) > 0.25
+    assert recording.labels.description == ""
+
+
+def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path: Path) -> None:
+    """The Y-up skeleton in a Z-up file: every frame turns the hips by +90 deg about x."""
+    head = Y_UP.replace("Zrotation Xrotation Yrotation", "Xrotation Yrotation Zrotation")
+    frames = [[0, -1.0 * k, 95, 90, 30, 0, *[0.0] * 12] for k in range(N)]
+    recording = load(write(tmp_path / "a.bvh", head, frames))
+    np.testing.assert_allclose(recording.truth.pelvis_position_m[:, 2], 0.95, atol=1e-12)
+    assert (recording.truth.head_position_m[:, 2] > 1.5).all()
+    # At rest facing file z, turned to face file -y, then 30 deg to the person's left.
+    expected = rz(-90 + 30)
+    np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[0], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("per_m", [1.0, 100.0, 1000.0, 1 / 0.0254, 0.45 / 0.0254])
+def test_unit_is_inferred_from_the_height(tmp_path: Path, per_m: float) -> None:
+    lines = []
+    for line in Y_UP.splitlines():
+        words = line.split()
+        if words[0] == "OFFSET":
+            words[1:] = [repr(float(v) / 100 * per_m) for v in words[1:]]
+        lines.append(" ".join(words))
+    frames = [[v / 100 * per_m for v in frame[:3]] + frame[3:] for frame in y_up_frames()]
+    scaled = load(write(tmp_path / "a.bvh", "\n".join(lines) + "\n", frames))
+    original = load(write(tmp_path / "b.bvh", Y_UP, y_up_frames()))
+    np.testing.assert_allclose(scaled.truth.head_position_m, original.truth.head_position_m, atol=1e-9)
+
+
+def test_options_override_what_the_file_says(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.bvh", Y_UP, y_up_frames())
+    usual = load(path)
+
+    def with_options(**options: object) -> Recording:
+        return load(path, ReadOptions.model_validate(options))
+
+    np.testing.assert_allclose(with_options(bvh_frame_rate_hz=60.0).times_s, np.arange(N) / 60.0)
+    larger = with_options(bvh_unit_m=0.011)
+    np.testing.assert_allclose(larger.truth.head_position_m, 1.1 * usual.truth.head_position_m)
+    np.testing.assert_allclose(with_options(bvh_up_axis="y").truth.head_position_m, usual.truth.head_position_m)
+    spine = with_options(bvh_head_joint="spine", bvh_unit_m=0.02)
+    np.testing.assert_allclose(np.linalg.norm(spine.truth.head_position_m - spine.truth.pelvis_position_m, axis=1), 0.4)
+    hips = with_options(bvh_hips_joint="Spine")
+    assert hips.truth.pelvis_position_m[0, 2] > usual.truth.pelvis_position_m[0, 2] + 0.15
+    for option in ("bvh_head_joint", "bvh_hips_joint"):
+        with pytest.raises(RecordingError, match=r"no joint 'Hand'.*Hips, LeftUpLeg, RightUpLeg, Spine, Head"):
+            with_options(**{option: "Hand"})
+    with pytest.raises(RecordingError, match=r"65\.\d+ m from the hips.*with 1 m a unit.*bvh_unit_m"):
+        with_options(bvh_unit_m=1.0)
+    with pytest.raises(RecordingError, match=r"z does not point up.*bvh_up_axis"):
+        with_options(bvh_up_axis="z")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Bip01 Pelvis", "Bip01 L Thigh", "Bip01 R Thigh", "Bip01 Head"),
+        ("hip", "lThigh", "rThigh", "head"),
+        ("Actor:Pelvis", "Actor:leg_L", "Actor:leg_R", "Actor:HEAD"),
+        ("reference", "leftleg", "rightleg", "Character1_Head"),
+    ],
+)
+def test_joints_are_found_under_many_names(tmp_path: Path, names: tuple[str, ...]) -> None:
+    text = Y_UP
+    for usual, name in zip(("ROOT Hips", "JOINT LeftUpLeg", "JOINT RightUpLeg", "JOINT Head"), names, strict=True):
+        text = text.replace(usual, f"{usual.split()[0]} {name}")
+    recording = load(write(tmp_path / "a.bvh", text, y_up_frames()))
+    usual_recording = load(write(tmp_path / "b.bvh", Y_UP, y_up_frames()))
+    np.testing.assert_allclose(recording.truth.head_quat_wxyz, usual_recording.truth.head_quat_wxyz)
+    np.testing.assert_allclose(recording.truth.head_position_m, usual_recording.truth.head_position_m)
+
+
+def test_first_frame_in_the_rest_pose_is_left_out(tmp_path: Path) -> None:
+    frames = y_up_frames()
+    rest = [0.0] * len(frames[0])
+    recording = load(write(tmp_path / "a.bvh", Y_UP, [rest, *frames]))
+    plain = load(write(tmp_path / "b.bvh", Y_UP, frames))
+    np.testing.assert_array_equal(recording.truth.head_position_m, plain.truth.head_position_m)
+    np.testing.assert_array_equal(recording.times_s, plain.times_s)
+    assert "rest pose" in recording.labels.description
+
+
+Change = Callable[[list[str]], object]
+FIRST = len(Y_UP.splitlines())  # index of the first frame's line
+
+
+def _line(number: int, text: str) -> Change:
+    def change(lines: list[str]) -> None:
+        lines[number - 1] = text
+
+    return change
+
+
+def _cut(count: int) -> Change:
+    def change(lines: list[str]) -> None:
+        del lines[count:]
+
+    return change
+
+
+def _replace(old: str, new: str) -> Change:
+    def change(lines: list[str]) -> None:
+        lines[:] = "\n".join(lines).replace(old, new).splitlines()
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_line(1, "MOTION"), ["line 1", "'MOTION'", "HIERARCHY"]),
+        (_cut(20), ["line 20", "ends here (cut off?)", "joint 'RightUpLeg' is open"]),
+        (_cut(FIRST - 3), [f"line {FIRST - 3}", "ends here", "then MOTION"]),
+        (_cut(FIRST - 2), [f"line {FIRST - 2}", "ends here", "Frames:"]),
+        (_cut(FIRST - 1), [f"line {FIRST - 1}", "ends here", "Frame Time:"]),
+        (_cut(FIRST), [f"line {FIRST}", "after 0 frames", "30, as 'Frames:' says"]),
+        (_cut(FIRST + 11), [f"line {FIRST + 11}", "after 11 frames", "30, as 'Frames:' says"]),
+        (lambda lines: lines.append(lines[-1]), [f"line {FIRST + 31}", "after 31 frames"]),
+        (lambda lines: lines.remove("MOTION"), ["'Frames: 30' is out of place", "then MOTION"]),
+        (lambda lines: lines.remove("}"), ["MOTION comes before the hierarchy", "'Hips' is open"]),
+        (_line(4, "OFFSET 0 0"), ["line 4", "OFFSET with 2 values", "three numbers"]),
+        (_line(4, "OFFSET 0 0 x"), ["line 4", "'x' is not a number"]),
+        (_line(4, "OFFSET 0 0 nan"), ["line 4", "three finite numbers"]),
+        (_line(5, "CHANNELS 6 Xposition"), ["line 5", "CHANNELS 6 Xposition", "their number and names"]),
+        (_line(5, "CHANNELS 1 Wrotation"), ["line 5", "Wrotation", "Xposition, Yposition"]),
+        (_line(6, "JOINT"), ["line 6", "JOINT without a name"]),
+        (_line(6, "ROOT Other"), ["line 6", "'ROOT Other' is out of place"]),
+        (_line(3, "OFFSET 0 0 0"), ["line 3", "follows 'ROOT Hips'", "an opening brace"]),
+        (_line(FIRST - 1, "Frames: -3"), [f"line {FIRST - 1}", "'Frames: -3'", "Frames: and their number"]),
+        (_line(FIRST, "Frame Time: 0"), [f"line {FIRST}", "the frame time is 0", "above 0"]),
+        (_line(FIRST, "Frame Time: -0.1"), [f"line {FIRST}", "the frame time is -0.1", "above 0"]),
+        (_line(FIRST, "Frame Time: fast"), [f"line {FIRST}", "'fast' is not a number"]),
+        (_line(FIRST, "Frame Time: 8.3333"), ["8.333 s", "looks like milliseconds", "factor of 1000"]),
+        (_line(FIRST + 5, "1 2 3"), [f"line {FIRST + 5}", "3 values in frame 5", "18 values"]),
+        (_line(FIRST + 5, " ".join(["1"] * 17 + ["1,5"])), [f"line {FIRST + 5}", "'1,5' is not a number"]),
+        (_line(FIRST + 5, " ".join(["1"] * 17 + ["nan"])), [f"line {FIRST + 5}", "Head Yrotation", "finite"]),
+        (_replace("JOINT Head", "JOINT Skull"), ["no joint named Head", "bvh_head_joint", "Spine, Skull"]),
+        (_replace("JOINT Left", "JOINT Some"), ["no pairs of left and right", "LeftUpLeg and RightUpLeg"]),
+        (_replace("9.0 -5.0", "0.0 -5.0"), ["no pairs of left and right joints", "two sides"]),
+        (_replace("-90.0", "-900.0"), ["units high", "m (1), cm (0.01), mm (0.001)", "bvh_unit_m"]),
+    ],
+)
+def test_damage_is_named(tmp_path: Path, change: Change, said: list[str]) -> None:
+    path = write(tmp_path / "walk.bvh", Y_UP, y_up_frames())
+    lines = path.read_text(encoding="utf-8").splitlines()
+    change(lines)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with pytest.raises(RecordingError) as caught:
+        load(path)
+    for words in [str(path), "Expected: ", *said]:
+        assert words in str(caught.value)
+
+
+def test_too_few_frames(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"only 3 frame\(s\).*at least 4"):
+        load(write(tmp_path / "a.bvh", Y_UP, y_up_frames()[:3]))
+
+
+def test_a_person_lying_down_has_no_up_axis_to_be_told(tmp_path: Path) -> None:
+    frames = [[0, 95, 0, 0, 45, 0, *[0.0] * 12] for _ in range(N)]
+    with pytest.raises(RecordingError, match=r"no axis points up.*bvh_up_axis"):
+        load(write(tmp_path / "a.bvh", Y_UP, frames))
+
+
+@pytest.mark.parametrize("head", [Y_UP, Z_UP])
+def test_cut_off_and_damaged_files_raise_nothing_else(tmp_path: Path, head: str) -> None:
+    path = write(tmp_path / "walk.bvh", head, (y_up_frames() if head is Y_UP else z_up_frames())[:6])
+    whole = path.read_bytes()
+    random = np.random.default_rng(1)
+    for size in range(0, len(whole) - 50, 50):
+        path.write_bytes(whole[:size])
+        with pytest.raises(RecordingError):
+            load(path)
+    for _ in range(200):
+        data = bytearray(whole)
+        for place in random.integers(len(data), size=2):
+            data[place] = random.integers(10, 127)
+        path.write_bytes(bytes(data))
+        try:
+            load(path)
+        except RecordingError as error:
+            assert str(path) in str(error)  # noqa: PT017 - reading what is left is allowed too
+
+
+def test_a_long_file_of_a_full_skeleton_is_quick(tmp_path: Path) -> None:
+    extra = "".join(
+        f"  JOINT Extra{k} {{\n  OFFSET 1 {k} 0\n  CHANNELS 3 Zrotation Xrotation Yrotation\n  }}\n" for k in range(26)
+    )
+    head = Y_UP.replace("  JOINT Spine\n", extra + "  JOINT Spine\n")
+    frame = y_up_frames()[0]
+    path = write(tmp_path / "a.bvh", head, [frame[:12] + [0.5] * (3 * 26) + frame[12:]] * 2000)
+    start = time.perf_counter()
+    assert len(load(path).times_s) == 2000
+    assert time.perf_counter() - start < 2.0

@@ -1,0 +1,348 @@
+"""Azure Kinect JSON: known motion comes back in level axes; damage is named with file, place and remedy."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import RecordingError
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.recording import Recording
+
+N = 40
+START_USEC = 5_000_000_000
+STEP_USEC = 33_333
+LEFT, UP = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+# Not the SDK's order on purpose: joints are found by name.
+NAMES = ["EAR_RIGHT", "NECK", "NOSE", "PELVIS", "FOOT_LEFT", "HEAD", "EAR_LEFT"]
+
+
+def camera_from_level(level: np.ndarray, pitch_deg: float) -> np.ndarray:
+    """By hand: what a camera at the origin, looking up by the pitch, sees of a vector (forward, left, up)."""
+    forward, left, up = level
+    c, s = np.cos(np.radians(pitch_deg)), np.sin(np.radians(pitch_deg))
+    along, above = c * forward + s * up, -s * forward + c * up
+    return np.array([-left, -above, along])  # x right, y down, z forward
+
+
+def joint_quat_wxyz(yaw_deg: float, pitch_deg: float) -> list[float]:
+    """Joint whose +X is up, +Y faces the yaw (from the camera's forward to the left), +Z is to that left."""
+    c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+    columns = [camera_from_level(np.array(v), pitch_deg) for v in ([0, 0, 1.0], [c, s, 0.0], [-s, c, 0.0])]
+    x, y, z, w = Rotation.from_matrix(np.column_stack(columns)).as_quat()
+    return [w, x, y, z]
+
+
+def body(body_id: int, pelvis_m: np.ndarray, pelvis_yaw: float, head_yaw: float, pitch: float) -> dict[str, Any]:
+    turn = Rotation.from_euler("z", head_yaw, degrees=True)
+    head_m = pelvis_m + 0.6 * UP
+    level = {
+        "PELVIS": pelvis_m,
+        "HEAD": head_m,
+        "NOSE": head_m + turn.apply([0.12, 0.0, 0.02]),
+        "EAR_LEFT": head_m + turn.apply([0.0, 0.08, 0.0]),
+        "EAR_RIGHT": head_m + turn.apply([0.0, -0.08, 0.0]),
+        "NECK": pelvis_m + 0.4 * UP,
+        "FOOT_LEFT": pelvis_m - 0.9 * UP,
+    }
+    yaw = {name: pelvis_yaw if name in ("PELVIS", "NECK", "FOOT_LEFT") else head_yaw for name in NAMES}
+    return {
+        "body_id": body_id,
+        "joint_positions": [(1000.0 * camera_from_level(level[name], pitch)).tolist() for name in NAMES],
+        "joint_orientations": [joint_quat_wxyz(yaw[name], pitch) for name in NAMES],
+    }
+
+
+def pelvis_path_m() -> np.ndarray:
+    """From 4 m ahead to 3 m ahead, a metre to the left, a little under the camera."""
+    t = np.arange(N) / 30.0
+    return np.column_stack([4.0 - 0.75 * t, np.full(N, 1.0), np.full(N, -0.2)])
+
+
+def document(pitch: float = 0.0, pelvis_yaw: float = 170.0, head_yaw: float = -150.0) -> dict[str, Any]:
+    frames = [
+        {
+            "timestamp_usec": START_USEC + k * STEP_USEC,
+            "frame_id": k,
+            "num_bodies": 1,
+            "bodies": [body(7, place, pelvis_yaw, head_yaw, pitch)],
+        }
+        for k, place in enumerate(pelvis_path_m())
+    ]
+    return {"k4abt_sdk_version": "1.1.2", "joint_names": NAMES, "bone_list": [], "frames": frames}
+
+
+def write(path: Path, content: dict[str, Any]) -> Path:
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def yaw_deg(quat_wxyz: np.ndarray) -> np.ndarray:
+    w, x, y, z = quat_wxyz.T
+    return np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+@pytest.mark.parametrize("pitch", [0.0, 12.0, -20.0])
+@pytest.mark.parametrize("joint", ["nose", "head"])
+def test_a_known_walk_is_read_back_level(tmp_path: Path, pitch: float, joint: str) -> None:
+    path = write(tmp_path / "eva_R3.json", document(pitch))
+    options = ReadOptions.model_validate({"kinect_camera_pitch_deg": pitch, "kinect_head_joint": joint})
+    recording = load(path, options)
+    assert isinstance(recording, Recording)
+    assert recording.measured is not None
+    np.testing.assert_allclose(recording.times_s, np.arange(N) * STEP_USEC * 1e-6, atol=1e-9)
+    nose = Rotation.from_euler("z", -150.0, degrees=True).apply([0.12, 0.0, 0.02]) if joint == "nose" else 0.0
+    for track in (recording.measured, recording.truth):
+        np.testing.assert_allclose(track.pelvis_position_m, pelvis_path_m(), atol=1e-6)
+        np.testing.assert_allclose(track.head_position_m, pelvis_path_m() + 0.6 * UP + nose, atol=1e-6)
+        np.testing.assert_allclose(yaw_deg(track.pelvis_quat_wxyz), 170.0, atol=1e-6)
+        np.testing.assert_allclose(yaw_deg(track.head_quat_wxyz), -150.0, atol=1e-6)
+        upright = np.abs(track.head_quat_wxyz[:, [1, 2]])
+        np.testing.assert_allclose(upright, 0.0, atol=1e-6)
+        assert track.valid.all()
+    assert recording.has_robot
+    assert recording.kind == "body tracking"
+    assert (recording.name, recording.labels.subject, recording.labels.group) == ("eva_R3", "eva", "straight")
+
+
+def test_left_and_up_have_their_signs(tmp_path: Path) -> None:
+    """A person to the camera's left and above it, from raw numbers: x right = -500 mm, y down = -300 mm."""
+    content = document()
+    for frame in content["frames"]:
+        for position in frame["bodies"][0]["joint_positions"]:
+            pelvis = frame["bodies"][0]["joint_positions"][NAMES.index("PELVIS")]
+            if position is not pelvis:
+                position[:] = [a - b + c for a, b, c in zip(position, pelvis, [-500, -300, 2000], strict=True)]
+        pelvis[:] = [-500.0, -300.0, 2000.0]
+    recording = load(write(tmp_path / "a.json", content))
+    np.testing.assert_allclose(recording.truth.pelvis_position_m[5], [2.0, 0.5, 0.3], atol=1e-9)
+
+
+def test_truth_is_smoother_than_what_was_measured_and_does_not_lag(tmp_path: Path) -> None:
+    content, random = document(), np.random.default_rng(4)
+    for frame in content["frames"]:
+        for position in frame["bodies"][0]["joint_positions"]:
+            position[:] = (np.array(position) + random.normal(scale=10.0, size=3)).tolist()
+    recording = load(write(tmp_path / "a.json", content))
+    assert recording.measured is not None
+    raw_m = recording.measured.pelvis_position_m - pelvis_path_m()
+    smooth_m = recording.truth.pelvis_position_m - pelvis_path_m()
+    assert np.sqrt(np.mean(smooth_m**2)) < 0.5 * np.sqrt(np.mean(raw_m**2))
+    assert abs(np.mean(smooth_m[:, 0])) < 0.004  # 0.75 m/s: a lag of a frame would be 25 mm
+    np.testing.assert_array_equal(recording.truth.head_quat_wxyz, recording.measured.head_quat_wxyz)
+
+
+def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path: Path) -> None:
+    content = document()
+    for k in [0, 1, 10, 11, 12, N - 1]:
+        content["frames"][k]["bodies"] = []
+    recording = load(write(tmp_path / "a.json", content))
+    assert recording.measured is not None
+    assert len(recording.times_s) == N - 3
+    np.testing.assert_allclose(recording.times_s, np.arange(N - 3) * STEP_USEC * 1e-6, atol=1e-9)
+    unseen = np.flatnonzero(~recording.truth.valid)
+    np.testing.assert_array_equal(unseen, [8, 9, 10])
+    for track in (recording.truth, recording.measured):
+        for values in (
+            track.head_position_m,
+            track.head_quat_wxyz,
+            track.pelvis_position_m,
+            track.pelvis_quat_wxyz,
+        ):
+            np.testing.assert_array_equal(np.isnan(values).all(axis=1), ~track.valid)
+            np.testing.assert_array_equal(np.isnan(values).any(axis=1), ~track.valid)
+    np.testing.assert_allclose(recording.truth.pelvis_position_m[-1], pelvis_path_m()[N - 2], atol=1e-6)
+
+
+def test_of_several_bodies_the_longest_or_the_wanted_one_is_read(tmp_path: Path) -> None:
+    content = document()
+    for frame, place in list(zip(content["frames"], pelvis_path_m(), strict=True))[5:30]:
+        frame["bodies"].insert(0, body(3, place - 2.0 * LEFT, 0.0, 0.0, 0.0))
+    path = write(tmp_path / "a.json", content)
+    assert len(load(path).times_s) == N
+    other = load(path, ReadOptions(kinect_body_id=3))
+    assert len(other.times_s) == 25
+    np.testing.assert_allclose(other.truth.pelvis_position_m[:, 1], -1.0, atol=1e-9)
+    with pytest.raises(RecordingError, match=r"no body with id 5.*3 \(25 frames\), 7 \(40 frames\)"):
+        load(path, ReadOptions(kinect_body_id=5))
+
+
+Change = Callable[[dict[str, Any]], object]
+
+
+def joints(content: dict[str, Any], frame: int, key: str = "joint_positions") -> Any:
+    return content["frames"][frame]["bodies"][0][key]
+
+
+def _scale(factor: float) -> Change:
+    def change(content: dict[str, Any]) -> None:
+        for k in range(N):
+            joints(content, k)[:] = [[factor * v for v in xyz] for xyz in joints(content, k)]
+
+    return change
+
+
+def _scale_times(factor: float) -> Change:
+    def change(content: dict[str, Any]) -> None:
+        for frame in content["frames"]:
+            frame["timestamp_usec"] = frame["timestamp_usec"] * factor
+
+    return change
+
+
+def _turn_head_joints(axis: str, angle_deg: float) -> Change:
+    def change(content: dict[str, Any]) -> None:
+        for k in range(N):
+            for name in ("NOSE", "HEAD"):
+                entry = joints(content, k, "joint_orientations")[NAMES.index(name)]
+                w, x, y, z = entry
+                turned = Rotation.from_quat([x, y, z, w]) * Rotation.from_euler(axis, angle_deg, degrees=True)
+                entry[:] = turned.as_quat()[[3, 0, 1, 2]].tolist()
+
+    return change
+
+
+def _drop_bodies(content: dict[str, Any]) -> None:
+    for frame in content["frames"]:
+        frame["bodies"] = []
+
+
+def _put(value: Any, *keys: Any) -> Change:
+    def change(content: Any) -> None:
+        for key in keys[:-1]:
+            content = content[key]
+        content[keys[-1]] = value
+
+    return change
+
+
+def _delete(*keys: Any) -> Change:
+    def change(content: Any) -> None:
+        for key in keys[:-1]:
+            content = content[key]
+        del content[keys[-1]]
+
+    return change
+
+
+NOSE = NAMES.index("NOSE")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_delete("joint_names"), ["'joint_names' is missing", "offline_processor"]),
+        (_delete("frames"), ["'frames' is missing"]),
+        (_put({}, "frames"), ["'frames' is not a list", "a list"]),
+        (_put([], "frames"), ["the list is empty", "a list of frames"]),
+        (_put("SPINE", "joint_names", NOSE), ["joint_names", "no joint NOSE", "PELVIS, HEAD, NOSE"]),
+        (_put("frame", "frames", 4), ["frame 4", "not a JSON object"]),
+        (_delete("frames", 4, "timestamp_usec"), ["frame 4", "'timestamp_usec' is missing"]),
+        (_put("x", "frames", 4, "timestamp_usec"), ["frame 4", "'timestamp_usec' is not a whole number"]),
+        (_put(True, "frames", 4, "timestamp_usec"), ["frame 4", "'timestamp_usec' is not a whole number"]),
+        (_put(10**400, "frames", 4, "timestamp_usec"), ["frame 4", "too large"]),
+        (_put(START_USEC, "frames", 4, "timestamp_usec"), ["frame 4", "backwards", "5000000000.0", "larger"]),
+        (
+            _put(START_USEC + 3 * STEP_USEC, "frames", 4, "timestamp_usec"),
+            ["frame 4", "duplicate", "frame 3"],
+        ),
+        (_delete("frames", 4, "bodies"), ["frame 4", "'bodies' is missing"]),
+        (_put([1], "frames", 4, "bodies"), ["frame 4", "not a JSON object"]),
+        (_delete("frames", 4, "bodies", 0, "body_id"), ["frame 4", "'body_id' is missing"]),
+        (
+            _delete("frames", 4, "bodies", 0, "joint_orientations"),
+            ["frame 4, body 7", "'joint_orientations'"],
+        ),
+        (
+            lambda content: joints(content, 4).pop(),
+            ["frame 4, body 7", "6 joint_positions for 7", "one a joint"],
+        ),
+        (lambda content: joints(content, 4)[NOSE].pop(), ["frame 4, body 7, joint NOSE", "list of 3"]),
+        (_put("1", "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["joint NOSE", "'1'", "3 numbers"]),
+        (_put(None, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["joint NOSE, column y", "nan"]),
+        (
+            _put(np.nan, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1),
+            ["frame 4", "column y", "finite"],
+        ),
+        (_put(10**400, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["column y", "inf", "finite"]),
+        (
+            _put(9.0, "frames", 4, "bodies", 0, "joint_orientations", NOSE, 0),
+            ["frame 4", "joint NOSE", "norm"],
+        ),
+        (lambda content: content["frames"][4]["bodies"].append(content["frames"][4]["bodies"][0]), ["twice"]),
+        (_drop_bodies, ["no body in any of 40 frames", "a tracked body"]),
+        (lambda content: content["frames"].__delitem__(slice(4, None)), ["only 4 frame(s)", "at least 5"]),
+        (_scale(1e-3), ["looks like metres where millimetres belong", "factor of 1/1000"]),
+        (_scale(0.1), ["looks like centimetres where millimetres belong", "factor of 1/10"]),
+        (_scale(1e3), ["values 1000 times too large"]),
+        (_scale(25.4), ["looks like values 25.4 times too large"]),
+        (_scale(1 / 25.4), ["looks like inches where millimetres belong", "factor of 1/25.4"]),
+        (_scale_times(1e-3), ["looks like milliseconds where microseconds belong", "factor of 1/1000"]),
+        (_scale_times(1000), ["looks like nanoseconds where microseconds belong", "factor of 1000"]),
+        (
+            _turn_head_joints("x", 90.0),
+            ["joint NOSE", "forward axis is 90", "up axis 0 deg", "+X up, +Y facing"],
+        ),
+        (_turn_head_joints("y", 90.0), ["joint NOSE", "up axis 90 deg", "both under 60 deg"]),
+    ],
+)
+def test_damage_is_named(tmp_path: Path, change: Change, said: list[str]) -> None:
+    content = copy.deepcopy(document())
+    change(content)
+    path = write(tmp_path / "walk.json", content)
+    with pytest.raises(RecordingError) as caught:
+        load(path)
+    for words in [str(path), "Expected: ", *said]:
+        assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "empty"),
+        ("[1, 2]", "not an object"),
+        ('{"frames":\n [1, 2', "line 2, column 7: not JSON.*cut off"),
+        ('{"frames":\n [1, 2}]', "line 2, column 7: not JSON"),
+        ("[" * 100_000, "not JSON"),
+        ('{"frames": ' + "9" * 5000 + "}", "not JSON"),
+    ],
+)
+def test_files_that_are_not_this_json(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "walk.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordingError, match=said):
+        load(path)
+
+
+def test_a_tilted_camera_without_its_pitch_is_noticed_when_it_matters(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"z does not point up.*camera's pitch"):
+        load(write(tmp_path / "a.json", document(pitch=75.0)))
+
+
+def test_cut_off_and_damaged_files_raise_nothing_else(tmp_path: Path) -> None:
+    content = document()
+    del content["frames"][6:]
+    path = write(tmp_path / "walk.json", content)
+    whole = path.read_bytes()
+    random = np.random.default_rng(1)
+    for size in range(0, len(whole), 50):
+        path.write_bytes(whole[:size])
+        with pytest.raises(RecordingError):
+            load(path)
+    for _ in range(150):
+        data = bytearray(whole)
+        for place in random.integers(len(data), size=2):
+            data[place] = random.integers(32, 127)
+        path.write_bytes(bytes(data))
+        try:
+            load(path)
+        except RecordingError as error:
+            assert str(path) in str(error)  # noqa: PT017 - reading what is left is allowed too

@@ -1,0 +1,362 @@
+"""CSV and Parquet: what is written is read back; all damage is named with file, place and remedy."""
+
+from __future__ import annotations
+
+import builtins
+import csv
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import GazempcError, MissingOptionalDependencyError, RecordingError
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.route_group import route_group
+from gazempc.recordings.readers.table import COLUMNS, read_csv
+
+N = 60
+Rows = list[list[str]]
+
+
+def walk_values() -> np.ndarray:
+    """A person who walks along a line with the head turned by 30 deg, shape (N, 15)."""
+    t = np.arange(N) / 30.0
+    pelvis = np.column_stack([1.2 * t, 0.02 * np.sin(2 * np.pi * t), np.full(N, 0.95)])
+    head = pelvis + np.array([0.0, 0.0, 0.6])
+    head_q = Rotation.from_euler("z", np.full((N, 1), 30.0), degrees=True).as_quat()[:, [3, 0, 1, 2]]
+    pelvis_q = np.tile([1.0, 0.0, 0.0, 0.0], (N, 1))
+    return np.column_stack([t, head, head_q, pelvis, pelvis_q])
+
+
+def table_rows(values: np.ndarray | None = None) -> Rows:
+    values = walk_values() if values is None else values
+    return [list(COLUMNS), *[[repr(float(v)) for v in row] for row in values]]
+
+
+def write_rows(path: Path, rows: Rows) -> Path:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        csv.writer(stream).writerows(rows)
+    return path
+
+
+def test_csv_is_read_back(tmp_path: Path) -> None:
+    values = walk_values()
+    recording = load(write_rows(tmp_path / "anna_walk_1.csv", table_rows(values)))
+    np.testing.assert_array_equal(recording.times_s, values[:, 0])
+    np.testing.assert_array_equal(recording.truth.head_position_m, values[:, 1:4])
+    np.testing.assert_allclose(recording.truth.head_quat_wxyz, values[:, 4:8], atol=1e-15)
+    np.testing.assert_array_equal(recording.truth.pelvis_position_m, values[:, 8:11])
+    np.testing.assert_allclose(recording.truth.pelvis_quat_wxyz, values[:, 11:15], atol=1e-15)
+    assert recording.truth.valid.all()
+    assert recording.measured is None
+    assert not recording.has_robot
+    assert recording.kind == "motion capture"
+    assert (recording.name, recording.labels.subject, recording.labels.group) == (
+        "anna_walk_1",
+        "anna",
+        "straight",
+    )
+
+
+def test_csv_column_order_extra_columns_bom_crlf_and_blank_lines_do_not_matter(tmp_path: Path) -> None:
+    rows = table_rows()
+    order = np.random.default_rng(0).permutation(len(COLUMNS))
+    shuffled = [[row[k] for k in order] + ["note" if i == 0 else "free text"] for i, row in enumerate(rows)]
+    path = tmp_path / "a.CSV"
+    text = "\r\n".join(",".join(row) for row in shuffled[:5]) + "\r\n\r\n"
+    text += "\r\n".join(",".join(row) for row in shuffled[5:]) + "\r\n"
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    np.testing.assert_array_equal(load(path).truth.head_position_m, walk_values()[:, 1:4])
+
+
+def test_parquet_equals_csv(tmp_path: Path) -> None:
+    values = walk_values()
+    table = pa.table({name: values[:, k] for k, name in enumerate(COLUMNS)} | {"note": ["x"] * N})
+    pq.write_table(table, tmp_path / "a.parquet")
+    from_parquet, from_csv = (
+        load(tmp_path / "a.parquet"),
+        load(write_rows(tmp_path / "a.csv", table_rows(values))),
+    )
+    np.testing.assert_array_equal(from_parquet.times_s, from_csv.times_s)
+    np.testing.assert_array_equal(from_parquet.truth.head_quat_wxyz, from_csv.truth.head_quat_wxyz)
+    assert from_parquet.labels == from_csv.labels
+
+
+def test_quaternions_are_normalised_after_the_check(tmp_path: Path) -> None:
+    values = walk_values()
+    values[:, 4:8] *= 1.004
+    recording = load(write_rows(tmp_path / "a.csv", table_rows(values)))
+    np.testing.assert_allclose(np.linalg.norm(recording.truth.head_quat_wxyz, axis=1), 1.0, atol=1e-15)
+
+
+def test_standing_person_is_accepted(tmp_path: Path) -> None:
+    values = walk_values()
+    values[:, 1:] = values[0, 1:]
+    assert load(write_rows(tmp_path / "a.csv", table_rows(values))).labels.group == "straight"
+
+
+def test_labels_come_from_the_index_beside_the_file(tmp_path: Path) -> None:
+    write_rows(tmp_path / "walk7.csv", table_rows())
+    write_rows(
+        tmp_path / "index.csv",
+        [
+            ["clip", "x", "subject", "group", "source_description"],
+            ["walk7", "", "p3", "sharp", "round a chair"],
+        ],
+    )
+    labels = load(tmp_path / "walk7.csv").labels
+    assert (labels.subject, labels.group, labels.description) == ("p3", "sharp", "round a chair")
+    labels = load(write_rows(tmp_path / "other_2.csv", table_rows())).labels
+    assert (labels.subject, labels.group, labels.description) == ("other", "straight", "")
+
+
+def test_a_damaged_index_is_no_obstacle(tmp_path: Path) -> None:
+    (tmp_path / "index.csv").write_bytes(b'clip,subject,group\nwalk\xff\x00,"')
+    assert load(write_rows(tmp_path / "walk.csv", table_rows())).labels.subject == "walk"
+
+
+def _set(row: int, column: str, text: str) -> Callable[[Rows], None]:
+    def change(rows: Rows) -> None:
+        rows[row - 1][COLUMNS.index(column)] = text
+
+    return change
+
+
+def _scale(columns: range, factor: float) -> Callable[[Rows], None]:
+    def change(rows: Rows) -> None:
+        for row in rows[1:]:
+            for k in columns:
+                row[k] = repr(float(row[k]) * factor)
+
+    return change
+
+
+def _scale_positions(factor: float) -> Callable[[Rows], None]:
+    def change(rows: Rows) -> None:
+        _scale(range(1, 4), factor)(rows)
+        _scale(range(8, 11), factor)(rows)
+
+    return change
+
+
+def _swap_y_and_z(rows: Rows) -> None:
+    for row in rows[1:]:
+        row[2], row[3], row[9], row[10] = row[3], row[2], row[10], row[9]
+
+
+def _drop_column(rows: Rows) -> None:
+    for row in rows:
+        del row[4]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_drop_column, ["header", "missing column(s) head_qw", "the columns t, head_x"]),
+        (_set(1, "head_x", "t"), ["header", "missing column(s) head_x"]),
+        (lambda rows: [row.append(row[3]) for row in rows], ["more than one column head_z", "once"]),
+        (_set(17, "head_y", "1,5"), ["row 17", "head_y", "'1,5' is not a number", "a number"]),
+        (_set(17, "head_y", ""), ["row 17", "head_y", "'' is not a number"]),
+        (_set(17, "head_y", "1_5"), ["row 17", "head_y", "'1_5' is not a number"]),
+        (_set(9, "pelvis_qz", "nan"), ["row 9", "pelvis_qz", "nan", "finite"]),
+        (_set(9, "head_x", "-inf"), ["row 9", "head_x", "-inf", "finite"]),
+        (_set(9, "head_x", "1e300"), ["row 9", "head_x", "1e+300", "finite"]),
+        (_set(9, "t", "nan"), ["row 9", "time stamp is nan", "finite time stamps"]),
+        (lambda rows: rows[20].pop(), ["row 21", "14 cells", "15 cells"]),
+        (lambda rows: rows[20].append("1"), ["row 21", "16 cells", "15 cells"]),
+        (lambda rows: rows.__delitem__(slice(1, None)), ["no rows", "a row a frame"]),
+        (lambda rows: rows.__delitem__(slice(4, None)), ["only 3 frame(s)", "at least 4"]),
+        (_set(12, "t", repr(9 / 30.0)), ["row 12", "duplicate time stamp 0.3", "row 11", "larger"]),
+        (_set(12, "t", "0.1"), ["row 12", "backwards", "from 0.3 in row 11 to 0.1"]),
+        (_set(30, "head_qw", "0.5"), ["row 30", "head_q{w,x,y,z}", "norm is 0.56", "norm of 1"]),
+        (_set(30, "pelvis_qw", "0"), ["row 30", "pelvis_q{w,x,y,z}", "norm is 0"]),
+        (_scale(range(1), 1e3), ["33.33 s", "milliseconds", "factor of 1000", "seconds"]),
+        (_scale(range(1), 1e6), ["microseconds", "factor of 1e+06"]),
+        (_scale_positions(1000.0), ["600 m", "(median)", "millimetres", "factor of 1000", "metres"]),
+        (_scale_positions(1 / 1000.0), ["0.0006 m", "pelvis"]),
+        (_scale_positions(100.0), ["60 m", "centimetres", "factor of 100"]),
+        (_scale_positions(25.4), ["15.24 m", "looks like values 25.4 times too large"]),
+        (_scale_positions(1 / 25.4), ["0.02362 m", "looks like values 25.4 times too small"]),
+        (_scale_positions(1 / 0.0254), ["23.62 m", "looks like inches", "factor of 39.37"]),
+        (_scale_positions(1 / 0.3048), ["1.969 m", "looks like feet"]),
+        (_swap_y_and_z, ["z does not point up", "(0.00, 0.60, 0.00) m", "z up"]),
+    ],
+)
+def test_damage_is_named(tmp_path: Path, change: Callable[[Rows], object], said: list[str]) -> None:
+    rows = table_rows()
+    change(rows)
+    path = write_rows(tmp_path / "walk.csv", rows)
+    with pytest.raises(RecordingError) as caught:
+        load(path)
+    for words in [str(path), "Expected: ", *said]:
+        assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "empty"),
+        (b" \n\n", "empty"),
+        (b"t,head_x\n1,\xff\xfe", "line 2: byte 0xff is not UTF-8"),
+        (b"t,head_x\n\n1,\x00", "line 3: a zero byte"),
+        (b'"' + b"x" * 200_000, "field larger"),
+    ],
+)
+def test_files_that_are_no_text_tables(tmp_path: Path, data: bytes, said: str) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=said):
+        load(path)
+
+
+def test_values_a_thousand_times_too_small_are_called_so(tmp_path: Path) -> None:
+    rows = table_rows()
+    _scale_positions(1 / 1000.0)(rows)
+    with pytest.raises(RecordingError, match="values 1000 times too small"):
+        load(write_rows(tmp_path / "walk.csv", rows))
+
+
+def test_the_index_is_not_a_recording(tmp_path: Path) -> None:
+    path = write_rows(tmp_path / "index.csv", [["clip", "subject", "group"], ["a", "b", "straight"]])
+    with pytest.raises(RecordingError, match=r"missing column\(s\) t, head_x.*found 'clip, subject, group'"):
+        load(path)
+
+
+@pytest.mark.parametrize("column", ["t", "pelvis_qy"])
+def test_parquet_damage_is_named(tmp_path: Path, column: str) -> None:
+    values = walk_values()
+    columns: dict[str, object] = {name: values[:, k] for k, name in enumerate(COLUMNS)}
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table(columns | {column: ["x"] * N}), path)
+    with pytest.raises(RecordingError, match=rf"a\.parquet: column {column}: it holds string"):
+        load(path)
+    pq.write_table(pa.table(columns | {column: [None, *values[1:, 0]]}), path)
+    with pytest.raises(RecordingError, match=r"row 1.*nan"):
+        load(path)
+    del columns[column]
+    pq.write_table(pa.table(columns), path)
+    with pytest.raises(RecordingError, match=rf"missing column\(s\) {column};"):
+        load(path)
+
+
+def test_parquet_that_is_cut_off(tmp_path: Path) -> None:
+    values = walk_values()
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({name: values[:, k] for k, name in enumerate(COLUMNS)}), path)
+    whole = path.read_bytes()
+    for size in range(0, len(whole), 500):
+        path.write_bytes(whole[:size])
+        with pytest.raises(RecordingError, match="Expected: a Parquet table"):
+            load(path)
+
+
+def test_parquet_without_pyarrow_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real_import = builtins.__import__
+
+    def no_pyarrow(name: str, *args: object, **kwargs: object) -> object:
+        if name.startswith("pyarrow"):
+            raise ImportError(name)
+        return real_import(name, *args, **kwargs)  # type: ignore[arg-type]
+
+    (tmp_path / "a.parquet").write_bytes(b"PAR1")
+    monkeypatch.setattr(builtins, "__import__", no_pyarrow)
+    with pytest.raises(MissingOptionalDependencyError, match=r"pip install pyarrow"):
+        load(tmp_path / "a.parquet")
+
+
+def test_cut_off_and_damaged_tables_raise_nothing_else(tmp_path: Path) -> None:
+    path = write_rows(tmp_path / "walk.csv", table_rows(walk_values()[:8]))
+    whole = path.read_bytes()
+    random = np.random.default_rng(1)
+    damaged = [whole[:size] for size in range(0, len(whole), 50)]
+    for _ in range(200):
+        data = bytearray(whole)
+        for place in random.integers(len(data), size=2):
+            data[place] = random.integers(256)
+        damaged.append(bytes(data))
+    for data in damaged:
+        path.write_bytes(data)
+        try:
+            load(path)
+        except RecordingError as error:
+            assert str(path) in str(error)  # noqa: PT017 - reading what is left is allowed too
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(cells=st.lists(st.lists(st.text(max_size=8), min_size=15, max_size=15), max_size=6))
+def test_any_cells_raise_recording_errors_only(tmp_path: Path, cells: Rows) -> None:
+    path = tmp_path / "any.csv"
+    text = "\n".join(",".join(row) for row in [list(COLUMNS), *cells])
+    path.write_bytes(text.encode("utf-8", errors="replace"))
+    with pytest.raises(RecordingError):
+        load(path)
+
+
+def test_reading_is_quick(tmp_path: Path) -> None:
+    path = write_rows(tmp_path / "walk.csv", table_rows(walk_values()))
+    options = ReadOptions()
+    read_csv(path, options)
+    spent_s = []
+    for _ in range(5):
+        start = time.perf_counter()
+        read_csv(path, options)
+        spent_s.append(time.perf_counter() - start)
+    assert min(spent_s) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "group"),
+    [(0, "straight"), (15, "straight"), (45, "turn"), (-45, "turn"), (-90, "sharp"), (200, "sharp")],
+)
+@pytest.mark.parametrize("rate_hz", [15.0, 30.0, 120.0])
+def test_group_of_an_arc_with_sway(turn_deg: float, group: str, rate_hz: float) -> None:
+    t = np.arange(0.0, 5.0, 1.0 / rate_hz)
+    heading = 3.0 + np.radians(turn_deg) * np.clip((t - 1.5) / 2.0, 0.0, 1.0)
+    path = np.cumsum(1.2 / rate_hz * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
+    sideways = np.column_stack([-np.sin(heading), np.cos(heading)])
+    path += 0.03 * np.sin(2 * np.pi * 0.95 * t)[:, None] * sideways
+    pelvis = np.column_stack([path, np.full(len(t), 0.95)])
+    pelvis[5:8] = np.nan
+    assert route_group(t, pelvis) == group
+
+
+def test_groups_of_real_walks_agree_with_their_index(walks_dir: Path) -> None:
+    with (walks_dir / "index.csv").open(encoding="utf-8") as stream:
+        index = list(csv.DictReader(stream))
+    for row in index:
+        recording = load(walks_dir / f"{row['clip']}.csv")
+        assert len(recording.times_s) == int(row["n_frames"])
+        assert recording.labels.subject == row["subject"]
+        assert recording.labels.group == row["group"]
+        assert recording.labels.description == row["source_description"]
+        assert route_group(recording.times_s, recording.truth.pelvis_position_m) == row["group"], row["clip"]
+
+
+def test_load_says_what_it_accepts(tmp_path: Path) -> None:
+    assert load("subject03_R2").name == "subject03_R2"
+    cases = {
+        "subject03_R9": ["no such", "perhaps you meant 'subject03_R", ".csv, .parquet, .json, .bvh"],
+        str(tmp_path): ["directory"],
+        str(tmp_path / "none.csv"): ["no such file", ".csv, .parquet"],
+        "x" * 5000: [""],
+        "\0": ["no such"],
+    }
+    (tmp_path / "a.xlsx").write_bytes(b"x")
+    cases[str(tmp_path / "a.xlsx")] = ["unknown kind of file '.xlsx'", ".csv, .parquet, .json, .bvh"]
+    os.mkfifo(tmp_path / "pipe.csv")
+    cases[str(tmp_path / "pipe.csv")] = ["not a regular file"]
+    for name, said in cases.items():
+        with pytest.raises(RecordingError) as caught:
+            load(name)
+        for words in said:
+            assert words in str(caught.value)
+    assert issubclass(RecordingError, GazempcError)

@@ -1,0 +1,206 @@
+"""Every figure of the table, computed again from the log by other means."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from monalysa.quality import smoothness as reference_smoothness
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from gazempc.errors import SettingsError
+from gazempc.neck.spec import load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.results.log import Log, load_log
+from gazempc.results.metrics import gap_closed, limit_violations, measure
+from gazempc.results.smoothness import log_dimensionless_jerk, sparc
+from gazempc.settings import RunSettings
+from gazempc.sim.replay import replay
+from gazempc.sim.sensor import load_sensor
+
+NECK = load_neck("fetch")
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    """A run on a neck with offsets, so that the eye is not in the base's origin."""
+    placed = place(load("subject02_R4"), "recorded", 2.5, 1.2)
+    return replay(placed, NECK, load_sensor("reference"), "lookahead", RunSettings())[0]
+
+
+def independent_error_deg(log):
+    """Gaze error by rotation matrices and arccos, tick by tick."""
+    errors = []
+    for (pan, tilt), head in zip(log.joint_position_rad, log.head_true_base_m, strict=True):
+        turn, nod = Rotation.from_euler("z", pan), Rotation.from_euler("y", -tilt)
+        geometry = NECK.geometry
+        eye = turn.apply(np.array(geometry.tilt_axis_in_pan_m) + nod.apply(geometry.eye_in_tilt_m))
+        gaze = (turn * nod).apply([1, 0, 0])
+        to_head = (head - eye) / np.linalg.norm(head - eye)
+        errors.append(np.degrees(np.arccos(np.clip(gaze @ to_head, -1, 1))))
+    return np.array(errors)
+
+
+def test_gaze_figures(log):
+    m = measure(log)
+    error = independent_error_deg(log)
+    scored = error[200:]
+    assert log.time_s[200] == pytest.approx(1.0)
+    assert m.gaze_error_rms_deg == pytest.approx(np.sqrt(np.mean(np.square(scored))), abs=1e-5)
+    assert m.gaze_error_median_deg == pytest.approx(np.median(scored), abs=1e-5)
+    assert m.gaze_error_p95_deg == pytest.approx(np.quantile(scored, 0.95), abs=1e-5)
+    for name, cone in (("2p6", 2.6), ("4", 4.0), ("9", 9.0)):
+        assert getattr(m, f"eye_contact_{name}") == pytest.approx(sum(scored <= cone) / len(scored), abs=1e-9)
+    longest = max((len(run) for run in "".join("x" if e > 2.6 else " " for e in scored).split()), default=0)
+    assert m.longest_break_s == pytest.approx(longest * 0.005)
+    assert m.time_to_contact_s == pytest.approx(log.time_s[np.flatnonzero(error <= 2.6)[0]])
+
+
+def test_stable_contact_is_the_first_that_lasts(log):
+    m = measure(log)
+    inside = independent_error_deg(log) <= 2.6
+    lasting = [k for k in range(len(inside) - 99) if all(inside[k : k + 100])]
+    assert m.time_to_stable_contact_s == pytest.approx(log.time_s[lasting[0]])
+    assert m.time_to_stable_contact_s >= m.time_to_contact_s
+
+
+def test_overshoot_of_a_joint_that_swings_past_a_head_that_stands_still(log):
+    """By hand: 30 deg aside, a damped swing about straight ahead; only the second that follows arrival counts."""
+    neck = load_neck("reference")
+    time_s = np.arange(600) * 0.005
+    swing_deg = 30.0 * np.exp(-time_s / 0.5) * np.cos(2 * np.pi * time_s / 0.8)
+    joints = np.stack([np.deg2rad(swing_deg), np.zeros(600)], axis=-1)
+    head = np.tile([2.5, 0.0, 0.0], (600, 1))
+    shared = {
+        "about": json.dumps(log.info() | {"neck": neck.model_dump()}),
+        "time_s": time_s,
+        "head_true_base_m": head,
+        "joint_velocity_rad_s": np.zeros((600, 2)),
+    }
+    swung = dataclasses.replace(log, joint_position_rad=joints, **shared)
+    assert measure(swung).overshoot_deg == pytest.approx(-swing_deg.min(), abs=1e-9)
+    other_side = dataclasses.replace(log, joint_position_rad=-joints, **shared)
+    assert measure(other_side).overshoot_deg == pytest.approx(-swing_deg.min(), abs=1e-9)
+    # A joint that comes up to the head and stays short of it has arrived, and does not overshoot.
+    creeping = dataclasses.replace(log, joint_position_rad=np.abs(joints), **shared)
+    assert measure(creeping).overshoot_deg == 0.0
+    never = dataclasses.replace(log, joint_position_rad=joints * [0.0, 1.0] + [0.5, 0.0], **shared)
+    assert np.isnan(measure(never).overshoot_deg)
+    slight = dataclasses.replace(log, joint_position_rad=0.2 * joints, **shared)
+    assert np.isnan(measure(slight).overshoot_deg)
+
+
+def test_motion_figures(log):
+    m = measure(log)
+    dt = 0.005
+    velocity = np.gradient(log.joint_position_rad, dt, axis=0)
+    assert m.peak_velocity_rad_s == pytest.approx(np.abs(velocity).max(), rel=0.01)
+    assert m.peak_velocity_rad_s == pytest.approx(np.abs(log.joint_velocity_rad_s).max(), rel=0.01)
+    by_velocity = np.diff(log.joint_velocity_rad_s, axis=0) / dt
+    assert m.peak_acceleration_rad_s2 == pytest.approx(np.abs(by_velocity).max(), rel=0.02)
+    assert m.rms_acceleration_rad_s2 == pytest.approx(np.sqrt(np.mean(np.sum(by_velocity[200:] ** 2, 1))), rel=0.01)
+    assert m.peak_jerk_rad_s3 == pytest.approx(np.abs(np.diff(by_velocity, axis=0)).max() / dt, rel=0.1)
+    assert m.limit_violations == 0
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+@pytest.mark.parametrize("which", ["command_position_rad", "joint_position_rad"])
+def test_every_kind_of_violation_is_counted(log, which, order):
+    t = log.time_s
+    limits = (
+        NECK.position_max_rad[0],
+        NECK.velocity_max_rad_s[0],
+        NECK.acceleration_max_rad_s2[0],
+        NECK.jerk_max_rad_s3[0],
+    )
+    # A quiet motion whose derivative of one order alone passes its limit.
+    frequency = (0.01, 1.2, 8.0, 40.0)[order]
+    amplitude = 1.02 * limits[order] / frequency**order
+    motion = np.zeros((t.size, 2))
+    motion[:, 0] = amplitude * (np.sin(frequency * t) if order else np.ones_like(t))
+    still = {"command_position_rad": np.zeros((t.size, 2)), "joint_position_rad": np.zeros((t.size, 2))}
+    assert limit_violations(dataclasses.replace(log, **still), NECK) == 0
+    assert limit_violations(dataclasses.replace(log, **{**still, which: motion}), NECK) > 0
+    assert limit_violations(dataclasses.replace(log, **{**still, which: motion * 0.97}), NECK) == 0
+
+
+def test_forecast_figures(log):
+    m = measure(log)
+    for i, horizon in enumerate((250, 500, 1000)):
+        errors = []
+        for capture, mean, true in zip(
+            log.capture_time_s, log.forecast_mean_base_m[:, i], log.forecast_true_base_m[:, i], strict=True
+        ):
+            if capture + horizon / 1000 <= log.time_s[-1] + 0.004:
+                k = (capture + horizon / 1000) / 0.005
+                near = log.head_true_base_m[min(round(k), len(log.time_s) - 1)]
+                assert np.linalg.norm(true - near) < 0.01
+                errors.append(1000 * np.linalg.norm(mean - true))
+        assert getattr(m, f"forecast_error_{horizon}_mm") == pytest.approx(np.mean(errors), rel=0.02)
+    known = np.isfinite(log.forecast_true_base_m[:, 1, 0])
+    nees = [
+        d @ np.linalg.inv(c) @ d
+        for d, c in zip(
+            (log.forecast_mean_base_m - log.forecast_true_base_m)[known, 1],
+            log.forecast_covariance_m2[known, 1],
+            strict=True,
+        )
+    ]
+    assert m.forecast_nees_500 == pytest.approx(np.mean(nees))
+    assert m.forecast_coverage_68_500 == pytest.approx(np.mean(np.array(nees) < chi2.ppf(0.68, 3)))
+    assert m.forecast_coverage_95_500 == pytest.approx(np.mean(np.array(nees) < chi2.ppf(0.95, 3)))
+
+
+def test_smoothness_is_that_of_its_authors():
+    t = np.arange(0, 2, 0.005)
+    bell = t**2 * (2 - t) ** 2 + 0.05 * np.sin(25 * t) ** 2
+    assert sparc(bell, 200.0) == pytest.approx(reference_smoothness.sparc(bell, 200.0)[0], rel=1e-6)
+    theirs = reference_smoothness.log_dimensionless_jerk(bell, 200.0, data_type="vel", rem_mean=False)
+    assert log_dimensionless_jerk(bell, 200.0) == pytest.approx(theirs, rel=1e-2)
+    rough = bell + 0.2 * np.sin(40 * t) ** 2
+    assert sparc(rough, 200.0) < sparc(bell, 200.0)
+    assert log_dimensionless_jerk(rough, 200.0) < log_dimensionless_jerk(bell, 200.0)
+
+
+def test_log_dimensionless_jerk_of_minimum_jerk_is_the_closed_form():
+    """Speed 30 s^2 (1-s)^2: peak 15/8, integral of its squared second derivative 720 (duration 1)."""
+    s = np.linspace(0, 1, 20001)
+    speed = 30 * s**2 * (1 - s) ** 2
+    assert log_dimensionless_jerk(speed, 20000.0) == pytest.approx(-np.log(720 / (15 / 8) ** 2), rel=1e-3)
+
+
+def test_smoothness_of_no_motion_is_not_a_number():
+    assert np.isnan(sparc(np.zeros(100), 200.0))
+    assert np.isnan(log_dimensionless_jerk(np.zeros(100), 200.0))
+
+
+def test_gap_closed():
+    assert gap_closed(10.0, 10.0, 0.5) == 0
+    assert gap_closed(0.5, 10.0, 0.5) == 1
+    assert gap_closed(5.25, 10.0, 0.5) == pytest.approx(0.5)
+    assert np.isnan(gap_closed(1.0, 0.5, 0.5))
+
+
+def test_a_log_is_read_back_as_it_was_written(log, tmp_path):
+    log.save(tmp_path / "run.npz")
+    again = load_log(tmp_path / "run.npz")
+    assert json.loads(again.about) == log.info()
+    assert again.neck() == NECK
+    for field in dataclasses.fields(Log):
+        np.testing.assert_array_equal(getattr(again, field.name), getattr(log, field.name))
+    assert measure(again).as_dict() == pytest.approx(measure(log).as_dict(), nan_ok=True, abs=0, rel=0)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a log", b"PK\x03\x04 cut off"])
+def test_a_file_that_is_no_log_is_refused(tmp_path, content):
+    (tmp_path / "bad.npz").write_bytes(content)
+    with pytest.raises(SettingsError, match=r"bad\.npz"):
+        load_log(tmp_path / "bad.npz")
+
+
+def test_another_npz_is_refused(tmp_path):
+    np.savez(tmp_path / "other.npz", a=1)
+    with pytest.raises(SettingsError, match="lacks"):
+        load_log(tmp_path / "other.npz")

@@ -1,0 +1,219 @@
+"""Figures and animation: they exist, are not blank, and say what the metrics say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image
+
+from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.spec import load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.recordings.recording import Recording, Track
+from gazempc.results.figures.animation import (
+    FRAME_MS,
+    LAST_FRAME_MS,
+    animate,
+    frame_times,
+    head_offset_deg,
+    running_contact,
+)
+from gazempc.results.figures.overview import draw_contact_bars, overview
+from gazempc.results.figures.plots import (
+    angles,
+    birds_eye,
+    draw_birds_eye,
+    draw_gaze_error,
+    gaze_error,
+    recording_title,
+    style,
+)
+from gazempc.results.log import Log
+from gazempc.results.metrics import gaze_error_deg, measure
+from gazempc.settings import RunSettings
+from gazempc.sim.replay import replay
+from gazempc.sim.sensor import load_sensor
+
+CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
+Logs = dict[str, Log]
+Draw = Callable[[Logs, Path], None]
+
+
+def _first_frames(recording: Recording, count: int, *, behind: bool = False) -> Recording:
+    turn = np.diag([-1.0, -1.0, 1.0]) if behind else np.eye(3)
+    track = recording.truth
+    cut = Track(
+        head_position_m=track.head_position_m[:count] @ turn,
+        head_quat_wxyz=track.head_quat_wxyz[:count],
+        pelvis_position_m=track.pelvis_position_m[:count] @ turn,
+        pelvis_quat_wxyz=track.pelvis_quat_wxyz[:count],
+        valid=track.valid[:count],
+    )
+    return replace(recording, times_s=recording.times_s[:count], truth=cut, measured=None)
+
+
+def _replay(recording: Recording, controllers: tuple[str, ...]) -> Logs:
+    placed = place(recording, "recorded", 2.5, 1.2)
+    neck, sensor = load_neck("reference"), load_sensor("reference")
+    return {name: replay(placed, neck, sensor, name, RunSettings())[0] for name in controllers}
+
+
+@pytest.fixture(scope="module")
+def logs() -> Logs:
+    # 2.4 s: long enough to lose and regain eye contact in the scored window.
+    return _replay(_first_frames(load("subject03_R1"), 73), CONTROLLERS)
+
+
+def _pixels(path: Path) -> np.ndarray:
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"), dtype=float)
+
+
+@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize(
+    ("draw", "smallest"),
+    [(birds_eye, (900, 800)), (angles, (900, 700)), (gaze_error, (1000, 700)), (overview, (1600, 900))],
+)
+def test_figure_is_a_picture_that_is_not_blank(
+    logs: Logs, draw: Draw, smallest: tuple[int, int], count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Figure] = []
+    save = Figure.savefig
+
+    def remember(figure: Figure, *args: object, **kwargs: object) -> None:
+        figures.append(figure)
+        save(figure, *args, **kwargs)
+
+    monkeypatch.setattr(Figure, "savefig", remember)
+    path = tmp_path / "figure.png"
+    draw(dict(list(logs.items())[-count:]), path)
+
+    pixels = _pixels(path)
+    height, width = pixels.shape[:2]
+    assert width >= smallest[0]
+    assert height >= smallest[1]
+    assert path.stat().st_size < 300_000
+    (figure,) = figures
+    assert figure.axes
+    for ax in figure.axes:
+        box = ax.get_position()
+        rows = slice(int((1 - box.y1) * height) + 5, int((1 - box.y0) * height) - 5)
+        columns = slice(int(box.x0 * width) + 5, int(box.x1 * width) - 5)
+        assert pixels[rows, columns].var() > 50
+
+
+def test_overview_has_the_promised_size(logs: Logs, tmp_path: Path) -> None:
+    overview(logs, tmp_path / "overview.png")
+    assert _pixels(tmp_path / "overview.png").shape[:2] == (900, 1600)
+
+
+def test_birds_eye_is_to_scale_and_left_is_left(logs: Logs) -> None:
+    ax = Figure().subplots()
+    draw_birds_eye(ax, logs)
+    assert ax.get_aspect() == 1.0
+    left, right = ax.get_xlim()
+    assert left > right
+
+
+def _contact_texts(ax: Axes) -> dict[str, list[int]]:
+    texts = ax.get_legend_handles_labels()[1]
+    shares = [text.removesuffix(" %").split(": ") for text in texts if text.endswith(" %")]
+    return {label: [int(share) for share in numbers.split(" / ")] for label, numbers in shares}
+
+
+def test_legend_says_what_the_metrics_say(logs: Logs) -> None:
+    ax = Figure().subplots()
+    draw_gaze_error(ax, logs, detailed=True)
+    texts = _contact_texts(ax)
+    assert len(texts) == len(logs)
+    for name, log in logs.items():
+        figures = measure(log)
+        wanted = [figures.eye_contact_2p6, figures.eye_contact_4, figures.eye_contact_9]
+        assert texts[style(name).label] == pytest.approx([100 * share for share in wanted], abs=0.5)
+
+
+def test_bars_say_what_the_metrics_say(logs: Logs) -> None:
+    ax = Figure().subplots()
+    draw_contact_bars(ax, logs)
+    wanted = [100 * measure(log).eye_contact_2p6 for log in logs.values()]
+    assert [bar.get_width() for bar in ax.patches] == pytest.approx(wanted)
+    assert len({share > 50 for share in wanted}) == 2, "the recording must tell controllers apart"
+
+
+def test_synthetic_data_is_called_synthetic(logs: Logs) -> None:
+    assert "synthetic data" in recording_title(logs)
+
+
+def test_every_controller_has_its_own_look() -> None:
+    looks = [style(name) for name in (*CONTROLLERS, "mine")]
+    assert len({look.colour for look in looks}) == len(looks)
+    assert looks[-1].label == "mine"
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_animation_runs_in_real_time(logs: Logs, count: int, tmp_path: Path) -> None:
+    path = tmp_path / "gaze.gif"
+    animate(dict(list(logs.items())[:count]), path)
+    log = logs["reactive"]
+    times_s = frame_times(float(log.time_s[-1]))
+    with Image.open(path) as gif:
+        assert gif.n_frames == len(times_s)
+        durations_ms, frames = [], []
+        for index in range(gif.n_frames):
+            gif.seek(index)
+            durations_ms.append(gif.info["duration"])
+            frames.append(np.asarray(gif.convert("RGB"), dtype=float))
+    assert durations_ms == [FRAME_MS] * (len(times_s) - 1) + [LAST_FRAME_MS]
+    assert FRAME_MS % 10 == 0
+    assert frames[0].shape == (300, 900 if count == 4 else 450, 3)
+    assert path.stat().st_size < 1_500_000
+    assert np.abs(frames[-1] - frames[0]).max() > 50
+    # Compression keeps the unchanged: the corner is the background in the last frame, too.
+    assert (frames[-1][-2:, -2:] == 255).all()
+
+
+@pytest.mark.parametrize("length_s", [0.5, 1.2, 4.63, 4.66, 5.0])
+def test_frame_times_are_regular_and_reach_the_end(length_s: float) -> None:
+    times_s = frame_times(length_s)
+    np.testing.assert_allclose(np.diff(times_s)[:-1], 1e-3 * FRAME_MS)
+    assert 0.04 < np.diff(times_s)[-1] < 0.16
+    assert times_s[-1] == length_s
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_head_offset_has_the_length_of_the_gaze_error(logs: Logs, name: str) -> None:
+    offset = head_offset_deg(logs[name])
+    np.testing.assert_allclose(np.linalg.norm(offset, axis=1), gaze_error_deg(logs[name]), atol=0.1)
+
+
+def test_head_offset_points_right_and_up(logs: Logs) -> None:
+    # Seen along the gaze, a head turned to the right of it and above it.
+    log = logs["mpc"]
+    turned_rad = log.joint_position_rad + np.deg2rad([-3.0, 2.0])
+    eye, direction = gaze_ray(log.neck().geometry, turned_rad)
+    seen = replace(log, head_true_base_m=eye + 2.0 * direction)
+    offset = head_offset_deg(seen)
+    np.testing.assert_allclose(offset, np.broadcast_to([3.0, 2.0], offset.shape), atol=0.15)
+
+
+def test_running_contact_ends_at_the_eye_contact(logs: Logs) -> None:
+    for log in logs.values():
+        share = running_contact(log)
+        assert np.isnan(share[log.time_s < 0.99]).all()
+        assert share[-1] == pytest.approx(measure(log).eye_contact_2p6)
+
+
+@pytest.mark.parametrize(("frames", "behind"), [(39, False), (50, True)])
+def test_short_recordings_and_a_head_behind_the_robot(frames: int, behind: bool, tmp_path: Path) -> None:
+    logs = _replay(_first_frames(load("subject03_R1"), frames, behind=behind), ("reactive",))
+    for draw in (birds_eye, angles, gaze_error, overview, animate):
+        path = tmp_path / f"{draw.__name__}.{'gif' if draw is animate else 'png'}"
+        draw(logs, path)
+        assert _pixels(path).var() > 50

@@ -1,0 +1,567 @@
+"""Two Dynamixel motors behind a pseudo-terminal: never a wrong angle, never a jump, and back after every fault."""
+
+import itertools
+import math
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dynamixel_emulator import PING, STATUS, SYNC_READ, SYNC_WRITE, Bus, Motor, crc16, packet, take_packet
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("tty", reason="pseudo-terminals are of POSIX")
+
+from gazempc.controllers.lookahead import LookAhead
+from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.loop.gaze_loop import GazeLoop
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.settings import LoopSettings
+from gazempc.loop.smoother import Smoother
+from gazempc.neck.spec import load_neck
+from gazempc.robots.dynamixel.robot import DynamixelNeck
+from gazempc.types import Sighting
+from predictors import ConstantVelocity, HeadObservation
+
+REFERENCE = load_neck("reference")
+QUICK = {"dead_time_s": 0.02, "natural_frequency_rad_s": 60.0, "damping_ratio": 1.0}
+# Pan ends 0.9 ticks beyond a whole one: rounded to the nearest, a command at the limit would leave the range.
+ENDS = {"position_min_deg": -80.06, "position_max_deg": 80.06}
+NECK = REFERENCE.model_copy(
+    update={"pan": REFERENCE.pan.model_copy(update=QUICK | ENDS), "tilt": REFERENCE.tilt.model_copy(update=QUICK)}
+)
+TICK_RAD = 2 * math.pi / 4096
+# Long enough for a busy machine: an answer that is not lost is never late. Tests that lose some wait less.
+PATIENT_MS, HASTY_MS = 2000.0, 200.0
+links = itertools.count()
+
+
+class Rig:
+    """A neck, its two motors (ids 1 and 2) and a clock that stands until it is moved."""
+
+    def __init__(self, folder, start=(2048, 2048), mode=3, **options):
+        self.now_s = 0.0
+        self.motors = {i: Motor(p, mode) for i, p in zip((1, 2), start, strict=True)}
+        self.bus = Bus(folder / f"link{next(links)}", self.motors)
+        self.options = {"reply_timeout_ms": PATIENT_MS, "approach_speed_rad_s": math.inf} | options
+        self.neck = self.another()
+
+    def another(self, **options):
+        return DynamixelNeck(NECK, lambda: self.now_s, str(self.bus.link), **(self.options | options))
+
+    def goals(self):
+        """What the motors hold; taken after the bus has worked off all that was sent."""
+        return np.array(self.values("goal"))
+
+    def values(self, name):
+        deadline = time.monotonic() + 10
+        last = -1
+        while time.monotonic() < deadline and last != (last := len(self.bus.received)):
+            time.sleep(0.02)
+        with self.bus.lock:
+            return [motor.get(name) for motor in self.motors.values()]
+
+    def recover(self, calls=30):
+        """Call until it works again; returns the state and how often it failed."""
+        for failures in range(calls):
+            self.now_s += 0.11
+            try:
+                return self.neck.read_state(), failures
+            except RobotError:
+                continue
+        raise AssertionError(f"does not come back in {calls} calls")
+
+    def close(self):
+        self.neck.close()
+        self.bus.unplug()
+
+
+@contextmanager
+def rig_in(folder, connected=True, **options):
+    rig = Rig(folder, **options)
+    try:
+        if connected:
+            rig.neck.connect()
+        yield rig
+    finally:
+        rig.close()
+
+
+@pytest.fixture
+def rig(tmp_path):
+    with rig_in(tmp_path) as rig:
+        yield rig
+
+
+@pytest.fixture
+def hasty(tmp_path):
+    with rig_in(tmp_path, reply_timeout_ms=HASTY_MS) as rig:
+        yield rig
+
+
+# Packets printed in the manual of protocol 2.0 (ping, its answer, sync read, sync write).
+MANUAL = [
+    ("ff ff fd 00 01 03 00 01 19 4e", 1, PING, ""),
+    ("ff ff fd 00 01 07 00 55 00 06 04 26 65 5d", 1, STATUS, "00 06 04 26"),
+    ("ff ff fd 00 fe 09 00 82 84 00 04 00 01 02 ce fa", 0xFE, SYNC_READ, "84 00 04 00 01 02"),
+    (
+        "ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87",
+        0xFE,
+        SYNC_WRITE,
+        "74 00 04 00 01 96 00 00 00 02 aa 00 00 00",
+    ),
+]
+
+
+@pytest.mark.parametrize(("printed", "motor_id", "instruction", "parameters"), MANUAL)
+def test_the_emulator_speaks_as_the_manual_prints(printed, motor_id, instruction, parameters):
+    printed, parameters = bytes.fromhex(printed), bytes.fromhex(parameters)
+    assert packet(motor_id, instruction, parameters) == printed
+    assert take_packet(bytearray(b"\xff\x00" + printed)) == (motor_id, instruction, parameters)
+    assert crc16(b"123456789") == 0xFEE8  # check value of CRC-16/UMTS (0x8005, start 0, not reflected)
+
+
+@given(
+    command=st.tuples(st.floats(-4, 4), st.floats(-4, 4)),
+    zeros=st.tuples(st.integers(-60000, 60000), st.integers(-60000, 60000)),
+    directions=st.tuples(st.sampled_from((1, -1)), st.sampled_from((1, -1))),
+)
+def test_round_trip_within_a_tick_inside_the_limits(tmp_path_factory, command, zeros, directions):
+    folder = tmp_path_factory.getbasetemp()
+    with rig_in(folder, start=zeros, mode=4, zero_ticks=zeros, directions=directions) as rig:
+        sent = rig.neck.send_command(np.array(command))
+        rig.neck.read_state()  # answered after the command has been carried out
+        goals = np.array([motor.get("goal") for motor in rig.motors.values()])
+        for motor, goal in zip(rig.motors.values(), goals, strict=True):
+            motor.set("position", int(goal))
+        measured = rig.neck.read_state().position_rad
+    clamped = np.clip(command, NECK.position_min_rad, NECK.position_max_rad)
+    np.testing.assert_allclose(sent, clamped, atol=TICK_RAD)
+    # By hand: turns from zero, in the direction of the axis.
+    np.testing.assert_allclose(
+        sent, [d * (g - z) / 4096 * 2 * math.pi for d, g, z in zip(directions, goals, zeros, strict=True)]
+    )
+    np.testing.assert_allclose(measured, sent, atol=1e-12)
+    assert np.all(sent >= NECK.position_min_rad)
+    assert np.all(sent <= NECK.position_max_rad)
+
+
+def test_signs_and_units_by_hand(tmp_path):
+    with rig_in(tmp_path, zero_ticks=(1024, 2048), directions=(-1, 1)) as rig:
+        for motor, position, velocity in zip(rig.motors.values(), (1536, 2304), (100, -50), strict=True):
+            motor.set("position", position)
+            motor.set("velocity", velocity)
+        state = rig.neck.read_state()
+    np.testing.assert_allclose(np.rad2deg(state.position_rad), [-45.0, 22.5])
+    np.testing.assert_allclose(state.velocity_rad_s, [-22.9 * 2 * math.pi / 60, -11.45 * 2 * math.pi / 60])
+
+
+def test_a_command_beyond_the_limits_never_reaches_a_motor(rig):
+    for command in ([9.0, 9.0], [-9.0, -9.0], [9.0, -9.0]):
+        sent = rig.neck.send_command(np.array(command))
+        np.testing.assert_allclose(rig.goals(), 2048 + sent / TICK_RAD)
+        np.testing.assert_allclose(sent, np.clip(command, NECK.position_min_rad, NECK.position_max_rad), atol=TICK_RAD)
+    for i, motor in enumerate(rig.motors.values()):
+        goals = np.array([value for what, value in motor.history if what == "goal"])
+        assert len(goals) == 3
+        assert np.all(goals >= 2048 + NECK.position_min_rad[i] / TICK_RAD)
+        assert np.all(goals <= 2048 + NECK.position_max_rad[i] / TICK_RAD)
+
+
+@pytest.mark.parametrize("command", [[np.nan, 0.0], [0.0, np.inf], [0.0, 0.0, 0.0]])
+def test_what_is_no_pair_of_angles_is_refused_and_not_sent(rig, command):
+    before = len(rig.bus.received)
+    with pytest.raises(RobotError, match="refused"):
+        rig.neck.send_command(np.array(command))
+    assert list(rig.goals()) == [2048, 2048]
+    assert len(rig.bus.received) == before
+    assert rig.neck.read_state() is not None
+
+
+@pytest.mark.parametrize(
+    ("mode", "start", "holds_at"),
+    [
+        (3, (1500, 2500), (1500, 2500)),
+        # Turned by hand, the position has counted on; with torque on in position mode it is within one turn again.
+        (3, (1500 + 4096, 2500 - 8192), (1500, 2500)),
+        (4, (1500 + 4096, 2500 - 8192), (1500 + 4096, 2500 - 8192)),
+    ],
+)
+def test_nothing_jumps_when_torque_is_switched_on(tmp_path, mode, start, holds_at):
+    with rig_in(tmp_path, start=start, mode=mode) as rig:
+        assert [motor.history for motor in rig.motors.values()] == [[("torque on", 0)]] * 2
+        assert tuple(rig.goals()) == holds_at
+        assert rig.values("torque") == [1, 1]
+        assert rig.values("profile_velocity") == [0, 0]
+        assert rig.values("profile_acceleration") == [0, 0]
+
+
+def test_the_first_command_is_approached_slowly(tmp_path):
+    speed_rad_s, target = 0.5, np.array([0.2, -0.1])
+    with rig_in(tmp_path, start=(1900, 2150), approach_speed_rad_s=speed_rad_s) as rig:
+        sent = [rig.neck.read_state().position_rad]
+        while len(sent) < 1000 and np.any(np.abs(sent[-1] - target) > TICK_RAD):
+            sent.append(rig.neck.send_command(target))
+        steps = np.abs(np.diff(sent, axis=0))
+        assert steps.max() <= speed_rad_s * NECK.servo_period_s + TICK_RAD
+        way_rad = 0.2 - (1900 - 2048) * TICK_RAD
+        assert len(sent) == pytest.approx(way_rad / (speed_rad_s * NECK.servo_period_s), rel=0.02)
+        # Once there, commands go through as they are.
+        np.testing.assert_allclose(rig.neck.send_command(np.array([-0.3, 0.3])), [-0.3, 0.3], atol=TICK_RAD)
+
+
+def test_a_neck_that_holds_goes_on_holding(rig):
+    rig.neck.send_command(np.array([0.3, 0.2]))
+    goals = rig.goals()
+    rig.neck.close()
+    for motor in rig.motors.values():
+        motor.set("position", motor.get("goal") - 20)  # it sags under its load
+        motor.set("profile_velocity", 50)
+    rig.neck = rig.another()
+    rig.neck.connect()
+    assert list(rig.goals()) == list(goals)
+    assert rig.values("profile_velocity") == [0, 0]
+
+
+def silent(motor_id, answer):
+    return b""
+
+
+def corrupt(motor_id, answer):
+    return answer[:10] + bytes([answer[10] ^ 0x10]) + answer[11:]
+
+
+def lost_pan(motor_id, answer):
+    return b"" if motor_id == 1 else answer
+
+
+def lost_tilt(motor_id, answer):
+    return b"" if motor_id == 2 else answer
+
+
+def truncated(motor_id, answer):
+    return answer[:-3]
+
+
+def too_short(motor_id, answer):
+    """A sound packet whose data, with the CRC behind it, has the length that was asked for."""
+    return packet(motor_id, STATUS, b"\0" * (len(answer) - 13))
+
+
+def access_error(motor_id, answer):
+    return packet(motor_id, STATUS, b"\x07")
+
+
+def lose_one():
+    """The first answer is lost, and no other."""
+    first = itertools.count()
+    return lambda motor_id, answer: answer if next(first) else b""
+
+
+FAULTS = [silent, corrupt, lost_pan, lost_tilt, truncated, too_short, access_error]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_an_error_never_an_angle_and_the_next_call_works(tmp_path, fault):
+    with rig_in(tmp_path, start=(2100, 2000), reply_timeout_ms=HASTY_MS) as rig:
+        rig.neck.read_state()
+        rig.bus.fault = fault
+        why = "refused what it was asked" if fault is access_error else "no answer that can be read|no whole answer"
+        with pytest.raises(RobotError, match=rf"link\d+ at 1000000 baud.*({why})"):
+            rig.neck.read_state()
+        with pytest.raises(RobotError):
+            rig.neck.send_command(np.zeros(2))
+        rig.bus.fault = None
+        assert list(rig.goals()) == [2100, 2000]
+        rig.now_s += 0.11
+        np.testing.assert_allclose(rig.neck.read_state().position_rad, np.array([52, -48]) * TICK_RAD)
+        np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_one_lost_answer_costs_one_call(hasty, fault):
+    hasty.bus.fault = fault
+    with pytest.raises(RobotError):
+        hasty.neck.read_state()
+    hasty.bus.fault = None
+    # At the same instant, so that the loop's tick still gets its command out.
+    sent = hasty.neck.send_command(np.array([0.1, 0.1]))
+    np.testing.assert_allclose(hasty.goals(), 2048 + sent / TICK_RAD)
+
+
+def test_a_command_alone_notices_that_nobody_answers(hasty):
+    hasty.neck.send_command(np.array([0.1, 0.1]))
+    for motor in hasty.motors.values():
+        motor.answers = False
+    with pytest.raises(RobotError, match="no answer"):
+        hasty.neck.send_command(np.array([0.2, 0.2]))
+
+
+def test_noise_before_an_answer_is_passed_over(rig):
+    rig.motors[1].set("position", 2000)
+    rig.bus.fault = lambda motor_id, answer: b"\xff\xff\xfd\xff\x00\xff\xff" + answer
+    np.testing.assert_allclose(rig.neck.read_state().position_rad, [-48 * TICK_RAD, 0])
+
+
+def test_a_late_answer_is_not_taken_for_the_answer_to_the_next_question(hasty):
+    held = {}
+
+    def hold_back(motor_id, answer):
+        held[motor_id] = answer
+        return b""
+
+    hasty.bus.fault = hold_back
+    with pytest.raises(RobotError):
+        hasty.neck.read_state()
+    hasty.motors[1].set("position", 2222)
+    hasty.bus.fault = lambda motor_id, answer: held.pop(motor_id, b"") + answer
+    np.testing.assert_allclose(hasty.neck.read_state().position_rad, [(2222 - 2048) * TICK_RAD, 0])
+    assert not held
+
+
+def test_noise_without_end_does_not_hold_the_caller(tmp_path):
+    with rig_in(tmp_path, reply_timeout_ms=50.0) as rig:
+        rig.bus.fault = silent
+        quiet = threading.Event()
+
+        def make_noise():
+            while not quiet.is_set():
+                rig.bus._send(b"\xff\x5a" * 500)
+
+        noise = threading.Thread(target=make_noise, daemon=True)
+        noise.start()
+        caught = []
+
+        def call():
+            try:
+                rig.neck.read_state()
+            except RobotError as error:
+                caught.append(error)
+
+        caller = threading.Thread(target=call, daemon=True)
+        caller.start()
+        caller.join(timeout=8)
+        came_back = not caller.is_alive()
+        quiet.set()
+        noise.join()
+        caller.join()
+        assert came_back
+        assert len(caught) == 1
+
+
+def test_bytes_that_look_like_a_header_are_unmasked(rig):
+    """Velocity -1 and position 2045 make FF FF FF FF FD 07 00 00."""
+    rig.motors[2].set("velocity", -1)
+    rig.motors[2].set("position", 2045)
+    answers = []
+    rig.bus.fault = lambda motor_id, answer: answers.append(answer) or answer
+    state = rig.neck.read_state()
+    assert b"\xff\xff\xfd\xfd\x07" in answers[1]
+    assert state.position_rad[1] == pytest.approx(-3 * TICK_RAD)
+    assert state.velocity_rad_s[1] == pytest.approx(-0.229 * 2 * math.pi / 60)
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_motors_that_answer_reads_only_will_do(tmp_path, level):
+    with rig_in(tmp_path, connected=False) as rig:
+        for motor in rig.motors.values():
+            motor.set("status_return_level", level)
+        rig.neck.connect()
+        np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
+        assert rig.neck.read_state() is not None
+
+
+def test_a_hardware_error_is_named_and_the_motor_is_not_restarted_by_itself(rig):
+    rig.motors[2].shut_down(0b100100)
+    for _ in range(5):
+        with pytest.raises(RobotError, match=r"motor 2 \(tilt\): hardware error: overheating, overload"):
+            rig.neck.read_state()
+        with pytest.raises(RobotError, match="overheating, overload"):
+            rig.neck.send_command(np.array([0.2, 0.2]))
+        rig.now_s += 0.11
+    assert rig.values("torque") == [1, 0]
+    assert list(rig.goals()) == [2048, 2048]
+    rig.motors[2].restart(1800)  # the user has switched it off and on; the head has dropped
+    state, failures = rig.recover()
+    assert failures > 0
+    np.testing.assert_allclose(state.position_rad, [0, (1800 - 2048) * TICK_RAD])
+    assert rig.motors[2].history[-1] == ("torque on", 0)
+    np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
+
+
+def test_power_that_goes_and_comes_back(hasty):
+    for motor in hasty.motors.values():
+        motor.answers = False
+    with pytest.raises(RobotError, match="check power"):
+        hasty.neck.read_state()
+    with pytest.raises(RobotError, match="check power"):
+        hasty.neck.send_command(np.zeros(2))
+    asked = len(hasty.bus.received)
+    for _ in range(100):  # within 0.1 s nobody is asked again: the loop's ticks lose no time
+        with pytest.raises(RobotError, match="check power"):
+            hasty.neck.read_state()
+    assert len(hasty.bus.received) == asked
+    for motor, position in zip(hasty.motors.values(), (2300, 1900), strict=True):
+        motor.answers = True
+        motor.restart(position)
+        motor.history.clear()
+    state, failures = hasty.recover()
+    assert failures > 0
+    np.testing.assert_allclose(state.position_rad, np.array([252, -148]) * TICK_RAD)
+    assert [motor.history for motor in hasty.motors.values()] == [[("torque on", 0)]] * 2
+    assert hasty.values("profile_velocity") == [0, 0]
+
+
+def test_power_back_before_anybody_asked_again_is_noticed(hasty):
+    """The motors answer again at the very next call, but without torque: no command may seem to get through."""
+    hasty.bus.fault = silent
+    with pytest.raises(RobotError):
+        hasty.neck.read_state()
+    hasty.bus.fault = None
+    for motor in hasty.motors.values():
+        motor.restart(2048)
+    with pytest.raises(RobotError, match="lost its torque"):
+        hasty.neck.send_command(np.array([0.1, 0.1]))
+    assert hasty.values("goal") == [0, 0]
+    hasty.recover()
+    assert hasty.values("torque") == [1, 1]
+
+
+def test_a_port_that_goes_and_comes_back(rig):
+    rig.neck.send_command(np.array([0.2, 0.1]))
+    goals = rig.goals()
+    rig.bus.unplug()
+    for _ in range(3):
+        with pytest.raises(RobotError, match=r"link\d+ at 1000000 baud: (the port failed|cannot be opened)"):
+            rig.neck.read_state()
+        with pytest.raises(RobotError):
+            rig.neck.send_command(np.zeros(2))
+        rig.now_s += 0.11
+    rig.bus.plug_in()
+    state, _ = rig.recover()
+    np.testing.assert_allclose(
+        state.position_rad, [m.get("position") * TICK_RAD - math.pi for m in rig.motors.values()]
+    )
+    assert list(rig.goals()) == list(goals)  # the motors had power all the time, and held
+    np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
+
+
+def test_connect_says_what_is_wrong(tmp_path):
+    with rig_in(tmp_path, connected=False, reply_timeout_ms=HASTY_MS) as rig:
+        line = f"{rig.bus.link} at 1000000 baud"
+        cases = [
+            (rig.another(motor_ids=(1, 7)), [line, "motor 7 (tilt)", "power", "id", "baud"], lambda: None),
+            (rig.another(baud_rate_bps=12345), ["12345", "57600"], lambda: None),
+            (rig.another(zero_ticks=(4000, 2048)), ["(pan)", "Position Limits", "0..4095"], lambda: None),
+            (rig.another(), ["motor 2 (tilt)", "model 350"], lambda: rig.motors[2].set("model", 350)),
+            (rig.another(), ["motor 1 (pan)", "Operating Mode (11) is 1"], lambda: rig.motors[1].set("mode", 1)),
+            (rig.another(), ["overload"], lambda: rig.motors[1].set("hardware_error", 32)),
+        ]
+        for neck, parts, spoil in cases:
+            before = {i: bytes(motor.table) for i, motor in rig.motors.items()}
+            spoil()
+            with pytest.raises(RobotError) as caught:
+                neck.connect()
+            assert all(part in str(caught.value) for part in parts), str(caught.value)
+            assert rig.values("torque") == [0, 0]
+            with pytest.raises(RobotError, match="connect"):
+                neck.read_state()
+            for i, table in before.items():
+                rig.motors[i].table[:] = table
+        rig.neck.connect()  # every failed one has let go of the port
+        rig.neck.connect()
+        with pytest.raises(RobotError, match="no other program has it"):
+            rig.another().connect()
+    with pytest.raises(RobotError, match=r"link\d+ at 1000000 baud: cannot be opened"):
+        rig.another().connect()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"motor_ids": (1, 1)}, {"motor_ids": (1, 254)}, {"directions": (1, 0)}, {"zero_ticks": (0, 131073)}]
+)
+def test_settings_that_cannot_be_right_are_refused(wrong):
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        DynamixelNeck(NECK, lambda: 0.0, "nowhere", **wrong)
+
+
+def test_the_library_is_imported_only_to_connect(monkeypatch):
+    check = (
+        "import sys, gazempc.robots.dynamixel.robot;sys.exit('dynamixel_sdk' in sys.modules or 'serial' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
+    monkeypatch.setitem(sys.modules, "dynamixel_sdk", None)
+    with pytest.raises(MissingOptionalDependencyError, match="pip install dynamixel-sdk"):
+        DynamixelNeck(NECK, lambda: 0.0, "nowhere").connect()
+
+
+@pytest.mark.parametrize("torque_off", [False, True])
+def test_close_leaves_the_motors_as_told_and_releases_the_port(tmp_path, torque_off):
+    with rig_in(tmp_path, torque_off_on_close=torque_off) as rig:
+        open_before = len(list(Path("/dev/fd").iterdir()))
+        rig.neck.send_command(np.array([0.1, 0.1]))
+        rig.neck.close()
+        rig.neck.close()
+        assert len(list(Path("/dev/fd").iterdir())) < open_before
+        assert rig.values("torque") == [0 if torque_off else 1] * 2
+        with pytest.raises(RobotError, match="connect"):
+            rig.neck.send_command(np.zeros(2))
+        rig.neck.connect()
+        assert rig.neck.read_state() is not None
+
+
+def test_close_never_raises(tmp_path):
+    with rig_in(tmp_path, connected=False, torque_off_on_close=True) as rig:
+        rig.neck.close()
+        rig.neck.connect()
+        rig.bus.unplug()
+        rig.neck.close()
+        rig.neck.close()
+
+
+def test_two_hundred_cycles_without_an_error(rig):
+    started = time.perf_counter()
+    for k in range(200):
+        rig.now_s = k / 200
+        state = rig.neck.read_state()
+        assert state.time_s == rig.now_s
+        assert np.all(np.abs(state.position_rad) <= 0.5)
+        rig.neck.send_command(np.array([0.4 * np.sin(k / 20), 0.2 * np.cos(k / 20)]))
+    print(f"{200 / (time.perf_counter() - started):.0f} cycles a second")
+
+
+@pytest.mark.parametrize("fault", ["one answer", "port"])
+def test_in_the_loop_a_fault_is_named_and_no_limit_is_left(hasty, fault):
+    recorder = LoopRecorder(NECK.control_period_s)
+    parts = ConstantVelocity(), LookAhead(NECK), Smoother(NECK, np.zeros(2)), hasty.neck, recorder, LoopSettings()
+    loop = GazeLoop(NECK, *parts)
+    period_s = NECK.servo_period_s
+    for index in range(240):
+        hasty.now_s = time_s = index * period_s
+        if fault == "one answer":
+            hasty.bus.fault = lose_one() if index == 100 else None
+        elif index in (90, 120):
+            hasty.bus.unplug() if index == 90 else hasty.bus.plug_in()
+        seen = [Sighting(time_s, HeadObservation(time_s - 0.066, np.array([2.5, 0.4 + time_s, 0.4])))]
+        loop.tick(index, time_s, seen if index % 7 == 0 else [])
+    log, _ = recorder.finish({}, lambda t: np.zeros((len(t), 3)))
+    assert set(log.event_name.tolist()) <= {"no_observation_yet", "robot_not_answering"}
+    [named_s] = log.event_time_s[log.event_name == "robot_not_answering"]
+    assert named_s == pytest.approx((100 if fault == "one answer" else 90) * period_s)
+    tolerance = 1e-9
+    assert np.all(log.command_position_rad >= NECK.position_min_rad - tolerance)
+    assert np.all(log.command_position_rad <= NECK.position_max_rad + tolerance)
+    # What the motors got, in order: no step beyond the speed limit and the rounding to ticks, over the gap too.
+    for i, motor in enumerate(hasty.motors.values()):
+        goals = np.array([2048] + [value for what, value in motor.history if what == "goal"])
+        assert len(goals) > 200 - 60
+        assert np.abs(np.diff(goals)).max() * TICK_RAD <= NECK.velocity_max_rad_s[i] * period_s + TICK_RAD
+    # It follows again: the command has reached the head, and the log holds what the motors hold.
+    assert log.command_position_rad[-1, 0] == pytest.approx(math.atan2(0.4 + 1.2, 2.5), abs=np.deg2rad(3))
+    np.testing.assert_allclose(hasty.goals(), 2048 + log.command_position_rad[-1] / TICK_RAD)
+    if fault == "one answer":
+        assert np.isnan(log.joint_position_rad[:, 0]).sum() == 1

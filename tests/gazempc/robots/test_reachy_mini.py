@@ -1,0 +1,521 @@
+"""Reachy Mini over its daemon's websocket: its own frames, its faults, and the daemon itself where it is installed."""
+
+import json
+import math
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from reachy_mini_server import daemon, recorded
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.robots.reachy_mini.head import clamp_to_head, head_angles, head_matrix
+from gazempc.robots.reachy_mini.robot import ReachyMiniNeck
+
+NECK = load_neck("reachy_mini")
+WIDE = NeckSpec.model_validate(
+    NECK.model_dump()
+    | {
+        axis: getattr(NECK, axis).model_dump() | {"position_min_deg": -170, "position_max_deg": 170}
+        for axis in ("pan", "tilt")
+    }
+)
+AT_ONCE = {"approach_speed_rad_s": math.inf}
+angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5)).map(np.array)
+
+
+def until(condition, what="", seconds=15.0):
+    """Wait for a condition; returns what it gives. The time is long enough for a busy machine."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if (found := condition()) is not None and found is not False:
+            return found
+        time.sleep(0.002)
+    raise AssertionError(f"does not happen in {seconds} s: {what}")
+
+
+def works(neck, command=(0.0, 0.0)):
+    try:
+        return neck.send_command(np.array(command))
+    except RobotError:
+        return None
+
+
+def refusal(neck, call="send"):
+    try:
+        neck.send_command(np.zeros(2)) if call == "send" else neck.read_state()
+    except RobotError as error:
+        return str(error)
+    return None
+
+
+@pytest.fixture
+def server():
+    with daemon() as it:
+        yield it
+
+
+@pytest.fixture
+def make(server):
+    made = []
+
+    def new(neck=NECK, **options):
+        made.append(ReachyMiniNeck(neck, time.monotonic, **({"port": server.port} | AT_ONCE | options)))
+        made[-1].connect()
+        return made[-1]
+
+    yield new
+    for neck in made:
+        neck.close()
+
+
+@pytest.fixture
+def patient(monkeypatch):
+    """A busy machine may pause for longer than a daemon may be silent."""
+    monkeypatch.setattr("gazempc.robots.reachy_mini.robot._SILENCE_S", 60.0)
+
+
+def pose(pan_deg, tilt_deg, roll_deg=0.0, at_m=(0.0, 0.0, 0.0)):
+    """A head_pose message made by scipy; the daemon's pitch is positive down."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler("ZYX", [pan_deg, -tilt_deg, roll_deg], degrees=True).as_matrix()
+    matrix[:3, 3] = at_m
+    return {"type": "head_pose", "head_pose": matrix.tolist()}
+
+
+# ---------------------------------------------------------------- angles and poses
+
+
+@given(position=angles, roll_rad=st.floats(-0.5, 0.5))
+def test_poses_are_those_of_scipy_and_give_their_angles_back(position, roll_rad):
+    expected = Rotation.from_euler("ZYX", [position[0], -position[1], 0.0])
+    matrix = head_matrix(position)
+    np.testing.assert_allclose(matrix[:3, :3], expected.as_matrix(), atol=1e-12)
+    np.testing.assert_array_equal(matrix[:3, 3], 0.0)
+    np.testing.assert_array_equal(matrix[3], [0, 0, 0, 1])
+    np.testing.assert_allclose(head_angles(matrix), position, atol=1e-9)
+    rolled = np.eye(4)
+    rolled[:3, :3] = (expected * Rotation.from_euler("x", roll_rad)).as_matrix()
+    np.testing.assert_allclose(head_angles(rolled), position, atol=1e-9)
+
+
+def test_left_and_up_are_positive():
+    forward = head_matrix(np.deg2rad([20.0, 10.0]))[:3, 0]
+    assert forward[1] > 0.3
+    assert forward[2] == pytest.approx(math.sin(math.radians(10.0)))
+
+
+@pytest.mark.parametrize(
+    "matrix", [np.eye(3), np.zeros((4, 4)), np.full((4, 4), np.nan), np.diag([1.0, 1, -1, 1]), 2 * np.eye(4)]
+)
+def test_what_is_no_pose_is_refused(matrix):
+    with pytest.raises(ValueError, match="not a pose"):
+        head_angles(matrix)
+
+
+@given(position=angles)
+def test_what_is_clamped_is_in_reach_and_nearer_the_middle(position):
+    clamped = clamp_to_head(position)
+    assert np.all(np.abs(clamped) <= np.abs(position) + 1e-15)
+    assert np.all(np.abs(clamped) <= np.deg2rad([65.0, 40.0]) + 1e-12)
+    np.testing.assert_array_equal(clamp_to_head(clamped), clamped)
+
+
+def test_the_necks_whole_range_is_in_reach():
+    for pan in (NECK.position_min_rad[0], NECK.position_max_rad[0]):
+        for tilt in np.linspace(NECK.position_min_rad[1], NECK.position_max_rad[1], 50):
+            np.testing.assert_array_equal(clamp_to_head(np.array([pan, tilt])), [pan, tilt])
+
+
+# fmt: off
+# What the daemon's inverse kinematics (reachy-mini 1.13.0) reaches with all motors within the limits of its model:
+# tilt and the largest pan to both sides, degrees, in steps of 0.25.
+MEASURED = [(-40, 38.5), (-38, 43.25), (-36, 47.5), (-34, 51.25), (-32, 55), (-30, 58.25), (-28, 61.5),
+            (-26, 64.5), (-24, 67.5), (0, 102.25), (30, 67.25), (32, 64.75), (34, 62), (36, 59.5),
+            (38, 56.75), (40, 54)]
+# fmt: on
+
+
+@pytest.mark.parametrize(("tilt_deg", "pan_deg"), MEASURED)
+def test_clamped_poses_are_reached_by_the_daemons_kinematics(tilt_deg, pan_deg):
+    pan, tilt = np.rad2deg(clamp_to_head(np.deg2rad([179.0, tilt_deg])))
+    assert tilt == pytest.approx(tilt_deg)
+    assert min(pan_deg, 65.0) - 2.0 < pan < pan_deg
+
+
+# ---------------------------------------------------------------- commands
+
+
+def test_the_message_is_the_one_that_the_daemon_followed(server, make):
+    """Commands of the recording, made there by other code: the daemon's head went left and up."""
+    neck = make()
+    for _, message in recorded("sent", "set_full_target")[::10]:
+        asked = head_angles(np.array(message["head"]).reshape(4, 4))
+        np.testing.assert_allclose(neck.send_command(asked), asked, atol=1e-12)
+        got = until(lambda: server.received[-1] if server.received else None)
+        until(lambda m=message: server.received and np.allclose(server.received[-1]["head"], m["head"], atol=1e-9))
+        assert set(got) == set(message)
+        assert (got["type"], got["body_yaw"]) == (message["type"], message["body_yaw"])
+
+
+@pytest.mark.parametrize(
+    ("neck", "asked_deg", "sent_deg"),
+    [
+        (NECK, (100, 0), (60, 0)),
+        (NECK, (-100, 90), (-60, 35)),
+        (NECK, (5, -90), (5, -28)),
+        (WIDE, (100, 0), (65, 0)),
+        (WIDE, (-100, -40), (-38, -40)),
+        (WIDE, (10, 80), (10, 40)),
+    ],
+)
+def test_commands_are_clamped_to_the_neck_and_to_the_head(server, make, neck, asked_deg, sent_deg):
+    sent = make(neck).send_command(np.deg2rad(asked_deg))
+    np.testing.assert_allclose(np.rad2deg(sent), sent_deg, atol=1e-9)
+    head = np.array(server.commands()[-1]["head"]).reshape(4, 4)
+    expected = Rotation.from_euler("ZYX", [sent_deg[0], -sent_deg[1], 0], degrees=True).as_matrix()
+    np.testing.assert_allclose(head[:3, :3], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("command", [[np.nan, 0], [0, np.inf], [0.0], [0.0, 0.0, 0.0]])
+def test_a_command_that_is_not_two_finite_angles_is_refused(server, make, command):
+    neck = make()
+    with pytest.raises(RobotError, match="refused"):
+        neck.send_command(np.array(command))
+    assert server.commands() == []
+
+
+def test_the_first_commands_approach_from_where_the_head_is(server, make):
+    server.frames["head_pose"] = pose(-20, 10)
+    neck = make(approach_speed_rad_s=0.5)
+    step = 0.5 * NECK.servo_period_s
+    target = np.deg2rad([30.0, 10.0])
+    sent = [neck.send_command(target) for _ in range(200)]
+    assert sent[0] == pytest.approx([math.radians(-20.0) + step, math.radians(10.0)])
+    assert np.max(np.abs(np.diff(sent, axis=0))) <= step + 1e-12
+    np.testing.assert_array_equal(sent[-1], target)
+    # Once there, the smoother alone shapes the motion.
+    np.testing.assert_array_equal(neck.send_command(np.zeros(2)), [0.0, 0.0])
+
+
+# ---------------------------------------------------------------- state
+
+
+def test_the_state_is_where_the_recorded_head_looked(server, make):
+    """Played back in time; yaw and pitch by scipy, velocity by a parabola through the recording."""
+    poses = recorded("received", "head_pose")
+    angles_deg = np.array([Rotation.from_matrix(np.array(m["head_pose"])[:3, :3]).as_euler("ZYX", degrees=True)
+                           for _, m in poses])  # fmt: skip
+    assert angles_deg[-1, 0] > 15.0
+    assert angles_deg[-1, 1] < -7.0
+    neck = make()
+    for k in (0, len(poses) // 2, len(poses) - 1):
+        server.frames["head_pose"] = poses[k][1]
+        expected = np.deg2rad([angles_deg[k, 0], -angles_deg[k, 1]])
+        until(lambda e=expected: (s := neck.read_state()) is not None and np.allclose(s.position_rad, e, atol=1e-6))
+
+
+def test_velocity_and_time_are_those_of_a_turning_head(server, make):
+    neck, speed, began_s = make(), np.array([0.4, -0.2]), time.monotonic()
+
+    class Turning:
+        def values(self):
+            moved = np.rad2deg(speed * (time.monotonic() - began_s))
+            return [json.dumps(pose(*moved))]
+
+    server.frames = Turning()
+
+    def measured():
+        state = neck.read_state()
+        if state is not None and time.monotonic() - began_s > 0.5:
+            # Position tells the time at which it was made: a late arrival may be later, never earlier.
+            late_s = state.time_s - began_s - state.position_rad[0] / speed[0]
+            assert late_s > -1e-3
+            return late_s < 0.05 and np.allclose(state.velocity_rad_s, speed, rtol=0.2)
+        return None
+
+    until(measured, "velocity within 20 %", seconds=1.0 / 0.2)
+
+
+def test_nothing_new_is_no_state(server, make, patient, monkeypatch):
+    monkeypatch.setattr("gazempc.robots.reachy_mini.robot._STALE_S", 60.0)
+    neck = make()
+    assert until(neck.read_state).position_rad.shape == (2,)
+    server.silent = True
+    until(lambda: neck.read_state() is None)
+    time.sleep(0.05)
+    # Two calls with no pose in between.
+    assert all(neck.read_state() is None for _ in range(3))
+
+
+def test_a_stale_state_is_none(server, make, patient):
+    neck = make()
+    until(neck.read_state)
+    time.sleep(0.1)
+    server.silent = True
+    time.sleep(0.4)
+    # The last pose has not been read, but is too old.
+    assert neck.read_state() is None
+
+
+def test_unreadable_messages_are_passed_over(server, make):
+    server.extra = ["", "{", "[1]", '"x"', "null", b"\xff\x00", '{"type": "new"}', '{"type": "head_pose"}',
+                    '{"type": "head_pose", "head_pose": "left"}', '{"type": "head_pose", "head_pose": [[1, 2], [3]]}',
+                    json.dumps({"type": "head_pose", "head_pose": [[math.nan] * 4] * 4}),
+                    '{"type": "head_pose", "head_pose": [[' + "9" * 400 + "]]}", "[" * 50_000,
+                    '{"type": "joint_positions"}', '{"type": "daemon_status"}']  # fmt: skip
+    server.frames["head_pose"] = pose(12, -7)
+    neck = make()
+    for _ in range(5):
+        state = until(neck.read_state)
+        np.testing.assert_allclose(np.rad2deg(state.position_rad), [12, -7], atol=1e-9)
+    neck.send_command(np.array([0.1, 0.0]))
+    assert len(server.commands()) == 1
+    assert server.handshakes == 1
+
+
+# ---------------------------------------------------------------- faults
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_nobody_at_the_port_is_said_with_the_address_and_what_to_start():
+    port = free_port()
+    neck = ReachyMiniNeck(NECK, time.monotonic, port=port)
+    with pytest.raises(RobotError, match=rf"ws://127.0.0.1:{port}/ws/sdk .*efused.*reachy-mini-daemon"):
+        neck.connect()
+    with pytest.raises(RobotError, match=r"call connect\(\) first"):
+        neck.read_state()
+    assert no_threads_left()
+
+
+def test_a_port_with_something_else_is_said(server):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        neck = ReachyMiniNeck(NECK, time.monotonic, port=other.getsockname()[1])
+        # It accepts, but never answers.
+        with pytest.raises(RobotError, match="no connection to the daemon"):
+            neck.connect()
+
+
+def test_a_command_after_the_connection_is_lost_is_an_error_and_it_comes_back(server, make):
+    neck = make(approach_speed_rad_s=0.5)
+    while not np.array_equal(neck.send_command(np.array([0.3, 0.0])), [0.3, 0.0]):
+        pass
+    server.stop()
+    for call in ("send", "read"):
+        message = until(lambda c=call: refusal(neck, c))
+        assert f"ws://127.0.0.1:{server.port}/ws/sdk" in message
+    before = len(server.commands())
+    server.frames["head_pose"] = pose(-5, 0)
+    server.start()
+    sent = until(lambda: works(neck, (0.3, 0.0)))
+    # It was away: it may stand anywhere, so it is approached anew; and nothing of before is sent late.
+    assert sent[0] == pytest.approx(math.radians(-5) + 0.5 * NECK.servo_period_s)
+    assert until(neck.read_state) is not None
+    late = head_angles(np.array(server.commands()[before]["head"]).reshape(4, 4))
+    np.testing.assert_allclose(late, sent, atol=1e-9)
+
+
+def test_a_closed_connection_is_opened_again(server, make):
+    neck = make(approach_speed_rad_s=0.5)
+    while not np.array_equal(neck.send_command(np.array([0.3, 0.0])), [0.3, 0.0]):
+        pass
+    server.frames["head_pose"] = pose(-5, 0)
+    server.kick()
+    # Between two commands, so that none of them told of it.
+    until(lambda: server.handshakes == 2)
+
+    def sees_it():
+        try:
+            state = neck.read_state()
+        except RobotError:
+            return False
+        return state is not None and state.position_rad[0] < -0.08
+
+    until(sees_it)
+    assert neck.send_command(np.array([0.3, 0.0]))[0] == pytest.approx(math.radians(-5) + 0.5 * NECK.servo_period_s)
+
+
+def test_silence_is_an_error_and_it_comes_back(server, make):
+    neck = make()
+    server.silent = True
+    assert "no head_pose message for 1 s" in until(lambda: (m := refusal(neck)) and "head_pose" in m and m)
+    server.silent = False
+    until(lambda: works(neck) is not None)
+
+
+def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make, monkeypatch, patient):
+    opened = socket.create_connection
+
+    def with_small_buffer(*args, **options):
+        connection = opened(*args, **options)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+        return connection
+
+    monkeypatch.setattr(socket, "create_connection", with_small_buffer)
+    neck = make()
+    server.deaf.set()
+    longest_s = 0.0
+
+    def refused():
+        nonlocal longest_s
+        began_s = time.monotonic()
+        message = refusal(neck)
+        longest_s = max(longest_s, time.monotonic() - began_s)
+        return message
+
+    assert "takes no commands" in until(refused, "buffers fill up", seconds=30.0)
+    # A send that waits would wait for ever.
+    assert longest_s < 3.0
+    began_s = time.monotonic()
+    neck.close()
+    assert time.monotonic() - began_s < 10.0
+    assert no_threads_left()
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ({"backend_status": {"motor_control_mode": "disabled", "error": None}}, "motors are 'disabled'.*wake"),
+        ({"backend_status": None}, "motors are None"),
+        ({"backend_status": {"motor_control_mode": "enabled", "error": "No response"}}, "reports: No response"),
+        ({"state": "error", "error": "no serial port"}, "'error', not 'running': no serial port"),
+    ],
+)
+def test_a_robot_that_would_not_move_is_an_error_until_it_would(server, make, change, what):
+    well = server.frames["daemon_status"]
+    server.frames["daemon_status"] = well | change
+    with pytest.raises(RobotError, match=what):
+        make()
+    server.frames["daemon_status"] = well
+    neck = make()
+    server.frames["daemon_status"] = well | change
+    until(lambda: refusal(neck))
+    # It still tells where it is.
+    assert until(neck.read_state) is not None
+    server.frames["daemon_status"] = well
+    until(lambda: works(neck) is not None)
+
+
+def test_a_sleeping_head_and_a_turned_body_are_not_made_to_jump(server, make):
+    up = server.frames["head_pose"]
+    server.frames["head_pose"] = pose(0, -24, at_m=(-0.021, 0.001, -0.044))
+    with pytest.raises(RobotError, match="wake the robot first"):
+        make()
+    server.frames["head_pose"] = up
+    server.frames["joint_positions"] = server.frames["joint_positions"] | {"head_joint_positions": [0.5] + [0.6] * 6}
+    with pytest.raises(RobotError, match="body is turned by 29 deg"):
+        make()
+    assert server.commands() == []
+
+
+def test_a_daemon_without_a_backend_is_said(server, make, monkeypatch):
+    monkeypatch.setattr("gazempc.robots.reachy_mini.robot._CONNECT_S", 0.5)
+    del server.frames["daemon_status"]
+    with pytest.raises(RobotError, match="no daemon_status message has come"):
+        make()
+
+
+def test_a_range_without_straight_ahead_is_refused():
+    neck = NeckSpec.model_validate(NECK.model_dump() | {"pan": NECK.pan.model_dump() | {"position_min_deg": 10.0}})
+    with pytest.raises(SettingsError, match="must contain pan 0"):
+        ReachyMiniNeck(neck, time.monotonic)
+
+
+def test_without_websockets_the_extra_is_named(monkeypatch):
+    for name in [n for n in sys.modules if n.split(".")[0] == "websockets"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "websockets", None)
+    with pytest.raises(MissingOptionalDependencyError, match="reachy"):
+        ReachyMiniNeck(NECK, time.monotonic).connect()
+
+
+def test_importing_the_module_does_not_import_websockets():
+    code = "import sys, gazempc.robots.reachy_mini.robot; sys.exit('websockets' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def no_threads_left():
+    ours = [t for t in threading.enumerate() if t.name.endswith(("(_listen)", "(_send)"))]
+    return ours == []
+
+
+def test_connect_and_close_may_be_called_again(server, make):
+    neck = make()
+    neck.connect()
+    assert server.handshakes == 1
+    neck.close()
+    neck.close()
+    assert no_threads_left()
+    with pytest.raises(RobotError, match=r"call connect\(\) first"):
+        neck.send_command(np.zeros(2))
+    neck.connect()
+    assert works(neck) is not None
+    ReachyMiniNeck(NECK, time.monotonic).close()
+
+
+def test_the_last_command_before_closing_is_sent(server, make):
+    neck = make()
+    neck.send_command(np.array([0.25, 0.0]))
+    neck.close()
+    head = np.array(until(server.commands)[-1]["head"]).reshape(4, 4)
+    np.testing.assert_allclose(head_angles(head), [0.25, 0.0], atol=1e-9)
+
+
+# ---------------------------------------------------------------- the daemon itself
+
+
+@pytest.fixture(scope="module")
+def real_port(tmp_path_factory):
+    program = shutil.which("reachy-mini-daemon")
+    if program is None:
+        pytest.skip("reachy-mini-daemon is not installed (pip install 'reachy-mini[mujoco]'); needs no robot")
+    port, home = free_port(), tmp_path_factory.mktemp("home")
+    command = [program, "--sim", "--headless", "--no-media", "--fastapi-port", str(port)]
+    quiet = os.environ | {"DO_NOT_TRACK": "1", "HF_HUB_OFFLINE": "1", "HOME": str(home)}
+    with (home / "log").open("w") as log, subprocess.Popen(command, stdout=log, stderr=log, env=quiet) as process:
+        yield port
+        process.terminate()
+
+
+def test_the_daemons_simulated_head_goes_where_it_is_sent(real_port):
+    neck = ReachyMiniNeck(NECK, time.monotonic, port=real_port)
+
+    def connected():
+        try:
+            neck.connect()
+        except RobotError:
+            return False
+        return True
+
+    until(connected, "the daemon starts", seconds=90.0)
+    # Its own wake-up move comes first: targets are ignored meanwhile.
+    time.sleep(4.0)
+    try:
+        for target_deg in [(20, 0), (-20, 0), (0, 15), (0, -15), (50, 30), (-50, -25), (0, 0)]:
+            target = np.deg2rad(target_deg)
+
+            def near(target=target):
+                neck.send_command(target)
+                time.sleep(0.02)
+                state = neck.read_state()
+                # The simulated joints have dry friction: they stop short by up to a tenth.
+                return state is not None and np.all(np.abs(state.position_rad - target) < 0.1 * np.abs(target) + 0.03)
+
+            until(near, f"{target_deg} deg", seconds=20.0)
+    finally:
+        neck.close()

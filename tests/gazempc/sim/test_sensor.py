@@ -1,0 +1,433 @@
+"""What the robot sees and where it stands: noise, latency, rate, range, placement, and the truth between frames."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import PlacementError, SettingsError
+from gazempc.recordings.placement import place
+from gazempc.recordings.recording import Recording, Track
+from gazempc.recordings.synthetic.walks import generate
+from gazempc.recordings.truth import TrueHead
+from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor, observe, sensor_names
+from gazempc.types import Sighting
+
+Array = NDArray[np.float64]
+PERFECT = load_sensor("perfect")
+REFERENCE = load_sensor("reference")
+
+
+def recording(
+    times_s: Array,
+    head_m: Array,
+    yaw: Array | float = 0.0,
+    name: str = "walk",
+    measured: Track | None = None,
+    valid: NDArray[np.bool_] | None = None,
+) -> Recording:
+    """A walk with the head turned 0.2 rad further left than the pelvis, whose yaw is given."""
+    seen = np.full(times_s.size, True) if valid is None else valid
+    yaws = np.broadcast_to(np.asarray(yaw, dtype=np.float64), times_s.shape)
+    track = Track(
+        head_position_m=np.where(seen[:, None], head_m, np.nan),
+        head_quat_wxyz=np.where(seen[:, None], quats(yaws + 0.2), np.nan),
+        pelvis_position_m=np.where(seen[:, None], head_m - [0.0, 0.0, 0.7], np.nan),
+        pelvis_quat_wxyz=np.where(seen[:, None], quats(yaws), np.nan),
+        valid=seen,
+    )
+    return Recording(name, "test", "motion capture", times_s, track, measured, has_robot=True)
+
+
+def quats(yaws: Array) -> Array:
+    return Rotation.from_euler("z", yaws[:, None]).as_quat(scalar_first=True)
+
+
+def yaw_of(quat_wxyz: Array) -> Array:
+    x, y, _ = Rotation.from_quat(quat_wxyz, scalar_first=True).apply([1.0, 0.0, 0.0]).T
+    return np.arctan2(y, x)
+
+
+def standing(frames: int, rate_hz: float = 30.0, name: str = "walk") -> Recording:
+    return recording(np.arange(frames) / rate_hz, np.tile([2.0, 0.5, 0.3], (frames, 1)), name=name)
+
+
+def positions(sightings: tuple[Sighting, ...]) -> Array:
+    return np.array([each.observation.head_position_base_m for each in sightings])
+
+
+def capture_times(sightings: tuple[Sighting, ...]) -> Array:
+    return np.array([each.observation.capture_time_s for each in sightings])
+
+
+# ---------------------------------------------------------------- noise
+
+
+def test_reference_sensor_has_the_figures_of_the_design() -> None:
+    assert (REFERENCE.rate_hz, REFERENCE.latency_s) == (30.0, 0.066)
+    assert (REFERENCE.position_noise_m, REFERENCE.yaw_noise_deg) == (0.010, 2.0)
+    assert REFERENCE.measures == "truth"
+    assert REFERENCE.dropout_probability == 0.0
+
+
+def test_noise_has_the_stated_standard_deviations_and_no_memory() -> None:
+    frames = 6000
+    sightings = observe(standing(frames), REFERENCE, seed=1)
+    jitter = positions(sightings) - [2.0, 0.5, 0.3]
+    head = yaw_of(np.array([each.observation.head_quat_wxyz for each in sightings])) - 0.2
+    pelvis = yaw_of(np.array([each.observation.pelvis_quat_wxyz for each in sightings]))
+    noise = np.column_stack([jitter / 0.010, head / np.deg2rad(2.0), pelvis / np.deg2rad(2.0)])
+    tolerance = 5.0 / np.sqrt(frames)
+    np.testing.assert_allclose(noise.mean(axis=0), 0.0, atol=tolerance)
+    np.testing.assert_allclose(np.cov(noise.T), np.eye(5), atol=1.5 * tolerance)
+    np.testing.assert_allclose(noise[1:].T @ noise[:-1] / frames, 0.0, atol=tolerance)
+
+
+def test_yaw_noise_turns_about_the_vertical_only() -> None:
+    walk = standing(50)
+    leaning = Rotation.from_euler("ZYX", [0.4, 0.3, -0.2]).as_quat(scalar_first=True)
+    walk = replace(walk, truth=replace(walk.truth, head_quat_wxyz=np.tile(leaning, (50, 1))))
+    for each in observe(walk, REFERENCE, seed=1):
+        _, pitch, roll = Rotation.from_quat(each.observation.head_quat_wxyz, scalar_first=True).as_euler("ZYX")
+        assert (pitch, roll) == pytest.approx((0.3, -0.2), abs=1e-12)
+
+
+def test_same_seed_same_noise_other_seed_or_recording_other_noise() -> None:
+    first = positions(observe(standing(40), REFERENCE, seed=1))
+    np.testing.assert_array_equal(positions(observe(standing(40), REFERENCE, seed=1)), first)
+    for other in (observe(standing(40), REFERENCE, seed=2), observe(standing(40, name="other"), REFERENCE, seed=1)):
+        assert not np.any(positions(other) == first)
+        assert abs(np.corrcoef((positions(other) - first.mean(0)).ravel(), (first - first.mean(0)).ravel())[0, 1]) < 0.4
+
+
+def test_noise_does_not_touch_numpys_global_state() -> None:
+    np.random.seed(5)  # noqa: NPY002
+    expected = np.random.random()  # noqa: NPY002
+    np.random.seed(5)  # noqa: NPY002
+    observe(standing(10), REFERENCE, seed=1)
+    assert np.random.random() == expected  # noqa: NPY002
+
+
+def test_the_noise_of_a_frame_does_not_depend_on_latency_rate_or_dropouts() -> None:
+    walk = standing(240, rate_hz=120.0)
+    every = REFERENCE.model_copy(update={"rate_hz": 120.0})
+    all_frames = dict(zip(capture_times(observe(walk, every, 1)), positions(observe(walk, every, 1)), strict=True))
+    assert len(all_frames) == 240
+    for change in ({"rate_hz": 30.0}, {"rate_hz": 120.0, "dropout_probability": 0.5}, {"latency_s": 0.3}):
+        sightings = observe(walk, REFERENCE.model_copy(update=change), 1)
+        for time_s, position in zip(capture_times(sightings), positions(sightings), strict=True):
+            np.testing.assert_array_equal(position, all_frames[time_s])
+
+
+# ---------------------------------------------------------------- latency, rate, range, dropouts
+
+
+def test_perfect_sensor_sees_the_truth() -> None:
+    walk = generate("subject01_R1")
+    sightings = observe(walk, PERFECT, seed=1)
+    np.testing.assert_array_equal(capture_times(sightings), walk.times_s)
+    np.testing.assert_array_equal(positions(sightings), walk.truth.head_position_m)
+    for i in (0, 17, len(sightings) - 1):
+        seen, true = sightings[i].observation, walk.truth
+        np.testing.assert_allclose(seen.head_quat_wxyz, true.head_quat_wxyz[i], atol=1e-12)
+        np.testing.assert_allclose(seen.pelvis_quat_wxyz, true.pelvis_quat_wxyz[i], atol=1e-12)
+        assert sightings[i].arrival_s == walk.times_s[i]
+
+
+def test_latency_shifts_arrivals_only() -> None:
+    late = observe(standing(30), REFERENCE.model_copy(update={"latency_s": 0.25}), seed=1)
+    prompt = observe(standing(30), REFERENCE.model_copy(update={"latency_s": 0.0}), seed=1)
+    np.testing.assert_array_equal(positions(late), positions(prompt))
+    np.testing.assert_array_equal(capture_times(late), capture_times(prompt))
+    np.testing.assert_allclose([each.arrival_s for each in late], capture_times(late) + 0.25, atol=1e-15)
+
+
+def test_a_recording_at_120_fps_is_thinned_to_every_fourth_frame() -> None:
+    walk = standing(1201, rate_hz=120.0)
+    np.testing.assert_array_equal(capture_times(observe(walk, REFERENCE, seed=1)), walk.times_s[::4])
+
+
+@given(seed=st.integers(0, 100), rate_hz=st.sampled_from([10.0, 30.0, 50.0]))
+def test_thinning_takes_the_frame_nearest_to_each_tick(seed: int, rate_hz: float) -> None:
+    """With irregular time stamps."""
+    times_s = np.cumsum(np.random.default_rng(seed).uniform(0.003, 0.013, 120))
+    times_s -= times_s[0]
+    walk = recording(times_s, np.tile([2.0, 0.5, 0.3], (120, 1)))
+    ticks = np.arange(0.0, times_s[-1], 1.0 / rate_hz)
+    nearest = sorted({int(np.argmin(np.abs(times_s - tick))) for tick in ticks})
+    seen = observe(walk, PERFECT.model_copy(update={"rate_hz": rate_hz}), seed=1)
+    np.testing.assert_array_equal(capture_times(seen), times_s[nearest])
+
+
+@pytest.mark.parametrize("rate_hz", [29.97, 30.0, 31.0, 15.0])
+def test_a_recording_at_about_the_sensors_rate_or_below_is_seen_frame_by_frame(rate_hz: float) -> None:
+    walk = standing(300, rate_hz=rate_hz)
+    np.testing.assert_array_equal(capture_times(observe(walk, REFERENCE, seed=1)), walk.times_s)
+
+
+def test_only_what_is_in_range_is_seen() -> None:
+    """Range is the distance in space, so a head above the sensor counts its height."""
+    head = np.column_stack([np.linspace(0.5, 6.0, 100), np.zeros(100), np.full(100, 1.5)])
+    walk = recording(np.arange(100) / 30.0, head)
+    sensor = PERFECT.model_copy(update={"range_min_m": 2.0, "range_max_m": 4.0})
+    distance = np.sqrt(head[:, 0] ** 2 + 1.5**2)
+    expected = walk.times_s[(distance >= 2.0) & (distance <= 4.0)]
+    np.testing.assert_array_equal(capture_times(observe(walk, sensor, seed=1)), expected)
+
+
+def test_dropouts_lose_their_share_of_frames() -> None:
+    walk = standing(3000)
+    sensor = PERFECT.model_copy(update={"dropout_probability": 0.3})
+    first = capture_times(observe(walk, sensor, seed=1))
+    assert first.size / 3000 == pytest.approx(0.7, abs=5 * np.sqrt(0.21 / 3000))
+    np.testing.assert_array_equal(capture_times(observe(walk, sensor, seed=1)), first)
+    assert set(capture_times(observe(walk, sensor, seed=2))) != set(first)
+
+
+def test_frames_without_the_person_are_not_seen() -> None:
+    valid = np.full(30, True)
+    valid[[0, 7, 8, 29]] = False
+    times_s = np.arange(30) / 30.0
+    walk = recording(times_s, np.ones((30, 3)), valid=valid)
+    np.testing.assert_array_equal(capture_times(observe(walk, REFERENCE, seed=1)), times_s[valid])
+
+
+def test_a_sensor_that_sees_nobody_is_an_error() -> None:
+    with pytest.raises(SettingsError, match=r"'perfect' never sees the person in walk: check its range"):
+        observe(standing(30), PERFECT.model_copy(update={"range_max_m": 1.0}), seed=1)
+
+
+# ---------------------------------------------------------------- recorded
+
+
+def test_recorded_sensor_replays_the_measured_track_with_its_gaps() -> None:
+    valid = np.arange(30) % 5 != 0
+    times_s = np.arange(30) / 30.0
+    measured = recording(times_s, np.full((30, 3), 1.5), yaw=1.0, valid=valid).truth
+    walk = recording(times_s, np.ones((30, 3)), measured=measured)
+    sightings = observe(walk, load_sensor("recorded"), seed=1)
+    np.testing.assert_array_equal(capture_times(sightings), times_s[valid])
+    np.testing.assert_array_equal(positions(sightings), np.full((24, 3), 1.5))
+    assert yaw_of(sightings[0].observation.pelvis_quat_wxyz) == pytest.approx(1.0)
+    assert sightings[0].arrival_s == pytest.approx(times_s[1] + 0.066)
+
+
+def test_recorded_sensor_refuses_a_recording_without_a_measured_track() -> None:
+    with pytest.raises(
+        SettingsError, match=r"'recorded'.*walk \(motion capture\) has no such track; accepted: .*reference"
+    ):
+        observe(standing(30), load_sensor("recorded"), seed=1)
+
+
+def test_the_default_sensor_fits_the_recording() -> None:
+    assert default_sensor(standing(2)) == "reference"
+    assert default_sensor(generate("subject01_R1")) == "reference"
+    assert default_sensor(replace(standing(2), kind="body tracking")) == "recorded"
+
+
+# ---------------------------------------------------------------- sensor files
+
+
+@pytest.mark.parametrize("name", sensor_names())
+def test_every_shipped_sensor_loads_and_says_where_its_figures_are_from(name: str) -> None:
+    sensor = load_sensor(name)
+    assert sensor.name == name
+    assert sensor.source
+
+
+def test_a_bad_sensor_file_names_every_field(tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(
+        'name = "bad"\nsource = "test"\nrate_hz = 0\nlatency = 0.1\nlatency_s = 0.1\n'
+        'position_noise_m = "much"\nyaw_noise_deg = 2\nmeasures = "dreams"\ndropout_probability = 1.0\n',
+        encoding="utf-8",
+    )
+    with pytest.raises(SettingsError) as caught:
+        load_sensor(path)
+    lines = sorted(line.removeprefix(f"{path}: ") for line in str(caught.value).splitlines())
+    starts = ["dropout_probability: ", "latency: unknown field; perhaps you meant 'latency_s'", "measures: "]
+    starts += ["position_noise_m: ", "rate_hz: "]
+    assert len(lines) == len(starts)
+    assert all(line.startswith(start) for line, start in zip(lines, starts, strict=True))
+
+
+def test_an_unknown_sensor_is_refused_with_the_nearest_name() -> None:
+    with pytest.raises(SettingsError, match=r"no sensor file 'perfct'.*perhaps you meant 'perfect'"):
+        load_sensor("perfct")
+
+
+# ---------------------------------------------------------------- placement
+
+
+def curved_walk(start_s: float = 0.0, turns_back: bool = False) -> Recording:
+    times_s = start_s + np.arange(90) / 30.0
+    t = np.linspace(0.0, 1.0, 90)
+    if turns_back:
+        t = t * (1.6 - t)
+    head = np.column_stack([1.0 - 3.0 * t, 4.0 + 2.0 * t + 0.4 * np.sin(3 * t), 1.6 + 0.03 * np.sin(40 * t)])
+    measured = recording(times_s, head + 0.05, yaw=2.5 + t).truth
+    return recording(times_s, head, yaw=2.5 + t, measured=measured)
+
+
+@pytest.mark.parametrize("turns_back", [False, True])
+def test_side_is_the_definition_of_the_design(turns_back: bool) -> None:
+    """In the walk's frame: robot at c + 2.5 (z x d), 1.2 m up, x axis towards c; computed with 4 x 4 matrices."""
+    walk = curved_walk(turns_back=turns_back)
+    head = walk.truth.head_position_m
+    c = head.mean(axis=0)
+    far = max(range(90), key=lambda i: float(np.hypot(*(head[i] - head[0])[:2])))
+    d = (head[far] - head[0]) * [1, 1, 0]
+    d = d / np.linalg.norm(d)
+    side = np.cross([0.0, 0.0, 1.0], d)
+    base = np.eye(4)
+    base[:3, 0] = -side  # forward: facing c
+    base[:3, 1] = np.cross([0.0, 0.0, 1.0], -side)  # left
+    base[:3, 3] = [*(c + 2.5 * side)[:2], 1.2]
+    to_base = np.linalg.inv(base)
+    placed = place(walk, "side", 2.5, 1.2)
+    assert placed.measured is not None
+    assert walk.measured is not None
+    for mine, theirs in ((placed.truth, walk.truth), (placed.measured, walk.measured)):
+        np.testing.assert_allclose(
+            mine.head_position_m, theirs.head_position_m @ to_base[:3, :3].T + to_base[:3, 3], atol=1e-12
+        )
+        np.testing.assert_allclose(
+            mine.pelvis_position_m, theirs.pelvis_position_m @ to_base[:3, :3].T + to_base[:3, 3], atol=1e-12
+        )
+        for name in ("head_quat_wxyz", "pelvis_quat_wxyz"):
+            expected = to_base[:3, :3] @ Rotation.from_quat(getattr(theirs, name), scalar_first=True).as_matrix()
+            turned = Rotation.from_quat(getattr(mine, name), scalar_first=True).as_matrix()
+            np.testing.assert_allclose(turned, expected, atol=1e-12)
+    np.testing.assert_allclose(placed.truth.head_position_m.mean(axis=0), [2.5, 0.0, c[2] - 1.2], atol=1e-12)
+    assert placed.has_robot
+
+
+@pytest.mark.parametrize("direction", [0.0, 1.0, 2.5, -2.0])
+def test_a_straight_walk_passes_from_right_to_left(direction: float) -> None:
+    """The robot stands at the walker's left and faces them, so they walk towards its left, whichever way they walk."""
+    along = np.linspace(-1.5, 1.5, 91)
+    head = np.column_stack([along * np.cos(direction) + 7.0, along * np.sin(direction) - 3.0, np.full(91, 1.7)])
+    placed = place(recording(np.arange(91) / 30.0, head, yaw=direction), "side", 2.0, 1.2)
+    expected = np.column_stack([np.full(91, 2.0), along, np.full(91, 0.5)])
+    np.testing.assert_allclose(placed.truth.head_position_m, expected, atol=1e-12)
+    np.testing.assert_allclose(yaw_of(placed.truth.pelvis_quat_wxyz), np.pi / 2, atol=1e-12)
+    np.testing.assert_allclose(yaw_of(placed.truth.head_quat_wxyz), np.pi / 2 + 0.2, atol=1e-12)
+
+
+def test_invalid_frames_do_not_count_for_the_placement_and_stay_invalid() -> None:
+    walk = curved_walk()
+    valid = np.full(90, True)
+    valid[[0, 40, 89]] = False
+    gappy = recording(walk.times_s, walk.truth.head_position_m, valid=valid)
+    placed = place(gappy, "side", 2.5, 1.2)
+    np.testing.assert_array_equal(placed.truth.valid, valid)
+    for values in (placed.truth.head_position_m, placed.truth.head_quat_wxyz, placed.truth.pelvis_quat_wxyz):
+        np.testing.assert_array_equal(np.isnan(values).all(axis=1), ~valid)
+        np.testing.assert_array_equal(np.isnan(values).any(axis=1), ~valid)
+    np.testing.assert_allclose(placed.truth.head_position_m[valid].mean(axis=0)[:2], [2.5, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("placement", ["recorded", "side"])
+def test_time_starts_at_0(placement: str) -> None:
+    placed = place(curved_walk(start_s=12.25), placement, 2.5, 1.2)  # type: ignore[arg-type]
+    assert placed.times_s[0] == 0.0
+    np.testing.assert_allclose(placed.times_s, np.arange(90) / 30.0, atol=1e-12)
+
+
+def test_recorded_placement_leaves_the_poses() -> None:
+    walk = curved_walk()
+    placed = place(walk, "recorded", 2.5, 1.2)
+    np.testing.assert_array_equal(placed.truth.head_position_m, walk.truth.head_position_m)
+    np.testing.assert_allclose(placed.truth.head_quat_wxyz, walk.truth.head_quat_wxyz, atol=1e-12)
+    assert placed.measured is not None
+    assert placed.name == walk.name
+
+
+def test_a_walk_too_near_is_refused_with_the_distance() -> None:
+    """Along a half circle of 2 m radius whose middle comes nearest to the robot."""
+    angle = np.linspace(0.0, np.pi, 91)
+    head = np.column_stack([2 * np.cos(angle), -2 * np.sin(angle), np.full(91, 1.6)])
+    walk = recording(np.arange(91) / 30.0, head)
+    bulge = 2.0 - abs(float(head[:, 1].mean()))  # d is -x, so the robot stands towards -y
+    assert place(walk, "side", bulge + 0.81, 1.2).truth.head_position_m[:, 0].min() == pytest.approx(0.81)
+    distance = bulge + 0.79
+    with pytest.raises(PlacementError, match=r"walk: the head comes within 0\.79 m .*at least 0\.8 m") as caught:
+        place(walk, "side", distance, 1.2)
+    assert f"{distance} m" in str(caught.value)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
+def test_the_robot_stands_in_front_of_a_standing_person(yaw: float) -> None:
+    """And so sees the face: the head's forward axis points at the robot."""
+    rng = np.random.default_rng(1)
+    head = np.array([3.0, -2.0, 1.6]) + 0.01 * rng.standard_normal((60, 3))
+    placed = place(recording(np.arange(60) / 30.0, head, yaw=yaw), "side", 1.5, 1.2)
+    np.testing.assert_allclose(placed.truth.head_position_m.mean(axis=0)[:2], [1.5, 0.0], atol=1e-12)
+    np.testing.assert_allclose(np.abs(yaw_of(placed.truth.head_quat_wxyz)), np.pi, atol=1e-9)
+
+
+def test_placing_leaves_the_recording_alone() -> None:
+    walk, same = curved_walk(start_s=3.0), curved_walk(start_s=3.0)
+    place(walk, "side", 2.5, 1.2)
+    np.testing.assert_array_equal(walk.times_s, same.times_s)
+    np.testing.assert_array_equal(walk.truth.head_position_m, same.truth.head_position_m)
+    np.testing.assert_array_equal(walk.truth.head_quat_wxyz, same.truth.head_quat_wxyz)
+
+
+# ---------------------------------------------------------------- truth between frames
+
+
+def cubic(times_s: Array) -> Array:
+    t = np.asarray(times_s)[..., None]
+    return np.array([1.0, -2.0, 0.5]) + t * [0.5, 1.0, -1.0] + t**2 * [0.3, -0.2, 0.1] + t**3 * [-0.1, 0.2, 0.05]
+
+
+def cubic_velocity(time_s: float) -> Array:
+    return (
+        np.array([0.5, 1.0, -1.0])
+        + 2 * time_s * np.array([0.3, -0.2, 0.1])
+        + 3 * time_s**2 * np.array([-0.1, 0.2, 0.05])
+    )
+
+
+def test_a_cubic_is_interpolated_exactly() -> None:
+    times_s = np.sort(np.random.default_rng(1).uniform(0.0, 2.0, 40))
+    between_s = np.linspace(times_s[0], times_s[-1], 333)
+    truth = TrueHead(recording(times_s, cubic(times_s)))
+    np.testing.assert_allclose(truth(between_s), cubic(between_s), atol=1e-11)
+
+
+def test_beyond_the_frames_the_last_velocity_goes_on() -> None:
+    times_s = np.linspace(0.0, 2.0, 40)
+    truth = TrueHead(recording(times_s, cubic(times_s)))
+    ahead = np.array([0.0, 0.3, 2.0])[:, None]
+    np.testing.assert_allclose(truth(2.0 + ahead[:, 0]), cubic(2.0) + ahead * cubic_velocity(2.0), atol=1e-10)
+    np.testing.assert_allclose(truth(-ahead[:, 0]), cubic(0.0) - ahead * cubic_velocity(0.0), atol=1e-10)
+
+
+def test_invalid_frames_are_bridged() -> None:
+    times_s = np.linspace(0.0, 2.0, 41)
+    valid = np.full(41, True)
+    valid[[0, 12, 13, 14, 40]] = False
+    truth = TrueHead(recording(times_s, cubic(times_s), valid=valid))
+    np.testing.assert_allclose(truth(np.linspace(0.05, 1.95, 77)), cubic(np.linspace(0.05, 1.95, 77)), atol=1e-11)
+    np.testing.assert_allclose(truth(np.array([2.0])), cubic(1.95) + 0.05 * cubic_velocity(1.95)[None], atol=1e-10)
+
+
+def test_truth_gives_the_frames_and_keeps_shapes() -> None:
+    walk = generate("subject02_R3")
+    truth = TrueHead(walk)
+    np.testing.assert_allclose(truth(walk.times_s), walk.truth.head_position_m, atol=1e-12)
+    assert truth(0.5).shape == (3,)
+    assert truth([0.5]).shape == (1, 3)
+    assert truth([]).shape == (0, 3)
+
+
+def test_sensor_spec_cannot_be_changed_to_nonsense() -> None:
+    with pytest.raises(ValueError, match="rate_hz"):
+        SensorSpec(name="x", source="x", rate_hz=-1, latency_s=0, position_noise_m=0, yaw_noise_deg=0)

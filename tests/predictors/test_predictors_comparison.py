@@ -1,0 +1,525 @@
+"""The standard predictors that others are compared with, each against an oracle that does not share its code."""
+
+import inspect
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import quad_vec, solve_ivp
+from scipy.linalg import expm
+from scipy.stats import multivariate_normal
+
+from gazempc.settings import PredictorName, RunSettings
+from gazempc.sim.replay import make_predictor
+from predictors import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    CoordinatedTurn,
+    HeadObservation,
+    InteractingModels,
+    ParticleFilter,
+    PelvisPursuit,
+    Predictor,
+)
+from predictors.baselines import constant_acceleration, coordinated_turn
+from predictors.baselines import interacting_models as imm
+from predictors.baselines.arc import arc
+from predictors.gate import Gate
+from predictors.yaw import wrap_rad
+
+Array = NDArray[np.float64]
+FRAME_S = 1.0 / 30.0
+ENDLESS_S = 1e6
+SPEED_M_S, TURN_RAD_S = 1.2, 0.8
+OUTLIER_MAKERS: dict[str, Callable[[], Predictor]] = {
+    "ca": ConstantAcceleration,
+    "ctrv": CoordinatedTurn,
+    "imm": InteractingModels,
+    "particle": ParticleFilter,
+    "pursuit": PelvisPursuit,
+}
+
+
+def yaw_quat(yaw: float) -> Array:
+    return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
+
+
+def on_circle(time_s: Array | float, heading: float = 0.3, rate: float = TURN_RAD_S) -> Array:
+    """Positions on a circle, by its centre and radius."""
+    radius = SPEED_M_S / rate
+    angle = heading + rate * np.asarray(time_s)
+    return np.stack([2.0 + radius * np.sin(angle), 1.0 - radius * np.cos(angle), 1.6 + 0.0 * angle], axis=-1)
+
+
+def straight(time_s: float) -> Array:
+    return np.array([2.0 - 1.1 * time_s, 1.0 + 0.3 * time_s, 1.6])
+
+
+def show(
+    predictor: Predictor,
+    path: Callable[[float], Array],
+    frames: int = 60,
+    pelvis: Callable[[float], float] | None = None,
+    head: Callable[[float], float] | None = None,
+    noise_m: float = 0.0,
+) -> float:
+    """Show a walk at 30 Hz; gives the time of the last frame."""
+    rng = np.random.default_rng(4)
+    for i in range(frames):
+        t = i * FRAME_S
+        position = path(t) + noise_m * rng.standard_normal(3)
+        quats = [None if yaw is None else yaw_quat(yaw(t)) for yaw in (head, pelvis)]
+        predictor.update(HeadObservation(t, position, *quats))
+    return (frames - 1) * FRAME_S
+
+
+def van_loan(A: Array, noise: Array, dt_s: float) -> Array:
+    """Discrete covariance of white noise through a linear system, by a matrix exponential."""
+    n = len(A)
+    block = expm(np.block([[-A, noise], [np.zeros((n, n)), A.T]]) * dt_s)
+    return block[n:, n:].T @ block[:n, n:]
+
+
+# ---------------------------------------------------------------- gate
+
+
+def test_gate_counts_and_gives_up_at_ten() -> None:
+    gate = Gate()
+    near, far, spread = np.array([0.1, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]), 1e-4 * np.eye(3)
+    for count in range(1, 11):
+        assert not gate.lost
+        assert not gate.accepts(far, spread)
+        assert gate.rejections_in_a_row == count
+    assert gate.lost
+    assert gate.accepts(near, spread)
+    assert gate.rejections_in_a_row == 0
+    assert not gate.accepts(np.array([np.nan, 0.0, 0.0]), spread)
+    gate.reset()
+    assert gate.rejections_in_a_row == 0
+
+
+def test_gate_is_at_the_quantile_with_the_allowance() -> None:
+    """16.266 is the 99.9 % quantile of chi-square with 3 degrees of freedom in printed tables."""
+    at_the_edge = np.sqrt(16.266 * (0.02**2 + 0.08**2))
+    for factor, accepted in ((0.999, True), (1.001, False)):
+        assert Gate().accepts(np.array([0.0, factor * at_the_edge, 0.0]), 0.02**2 * np.eye(3)) is accepted
+
+
+@pytest.mark.parametrize("make", OUTLIER_MAKERS.values(), ids=OUTLIER_MAKERS.keys())
+def test_false_detections_do_not_move_the_track_and_ten_restart_it(make: Callable[[], Predictor]) -> None:
+    predictor, fresh = make(), make()
+    end_s = show(predictor, straight, noise_m=0.005)
+    place = predictor.forecast(end_s).means_base_m[0] + [0.0, 0.5, 0.0]
+    before = predictor.forecast(end_s + 0.5)
+    for i in range(1, 10):
+        predictor.update(HeadObservation(end_s + i * FRAME_S, place))
+        after = predictor.forecast(end_s + 0.5)
+        np.testing.assert_allclose(after.means_base_m, before.means_base_m, atol=0.01)
+        assert after.issued_at_s == end_s
+    for each in (predictor, fresh):
+        each.update(HeadObservation(end_s + 10 * FRAME_S, place))
+    mine, expected = (each.forecast(end_s + 10 * FRAME_S) for each in (predictor, fresh))
+    assert mine.issued_at_s == expected.issued_at_s == end_s + 10 * FRAME_S
+    np.testing.assert_allclose(mine.means_base_m[0], place, atol=0.005)
+
+
+@pytest.mark.parametrize("make", OUTLIER_MAKERS.values(), ids=OUTLIER_MAKERS.keys())
+def test_a_gap_is_bridged_by_the_time_stamps(make: Callable[[], Predictor]) -> None:
+    predictor = make()
+    end_s = show(predictor, straight)
+    later_s = end_s + 0.7
+    spread = predictor.forecast([later_s, later_s + 0.5]).covariances_m2
+    assert np.linalg.det(spread[1]) > np.linalg.det(spread[0]) > 0
+    predictor.update(HeadObservation(later_s, straight(later_s)))
+    forecast = predictor.forecast(later_s + 0.5)
+    assert forecast.issued_at_s == later_s
+    np.testing.assert_allclose(forecast.means_base_m[0], straight(later_s + 0.5), atol=0.06)
+
+
+# ---------------------------------------------------------------- constant acceleration
+
+
+@pytest.mark.parametrize("dt_s", [0.0, 0.03, 0.7])
+def test_constant_acceleration_is_the_exponential_of_its_generator(dt_s: float) -> None:
+    A = np.kron(np.eye(3, k=1), np.eye(3))
+    noise = np.diag([0.0] * 6 + [0.3] * 3)
+    dt = np.array([dt_s])
+    np.testing.assert_allclose(constant_acceleration.transition(dt)[0], expm(A * dt_s), atol=1e-12)
+    np.testing.assert_allclose(
+        constant_acceleration.process_noise(dt, 0.3)[0], van_loan(A, noise, dt_s), rtol=1e-9, atol=1e-12
+    )
+
+
+def test_constant_acceleration_forecasts_a_parabola_exactly_in_the_limit() -> None:
+    def parabola(t: float) -> Array:
+        return np.array([2.0 - t + 0.3 * t**2, 0.2 * t**2, 1.6 + 0.1 * t])
+
+    errors = []
+    for noise_m in (1e-2, 1e-4, 1e-6):
+        predictor = ConstantAcceleration(position_noise_m=noise_m)
+        end_s = show(predictor, parabola)
+        errors.append(np.linalg.norm(predictor.forecast(end_s + 0.5).means_base_m[0] - parabola(end_s + 0.5)))
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 1e-8
+
+
+# ---------------------------------------------------------------- coordinated turn
+
+
+@pytest.mark.parametrize("rate", [-3.0, -0.5, 0.7, 3.0])
+def test_endless_turn_is_a_circle(rate: float) -> None:
+    times = np.array([-0.5, 0.0, 0.1, 1.0])
+    way, _ = arc(np.array(0.3), np.array(rate), times, ENDLESS_S)
+    expected = on_circle(times, rate=rate) - on_circle(0.0, rate=rate)
+    np.testing.assert_allclose(SPEED_M_S * way, expected[:, :2], atol=1e-6)
+
+
+@pytest.mark.parametrize("rate", [-2.0, 0.0, 1.5])
+def test_dying_turn_is_what_an_ode_solver_gives(rate: float) -> None:
+    def derivative(_: float, y: Array) -> list[float]:
+        return [np.cos(y[2]), np.sin(y[2]), y[3], -y[3] / 0.4]
+
+    solved = solve_ivp(derivative, (0.0, 1.0), [0.0, 0.0, 0.3, rate], rtol=1e-10, atol=1e-12).y[:, -1]
+    way, _ = arc(np.array(0.3), np.array(rate), np.array(1.0), 0.4)
+    np.testing.assert_allclose(way, solved[:2], atol=1e-5)
+    x = np.array([0.0, 0.0, 1.0, 0.3, rate, 0.1, -0.1])
+    after, _ = coordinated_turn.transition(x, np.array(1.0), 0.4)
+    np.testing.assert_allclose(after, [*solved[:2], 1.0, *solved[2:], 0.1, -0.1], atol=1e-5)
+
+
+@pytest.mark.parametrize("rate", [-1.5, 0.0, 1e-9, 0.8])
+@pytest.mark.parametrize("turn_time_s", [0.5, ENDLESS_S])
+def test_jacobian_is_that_of_finite_differences(rate: float, turn_time_s: float) -> None:
+    x, dt, step = np.array([2.0, 1.0, 1.3, 0.4, rate, 0.1, -0.2]), np.array([0.03, 0.8]), 1e-6
+    _, jacobian = coordinated_turn.transition(x, dt, turn_time_s)
+    for i in range(7):
+        change = step * np.eye(7)[i]
+        up, _ = coordinated_turn.transition(x + change, dt, turn_time_s)
+        down, _ = coordinated_turn.transition(x - change, dt, turn_time_s)
+        np.testing.assert_allclose(jacobian[:, :, i], (up - down) / (2 * step), atol=1e-8)
+
+
+def test_turn_rate_zero_is_no_special_case() -> None:
+    x = np.array([2.0, 1.0, 1.3, 0.4, 0.0, 0.0, 0.0])
+    straight_on, at_zero = coordinated_turn.transition(x, np.array(0.9), 1.0)
+    expected = x[:2] + 0.9 * 1.3 * np.array([np.cos(0.4), np.sin(0.4)])
+    np.testing.assert_allclose(straight_on[:2], expected, atol=1e-12)
+    for rate in (-1e-10, 1e-10):
+        x[4] = rate
+        after, jacobian = coordinated_turn.transition(x, np.array(0.9), 1.0)
+        np.testing.assert_allclose(after, straight_on, atol=1e-9)
+        np.testing.assert_allclose(jacobian, at_zero, atol=1e-9)
+
+
+def test_noise_free_arc_is_forecast_exactly_in_the_limit() -> None:
+    """Of many frames: the filter begins with no turn."""
+    errors = []
+    for frames in (60, 120, 450):
+        predictor = CoordinatedTurn(turn_time_s=ENDLESS_S)
+        end_s = show(predictor, on_circle, frames=frames)
+        times = end_s + np.array([0.25, 0.5, 1.0])
+        errors.append(np.linalg.norm(predictor.forecast(times).means_base_m - on_circle(times)))
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 5e-6
+
+
+def test_forecast_covariance_of_a_straight_walk_is_that_of_the_linear_system() -> None:
+    """Along x at 1.2 m/s without turn rate, heading noise and turn noise act as those of a linear system."""
+    psd = {"acceleration_psd": 0.05, "heading_psd": 0.1, "turn_psd": 0.2}
+    predictor = CoordinatedTurn(**psd, turn_time_s=0.6)
+    end_s = show(predictor, lambda t: np.array([SPEED_M_S * t, 0.0, 1.6]), frames=90)
+    estimate = predictor.state()
+    assert estimate is not None
+    x, P = estimate
+    assert abs(x[3]) < 1e-9
+    assert abs(x[4]) < 1e-9
+    A = np.zeros((5, 5))
+    A[0, 2], A[1, 3], A[3, 4], A[4, 4] = 1.0, x[2], 1.0, -1.0 / 0.6
+    F = expm(A * 0.8)
+    expected = F @ P[:5, :5] @ F.T + van_loan(A, np.diag([0.0, 0.0, *psd.values()]), 0.8)
+    covariance = predictor.forecast(end_s + 0.8).covariances_m2[0]
+    np.testing.assert_allclose(covariance[:2, :2], expected[:2, :2], rtol=1e-5, atol=1e-9)
+
+
+def test_height_and_a_standing_person_are_those_of_constant_velocity() -> None:
+    def sways(t: float) -> Array:
+        return np.array([2.0 + 0.02 * np.sin(3 * t), 1.0, 1.6 + 0.02 * np.cos(5 * t)])
+
+    for cues in ("none", "pelvis", "both"):
+        predictor, steady = CoordinatedTurn(yaw_cues=cues), ConstantVelocity()
+        end_s = show(predictor, sways, pelvis=lambda t: 2.0 * t, head=lambda t: -3.0 * t)
+        show(steady, sways)
+        assert predictor.state() is None
+        mine, expected = predictor.forecast(end_s + 0.5), steady.forecast(end_s + 0.5)
+        np.testing.assert_array_equal(mine.means_base_m, expected.means_base_m)
+        np.testing.assert_array_equal(mine.covariances_m2, expected.covariances_m2)
+    predictor, steady = CoordinatedTurn(), ConstantVelocity()
+    end_s = show(predictor, straight)
+    show(steady, straight)
+    assert predictor.state() is not None
+    mine, expected = predictor.forecast(end_s + 0.5), steady.forecast(end_s + 0.5)
+    np.testing.assert_array_equal(mine.means_base_m[:, 2], expected.means_base_m[:, 2])
+
+
+@pytest.mark.parametrize("heading", [0.4, np.pi - 0.02])
+def test_a_constant_offset_of_the_yaws_is_learned_and_does_not_bend_the_walk(heading: float) -> None:
+    """Also where the measured yaws jump from pi to -pi."""
+    direction = np.array([np.cos(heading), np.sin(heading), 0.0])
+    predictor = CoordinatedTurn(yaw_cues="both")
+    end_s = show(
+        predictor,
+        lambda t: np.array([0.0, 0.0, 1.6]) + SPEED_M_S * t * direction,
+        frames=300,
+        pelvis=lambda t: heading + 0.08 + 0.05 * np.sin(6 * t),
+        head=lambda t: heading - 0.2,
+    )
+    estimate = predictor.state()
+    assert estimate is not None
+    assert wrap_rad(estimate[0][5] - 0.08) == pytest.approx(0.0, abs=0.03)
+    assert wrap_rad(estimate[0][6] + 0.2) == pytest.approx(0.0, abs=0.03)
+    ahead = predictor.forecast(end_s + 0.5).means_base_m[0]
+    np.testing.assert_allclose(ahead, [0.0, 0.0, 1.6] + SPEED_M_S * (end_s + 0.5) * direction, atol=0.02)
+
+
+@pytest.mark.parametrize("cues", ["pelvis", "both"])
+def test_a_turned_pelvis_bends_the_path_to_its_side(cues: coordinated_turn.YawCues) -> None:
+    def turns_at_the_end(t: float) -> float:
+        return 0.6 * max(t - 1.6, 0.0)
+
+    predictor, blind = CoordinatedTurn(yaw_cues=cues), CoordinatedTurn()
+    for each in (predictor, blind):
+        end_s = show(each, lambda t: np.array([1.2 * t, 0.0, 1.6]), pelvis=turns_at_the_end, head=turns_at_the_end)
+    aside = [each.forecast(end_s + 0.5).means_base_m[0, 1] for each in (predictor, blind)]
+    assert aside[0] > 0.02
+    assert abs(aside[1]) < 1e-6
+
+
+def test_a_walk_that_stops_and_starts_again_keeps_the_offset() -> None:
+    def stops(t: float) -> Array:
+        return np.array([1.2 * (min(t, 3.0) + max(t - 5.0, 0.0)), 0.0, 1.6])
+
+    predictor = CoordinatedTurn(yaw_cues="pelvis")
+    stood, learned = False, 0.0
+    for i in range(165):
+        t = i * FRAME_S
+        predictor.update(HeadObservation(t, stops(t), None, yaw_quat(0.1)))
+        estimate = predictor.state()
+        if t < 3.0 and estimate is not None:
+            learned = float(estimate[0][5])
+        stood = stood or (t > 3.0 and estimate is None)
+    assert stood
+    estimate = predictor.state()
+    assert estimate is not None
+    assert learned > 0.05
+    assert estimate[0][5] == pytest.approx(learned, abs=0.02)
+
+
+@pytest.mark.parametrize("bad", [{"turn_time_s": np.inf}, {"turn_psd": 0.0}, {"position_noise_m": np.nan}])
+@pytest.mark.parametrize("make", [CoordinatedTurn, ParticleFilter])
+def test_impossible_numbers_are_refused(make: Callable[..., Predictor], bad: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="must be positive and finite"):
+        make(**bad)
+
+
+def test_unknown_cues_are_refused_with_what_there_is() -> None:
+    with pytest.raises(ValueError, match="one of none, pelvis, both, got 'head'"):
+        CoordinatedTurn(yaw_cues="head")  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- interacting models
+
+
+@pytest.mark.parametrize("rate", [-1.5, 0.0, 0.5])
+def test_turning_transition_is_the_exponential_of_its_generator(rate: float) -> None:
+    A = np.zeros((6, 6))
+    A[:3, 3:] = np.eye(3)
+    A[3, 4], A[4, 3] = -rate, rate
+    for dt_s in (-0.5, 0.0, 0.03, 1.4):
+        np.testing.assert_allclose(imm.turning_transition(dt_s, rate), expm(A * dt_s), atol=1e-12)
+
+
+def test_mode_probabilities_are_those_of_a_markov_chain_in_continuous_time() -> None:
+    rates = (np.full((3, 3), 0.5) - 1.5 * np.eye(3)) / 4.0  # left on average after 4 s
+    for dt_s in (0.0, 0.1, 3.0):
+        np.testing.assert_allclose(imm.mode_transition(dt_s, 4.0), expm(rates * dt_s), atol=1e-12)
+
+
+def test_imm_is_the_textbooks_at_irregular_times() -> None:
+    """Bar-Shalom, Li & Kirubarajan 2001, table 11.6.6-1, written out; per mode likelihoods from scipy."""
+    rates_rad_s, psd, noise_m, mode_s = (0.0, 0.7, -0.7), 0.05, 0.01, 2.0
+    predictor = InteractingModels(0.7, mode_s, psd, noise_m)
+    rng = np.random.default_rng(1)
+    times = np.cumsum(rng.choice([0.02, 0.033, 0.1], 60))
+    H, R = np.eye(3, 6), noise_m**2 * np.eye(3)
+    xs, Ps, mu = np.zeros((3, 6)), np.array([np.diag([noise_m**2] * 3 + [1.0] * 3)] * 3), np.array([0.9, 0.05, 0.05])
+    for k, t in enumerate(times):
+        z = on_circle(t) + 0.01 * rng.standard_normal(3)
+        predictor.update(HeadObservation(t, z))
+        if k == 0:
+            xs[:, :3] = z
+            continue
+        dt_s = t - times[k - 1]
+        changes = expm((np.full((3, 3), 0.5) - 1.5 * np.eye(3)) * dt_s / mode_s)
+        before = mu @ changes
+        mixed, likelihood = [], np.zeros(3)
+        for j in range(3):
+            weights = changes[:, j] * mu / before[j]
+            x0 = weights @ xs
+            P0 = sum(w * (P + np.outer(x - x0, x - x0)) for w, x, P in zip(weights, xs, Ps, strict=True))
+            A = np.zeros((6, 6))
+            A[:3, 3:] = np.eye(3)
+            still = A.copy()
+            A[3, 4], A[4, 3] = -rates_rad_s[j], rates_rad_s[j]
+            F = expm(A * dt_s)
+            x1 = F @ x0
+            P1 = F @ P0 @ F.T + van_loan(still, np.diag([0.0] * 3 + [psd] * 3), dt_s)
+            S = H @ P1 @ H.T + R
+            K = P1 @ H.T @ np.linalg.inv(S)
+            likelihood[j] = multivariate_normal(H @ x1, S).pdf(z)
+            mixed.append((x1 + K @ (z - H @ x1), (np.eye(6) - K @ H) @ P1))
+        xs, Ps = np.array([m[0] for m in mixed]), np.array([m[1] for m in mixed])
+        mu = before * likelihood / (before @ likelihood)
+    np.testing.assert_allclose(predictor.probabilities(), mu, rtol=1e-6)
+    now = predictor.forecast(times[-1])
+    mean = mu @ xs
+    np.testing.assert_allclose(now.means_base_m[0], mean[:3], atol=1e-9)
+    spread = sum(w * (P + np.outer(x - mean, x - mean)) for w, x, P in zip(mu, xs, Ps, strict=True))
+    np.testing.assert_allclose(now.covariances_m2[0], spread[:3, :3], rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_imm_knows_to_which_side_the_person_turns(side: int) -> None:
+    predictor, steady = InteractingModels(turn_rate_rad_s=TURN_RAD_S), ConstantVelocity()
+    for each in (predictor, steady):
+        end_s = show(each, lambda t: on_circle(t, rate=side * TURN_RAD_S), noise_m=0.003)
+    assert predictor.probabilities().sum() == pytest.approx(1.0)
+    assert predictor.probabilities()[1 if side > 0 else 2] > 0.9
+    truth = on_circle(end_s + 0.5, rate=side * TURN_RAD_S)
+    errors = [np.linalg.norm(each.forecast(end_s + 0.5).means_base_m[0] - truth) for each in (predictor, steady)]
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_likelihoods_too_small_for_a_float_leave_probabilities() -> None:
+    """Sensor noise of 1 mm and a step of 0.3 m, which the gate's allowance for turning lets pass."""
+    predictor = InteractingModels(position_noise_m=0.001, acceleration_psd=1e-6)
+    end_s = show(predictor, straight)
+    predictor.update(HeadObservation(end_s + FRAME_S, straight(end_s + FRAME_S) + np.array([0.0, 0.0, 0.3])))
+    assert predictor.forecast(end_s).issued_at_s == end_s + FRAME_S
+    assert np.all(np.isfinite(predictor.probabilities()))
+    assert predictor.probabilities().sum() == pytest.approx(1.0)
+
+
+# ---------------------------------------------------------------- particle filter
+
+
+def test_equal_observations_give_equal_forecasts_and_leave_numpys_generator_alone() -> None:
+    np.random.seed(1)  # noqa: NPY002
+    expected = np.random.random()  # noqa: NPY002
+    np.random.seed(1)  # noqa: NPY002
+    one, other = ParticleFilter(), ParticleFilter()
+    show(other, straight, frames=20, noise_m=0.02)
+    other.reset()
+    for each in (one, other):
+        end_s = show(each, on_circle, noise_m=0.01)
+    np.testing.assert_array_equal(one.forecast(end_s + 0.5).means_base_m, other.forecast(end_s + 0.5).means_base_m)
+    assert np.random.random() == expected  # noqa: NPY002
+
+
+def test_many_particles_agree_with_the_extended_kalman_filter() -> None:
+    """Both are the same walker's; the particles' measurement noise is wider, so it is made up for."""
+    particles, ekf = ParticleFilter(4000, position_noise_m=0.01), CoordinatedTurn(position_noise_m=0.015)
+    for each in (particles, ekf):
+        end_s = show(each, on_circle, frames=90, noise_m=0.01)
+    times = end_s + np.array([0.0, 0.25, 0.5])
+    mine, expected = particles.forecast(times), ekf.forecast(times)
+    np.testing.assert_allclose(mine.means_base_m, expected.means_base_m, atol=0.02)
+    deviations = [np.sqrt(np.trace(f.covariances_m2[:, :2, :2], axis1=1, axis2=2)) for f in (mine, expected)]
+    np.testing.assert_allclose(deviations[0], deviations[1], rtol=0.3)
+
+
+def test_one_particle_is_no_cloud() -> None:
+    with pytest.raises(ValueError, match="at least 2 particles are needed, got 1"):
+        ParticleFilter(particles=1)
+
+
+# ---------------------------------------------------------------- pelvis pursuit
+
+
+@pytest.mark.parametrize("off_course", [-2.0, 0.0, 0.3])
+def test_pursuit_is_the_integral_of_the_turned_velocity(off_course: float) -> None:
+    heading = float(np.arctan2(0.3, -1.1))
+    pursuit, steady = PelvisPursuit(0.6, 0.2, 0.05), ConstantVelocity(0.05)
+    end_s = show(pursuit, straight, pelvis=lambda t: heading + off_course, noise_m=0.005)
+    show(steady, straight, noise_m=0.005)
+    _, x, _ = steady.state()
+    turn = 0.6 * wrap_rad(heading + off_course - float(np.arctan2(x[4], x[3])))
+    assert pursuit.turn_rad() == pytest.approx(turn, abs=1e-12)
+    v = x[3:]
+    turned = np.array([np.cos(turn) * v[0] - np.sin(turn) * v[1], np.sin(turn) * v[0] + np.cos(turn) * v[1], v[2]])
+    for tau in (0.01, 0.3, 1.0):
+        way, _ = quad_vec(lambda s: v + (1 - np.exp(-s / 0.2)) * (turned - v), 0.0, tau)
+        np.testing.assert_allclose(pursuit.forecast(end_s + tau).means_base_m[0], x[:3] + way, atol=1e-9)
+
+
+def test_pursuit_without_pelvis_or_gain_is_constant_velocity() -> None:
+    blind, lazy, steady = PelvisPursuit(), PelvisPursuit(gain=0.0), ConstantVelocity(0.02)
+    end_s = show(blind, straight, head=lambda t: 1.0)
+    show(lazy, straight, pelvis=lambda t: 1.0)
+    show(steady, straight)
+    expected = steady.forecast(end_s + np.linspace(-0.2, 1.0, 5))
+    for each in (blind, lazy):
+        forecast = each.forecast(expected.times_s)
+        np.testing.assert_allclose(forecast.means_base_m, expected.means_base_m, atol=1e-12)
+        np.testing.assert_allclose(forecast.covariances_m2, expected.covariances_m2, atol=1e-12)
+
+
+def test_the_last_pelvis_is_good_for_half_a_second() -> None:
+    pursuit = PelvisPursuit()
+    end_s = show(pursuit, straight, pelvis=lambda t: 0.0)
+    for i in range(1, 31):
+        pursuit.update(HeadObservation(end_s + i * FRAME_S, straight(end_s + i * FRAME_S)))
+        if i != 15:  # half a second to within rounding
+            assert (pursuit.turn_rad() == 0.0) == (i > 15)
+
+
+@pytest.mark.parametrize(("speed_m_s", "share"), [(0.0, 0.0), (0.19, 0.0), (0.35, 0.5), (0.51, 1.0), (1.5, 1.0)])
+def test_pursuit_fades_out_for_who_hardly_moves(speed_m_s: float, share: float) -> None:
+    pursuit = PelvisPursuit(position_noise_m=1e-4)
+    show(pursuit, lambda t: np.array([speed_m_s * t, 0.0, 1.6]), frames=90, pelvis=lambda t: 0.4)
+    assert pursuit.turn_rad() == pytest.approx(share * 0.75 * 0.4, abs=1e-3)
+
+
+def test_the_pelvis_of_a_refused_detection_is_somebody_elses() -> None:
+    pursuit = PelvisPursuit()
+    end_s = show(pursuit, lambda t: np.array([1.2 * t, 0.0, 1.6]), pelvis=lambda t: 0.0)
+    pursuit.update(HeadObservation(end_s + FRAME_S, np.array([1.0, 3.0, 1.6]), None, yaw_quat(2.0)))
+    assert pursuit.turn_rad() == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("bad", [{"gain": 1.01}, {"gain": np.nan}, {"turn_time_s": 0.0}])
+def test_pursuit_refuses(bad: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        PelvisPursuit(**bad)
+
+
+# ---------------------------------------------------------------- settings
+
+
+@pytest.mark.parametrize(
+    ("name", "made"),
+    [
+        ("constant_velocity", ConstantVelocity),
+        ("constant_acceleration", ConstantAcceleration),
+        ("coordinated_turn", CoordinatedTurn),
+        ("interacting_models", InteractingModels),
+        ("particle", ParticleFilter),
+        ("pelvis_pursuit", PelvisPursuit),
+    ],
+)
+def test_settings_are_the_constructors_and_have_its_defaults(name: PredictorName, made: type) -> None:
+    settings = RunSettings()
+    assert type(make_predictor(name, settings, lambda times: times)) is made  # type: ignore[arg-type]
+    defaults = {p.name: p.default for p in inspect.signature(made).parameters.values()}
+    for key, value in getattr(settings, name).model_dump().items():
+        assert defaults[key] == value, key
