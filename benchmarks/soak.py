@@ -27,7 +27,7 @@ from gazempc.live.mount import Mount
 from gazempc.live.run import LiveReport, LiveRun
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import BackgroundPlanner
-from gazempc.loop.settings import LoopSettings
+from gazempc.settings import LoopSettings
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import limit_violations

@@ -6,20 +6,45 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 import yaml
+from pydantic import Field, ValidationError
 
-from gazempc.errors import GazempcError, LimitViolationError
+from gazempc.errors import GazempcError, LimitViolationError, SettingsError
+from gazempc.part_options import check_options, take_options
+from gazempc.parts import CONTROLLER, PREDICTOR
 from gazempc.progress import Progress
-from gazempc.settings import PlacementName, RunSettings, load_settings
+from gazempc.settings import ControllerChoice
+from gazempc.sim.replay import ReplaySettings
+from gazempc.specfiles import explain
 
 if TYPE_CHECKING:
     from gazempc.results.log import Log
+    from gazempc.sim.replay import Replayed
+    from gazempc.sim.scene import Scene
 
 _VIOLATION = 1
 _BAD_INPUT = 2
+
+
+class RunSettings(ReplaySettings):
+    """Settings of `python -m gazempc.run`."""
+
+    replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
+        default=None,
+        description="Recording: subject03_R4 (synthetic) or a .csv, .parquet, .json or .bvh file",
+    )
+    list: bool = Field(default=False, description="Print what can be replayed, and the necks and sensors")
+    controllers: tuple[ControllerChoice, ...] = Field(
+        default=("reactive", "lookahead", "mpc", "perfect"),
+        min_length=1,
+        description="What to compare; perfect is the mpc with the true future; module:Class for your own",
+    )
+    out: Path | None = Field(default=None, description="Where to write; without it out/<recording>")
+    figures: bool = Field(default=True, description="Draw figures and the animation")
+    config: Path | None = Field(default=None, description="YAML file with any of these settings; the command line wins")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -63,12 +88,48 @@ def parse(words: Sequence[str]) -> RunSettings:
         The settings.
 
     Raises:
-        SettingsError: If the file of `--config` is wrong.
+        SettingsError: If the file of `--config` is wrong, or no chosen part takes an option.
         SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
     """
+    words, options = take_options(words)
     config = _config_path(words)
     base = RunSettings() if config is None else load_settings(config)
-    return tyro.cli(RunSettings, default=base, args=list(words), prog="python -m gazempc.run", description=__doc__)
+    found = tyro.cli(RunSettings, default=base, args=words, prog="python -m gazempc.run", description=__doc__)
+    settings = found.model_copy(update={"options": {**base.options, **options}})
+    choices = [(CONTROLLER, choice) for choice in settings.controllers]
+    check_options([(PREDICTOR, settings.predictor), *choices], settings.options)
+    return settings
+
+
+def load_settings(path: Path) -> RunSettings:
+    """Read settings from a YAML file.
+
+    Args:
+        path: File with a mapping of settings; nested ones as nested mappings.
+
+    Returns:
+        The settings, defaults where the file says nothing.
+
+    Raises:
+        SettingsError: If the file cannot be read, or with every unknown key (and what it perhaps meant) and every wrong
+            value in it.
+    """
+    try:
+        data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SettingsError(f"{path}: not a text file") from None
+    except yaml.YAMLError as error:
+        raise SettingsError(f"{path}: not valid YAML: {error}") from None
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise SettingsError(f"{path}: expected a mapping of settings such as 'neck: slow', got {data!r}")
+    try:
+        return RunSettings.model_validate(data)
+    except ValidationError as error:
+        raise SettingsError(explain(error, str(path), RunSettings)) from None
 
 
 def _config_path(words: Sequence[str]) -> Path | None:
@@ -78,6 +139,96 @@ def _config_path(words: Sequence[str]) -> Path | None:
         if word.startswith("--config="):
             return Path(word.removeprefix("--config="))
     return None
+
+
+def _run(settings: RunSettings) -> None:
+    progress = Progress()
+    # Heavy libraries are imported only here, so that --help and bad input answer at once.
+    from gazempc.results.metrics import measure, measure_compute  # noqa: PLC0415
+    from gazempc.results.report import faults, label, make_rows, sentence, table, write_summary  # noqa: PLC0415
+    from gazempc.sim.replay import replay_scene  # noqa: PLC0415
+    from gazempc.sim.scene import make_scene  # noqa: PLC0415
+
+    scene = make_scene(settings.replay or "", settings)
+    walk, neck = scene.walk, scene.neck
+    out = settings.out or Path("out") / walk.name
+    resolved = settings.model_copy(update={"placement": scene.placement, "sensor": scene.sensor.name, "out": out})
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GazempcError(f"--out {out}: cannot make this folder: {error.strerror}") from None
+
+    runs: dict[str, Replayed] = {}
+    for controller in dict.fromkeys(settings.controllers):
+        progress.say(f"replaying {walk.name}: {label(controller)}")
+        done = replay_scene(scene, controller, settings.predictor, resolved, progress.at)
+        runs[_file_name(done.log.run.controller, runs)] = done
+    rows = make_rows(
+        [
+            (name, log.run.predictor, measure(log), measure_compute(times, neck.control_period_s))
+            for name, (log, times) in runs.items()
+        ]
+    )
+
+    for name, (log, times) in runs.items():
+        log.save(out / f"{name}.npz")
+        times.save(out / f"{name}_compute.npz")
+    shown = resolved.model_dump(mode="json")
+    (out / "settings.yaml").write_text(yaml.safe_dump(shown, sort_keys=False), encoding="utf-8")
+    survived = {name: faults(log) for name, (log, _) in runs.items()}
+    about = {"recording": walk.name, "kind": walk.kind, "settings": shown, "faults": survived}
+    write_summary(out / "summary.json", about, rows)
+
+    print(_heading(settings, scene))
+    print(f"\n{table(rows, neck)}\n\n{sentence(rows)}\n")
+    for name, (log, _) in runs.items():
+        for line in _events(log):
+            print(f"  {label(name)}: {line}")
+    drawn = ""
+    if settings.figures:
+        progress.say("drawing")
+        drawn = ", " + ", ".join(_draw({name: log for name, (log, _) in runs.items()}, out))
+    print(f"Written to {out}/: summary.json, settings.yaml, a log (.npz) of each controller{drawn}")
+    violations = sum(row.metrics.limit_violations for row in rows)
+    if violations:
+        raise LimitViolationError(f"{violations} violations of the limits of neck {neck.name}: see {out}/summary.json")
+
+
+def _file_name(name: str, taken: dict[str, Replayed]) -> str:
+    """A controller's name, told apart from an earlier one of the same name."""
+    plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
+    same = sum(other == plain or other.startswith(f"{plain}_") for other in taken)
+    return f"{plain}_{same + 1}" if same else plain
+
+
+def _heading(settings: RunSettings, scene: Scene) -> str:
+    walk = scene.walk
+    parts = (walk.kind, f"{walk.times_s[-1]:.1f} s", walk.labels.description)
+    stands = (
+        f"{settings.distance_m} m beside the walk"
+        if scene.placement == "side"
+        else "where the sensor stood"
+        if scene.stands_at_sensor
+        else "at the origin of the recording"
+    )
+    return (
+        f"{walk.name}: {', '.join(part for part in parts if part)}\n"
+        f"neck {scene.neck.name}, sensor {scene.sensor.name} ({1e3 * scene.sensor.latency_s:.0f} ms late), robot "
+        f"{stands}; scored from 1.0 s to the end"
+    )
+
+
+def _events(log: Log) -> list[str]:
+    from gazempc.results.report import fault_lines  # noqa: PLC0415
+
+    with_text = {fault.event for fault in log.faults}
+    lines = [
+        f"{event} {int((log.event_name == event).sum())} x"
+        for event in dict.fromkeys(log.event_name.tolist())
+        # Every run begins with no_observation_yet.
+        if event != "no_observation_yet" and event not in with_text
+    ]
+    return lines + fault_lines(log)
 
 
 def _listing() -> str:
@@ -100,77 +251,6 @@ def _listing() -> str:
     lines.append("Sensors (or a .toml file):")
     lines += [f"  {name:<14}  {load_sensor(name).source}" for name in sensor_names()]
     return "\n".join(lines)
-
-
-def _run(settings: RunSettings) -> None:
-    progress = Progress()
-    # Heavy libraries are imported only here, so that --help and bad input answer at once.
-    from gazempc.neck.spec import load_neck  # noqa: PLC0415
-    from gazempc.recordings.load import load  # noqa: PLC0415
-    from gazempc.recordings.placement import place  # noqa: PLC0415
-    from gazempc.results.log import ComputeTimes  # noqa: PLC0415
-    from gazempc.results.metrics import measure, measure_compute  # noqa: PLC0415
-    from gazempc.results.report import LABELS, make_rows, sentence, table, write_summary  # noqa: PLC0415
-    from gazempc.sim.replay import replay  # noqa: PLC0415
-    from gazempc.sim.sensor import default_sensor, load_sensor  # noqa: PLC0415
-
-    recording = load(settings.replay or "", settings.reading)
-    placement: PlacementName = settings.placement or ("recorded" if recording.has_robot else "side")
-    neck = load_neck(settings.neck)
-    sensor = load_sensor(settings.sensor or default_sensor(recording))
-    placed = place(recording, placement, settings.distance_m, settings.height_m)
-    out = settings.out or Path("out") / recording.name
-    resolved = settings.model_copy(update={"placement": placement, "sensor": sensor.name, "out": out})
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise GazempcError(f"--out {out}: cannot make this folder: {error.strerror}") from None
-
-    runs: dict[str, tuple[Log, ComputeTimes]] = {}
-    for controller in dict.fromkeys(settings.controllers):
-        progress.say(f"replaying {recording.name}: {LABELS[controller]}")
-        runs[controller] = replay(placed, neck, sensor, controller, resolved, on_tick=progress.at)
-    rows = make_rows(
-        [
-            (name, log.info()["predictor"], measure(log), measure_compute(times, neck.control_period_s))
-            for name, (log, times) in runs.items()
-        ]
-    )
-
-    for name, (log, times) in runs.items():
-        log.save(out / f"{name}.npz")
-        times.save(out / f"{name}_compute.npz")
-    shown = resolved.model_dump(mode="json")
-    (out / "settings.yaml").write_text(yaml.safe_dump(shown, sort_keys=False), encoding="utf-8")
-    about = {"recording": recording.name, "kind": recording.kind, "settings": shown}
-    write_summary(out / "summary.json", about, rows)
-
-    heading = (recording.kind, f"{placed.times_s[-1]:.1f} s", recording.labels.description)
-    print(f"{recording.name}: {', '.join(part for part in heading if part)}")
-    print(
-        f"neck {neck.name}, sensor {sensor.name} ({1e3 * sensor.latency_s:.0f} ms late), robot "
-        + _standing(placement, recording.has_robot, settings.distance_m)
-        + f"; scored from 1.0 s to the end\n\n{table(rows, neck)}\n\n{sentence(rows)}\n"
-    )
-    for name, (log, _) in runs.items():
-        for event in dict.fromkeys(log.event_name.tolist()):
-            if event != "no_observation_yet":  # every run begins with it
-                print(f"  {LABELS[name]}: {event} {int((log.event_name == event).sum())} x")
-    drawn = ""
-    if settings.figures:
-        progress.say("drawing")
-        drawn = ", " + ", ".join(_draw({name: log for name, (log, _) in runs.items()}, out))
-    print(f"Written to {out}/: summary.json, settings.yaml, a log (.npz) of each controller{drawn}")
-    violations = sum(row.metrics.limit_violations for row in rows)
-    if violations:
-        raise LimitViolationError(f"{violations} violations of the limits of neck {neck.name}: see {out}/summary.json")
-
-
-def _standing(placement: PlacementName, has_robot: bool, distance_m: float) -> str:
-    if placement == "side":
-        return f"{distance_m} m beside the walk"
-    return "where the sensor stood" if has_robot else "at the origin of the recording"
 
 
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:

@@ -1,42 +1,29 @@
-"""All settings of a run, typed and checked; files and command line fill the same model."""
+"""Settings of the parts of a run, typed and checked; files and command lines fill the same models."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import tyro
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from gazempc.errors import SettingsError
-from gazempc.loop.settings import LoopSettings
-from gazempc.recordings.readers.options import ReadOptions
-from gazempc.specfiles import explain
+from gazempc.parts import CONTROLLER, PREDICTOR, check_choice
 
-ControllerName = Literal["reactive", "lookahead", "mpc", "perfect"]
-PredictorName = Literal[
-    "last_position",
-    "constant_velocity",
-    "constant_acceleration",
-    "coordinated_turn",
-    "interacting_models",
-    "particle",
-    "head_pose",
-    "pelvis_pursuit",
-    "walker",
-    "perfect",
-]
-PlacementName = Literal["recorded", "side"]
+# A shipped name, or module:Class for a part of the user's own; see `gazempc.parts`.
+ControllerChoice = Annotated[str, AfterValidator(partial(check_choice, CONTROLLER))]
+PredictorChoice = Annotated[str, AfterValidator(partial(check_choice, PREDICTOR))]
 # The predictor with the least error on real people, as far as measured.
-DEFAULT_PREDICTOR: PredictorName = "walker"
+DEFAULT_PREDICTOR = "walker"
 
 
-class _Settings(BaseModel):
+class Settings(BaseModel):
+    """Base of all settings: frozen, unknown fields and infinite numbers refused."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class ConstantVelocitySettings(_Settings):
+class ConstantVelocitySettings(Settings):
     """Predictor `constant_velocity`."""
 
     acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
@@ -54,7 +41,7 @@ class HeadPoseSettings(ConstantVelocitySettings):
     offset_removed: bool = Field(default=False, description="Take away the mean yaw since the track began")
 
 
-class WalkerSettings(_Settings):
+class WalkerSettings(Settings):
     """Predictor `walker`."""
 
     fitted: Path | None = Field(
@@ -64,7 +51,7 @@ class WalkerSettings(_Settings):
     )
 
 
-class PelvisPursuitSettings(_Settings):
+class PelvisPursuitSettings(Settings):
     """Predictor `pelvis_pursuit`."""
 
     gain: float = Field(default=0.75, ge=0, le=1, description="Share of the angle to the pelvis that is turned")
@@ -73,14 +60,14 @@ class PelvisPursuitSettings(_Settings):
     position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
 
 
-class ConstantAccelerationSettings(_Settings):
+class ConstantAccelerationSettings(Settings):
     """Predictor `constant_acceleration`."""
 
     jerk_psd: float = Field(default=0.003, gt=0, description="Noise density of the head's jerk, m^2/s^5")
     position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
 
 
-class _TurningSettings(_Settings):
+class _TurningSettings(Settings):
     """What the predictors `coordinated_turn` and `particle` have in common."""
 
     acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the speed's change, m^2/s^3")
@@ -105,7 +92,7 @@ class ParticleSettings(_TurningSettings):
     particles: int = Field(default=400, ge=2, description="How many")
 
 
-class InteractingModelsSettings(_Settings):
+class InteractingModelsSettings(Settings):
     """Predictor `interacting_models`."""
 
     turn_rate_rad_s: float = Field(default=0.5, gt=0, description="Rate of the turns to the left and to the right")
@@ -114,7 +101,7 @@ class InteractingModelsSettings(_Settings):
     position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
 
 
-class PredictorSettings(_Settings):
+class PredictorSettings(Settings):
     """Settings of all predictors."""
 
     constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
@@ -127,7 +114,7 @@ class PredictorSettings(_Settings):
     walker: WalkerSettings = WalkerSettings()
 
 
-class LookAheadSettings(_Settings):
+class LookAheadSettings(Settings):
     """Controller `lookahead`."""
 
     smoothing_time_s: float = Field(
@@ -135,7 +122,7 @@ class LookAheadSettings(_Settings):
     )
 
 
-class MpcSettings(_Settings):
+class MpcSettings(Settings):
     """Controller `mpc`."""
 
     horizon_s: float = Field(default=0.8, ge=0.1, le=5, description="Optimised motion after the dead time")
@@ -147,76 +134,27 @@ class MpcSettings(_Settings):
     )
 
 
+class LoopSettings(Settings):
+    """Times after which the loop gives up on something."""
+
+    compute_delay_s: float = Field(
+        default=0.0, ge=0, le=0.1, description="Time from the start of planning to the plan's first command"
+    )
+    stale_after_s: float = Field(default=0.5, gt=0, description="An observation older than this is dropped")
+    lost_after_s: float = Field(default=1.0, gt=0, description="Without an observation for this long: stop")
+    rest_after_s: float = Field(default=3.0, gt=0, description="Without an observation for this long: go to rest")
+    rest_speed_rad_s: float = Field(default=0.5, ge=0.01, description="Speed of the return to rest")
+
+    @model_validator(mode="after")
+    def _lost_before_rest(self) -> LoopSettings:
+        if self.rest_after_s < self.lost_after_s:
+            raise ValueError(f"rest_after_s ({self.rest_after_s}) is less than lost_after_s ({self.lost_after_s})")
+        return self
+
+
 class GazeSettings(PredictorSettings):
     """Settings of predictors, controllers and the loop, in a replay and live."""
 
     lookahead: LookAheadSettings = LookAheadSettings()
     mpc: MpcSettings = MpcSettings()
     loop: LoopSettings = LoopSettings()
-
-
-class RunSettings(GazeSettings):
-    """Settings of `python -m gazempc.run`."""
-
-    replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
-        default=None,
-        description="Recording: subject03_R4 (synthetic) or a .csv, .parquet, .json or .bvh file",
-    )
-    list: bool = Field(default=False, description="Print what can be replayed, and the necks and sensors")
-    controllers: tuple[ControllerName, ...] = Field(
-        default=("reactive", "lookahead", "mpc", "perfect"),
-        min_length=1,
-        description="What to compare; perfect is the mpc with the true future",
-    )
-    predictor: PredictorName = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
-    neck: str = Field(default="reference", description="Shipped neck or a .toml file")
-    sensor: str | None = Field(
-        default=None,
-        description="Shipped sensor or a .toml file; without it the recording's own for body tracking, else reference",
-    )
-    placement: PlacementName | None = Field(
-        default=None,
-        description="Where the robot stands; without it where the recording's sensor stood, "
-        "or at the side if there was none",
-    )
-    distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
-    height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
-    seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
-    out: Path | None = Field(default=None, description="Where to write; without it out/<recording>")
-    figures: bool = Field(default=True, description="Draw figures and the animation")
-    config: Path | None = Field(default=None, description="YAML file with any of these settings; the command line wins")
-    start_offset_deg: float = Field(
-        default=0.0, ge=-360, le=360, description="Pan at the start, from looking at the first observed head"
-    )
-    reading: ReadOptions = ReadOptions()
-
-
-def load_settings(path: Path) -> RunSettings:
-    """Read settings from a YAML file.
-
-    Args:
-        path: File with a mapping of settings; nested ones as nested mappings.
-
-    Returns:
-        The settings, defaults where the file says nothing.
-
-    Raises:
-        SettingsError: If the file cannot be read, or with every unknown key (and what it perhaps meant) and every wrong
-            value in it.
-    """
-    try:
-        data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise SettingsError(f"{path}: not a text file") from None
-    except yaml.YAMLError as error:
-        raise SettingsError(f"{path}: not valid YAML: {error}") from None
-    if data is None:
-        data = {}
-    if not isinstance(data, dict):
-        raise SettingsError(f"{path}: expected a mapping of settings such as 'neck: slow', got {data!r}")
-    try:
-        return RunSettings.model_validate(data)
-    except ValidationError as error:
-        raise SettingsError(explain(error, str(path), RunSettings)) from None

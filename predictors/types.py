@@ -65,9 +65,19 @@ class Forecast:
         means_base_m: Expected head positions, shape (H, 3), metres, base frame.
         covariances_m2: Covariances of these positions, shape (H, 3, 3), square metres.
         issued_at_s: Capture time of the newest observation that is in the forecast.
+
+    Raises:
+        ValueError: If a shape is not as said here.
     """
 
     times_s: FloatArray
     means_base_m: FloatArray
     covariances_m2: FloatArray
     issued_at_s: float
+
+    def __post_init__(self) -> None:
+        count = np.size(self.times_s)
+        for name, shape in (("times_s", (count,)), ("means_base_m", (count, 3)), ("covariances_m2", (count, 3, 3))):
+            found = np.shape(getattr(self, name))
+            if found != shape:
+                raise ValueError(f"{name} of a forecast for {count} times has shape {found}, expected {shape}")

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from gazempc.loop import gaze_loop as loop
-from gazempc.loop.settings import LoopSettings
+from gazempc.settings import LoopSettings
 from gazempc.loop.smoother import Intervention
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, neck_names
 from gazempc.recordings.readers.options import ReadOptions

@@ -202,7 +202,7 @@ def load_record(path: Path | str) -> NeckRecord:
     # The log has a row for each tick, with NaN where the robot reported nothing.
     measured = np.isfinite(log.joint_position_rad).all(axis=1)
     return NeckRecord(
-        about=json.dumps({"from": f"log {Path(path).name}", "neck": log.info()["neck"]}, sort_keys=True),
+        about=json.dumps({"from": f"log {Path(path).name}", "neck": log.neck.model_dump()}, sort_keys=True),
         command_time_s=log.time_s,
         command_rad=log.command_position_rad,
         joint_time_s=log.time_s[measured],

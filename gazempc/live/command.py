@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import tyro
@@ -20,6 +20,7 @@ from gazempc.errors import GazempcError, LimitViolationError
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.lateness import Lateness
 from gazempc.live.settings import LiveSettings, check, make_source, placed_recording
+from gazempc.results.run_info import RunInfo
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,12 +70,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(settings: LiveSettings, stop: threading.Event) -> None:
     from gazempc.live.run import LiveRun  # noqa: PLC0415
+    from gazempc.loop.build import Person, make_controller, make_predictor  # noqa: PLC0415
     from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner  # noqa: PLC0415
     from gazempc.neck.kinematics import look_at  # noqa: PLC0415
     from gazempc.neck.spec import load_neck  # noqa: PLC0415
     from gazempc.recordings.truth import TrueHead  # noqa: PLC0415
     from gazempc.robots.factory import make_robot, true_state_of  # noqa: PLC0415
-    from gazempc.sim.replay import make_controller, make_predictor  # noqa: PLC0415
 
     neck = load_neck(settings.neck or "reference")
     settings.out.mkdir(parents=True, exist_ok=True)
@@ -82,8 +83,10 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
     placed = placed_recording(settings) if settings.source.partition(":")[0] == "replay" else None
     source = make_source(settings, clock, placed)
     person = placed.labels.subject if placed is not None else ""
-    predictor = make_predictor(settings.predictor, settings, None if placed is None else TrueHead(placed), person)
-    controller = make_controller(settings.controller, neck, settings)
+    predictor = make_predictor(
+        settings.predictor, settings, Person(person, None if placed is None else TrueHead(placed)), {}
+    )
+    controller = make_controller(settings.controller, neck, settings, {})
     start_rad = neck.rest_rad
     if placed is not None:
         first_m = placed.truth.head_position_m[placed.truth.valid][0]
@@ -95,7 +98,6 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
     run = LiveRun(
         neck,
         predictor,
-        controller,
         planner,
         robot,
         source,
@@ -202,22 +204,25 @@ class _Kept:
         return ["angles.png"]
 
 
-def _about(settings: LiveSettings, placed: Recording | None, neck: NeckSpec, joints: str) -> dict[str, Any]:
+def _about(
+    settings: LiveSettings, placed: Recording | None, neck: NeckSpec, joints: Literal["true", "measured"]
+) -> RunInfo:
     live = placed is None
-    return {
-        "recording": settings.source if placed is None else placed.name,
-        "kind": "live" if placed is None else placed.kind,
-        "subject": "unknown" if placed is None else placed.labels.subject,
-        "group": None if placed is None else placed.labels.group,
-        "controller": settings.controller,
-        "predictor": settings.predictor,
-        "neck": neck.model_dump(),
-        "sensor": {"name": "live" if live else settings.sensor or "reference"},
-        "seed": settings.seed,
-        "robot": settings.robot,
-        "joints": joints,
-        "settings": settings.model_dump(mode="json", exclude={"out", "figures"}),
-    }
+    return RunInfo(
+        recording=settings.source if placed is None else placed.name,
+        kind="live" if placed is None else placed.kind,
+        subject="unknown" if placed is None else placed.labels.subject,
+        group=None if placed is None else placed.labels.group,
+        controller=settings.controller,
+        predictor=settings.predictor,
+        neck=neck,
+        sensor={"name": "live" if live else settings.sensor or "reference"},
+        seed=settings.seed,
+        mode="live",
+        robot=settings.robot,
+        joints=joints,
+        settings=settings.model_dump(mode="json", exclude={"out", "figures"}),
+    )
 
 
 def _truth(placed: Recording, source: Source) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

@@ -9,11 +9,9 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from gazempc.controllers.controller import Controller
 from gazempc.errors import RobotError
 from gazempc.live.clock import Clock, RealClock
 from gazempc.live.lateness import Lateness
@@ -22,12 +20,13 @@ from gazempc.live.sources.source import Source
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.planner import Planner
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.loop.settings import LoopSettings
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.run_info import RunInfo
 from gazempc.robots.robot import Robot
 from gazempc.robots.start import way_in_rad
+from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, JointState, Sighting
 from predictors import HeadObservation, Predictor
 
@@ -72,8 +71,7 @@ class LiveRun:
     Args:
         neck: The neck as the controller knows it.
         predictor: Forecasts the head.
-        controller: Plans commands; the planner's.
-        planner: Asks it.
+        planner: Asks the controller for plans.
         robot: Executes commands; not yet connected.
         source: Where observations come from; not yet open.
         mount: Where the sensor is.
@@ -90,21 +88,20 @@ class LiveRun:
         self,
         neck: NeckSpec,
         predictor: Predictor,
-        controller: Controller,
         planner: Planner,
         robot: Robot,
         source: Source,
         mount: Mount,
         clock: Clock,
         settings: LoopSettings,
-        about: dict[str, Any],
+        about: RunInfo,
         keep: Keep,
         log_s: float = 300.0,
         true_head_base_m: Callable[[FloatArray], FloatArray] | None = None,
         true_state: Callable[[], JointState] | None = None,
     ) -> None:
         self._neck, self._robot, self._source = neck, robot, source
-        self._predictor, self._controller, self._planner = predictor, controller, planner
+        self._predictor, self._planner = predictor, planner
         self._mount, self._clock, self._settings = mount, clock, settings
         self._about, self._keep = about, keep
         self._log_ticks = max(1, round(log_s * neck.servo_rate_hz))
@@ -147,12 +144,11 @@ class LiveRun:
             loop = GazeLoop(
                 self._neck,
                 self._predictor,
-                self._controller,
+                self._planner,
                 smoother,
                 self._robot,
                 self._recorder,
                 self._settings,
-                self._planner,
             )
             loop.prepare(self._clock.now_s())
             # What is there now stays; looking through it for garbage would take many ticks' time, and what comes is

@@ -14,12 +14,11 @@ from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.ros2 import Ros2Person
 from gazempc.live.sources.source import Source, SourceError
 from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, parse_address
-from gazempc.loop.settings import LoopSettings
 from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
+from gazempc.recordings.placement import Placement, place
 from gazempc.recordings.recording import Recording
 from gazempc.robots.factory import SIMULATED, RobotName, RobotOptions, ros2_network
-from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PlacementName, PredictorName
+from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, LoopSettings, PredictorChoice
 from gazempc.sim.sensor import default_sensor, load_sensor
 
 SOURCES = "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, ros2:TOPIC"
@@ -34,14 +33,14 @@ class LiveSettings(GazeSettings):
         default=None, description="Shipped neck or a .toml file; without it, for a simulated robot, reference"
     )
     controller: Literal["reactive", "lookahead", "mpc"] = Field(default="mpc", description="What plans them")
-    predictor: PredictorName = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
+    predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     mount: Mount = Mount()
     # A plan that is made in the background is there a little later.
     loop: LoopSettings = LoopSettings(compute_delay_s=0.01)
     options: RobotOptions = RobotOptions()
     replay: str = Field(default="subject03_R4", description="Recording of the source replay")
     sensor: str | None = Field(default=None, description="Sensor of the source replay; without it what fits")
-    placement: PlacementName | None = Field(default=None, description="Where the robot stands, for the source replay")
+    placement: Placement | None = Field(default=None, description="Where the robot stands, for the source replay")
     distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
     height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
     seed: int = Field(default=0, ge=0, description="Seed of simulated noise")
@@ -98,7 +97,7 @@ def placed_recording(settings: LiveSettings) -> Recording:
         GazempcError: If it cannot be read or placed.
     """
     recording = load(settings.replay)
-    placement: PlacementName = settings.placement or ("recorded" if recording.has_robot else "side")
+    placement: Placement = settings.placement or ("recorded" if recording.has_robot else "side")
     return place(recording, placement, settings.distance_m, settings.height_m)
 
 

@@ -3,30 +3,8 @@
 One call of `GazeLoop.tick` is one servo period, whoever owns the clock: a replay calls it in simulated time, a live run
 on the real clock. The robot gets a command within limits at every tick. The plan behind it is, in this order: a fresh
 one; the rest of the last one; a stop; and after `rest_after_s` without the person, a slow return to rest. Whatever is
-out of the ordinary is named in the log:
-
-========================= ==============================================================================
-``no_observation_yet``    nobody has been seen; the neck holds still
-``out_of_order``          an observation was not newer than the last one; dropped
-``stale_observation``     an observation was older than `stale_after_s` when it came; dropped
-``future_observation``    an observation was captured later than now: a clock is wrong; dropped
-``forecast_failed``       the predictor raised or forecast a NaN; the last plan goes on
-``controller_failed``     the controller raised; the last plan goes on
-``solver_failed``         no solver found a plan; the last one goes on
-``solver_timed_out``      the last solver was stopped before it had a plan; the last one goes on
-``plan_not_finite``       the controller planned a NaN; the last plan goes on
-``late_plan``             a plan came after the tick it was made for (what is left of it is used), or the one before
-                          was still under way (no new one was asked for)
-``second_solver``         the first solver gave up, the second found this plan
-``limits_softened``       no plan keeps all limits (a start outside them, say); this one leaves them the least
-``stale_plan``            the last plan has ended; the smoother stops the command
-``limit_guard``           the smoother refused a motion that could not stop inside the position limits
-``target_lost``           no observation for `lost_after_s`; the command stops
-``return_to_rest``        no observation for `rest_after_s`; the neck returns to rest, slowly
-``joint_reading_refused`` a reading of the joints was NaN, too old or far from where they can be; not used
-``robot_not_answering``   the joints could not be read (the plan then relies on the commands sent), or a command did
-                          not get through (the robot stands by the last one; no plan until one does)
-========================= ==============================================================================
+out of the ordinary is an event of the log (`gazempc.loop.events`). An exception of a part is survived: its text and its
+first traceback go to the recorder.
 """
 
 from __future__ import annotations
@@ -39,20 +17,27 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from gazempc.controllers.controller import CommandState, Controller, ControllerError, Plan, Situation
+from gazempc.controllers.controller import CommandState, ControllerError, Plan, Situation
+from gazempc.loop.events import Event
 from gazempc.loop.observer import JointEstimate, JointObserver
-from gazempc.loop.planner import Answer, ImmediatePlanner, Planner
+from gazempc.loop.planner import Answer, Planner
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.loop.settings import LoopSettings
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import NeckSpec
+from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.robots.robot import Robot
+from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, JointState, Sighting
-from predictors import HeadObservation, OutOfOrderError, Predictor
+from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
 # Two clocks that agree still differ by this much.
 _CLOCK_TOLERANCE_S = 0.01
 _SENDS_FORGIVEN = 2
+_RECORDED_HORIZONS_S = np.array(FORECAST_HORIZONS_S)
+
+
+class _NotFiniteError(ValueError):
+    """A forecast holds a NaN or is infinite."""
 
 
 class GazeLoop:
@@ -61,12 +46,11 @@ class GazeLoop:
     Args:
         neck: The neck as the controller knows it.
         predictor: Forecasts the head.
-        controller: Plans commands.
+        planner: Asks the controller for plans.
         smoother: Makes commands of plans; it holds where the command stands.
         robot: Executes the commands; connected.
-        recorder: Takes down what happens.
+        recorder: Records what happens.
         settings: When to give up on something.
-        planner: Asks the controller; without it at once, within the tick.
 
     Attributes:
         joints: Where the joints were at the last tick, as estimated; None before the first one.
@@ -76,16 +60,16 @@ class GazeLoop:
         self,
         neck: NeckSpec,
         predictor: Predictor,
-        controller: Controller,
+        planner: Planner,
         smoother: Smoother,
         robot: Robot,
         recorder: LoopRecorder,
         settings: LoopSettings,
-        planner: Planner | None = None,
     ) -> None:
         self._neck = neck
         self._predictor = predictor
-        self._controller = controller
+        self._planner = planner
+        self._controller = planner.controller
         self._smoother = smoother
         self._robot = robot
         self._recorder = recorder
@@ -95,7 +79,6 @@ class GazeLoop:
         self._sent_rad: FloatArray = np.tile(smoother.command.position_rad, (history, 1))
         self._observer: JointObserver | None = None
         self.joints: JointEstimate | None = None
-        self._planner = planner or ImmediatePlanner(controller)
         self._forecast_ms = 0.0
         self._last_index: int | None = None
         self._ignored_until = -1
@@ -133,7 +116,7 @@ class GazeLoop:
         joints = self._observer.update(time_s, measured)
         self.joints = joints
         if self._observer.refused:
-            self._recorder.event(time_s, "joint_reading_refused")
+            self._recorder.event(time_s, Event.JOINT_READING_REFUSED)
         # Before asking, too: a planner that has answered is free again.
         self._take_answers(index, time_s)
         if plans and self._gets_through and not self._stopping:
@@ -199,10 +182,10 @@ class GazeLoop:
         observation = sighting.observation
         if observation.capture_time_s > time_s + _CLOCK_TOLERANCE_S:
             # Taken in, it would make all later ones out of order.
-            self._recorder.event(time_s, "future_observation")
+            self._recorder.event(time_s, Event.FUTURE_OBSERVATION)
             return
         if time_s - observation.capture_time_s > self._settings.stale_after_s:
-            self._recorder.event(time_s, "stale_observation")
+            self._recorder.event(time_s, Event.STALE_OBSERVATION)
             return
         newest_s = self._newest_capture_s
         if newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s:
@@ -211,54 +194,65 @@ class GazeLoop:
         started = time.perf_counter()
         try:
             self._predictor.update(observation)
-            update_ms = 1e3 * (time.perf_counter() - started)
-            self._recorder.observation(time_s, observation, self._predictor, update_ms)
         except OutOfOrderError:
-            self._recorder.event(time_s, "out_of_order")
+            self._recorder.event(time_s, Event.OUT_OF_ORDER)
             return
-        except Exception:
-            self._recorder.event(time_s, "forecast_failed")
+        except Exception as error:
+            self._recorder.event(time_s, Event.FORECAST_FAILED, error)
             return
+        update_ms = 1e3 * (time.perf_counter() - started)
         self._newest_capture_s = observation.capture_time_s
+        forecast = self._forecast(time_s, observation.capture_time_s + _RECORDED_HORIZONS_S)
+        self._recorder.observation(time_s, observation, forecast, update_ms)
+
+    def _forecast(self, time_s: float, times_s: FloatArray) -> Forecast | None:
+        """A forecast for these times; None, and an event, if the predictor has none."""
+        try:
+            forecast = self._predictor.forecast(times_s)
+            if not isinstance(forecast, Forecast):
+                raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
+            if forecast.times_s.size != times_s.size:
+                raise ValueError(f"forecast() returned {forecast.times_s.size} times, asked for were {times_s.size}")
+            if not np.all(np.isfinite(forecast.means_base_m)):
+                raise _NotFiniteError("forecast() returned positions that are not finite")
+        except Exception as error:
+            self._recorder.event(time_s, Event.FORECAST_FAILED, error)
+            if isinstance(error, _NotFiniteError):
+                # A filter that holds a NaN holds it for ever: the next observation starts a new track.
+                self._predictor.reset()
+            return None
+        return forecast
 
     def _read_state(self, time_s: float) -> JointState | None:
-        # RobotError is what is promised; but whatever somebody's driver raises or returns, the loop goes on.
+        # RobotError is what is promised. The loop goes on whatever a driver raises or returns.
         try:
             state = self._robot.read_state()
             if state is None:
                 return None
             float(state.time_s)
-            if state.position_rad.shape == state.velocity_rad_s.shape == (2,):
-                return state
-        except Exception:
-            pass
-        self._recorder.event(time_s, "robot_not_answering")
-        return None
+            shapes = state.position_rad.shape, state.velocity_rad_s.shape
+            if shapes != ((2,), (2,)):
+                raise ValueError(f"read_state() returned position and velocity of shapes {shapes}, needed is (2,) each")
+        except Exception as error:
+            self._recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
+            return None
+        return state
 
     def _ask_for_plan(self, index: int, time_s: float, due_s: float, joints: JointEstimate) -> None:
         if self._newest_capture_s is None:
-            self._recorder.event(time_s, "no_observation_yet")
+            self._recorder.event(time_s, Event.NO_OBSERVATION_YET)
             return
         if time_s - self._newest_capture_s > self._settings.lost_after_s:
             return
         started = time.perf_counter()
         start_s = due_s + self._delay_ticks * self._neck.servo_period_s
         try:
-            times_s = self._controller.forecast_times_s(start_s, self._newest_capture_s)
-        except Exception:
-            self._recorder.event(time_s, "controller_failed")
+            times_s = np.asarray(self._controller.forecast_times_s(start_s, self._newest_capture_s), dtype=np.float64)
+        except Exception as error:
+            self._recorder.event(time_s, Event.CONTROLLER_FAILED, error)
             return
-        try:
-            forecast = self._predictor.forecast(times_s)
-        except Exception:
-            forecast = None
-        if forecast is None or forecast.means_base_m.shape != (times_s.size, 3):
-            self._recorder.event(time_s, "forecast_failed")
-            return
-        if not np.all(np.isfinite(forecast.means_base_m)):
-            # A filter that holds a NaN holds it for ever: the next observation starts a new track.
-            self._recorder.event(time_s, "forecast_failed")
-            self._predictor.reset()
+        forecast = self._forecast(time_s, times_s)
+        if forecast is None:
             return
         committed = [
             self._committed(index + i, due_s + i * self._neck.servo_period_s) for i in range(self._delay_ticks)
@@ -277,7 +271,7 @@ class GazeLoop:
         if self._planner.request(index + self._delay_ticks, situation):
             self._asked_capture_s = self._newest_capture_s
         else:
-            self._recorder.event(time_s, "late_plan")
+            self._recorder.event(time_s, Event.LATE_PLAN)
 
     def _take_answers(self, index: int, time_s: float) -> None:
         for answer in () if self._stopping else self._planner.answers():
@@ -288,12 +282,12 @@ class GazeLoop:
         if answer.due_index <= self._ignored_until:
             return
         if answer.plan is None:
-            self._recorder.event(time_s, answer.event)
+            self._recorder.event(time_s, answer.event, answer.error)
             return
         for event in answer.plan.events:
             self._recorder.event(time_s, event)
         if answer.due_index < index:
-            self._recorder.event(time_s, "late_plan")
+            self._recorder.event(time_s, Event.LATE_PLAN)
         self._waiting.append((answer.due_index, answer.plan, self._asked_capture_s))
 
     def _committed(self, index: int, time_s: float) -> CommandState:
@@ -309,11 +303,11 @@ class GazeLoop:
         unseen_s = 0.0 if self._newest_capture_s is None else time_s - self._newest_capture_s
         if unseen_s > self._settings.rest_after_s:
             self._plan = None
-            self._recorder.event(time_s, "return_to_rest")
+            self._recorder.event(time_s, Event.RETURN_TO_REST)
             return self._smoother.step(due_s, self._rest_plan, self._settings.rest_speed_rad_s)
         if unseen_s > self._settings.lost_after_s:
             self._plan = None
-            self._recorder.event(time_s, "target_lost")
+            self._recorder.event(time_s, Event.TARGET_LOST)
         command = self._smoother.step(due_s, self._plan)
         if self._smoother.intervention and self._plan is not None:
             self._recorder.event(time_s, self._smoother.intervention)
@@ -322,13 +316,14 @@ class GazeLoop:
     def _send(self, command: CommandState, before: CommandState, index: int, time_s: float) -> FloatArray:
         try:
             sent_rad: FloatArray = np.array(self._robot.send_command(command.position_rad), dtype=np.float64)
-            self._gets_through = sent_rad.shape == (2,) and bool(np.all(np.isfinite(sent_rad)))
-        except Exception:
-            self._gets_through = False
-        if self._gets_through:
-            self._failed_sends = 0
+            if sent_rad.shape != (2,) or not np.all(np.isfinite(sent_rad)):
+                raise ValueError(f"send_command() returned {sent_rad!r}, needed are two finite angles in radians")
+        except Exception as error:
+            self._recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
+        else:
+            self._gets_through, self._failed_sends = True, 0
             return sent_rad
-        self._recorder.event(time_s, "robot_not_answering")
+        self._gets_through = False
         self._failed_sends += 1
         if self._failed_sends <= _SENDS_FORGIVEN:
             # One lost command is no reason to stop dead: the same motion goes on from where it was.

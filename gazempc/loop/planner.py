@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gazempc.controllers.controller import Controller, ControllerError, Plan, Situation
+from gazempc.loop.events import Event
 
 
 @dataclass(frozen=True)
@@ -19,17 +20,25 @@ class Answer:
         due_index: Tick at which the plan's first command is to be sent.
         plan: The plan; None if there is none.
         event: Why there is none, as it stands in the log; else empty.
+        error: The exception behind the event, if there was one.
         plan_ms: How long planning took, milliseconds.
     """
 
     due_index: int
     plan: Plan | None
     event: str
+    error: Exception | None
     plan_ms: float
 
 
 class Planner(Protocol):
-    """Takes one request at a time."""
+    """Takes one request at a time.
+
+    Attributes:
+        controller: Makes the plans.
+    """
+
+    controller: Controller
 
     def request(self, due_index: int, situation: Situation) -> bool:
         """Ask for a plan.
@@ -60,12 +69,12 @@ class ImmediatePlanner:
     """
 
     def __init__(self, controller: Controller) -> None:
-        self._controller = controller
+        self.controller = controller
         self._answered: list[Answer] = []
 
     def request(self, due_index: int, situation: Situation) -> bool:
         """See `Planner.request`."""
-        self._answered.append(_ask(self._controller, due_index, situation))
+        self._answered.append(_ask(self.controller, due_index, situation))
         return True
 
     def answers(self) -> list[Answer]:
@@ -81,11 +90,11 @@ class BackgroundPlanner:
     """Plans in a thread of its own, for a real clock.
 
     Args:
-        controller: Makes the plans; nobody else may use it.
+        controller: Makes the plans; nobody else may call its `plan`.
     """
 
     def __init__(self, controller: Controller) -> None:
-        self._controller = controller
+        self.controller = controller
         self._requests: queue.SimpleQueue[tuple[int, Situation] | None] = queue.SimpleQueue()
         self._answered: queue.SimpleQueue[Answer] = queue.SimpleQueue()
         self._busy = False
@@ -119,18 +128,21 @@ class BackgroundPlanner:
 
     def _work(self) -> None:
         while (request := self._requests.get()) is not None:
-            self._answered.put(_ask(self._controller, *request))
+            self._answered.put(_ask(self.controller, *request))
 
 
 def _ask(controller: Controller, due_index: int, situation: Situation) -> Answer:
     started = time.perf_counter()
-    plan, event = None, ""
+
+    def answer(plan: Plan | None, event: str = "", error: Exception | None = None) -> Answer:
+        return Answer(due_index, plan, event, error, 1e3 * (time.perf_counter() - started))
+
     try:
         plan = controller.plan(situation)
-        if not plan.is_finite():
-            plan, event = None, "plan_not_finite"
+        if not isinstance(plan, Plan):
+            raise TypeError(f"plan() returned {type(plan).__name__}, needed is a Plan")
+        return answer(plan) if plan.is_finite() else answer(None, Event.PLAN_NOT_FINITE)
     except ControllerError as error:
-        event = error.event
-    except Exception:
-        plan, event = None, "controller_failed"
-    return Answer(due_index, plan, event, 1e3 * (time.perf_counter() - started))
+        return answer(None, error.event, error)
+    except Exception as error:
+        return answer(None, Event.CONTROLLER_FAILED, error)

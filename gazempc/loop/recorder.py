@@ -1,19 +1,25 @@
-"""Takes down what the loop does, and makes a log of it."""
+"""Records what the loop does, and makes a log of it."""
 
 from __future__ import annotations
 
-import json
+import logging
+import traceback
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from gazempc.controllers.controller import CommandState
-from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Log
+from gazempc.parts import said
+from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Fault, Log
+from gazempc.results.run_info import RunInfo
 from gazempc.types import FloatArray, JointState
-from predictors import HeadObservation, Predictor
+from predictors import Forecast, HeadObservation
 
+_LOGGER = logging.getLogger("gazempc.loop")
 _NOWHERE = np.full(2, np.nan)
+_NO_MEAN = np.full((len(FORECAST_HORIZONS_S), 3), np.nan)
+_NO_COVARIANCE = np.full((len(FORECAST_HORIZONS_S), 3, 3), np.nan)
 
 
 class LoopRecorder:
@@ -31,58 +37,79 @@ class LoopRecorder:
         self._observations: list[tuple[float, HeadObservation, FloatArray, FloatArray]] = []
         self._events: list[tuple[float, str]] = []
         self._event_last_s: dict[str, float] = {}
+        self._faults: dict[str, Fault] = {}
         self._update_ms: list[float] = []
         self._step_ms: list[float] = []
         self._latency_ms: list[float] = []
 
     @property
     def ticks(self) -> int:
-        """How many ticks were taken down."""
+        """Number of ticks recorded."""
         return len(self._ticks)
 
     def tick(self, time_s: float, state: JointState | None, sent_rad: FloatArray, command: CommandState) -> None:
-        """Take down one servo tick: joints as measured (None if not), what was really sent, the command's motion."""
+        """Record one servo tick: joints as measured (None if not), what was really sent, the command's motion."""
         self._ticks.append((time_s, state, sent_rad, command))
 
-    def observation(self, time_s: float, observation: HeadObservation, predictor: Predictor, update_ms: float) -> None:
-        """Take down an observation, what the predictor makes of it, and how long its update took.
+    def observation(
+        self, time_s: float, observation: HeadObservation, forecast: Forecast | None, update_ms: float
+    ) -> None:
+        """Record an observation that was used.
 
-        Raises:
-            ValueError: If the forecast has not the shape that was asked for.
+        Args:
+            time_s: Time of its arrival, seconds.
+            observation: The observation.
+            forecast: Forecast at `FORECAST_HORIZONS_S` from its capture; None if there is none.
+            update_ms: Duration of the predictor's update, milliseconds.
         """
-        horizons = observation.capture_time_s + np.array(FORECAST_HORIZONS_S)
-        forecast = predictor.forecast(horizons)
-        n = horizons.size
-        if forecast.means_base_m.shape != (n, 3) or forecast.covariances_m2.shape != (n, 3, 3):
-            raise ValueError(f"forecast of shape {forecast.means_base_m.shape}, expected {(n, 3)}")
-        self._observations.append((time_s, observation, forecast.means_base_m, forecast.covariances_m2))
+        mean, covariance = (
+            (_NO_MEAN, _NO_COVARIANCE) if forecast is None else (forecast.means_base_m, forecast.covariances_m2)
+        )
+        self._observations.append((time_s, observation, mean, covariance))
         self._update_ms.append(update_ms)
 
     def step(self, step_ms: float) -> None:
-        """Take down how long forecast and plan took, milliseconds."""
+        """Record how long forecast and plan took, milliseconds."""
         self._step_ms.append(step_ms)
 
     def latency(self, latency_ms: float) -> None:
-        """Take down how old a plan's newest observation was when its first command was sent, milliseconds."""
+        """Record how old a plan's newest observation was when its first command was sent, milliseconds."""
         self._latency_ms.append(latency_ms)
 
-    def event(self, time_s: float, name: str) -> None:
-        """Take down something out of the ordinary."""
+    def event(self, time_s: float, name: str, error: Exception | None = None) -> None:
+        """Record something out of the ordinary.
+
+        Args:
+            time_s: Time, seconds.
+            name: Name of the event.
+            error: The exception behind it. The first one of each event is kept with its traceback.
+        """
+        if error is not None:
+            self._fault(str(name), error)
         last_s = self._event_last_s.get(name, -np.inf)
         if time_s - last_s > 2.5 * self._control_period_s:
-            self._events.append((time_s, name))
+            self._events.append((time_s, str(name)))
         self._event_last_s[name] = time_s
+
+    def _fault(self, name: str, error: Exception) -> None:
+        known = self._faults.get(name)
+        if known is not None:
+            self._faults[name] = replace(known, count=known.count + 1)
+            return
+        text = "".join(traceback.format_exception(error))
+        self._faults[name] = Fault(name, 1, said(error), text)
+        _LOGGER.warning("%s: %s", name, said(error), exc_info=error)
 
     def finish(
         self,
-        about: dict[str, Any],
+        run: RunInfo,
         true_head_base_m: Callable[[FloatArray], FloatArray],
         true_joints: Sequence[JointState | None] | None = None,
     ) -> tuple[Log, ComputeTimes]:
         """Make the log.
 
         Args:
-            about: Description of the run, for `Log.about`.
+            run: What the run was.
             true_head_base_m: True head positions, shape (H, 3), at times, shape (H,); NaN where they are not known.
             true_joints: Where the joints really were at each tick, if that is known; else what was measured counts.
 
@@ -98,7 +125,7 @@ class LoopRecorder:
         ahead = captures[:, None] + horizons
         true = true_head_base_m(ahead.ravel()).reshape(shape)
         log = Log(
-            about=json.dumps(about, sort_keys=True),
+            run=run,
             time_s=time_s,
             head_true_base_m=true_head_base_m(time_s),
             joint_position_rad=np.array([_NOWHERE if s is None else s.position_rad for s in states]),
@@ -115,5 +142,6 @@ class LoopRecorder:
             forecast_horizon_s=horizons,
             event_time_s=np.array([t for t, _ in self._events]),
             event_name=np.array([name for _, name in self._events], dtype=np.str_),
+            faults=tuple(self._faults.values()),
         )
         return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms), np.array(self._latency_ms))

@@ -9,12 +9,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import NeckSpec
+from gazempc.results.run_info import RunInfo
 from gazempc.types import FloatArray, StringArray
 
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """An exception that the loop survived.
+
+    Attributes:
+        event: Name of the event in the log.
+        count: Number of times that it came.
+        error: The first exception in one line, such as ``TypeError: ...``.
+        traceback: Its traceback.
+    """
+
+    event: str
+    count: int
+    error: str
+    traceback: str
 
 
 @dataclass(frozen=True)
@@ -24,7 +43,7 @@ class Log:
     Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it.
 
     Attributes:
-        about: JSON text: recording, controller, predictor, settings, and the neck in full.
+        run: What the run was; as JSON text in the file.
         time_s: Servo ticks, shape (M,), seconds.
         head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
         joint_position_rad: Pan and tilt of the joints at each tick, shape (M, 2), radians: of a simulated neck where
@@ -33,19 +52,20 @@ class Log:
         command_position_rad: Commands sent at each tick, shape (M, 2), radians.
         command_velocity_rad_s: Shape (M, 2), rad/s.
         command_acceleration_rad_s2: Shape (M, 2), rad/s^2.
-        capture_time_s: Capture times of the observations that reached the robot, shape (F,), seconds.
-        arrival_time_s: When they were taken in, shape (F,), seconds.
+        capture_time_s: Capture times of the observations that were used, shape (F,), seconds.
+        arrival_time_s: Times of their arrival, shape (F,), seconds.
         head_observed_base_m: Observed heads, shape (F, 3), metres.
         forecast_mean_base_m: Forecast after each observation at each of `forecast_horizon_s` from its capture,
-            shape (F, 3, 3): observation, horizon, axis; NaN where none was made.
+            shape (F, 3, 3): observation, horizon, axis; NaN where there was none.
         forecast_covariance_m2: Shape (F, 3, 3, 3), square metres.
         forecast_true_base_m: True head at these times, NaN past the end of the recording, shape (F, 3, 3), metres.
         forecast_horizon_s: Shape (3,), seconds.
-        event_time_s: When something out of the ordinary happened, shape (E,), seconds.
-        event_name: What it was, shape (E,).
+        event_time_s: Beginning of each event, shape (E,), seconds.
+        event_name: Its name, shape (E,).
+        faults: The exceptions that were survived, each event once; as JSON text in the file.
     """
 
-    about: str
+    run: RunInfo
     time_s: FloatArray
     head_true_base_m: FloatArray
     joint_position_rad: FloatArray
@@ -62,29 +82,33 @@ class Log:
     forecast_horizon_s: FloatArray
     event_time_s: FloatArray
     event_name: StringArray
+    faults: tuple[Fault, ...] = ()
 
-    def info(self) -> dict[str, Any]:
-        """The run's description as a dictionary."""
-        about: dict[str, Any] = json.loads(self.about)
-        return about
-
+    @property
     def neck(self) -> NeckSpec:
-        """The neck the run was made with."""
-        return NeckSpec.model_validate(self.info()["neck"])
+        """The neck that moved."""
+        return self.run.neck
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write the log; equal logs give equal files to the last bit.
 
         Args:
             path: File to write, ending in ``.npz``.
         """
-        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        arrays: dict[str, Any] = {
+            f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in _TEXT
+        }
+        arrays["run"] = np.asarray(self.run.as_json())
+        arrays["faults"] = np.asarray(json.dumps([vars(fault) for fault in self.faults]))
         np.savez_compressed(path, **arrays)
+
+
+_TEXT = ("run", "faults")
 
 
 @dataclass(frozen=True)
 class ComputeTimes:
-    """How long the computer took; kept apart from the log, because it differs from run to run.
+    """Computing times; kept apart from the log, because they differ from run to run.
 
     Attributes:
         update_ms: Predictor update of each observation, shape (F,), milliseconds.
@@ -125,6 +149,11 @@ def load_log(path: Path | str) -> Log:
         raise SettingsError(f"{path}: not a log that can be read: {error}") from None
     wanted = {f.name for f in fields(Log)}
     if missing := sorted(wanted - set(values)):
-        raise SettingsError(f"{path}: not a gazempc log, it lacks {', '.join(missing)}")
-    values["about"] = str(values["about"])
+        older = "; an older version wrote it: replay the recording again" if "about" in values else ""
+        raise SettingsError(f"{path}: not a gazempc log, it lacks {', '.join(missing)}{older}")
+    try:
+        values["run"] = RunInfo.model_validate_json(str(values["run"]))
+        values["faults"] = tuple(Fault(**fault) for fault in json.loads(str(values["faults"])))
+    except (ValidationError, ValueError, TypeError) as error:
+        raise SettingsError(f"{path}: the description of the run cannot be read: {error}") from None
     return Log(**{name: values[name] for name in wanted})

@@ -104,7 +104,7 @@ def gaze_error_deg(log: Log) -> FloatArray:
     Returns:
         Angles, shape (M,), degrees; NaN where true head or joints are not known.
     """
-    error = gaze_error_rad(log.neck().geometry, log.joint_position_rad, log.head_true_base_m)
+    error = gaze_error_rad(log.neck.geometry, log.joint_position_rad, log.head_true_base_m)
     return np.rad2deg(error)
 
 
@@ -120,16 +120,16 @@ def measure(log: Log) -> Metrics:
     Raises:
         LeftOutError: If the run is too short to be scored.
     """
-    neck = log.neck()
+    neck = log.neck
     error = gaze_error_deg(log)
     # Nothing is scored where the true head or the joints are not known. Live nobody knows the true head; what needs no
     # head is scored still.
-    live = log.info().get("kind") == "live"
-    judged = log.joint_position_rad.sum(axis=1) if live else error
+    knows_head = log.run.knows_true_head
+    judged = error if knows_head else log.joint_position_rad.sum(axis=1)
     scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(judged)
     if scored.sum() < _FEWEST_SCORED:
         raise LeftOutError(
-            f"{log.info().get('recording', 'the run')}: {log.time_s[-1] - log.time_s[0]:.2f} s is too short: gaze is "
+            f"{log.run.recording}: {log.time_s[-1] - log.time_s[0]:.2f} s is too short: gaze is "
             f"scored from {SCORED_FROM_S} s to the end, and at least {MIN_DURATION_S} s are needed"
         )
     # The ticks of a live run come a little early or late; the motion was made for equal ones.
@@ -146,7 +146,7 @@ def measure(log: Log) -> Metrics:
         eye_contact_2p6=_share_within(error_scored, CONTACT_DEG[0]),
         eye_contact_4=_share_within(error_scored, CONTACT_DEG[1]),
         eye_contact_9=_share_within(error_scored, CONTACT_DEG[2]),
-        longest_break_s=_longest_run(error_scored > CONTACT_DEG[0]) * dt_s if not live else float("nan"),
+        longest_break_s=_longest_run(error_scored > CONTACT_DEG[0]) * dt_s if knows_head else float("nan"),
         time_to_contact_s=_first(error <= CONTACT_DEG[0], log.time_s),
         time_to_stable_contact_s=_first(_lasting(error <= CONTACT_DEG[0], round(STABLE_S / dt_s)), log.time_s),
         overshoot_deg=_overshoot_deg(log, neck),
@@ -216,7 +216,7 @@ def limit_violations(log: Log, neck: NeckSpec) -> int:
     """
     dt_s = neck.servo_period_s
     count = 0
-    if log.info().get("joints") == "measured":
+    if log.run.joints == "measured":
         # Readings of a robot come when they come, and it may round commands to steps of its own: what was meant counts.
         return _violations_of_motion(log, neck)
     for position in (log.command_position_rad, log.joint_position_rad):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 import platform
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from gazempc.neck.spec import NeckSpec
+from gazempc.results.log import Log
 from gazempc.results.metrics import ComputeMetrics, Metrics, gap_closed
 
 LABELS = {
@@ -20,6 +21,11 @@ LABELS = {
     "perfect": "MPC with perfect forecast",
 }
 _PACKAGES = ("gazempc", "casadi", "numpy", "scipy", "filterpy", "ruckig", "control", "matplotlib", "pydantic")
+
+
+def label(controller: str) -> str:
+    """Name of a controller for people; one of the user's own keeps its name."""
+    return LABELS.get(controller, controller)
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ def table(rows: list[Row], neck: NeckSpec) -> str:
         return f"{high:g}" if low == high else f"{low:g}/{high:g}"
 
     lines: list[tuple[str, list[str]]] = [
-        ("", [LABELS[row.controller] for row in rows]),
+        ("", [label(row.controller) for row in rows]),
         ("filter and forecast", [row.predictor for row in rows]),
         ("gaze error RMS [deg]", [f"{row.metrics.gaze_error_rms_deg:.2f}" for row in rows]),
         ("           median [deg]", [f"{row.metrics.gaze_error_median_deg:.2f}" for row in rows]),
@@ -126,7 +132,7 @@ def sentence(rows: list[Row]) -> str:
     if "reactive" not in by_name or not predictive:
         best = min(rows, key=lambda row: row.metrics.gaze_error_rms_deg)
         return (
-            f"The {LABELS[best.controller]} gaze is on the person's eyes (within 2.6 deg) "
+            f"The {label(best.controller)} gaze is on the person's eyes (within 2.6 deg) "
             f"{_share(best.metrics.eye_contact_2p6)} of the time."
         )
     reactive = by_name["reactive"].metrics
@@ -134,7 +140,7 @@ def sentence(rows: list[Row]) -> str:
     for row in predictive:
         ratio = reactive.gaze_error_rms_deg / row.metrics.gaze_error_rms_deg
         change = f"{ratio:.1f} times smaller" if ratio > 1 else f"{1 / ratio:.1f} times larger"
-        claims.append(f"{LABELS[row.controller]} {_share(row.metrics.eye_contact_2p6)} (RMS error {change})")
+        claims.append(f"{label(row.controller)} {_share(row.metrics.eye_contact_2p6)} (RMS error {change})")
     text = (
         f"A gaze that only reacts is on the person's eyes (within 2.6 deg) "
         f"{_share(reactive.eye_contact_2p6)} of the time, {' and '.join(claims)}"
@@ -146,6 +152,23 @@ def sentence(rows: list[Row]) -> str:
             f"at {limit.gaze_error_rms_deg:.2f} deg"
         )
     return text + "."
+
+
+def faults(log: Log) -> list[dict[str, Any]]:
+    """The exceptions that a run survived, as they stand in `summary.json`.
+
+    Args:
+        log: The run.
+
+    Returns:
+        For each event its name, how often it came, the first exception and its traceback.
+    """
+    return [asdict(fault) for fault in log.faults]
+
+
+def fault_lines(log: Log) -> list[str]:
+    """The same for people, one line each, such as ``forecast_failed (412 x): TypeError: ...``."""
+    return [f"{fault.event} ({fault.count} x): {fault.error}" for fault in log.faults]
 
 
 def versions() -> dict[str, str]:

@@ -41,7 +41,7 @@ def head_offset_deg(log: Log) -> FloatArray:
         Offset of the true head from the gaze axis at each tick, to the right and up as the robot sees it,
         shape (M, 2), degrees; its length is the gaze error.
     """
-    eye, direction = gaze_ray(log.neck().geometry, log.joint_position_rad)
+    eye, direction = gaze_ray(log.neck.geometry, log.joint_position_rad)
     to_head = log.head_true_base_m - eye
     pan = log.joint_position_rad[:, 0]
     right = np.stack([np.sin(pan), -np.cos(pan), np.zeros_like(pan)], axis=-1)
@@ -105,7 +105,7 @@ class _Panel:
         self._offset_deg = head_offset_deg(log)
         self._contact = gaze_error_deg(log) <= CONTACT_DEG[0]
         self._share = running_contact(log)
-        eye, _ = gaze_ray(log.neck().geometry, log.joint_position_rad)
+        eye, _ = gaze_ray(log.neck.geometry, log.joint_position_rad)
         self._distance_m = np.linalg.norm(log.head_true_base_m - eye, axis=1)
 
         # The face is drawn once in a square of side 1; this transform gives it its angular size and place.

@@ -63,19 +63,18 @@ def style(controller: str) -> Style:
 
 def recording_title(logs: Logs) -> str:
     """Name and origin of the recording, such as ``subject03_R4 (turn), synthetic data``."""
-    info = next(iter(logs.values())).info()
-    group = f" ({info['group']})" if info["group"] else ""
-    data = " data" if info["kind"] == "synthetic" else ""
-    return f"{info['recording']}{group}, {info['kind']}{data}"
+    run = next(iter(logs.values())).run
+    group = f" ({run.group})" if run.group else ""
+    data = " data" if run.kind == "synthetic" else ""
+    return f"{run.recording}{group}, {run.kind}{data}"
 
 
 def setup_title(logs: Logs) -> str:
     """Predictor, neck, sensor and seed of the runs; the perfect forecast is named by its controller's label."""
-    infos = [log.info() for log in logs.values()]
-    predictors = dict.fromkeys(info["predictor"] for info in infos if info["controller"] != "perfect")
-    first = infos[0]
-    neck, sensor = first["neck"]["name"], first["sensor"]["name"]
-    return f"predictor {', '.join(predictors) or 'perfect'}; neck {neck}; sensor {sensor}; seed {first['seed']}"
+    runs = [log.run for log in logs.values()]
+    predictors = dict.fromkeys(run.predictor for run in runs if run.controller != "perfect")
+    neck, sensor, seed = runs[0].neck.name, runs[0].sensor["name"], runs[0].seed
+    return f"predictor {', '.join(predictors) or 'perfect'}; neck {neck}; sensor {sensor}; seed {seed}"
 
 
 def draw_birds_eye(ax: Axes, logs: Logs) -> None:
@@ -103,7 +102,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> None:
     for name, log in logs.items():
         look = style(name)
         tick = np.searchsorted(log.time_s, log.time_s[0] + rays_s[chosen] - 1e-6)
-        eye, direction = gaze_ray(log.neck().geometry, log.joint_position_rad[tick])
+        eye, direction = gaze_ray(log.neck.geometry, log.joint_position_rad[tick])
         reach = np.linalg.norm(log.head_true_base_m[tick] - eye, axis=1, keepdims=True)
         tip = eye + reach * direction
         ax.plot([eye[:, 1], tip[:, 1]], [eye[:, 0], tip[:, 0]], color=look.colour, lw=0.5 * look.width)
@@ -189,7 +188,7 @@ def angles(logs: Logs, path: Path) -> None:
     limits_shown = False
     for column, (name, log) in zip(axes.T, logs.items(), strict=True):
         time_s = log.time_s - log.time_s[0]
-        neck, look = log.neck(), style(name)
+        neck, look = log.neck, style(name)
         targets = unwrap_pan(
             look_at(neck.geometry, log.head_true_base_m).angles_rad,
             float(log.joint_position_rad[0, 0]),

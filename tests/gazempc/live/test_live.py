@@ -23,7 +23,7 @@ from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.source import Arrived, SourceError
 from gazempc.loop.planner import Answer, BackgroundPlanner, ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.loop.settings import LoopSettings
+from gazempc.settings import LoopSettings
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.servo import DeadTimeRoll
 from gazempc.neck.spec import load_neck

@@ -15,7 +15,7 @@ from gazempc.live.mount import JointHistory, Mount, head_in_base
 from gazempc.live.run import LiveRun
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import ImmediatePlanner
-from gazempc.loop.settings import LoopSettings
+from gazempc.settings import LoopSettings
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.sim.simulated import SimulatedNeck

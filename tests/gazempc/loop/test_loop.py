@@ -14,7 +14,7 @@ from gazempc.controllers.mpc.qp import Daqp, Piqp, QpResult
 from gazempc.errors import LeftOutError, RobotError
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.loop.settings import LoopSettings
+from gazempc.settings import LoopSettings
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load

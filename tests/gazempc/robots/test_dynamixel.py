@@ -21,7 +21,7 @@ from gazempc.controllers.lookahead import LookAhead
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.loop.settings import LoopSettings
+from gazempc.settings import LoopSettings
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import load_neck
 from gazempc.robots.dynamixel.robot import DynamixelNeck

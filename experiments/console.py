@@ -1,0 +1,47 @@
+"""The command `gazempc`: `gazempc run --replay subject03_R4` is `python -m gazempc.run --replay subject03_R4`."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+from gazempc.errors import suggest
+
+COMMANDS = {
+    "run": ("gazempc.run", "replay a walk to several gazes, with table and pictures"),
+    "live": ("gazempc.live.command", "look at a person who is there now"),
+    "identify": ("gazempc.identify.command", "measure a neck's dead time and servo"),
+    "compare": ("experiments.compare", "compare gazes over many recordings"),
+    "sweep": ("experiments.sweep.command", "vary settings over many recordings"),
+    "forecast": ("experiments.forecast.command", "compare forecasts over many recordings"),
+    "fit": ("experiments.fit.command", "fit the predictor walker to recordings"),
+    "paper": ("experiments.paper.command", "repeat the validation of Tamaru et al. 2021"),
+}
+_BAD_INPUT = 2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one of the commands.
+
+    Args:
+        arguments: Command line without the program's name; default: the process's.
+
+    Returns:
+        The command's exit status; 2 if there is no such command.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in ("-h", "--help"):
+        print("usage: gazempc COMMAND ...   (gazempc COMMAND --help says more)\n")
+        print("\n".join(f"  {name:<9} {what}" for name, (_, what) in COMMANDS.items()))
+        return 0 if words else _BAD_INPUT
+    if words[0] not in COMMANDS:
+        print(f"gazempc: no command {words[0]!r}: {suggest(words[0], COMMANDS)}", file=sys.stderr)
+        return _BAD_INPUT
+    command = importlib.import_module(COMMANDS[words[0]][0])
+    status: int = command.main(words[1:])
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,77 @@
+"""The functions behind `import gazempc` that join several folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from gazempc.controllers.controller import Controller
+from gazempc.errors import SettingsError
+from gazempc.neck.spec import NeckSpec
+from gazempc.recordings.placement import Placement
+from gazempc.recordings.recording import Recording
+from gazempc.results.log import Log
+from gazempc.settings import DEFAULT_PREDICTOR
+from gazempc.sim.replay import ReplaySettings, replay_scene
+from gazempc.sim.scene import make_scene
+from gazempc.sim.sensor import SensorSpec
+from gazempc.specfiles import explain
+from predictors import Predictor
+
+
+def replay(
+    recording: str | Path | Recording,
+    *,
+    neck: str | Path | NeckSpec = "reference",
+    controller: str | Controller = "mpc",
+    predictor: str | Predictor = DEFAULT_PREDICTOR,
+    sensor: str | Path | SensorSpec | None = None,
+    placement: Placement | None = None,
+    seed: int = 0,
+    **settings: Any,
+) -> Log:
+    """Replay a recording to one controller on a simulated neck.
+
+    The same arguments give the same log to the last bit. An object of your own is tried out first: what it lacks or
+    returns in a wrong shape is said at once.
+
+    Args:
+        recording: Name of a synthetic recording, path of a file, or a recording.
+        neck: Name of a shipped neck, path of a TOML file, or a neck.
+        controller: Name (``reactive``, ``lookahead``, ``mpc``; ``perfect`` is the MPC with the true future),
+            ``module:Class``, or a controller.
+        predictor: Name, ``module:Class``, or a predictor.
+        sensor: Name, path, or a sensor; None for the one that fits the recording.
+        placement: ``recorded`` or ``side``; None for the one that fits the recording.
+        seed: Seed of the sensor's noise.
+        **settings: Any other setting of `gazempc.sim.replay.ReplaySettings`, such as ``distance_m=1.0``,
+            ``mpc={"horizon_s": 0.6}`` or ``options={"gain": 0.3}`` for a part of your own.
+
+    Returns:
+        The log.
+
+    Raises:
+        GazempcError: If a name does not exist, a file or setting is wrong, the robot cannot stand there, the recording
+            is too short, or a part does not do what it must.
+    """
+    named = {
+        "neck": neck.name if isinstance(neck, NeckSpec) else str(neck),
+        "sensor": None if sensor is None or isinstance(sensor, SensorSpec) else str(sensor),
+        "placement": placement,
+        "seed": seed,
+    }
+    if isinstance(predictor, str):
+        named["predictor"] = predictor
+    try:
+        checked = ReplaySettings.model_validate({**settings, **named})
+    except ValidationError as error:
+        raise SettingsError(explain(error, "replay", ReplaySettings)) from None
+    scene = make_scene(
+        recording,
+        checked,
+        neck if isinstance(neck, NeckSpec) else None,
+        sensor if isinstance(sensor, SensorSpec) else None,
+    )
+    return replay_scene(scene, controller, predictor, checked).log

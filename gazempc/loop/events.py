@@ -1,0 +1,60 @@
+"""What can be out of the ordinary in a run: one name each, as it stands in the log."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Event(StrEnum):
+    """An event of the loop; its value is its name in the log, `meaning` says it in words."""
+
+    meaning: str
+
+    def __new__(cls, value: str, meaning: str) -> Event:
+        """Make a member of a name and its meaning."""
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.meaning = meaning
+        return member
+
+    NO_OBSERVATION_YET = "no_observation_yet", "nobody has been seen; the neck holds still"
+    OUT_OF_ORDER = "out_of_order", "an observation was not newer than the last one; dropped"
+    STALE_OBSERVATION = "stale_observation", "an observation was older than `stale_after_s` when it came; dropped"
+    FUTURE_OBSERVATION = (
+        "future_observation",
+        "an observation was captured later than now, so a clock is wrong; dropped",
+    )
+    FORECAST_FAILED = "forecast_failed", "the predictor raised, or forecast a NaN; the last plan goes on"
+    CONTROLLER_FAILED = "controller_failed", "the controller raised; the last plan goes on"
+    SOLVER_FAILED = "solver_failed", "no solver found a plan; the last one goes on"
+    SOLVER_TIMED_OUT = "solver_timed_out", "the last solver was stopped before it had a plan; the last one goes on"
+    PLAN_NOT_FINITE = "plan_not_finite", "the controller planned a NaN; the last plan goes on"
+    LATE_PLAN = (
+        "late_plan",
+        "a plan came after the tick it was made for (the rest of it is used), or the planner was still busy (no new "
+        "plan was asked for)",
+    )
+    SECOND_SOLVER = "second_solver", "the first solver gave up, the second found this plan"
+    LIMITS_SOFTENED = (
+        "limits_softened",
+        "no plan keeps all limits (a start outside them, say); this one leaves them the least",
+    )
+    STALE_PLAN = "stale_plan", "the last plan has ended; the smoother stops the command"
+    LIMIT_GUARD = "limit_guard", "the smoother refused a motion that could not stop inside the position limits"
+    TARGET_LOST = "target_lost", "no observation for `lost_after_s`; the command stops"
+    RETURN_TO_REST = "return_to_rest", "no observation for `rest_after_s`; the neck returns to rest, slowly"
+    JOINT_READING_REFUSED = (
+        "joint_reading_refused",
+        "a reading of the joints was NaN, too old or far from where they can be; not used",
+    )
+    ROBOT_NOT_ANSWERING = (
+        "robot_not_answering",
+        "the joints could not be read (the plan then relies on the commands sent), or a command did not get through "
+        "(the robot stands by the last one; no plan until one does)",
+    )
+    BAD_OBSERVATION = "bad_observation", "what a source received is no observation; dropped"
+    OBSERVATIONS_DROPPED = (
+        "observations_dropped",
+        "more observations had piled up than a tick takes; the oldest dropped",
+    )
+    CLOCK_STEPPED = "clock_stepped", "the computer's Unix clock was set to another time"

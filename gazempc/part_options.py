@@ -1,0 +1,165 @@
+"""Makes parts: what their constructors ask for is given, or comes from options."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, get_type_hints
+
+import yaml
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from gazempc.errors import SettingsError, suggest
+from gazempc.parts import Kind, check_methods, find, is_own, said
+
+
+def make(kind: Kind, choice: str, given: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
+    """Make a part.
+
+    Args:
+        kind: The kind of part.
+        choice: A shipped name or ``module:Class``.
+        given: What a constructor may ask for by the parameter's name, such as ``neck``; the rest of it is left out.
+        options: Values for other parameters, in their types or as text; checked by the constructor's annotations.
+
+    Returns:
+        The part; all its methods exist.
+
+    Raises:
+        SettingsError: If a value is missing or wrong, the constructor raises, or a method is missing.
+    """
+    factory = find(kind, choice)
+    wanted = parameters(factory)
+    known = {name: value for name, value in given.items() if name in wanted}
+    known |= {name: _checked(kind, choice, wanted[name], options[name]) for name in options if name in wanted}
+    for name, parameter in wanted.items():
+        if name not in known and parameter.default is inspect.Parameter.empty:
+            raise SettingsError(
+                f"{kind.name} {choice}: its constructor needs {name!r}: give it by --options.{name} VALUE; "
+                f"given to each {kind.name}: {', '.join(given) or 'nothing'}"
+            )
+    try:
+        part = factory(**known)
+    except (SettingsError, MemoryError):
+        raise
+    except Exception as error:
+        raise SettingsError(f"{kind.name} {choice}: its constructor raised {said(error)}") from error
+    check_methods(kind, part, choice)
+    return part
+
+
+def parameters(factory: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Parameters that a class or function can be given by name, with annotations resolved where possible."""
+    try:
+        signature = inspect.signature(factory)
+    except (TypeError, ValueError):  # built in: nothing is known
+        return {}
+    try:
+        hints = get_type_hints(factory.__init__ if inspect.isclass(factory) else factory)
+    except Exception:  # an annotation that does not resolve is no reason to refuse the part
+        hints = {}
+    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return {
+        name: parameter.replace(annotation=hints.get(name, inspect.Parameter.empty))
+        for name, parameter in signature.parameters.items()
+        if parameter.kind in by_name
+    }
+
+
+def options_for(kind: Kind, choice: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that are meant for one part.
+
+    Args:
+        kind: The kind of part.
+        choice: A shipped name, which takes no options, or ``module:Class``.
+        options: Values by ``key``, or by ``kind.key`` where only one kind of part is meant.
+
+    Returns:
+        Values by the constructor's parameter.
+    """
+    if not is_own(choice):
+        return {}
+    wanted = parameters(find(kind, choice))
+    plain = {key: value for key, value in options.items() if key in wanted}
+    prefix = f"{kind.name}."
+    return plain | {k.removeprefix(prefix): v for k, v in options.items() if k.startswith(prefix)}
+
+
+def check_options(choices: Iterable[tuple[Kind, str]], options: Mapping[str, Any]) -> None:
+    """Refuse options that no chosen part takes.
+
+    Args:
+        choices: All parts of a run.
+        options: As in `options_for`.
+
+    Raises:
+        SettingsError: With each such option and what is accepted.
+    """
+    if not options:
+        return
+    accepted: dict[str, None] = {}
+    for kind, choice in choices:
+        if is_own(choice):
+            for name in parameters(find(kind, choice)):
+                accepted |= dict.fromkeys((name, f"{kind.name}.{name}"))
+    if not accepted:
+        raise SettingsError(
+            f"options.{next(iter(options))}: options are for parts of your own (module:Class), and none is chosen; "
+            "shipped parts have settings of their own names, see --help"
+        )
+    wrong = [
+        f"options.{key}: no chosen part takes it; {suggest(key, accepted)}" for key in options if key not in accepted
+    ]
+    if wrong:
+        raise SettingsError("\n".join(wrong))
+
+
+def take_options(words: Iterable[str], not_own: Iterable[str] = ()) -> tuple[list[str], dict[str, str]]:
+    """Take ``--options.key value`` out of a command line.
+
+    Args:
+        words: The command line.
+        not_own: First names after ``options.`` that the command line knows itself.
+
+    Returns:
+        The other words, and the values by key.
+
+    Raises:
+        SettingsError: If a value is missing.
+    """
+    rest: list[str] = []
+    options: dict[str, str] = {}
+    known = tuple(f"--options.{name}." for name in not_own)
+    waiting = iter(words)
+    for word in waiting:
+        if not word.startswith("--options.") or word.startswith(known):
+            rest.append(word)
+            continue
+        key, mark, value = word.removeprefix("--options.").partition("=")
+        if not mark:
+            value = next(waiting, "--")
+            if value.startswith("--"):
+                raise SettingsError(f"--options.{key}: needs a value")
+        options[key] = value
+    return rest, options
+
+
+def _checked(kind: Kind, choice: str, parameter: inspect.Parameter, value: Any) -> Any:
+    if parameter.annotation is inspect.Parameter.empty:
+        return yaml.safe_load(value) if isinstance(value, str) else value
+    try:
+        config = ConfigDict(arbitrary_types_allowed=True)
+        try:
+            adapter = TypeAdapter(parameter.annotation, config=config)
+        except Exception:  # a type with a configuration of its own
+            adapter = TypeAdapter(parameter.annotation)
+        # Text of a command line is read as YAML where the type is not a text: "[1, 2]", "true".
+        try:
+            return adapter.validate_python(value)
+        except ValidationError:
+            if not isinstance(value, str):
+                raise
+            return adapter.validate_python(yaml.safe_load(value))
+    except (ValidationError, yaml.YAMLError) as error:
+        problem = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "not valid YAML"
+        raise SettingsError(f"{kind.name} {choice}: options.{parameter.name}: {problem} (given: {value!r})") from None

@@ -1,0 +1,216 @@
+"""Predictors, controllers, robots and sources by name: a shipped name, or ``module:Class`` for a part of your own."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gazempc.errors import SettingsError, suggest
+
+_MARK = ":"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of part.
+
+    Attributes:
+        name: What it is called in messages and options.
+        shipped: ``module:Class`` by shipped name.
+        methods: What each method takes and gives, by the method's name; all of them are needed.
+        properties: The same for attributes.
+    """
+
+    name: str
+    shipped: Mapping[str, str]
+    methods: Mapping[str, str]
+    properties: Mapping[str, str] = field(default_factory=dict)
+
+
+PREDICTOR = Kind(
+    "predictor",
+    {
+        "last_position": "predictors.last_position:LastPosition",
+        "constant_velocity": "predictors.constant_velocity:ConstantVelocity",
+        "constant_acceleration": "predictors.baselines.constant_acceleration:ConstantAcceleration",
+        "coordinated_turn": "predictors.baselines.coordinated_turn:CoordinatedTurn",
+        "interacting_models": "predictors.baselines.interacting_models:InteractingModels",
+        "particle": "predictors.baselines.particle:ParticleFilter",
+        "head_pose": "predictors.head_pose:HeadPose",
+        "pelvis_pursuit": "predictors.pelvis_pursuit:PelvisPursuit",
+        "walker": "predictors.walker.predictor:Walker",
+        "perfect": "predictors.perfect:Perfect",
+    },
+    {
+        "reset": "reset(): forgets the person",
+        "update": "update(observation: HeadObservation): takes in one observation",
+        "forecast": "forecast(times_s: shape (H,)) -> Forecast: head positions at these times",
+    },
+)
+CONTROLLER = Kind(
+    "controller",
+    {
+        "reactive": "gazempc.controllers.reactive:Reactive",
+        "lookahead": "gazempc.controllers.lookahead:LookAhead",
+        "mpc": "gazempc.controllers.mpc.mpc:Mpc",
+        # The MPC with the predictor `perfect`.
+        "perfect": "gazempc.controllers.mpc.mpc:Mpc",
+    },
+    {
+        "reset": "reset(): forgets earlier plans",
+        "forecast_times_s": "forecast_times_s(start_s, newest_capture_s) -> times to forecast, shape (H,), seconds",
+        "plan": "plan(situation: Situation) -> Plan: the commands from situation.start_s on",
+    },
+)
+ROBOT = Kind(
+    "robot",
+    {
+        "simulated": "gazempc.sim.simulated:SimulatedNeck",
+        "mujoco": "gazempc.robots.mujoco.robot:MujocoNeck",
+        "dynamixel": "gazempc.robots.dynamixel.robot:DynamixelNeck",
+        "ros2": "gazempc.robots.ros2:Ros2Neck",
+        "reachy_mini": "gazempc.robots.reachy_mini.robot:ReachyMiniNeck",
+    },
+    {
+        "connect": "connect(): opens the connection",
+        "read_state": "read_state() -> JointState, or None if the joints are not measured",
+        "send_command": "send_command(position_rad: shape (2,)) -> what was really sent, shape (2,), radians",
+        "close": "close(): closes the connection, never raises",
+    },
+)
+SOURCE = Kind(
+    "source",
+    {
+        "stdin": "gazempc.live.sources.streams:LineSource",
+        "udp": "gazempc.live.sources.streams:LineSource",
+        "tcp": "gazempc.live.sources.streams:LineSource",
+        "replay": "gazempc.live.sources.replay:ReplaySource",
+        "ros2": "gazempc.live.sources.ros2:Ros2Person",
+    },
+    {
+        "open": "open(): begins to take observations in",
+        "poll": "poll() -> Arrived: what has come since the last call; never blocks",
+        "close": "close(): takes no more in, never raises",
+    },
+    {"finished": "finished: True once nothing more will come"},
+)
+
+
+def is_own(choice: str) -> bool:
+    """Whether a choice names a part of the user's own, ``module:Class``."""
+    module, mark, name = choice.partition(_MARK)
+    return bool(mark) and all(part.isidentifier() for part in [*module.split("."), *name.split(".")])
+
+
+def check_choice(kind: Kind, choice: str) -> str:
+    """Check how a part is named, without importing it.
+
+    Args:
+        kind: The kind of part.
+        choice: A shipped name or ``module:Class``.
+
+    Returns:
+        The choice.
+
+    Raises:
+        ValueError: If it is neither; says what is accepted.
+    """
+    if choice in kind.shipped or is_own(choice):
+        return choice
+    raise ValueError(
+        f"no {kind.name} {choice!r}: {suggest(choice, kind.shipped)}, or module:Class for a {kind.name} of your own"
+    )
+
+
+def find(kind: Kind, choice: str) -> Callable[..., Any]:
+    """Import the class that a choice names.
+
+    Modules of the working directory are found, as by ``python -m``.
+
+    Args:
+        kind: The kind of part.
+        choice: A shipped name or ``module:Class``.
+
+    Returns:
+        The class, or a function that makes the part.
+
+    Raises:
+        SettingsError: If there is none, or its module cannot be imported; says why.
+    """
+    try:
+        module_name, _, name = kind.shipped.get(check_choice(kind, choice), choice).partition(_MARK)
+    except ValueError as error:
+        raise SettingsError(str(error)) from None
+    if is_own(choice) and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        found: Any = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+            raise SettingsError(f"{kind.name} {choice}: {module_name} needs the module {error.name!r}") from error
+        raise SettingsError(
+            f"{kind.name} {choice}: there is no module {error.name!r}; it is looked for in the working directory and "
+            "among the installed packages"
+        ) from None
+    except Exception as error:
+        raise SettingsError(f"{kind.name} {choice}: importing {module_name} raised {said(error)}") from error
+    for part in name.split("."):
+        if not hasattr(found, part):
+            names = [n for n, value in vars(found).items() if inspect.isclass(value)]
+            raise SettingsError(f"{kind.name} {choice}: {module_name} has no {name!r}; {suggest(name, names)}")
+        found = getattr(found, part)
+    if not callable(found):
+        raise SettingsError(f"{kind.name} {choice}: {name} is no class and no function, but {type(found).__name__}")
+    factory: Callable[..., Any] = found
+    return factory
+
+
+def check_methods(kind: Kind, part: object, called: str = "") -> None:
+    """Check that a part has all methods of its kind.
+
+    Args:
+        kind: The kind of part.
+        part: The part.
+        called: Its name in messages; by default its class's.
+
+    Raises:
+        SettingsError: If one is missing; says what belongs there.
+    """
+    called = called or type(part).__name__
+    if inspect.isclass(part):
+        raise SettingsError(f"{kind.name} {part.__name__} is a class: give an object, {part.__name__}(...)")
+    for name, what in kind.methods.items():
+        if not callable(getattr(part, name, None)):
+            raise SettingsError(f"{kind.name} {called} lacks the method {what}")
+    for name, what in kind.properties.items():
+        if not hasattr(part, name):
+            raise SettingsError(f"{kind.name} {called} lacks the attribute {what}")
+
+
+def name_of(kind: Kind, part: object) -> str:
+    """What a part is called in tables, figures and logs.
+
+    Args:
+        kind: The kind of part.
+        part: The part.
+
+    Returns:
+        The shipped name; of a part of your own its attribute ``name`` where that is a text, else its class's name.
+    """
+    own = type(part)
+    for name, place in kind.shipped.items():
+        if place == f"{own.__module__}:{own.__qualname__}":
+            return name
+    called = getattr(part, "name", None)
+    return called if isinstance(called, str) and called else own.__name__
+
+
+def said(error: BaseException) -> str:
+    """An exception in one line, such as ``TypeError: ...``."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,0 +1,101 @@
+"""The scene of a replay: walk, robot's place, neck, sensor and seed, with one set of defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import Field
+
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import Placement, place
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.recording import Recording
+from gazempc.settings import Settings
+from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
+
+
+class SceneSettings(Settings):
+    """Settings of a scene, by names; what is None is what fits the recording."""
+
+    neck: str = Field(default="reference", description="Shipped neck or a .toml file")
+    sensor: str | None = Field(
+        default=None,
+        description="Shipped sensor or a .toml file; without it the recording's own for body tracking, else reference",
+    )
+    placement: Placement | None = Field(
+        default=None,
+        description="Where the robot stands; without it where the recording's sensor stood, "
+        "or at the side if there was none",
+    )
+    distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
+    height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
+    seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
+    start_offset_deg: float = Field(
+        default=0.0, ge=-360, le=360, description="Pan at the start, from looking at the first observed head"
+    )
+    reading: ReadOptions = ReadOptions()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that a replay is made of, but predictor and controller.
+
+    Attributes:
+        walk: The recording in the robot's base frame, time starting at 0.
+        neck: The neck as controller and smoother know it.
+        sensor: The sensor.
+        placement: The robot's place.
+        stands_at_sensor: Whether that is where the recording's own sensor stood.
+        seed: Seed of the sensor's noise and of the encoders'.
+        start_offset_deg: Pan at the start, from looking at the first observed head, degrees.
+        robot_neck: The neck that is simulated, where it differs from `neck`; it must have the same rates.
+    """
+
+    walk: Recording
+    neck: NeckSpec
+    sensor: SensorSpec
+    placement: Placement = "recorded"
+    stands_at_sensor: bool = False
+    seed: int = 0
+    start_offset_deg: float = 0.0
+    robot_neck: NeckSpec | None = None
+
+
+def make_scene(
+    recording: Recording | str | Path,
+    settings: SceneSettings = SceneSettings(),  # noqa: B008  (frozen)
+    neck: NeckSpec | None = None,
+    sensor: SensorSpec | None = None,
+) -> Scene:
+    """Make a scene.
+
+    Args:
+        recording: A recording, the name of a synthetic one, or a path.
+        settings: Names and numbers of the rest.
+        neck: A neck in place of the settings' one.
+        sensor: A sensor in place of the settings' one.
+
+    Returns:
+        The scene.
+
+    Raises:
+        GazempcError: If a name does not exist, a file is wrong, or the robot cannot stand there.
+    """
+    walk = recording if isinstance(recording, Recording) else load(recording, settings.reading)
+    placement = settings.placement or natural_placement(walk)
+    return Scene(
+        walk=place(walk, placement, settings.distance_m, settings.height_m),
+        neck=neck or load_neck(settings.neck),
+        sensor=sensor or load_sensor(settings.sensor or default_sensor(walk)),
+        placement=placement,
+        stands_at_sensor=placement == "recorded" and walk.has_robot,
+        seed=settings.seed,
+        start_offset_deg=settings.start_offset_deg,
+    )
+
+
+def natural_placement(recording: Recording) -> Placement:
+    """Where the robot stands if nobody says it: where the recording's sensor stood, else beside the walk."""
+    return "recorded" if recording.has_robot else "side"
