@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from builders.checks import assert_sound, assert_within_limits
 from builders.faults import answers_badly
-from builders.live import Faulty, Spied, run_live
+from builders.live import Faulty, run_live
+from builders.robots import Spied
 
 from gazempc.errors import RobotError
 from gazempc.live.command import main
