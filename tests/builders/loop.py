@@ -31,13 +31,13 @@ def make_recorder(neck=NECK):
     return LoopRecorder(neck.control_period_s)
 
 
-def make_loop(robot, recorder, controller=None, predictor=None, settings=None):
-    """A loop for the neck `NECK` at rest; look-ahead and constant velocity unless told otherwise."""
+def make_loop(robot, recorder, controller=None, predictor=None, settings=None, neck=NECK):
+    """A loop for a neck at rest straight ahead; look-ahead and constant velocity unless told otherwise."""
     return GazeLoop(
-        NECK,
+        neck,
         predictor or ConstantVelocity(),
-        controller or LookAhead(NECK),
-        Smoother(NECK, np.zeros(2)),
+        controller or LookAhead(neck),
+        Smoother(neck, np.zeros(2)),
         robot,
         recorder,
         settings or LoopSettings(),

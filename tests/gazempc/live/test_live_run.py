@@ -11,6 +11,7 @@ from builders.checks import assert_sound, undisturbed
 from builders.faults import Late
 from builders.live import NECK, SENSOR, TS, WALK, Faulty, make_live_run, run_live
 from builders.recordings import synthetic
+from builders.replays import replayed
 
 from gazempc.errors import RobotError
 from gazempc.live.clock import RealClock, SimulatedClock
@@ -18,7 +19,7 @@ from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.settings import LoopSettings
 from gazempc.neck.kinematics import look_at
 from gazempc.settings import RunSettings
-from gazempc.sim.replay import make_controller, make_predictor, replay
+from gazempc.sim.replay import make_controller, make_predictor
 from gazempc.sim.sensor import observe
 from gazempc.sim.simulated import SimulatedNeck
 
@@ -36,7 +37,7 @@ def test_undisturbed_the_loop_tracks_and_names_nothing_but_the_start():
 def test_on_a_simulated_clock_a_live_run_is_the_replay():
     placed = synthetic("subject05_R6")
     run_settings = RunSettings()
-    replayed, _ = replay(placed, NECK, SENSOR, "mpc", run_settings)
+    wanted = replayed(placed, settings=run_settings)
     first_m = observe(placed, SENSOR, 0)[0].observation.head_position_base_m
     live = run_live(
         walk=placed,
@@ -45,13 +46,13 @@ def test_on_a_simulated_clock_a_live_run_is_the_replay():
         start_rad=look_at(NECK.geometry, first_m).angles_rad,
         duration_s=None,
     )
-    n = replayed.time_s.size
+    n = wanted.time_s.size
     for name in ("time_s", "command_position_rad", "joint_position_rad", "head_true_base_m"):
-        np.testing.assert_allclose(live.joined(name)[:n], getattr(replayed, name), atol=1e-9, rtol=0)
-    m = replayed.capture_time_s.size
+        np.testing.assert_allclose(live.joined(name)[:n], getattr(wanted, name), atol=1e-9, rtol=0)
+    m = wanted.capture_time_s.size
     for name in ("capture_time_s", "arrival_time_s", "head_observed_base_m", "forecast_mean_base_m"):
-        np.testing.assert_allclose(live.joined(name)[:m], getattr(replayed, name), atol=1e-9, rtol=0)
-    assert live.joined("event_name").tolist() == replayed.event_name.tolist()
+        np.testing.assert_allclose(live.joined(name)[:m], getattr(wanted, name), atol=1e-9, rtol=0)
+    assert live.joined("event_name").tolist() == wanted.event_name.tolist()
     # What follows is the stop.
     assert len(live.joined("time_s")) - n < 0.4 / TS
 
