@@ -8,6 +8,7 @@ import matplotlib
 import pytest
 
 matplotlib.use("Agg")
+pytest.register_assert_rewrite("builders")
 # Tests must not fail because a machine is busy: no deadlines, and the same examples every time.
 hypothesis.settings.register_profile("gazempc", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.load_profile("gazempc")

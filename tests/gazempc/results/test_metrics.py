@@ -5,20 +5,17 @@ import json
 
 import numpy as np
 import pytest
+from builders.recordings import synthetic
+from builders.replays import replayed
 from monalysa.quality import smoothness as reference_smoothness
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import load_neck
-from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
 from gazempc.results.log import Log, load_log
 from gazempc.results.metrics import gap_closed, limit_violations, measure
 from gazempc.results.smoothness import log_dimensionless_jerk, sparc
-from gazempc.settings import RunSettings
-from gazempc.sim.replay import replay
-from gazempc.sim.sensor import load_sensor
 
 NECK = load_neck("fetch")
 
@@ -26,8 +23,7 @@ NECK = load_neck("fetch")
 @pytest.fixture(scope="module")
 def log() -> Log:
     """A run on a neck with offsets, so that the eye is not in the base's origin."""
-    placed = place(load("subject02_R4"), "recorded", 2.5, 1.2)
-    return replay(placed, NECK, load_sensor("reference"), "lookahead", RunSettings())[0]
+    return replayed(synthetic("subject02_R4"), "lookahead", neck=NECK)
 
 
 def independent_error_deg(log):

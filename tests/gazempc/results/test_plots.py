@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders.replays import replayed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
 from gazempc.neck.kinematics import gaze_ray
-from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording, Track
@@ -37,9 +37,6 @@ from gazempc.results.figures.plots import (
 )
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
-from gazempc.settings import RunSettings
-from gazempc.sim.replay import replay
-from gazempc.sim.sensor import load_sensor
 
 CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
 Logs = dict[str, Log]
@@ -61,8 +58,7 @@ def _first_frames(recording: Recording, count: int, *, behind: bool = False) -> 
 
 def _replay(recording: Recording, controllers: tuple[str, ...]) -> Logs:
     placed = place(recording, "recorded", 2.5, 1.2)
-    neck, sensor = load_neck("reference"), load_sensor("reference")
-    return {name: replay(placed, neck, sensor, name, RunSettings())[0] for name in controllers}
+    return {name: replayed(placed, name) for name in controllers}
 
 
 @pytest.fixture(scope="module")

@@ -17,16 +17,13 @@ from hypothesis import strategies as st
 
 pytest.importorskip("tty", reason="pseudo-terminals are of POSIX")
 
-from gazempc.controllers.lookahead import LookAhead
+from builders.loop import make_loop, make_recorder
+
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
-from gazempc.loop.gaze_loop import GazeLoop
-from gazempc.loop.recorder import LoopRecorder
-from gazempc.settings import LoopSettings
-from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import load_neck
 from gazempc.robots.dynamixel.robot import DynamixelNeck
 from gazempc.types import Sighting
-from predictors import ConstantVelocity, HeadObservation
+from predictors import HeadObservation
 
 REFERENCE = load_neck("reference")
 QUICK = {"dead_time_s": 0.02, "natural_frequency_rad_s": 60.0, "damping_ratio": 1.0}
@@ -536,9 +533,8 @@ def test_two_hundred_cycles_without_an_error(rig):
 
 @pytest.mark.parametrize("fault", ["one answer", "port"])
 def test_in_the_loop_a_fault_is_named_and_no_limit_is_left(hasty, fault):
-    recorder = LoopRecorder(NECK.control_period_s)
-    parts = ConstantVelocity(), LookAhead(NECK), Smoother(NECK, np.zeros(2)), hasty.neck, recorder, LoopSettings()
-    loop = GazeLoop(NECK, *parts)
+    recorder = make_recorder(NECK)
+    loop = make_loop(hasty.neck, recorder, neck=NECK)
     period_s = NECK.servo_period_s
     for index in range(240):
         hasty.now_s = time_s = index * period_s

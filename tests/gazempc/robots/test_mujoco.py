@@ -9,6 +9,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from builders.recordings import synthetic
+from builders.replays import replayed
 from scipy import signal
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError
@@ -16,14 +18,9 @@ from gazempc.identify.command import main as identify
 from gazempc.live.command import main as live
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, load_neck
-from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
 from gazempc.results.metrics import limit_violations, measure
 from gazempc.robots.mujoco import model as mujoco_model
 from gazempc.robots.mujoco.robot import MujocoNeck
-from gazempc.settings import RunSettings
-from gazempc.sim.replay import replay
-from gazempc.sim.sensor import load_sensor
 from gazempc.sim.simulated import SimulatedNeck
 
 NECK = load_neck("reference")
@@ -328,11 +325,10 @@ def test_the_model_can_be_opened_by_itself_whatever_the_neck_is_called(tmp_path)
 
 
 def test_the_whole_loop_looks_at_a_walker_as_well_as_on_our_own_simulation(monkeypatch):
-    placed = place(load("subject03_R4"), "recorded", 2.5, 1.2)
     logs = []
     for robot in (SimulatedNeck, lambda neck, start, clock, seed: MujocoNeck(neck, clock, start, seed)):
         monkeypatch.setattr("gazempc.sim.replay.SimulatedNeck", robot)
-        log, _ = replay(placed, NECK, load_sensor("reference"), "mpc", RunSettings())
+        log = replayed(synthetic("subject03_R4"))
         logs.append(log)
         assert limit_violations(log, NECK) == 0
     own, other = (measure(log).gaze_error_rms_deg for log in logs)

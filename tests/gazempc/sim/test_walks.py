@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from builders.replays import replayed
 
 from gazempc.errors import PlacementError
 from gazempc.neck.spec import load_neck
@@ -12,8 +13,7 @@ from gazempc.recordings.placement import place
 from gazempc.results.metrics import measure
 from gazempc.run import main
 from gazempc.settings import RunSettings
-from gazempc.sim.replay import make_controller, replay
-from gazempc.sim.sensor import load_sensor
+from gazempc.sim.replay import make_controller
 
 # One clip of every person and group, and all sharp turns: the whole folder takes minutes.
 CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
@@ -28,7 +28,7 @@ def clips(walks_dir):
 
 @pytest.fixture(scope="module")
 def results(walks_dir):
-    neck, sensor, settings = load_neck("reference"), load_sensor("reference"), RunSettings()
+    neck, settings = load_neck("reference"), RunSettings()
     controllers = {name: make_controller(name, neck, settings) for name in CONTROLLERS}
     found = {}
     for row in clips(walks_dir):
@@ -37,7 +37,7 @@ def results(walks_dir):
         except PlacementError:
             continue
         for name in CONTROLLERS:
-            log, _ = replay(placed, neck, sensor, name, settings, controllers[name])
+            log = replayed(placed, name, instance=controllers[name])
             found[row["group"], name, row["clip"]] = measure(log)
     return found
 

@@ -1,0 +1,69 @@
+"""What holds of every live run, checked independently of the code under test."""
+
+import functools
+
+import numpy as np
+
+from builders.live import NECK, TS, run_live
+
+
+def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False):
+    """Position and its differences against the figures of the neck, independently of the code under test.
+
+    Where the robot did not answer (`breaks`: number of the first command after that) it stood still, which nobody can
+    prevent: each part is judged from rest on. Where the run `ends` the robot stands by the last command for ever.
+    """
+    low = np.deg2rad([NECK.pan.position_min_deg, NECK.tilt.position_min_deg])
+    high = np.deg2rad([NECK.pan.position_max_deg, NECK.tilt.position_max_deg])
+    assert np.all(np.isfinite(positions_rad))
+    assert np.all((positions_rad >= low - 1e-9) & (positions_rad <= high + 1e-9))
+    parts = np.split(positions_rad, breaks)
+    before = positions_rad[0] if starts_rad is None else starts_rad
+    for part in parts:
+        if not len(part):
+            continue
+        padded = np.vstack([np.tile(before, (3, 1)), part])
+        before = part[-1]
+        if ends and part is parts[-1]:
+            padded = np.vstack([padded, np.tile(before, (3, 1))])
+        for order, name in enumerate(("velocity_max_rad_s", "acceleration_max_rad_s2", "jerk_max_rad_s3"), 1):
+            limit = np.array([getattr(NECK.pan, name), getattr(NECK.tilt, name)])
+            worst = np.abs(np.diff(padded, order, axis=0)).max(axis=0) / TS**order
+            assert np.all(worst <= limit * (1 + 1e-6)), f"{name}: {worst} > {limit}"
+
+
+def assert_sound(result, start_rad=None):
+    """At every tick a command; what was sent and what is logged are the same; all within limits, to the very stop."""
+    sent = result.joined("command_position_rad")
+    assert len(sent) == result.report.ticks
+    received = np.array([position for _, position in result.robot.received])
+    assert np.array_equal(received, sent)
+    assert_within_limits(sent, start_rad, ends=True)
+    assert result.robot.calls[-1] == "close"
+    assert result.source.calls[-1] == "close"
+
+
+@functools.cache
+def undisturbed():
+    """The run without any fault, to the end of the walk."""
+    return run_live(duration_s=None)
+
+
+def assert_recovered(result, from_s, within_deg=0.3, reference=None):
+    """From then on the gaze error is what it is without the fault, and was not at some time before."""
+    reference = reference or undisturbed()
+    now = result.joined("time_s")
+    until_s = min(result.ended_s, reference.ended_s)
+    scored = (now >= from_s) & (now < until_s)
+    usual_deg = np.interp(now[scored], reference.joined("time_s"), reference.error_deg)
+    after = np.abs(result.error_deg[scored] - usual_deg)
+    assert after.size > 1.0 / TS
+    assert after.max() < within_deg
+
+
+def assert_same_commands(result, within_rad):
+    """Until it is told to stop, the commands are those without the fault."""
+    sent = result.joined("command_position_rad")[result.joined("time_s") < result.ended_s]
+    usual = undisturbed().joined("command_position_rad")[: len(sent)]
+    assert len(sent) > 2.0 / TS
+    np.testing.assert_allclose(sent, usual, atol=within_rad, rtol=0)

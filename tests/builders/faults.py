@@ -1,0 +1,88 @@
+"""Faults to inject into a live run."""
+
+import dataclasses
+
+import numpy as np
+
+from gazempc.live.clock import SimulatedClock
+from gazempc.loop.planner import ImmediatePlanner
+from gazempc.types import JointState
+
+
+def between(start_s, stop_s):
+    return lambda now_s: start_s <= now_s < stop_s
+
+
+def answers_badly(kind, state):
+    """One bad way to answer a reading."""
+    position = np.array([0.1, 0.2])
+    if isinstance(kind, type):
+        raise kind("no answer")
+    return {
+        "none": None,
+        "nan": JointState(state.time_s, position * np.nan, position * np.nan),
+        "three joints": JointState(state.time_s, np.zeros(3), np.zeros(3)),
+        "scalar": JointState(state.time_s, np.array(0.1), np.array(0.0)),
+        "no position": JointState(state.time_s, None, None),
+        "lists": JointState(state.time_s, [0.1, 0.2], [0.0, 0.0]),
+        "no time": JointState(np.nan, state.position_rad, state.velocity_rad_s),
+        "a year old": JointState(state.time_s - 3e7, state.position_rad, state.velocity_rad_s),
+        "the same for ever": JointState(1.9, position, 0 * position),
+        "far off": JointState(state.time_s, state.position_rad + 0.5, state.velocity_rad_s),
+    }[kind]
+
+
+def raising(error):
+    def instead(plan=None):
+        raise error("made to fail")
+
+    return instead
+
+
+def nan_plan(plan):
+    return dataclasses.replace(plan, position_rad=plan.position_rad * np.nan)
+
+
+def wild_plan(plan):
+    return dataclasses.replace(plan, position_rad=plan.position_rad + 50.0, velocity_rad_s=plan.velocity_rad_s + 99.0)
+
+
+class Late:
+    """A planner whose answers come some time after the request, on a simulated clock."""
+
+    def __init__(self, controller, clock, delay_s):
+        self._inner, self._clock, self._delay_s = ImmediatePlanner(controller), clock, delay_s
+        self._pending = None
+
+    def request(self, due_index, situation):
+        if self._pending is not None:
+            return False
+        self._inner.request(due_index, situation)
+        now_s = self._clock.now_s()
+        self._pending = (now_s + self._delay_s(now_s), self._inner.answers())
+        return True
+
+    def answers(self):
+        if self._pending is None or self._clock.now_s() < self._pending[0] - 1e-9:
+            return []
+        (_, answers), self._pending = self._pending, None
+        return answers
+
+    def close(self):
+        pass
+
+
+class Jumping(SimulatedClock):
+    """A clock on which some waits take much longer than they should: the loop was not woken.
+
+    `jumps`: at which time, and by how many seconds.
+    """
+
+    def __init__(self, jumps=()):
+        super().__init__()
+        self.jumps = list(jumps)
+
+    def sleep_until_s(self, time_s):
+        super().sleep_until_s(time_s)
+        if self.jumps and self.now_s() >= self.jumps[0][0] - 1e-9:
+            super().sleep_until_s(self.now_s() + self.jumps.pop(0)[1])

@@ -1,0 +1,192 @@
+"""Live runs on a simulated clock, with a source and a robot whose behaviour a test may change."""
+
+import dataclasses
+import threading
+
+import numpy as np
+
+from builders.recordings import to_and_fro
+from builders.robots import Spied
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.live.clock import SimulatedClock
+from gazempc.live.mount import Mount
+from gazempc.live.run import LiveRun
+from gazempc.live.sources.replay import ReplaySource
+from gazempc.live.sources.source import Arrived
+from gazempc.loop.planner import ImmediatePlanner
+from gazempc.settings import LoopSettings
+from gazempc.neck.kinematics import look_at
+from gazempc.neck.spec import load_neck
+from gazempc.recordings.truth import TrueHead
+from gazempc.robots.mujoco.robot import MujocoNeck
+from gazempc.sim.sensor import load_sensor
+from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import Sighting
+from predictors import ConstantVelocity
+
+NECK = load_neck("reference")
+SENSOR = load_sensor("reference")
+TS = NECK.servo_period_s
+WALK = to_and_fro("subject03_R4", 3)
+
+
+class Faulty(ReplaySource):
+    """A replay whose sightings a test may change: `change(now_s, sighting)` gives those that arrive in its place."""
+
+    def __init__(self, clock, change=None, on_poll=None, walk=WALK):
+        super().__init__(walk, SENSOR, 0, clock)
+        self.clock = clock
+        self.change, self.on_poll = change, on_poll
+        self.calls = []
+
+    def open(self):
+        self.calls.append("open")
+        super().open()
+
+    def poll(self):
+        now_s = self.clock.now_s()
+        if self.on_poll is not None:
+            self.on_poll(now_s)
+        arrived = super().poll()
+        if self.change is None:
+            return arrived
+        found = [new for sighting in arrived.sightings for new in self.change(now_s, sighting)]
+        return Arrived(
+            tuple(f for f in found if isinstance(f, Sighting)), tuple(f for f in found if isinstance(f, str))
+        )
+
+    def close(self):
+        self.calls.append("close")
+        super().close()
+
+
+@dataclasses.dataclass
+class Result:
+    """What came of a run."""
+
+    logs: list
+    report: object
+    robot: Spied
+    source: Faulty
+    duration_s: float | None
+
+    def joined(self, name):
+        return np.concatenate([getattr(log, name) for log, _ in self.logs])
+
+    @property
+    def events(self):
+        return set(self.joined("event_name").tolist())
+
+    @property
+    def ended_s(self):
+        """When the neck was told to stop."""
+        return {"duration": self.duration_s, "end of the source": WALK.times_s[-1]}[self.report.stopped_by]
+
+    def event_s(self, name):
+        return self.joined("event_time_s")[self.joined("event_name") == name]
+
+    @property
+    def error_deg(self):
+        """Gaze against the true head; the reference neck has both axes and the eye in the origin."""
+        pan, tilt = self.joined("joint_position_rad").T
+        gaze = np.stack([np.cos(pan) * np.cos(tilt), np.sin(pan) * np.cos(tilt), np.sin(tilt)], axis=1)
+        head = self.joined("head_true_base_m")
+        return np.rad2deg(np.arccos(np.clip(np.sum(gaze * head, axis=1) / np.linalg.norm(head, axis=1), -1, 1)))
+
+
+def make_live_run(
+    neck,
+    robot,
+    source,
+    clock,
+    keep,
+    controller=None,
+    planner=ImmediatePlanner,
+    predictor=None,
+    mount=None,
+    loop=None,
+    log_s=300.0,
+    true_head_base_m=None,
+    true_state=None,
+):
+    """A `LiveRun` of given parts; `planner` makes the planner of the controller, the rest is as in `LiveRun`."""
+    controller = controller or Mpc(neck, horizon_s=0.3)
+    return LiveRun(
+        neck,
+        predictor or ConstantVelocity(),
+        controller,
+        planner(controller),
+        robot,
+        source,
+        mount or Mount(),
+        clock,
+        loop or LoopSettings(),
+        {"neck": neck.model_dump(), "joints": "true"},
+        keep,
+        log_s,
+        true_head_base_m,
+        true_state,
+    )
+
+
+def run_live(
+    change=None,
+    on_poll=None,
+    on_read=None,
+    on_send=None,
+    controller=None,
+    predictor=None,
+    planner=ImmediatePlanner,
+    clock=None,
+    robot_class=SimulatedNeck,
+    start_rad=None,
+    walk=WALK,
+    duration_s=6.0,
+    stop=None,
+    log_s=300.0,
+    keep=None,
+    loop=None,
+    source=None,
+):
+    """Run live on a simulated clock, with faults.
+
+    `change(now_s, sighting)`, `on_poll(now_s)`: see `Faulty`; `on_read`, `on_send`: see `Spied`; `planner` makes the
+    planner of the controller. An exception that ends the run has the `result` so far.
+    """
+    clock = clock or SimulatedClock()
+    if start_rad is None:
+        start_rad = look_at(NECK.geometry, walk.truth.head_position_m[0]).angles_rad
+    if robot_class is MujocoNeck:
+        inner = MujocoNeck(NECK, clock.now_s, start_rad)
+    else:
+        inner = robot_class(NECK, start_rad, clock.now_s)
+    robot = Spied(inner, clock, on_read, on_send)
+    source = source or Faulty(clock, change, on_poll, walk)
+    true_head = TrueHead(walk)
+    logs = []
+
+    def known(times_s):
+        own_s = times_s - source.start_s
+        return np.where(true_head.known(own_s)[:, None], true_head(own_s), np.nan)
+
+    run = make_live_run(
+        NECK,
+        robot,
+        source,
+        clock,
+        keep or (lambda log, times: logs.append((log, times))),
+        controller=controller,
+        planner=planner,
+        predictor=predictor,
+        loop=loop,
+        log_s=log_s,
+        true_head_base_m=known,
+        true_state=robot.true_state,
+    )
+    result = Result(logs, run.report, robot, source, duration_s)
+    try:
+        run.run(stop or threading.Event(), duration_s)
+    except Exception as error:
+        error.result = result
+        raise
+    return result

@@ -1,0 +1,89 @@
+"""Any sequence of faults: always commands within limits, and everything is closed."""
+
+import dataclasses
+
+import numpy as np
+from builders.checks import assert_within_limits
+from builders.faults import Jumping, Late, answers_badly, nan_plan, wild_plan
+from builders.live import NECK, run_live
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gazempc.controllers.controller import SolverFailed
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.types import Sighting
+from predictors import ConstantVelocity
+
+KINDS = (
+    "silent", "stale", "future", "past", "doubled", "nan observation", "read raises", "read nan", "send raises",
+    "send nan", "solver fails", "nan plan", "wild plan", "late plan", "predictor raises", "asleep",
+)  # fmt: skip
+
+
+@settings(max_examples=10)
+@given(
+    faults=st.lists(
+        st.tuples(st.sampled_from(KINDS), st.floats(0.0, 2.8), st.floats(0.01, 1.5)), min_size=1, max_size=6
+    )
+)
+def test_any_sequence_of_faults_is_survived_within_limits(faults):
+    def on(kind, now_s):
+        return any(kind == k and start <= now_s < start + length for k, start, length in faults)
+
+    clock = Jumping(sorted((start, length / 3) for kind, start, length in faults if kind == "asleep"))
+
+    def change(now_s, sighting):
+        seen = sighting.observation
+        shift_s = 3.0 * (on("future", now_s) - on("past", now_s)) - 0.8 * on("stale", now_s)
+        moved = Sighting(sighting.arrival_s, dataclasses.replace(seen, capture_time_s=seen.capture_time_s + shift_s))
+        if on("nan observation", now_s):
+            object.__setattr__(moved.observation, "head_position_base_m", np.full(3, np.nan))
+        return [] if on("silent", now_s) else [moved] * (1 + on("doubled", now_s))
+
+    def on_read(now_s, state):
+        if on("read raises", now_s):
+            raise TimeoutError
+        return answers_badly("nan", state) if on("read nan", now_s) else state
+
+    silent, got_through = [], []
+
+    def on_send(now_s):
+        if on("send raises", now_s):
+            silent.append(len(got_through))
+            raise OSError("no answer")
+        if on("send nan", now_s):
+            silent.append(len(got_through))
+            return (np.full(2, np.nan),)
+        got_through.append(now_s)
+        return None
+
+    class Controller(Mpc):
+        def plan(self, situation):
+            plan = super().plan(situation)
+            if on("solver fails", situation.start_s):
+                raise SolverFailed("made to fail")
+            if on("nan plan", situation.start_s):
+                return nan_plan(plan)
+            return wild_plan(plan) if on("wild plan", situation.start_s) else plan
+
+    class Predictor(ConstantVelocity):
+        def forecast(self, times_s):
+            if on("predictor raises", clock.now_s()):
+                raise np.linalg.LinAlgError("made to fail")
+            return super().forecast(times_s)
+
+    result = run_live(
+        clock=clock,
+        change=change,
+        on_read=on_read,
+        on_send=on_send,
+        controller=Controller(NECK, horizon_s=0.3),
+        predictor=Predictor(),
+        planner=lambda controller: Late(controller, clock, lambda now: 0.1 if on("late plan", now) else 0.0),
+        duration_s=3.0,
+    )
+    received = np.array([p for _, p in result.robot.received])
+    breaks = sorted({k for k in silent if k < len(received)})
+    assert_within_limits(received, breaks=breaks, ends=len(received) not in silent)
+    assert len(result.joined("command_position_rad")) == result.report.ticks
+    assert result.robot.calls[-1] == result.source.calls[-1] == "close"

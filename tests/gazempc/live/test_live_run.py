@@ -1,0 +1,159 @@
+"""A live run in order: it tracks, it is the replay, and the clock leaves no trace in its commands."""
+
+import contextlib
+import dataclasses
+import gc
+import threading
+
+import numpy as np
+import pytest
+from builders.checks import assert_sound, undisturbed
+from builders.faults import Late
+from builders.live import NECK, SENSOR, TS, WALK, Faulty, make_live_run, run_live
+from builders.recordings import synthetic
+from builders.replays import replayed
+
+from gazempc.errors import RobotError
+from gazempc.live.clock import RealClock, SimulatedClock
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.settings import LoopSettings
+from gazempc.neck.kinematics import look_at
+from gazempc.settings import RunSettings
+from gazempc.sim.replay import make_controller, make_predictor
+from gazempc.sim.sensor import observe
+from gazempc.sim.simulated import SimulatedNeck
+
+
+def test_undisturbed_the_loop_tracks_and_names_nothing_but_the_start():
+    result = undisturbed()
+    assert_sound(result)
+    assert result.events == {"no_observation_yet"}
+    assert result.report.stopped_by == "end of the source"
+    assert result.report.skipped_ticks == 0
+    assert result.report.observations >= WALK.times_s.size - 3
+    assert np.nanmedian(result.error_deg) < 3.0
+
+
+def test_on_a_simulated_clock_a_live_run_is_the_replay():
+    placed = synthetic("subject05_R6")
+    run_settings = RunSettings()
+    wanted = replayed(placed, settings=run_settings)
+    first_m = observe(placed, SENSOR, 0)[0].observation.head_position_base_m
+    live = run_live(
+        walk=placed,
+        controller=make_controller("mpc", NECK, run_settings),
+        predictor=make_predictor("walker", run_settings, None),
+        start_rad=look_at(NECK.geometry, first_m).angles_rad,
+        duration_s=None,
+    )
+    n = wanted.time_s.size
+    for name in ("time_s", "command_position_rad", "joint_position_rad", "head_true_base_m"):
+        np.testing.assert_allclose(live.joined(name)[:n], getattr(wanted, name), atol=1e-9, rtol=0)
+    m = wanted.capture_time_s.size
+    for name in ("capture_time_s", "arrival_time_s", "head_observed_base_m", "forecast_mean_base_m"):
+        np.testing.assert_allclose(live.joined(name)[:m], getattr(wanted, name), atol=1e-9, rtol=0)
+    assert live.joined("event_name").tolist() == wanted.event_name.tolist()
+    # What follows is the stop.
+    assert len(live.joined("time_s")) - n < 0.4 / TS
+
+
+class Jittery(SimulatedClock):
+    """Wakes up late by 0 to 2 ms, as a real computer does."""
+
+    def __init__(self):
+        super().__init__()
+        self._rng = np.random.default_rng(0)
+
+    def sleep_until_s(self, time_s):
+        super().sleep_until_s(time_s + self._rng.uniform(0.0, 0.002))
+
+
+def test_commands_do_not_jitter_with_the_clock():
+    """Made for when ticks are due; made for when they are done, most would be a chase at the limit of jerk."""
+
+    def hurried(result):
+        acceleration = result.joined("command_acceleration_rad_s2")
+        jerk = np.abs(np.diff(acceleration, axis=0)) / TS
+        return float(np.mean(jerk > 0.9 * NECK.command_limits.jerk_max_rad_s3))
+
+    steady, jittery = undisturbed(), run_live(clock=Jittery())
+    assert jittery.report.lateness.max_ms > 1.5
+    assert hurried(jittery) < hurried(steady) + 0.05
+    commands = [r.joined("command_position_rad") for r in (steady, jittery)]
+    n = min(map(len, commands))
+    assert np.degrees(np.abs(commands[0][:n] - commands[1][:n]).max()) < 1.0
+
+
+def test_with_a_plan_at_every_tick_no_plan_is_missed():
+    """A plan that is there before the next tick leaves the planner free for it."""
+    neck = NECK.model_copy(update={"servo_rate_hz": 50.0, "control_rate_hz": 50.0})
+    clock = SimulatedClock()
+    source = Faulty(clock, None, None, WALK)
+    robot = SimulatedNeck(neck, look_at(neck.geometry, WALK.truth.head_position_m[0]).angles_rad, clock.now_s)
+    logs = []
+    run = make_live_run(
+        neck,
+        robot,
+        source,
+        clock,
+        lambda log, times: logs.append((log, times)),
+        planner=lambda controller: Late(controller, clock, lambda now: 0.015),
+        loop=LoopSettings(compute_delay_s=0.02),
+    )
+    report = run.run(threading.Event(), 3.0)
+    (_, times), *_ = logs
+    assert times.step_ms.size > 0.95 * (report.ticks - 10)
+
+
+def test_a_step_of_the_unix_clock_is_in_the_log(monkeypatch):
+    clock = RealClock()
+    stepped = []
+
+    def once():
+        stepped.append(clock.now_s())
+        return len(stepped) == 20
+
+    monkeypatch.setattr(clock, "unix_clock_stepped", once)
+    result = run_live(clock=clock, duration_s=0.3)
+    assert result.event_s("clock_stepped").size == 1
+    assert_sound(result)
+
+
+def test_logs_of_one_second_join_to_the_log_of_the_whole_run_and_nothing_is_kept():
+    alive = []
+
+    def run_short():
+        logs = []
+
+        def keep(log, times):
+            gc.collect()
+            alive.append(sum(o.ticks for o in gc.get_objects() if isinstance(o, LoopRecorder)))
+            logs.append((log, times))
+
+        result = run_live(keep=keep, log_s=1.0, change=lambda now, s: [] if 3.0 <= now < 7.5 else [s])
+        result.logs = logs
+        return result
+
+    short = run_short()
+    whole = run_live(change=lambda now, s: [] if 3.0 <= now < 7.5 else [s])
+    assert len(short.logs) == -(-short.report.ticks // 200)
+    assert all(log.time_s.size == 200 for log, _ in short.logs[:-1])
+    for field in dataclasses.fields(whole.logs[0][0]):
+        if field.name not in ("about", "event_time_s", "event_name", "forecast_true_base_m", "forecast_horizon_s"):
+            np.testing.assert_array_equal(short.joined(field.name), getattr(whole.logs[0][0], field.name))
+    assert short.events == whole.events
+    for name in ("update_ms", "step_ms", "latency_ms"):
+        joined = np.concatenate([getattr(times, name) for _, times in short.logs])
+        assert joined.size == getattr(whole.logs[0][1], name).size
+    # While one log is being kept no more than its own ticks are in memory.
+    assert max(alive) <= 200
+
+
+def test_a_robot_that_raises_when_it_is_asked_to_close_twice_is_not(monkeypatch):
+    """Each part is closed exactly when the run ends, also after a run that ended in order."""
+    result = run_live(duration_s=0.2)
+    assert result.robot.calls == ["connect", "close"]
+    assert result.source.calls == ["open", "close"]
+    with contextlib.suppress(RobotError):
+        result.robot.inner.read_state()
+        pytest.fail("the neck is still connected")

@@ -1,0 +1,145 @@
+"""Faults of the source: silence, stale and shuffled frames, clocks that jump, observations that make no sense."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from builders.checks import assert_recovered, assert_sound
+from builders.faults import between
+from builders.live import TS, run_live
+
+from gazempc.results.metrics import measure
+from gazempc.types import Sighting
+
+
+def test_a_source_that_is_silent_for_five_seconds():
+    """Stop 1 s after the last frame, at rest straight ahead slowly after 3 s, and the gaze back 2 s after the end.
+
+    On the face, that is; to the last third of a degree when nobody is met any more.
+    """
+    silent = between(3.0, 8.0)
+    result = run_live(change=lambda now, s: [] if silent(now) else [s], duration_s=None)
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", "target_lost", "return_to_rest"}
+    last_capture_s = result.joined("capture_time_s")[result.joined("capture_time_s") < 5.0].max()
+    assert result.event_s("target_lost") == pytest.approx([last_capture_s + 1.0], abs=2 * TS)
+    assert result.event_s("return_to_rest") == pytest.approx([last_capture_s + 3.0], abs=2 * TS)
+    now, sent = result.joined("time_s"), result.joined("command_position_rad")
+    standing = sent[(now > last_capture_s + 1.6) & (now < last_capture_s + 3.0)]
+    assert np.ptp(standing, axis=0) == pytest.approx([0, 0], abs=1e-9)
+    assert np.abs(standing[0]).max() > 0.05
+    returning = (now > last_capture_s + 3.0) & (now < 8.0)
+    assert np.abs(np.diff(sent[returning], axis=0)).max() / TS <= 0.5 * (1 + 1e-9)
+    assert sent[np.flatnonzero(returning)[-1]] == pytest.approx([0, 0], abs=1e-6)
+    # Who was lost is looked for where they are, not where they would have gone.
+    back = (now >= 8.0) & (now < 10.0)
+    assert np.rad2deg(np.abs(result.joined("joint_position_rad")[back, 0])).max() < 25.0
+    assert_recovered(result, 8.0 + 2.0, within_deg=1.0)
+    assert_recovered(result, 8.0 + 3.0)
+    assert measure(result.logs[0][0]).limit_violations == 0
+
+
+def test_a_burst_of_stale_frames_is_dropped():
+    """A tracker hangs for 1.2 s, then delivers all that it has kept."""
+    held = []
+
+    def hang(now_s, sighting):
+        if 3.0 <= now_s < 4.2:
+            held.append(sighting)
+            return []
+        burst, held[:] = [*held, sighting], []
+        return burst
+
+    result = run_live(change=hang, duration_s=7.5)
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", "target_lost", "stale_observation", "observations_dropped"}
+    # The event is written once, when it begins, however many the frames.
+    assert result.event_s("stale_observation").size == 1
+    assert result.report.observations == run_live(duration_s=7.5).report.observations
+    lag_s = result.joined("arrival_time_s") - result.joined("capture_time_s")
+    assert lag_s.max() <= 0.5
+    assert (lag_s > 0.1).sum() > 10  # what was not stale of it was used
+    assert_recovered(result, 4.2 + 2.0)
+
+
+def test_frames_out_of_order_are_dropped():
+    kept = []
+
+    def shuffled(now_s, sighting):
+        if not 3.0 <= now_s < 4.0:
+            return [sighting]
+        kept.append(sighting)
+        return [kept.pop(), kept.pop(0)] if len(kept) >= 2 else []
+
+    result = run_live(change=shuffled, duration_s=7.5)
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", "out_of_order"}
+    assert np.all(np.diff(result.joined("capture_time_s")) > 0)
+    assert_recovered(result, 4.0 + 1.0)
+
+
+@pytest.mark.parametrize(("jump_s", "event"), [(3.0, "future_observation"), (-3.0, "stale_observation")])
+def test_the_sensor_s_clock_jumps_and_comes_back(jump_s, event):
+    """Time stamps 3 s off for 1.5 s; taken in, those of the future would make all later ones out of order."""
+
+    def jumped(now_s, sighting):
+        seen = sighting.observation
+        off_s = jump_s if 3.0 <= now_s < 4.5 else 0.0
+        return [
+            dataclasses.replace(
+                sighting, observation=dataclasses.replace(seen, capture_time_s=seen.capture_time_s + off_s)
+            )
+        ]
+
+    result = run_live(change=jumped, duration_s=7.5)
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", event, "target_lost"}
+    assert result.event_s(event)[0] == pytest.approx(3.0, abs=0.05)
+    assert_recovered(result, 4.5 + 1.5)
+
+
+def test_a_small_step_back_of_the_sensor_s_clock_is_out_of_order_until_it_is_made_up():
+    def jumped(now_s, sighting):
+        seen = sighting.observation
+        off_s = -0.3 if now_s >= 3.0 else 0.0
+        return [
+            dataclasses.replace(
+                sighting, observation=dataclasses.replace(seen, capture_time_s=seen.capture_time_s + off_s)
+            )
+        ]
+
+    result = run_live(change=jumped)
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", "out_of_order"}
+
+
+@pytest.mark.parametrize("field", ["head_position_base_m", "head_quat_wxyz", "pelvis_quat_wxyz"])
+@pytest.mark.parametrize("value", [np.nan, 0.0])
+def test_an_observation_with_nan_or_a_bad_quaternion_is_refused(field, value):
+    """Forged past the check of `HeadObservation`, as a source in another language might."""
+    if field == "head_position_base_m":
+        value = np.nan
+
+    def spoilt(now_s, sighting):
+        if not 2.0 <= now_s < 2.5:
+            return [sighting]
+        seen = dataclasses.replace(sighting.observation)
+        object.__setattr__(seen, field, np.full_like(getattr(seen, field), value))
+        return [Sighting(sighting.arrival_s, seen)]
+
+    result = run_live(change=spoilt)
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", "bad_observation"}
+    assert result.report.n_problems == len(result.report.problems) > 10
+    assert_recovered(result, 2.5 + 1.2)
+
+
+def test_what_a_source_could_not_read_is_counted_and_the_first_are_kept():
+    def unread(now_s, sighting):
+        return [f"line {now_s}: head_position_m is not finite"] if 2.0 <= now_s < 2.8 else [sighting]
+
+    result = run_live(change=unread, duration_s=4.0)
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", "bad_observation"}
+    assert len(result.report.problems) == 20
+    assert 22 <= result.report.n_problems <= 26

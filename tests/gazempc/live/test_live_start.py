@@ -1,0 +1,86 @@
+"""The start: nothing jumps, wherever the joints stand and whether or not they can be read."""
+
+import dataclasses
+import threading
+
+import numpy as np
+import pytest
+from builders.checks import assert_sound, assert_within_limits
+from builders.faults import answers_badly
+from builders.live import Faulty, run_live
+from builders.robots import Spied
+
+from gazempc.errors import RobotError
+from gazempc.live.command import main
+from gazempc.live.sources.source import SourceError
+
+START_RAD = np.array([0.5, -0.1])
+
+
+def test_the_first_command_is_where_the_joints_stand():
+    result = run_live(change=lambda now, s: [], start_rad=START_RAD, duration_s=0.5)
+    assert_sound(result, START_RAD)
+    assert np.array_equal(result.robot.received[0][1], START_RAD)
+    assert np.allclose(result.joined("command_position_rad"), START_RAD, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [RobotError, OSError, TimeoutError, ValueError, "none", "nan", "three joints"])
+@pytest.mark.parametrize("until_s", [0.3, 1.5])
+def test_joints_that_cannot_be_read_at_first_are_waited_for_or_given_up_but_nothing_jumps(kind, until_s):
+    """A command at rest straight ahead would be a jump; a robot that never answers may be refused."""
+
+    def on_read(now_s, state):
+        return answers_badly(kind, state) if now_s < until_s else state
+
+    try:
+        result = run_live(on_read=on_read, change=lambda now, s: [], start_rad=START_RAD, duration_s=2.5)
+    except RobotError as error:
+        result = error.result
+        assert until_s > 1.0
+        assert result.robot.calls == ["connect", "close"]
+    if result.robot.received:
+        assert_within_limits(np.array([p for _, p in result.robot.received]), START_RAD)
+
+
+def test_told_to_stop_before_it_began_the_neck_does_not_jump():
+    stop = threading.Event()
+    stop.set()
+    result = run_live(stop=stop, start_rad=START_RAD)
+    assert result.report.stopped_by == "signal"
+    assert all(np.allclose(position, START_RAD) for _, position in result.robot.received)
+    assert result.robot.calls[-1] == result.source.calls[-1] == "close"
+
+
+def test_a_neck_that_stands_outside_its_range_is_not_moved():
+    outside = np.radians([120.0, 0.0])
+
+    def on_read(now_s, state):
+        return dataclasses.replace(state, position_rad=outside)
+
+    commands = []
+    with pytest.raises(RobotError, match=r"pan 120\.0, tilt 0\.0 deg, outside its range"):
+        run_live(on_read=on_read, on_send=commands.append)
+    assert commands == []
+
+
+@pytest.mark.parametrize("part", ["robot", "source"])
+@pytest.mark.parametrize("error", [RobotError, SourceError, RuntimeError])
+def test_what_cannot_be_opened_is_closed_all_the_same(part, error, monkeypatch):
+    calls = []
+
+    def fail(self):
+        calls.append(self)
+        raise error("cannot be opened")
+
+    monkeypatch.setattr(Spied if part == "robot" else Faulty, "connect" if part == "robot" else "open", fail)
+    with pytest.raises(error, match="cannot be opened") as raised:
+        run_live()
+    result = raised.value.result
+    assert result.robot.calls[-1] == result.source.calls[-1] == "close"
+    assert not result.robot.received
+    assert not result.logs
+
+
+def test_a_real_robot_needs_its_own_neck_file(tmp_path, capsys):
+    assert main(["--source", "udp:5005", "--robot", "dynamixel", "--out", str(tmp_path)]) == 2
+    assert "--neck" in capsys.readouterr().err

@@ -1,0 +1,99 @@
+"""The end: the neck is braked within its limits and everything is closed, whatever ends the run."""
+
+import threading
+
+import numpy as np
+import pytest
+from builders.checks import assert_sound, assert_within_limits
+from builders.live import TS, WALK, run_live
+from builders.recordings import reordered
+
+from gazempc.live.clock import SimulatedClock
+from gazempc.loop.planner import ImmediatePlanner
+
+
+@pytest.mark.parametrize("why", ["signal", "duration", "end of the source"])
+def test_told_to_stop_the_neck_brakes_within_limits_and_everything_is_closed(why):
+    stop = threading.Event()
+    walk = WALK
+
+    def on_poll(now_s):
+        if why == "signal" and now_s >= 2.0:
+            stop.set()
+
+    if why == "end of the source":
+        walk = reordered(WALK, range(61))
+    closed = []
+
+    class Closing(ImmediatePlanner):
+        def close(self):
+            closed.append(True)
+
+    result = run_live(
+        on_poll=on_poll,
+        stop=stop,
+        walk=walk,
+        planner=Closing,
+        duration_s=2.0 if why == "duration" else 5.0,
+    )
+    assert_sound(result)
+    assert result.report.stopped_by == why
+    now, velocity = result.joined("time_s"), result.joined("command_velocity_rad_s")
+    speed_before = np.abs(velocity[np.searchsorted(now, 1.95)]).max()
+    assert speed_before > 0.1  # it was moving
+    assert np.all(velocity[-1] == pytest.approx([0, 0], abs=1e-9))
+    assert 2.0 < now[-1] < 2.5
+    speed = np.abs(velocity[now > 2.1]).max(axis=1)
+    assert np.all(np.diff(speed) <= 1e-9)  # braking all the way
+    assert closed
+
+
+def test_on_the_way_to_a_stop_nothing_is_waited_for():
+    """A planner that takes a second to end must not hold up the commands that brake the neck."""
+    clock = SimulatedClock()
+
+    class SlowToEnd(ImmediatePlanner):
+        def close(self):
+            clock.sleep_until_s(clock.now_s() + 1.0)
+
+    result = run_live(clock=clock, planner=SlowToEnd, duration_s=2.0)
+    assert_sound(result)
+    sent_s = np.array([now_s for now_s, _ in result.robot.received])
+    assert np.diff(sent_s).max() < 2 * TS
+    assert result.report.skipped_ticks == 0
+
+
+@pytest.mark.parametrize("part", ["keep", "source"])
+def test_whatever_ends_a_run_the_neck_is_braked_first(part):
+    """A full disk, or a source with a bug, in the middle of a motion: the run goes on or ends, but never mid-motion."""
+    kept = []
+
+    def keep(log, times):
+        if part == "keep" and not kept:
+            kept.append(log)
+            raise OSError("no space left on device")
+
+    def on_poll(now_s):
+        if part == "source" and now_s >= 2.0:
+            raise RuntimeError("a bug")
+
+    try:
+        result = run_live(keep=keep, on_poll=on_poll, log_s=2.0, duration_s=4.0)
+    except (OSError, RuntimeError) as error:
+        result = error.result
+    received = np.array([position for _, position in result.robot.received])
+    assert_within_limits(received, ends=True)
+    assert result.robot.calls[-1] == result.source.calls[-1] == "close"
+
+
+def test_an_interrupt_in_mid_motion_brakes_first():
+    sent = []
+
+    def on_send(now_s):
+        if now_s >= 2.0 and not sent:
+            sent.append(now_s)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_live(on_send=on_send)
+    assert sent

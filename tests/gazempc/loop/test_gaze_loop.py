@@ -1,0 +1,115 @@
+"""The loop: order of stages, compute delays, and which frames it takes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from builders.loop import NECK, TS, LoopBench, error_deg, events
+
+from gazempc.controllers.controller import Plan
+from gazempc.controllers.lookahead import LookAhead
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.settings import LoopSettings
+from gazempc.types import Sighting
+from predictors import HeadObservation
+
+
+def test_undisturbed_it_tracks_and_names_nothing_but_the_start():
+    log = LoopBench().run(5.0)
+    assert events(log) == {"no_observation_yet"}
+    assert error_deg(log, from_s=1.5).mean() < 3.0
+
+
+def test_before_anybody_is_seen_the_neck_holds_still():
+    log = LoopBench().run(1.0, seen=lambda t: False)
+    assert events(log) == {"no_observation_yet"}
+    assert np.all(log.command_position_rad == 0)
+
+
+def test_what_a_plan_has_to_say_is_in_the_log():
+    class Speaking(LookAhead):
+        def plan(self, situation):
+            return dataclasses.replace(super().plan(situation), events=("limits_softened",))
+
+    assert "limits_softened" in events(LoopBench(controller=Speaking(NECK)).run(1.0))
+
+
+def test_a_neck_without_encoders_is_driven_open_loop():
+    blind = NECK.model_copy(update={"reports_joints": False})
+    log = LoopBench(controller=Mpc(NECK, horizon_s=0.3), robot_neck=blind).run(4.0)
+    assert events(log) == {"no_observation_yet"}
+    with_encoders = LoopBench(controller=Mpc(NECK, horizon_s=0.3)).run(4.0)
+    assert log.command_position_rad == pytest.approx(with_encoders.command_position_rad, abs=1e-9)
+
+
+def test_a_lost_target_stops_then_returns_to_rest_slowly_then_is_found_again():
+    settings = LoopSettings(lost_after_s=1.0, rest_after_s=2.0, rest_speed_rad_s=0.3)
+    log = LoopBench(settings=settings).run(9.0, seen=lambda t: t < 1.5 or t > 7.0)
+    assert {"target_lost", "return_to_rest"} <= events(log)
+    lost_s = log.event_time_s[list(log.event_name).index("target_lost")]
+    assert lost_s == pytest.approx(1.5 + 1.0, abs=0.05)
+    stopped = log.command_position_rad[int(3.0 / TS) : int(3.4 / TS), 0]
+    assert np.ptp(stopped) == pytest.approx(0, abs=1e-9)
+    returning = log.command_position_rad[int(3.6 / TS) : int(7.0 / TS), 0]
+    assert np.abs(np.diff(returning)).max() / TS <= 0.3 * (1 + 1e-9)
+    assert returning[-1] == pytest.approx(0.0, abs=1e-6)
+    assert error_deg(log, from_s=8.3).mean() < 3.0
+
+
+def test_stale_and_out_of_order_frames_are_dropped_and_named():
+    late = Sighting(2.0, HeadObservation(1.0, np.array([2.5, -2.0, 0.4])))
+    disordered = Sighting(2.5, HeadObservation(2.2, np.array([2.5, -2.0, 0.4])))
+    with_faults = LoopBench().run(4.0, extra=(late, disordered))
+    assert events(with_faults) == {"no_observation_yet", "stale_observation", "out_of_order"}
+    assert np.array_equal(with_faults.command_position_rad, LoopBench().run(4.0).command_position_rad)
+
+
+def test_a_frame_from_the_future_is_dropped_and_does_not_blind():
+    ahead = Sighting(1.5, HeadObservation(1e6, np.array([2.5, -2.0, 0.4])))
+    log = LoopBench().run(4.0, extra=(ahead,))
+    assert "future_observation" in events(log)
+    assert np.array_equal(log.command_position_rad, LoopBench().run(4.0).command_position_rad)
+
+
+def test_a_position_of_absurd_size_does_not_poison_the_filter():
+    absurd = Sighting(1.5, HeadObservation(1.405, np.array([1e308, 1e308, 1e308])))
+    log = LoopBench().run(4.0, extra=(absurd,))
+    assert error_deg(log, from_s=2.0).mean() < 3.0
+
+
+def test_the_controller_sees_what_the_robot_received_and_its_plan_starts_when_said():
+    """With a compute delay of 15 ms: history, committed commands and the tick from which a plan is followed."""
+    seen = []
+
+    class Spy(LookAhead):
+        def plan(self, situation):
+            seen.append((situation.start_s, situation.sent_rad.copy(), situation.committed_rad.copy()))
+            plan = super().plan(situation)
+            still = np.full_like(plan.position_rad, 1e-3 * len(seen))
+            return Plan(plan.start_s, plan.step_s, still, 0 * still, 0 * still)
+
+    bench = LoopBench(controller=Spy(NECK), settings=LoopSettings(compute_delay_s=0.015))
+    bench.run(1.0)
+    times = np.array([t for t, _ in bench.robot.received])
+    commands = np.array([c for _, c in bench.robot.received])
+    for start_s, sent, committed in seen[5:40]:
+        now = round((start_s - 0.015) / TS)
+        assert times[now] == pytest.approx(start_s - 0.015)
+        np.testing.assert_array_equal(sent, commands[now - len(sent) : now] if now >= len(sent) else sent)
+        np.testing.assert_allclose(sent[-1], commands[now - 1])
+        # What is said to come until then is what the plan before asks for; the smoother is within one step of it.
+        np.testing.assert_allclose(committed, commands[now : now + 3], atol=1.1e-3)
+    # The first plan asks for 1 mrad; the command must begin to move on the very tick for which it was made.
+    first = round(seen[0][0] / TS)
+    assert np.all(commands[:first] == 0)
+    assert commands[first, 0] > 0
+
+
+@pytest.mark.parametrize("delay_s", [0.015, 0.05])
+@pytest.mark.parametrize("controller", [LookAhead, Mpc])
+def test_compute_delay_is_planned_for(controller, delay_s):
+    """A plan that takes effect late, by less or more than a control period, is made for that time."""
+    prompt = LoopBench(controller=controller(NECK)).run(4.0)
+    delayed = LoopBench(controller=controller(NECK), settings=LoopSettings(compute_delay_s=delay_s)).run(4.0)
+    assert error_deg(delayed, from_s=1.5).mean() < error_deg(prompt, from_s=1.5).mean() + 0.25
+    assert not np.array_equal(prompt.command_position_rad, delayed.command_position_rad)

@@ -1,0 +1,132 @@
+"""The loop when solver, controller or predictor fail: named, bridged, and the gaze back after it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from builders.loop import NECK, TS, LoopBench, ambling_head_m, error_deg, events
+
+from gazempc.controllers.controller import ControllerError, Plan, SolverFailed, SolverTimedOut
+from gazempc.controllers.lookahead import LookAhead
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.controllers.mpc.ocp import AxisOcp
+from gazempc.controllers.mpc.qp import Daqp, Piqp, QpResult
+from predictors import ConstantVelocity
+
+
+class Failing:
+    """A controller that fails for a while."""
+
+    def __init__(self, how, start_s, stop_s):
+        self.inner, self.how, self.start_s, self.stop_s = LookAhead(NECK), how, start_s, stop_s
+        self.forecast_times_s = self.inner.forecast_times_s
+
+    def reset(self):
+        pass
+
+    def plan(self, situation):
+        if not self.start_s <= situation.start_s < self.stop_s:
+            return self.inner.plan(situation)
+        errors = {
+            "error": ControllerError,
+            "failed": SolverFailed,
+            "timed out": SolverTimedOut,
+            "bug": ZeroDivisionError,
+        }
+        if self.how in errors:
+            raise errors[self.how]("made to fail")
+        return Plan(situation.start_s, 0.02, np.full((3, 2), np.nan), np.zeros((3, 2)), np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize(
+    ("how", "event"),
+    [
+        ("error", "controller_failed"),
+        ("bug", "controller_failed"),
+        ("failed", "solver_failed"),
+        ("timed out", "solver_timed_out"),
+        ("nan", "plan_not_finite"),
+    ],
+)
+def test_a_short_solver_failure_is_bridged_by_the_last_plan(how, event):
+    """0.2 s without a plan: the rest of the last one is followed, and the gaze hardly notices."""
+    log = LoopBench(controller=Failing(how, 2.0, 2.2)).run(4.0)
+    assert events(log) == {"no_observation_yet", event}
+    assert error_deg(log, from_s=2.5).max() < 6.0
+
+
+def test_a_long_solver_failure_stops_the_neck_and_the_gaze_recovers():
+    log = LoopBench(controller=Failing("error", 2.0, 4.0)).run(7.0)
+    assert {"controller_failed", "stale_plan"} <= events(log)
+    standing = log.command_position_rad[int(3.0 / TS) : int(3.9 / TS)]
+    assert np.ptp(standing, axis=0) == pytest.approx([0, 0], abs=1e-9)
+    assert error_deg(log, from_s=5.5).mean() < 3.0
+
+
+def gives_up(data):
+    """A QP solver that never finds anything."""
+
+    class GivesUp:
+        name = "gives up"
+
+        def solve(self, g, lower, upper):
+            return QpResult(np.full(g.size, np.nan), "failed")
+
+    return GivesUp()
+
+
+@pytest.mark.parametrize(
+    ("solvers", "event"),
+    [
+        ((gives_up, gives_up), "solver_failed"),
+        ((gives_up, lambda data: Piqp(data, iteration_limit=1)), "solver_timed_out"),
+        ((lambda data: Daqp(data, iteration_limit=1),), "solver_timed_out"),
+        ((gives_up, Piqp), "second_solver"),
+    ],
+)
+def test_real_solvers_that_fail_in_the_loop_are_named_and_the_gaze_recovers(solvers, event):
+    """The person jumps aside, so that limits bind and the solver is asked; it is made to fail for half a second."""
+
+    class Sabotaged(Mpc):
+        def plan(self, situation):
+            whole = self.ocps, self.meeting_ocps, self.catch_up_ocps
+            if 2.0 <= situation.start_s < 2.5:
+                self.ocps, self.meeting_ocps, self.catch_up_ocps = (
+                    [[AxisOcp(o[0].model, 0.08, catching_up=bounded, solvers=solvers)] * len(o) for o in ocps]
+                    for ocps, bounded in zip(whole, (False, False, True), strict=True)
+                )
+            try:
+                return super().plan(situation)
+            finally:
+                self.ocps, self.meeting_ocps, self.catch_up_ocps = whole
+
+    def jumping_head_m(t):
+        return ambling_head_m(t) + np.array([0.0, 1.5 if t > 1.9 else 0.0, 0.0])
+
+    log = LoopBench(controller=Sabotaged(NECK, horizon_s=0.3), head_m=jumping_head_m).run(6.0)
+    assert event in events(log)
+    assert error_deg(log, from_s=4.5).mean() < 3.0
+
+
+def test_a_predictor_that_raises_is_not_followed_and_the_gaze_recovers():
+    class Raising(ConstantVelocity):
+        def forecast(self, times_s):
+            if 2.0 < np.max(times_s) < 2.8:
+                raise np.linalg.LinAlgError("singular")
+            return super().forecast(times_s)
+
+    log = LoopBench(predictor=Raising()).run(5.0)
+    assert "forecast_failed" in events(log)
+    assert error_deg(log, from_s=4.0).mean() < 3.0
+
+
+def test_a_forecast_with_a_nan_is_not_followed():
+    class Broken(ConstantVelocity):
+        def forecast(self, times_s):
+            forecast = super().forecast(times_s)
+            bad = np.asarray(times_s).max() > 3.0
+            return dataclasses.replace(forecast, means_base_m=forecast.means_base_m * (np.nan if bad else 1.0))
+
+    log = LoopBench(predictor=Broken()).run(4.0)
+    assert "forecast_failed" in events(log)
+    assert np.all(np.isfinite(log.command_position_rad))

@@ -1,0 +1,13 @@
+"""The recorder: what is written once."""
+
+import numpy as np
+from builders.loop import NECK, make_recorder
+
+
+def test_an_event_that_lasts_is_written_once():
+    recorder = make_recorder()
+    for k in range(100):
+        recorder.event(k * NECK.control_period_s, "stale_plan")
+    recorder.event(3.0, "stale_plan")
+    log, _ = recorder.finish({}, lambda t: np.zeros((len(t), 3)))
+    assert log.event_time_s.tolist() == [0.0, 3.0]

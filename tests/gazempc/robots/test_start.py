@@ -1,0 +1,23 @@
+"""The way in: a neck in the last bit of its range is brought slowly to where commands may be."""
+
+import numpy as np
+import pytest
+from builders.live import NECK
+
+from gazempc.robots.start import way_in_rad
+
+
+@pytest.mark.parametrize(("pan_deg", "tilt_deg"), [(75.0, 0.0), (-79.9, 40.0)])
+def test_a_neck_in_the_last_bit_of_its_range_is_brought_in_slowly(pan_deg, tilt_deg):
+    """An underdamped servo leaves commands less room than joints: clipped at once, the first one would be a jump."""
+    axes = {name: getattr(NECK, name).model_copy(update={"damping_ratio": 0.4}) for name in ("pan", "tilt")}
+    neck = NECK.model_copy(update=axes)
+    start_rad = np.radians([pan_deg, tilt_deg])
+    limits = neck.command_limits
+    assert np.any(start_rad != limits.clip_position(start_rad))
+    way = way_in_rad(neck, start_rad)
+    motion = np.vstack([start_rad, way])
+    assert np.abs(np.diff(motion, axis=0)).max() <= 0.3 * neck.servo_period_s + 1e-9
+    assert np.all(np.abs(np.diff(motion, 2, axis=0)) / neck.servo_period_s**2 <= limits.acceleration_max_rad_s2 + 1e-6)
+    np.testing.assert_allclose(way[-1], limits.clip_position(start_rad), atol=1e-9)
+    assert way_in_rad(neck, np.zeros(2)).shape == (0, 2)
