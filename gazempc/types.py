@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from predictors.types import FloatArray, HeadObservation
 
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
 StringArray = NDArray[np.str_]
 
-__all__ = ["BoolArray", "FloatArray", "JointState", "Sighting", "StringArray"]
+__all__ = ["BoolArray", "FloatArray", "IntArray", "JointState", "Sighting", "StringArray"]
 
 
 @dataclass(frozen=True)

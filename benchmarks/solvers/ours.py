@@ -6,7 +6,8 @@ import numpy as np
 
 from benchmarks.solvers.peer import AxisPeer, AxisSolver, Peer, PeerFailedError
 from benchmarks.solvers.problem import AxisProblem
-from gazempc.controllers.mpc.ocp import AxisModel, AxisOcp, SolverFailedError
+from gazempc.controllers.mpc.axis_model import AxisModel
+from gazempc.controllers.mpc.ocp import AxisOcp, SolverFailedError
 from gazempc.controllers.mpc.qp import Daqp, QpResult
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray

@@ -10,7 +10,8 @@ from scipy import sparse
 
 from benchmarks.solvers.peer import AxisPeer, AxisSolver, PeerFailedError
 from benchmarks.solvers.problem import AxisProblem, SparseQp, linear_cost
-from gazempc.controllers.mpc.ocp import AxisModel, AxisOcp
+from gazempc.controllers.mpc.axis_model import AxisModel
+from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.types import FloatArray
 
 TIGHT_PIQP: dict[str, Any] = {

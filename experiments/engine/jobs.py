@@ -105,7 +105,7 @@ def program_hash() -> str:
         root = Path(package.__file__ or "").parent
         for path in sorted(p for p in root.rglob("*") if p.suffix in {".py", ".toml", ".npz"}):
             digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
-    for library in ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig", "control"):
+    for library in ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig"):
         digest.update(f"{library} {version(library)}".encode())
     return digest.hexdigest()[:20]
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from gazempc.neck.servo import DelayedServo, zero_order_hold
 from gazempc.neck.spec import Axis, NeckSpec
@@ -29,6 +31,9 @@ _READINGS_TO_BELIEVE = 20
 _OFFSET_MAX_RAD = math.radians(10.0)
 # No joint turns so far; a reading beyond it is a wrong unit or a broken message.
 _ANY_TURN_RAD = 100.0
+
+_Pair = tuple[float, float]  # pan, tilt
+_Past = tuple[float, _Pair, _Pair]  # time, angles, velocities
 
 
 @dataclass(frozen=True)
@@ -64,9 +69,10 @@ class JointObserver:
         self._servos = [
             DelayedServo(axis, float(start), time_s) for axis, start in zip(neck.axes, command_rad, strict=True)
         ]
-        self._gains = np.stack([observer_gain(axis, neck.servo_period_s) for axis in neck.axes])
-        self._offset_rad = np.zeros(2)
-        self._past: deque[tuple[float, FloatArray, FloatArray]] = deque()
+        self._gains = [observer_gain(axis, neck.servo_period_s) for axis in neck.axes]
+        # Plain numbers: on two of them numpy takes several times as long, and this is done at every tick.
+        self._offset_rad = [0.0, 0.0]
+        self._past: deque[_Past] = deque()
         self._measured_s: float | None = None
         self._refused_in_a_row = 0
         self._refused = False
@@ -95,8 +101,7 @@ class JointObserver:
         time_s = max(time_s, self._past[-1][0]) if self._past else time_s
         for servo in self._servos:
             servo.advance_to(time_s)
-        states = np.array([servo.state for servo in self._servos])
-        self._past.append((time_s, states[:, 0] + self._offset_rad, states[:, 1]))
+        self._past.append((time_s, *self._joints()))
         while self._past[0][0] < time_s - _MEMORY_S:
             self._past.popleft()
         self._refused = False
@@ -105,68 +110,87 @@ class JointObserver:
             self._refused = True
         elif measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
             self._take_in(measured, time_s)
-            states = np.array([servo.state for servo in self._servos])
-        return JointEstimate(states[:, 0] + self._offset_rad, states[:, 1], self._offset_rad.copy())
+        position_rad, velocity_rad_s = self._joints()
+        return JointEstimate(np.array(position_rad), np.array(velocity_rad_s), np.array(self._offset_rad))
+
+    def _joints(self) -> tuple[_Pair, _Pair]:
+        # Angles with their offsets, and velocities, as estimated now.
+        (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = (servo.state for servo in self._servos)
+        return (pan_rad + self._offset_rad[0], tilt_rad + self._offset_rad[1]), (pan_rad_s, tilt_rad_s)
 
     def _take_in(self, measured: JointState, time_s: float) -> None:
         measured_s = min(measured.time_s, time_s)
+        readings_rad = measured.position_rad.tolist()
         # Written so that a NaN is outside.
         in_memory = self._past[0][0] <= measured_s and measured.time_s <= time_s + _CLOCK_TOLERANCE_S
-        if not (in_memory and np.all(np.abs(measured.position_rad) < _ANY_TURN_RAD)):
+        if not (in_memory and all(abs(reading_rad) < _ANY_TURN_RAD for reading_rad in readings_rad)):
             self._refused = True
             return
-        at = max(k for k, past in enumerate(self._past) if past[0] <= measured_s)
+        at = len(self._past) - 1
+        while self._past[at][0] > measured_s:
+            at -= 1
         at_s, position_rad, velocity_rad_s = self._past[at]
         # What was expected at the time of measurement; the error is then taken to be the same now.
-        error_rad = measured.position_rad - (position_rad + (measured_s - at_s) * velocity_rad_s)
+        errors_rad = [readings_rad[i] - (position_rad[i] + (measured_s - at_s) * velocity_rad_s[i]) for i in range(2)]
         first = self._measured_s is None
-        far = not first and bool(np.any(np.abs(error_rad) > _GATE_RAD))
+        far = not first and any(abs(error_rad) > _GATE_RAD for error_rad in errors_rad)
         self._refused_in_a_row = self._refused_in_a_row + 1 if far else 0
         if far and self._refused_in_a_row < _READINGS_TO_BELIEVE:
             self._refused = True
             return
         self._measured_s = measured.time_s
         self._refused_in_a_row = 0
-        before = np.array([servo.state for servo in self._servos]), self._offset_rad.copy()
-        for i, servo in enumerate(self._servos):
-            if first or far:
-                # It stands where it was never sent: a start elsewhere, or a push; no load.
-                servo.correct(float(error_rad[i]), 0.0)
-                if first:
-                    servo.stand(servo.state[0])
-                continue
-            position, velocity, offset = self._gains[i] * error_rad[i]
-            learned = float(np.clip(self._offset_rad[i] + offset, -_OFFSET_MAX_RAD, _OFFSET_MAX_RAD))
-            offset, self._offset_rad[i] = learned - self._offset_rad[i], learned
-            # The servo's own position is counted without the offset.
-            servo.correct(float(position - offset), float(velocity))
+        changes = [self._believe(i, error_rad, first, far) for i, error_rad in enumerate(errors_rad)]
+        (pan_moved_rad, pan_faster_rad_s), (tilt_moved_rad, tilt_faster_rad_s) = changes
         # What is now known was so then: an error that has been corrected must not be corrected again by the next
         # measurement that is as old.
-        after = np.array([servo.state for servo in self._servos])
-        moved_rad = after[:, 0] - before[0][:, 0] + self._offset_rad - before[1]
-        faster_rad_s = after[:, 1] - before[0][:, 1]
         for k in range(at, len(self._past)):
-            past_s, past_rad, past_rad_s = self._past[k]
-            self._past[k] = (past_s, past_rad + moved_rad, past_rad_s + faster_rad_s)
+            past_s, (pan_rad, tilt_rad), (pan_rad_s, tilt_rad_s) = self._past[k]
+            self._past[k] = (
+                past_s,
+                (pan_rad + pan_moved_rad, tilt_rad + tilt_moved_rad),
+                (pan_rad_s + pan_faster_rad_s, tilt_rad_s + tilt_faster_rad_s),
+            )
+
+    def _believe(self, axis: int, error_rad: float, first: bool, far: bool) -> tuple[float, float]:
+        # Correct one joint; returns by how much its angle and its velocity change.
+        servo, offset_rad = self._servos[axis], self._offset_rad[axis]
+        before_rad, before_rad_s = servo.state
+        if first or far:
+            # It stands where it was never sent: a start elsewhere, or a push; no load.
+            servo.correct(error_rad, 0.0)
+            if first:
+                servo.stand(servo.state[0])
+        else:
+            position_gain, velocity_gain, offset_gain = self._gains[axis]
+            learned_rad = min(max(offset_rad + offset_gain * error_rad, -_OFFSET_MAX_RAD), _OFFSET_MAX_RAD)
+            self._offset_rad[axis] = learned_rad
+            # The servo's own position is counted without the offset.
+            servo.correct(position_gain * error_rad - (learned_rad - offset_rad), velocity_gain * error_rad)
+        after_rad, after_rad_s = servo.state
+        return after_rad - before_rad + self._offset_rad[axis] - offset_rad, after_rad_s - before_rad_s
 
 
-def observer_gain(axis: Axis, period_s: float) -> FloatArray:
+# Safe: a frozen joint and a number in, numbers out. The equation takes milliseconds to solve.
+@lru_cache(maxsize=64)
+def observer_gain(axis: Axis, period_s: float) -> tuple[float, float, float]:
     """Steady-state Kalman gain for [joint angle, velocity, offset] from a measured angle at every period.
 
     Only ratios of noises matter; they are chosen by the times within which state and offset are to be corrected.
+    The gain is that of the one-step prediction, ``A P C' / (C P C' + 1)`` with P from the Riccati equation.
 
     Args:
         axis: The joint.
         period_s: Time between measurements, seconds.
 
     Returns:
-        Gain, shape (3,): dimensionless, 1/s, dimensionless.
+        Gain: dimensionless, 1/s, dimensionless.
     """
-    import control  # noqa: PLC0415  (slow to import; only needed when something moves)
-
     step = zero_order_hold(axis, period_s)
     A = np.vstack([np.hstack([step[:, :2], step[:, 2:]]), [0.0, 0.0, 1.0]])
     load_time_s = _LOAD_RESPONSES * (axis.dead_time_s + axis.servo_lag_s)
     noise = [period_s / _STATE_TIME_S, period_s / _STATE_TIME_S**2, period_s / load_time_s]
-    gain, *_ = control.dlqe(A, np.eye(3), np.array([[1.0, 0.0, 0.0]]), np.diag(np.square(noise)), np.eye(1))
-    return np.asarray(gain, dtype=np.float64).ravel()
+    C = np.array([[1.0, 0.0, 0.0]])
+    P = solve_discrete_are(A.T, C.T, np.diag(np.square(noise)), np.eye(1))
+    position, velocity, offset = ((C @ P @ A.T) / (C @ P @ C.T + 1.0)).ravel().tolist()
+    return position, velocity, offset

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 import ruckig
 
-from gazempc.controllers.controller import CommandState, Plan
+from gazempc.controllers.controller import AxisMotion, CommandState, Plan
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
 # What the smoother did at a tick besides following the plan.
 Intervention = Literal["", "stale_plan", "limit_guard"]
 
-_Motion = tuple[float, float, float]  # position, velocity, acceleration
 # Ruckig refuses a target that touches its limits by rounding.
 _TARGET_MARGIN = 1.0 - 1e-9
 _SAME_TIME_S = 1e-6
@@ -46,7 +44,7 @@ class _AxisSmoother:
             request.max_acceleration = [self._a_max]
             request.max_jerk = [self._j_max]
 
-    def toward(self, now: _Motion, target: _Motion, v_limit: float) -> tuple[_Motion, bool]:
+    def toward(self, now: AxisMotion, target: AxisMotion, v_limit: float) -> tuple[AxisMotion, bool]:
         """Next motion toward where the target is one period from now; True if the guard stopped it instead."""
         v_max = min(self._v_max, v_limit)
         position = min(max(target[0], self._low), self._high)
@@ -54,23 +52,22 @@ class _AxisSmoother:
         exact = (position, min(max(target[1], -v_max), v_max), acceleration)
         v_max *= _TARGET_MARGIN
         velocity = min(max(target[1], -v_max), v_max)
-        ways: tuple[Callable[[], _Motion | None], ...] = (
-            lambda: self._continue(now, exact, v_max / _TARGET_MARGIN),
-            lambda: self._follow(now, (position, velocity, _TARGET_MARGIN * acceleration), v_max),
-            lambda: self._intercept(now, position, velocity, v_max),
-            lambda: self._intercept(now, position, 0.0, v_max),
-        )
         # Not faster than the limit, nor bound to become so; who already is must at least become slower.
         fastest = max(v_max / _TARGET_MARGIN, self._peak_speed(now)) * _ROUNDED_UP
-        for way in ways:
-            following = way()
+        for way, aim, limit in (
+            (self._continue, exact, v_max / _TARGET_MARGIN),
+            (self._follow, (position, velocity, _TARGET_MARGIN * acceleration), v_max),
+            (self._intercept, (position, velocity, 0.0), v_max),
+            (self._intercept, (position, 0.0, 0.0), v_max),
+        ):
+            following = way(now, aim, limit)
             if following is None or self._peak_speed(following) > fastest:
                 continue
             if self._can_stop_inside(following):
                 return following, False
         return self.toward_rest(now), True
 
-    def _continue(self, now: _Motion, target: _Motion, v_max: float) -> _Motion | None:
+    def _continue(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
         # A plan that was followed so far leads on by one constant jerk, also along its limits. Ruckig, asked for the
         # same, takes a detour before the last digit of a limit.
         h = self._period_s
@@ -82,12 +79,12 @@ class _AxisSmoother:
         within = abs(jerk) <= self._j_max * _ROUNDED_UP and self._peak_speed(following) <= v_max * _ROUNDED_UP
         return following if reached and within else None
 
-    def _peak_speed(self, motion: _Motion) -> float:
+    def _peak_speed(self, motion: AxisMotion) -> float:
         # The acceleration takes the velocity further before it can be ended.
         _, velocity, acceleration = motion
         return max(abs(velocity), abs(velocity + acceleration * abs(acceleration) / (2.0 * self._j_max)))
 
-    def _follow(self, now: _Motion, target: _Motion, v_max: float) -> _Motion | None:
+    def _follow(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
         # Exactly the plan's motion, if it can be reached within this period; not before its end, as the command
         # would then wait for the plan.
         request = self._to_target
@@ -99,12 +96,12 @@ class _AxisSmoother:
         following = self._sample(request)
         return following if self._trajectory.duration <= self._period_s + _SAME_TIME_S else None
 
-    def _intercept(self, now: _Motion, position: float, velocity: float, v_max: float) -> _Motion | None:
+    def _intercept(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
         # A plan that has jumped away moves on while the command catches up; aimed at where it is, the command would
         # always arrive where it was. In the frame that moves with the plan the target stands still, and the
         # time-optimal motion to it is the earliest meeting.
-        request = self._to_target
-        velocity = min(max(velocity, -_CHASE_SHARE * v_max), _CHASE_SHARE * v_max)
+        request, position = self._to_target, target[0]
+        velocity = min(max(target[1], -_CHASE_SHARE * v_max), _CHASE_SHARE * v_max)
         request.minimum_duration = None
         request.max_velocity, request.min_velocity = [v_max - velocity], [-v_max - velocity]
         request.current_position = [now[0] - (position - velocity * self._period_s)]
@@ -116,13 +113,13 @@ class _AxisSmoother:
             return None
         return relative[0] + position, relative[1] + velocity, relative[2]
 
-    def toward_rest(self, now: _Motion) -> _Motion:
+    def toward_rest(self, now: AxisMotion) -> AxisMotion:
         """Next motion of the fastest stop within the limits."""
         self._aim_at_rest(now)
         # Ruckig has no stop only for limits too small for its arithmetic; standing still is then within them.
         return self._sample(self._to_rest) or (now[0], 0.0, 0.0)
 
-    def _aim_at_rest(self, motion: _Motion) -> None:
+    def _aim_at_rest(self, motion: AxisMotion) -> None:
         request = self._to_rest
         request.current_position, request.current_velocity, request.current_acceleration = (
             [motion[0]],
@@ -130,16 +127,28 @@ class _AxisSmoother:
             [motion[2]],
         )
 
-    def _can_stop_inside(self, motion: _Motion) -> bool:
+    def _can_stop_inside(self, motion: AxisMotion) -> bool:
         # If every command can still be brought to rest inside the position limits, no later one can be
         # forced out of them. Ruckig itself does not know position limits.
+        if self._far_from_limits(motion):
+            return True
         self._aim_at_rest(motion)
         if self._calculate(self._to_rest):
             reach = self._trajectory.position_extrema[0]
             return bool(reach.min >= self._low - 1e-12 and reach.max <= self._high + 1e-12)
         return False
 
-    def _sample(self, request: ruckig.InputParameter) -> _Motion | None:
+    def _far_from_limits(self, motion: AxisMotion) -> bool:
+        # Spares asking Ruckig where there is room for more than any stop takes. A stop first ends the acceleration,
+        # then brakes from at most the peak speed by an S-curve; it never goes faster than the peak speed.
+        position, _, acceleration = motion
+        peak_speed = self._peak_speed(motion)
+        longest_s = abs(acceleration) / self._j_max + peak_speed / self._a_max + self._a_max / self._j_max
+        room = peak_speed * longest_s * _ROUNDED_UP
+        # Written so that a NaN is not far from them.
+        return abs(acceleration) <= self._a_max and self._low + room <= position <= self._high - room
+
+    def _sample(self, request: ruckig.InputParameter) -> AxisMotion | None:
         if not self._calculate(request):
             return None
         p, v, a = self._trajectory.at_time(self._period_s)
@@ -190,7 +199,7 @@ class Smoother:
             position_rad: Shape (2,), radians; clipped to the limits.
         """
         start = self._neck.command_limits.clip_position(np.asarray(position_rad, dtype=np.float64))
-        self._now: list[_Motion] = [(float(p), 0.0, 0.0) for p in start]
+        self._stand_at([(float(p), 0.0, 0.0) for p in start])
         self._intervention: Intervention = ""
 
     def resume(self, command: CommandState) -> None:
@@ -200,13 +209,17 @@ class Smoother:
             command: The command before the step.
         """
         motion = np.stack([command.position_rad, command.velocity_rad_s, command.acceleration_rad_s2], axis=1)
-        self._now = [(float(p), float(v), float(a)) for p, v, a in motion]
+        self._stand_at([(p, v, a) for p, v, a in motion.tolist()])
+
+    def _stand_at(self, motions: list[AxisMotion]) -> None:
+        self._now = motions
+        position_rad, velocity_rad_s, acceleration_rad_s2 = zip(*motions, strict=True)
+        self._command = CommandState(np.array(position_rad), np.array(velocity_rad_s), np.array(acceleration_rad_s2))
 
     @property
     def command(self) -> CommandState:
         """The command as it was last sent."""
-        p, v, a = np.array(self._now).T
-        return CommandState(p, v, a)
+        return self._command
 
     @property
     def intervention(self) -> Intervention:
@@ -225,18 +238,14 @@ class Smoother:
             The command to send.
         """
         if plan is None or time_s >= plan.end_s or not plan.is_finite():
-            self._now = [axis.toward_rest(now) for axis, now in zip(self._axes, self._now, strict=True)]
+            self._stand_at([axis.toward_rest(now) for axis, now in zip(self._axes, self._now, strict=True)])
             self._intervention = "stale_plan"
-            return self.command
-        target = plan.at(time_s)
-        guarded = False
-        for i, axis in enumerate(self._axes):
-            wanted = (
-                float(target.position_rad[i]),
-                float(target.velocity_rad_s[i]),
-                float(target.acceleration_rad_s2[i]),
-            )
-            self._now[i], stopped = axis.toward(self._now[i], wanted, speed_limit_rad_s or math.inf)
-            guarded = guarded or stopped
-        self._intervention = "limit_guard" if guarded else ""
-        return self.command
+            return self._command
+        speed_limit = speed_limit_rad_s or math.inf
+        steps = [
+            axis.toward(now, wanted, speed_limit)
+            for axis, now, wanted in zip(self._axes, self._now, plan.motions_at(time_s), strict=True)
+        ]
+        self._stand_at([motion for motion, _ in steps])
+        self._intervention = "limit_guard" if any(stopped for _, stopped in steps) else ""
+        return self._command

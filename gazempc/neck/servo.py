@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from functools import lru_cache
 
 import numpy as np
 
@@ -39,6 +40,8 @@ def zero_order_hold(axis: Axis, dt_s: float) -> FloatArray:
     return np.array(_transition(axis.natural_frequency_rad_s, axis.damping_ratio, dt_s)).reshape(2, 3)
 
 
+# In a replay few lengths of step come again and again. Safe: numbers in, numbers out.
+@lru_cache(maxsize=256)
 def _transition(wn: float, zeta: float, dt_s: float) -> tuple[float, ...]:
     """[Ad Bd] row by row, in closed form: on a clock that jitters every step is another, and this takes microseconds.
 
@@ -69,7 +72,7 @@ class DelayedServo:
     """
 
     def __init__(self, axis: Axis, position_rad: float, time_s: float = 0.0) -> None:
-        self._axis = axis
+        self._wn, self._zeta, self._dead_time_s = axis.natural_frequency_rad_s, axis.damping_ratio, axis.dead_time_s
         self._time_s = time_s
         self._q, self._v = position_rad, 0.0
         self._acting_rad = position_rad
@@ -86,7 +89,7 @@ class DelayedServo:
         Args:
             command_rad: Position to go to, radians; held until the next one.
         """
-        self._waiting.append((self._time_s + self._axis.dead_time_s, command_rad))
+        self._waiting.append((self._time_s + self._dead_time_s, command_rad))
 
     def correct(self, position_rad: float, velocity_rad_s: float) -> None:
         """Add to position and velocity; for an observer whose model this is."""
@@ -116,13 +119,14 @@ class DelayedServo:
 
     def _hold_until(self, time_s: float) -> None:
         dt_s = time_s - self._time_s
-        self._time_s = max(time_s, self._time_s)
+        if dt_s > 0.0:
+            self._time_s = time_s
         if dt_s <= _SAME_TIME_S:
             return
-        step = _transition(self._axis.natural_frequency_rad_s, self._axis.damping_ratio, dt_s)
+        qq, qv, qu, vq, vv, vu = _transition(self._wn, self._zeta, dt_s)
         q, v, u = self._q, self._v, self._acting_rad
-        self._q = step[0] * q + step[1] * v + step[2] * u
-        self._v = step[3] * q + step[4] * v + step[5] * u
+        self._q = qq * q + qv * v + qu * u
+        self._v = vq * q + vv * v + vu * u
 
 
 class DeadTimeRoll:

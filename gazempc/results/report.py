@@ -20,7 +20,7 @@ LABELS = {
     "mpc": "MPC",
     "perfect": "MPC with perfect forecast",
 }
-_PACKAGES = ("gazempc", "casadi", "numpy", "scipy", "filterpy", "ruckig", "control", "matplotlib", "pydantic")
+_PACKAGES = ("gazempc", "casadi", "numpy", "scipy", "filterpy", "ruckig", "matplotlib", "pydantic")
 
 
 def label(controller: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -27,8 +28,11 @@ class SimulatedNeck:
         self._start_rad = np.asarray(position_rad, dtype=np.float64)
         self._clock_s = clock_s
         self._servos: list[DelayedServo] | None = None
-        self._load_rad = np.deg2rad([axis.load_offset_deg for axis in neck.axes])
+        self._true: JointState | None = None
+        self._load_rad: list[float] = np.deg2rad([axis.load_offset_deg for axis in neck.axes]).tolist()
+        self._limits_rad = list(zip(neck.position_min_rad.tolist(), neck.position_max_rad.tolist(), strict=True))
         self._noise_rad = np.deg2rad([axis.encoder_noise_deg for axis in neck.axes])
+        self._noisy = bool(self._noise_rad.any())
         self._rng = np.random.default_rng(seed)
 
     def connect(self) -> None:
@@ -45,28 +49,35 @@ class SimulatedNeck:
         true = self.true_state()
         if not self._neck.reports_joints:
             return None
-        noise_rad = self._rng.normal(0.0, self._noise_rad) if self._noise_rad.any() else 0.0
+        if not self._noisy:
+            return true
+        noise_rad = self._rng.normal(0.0, self._noise_rad)
         return JointState(true.time_s, true.position_rad + noise_rad, true.velocity_rad_s)
 
     def true_state(self) -> JointState:
         """Where the joints really are; raises as `read_state`."""
         servos, now_s = self._advance()
-        states = np.array([servo.state for servo in servos])
-        return JointState(now_s, states[:, 0] + self._load_rad, states[:, 1])
+        # Asked for several times a tick; what is sent meanwhile does not change it.
+        if self._true is None or self._true.time_s != now_s:
+            (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = (servo.state for servo in servos)
+            position_rad = np.array([pan_rad + self._load_rad[0], tilt_rad + self._load_rad[1]])
+            self._true = JointState(now_s, position_rad, np.array([pan_rad_s, tilt_rad_s]))
+        return self._true
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`."""
-        if not np.all(np.isfinite(position_rad)):
+        commands_rad = position_rad.tolist()
+        if not all(map(math.isfinite, commands_rad)):
             raise RobotError(f"refused a command that is not finite: {position_rad}")
         servos, _ = self._advance()
-        sent = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        sent = [min(max(rad, low), high) for rad, (low, high) in zip(commands_rad, self._limits_rad, strict=True)]
         for servo, command_rad in zip(servos, sent, strict=True):
-            servo.send(float(command_rad))
-        return sent
+            servo.send(command_rad)
+        return np.array(sent)
 
     def close(self) -> None:
         """Stop the simulation; see `gazempc.robots.robot.Robot.close`."""
-        self._servos = None
+        self._servos = self._true = None
 
     def _advance(self) -> tuple[list[DelayedServo], float]:
         if self._servos is None:

@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from gazempc.controllers.controller import Plan, Situation, SolverFailed, SolverTimedOut
+from gazempc.controllers.mpc.axis_model import axis_model
 from gazempc.controllers.mpc.meeting import Meeting
-from gazempc.controllers.mpc.ocp import AxisModel, AxisOcp, Solution, SolverFailedError
+from gazempc.controllers.mpc.ocp import AxisOcp, Solution, SolverFailedError
 from gazempc.controllers.mpc.qp import Daqp
 from gazempc.controllers.mpc.revisions import Revisions
 from gazempc.errors import SettingsError
@@ -84,7 +85,7 @@ class Mpc:
         # The next plan replaces all but the first control period: there the command is as fine as the joint can use.
         self._first_parts = max(parts for parts in range(1, _FIRST_PARTS_MAX + 1) if ticks % parts == 0)
         times_s = [smoothing_time_s * 2.0 ** (level / _LEVELS_PER_OCTAVE) for level in range(_LEVELS)]
-        models = [AxisModel(neck, i, self._steps, self._first_parts) for i in range(2)]
+        models = [axis_model(neck, i, self._steps, self._first_parts) for i in range(2)]
         self.ocps = [[AxisOcp(model, time_s) for time_s in times_s] for model in models]
         self.catch_up_ocps = [[AxisOcp(model, time_s, catching_up=True) for time_s in times_s] for model in models]
         self.meeting_ocps = [

@@ -37,26 +37,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gazempc.controllers.mpc.prediction import STATE, predict
+from gazempc.controllers.mpc.axis_model import AxisModel
+from gazempc.controllers.mpc.prediction import STATE
+from gazempc.controllers.mpc.program import DAMPING, PASSING_UNIT_RAD, condense
 from gazempc.controllers.mpc.qp import Daqp, Piqp, QpData, QpSolver
-from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# The cost is counted in squared hundredths of a radian, so that solvers' absolute tolerances suit it.
-_COST_SCALE = 1e4
-# Angles not to be passed are rows in so large a unit that all limits are kept before them.
-_PASSING_UNIT_RAD = 150.0
-# While catching up the jerk is the same in so many steps on end, once this many are over: the limits decide early on,
-# and the solver's time grows with every jerk at its limit.
-_HELD_STEPS, _HELD_FROM = 3, 12
-# Exact penalty: dearer than the gaze error that leaving a limit could save; slacks are shares of the limits.
-_SLACK_PENALTY = 300.0 * _COST_SCALE
-# Damping ratio zeta of the way to a reference that has jumped; at 0.71 (no term) it is passed by 4 % of the jump.
-_DAMPING = 0.8
-# Weight of the command's jerk, as a time to the sixth power: what the joint would hardly show is not done.
-_JERK_TIME_S = 0.025
-# Room for the rounding of those who follow the plan.
-_SHARE_OF_LIMITS = 1.0 - 1e-6
 # A limit that is left by less than this share of it is rounding.
 _ROUNDING = 1e-9
 # Solvers keep limits to their own tolerance; only more than this is called a limit left.
@@ -93,62 +79,6 @@ class SolverFailedError(RuntimeError):
         self.timed_out = timed_out
 
 
-class AxisModel:
-    """One joint over the horizon: prediction and limits, condensed once for all smoothing times.
-
-    Args:
-        neck: The neck, for limits and rates.
-        index: 0 for pan, 1 for tilt.
-        steps: Length of the horizon N, control periods.
-        first_parts: Steps of the command in the first control period; in each other there is one.
-
-    Attributes:
-        steps: N.
-        step_s: Control period, seconds.
-        shares: Length of each step of the command, as a share of the control period, shape (n,).
-        jerk_scale: Jerk that a scaled jerk of 1 stands for, rad/s^3.
-        prediction: The maps of the condensed problem.
-        rows_from_jerk: The command's n positions, then its velocities half a step on, then its accelerations, as
-            shares of their limits, from scaled jerks; shape (3 n, n).
-        rows_from_state: The same from [z0; 1], shape (3 n, 6).
-    """
-
-    def __init__(self, neck: NeckSpec, index: int, steps: int, first_parts: int = 1) -> None:
-        limits = neck.command_limits
-        self.steps, self.step_s = steps, neck.control_period_s
-        self.jerk_scale = _SHARE_OF_LIMITS * float(limits.jerk_max_rad_s3[index])
-        self.prediction = predict(neck.axes[index], neck, steps, self.jerk_scale, first_parts)
-        self.shares: FloatArray = np.repeat([1.0 / first_parts, 1.0], [first_parts, steps - 1])
-        n = self.shares.size
-        low, high = limits.position_min_rad[index], limits.position_max_rad[index]
-        # Each limit's rows are counted in units of that limit, which makes their slacks comparable.
-        self._unit = np.array(
-            [
-                0.5 * (high - low),
-                _SHARE_OF_LIMITS * limits.velocity_max_rad_s[index],
-                _SHARE_OF_LIMITS * limits.acceleration_max_rad_s2[index],
-            ]
-        )[:, None]
-        self._centre_rad = 0.5 * (high + low)
-        unit_of_row = np.repeat(self._unit, n, axis=0)
-        # v_k + a_k h/2, with h the next step's length, is the middle control point of the velocity's parabola over that
-        # step, and v_k is a mean of two of them: kept within the limit, they keep the velocity within it also between
-        # the steps.
-        self._half_s = 0.5 * self.step_s * np.append(self.shares[1:], 1.0)
-        ahead = np.eye(3 * n) + np.diag(np.concatenate([np.zeros(n), self._half_s]), k=n)
-        centre_of_row = np.repeat([[self._centre_rad], [0.0], [0.0]], n, axis=0) / unit_of_row
-        self.rows_from_jerk: FloatArray = (ahead @ self.prediction.command_from_jerk) / unit_of_row
-        rows_from_z0 = (ahead @ self.prediction.command_from_state) / unit_of_row
-        self.rows_from_state: FloatArray = np.hstack([rows_from_z0, -centre_of_row])
-
-    def command(self, rows: FloatArray) -> FloatArray:
-        """Position, velocity and acceleration of the command, shape (3, n), from its rows, shape (3 n,)."""
-        command: FloatArray = rows.reshape(3, -1) * self._unit
-        command[0] += self._centre_rad
-        command[1] -= self._half_s * command[2]
-        return command
-
-
 class AxisOcp:
     """The optimal control problem of one joint; condensed once, solved with new data every control tick.
 
@@ -158,8 +88,8 @@ class AxisOcp:
         damping: zeta of the way to a reference that has jumped: at 0.8 it is passed by 1.5 % of the jump.
         catching_up: True for a joint on its way to a reference far off: it is given bounds that it is not to pass, see
             `solve`.
-        solvers: Makers of the QP solvers, in the order in which they are tried; the first is made now, others when they
-            are first needed. DAQP is the faster by far; should it give up, PIQP hardly ever does.
+        solvers: Makers of the QP solvers, in the order in which they are tried. Each is made when it is first needed.
+            DAQP is the faster by far; should it give up, PIQP hardly ever does.
 
     Attributes:
         model: The joint over the horizon.
@@ -172,41 +102,16 @@ class AxisOcp:
         self,
         model: AxisModel,
         smoothing_time_s: float,
-        damping: float = _DAMPING,
+        damping: float = DAMPING,
         catching_up: bool = False,
         solvers: Sequence[Callable[[QpData], QpSolver]] = (Daqp, Piqp),
     ) -> None:
-        self.model, p, steps = model, model.prediction, model.steps
-        exact = p.joint_from_jerk.T
-        turning = (4.0 * damping**2 - 2.0) * smoothing_time_s**2 * p.velocity_from_jerk.T
-        smoothing = smoothing_time_s**4 * p.acceleration_from_jerk.T
-        hessian = exact @ p.joint_from_jerk + turning @ p.velocity_from_jerk + smoothing @ p.acceleration_from_jerk
-        jerk_weight = (_JERK_TIME_S**3 * model.jerk_scale) ** 2 * np.diag(model.shares)
-        rows_from_jerk, self._rows_from_state = model.rows_from_jerk, model.rows_from_state
-        if catching_up:
-            rows_from_jerk = np.vstack([rows_from_jerk, p.joint_from_jerk / _PASSING_UNIT_RAD])
-            joint_from_state = np.pad(p.joint_from_state, ((0, 0), (0, 1)))
-            self._rows_from_state = np.vstack([self._rows_from_state, joint_from_state / _PASSING_UNIT_RAD])
-        n = model.shares.size
-        self.variable_of_step = np.arange(n)
-        if catching_up:
-            self.variable_of_step = np.minimum(
-                self.variable_of_step, _HELD_FROM + (self.variable_of_step - _HELD_FROM) // _HELD_STEPS
-            )
-        hold = np.eye(self.variable_of_step[-1] + 1)[self.variable_of_step]
-        hessian = 2.0 * _COST_SCALE * hold.T @ (hessian + jerk_weight) @ hold
-        self.data = QpData(h=hessian, a=rows_from_jerk @ hold, penalty=_SLACK_PENALTY)
-        # From the parameters [z0; 1; r]: the linear cost, and the best jerks without limits with all rows at these.
-        by_state = exact @ p.joint_from_state + turning @ p.velocity_from_state + smoothing @ p.acceleration_from_state
-        by_reference = exact + turning @ np.gradient(np.eye(steps), model.step_s, axis=0)
-        cost_map = np.hstack([by_state, np.zeros((n, 1)), -by_reference])
-        self._cost_map: FloatArray = 2.0 * _COST_SCALE * hold.T @ cost_map
-        self._parameters = np.ones(steps + len(STATE) + 1)
-        gain = -np.linalg.solve(self.data.h, self._cost_map)
-        rows = self.data.a @ gain
-        rows[:, : len(STATE) + 1] += self._rows_from_state
-        self._gain: FloatArray = np.ascontiguousarray(np.vstack([gain[self.variable_of_step], rows]))
-        self._makers, self._solvers = solvers, [solvers[0](self.data)]
+        self.model = model
+        program = condense(model, smoothing_time_s, damping, catching_up)
+        self.data, self.variable_of_step = program.data, program.variable_of_step
+        self._cost_map, self._gain, self._rows_from_state = program.cost_map, program.gain, program.rows_from_state
+        self._makers = solvers
+        self._solvers: list[QpSolver] = []
 
     def reset(self) -> None:
         """Forget earlier programs, see `QpSolver.reset`."""
@@ -223,7 +128,7 @@ class AxisOcp:
         Returns:
             Shape (N + 6,).
         """
-        parameters = self._parameters.copy()
+        parameters = np.ones(self.model.steps + len(STATE) + 1)
         parameters[: len(STATE)] = state
         parameters[len(STATE) + 1 :] = reference_rad
         return parameters
@@ -243,7 +148,7 @@ class AxisOcp:
         """
         most = np.ones((2, len(self._rows_from_state)))
         if not_past_rad is not None:
-            most[:, 3 * self.model.shares.size :] = [[-1.0], [1.0]] * (not_past_rad / _PASSING_UNIT_RAD)
+            most[:, 3 * self.model.shares.size :] = [[-1.0], [1.0]] * (not_past_rad / PASSING_UNIT_RAD)
         rows = self._rows_from_state @ parameters[: len(STATE) + 1]
         return self._cost_map @ parameters, -most[0] - rows, most[1] - rows
 
@@ -266,7 +171,7 @@ class AxisOcp:
         parameters = self.parameters(state, reference_rad)
         free = self._gain @ parameters
         most = np.abs(free[: 4 * n]).max()
-        passing = not_past_rad is not None and _outside(free[4 * n :] * _PASSING_UNIT_RAD, not_past_rad)
+        passing = not_past_rad is not None and _outside(free[4 * n :] * PASSING_UNIT_RAD, not_past_rad)
         if most <= 1.0 + _ROUNDING and not passing:
             return Solution(free[:n], self.model.command(free[n : 4 * n]), 0.0, "gain")
         if not np.isfinite(most):

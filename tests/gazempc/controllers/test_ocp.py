@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import lsq_linear
 
+from gazempc.controllers.mpc.axis_model import AxisModel
 from gazempc.controllers.mpc.kkt import kkt_residual
-from gazempc.controllers.mpc.ocp import AxisModel, AxisOcp, SolverFailedError
+from gazempc.controllers.mpc.ocp import AxisOcp, SolverFailedError
 from gazempc.controllers.mpc.prediction import predict
 from gazempc.controllers.mpc.qp import Daqp, Piqp, QpData, QpResult
 from gazempc.neck.spec import load_neck

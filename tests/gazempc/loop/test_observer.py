@@ -1,5 +1,6 @@
 """The joint observer against a plant whose truth is known."""
 
+import control
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +8,7 @@ from hypothesis import strategies as st
 
 from gazempc.loop.observer import JointObserver, observer_gain
 from gazempc.neck.servo import zero_order_hold
-from gazempc.neck.spec import Axis, load_neck
+from gazempc.neck.spec import Axis, load_neck, neck_names
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState
 
@@ -192,3 +193,16 @@ def test_the_observer_is_stable(natural_frequency_rad_s, damping_ratio, dead_tim
     # The measurement corrects after the prediction.
     error = (np.eye(3) - np.outer(gain, [1.0, 0.0, 0.0])) @ model
     assert np.abs(np.linalg.eigvals(error)).max() < 1.0
+
+
+@pytest.mark.parametrize("name", neck_names())
+def test_the_gain_is_that_of_another_library(name: str) -> None:
+    """The stationary Kalman gain as python-control computes it from the same noises."""
+    neck = load_neck(name)
+    for axis in neck.axes:
+        period_s = neck.servo_period_s
+        model = np.vstack([zero_order_hold(axis, period_s), [0.0, 0.0, 1.0]])
+        deviations = [period_s / 0.05, period_s / 0.05**2, period_s / (0.7 * (axis.dead_time_s + axis.servo_lag_s))]
+        C = np.array([[1.0, 0.0, 0.0]])
+        expected, *_ = control.dlqe(model, np.eye(3), C, np.diag(np.square(deviations)), np.eye(1))
+        assert observer_gain(axis, period_s) == pytest.approx(expected.ravel(), rel=1e-9)
