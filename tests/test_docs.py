@@ -14,7 +14,6 @@ import pytest
 import yaml
 
 from gazempc.loop import gaze_loop as loop
-from gazempc.settings import LoopSettings
 from gazempc.loop.smoother import Intervention
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, neck_names
 from gazempc.recordings.readers.options import ReadOptions
@@ -28,11 +27,12 @@ from gazempc.settings import (
     HeadPoseSettings,
     InteractingModelsSettings,
     LookAheadSettings,
+    LoopSettings,
     MpcSettings,
     ParticleSettings,
     PelvisPursuitSettings,
     PredictorName,
-    RunSettings,
+    ReplaySettings,
 )
 from gazempc.sim.sensor import SensorSpec, sensor_names
 
@@ -111,7 +111,7 @@ def settings_of(*models, prefix=""):
 
 
 DESCRIBED = {
-    "quickstart": settings_of(RunSettings),
+    "quickstart": settings_of(ReplaySettings),
     "recordings": [*settings_of(ReadOptions), *COLUMNS, "index.csv"],
     "necks": [*neck_names(), *sensor_names(), *settings_of(NeckSpec, Geometry, Axis, SensorSpec)],
     "controllers": [*settings_of(MpcSettings, prefix="mpc."), *settings_of(LookAheadSettings, prefix="lookahead.")],

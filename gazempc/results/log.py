@@ -152,7 +152,7 @@ def load_log(path: Path | str) -> Log:
         older = "; an older version wrote it: replay the recording again" if "about" in values else ""
         raise SettingsError(f"{path}: not a gazempc log, it lacks {', '.join(missing)}{older}")
     try:
-        values["run"] = RunInfo.model_validate_json(str(values["run"]))
+        values["run"] = RunInfo.model_validate(json.loads(str(values["run"])))
         values["faults"] = tuple(Fault(**fault) for fault in json.loads(str(values["faults"])))
     except (ValidationError, ValueError, TypeError) as error:
         raise SettingsError(f"{path}: the description of the run cannot be read: {error}") from None

@@ -53,4 +53,4 @@ class RunInfo(BaseModel):
 
     def as_json(self) -> str:
         """JSON text, keys sorted: equal runs give equal texts."""
-        return json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        return json.dumps(self.model_dump(), sort_keys=True)

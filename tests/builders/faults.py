@@ -51,6 +51,7 @@ class Late:
     """A planner whose answers come some time after the request, on a simulated clock."""
 
     def __init__(self, controller, clock, delay_s):
+        self.controller = controller
         self._inner, self._clock, self._delay_s = ImmediatePlanner(controller), clock, delay_s
         self._pending = None
 

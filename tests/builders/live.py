@@ -6,6 +6,7 @@ import threading
 import numpy as np
 
 from builders.recordings import to_and_fro
+from builders.replays import run_info
 from builders.robots import Spied
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.live.clock import SimulatedClock
@@ -14,11 +15,11 @@ from gazempc.live.run import LiveRun
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import ImmediatePlanner
-from gazempc.settings import LoopSettings
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.truth import TrueHead
 from gazempc.robots.mujoco.robot import MujocoNeck
+from gazempc.settings import LoopSettings
 from gazempc.sim.sensor import load_sensor
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
@@ -114,14 +115,13 @@ def make_live_run(
     return LiveRun(
         neck,
         predictor or ConstantVelocity(),
-        controller,
         planner(controller),
         robot,
         source,
         mount or Mount(),
         clock,
         loop or LoopSettings(),
-        {"neck": neck.model_dump(), "joints": "true"},
+        run_info(neck, mode="live"),
         keep,
         log_s,
         true_head_base_m,

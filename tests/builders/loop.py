@@ -4,15 +4,17 @@ import dataclasses
 
 import numpy as np
 
+from builders.replays import run_info
 from builders.robots import Spied
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.live.clock import SimulatedClock
 from gazempc.loop.gaze_loop import GazeLoop
+from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.settings import LoopSettings
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import load_neck
 from gazempc.results.metrics import limit_violations
+from gazempc.settings import LoopSettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
 from predictors import ConstantVelocity, HeadObservation
@@ -36,7 +38,7 @@ def make_loop(robot, recorder, controller=None, predictor=None, settings=None, n
     return GazeLoop(
         neck,
         predictor or ConstantVelocity(),
-        controller or LookAhead(neck),
+        ImmediatePlanner(controller or LookAhead(neck)),
         Smoother(neck, np.zeros(2)),
         robot,
         recorder,
@@ -78,7 +80,7 @@ class LoopBench:
             sightings = sightings[len(due) :]
             self.loop.tick(index, now_s, due)
         log, _ = self.recorder.finish(
-            {"neck": NECK.model_dump()},
+            run_info(NECK),
             lambda t: np.where(t[:, None] <= seconds, np.array([self.head_m(x) for x in t]).reshape(-1, 3), np.nan),
         )
         assert len(log.time_s) == int(seconds / TS)

@@ -1,13 +1,27 @@
 """Replays of recordings on the reference neck with the reference sensor, unless a test says otherwise."""
 
 from gazempc.neck.spec import load_neck
-from gazempc.settings import RunSettings
-from gazempc.sim.replay import replay
+from gazempc.results.run_info import RunInfo
+from gazempc.sim.replay import ReplaySettings, replay_scene
+from gazempc.sim.scene import Scene
 from gazempc.sim.sensor import load_sensor
 
 
-def replayed(placed, controller="mpc", *, settings=None, neck=None, sensor=None, instance=None):
-    """The log of a replay of a recording in the base frame; `instance` is a controller to use again."""
-    neck, sensor = neck or load_neck("reference"), sensor or load_sensor("reference")
-    log, _ = replay(placed, neck, sensor, controller, settings or RunSettings(), instance)
-    return log
+def replayed(placed, controller="mpc", *, settings=None, neck=None, sensor=None):
+    """The log of a replay of a recording in the base frame; the controller may be a name or an object."""
+    settings = settings or ReplaySettings()
+    scene = Scene(
+        placed,
+        neck or load_neck("reference"),
+        sensor or load_sensor("reference"),
+        seed=settings.seed,
+        start_offset_deg=settings.start_offset_deg,
+    )
+    return replay_scene(scene, controller, settings.predictor, settings).log
+
+
+def run_info(neck=None, **fields):
+    """What a run was, for a log made by hand."""
+    about = {"recording": "made by hand", "kind": "synthetic", "subject": "nobody", "controller": "mpc"}
+    about |= {"predictor": "walker", "neck": neck or load_neck("reference"), "sensor": {"name": "reference"}}
+    return RunInfo(**about | fields)

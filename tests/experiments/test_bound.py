@@ -13,13 +13,13 @@ from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.results.metrics import measure
-from gazempc.settings import RunSettings
+from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import load_sensor
 
 
 def perfect(neck, recording, start_offset_deg=0.0):
     placed = place(load(recording), "side", 2.5, 1.2)
-    settings = RunSettings(start_offset_deg=start_offset_deg)
+    settings = ReplaySettings(start_offset_deg=start_offset_deg)
     log = replayed(placed, "perfect", settings=settings, neck=load_neck(neck), sensor=load_sensor("perfect"))
     moving = np.flatnonzero(np.any(log.command_position_rad != log.command_position_rad[0], axis=1))
     return log, float(log.time_s[moving[0]])

@@ -13,8 +13,7 @@ from gazempc.errors import SettingsError
 from gazempc.results.log import load_log
 from gazempc.results.metrics import gap_closed, measure
 from gazempc.results.report import LABELS
-from gazempc.run import main, parse
-from gazempc.settings import RunSettings, load_settings
+from gazempc.run import RunSettings, load_settings, main, parse
 
 ROOT = Path(__file__).resolve().parents[2]
 ROW_KEYS = {

@@ -17,10 +17,11 @@ from experiments.engine.recordings import find_recordings
 from experiments.forecast.command import turn_head
 from experiments.forecast.errors import forecast_errors
 from gazempc.errors import SettingsError
+from gazempc.loop.build import Person, make_predictor
 from gazempc.recordings.load import load
 from gazempc.recordings.truth import TrueHead
-from gazempc.settings import RunSettings, WalkerSettings
-from gazempc.sim.replay import make_predictor
+from gazempc.settings import WalkerSettings
+from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadObservation, NotReadyError, Walker
 from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD, WalkerHistory
@@ -431,7 +432,7 @@ def test_a_wrong_file_is_named(tmp_path, content):
     with pytest.raises(WalkerModelError, match=r"walker\.npz"):
         load_walker_model(path)
     with pytest.raises(SettingsError, match=r"walker\.fitted.*walker\.npz"):
-        make_predictor("walker", RunSettings(walker=WalkerSettings(fitted=path)), TrueHead(load("subject01_R1")))
+        make_predictor("walker", ReplaySettings(walker=WalkerSettings(fitted=path)), Person(), {})
 
 
 def test_wrong_numbers_are_refused():

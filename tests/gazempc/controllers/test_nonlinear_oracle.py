@@ -16,7 +16,7 @@ from gazempc.neck.kinematics import gaze_ray, look_at
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
-from gazempc.settings import RunSettings
+from gazempc.sim.replay import ReplaySettings
 from predictors import Forecast
 
 ROUNDED = 1.0 - 1e-6  # the share of the limits that is used
@@ -294,14 +294,14 @@ def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(name, star
 
 def planned_on_walks(walks_dir, name):
     """Three instants of a replay of every fourth walk."""
-    neck, settings = load_neck(name), RunSettings()
+    neck, settings = load_neck(name), ReplaySettings()
     mpc = Listener(neck, **settings.mpc.model_dump())
     for path in find_recordings([str(walks_dir)])[::4]:
         try:
             placed = place(load(path), "side", settings.distance_m, settings.height_m)
             ticks = np.round(np.array([0.15, 0.45, 0.8]) * placed.times_s[-1] * neck.control_rate_hz)
             mpc.wanted = lambda situation, ticks=ticks: round(situation.start_s * neck.control_rate_hz) in ticks
-            replayed(placed, neck=neck, instance=mpc)
+            replayed(placed, mpc, neck=neck)
         except (PlacementError, LeftOutError):
             continue
     assert len(mpc.kept) > 30

@@ -15,11 +15,11 @@ from builders.replays import replayed
 
 from gazempc.errors import RobotError
 from gazempc.live.clock import RealClock, SimulatedClock
+from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.settings import LoopSettings
 from gazempc.neck.kinematics import look_at
-from gazempc.settings import RunSettings
-from gazempc.sim.replay import make_controller, make_predictor
+from gazempc.settings import LoopSettings
+from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import observe
 from gazempc.sim.simulated import SimulatedNeck
 
@@ -36,13 +36,13 @@ def test_undisturbed_the_loop_tracks_and_names_nothing_but_the_start():
 
 def test_on_a_simulated_clock_a_live_run_is_the_replay():
     placed = synthetic("subject05_R6")
-    run_settings = RunSettings()
+    run_settings = ReplaySettings()
     wanted = replayed(placed, settings=run_settings)
     first_m = observe(placed, SENSOR, 0)[0].observation.head_position_base_m
     live = run_live(
         walk=placed,
-        controller=make_controller("mpc", NECK, run_settings),
-        predictor=make_predictor("walker", run_settings, None),
+        controller=make_controller("mpc", NECK, run_settings, {}),
+        predictor=make_predictor("walker", run_settings, Person(), {}),
         start_rad=look_at(NECK.geometry, first_m).angles_rad,
         duration_s=None,
     )
@@ -139,7 +139,14 @@ def test_logs_of_one_second_join_to_the_log_of_the_whole_run_and_nothing_is_kept
     assert len(short.logs) == -(-short.report.ticks // 200)
     assert all(log.time_s.size == 200 for log, _ in short.logs[:-1])
     for field in dataclasses.fields(whole.logs[0][0]):
-        if field.name not in ("about", "event_time_s", "event_name", "forecast_true_base_m", "forecast_horizon_s"):
+        if field.name not in (
+            "run",
+            "faults",
+            "event_time_s",
+            "event_name",
+            "forecast_true_base_m",
+            "forecast_horizon_s",
+        ):
             np.testing.assert_array_equal(short.joined(field.name), getattr(whole.logs[0][0], field.name))
     assert short.events == whole.events
     for name in ("update_ms", "step_ms", "latency_ms"):

@@ -410,7 +410,7 @@ def check_output(out, said):
     assert log.time_s.size == summary["ticks"] > 10
     assert np.all(np.abs(log.command_velocity_rad_s[-1]) < 1e-9)
     assert np.all(np.isfinite(log.command_position_rad))
-    neck = log.neck()
+    neck = log.neck
     assert np.all(np.abs(log.command_velocity_rad_s) <= neck.velocity_max_rad_s * (1 + 1e-9))
     assert np.all(np.abs(log.command_acceleration_rad_s2) <= neck.acceleration_max_rad_s2 * (1 + 1e-9))
     jerk = np.diff(log.command_acceleration_rad_s2, axis=0) / neck.servo_period_s

@@ -2,6 +2,7 @@
 
 import numpy as np
 from builders.loop import NECK, make_recorder
+from builders.replays import run_info
 
 
 def test_an_event_that_lasts_is_written_once():
@@ -9,5 +10,5 @@ def test_an_event_that_lasts_is_written_once():
     for k in range(100):
         recorder.event(k * NECK.control_period_s, "stale_plan")
     recorder.event(3.0, "stale_plan")
-    log, _ = recorder.finish({}, lambda t: np.zeros((len(t), 3)))
+    log, _ = recorder.finish(run_info(), lambda t: np.zeros((len(t), 3)))
     assert log.event_time_s.tolist() == [0.0, 3.0]

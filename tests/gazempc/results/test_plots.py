@@ -193,7 +193,7 @@ def test_head_offset_points_right_and_up(logs: Logs) -> None:
     # Seen along the gaze, a head turned to the right of it and above it.
     log = logs["mpc"]
     turned_rad = log.joint_position_rad + np.deg2rad([-3.0, 2.0])
-    eye, direction = gaze_ray(log.neck().geometry, turned_rad)
+    eye, direction = gaze_ray(log.neck.geometry, turned_rad)
     seen = replace(log, head_true_base_m=eye + 2.0 * direction)
     offset = head_offset_deg(seen)
     np.testing.assert_allclose(offset, np.broadcast_to([3.0, 2.0], offset.shape), atol=0.15)

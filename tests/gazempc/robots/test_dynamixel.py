@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders.replays import run_info
 from dynamixel_emulator import PING, STATUS, SYNC_READ, SYNC_WRITE, Bus, Motor, crc16, packet, take_packet
 from hypothesis import given
 from hypothesis import strategies as st
@@ -544,7 +545,7 @@ def test_in_the_loop_a_fault_is_named_and_no_limit_is_left(hasty, fault):
             hasty.bus.unplug() if index == 90 else hasty.bus.plug_in()
         seen = [Sighting(time_s, HeadObservation(time_s - 0.066, np.array([2.5, 0.4 + time_s, 0.4])))]
         loop.tick(index, time_s, seen if index % 7 == 0 else [])
-    log, _ = recorder.finish({}, lambda t: np.zeros((len(t), 3)))
+    log, _ = recorder.finish(run_info(), lambda t: np.zeros((len(t), 3)))
     assert set(log.event_name.tolist()) <= {"no_observation_yet", "robot_not_answering"}
     [named_s] = log.event_time_s[log.event_name == "robot_not_answering"]
     assert named_s == pytest.approx((100 if fault == "one answer" else 90) * period_s)

@@ -9,10 +9,10 @@ from builders.replays import replayed
 
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import LeftOutError
-from gazempc.settings import LoopSettings
 from gazempc.neck.spec import load_neck
 from gazempc.results.metrics import measure
-from gazempc.settings import RunSettings
+from gazempc.settings import LoopSettings
+from gazempc.sim.replay import ReplaySettings
 
 
 def test_a_controller_that_is_used_again_gives_the_same_log_to_the_last_bit():
@@ -20,7 +20,7 @@ def test_a_controller_that_is_used_again_gives_the_same_log_to_the_last_bit():
     neck = load_neck("slow")
     placed = [synthetic("subject03_R4"), synthetic("subject01_R6")]
     controller = Mpc(neck)
-    logs = [replayed(placed[i], neck=neck, instance=controller) for i in (0, 1, 0)]
+    logs = [replayed(placed[i], controller, neck=neck) for i in (0, 1, 0)]
     fresh = replayed(placed[0], neck=neck)
     for log in (logs[2], fresh):
         assert np.array_equal(log.command_position_rad, logs[0].command_position_rad)
@@ -29,7 +29,7 @@ def test_a_controller_that_is_used_again_gives_the_same_log_to_the_last_bit():
 def test_the_same_seed_gives_the_same_log_to_the_last_bit(tmp_path):
     placed = synthetic("subject05_R6")
     for name in ("a", "b", "c"):
-        log = replayed(placed, settings=RunSettings(seed=3 if name == "c" else 2))
+        log = replayed(placed, settings=ReplaySettings(seed=3 if name == "c" else 2))
         log.save(tmp_path / f"{name}.npz")
     a, b, c = ((tmp_path / f"{name}.npz").read_bytes() for name in "abc")
     assert a == b
@@ -48,6 +48,6 @@ def test_a_recording_too_short_to_be_scored_is_refused():
 @pytest.mark.parametrize("delay_s", [0.0, 0.015, 0.05])
 def test_with_the_true_future_a_compute_delay_costs_nothing(delay_s):
     """The commands that go out while the computer works are rolled through as exactly as those of the dead time."""
-    settings = RunSettings(loop=LoopSettings(compute_delay_s=delay_s))
+    settings = ReplaySettings(loop=LoopSettings(compute_delay_s=delay_s))
     log = replayed(synthetic("subject03_R4"), "perfect", settings=settings)
     assert measure(log).gaze_error_rms_deg < 0.1

@@ -7,13 +7,10 @@ import pytest
 from builders.replays import replayed
 
 from gazempc.errors import PlacementError
-from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.results.metrics import measure
 from gazempc.run import main
-from gazempc.settings import RunSettings
-from gazempc.sim.replay import make_controller
 
 # One clip of every person and group, and all sharp turns: the whole folder takes minutes.
 CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
@@ -28,8 +25,6 @@ def clips(walks_dir):
 
 @pytest.fixture(scope="module")
 def results(walks_dir):
-    neck, settings = load_neck("reference"), RunSettings()
-    controllers = {name: make_controller(name, neck, settings) for name in CONTROLLERS}
     found = {}
     for row in clips(walks_dir):
         try:
@@ -37,7 +32,7 @@ def results(walks_dir):
         except PlacementError:
             continue
         for name in CONTROLLERS:
-            log = replayed(placed, name, instance=controllers[name])
+            log = replayed(placed, name)
             found[row["group"], name, row["clip"]] = measure(log)
     return found
 
