@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.aggregate import groups_of, paired_differences
-from gazempc.results.figures.plots import style
+from gazempc.results.figures.style import style
 
 Row = dict[str, Any]
 

@@ -60,7 +60,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         settings = parse(words)
         if settings.list:
-            print(_listing())
+            from gazempc.listing import listing  # noqa: PLC0415
+
+            print(listing())
             return 0
         if settings.replay is None:
             raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
@@ -231,38 +233,18 @@ def _events(log: Log) -> list[str]:
     return lines + fault_lines(log)
 
 
-def _listing() -> str:
-    from gazempc.neck.spec import load_neck, neck_names  # noqa: PLC0415
-    from gazempc.recordings.synthetic.walks import synthetic_names  # noqa: PLC0415
-    from gazempc.sim.sensor import load_sensor, sensor_names  # noqa: PLC0415
-
-    names = synthetic_names()
-    lines = [
-        "Recordings (synthetic, generated from the name; 14 people x 6 routes):",
-        f"  {names[0]} ... {names[-1]}",
-        "  R1, R2 straight; R3, R4 turn left, right; R5, R6 turn sharply left, right",
-        "Recordings of your own, by path:",
-        "  .csv, .parquet  columns t, head_{x,y,z}, head_q{w,x,y,z}, pelvis_{x,y,z}, pelvis_q{w,x,y,z}",
-        "  .json           Azure Kinect Body Tracking, offline_processor",
-        "  .bvh            motion capture with head and hips joints",
-        "Necks (or a .toml file):",
-    ]
-    lines += [f"  {name:<14}  {load_neck(name).source}" for name in neck_names()]
-    lines.append("Sensors (or a .toml file):")
-    lines += [f"  {name:<14}  {load_sensor(name).source}" for name in sensor_names()]
-    return "\n".join(lines)
-
-
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:
-    from gazempc.results.figures import plots  # noqa: PLC0415
+    from gazempc.results.figures.angles import angles  # noqa: PLC0415
     from gazempc.results.figures.animation import animate  # noqa: PLC0415
+    from gazempc.results.figures.birds_eye import birds_eye  # noqa: PLC0415
+    from gazempc.results.figures.gaze_error import gaze_error  # noqa: PLC0415
     from gazempc.results.figures.overview import overview  # noqa: PLC0415
 
     figures = {
         "overview.png": overview,
-        "birds_eye.png": plots.birds_eye,
-        "angles.png": plots.angles,
-        "gaze_error.png": plots.gaze_error,
+        "birds_eye.png": birds_eye,
+        "angles.png": angles,
+        "gaze_error.png": gaze_error,
         "gaze.gif": animate,
     }
     for name, draw in figures.items():

@@ -14,7 +14,7 @@ from experiments.aggregate import GROUP_ORDER, bootstrap_mean
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Objective, direction_of
 from experiments.sweep.tables import Row, pareto_front
-from gazempc.results.figures.plots import style
+from gazempc.results.figures.style import style
 from gazempc.results.report import LABELS as CONTROLLER_LABELS
 
 _DPI = 150

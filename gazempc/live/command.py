@@ -195,12 +195,12 @@ class _Kept:
 
     def draw(self) -> list[str]:
         """Draw the last log; the names of the figures."""
-        from gazempc.results.figures import plots  # noqa: PLC0415
+        from gazempc.results.figures.angles import angles  # noqa: PLC0415
 
         if self._last is None or self._last.time_s.size < 2:
             return []
         logs: dict[str, Log] = {self._settings.controller: self._last}
-        plots.angles(logs, self._settings.out / "angles.png")
+        angles(logs, self._settings.out / "angles.png")
         return ["angles.png"]
 
 

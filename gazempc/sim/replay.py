@@ -12,11 +12,12 @@ from pydantic import Field
 
 from gazempc.controllers.controller import Controller
 from gazempc.errors import LeftOutError
-from gazempc.loop.build import Person, check_controller, check_predictor, make_controller, make_predictor
+from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
+from gazempc.loop.trial import check_controller, check_predictor
 from gazempc.neck.kinematics import look_at
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.recordings.truth import TrueHead

@@ -27,6 +27,9 @@ _INITIAL_TURN_RATE_SD_RAD_S = 0.5
 # By how much people's heads and pelvises, as tracked, point aside of where they walk, and how that drifts.
 _OFFSET_SD_RAD = np.array([0.1, 0.2])
 _OFFSET_WALK_RAD2_PER_S = np.array([0.0004, 0.0004])
+# Standard deviation of the yaw about its mean, pelvis and head. It is larger than the sensor's noise: both swing with
+# the stride, which lasts many frames.
+_YAW_SD_RAD = np.array([0.15, 0.2])
 
 
 def transition(x: FloatArray, dt_s: FloatArray, turn_time_s: float) -> tuple[FloatArray, FloatArray]:
@@ -70,9 +73,6 @@ class CoordinatedTurn:
         turn_psd: Power spectral density of the turn rate's derivative, rad^2/s^3.
         turn_time_s: Time constant with which the turn rate dies away, seconds; the textbook's is endless.
         position_noise_m: Standard deviation of a position measurement on each axis, metres.
-        pelvis_noise_rad: Standard deviation of the pelvis's yaw about its mean, radians; as the pelvis swings with the
-            stride, which lasts many frames, more than the sensor's.
-        head_noise_rad: The same for the head.
     """
 
     def __init__(
@@ -83,20 +83,17 @@ class CoordinatedTurn:
         turn_psd: float = 0.1,
         turn_time_s: float = 1.0,
         position_noise_m: float = 0.01,
-        pelvis_noise_rad: float = 0.15,
-        head_noise_rad: float = 0.2,
     ) -> None:
         if yaw_cues not in get_args(YawCues):
             raise ValueError(f"yaw_cues must be one of {', '.join(get_args(YawCues))}, got {yaw_cues!r}")
         densities = (acceleration_psd, heading_psd, turn_psd)
-        numbers = (*densities, turn_time_s, position_noise_m, pelvis_noise_rad, head_noise_rad)
-        if not all(0 < number < np.inf for number in numbers):
+        if not all(0 < number < np.inf for number in (*densities, turn_time_s, position_noise_m)):
             raise ValueError("noises, densities and turn_time_s must be positive and finite")
         self._yaw_cues = yaw_cues
         self._psd = np.array(densities)
         self._turn_time_s = turn_time_s
         self._R = position_noise_m**2 * np.eye(2)
-        self._yaw_variances_rad2 = np.array([pelvis_noise_rad, head_noise_rad]) ** 2
+        self._yaw_variances_rad2 = _YAW_SD_RAD**2
         self._position = ConstantVelocity(position_noise_m=position_noise_m)
         self._filter: ExtendedKalmanFilter | None = None
         self._walks = False

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gazempc.neck.kinematics import gaze_ray
-from gazempc.results.figures.plots import CONTACT_COLOUR, Logs, recording_title, style
+from gazempc.results.figures.style import CONTACT_COLOUR, Logs, recording_title, style
 from gazempc.results.log import Log
 from gazempc.results.metrics import CONTACT_DEG, SCORED_FROM_S, gaze_error_deg
 from gazempc.types import FloatArray

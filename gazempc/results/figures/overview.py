@@ -7,7 +7,9 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gazempc.results.figures.plots import Logs, draw_birds_eye, draw_gaze_error, recording_title, setup_title, style
+from gazempc.results.figures.birds_eye import draw_birds_eye
+from gazempc.results.figures.gaze_error import draw_gaze_error
+from gazempc.results.figures.style import Logs, recording_title, setup_title, style
 from gazempc.results.metrics import CONTACT_DEG, measure
 
 

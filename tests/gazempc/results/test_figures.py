@@ -17,6 +17,7 @@ from gazempc.neck.kinematics import gaze_ray
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording, Track
+from gazempc.results.figures.angles import angles
 from gazempc.results.figures.animation import (
     FRAME_MS,
     LAST_FRAME_MS,
@@ -25,16 +26,10 @@ from gazempc.results.figures.animation import (
     head_offset_deg,
     running_contact,
 )
+from gazempc.results.figures.birds_eye import birds_eye, draw_birds_eye
+from gazempc.results.figures.gaze_error import draw_gaze_error, gaze_error
 from gazempc.results.figures.overview import draw_contact_bars, overview
-from gazempc.results.figures.plots import (
-    angles,
-    birds_eye,
-    draw_birds_eye,
-    draw_gaze_error,
-    gaze_error,
-    recording_title,
-    style,
-)
+from gazempc.results.figures.style import recording_title, style
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
 

@@ -1,0 +1,30 @@
+"""What `python -m gazempc.run --list` prints."""
+
+from __future__ import annotations
+
+from gazempc.neck.spec import load_neck, neck_names
+from gazempc.recordings.synthetic.walks import synthetic_names
+from gazempc.sim.sensor import load_sensor, sensor_names
+
+
+def listing() -> str:
+    """Recordings, necks and sensors by name, and what else can be replayed.
+
+    Returns:
+        Lines of text.
+    """
+    names = synthetic_names()
+    lines = [
+        "Recordings (synthetic, generated from the name; 14 people x 6 routes):",
+        f"  {names[0]} ... {names[-1]}",
+        "  R1, R2 straight; R3, R4 turn left, right; R5, R6 turn sharply left, right",
+        "Recordings of your own, by path:",
+        "  .csv, .parquet  columns t, head_{x,y,z}, head_q{w,x,y,z}, pelvis_{x,y,z}, pelvis_q{w,x,y,z}",
+        "  .json           Azure Kinect Body Tracking, offline_processor",
+        "  .bvh            motion capture with head and hips joints",
+        "Necks (or a .toml file):",
+    ]
+    lines += [f"  {name:<14}  {load_neck(name).source}" for name in neck_names()]
+    lines.append("Sensors (or a .toml file):")
+    lines += [f"  {name:<14}  {load_sensor(name).source}" for name in sensor_names()]
+    return "\n".join(lines)

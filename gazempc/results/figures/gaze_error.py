@@ -1,0 +1,68 @@
+"""The gaze error over time, with the cones of eye contact."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gazempc.results.figures.style import CONTACT_COLOUR, DPI, Logs, finish, shade_unscored, style
+from gazempc.results.log import Log
+from gazempc.results.metrics import CONTACT_DEG, gaze_error_deg, measure
+
+
+def gaze_error(logs: Logs, path: Path) -> None:
+    """Draw the gaze error over time with the contact cones and the share of eye contact.
+
+    Args:
+        logs: The runs.
+        path: Picture to write.
+    """
+    figure = Figure(figsize=(8.0, 5.6), dpi=DPI, layout="constrained")
+    ax = figure.subplots()
+    draw_gaze_error(ax, logs, detailed=True)
+    cones = " / ".join(f"{cone:g}" for cone in CONTACT_DEG)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False, title=f"eye contact: share within {cones} deg")
+    finish(figure, logs, path)
+
+
+def draw_gaze_error(ax: Axes, logs: Logs, *, detailed: bool) -> None:
+    """Draw the gaze error over time, the contact cones and the part that is not scored.
+
+    The legend entries name the share of the scored window within each cone.
+
+    Args:
+        ax: Axes to draw on.
+        logs: The runs.
+        detailed: All cones, and tenths of degrees beside tens of them; else the main cone and a linear scale.
+    """
+    cones = CONTACT_DEG if detailed else CONTACT_DEG[:1]
+    for inner, outer, alpha in zip((0.0, *cones), cones, (0.28, 0.16, 0.08), strict=False):
+        ax.axhspan(inner, outer, color=CONTACT_COLOUR, alpha=alpha, lw=0)
+        ax.text(1.01, outer, f"{outer:g}°", transform=ax.get_yaxis_transform(), va="center", color="#00664B")
+    top, end_s = 0.0, 0.0
+    for name, log in logs.items():
+        look, error = style(name), gaze_error_deg(log)
+        ax.plot(log.time_s - log.time_s[0], error, color=look.colour, lw=look.width, label=_shares(name, log))
+        top, end_s = max(top, float(error.max())), max(end_s, float(log.time_s[-1] - log.time_s[0]))
+    shade_unscored(ax, end_s)
+    ax.set(xlim=(0.0, end_s), ylim=(0.0, max(1.05 * top, 8.0)), xlabel="time (s)", ylabel="gaze error (deg)")
+    if detailed:
+        # On a logarithmic scale each passage through zero would be a spike of no meaning.
+        ax.set_yscale("function", functions=(lambda v: np.sqrt(np.maximum(v, 0.0)), np.square))
+        top = max(1.1 * top, 10.0)
+        ticks = [0.0]
+        for tick in (0.1, 0.5, 1, 2, 3, 5, 10, 15, 20, 30, 50, 100, 150):
+            if np.sqrt(tick) - np.sqrt(ticks[-1]) > 0.05 * np.sqrt(top):
+                ticks.append(tick)
+        ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        ax.set(ylim=(0.0, top), ylabel="gaze error (deg, square-root scale)")
+        ax.grid(axis="y", color="0.85", lw=0.6)
+
+
+def _shares(name: str, log: Log) -> str:
+    figures = measure(log)
+    shares = (figures.eye_contact_2p6, figures.eye_contact_4, figures.eye_contact_9)
+    return f"{style(name).label}: {' / '.join(f'{100 * share:.0f}' for share in shares)} %"
