@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from predictors.types import FloatArray
 
 # An innovation this improbable is a mistaken detection (another person, a reflection), not a step of a walk.
 _GATE_PROBABILITY = 0.999
-_GATE_D2 = float(chi2.ppf(_GATE_PROBABILITY, df=3))
+# Quantile of chi-square with 3 degrees of freedom; `scipy.stats` has it, too, and takes half a second to import.
+_GATE_D2 = float(chdtri(3, 1.0 - _GATE_PROBABILITY))
 # A person who turns leaves the forecast of a steady walk by more than the filter's own spread tells; without this
 # allowance the gate would refuse people in sharp turns. A false detection half a metre away is still refused.
 _MANOEUVRE_SD_M = 0.08
+_MANOEUVRE_M2 = _MANOEUVRE_SD_M**2 * np.eye(3)
 # Real detectors fail in bursts; a track is given up only after this many refusals in a row, about a third of
 # a second at 30 fps.
 _REJECTIONS_BEFORE_RESTART = 10
@@ -44,7 +46,7 @@ class Gate:
         Returns:
             Whether the observation is to be used.
         """
-        spread = spread_m2 + _MANOEUVRE_SD_M**2 * np.eye(3)
+        spread = spread_m2 + _MANOEUVRE_M2
         distance2 = float(innovation_m @ np.linalg.solve(spread, innovation_m))
         accepted = distance2 <= _GATE_D2  # a NaN, from a position of absurd size, is refused too
         self._rejections = 0 if accepted else self._rejections + 1
