@@ -112,13 +112,14 @@ class ConstantVelocity:
         self._issued_at_s = observation.capture_time_s
 
     def _correct(self, innovation_m: FloatArray, spread_m2: FloatArray) -> None:
-        # The position is measured, so H = [I 0], and products with H are parts of a matrix. Joseph's form keeps the
-        # covariance positive definite: Bar-Shalom, Li & Kirubarajan (2001), eq. 5.2.3-18.
-        K = self._P[:, :3].copy() @ np.linalg.inv(spread_m2)
+        # The position is measured, so H = [I 0], and products with H are parts of a matrix. The axes never mix, so the
+        # spread is diagonal. Joseph's form keeps the covariance positive definite: Bar-Shalom, Li & Kirubarajan (2001),
+        # eq. 5.2.3-18.
+        K = self._P[:, :3] * (1.0 / spread_m2.diagonal())
         self._x = self._x + K @ innovation_m
         left = _EYE6.copy()
         left[:, :3] -= K
-        self._P = left @ self._P @ left.T + (K @ self._R) @ K.T
+        self._P = left @ self._P @ left.T + (self._noise_variance_m2 * K) @ K.T
 
     def state(self) -> tuple[float, FloatArray, FloatArray]:
         """The filter's estimate.
