@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,10 +9,11 @@ from predictors.gate import Gate
 from predictors.predictor import NotReadyError, as_times, check_newer
 from predictors.types import FloatArray, Forecast, HeadObservation
 
-if TYPE_CHECKING:
-    from filterpy.kalman import KalmanFilter
-
 _INITIAL_SPEED_SD_M_S = 1.0
+# Elements of a matrix of shape (6, 6), row by row: position with itself, position with velocity, velocity with itself.
+_POSITION, _VELOCITY = np.array([0, 7, 14]), np.array([21, 28, 35])
+_POSITION_BY_VELOCITY, _VELOCITY_BY_POSITION = np.array([3, 10, 17]), np.array([18, 25, 32])
+_EYE3, _EYE6 = np.eye(3), np.eye(6)
 
 
 def transition(dt_s: float) -> FloatArray:
@@ -26,8 +25,8 @@ def transition(dt_s: float) -> FloatArray:
     Returns:
         F, shape (6, 6).
     """
-    F = np.eye(6)
-    F[:3, 3:] = dt_s * np.eye(3)
+    F = _EYE6.copy()
+    F.put(_POSITION_BY_VELOCITY, dt_s)
     return F
 
 
@@ -42,12 +41,12 @@ def process_noise(dt_s: float, acceleration_psd: float) -> FloatArray:
         Q, shape (6, 6). Bar-Shalom, Li & Kirubarajan (2001), eq. 6.2.2-12.
     """
     # Filled in place, which is several times as fast as a Kronecker product; a filter does this at every frame.
-    Q = np.zeros((2, 3, 2, 3))
-    for axis in range(3):
-        Q[0, axis, 0, axis] = dt_s**3 / 3.0
-        Q[0, axis, 1, axis] = Q[1, axis, 0, axis] = dt_s**2 / 2.0
-        Q[1, axis, 1, axis] = dt_s
-    return acceleration_psd * Q.reshape(6, 6)
+    Q = np.zeros((6, 6))
+    Q.put(_POSITION, acceleration_psd * (dt_s**3 / 3.0))
+    Q.put(_POSITION_BY_VELOCITY, acceleration_psd * (dt_s**2 / 2.0))
+    Q.put(_VELOCITY_BY_POSITION, acceleration_psd * (dt_s**2 / 2.0))
+    Q.put(_VELOCITY, acceleration_psd * dt_s)
+    return Q
 
 
 class ConstantVelocity:
@@ -69,13 +68,14 @@ class ConstantVelocity:
             raise ValueError("acceleration_psd and position_noise_m must be positive")
         self._psd = acceleration_psd
         self._noise_variance_m2 = position_noise_m**2
+        self._R = self._noise_variance_m2 * _EYE3
         self._gate = Gate()
         self._gated = gated
         self.reset()
 
     def reset(self) -> None:
         """Forget the person."""
-        self._filter: KalmanFilter | None = None
+        self._x, self._P = np.zeros(6), np.zeros((6, 6))
         self._time_s = -np.inf
         self._issued_at_s = -np.inf
         self._started_at_s: float | None = None
@@ -93,21 +93,33 @@ class ConstantVelocity:
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
-        check_newer(observation, None if self._filter is None else self._time_s)
-        if self._filter is None:
+        check_newer(observation, None if self._started_at_s is None else self._time_s)
+        if self._started_at_s is None:
             self._start(observation)
             return
-        kf = self._filter
         dt_s = observation.capture_time_s - self._time_s
-        kf.predict(F=transition(dt_s), Q=process_noise(dt_s, self._psd))
+        F = transition(dt_s)
+        self._x = F @ self._x
+        self._P = F @ self._P @ F.T + process_noise(dt_s, self._psd)
         self._time_s = observation.capture_time_s
-        innovation = observation.head_position_base_m - kf.x[:3]
-        if self._gated and not self._gate.accepts(innovation, kf.P[:3, :3] + kf.R):
+        innovation = observation.head_position_base_m - self._x[:3]
+        spread = self._P[:3, :3] + self._R
+        if self._gated and not self._gate.accepts(innovation, spread):
             if self._gate.lost:
                 self._start(observation)
             return
-        kf.update(observation.head_position_base_m)
+        self._correct(innovation, spread)
         self._issued_at_s = observation.capture_time_s
+
+    def _correct(self, innovation_m: FloatArray, spread_m2: FloatArray) -> None:
+        # The position is measured, so H = [I 0], and products with H are parts of a matrix. The axes never mix, so the
+        # spread is diagonal. Joseph's form keeps the covariance positive definite: Bar-Shalom, Li & Kirubarajan (2001),
+        # eq. 5.2.3-18.
+        K = self._P[:, :3] * (1.0 / spread_m2.diagonal())
+        self._x = self._x + K @ innovation_m
+        left = _EYE6.copy()
+        left[:, :3] -= K
+        self._P = left @ self._P @ left.T + (self._noise_variance_m2 * K) @ K.T
 
     def state(self) -> tuple[float, FloatArray, FloatArray]:
         """The filter's estimate.
@@ -119,13 +131,13 @@ class ConstantVelocity:
         Raises:
             NotReadyError: If there has been no observation since the last reset.
         """
-        if self._filter is None:
+        if self._started_at_s is None:
             raise NotReadyError("no observation yet")
-        return self._time_s, self._filter.x.copy(), self._filter.P.copy()
+        return self._time_s, self._x.copy(), self._P.copy()
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
-        return self.forecast_turned(times_s, np.eye(3))
+        return self.forecast_turned(times_s, _EYE3)
 
     def forecast_turned(self, times_s: ArrayLike, velocity_map: FloatArray) -> Forecast:
         """Forecast with the velocity mapped linearly first, which is how others bend the path.
@@ -155,19 +167,12 @@ class ConstantVelocity:
             covariances_m2=P[:3, :3]
             + t * (cross + np.swapaxes(cross, -1, -2))
             + t**2 * spread_v
-            + walk[:, None, None] * np.eye(3),
+            + walk[:, None, None] * _EYE3,
             issued_at_s=self._issued_at_s,
         )
 
     def _start(self, observation: HeadObservation) -> None:
-        # filterpy pulls in matplotlib-sized imports; importing it here keeps --help fast.
-        from filterpy.kalman import KalmanFilter  # noqa: PLC0415
-
-        kf = KalmanFilter(dim_x=6, dim_z=3)
-        kf.x = np.concatenate([observation.head_position_base_m, np.zeros(3)])
-        kf.P = np.diag([self._noise_variance_m2] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3)
-        kf.H = np.hstack([np.eye(3), np.zeros((3, 3))])
-        kf.R = self._noise_variance_m2 * np.eye(3)
-        self._filter = kf
+        self._x = np.concatenate([observation.head_position_base_m, np.zeros(3)])
+        self._P = np.diag([self._noise_variance_m2] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3)
         self._time_s = self._issued_at_s = self._started_at_s = observation.capture_time_s
         self._gate.reset()

@@ -68,7 +68,7 @@ def as_times(times_s: ArrayLike) -> FloatArray:
         ValueError: If a time is not finite or the array has more than one dimension.
     """
     times = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
-    if times.ndim != 1 or not np.all(np.isfinite(times)):
+    if times.ndim != 1 or not np.isfinite(times).all():
         raise ValueError(f"times_s must be finite and of shape (H,), got {times!r}")
     return times
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ def _vector(name: str, value: object, size: int) -> FloatArray:
     array = np.array(value, dtype=np.float64)  # a copy: the caller may use its buffer again
     if array.shape != (size,):
         raise ValueError(f"{name} has shape {array.shape}, expected ({size},)")
-    if not np.all(np.isfinite(array)):
+    if not all(map(math.isfinite, array.tolist())):
         raise ValueError(f"{name} is not finite: {array}")
     return array
 
@@ -42,7 +43,7 @@ class HeadObservation:
     pelvis_quat_wxyz: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.capture_time_s):
+        if not math.isfinite(self.capture_time_s):
             raise ValueError(f"capture_time_s is not finite: {self.capture_time_s}")
         position = _vector("head_position_base_m", self.head_position_base_m, 3)
         object.__setattr__(self, "head_position_base_m", position)
@@ -51,7 +52,7 @@ class HeadObservation:
             if value is None:
                 continue
             quat = _vector(name, value, 4)
-            if abs(float(np.linalg.norm(quat)) - 1.0) > _UNIT_QUATERNION_TOLERANCE:
+            if abs(math.hypot(*quat.tolist()) - 1.0) > _UNIT_QUATERNION_TOLERANCE:
                 raise ValueError(f"{name} is not of unit length: {quat}")
             object.__setattr__(self, name, quat)
 

@@ -158,22 +158,19 @@ class Plan:
         k = whole + self.first_parts - 1 if whole else min(int(since_s / step_s + 1e-6), self.first_parts - 1)
         before = whole or k
         tau = since_s - before * step_s if before else since_s  # a single knot may last for ever
-        knot = zip(*self._knot(k), strict=True)
+        pan_rad, tilt_rad = self.position_rad[k].tolist()
+        pan_rad_s, tilt_rad_s = self.velocity_rad_s[k].tolist()
         if k == last:
-            pan, tilt = ((p + tau * v, v, 0.0) for p, v, _ in knot)
-            return pan, tilt
-        pan, tilt = (
-            _moved_on(motion, (following - motion[2]) / step_s, tau)
-            for motion, following in zip(knot, self.acceleration_rad_s2[k + 1].tolist(), strict=True)
+            return (pan_rad + tau * pan_rad_s, pan_rad_s, 0.0), (tilt_rad + tau * tilt_rad_s, tilt_rad_s, 0.0)
+        pan_rad_s2, tilt_rad_s2 = self.acceleration_rad_s2[k].tolist()
+        pan_next_rad_s2, tilt_next_rad_s2 = self.acceleration_rad_s2[k + 1].tolist()
+        return (
+            _moved_on(tau, pan_rad, pan_rad_s, pan_rad_s2, (pan_next_rad_s2 - pan_rad_s2) / step_s),
+            _moved_on(tau, tilt_rad, tilt_rad_s, tilt_rad_s2, (tilt_next_rad_s2 - tilt_rad_s2) / step_s),
         )
-        return pan, tilt
-
-    def _knot(self, k: int) -> tuple[list[float], list[float], list[float]]:
-        return self.position_rad[k].tolist(), self.velocity_rad_s[k].tolist(), self.acceleration_rad_s2[k].tolist()
 
 
-def _moved_on(motion: AxisMotion, jerk: float, tau: float) -> AxisMotion:
-    p, v, a = motion
+def _moved_on(tau: float, p: float, v: float, a: float, jerk: float) -> AxisMotion:
     return (
         p + tau * (v + tau * (a / 2.0 + tau * jerk / 6.0)),
         v + tau * (a + tau * jerk / 2.0),

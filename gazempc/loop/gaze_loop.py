@@ -67,6 +67,7 @@ class GazeLoop:
         settings: LoopSettings,
     ) -> None:
         self._neck = neck
+        self._ticks_per_plan = neck.servo_ticks_per_plan
         self._predictor = predictor
         self._planner = planner
         self._controller = planner.controller
@@ -103,9 +104,10 @@ class GazeLoop:
                 not jitter with the clock.
         """
         due_s = time_s if due_s is None else due_s
-        per_plan = self._neck.servo_ticks_per_plan
+        per_plan = self._ticks_per_plan
         plans = self._last_index is None or index // per_plan != self._last_index // per_plan
-        for _ in range(0 if self._last_index is None else min(index - self._last_index - 1, len(self._sent_rad))):
+        left_out = 0 if self._last_index is None else index - self._last_index - 1
+        for _ in range(min(left_out, len(self._sent_rad))):
             self._note_sent(self._sent_rad[-1].copy())
         self._last_index = index
         for sighting in arrived:
@@ -213,7 +215,7 @@ class GazeLoop:
                 raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
             if forecast.times_s.size != times_s.size:
                 raise ValueError(f"forecast() returned {forecast.times_s.size} times, asked for were {times_s.size}")
-            if not np.all(np.isfinite(forecast.means_base_m)):
+            if not np.isfinite(forecast.means_base_m).all():
                 raise _NotFiniteError("forecast() returned positions that are not finite")
         except Exception as error:
             self._recorder.event(time_s, Event.FORECAST_FAILED, error)
@@ -316,7 +318,7 @@ class GazeLoop:
     def _send(self, command: CommandState, before: CommandState, index: int, time_s: float) -> FloatArray:
         try:
             sent_rad: FloatArray = np.array(self._robot.send_command(command.position_rad), dtype=np.float64)
-            if sent_rad.shape != (2,) or not np.all(np.isfinite(sent_rad)):
+            if sent_rad.shape != (2,) or not all(map(math.isfinite, sent_rad.tolist())):
                 raise ValueError(f"send_command() returned {sent_rad!r}, needed are two finite angles in radians")
         except Exception as error:
             self._recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)

@@ -66,7 +66,7 @@ class JointObserver:
     """
 
     def __init__(self, neck: NeckSpec, command_rad: FloatArray, time_s: float) -> None:
-        self._servos = [
+        self._pan, self._tilt = self._servos = [
             DelayedServo(axis, float(start), time_s) for axis, start in zip(neck.axes, command_rad, strict=True)
         ]
         self._gains = [observer_gain(axis, neck.servo_period_s) for axis in neck.axes]
@@ -84,8 +84,9 @@ class JointObserver:
 
     def sent(self, command_rad: FloatArray) -> None:
         """Take note of a command that was sent at the time of the last update, shape (2,), radians."""
-        for servo, command in zip(self._servos, command_rad, strict=True):
-            servo.send(float(command))
+        pan_rad, tilt_rad = command_rad.tolist()
+        self._pan.send(pan_rad)
+        self._tilt.send(tilt_rad)
 
     def update(self, time_s: float, measured: JointState | None) -> JointEstimate:
         """Move on in time and take in a measurement.
@@ -99,8 +100,8 @@ class JointObserver:
             The estimate for `time_s`.
         """
         time_s = max(time_s, self._past[-1][0]) if self._past else time_s
-        for servo in self._servos:
-            servo.advance_to(time_s)
+        self._pan.advance_to(time_s)
+        self._tilt.advance_to(time_s)
         self._past.append((time_s, *self._joints()))
         while self._past[0][0] < time_s - _MEMORY_S:
             self._past.popleft()
@@ -110,38 +111,39 @@ class JointObserver:
             self._refused = True
         elif measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
             self._take_in(measured, time_s)
-        position_rad, velocity_rad_s = self._joints()
-        return JointEstimate(np.array(position_rad), np.array(velocity_rad_s), np.array(self._offset_rad))
+        return JointEstimate(*np.array([*self._joints(), self._offset_rad]))
 
     def _joints(self) -> tuple[_Pair, _Pair]:
         # Angles with their offsets, and velocities, as estimated now.
-        (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = (servo.state for servo in self._servos)
-        return (pan_rad + self._offset_rad[0], tilt_rad + self._offset_rad[1]), (pan_rad_s, tilt_rad_s)
+        (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = self._pan.state, self._tilt.state
+        pan_offset_rad, tilt_offset_rad = self._offset_rad
+        return (pan_rad + pan_offset_rad, tilt_rad + tilt_offset_rad), (pan_rad_s, tilt_rad_s)
 
     def _take_in(self, measured: JointState, time_s: float) -> None:
         measured_s = min(measured.time_s, time_s)
-        readings_rad = measured.position_rad.tolist()
+        pan_rad, tilt_rad = measured.position_rad.tolist()
         # Written so that a NaN is outside.
         in_memory = self._past[0][0] <= measured_s and measured.time_s <= time_s + _CLOCK_TOLERANCE_S
-        if not (in_memory and all(abs(reading_rad) < _ANY_TURN_RAD for reading_rad in readings_rad)):
+        if not (in_memory and abs(pan_rad) < _ANY_TURN_RAD and abs(tilt_rad) < _ANY_TURN_RAD):
             self._refused = True
             return
         at = len(self._past) - 1
         while self._past[at][0] > measured_s:
             at -= 1
-        at_s, position_rad, velocity_rad_s = self._past[at]
+        at_s, (pan_then_rad, tilt_then_rad), (pan_rad_s, tilt_rad_s) = self._past[at]
         # What was expected at the time of measurement; the error is then taken to be the same now.
-        errors_rad = [readings_rad[i] - (position_rad[i] + (measured_s - at_s) * velocity_rad_s[i]) for i in range(2)]
+        pan_error_rad = pan_rad - (pan_then_rad + (measured_s - at_s) * pan_rad_s)
+        tilt_error_rad = tilt_rad - (tilt_then_rad + (measured_s - at_s) * tilt_rad_s)
         first = self._measured_s is None
-        far = not first and any(abs(error_rad) > _GATE_RAD for error_rad in errors_rad)
+        far = not first and (abs(pan_error_rad) > _GATE_RAD or abs(tilt_error_rad) > _GATE_RAD)
         self._refused_in_a_row = self._refused_in_a_row + 1 if far else 0
         if far and self._refused_in_a_row < _READINGS_TO_BELIEVE:
             self._refused = True
             return
         self._measured_s = measured.time_s
         self._refused_in_a_row = 0
-        changes = [self._believe(i, error_rad, first, far) for i, error_rad in enumerate(errors_rad)]
-        (pan_moved_rad, pan_faster_rad_s), (tilt_moved_rad, tilt_faster_rad_s) = changes
+        pan_moved_rad, pan_faster_rad_s = self._believe(0, pan_error_rad, first, far)
+        tilt_moved_rad, tilt_faster_rad_s = self._believe(1, tilt_error_rad, first, far)
         # What is now known was so then: an error that has been corrected must not be corrected again by the next
         # measurement that is as old.
         for k in range(at, len(self._past)):

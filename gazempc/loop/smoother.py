@@ -49,18 +49,19 @@ class _AxisSmoother:
         v_max = min(self._v_max, v_limit)
         position = min(max(target[0], self._low), self._high)
         acceleration = min(max(target[2], -self._a_max), self._a_max)
-        exact = (position, min(max(target[1], -v_max), v_max), acceleration)
+        following = self._continue(now, (position, min(max(target[1], -v_max), v_max), acceleration), v_max)
+        if following is not None and self._can_stop_inside(following):
+            return following, False
         v_max *= _TARGET_MARGIN
         velocity = min(max(target[1], -v_max), v_max)
         # Not faster than the limit, nor bound to become so; who already is must at least become slower.
         fastest = max(v_max / _TARGET_MARGIN, self._peak_speed(now)) * _ROUNDED_UP
-        for way, aim, limit in (
-            (self._continue, exact, v_max / _TARGET_MARGIN),
-            (self._follow, (position, velocity, _TARGET_MARGIN * acceleration), v_max),
-            (self._intercept, (position, velocity, 0.0), v_max),
-            (self._intercept, (position, 0.0, 0.0), v_max),
+        for way, aim in (
+            (self._follow, (position, velocity, _TARGET_MARGIN * acceleration)),
+            (self._intercept, (position, velocity, 0.0)),
+            (self._intercept, (position, 0.0, 0.0)),
         ):
-            following = way(now, aim, limit)
+            following = way(now, aim, v_max)
             if following is None or self._peak_speed(following) > fastest:
                 continue
             if self._can_stop_inside(following):
@@ -213,8 +214,7 @@ class Smoother:
 
     def _stand_at(self, motions: list[AxisMotion]) -> None:
         self._now = motions
-        position_rad, velocity_rad_s, acceleration_rad_s2 = zip(*motions, strict=True)
-        self._command = CommandState(np.array(position_rad), np.array(velocity_rad_s), np.array(acceleration_rad_s2))
+        self._command = CommandState(*np.array(motions).T.copy())
 
     @property
     def command(self) -> CommandState:
@@ -242,10 +242,10 @@ class Smoother:
             self._intervention = "stale_plan"
             return self._command
         speed_limit = speed_limit_rad_s or math.inf
-        steps = [
-            axis.toward(now, wanted, speed_limit)
-            for axis, now, wanted in zip(self._axes, self._now, plan.motions_at(time_s), strict=True)
-        ]
-        self._stand_at([motion for motion, _ in steps])
-        self._intervention = "limit_guard" if any(stopped for _, stopped in steps) else ""
+        (pan, tilt), (pan_now, tilt_now) = self._axes, self._now
+        pan_wanted, tilt_wanted = plan.motions_at(time_s)
+        pan_next, pan_stopped = pan.toward(pan_now, pan_wanted, speed_limit)
+        tilt_next, tilt_stopped = tilt.toward(tilt_now, tilt_wanted, speed_limit)
+        self._stand_at([pan_next, tilt_next])
+        self._intervention = "limit_guard" if pan_stopped or tilt_stopped else ""
         return self._command

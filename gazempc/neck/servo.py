@@ -113,14 +113,15 @@ class DelayedServo:
             raise ValueError(f"time cannot run backwards: {self._time_s} -> {time_s}")
         while self._waiting and self._waiting[0][0] <= time_s + _SAME_TIME_S:
             acts_at_s, command_rad = self._waiting.popleft()
-            self._hold_until(acts_at_s)
+            if acts_at_s > self._time_s:
+                self._hold_until(acts_at_s)
             self._acting_rad = command_rad
-        self._hold_until(time_s)
+        if time_s > self._time_s:
+            self._hold_until(time_s)
 
     def _hold_until(self, time_s: float) -> None:
         dt_s = time_s - self._time_s
-        if dt_s > 0.0:
-            self._time_s = time_s
+        self._time_s = time_s
         if dt_s <= _SAME_TIME_S:
             return
         qq, qv, qu, vq, vv, vu = _transition(self._wn, self._zeta, dt_s)

@@ -97,23 +97,24 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
     jitter_m = sensor.position_noise_m * rng.standard_normal((frames, 3))
     turn_rad = np.deg2rad(sensor.yaw_noise_deg) * rng.standard_normal((frames, 2))
     missed = rng.random(frames) < sensor.dropout_probability
-    sightings = []
-    for i in _frames_used(placed.times_s, sensor.rate_hz):
-        if not track.valid[i] or missed[i]:
-            continue
-        position = track.head_position_m[i] + jitter_m[i]
-        if not sensor.range_min_m <= float(np.linalg.norm(position)) <= sensor.range_max_m:
-            continue
-        observation = HeadObservation(
-            capture_time_s=float(placed.times_s[i]),
-            head_position_base_m=position,
-            head_quat_wxyz=_turned(track.head_quat_wxyz[i], turn_rad[i, 0]),
-            pelvis_quat_wxyz=_turned(track.pelvis_quat_wxyz[i], turn_rad[i, 1]),
-        )
-        sightings.append(Sighting(observation.capture_time_s + sensor.latency_s, observation))
-    if not sightings:
+    positions_m = track.head_position_m + jitter_m
+    seen = [
+        i
+        for i in _frames_used(placed.times_s, sensor.rate_hz)
+        if track.valid[i]
+        and not missed[i]
+        and sensor.range_min_m <= float(np.linalg.norm(positions_m[i])) <= sensor.range_max_m
+    ]
+    if not seen:
         raise SettingsError(f"sensor {sensor.name!r} never sees the person in {placed.name}: check its range")
-    return tuple(sightings)
+    # All frames at once: a rotation alone takes as long.
+    heads = _turned(track.head_quat_wxyz[seen], turn_rad[seen, 0])
+    pelvises = _turned(track.pelvis_quat_wxyz[seen], turn_rad[seen, 1])
+    observations = [
+        HeadObservation(float(placed.times_s[i]), positions_m[i], head, pelvis)
+        for i, head, pelvis in zip(seen, heads, pelvises, strict=True)
+    ]
+    return tuple(Sighting(o.capture_time_s + sensor.latency_s, o) for o in observations)
 
 
 def _frames_used(times_s: FloatArray, rate_hz: float) -> FloatArray | range:
@@ -127,6 +128,6 @@ def _frames_used(times_s: FloatArray, rate_hz: float) -> FloatArray | range:
     return np.unique(after - nearer_before)
 
 
-def _turned(quat_wxyz: FloatArray, yaw_rad: float) -> FloatArray:
-    turned = Rotation.from_euler("z", yaw_rad) * Rotation.from_quat(quat_wxyz, scalar_first=True)
+def _turned(quats_wxyz: FloatArray, yaws_rad: FloatArray) -> FloatArray:
+    turned = Rotation.from_euler("z", yaws_rad[:, None]) * Rotation.from_quat(quats_wxyz, scalar_first=True)
     return np.asarray(turned.as_quat(scalar_first=True), dtype=np.float64)

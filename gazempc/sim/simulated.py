@@ -29,6 +29,7 @@ class SimulatedNeck:
         self._clock_s = clock_s
         self._servos: list[DelayedServo] | None = None
         self._true: JointState | None = None
+        self._advanced_s = -math.inf
         self._load_rad: list[float] = np.deg2rad([axis.load_offset_deg for axis in neck.axes]).tolist()
         self._limits_rad = list(zip(neck.position_min_rad.tolist(), neck.position_max_rad.tolist(), strict=True))
         self._noise_rad = np.deg2rad([axis.encoder_noise_deg for axis in neck.axes])
@@ -38,7 +39,7 @@ class SimulatedNeck:
     def connect(self) -> None:
         """Start the simulation at the clock's time; see `gazempc.robots.robot.Robot.connect`."""
         if self._servos is None:
-            now_s = self._clock_s()
+            now_s = self._advanced_s = self._clock_s()
             self._servos = [
                 DelayedServo(axis, float(start), now_s)
                 for axis, start in zip(self._neck.axes, self._start_rad, strict=True)
@@ -59,21 +60,23 @@ class SimulatedNeck:
         servos, now_s = self._advance()
         # Asked for several times a tick; what is sent meanwhile does not change it.
         if self._true is None or self._true.time_s != now_s:
-            (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = (servo.state for servo in servos)
-            position_rad = np.array([pan_rad + self._load_rad[0], tilt_rad + self._load_rad[1]])
-            self._true = JointState(now_s, position_rad, np.array([pan_rad_s, tilt_rad_s]))
+            (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = servos[0].state, servos[1].state
+            pan_load_rad, tilt_load_rad = self._load_rad
+            motion = np.array([[pan_rad + pan_load_rad, tilt_rad + tilt_load_rad], [pan_rad_s, tilt_rad_s]])
+            self._true = JointState(now_s, motion[0], motion[1])
         return self._true
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`."""
-        commands_rad = position_rad.tolist()
-        if not all(map(math.isfinite, commands_rad)):
+        pan_rad, tilt_rad = position_rad.tolist()
+        if not (math.isfinite(pan_rad) and math.isfinite(tilt_rad)):
             raise RobotError(f"refused a command that is not finite: {position_rad}")
-        servos, _ = self._advance()
-        sent = [min(max(rad, low), high) for rad, (low, high) in zip(commands_rad, self._limits_rad, strict=True)]
-        for servo, command_rad in zip(servos, sent, strict=True):
-            servo.send(command_rad)
-        return np.array(sent)
+        (pan, tilt), _ = self._advance()
+        (pan_min, pan_max), (tilt_min, tilt_max) = self._limits_rad
+        pan_rad, tilt_rad = min(max(pan_rad, pan_min), pan_max), min(max(tilt_rad, tilt_min), tilt_max)
+        pan.send(pan_rad)
+        tilt.send(tilt_rad)
+        return np.array([pan_rad, tilt_rad])
 
     def close(self) -> None:
         """Stop the simulation; see `gazempc.robots.robot.Robot.close`."""
@@ -83,6 +86,8 @@ class SimulatedNeck:
         if self._servos is None:
             raise RobotError("the simulated neck is not connected: call connect() first")
         now_s = self._clock_s()
-        for servo in self._servos:
-            servo.advance_to(now_s)
+        if now_s != self._advanced_s:
+            for servo in self._servos:
+                servo.advance_to(now_s)
+            self._advanced_s = now_s
         return self._servos, now_s

@@ -19,6 +19,7 @@ WINDOW = 36
 LINE_WINDOW = 20
 RECENT = 12
 _LAGS_S = STEP_S * np.arange(1 - WINDOW, 1)
+_OLDEST_S = float(_LAGS_S[0]) - STEP_S
 # Shrinks the slope while there are few frames: noise of 2 cm against a speed of 1 m/s.
 _LINE_PRIOR_S2 = 0.02**2
 # Below the first speed a direction of travel means nothing; from the second on it is trusted.
@@ -116,29 +117,26 @@ class WalkerHistory:
             The inputs at its capture time.
         """
         time_s = observation.capture_time_s
-        row = np.zeros(5)
-        row[:3] = observation.head_position_base_m
-        before = self._values[-1] if len(self._values) else row
+        yaws_rad = self._values[-1, 3:].tolist() if len(self._values) else [0.0, 0.0]
         fresh = [False, False]
         for i, quat in enumerate((observation.pelvis_quat_wxyz, observation.head_quat_wxyz)):
-            row[3 + i] = before[3 + i]
             if quat is not None:
-                row[3 + i] += wrap_rad(yaw_rad(quat) - before[3 + i])
-                self._bridge(3 + i, self._yaw_seen_s[i], float(row[3 + i]), time_s)
+                yaws_rad[i] += wrap_rad(yaw_rad(quat) - yaws_rad[i])
+                self._bridge(3 + i, self._yaw_seen_s[i], yaws_rad[i], time_s)
                 self._yaw_seen_s[i] = time_s
                 fresh[i] = True
-        last_s = self._times_s[-1] if self._times_s.size else time_s - STEP_S
-        old = int(np.searchsorted(self._times_s, time_s + _LAGS_S[0] - STEP_S))
-        self._times_s = np.append(self._times_s[old:], time_s)
-        self._values = np.concatenate([self._values[old:], row[None]])
+        last_s = float(self._times_s[-1]) if self._times_s.size else time_s - STEP_S
+        old = int(self._times_s.searchsorted(time_s + _OLDEST_S))
+        self._times_s = np.concatenate([self._times_s[old:], [time_s]])
+        self._values = np.concatenate([self._values[old:], [[*observation.head_position_base_m.tolist(), *yaws_rad]]])
         self._learn_noise()
         return self._inputs(fresh, min((time_s - last_s) / STEP_S, 3.0))
 
     def _bridge(self, column: int, seen_s: float, value: float, time_s: float) -> None:
         # Where an orientation was missing it was held; now that it is back, the way between is known better.
-        missing = self._times_s > seen_s
-        if not missing.any():
+        if not self._times_s.size or self._times_s[-1] <= seen_s:
             return
+        missing = self._times_s > seen_s
         if seen_s == -np.inf:
             self._values[:, column] = value
         else:
@@ -173,7 +171,7 @@ class WalkerHistory:
         if m == 1:
             return values[-1:], 1
         grid = times[-1] + _LAGS_S[WINDOW - m :]
-        right = np.minimum(np.maximum(np.searchsorted(times, grid), 1), times.size - 1)
+        right = np.minimum(np.maximum(times.searchsorted(grid), 1), times.size - 1)
         left = right - 1
         begin_s, low = times[left], values[left]
         share = np.maximum((grid - begin_s) / (times[right] - begin_s), 0.0)
@@ -181,10 +179,12 @@ class WalkerHistory:
 
     def _inputs(self, fresh: list[bool], frames: float) -> WalkerInputs:
         window, m = self._resampled()
-        fitted = _line(m) @ window[:, :3]
-        velocity, origin = _by_axis(fitted[:2]), _by_axis(fitted[2:])
-        heading = math.atan2(velocity[1], velocity[0])
-        speed = math.hypot(velocity[0], velocity[1])
+        slope, slope_of_all, value, value_of_all = (_line(m) @ window[:, :3]).tolist()
+        # Height over the whole window: it has two bobs or more, and people turn to the side, not upwards.
+        velocity = np.array([slope[0], slope[1], slope_of_all[2]])
+        origin = np.array([value[0], value[1], value_of_all[2]])
+        heading = math.atan2(slope[1], slope[0])
+        speed = math.hypot(slope[0], slope[1])
         walks = _ramp(speed, _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S)
         c, s = math.cos(heading), math.sin(heading)
         to_line = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) / _POSITION_SCALE_M
@@ -196,19 +196,21 @@ class WalkerHistory:
         off = window[:, :3] - origin - _LAGS_S[WINDOW - m :, None] * velocity
         positions[WINDOW - m :] = off @ to_line
         relative = np.pi - (np.pi - (window[:, 3:] - heading)) % (2.0 * np.pi)
+        newest = relative[-1].tolist()
         known, offsets = [0.0, 0.0], [0.0, 0.0]
         for i, scale in enumerate((_PELVIS_SCALE_RAD, _HEAD_SCALE_RAD)):
             if fresh[i]:
-                self._offset_sums[i] += frames * walks * cmath.rect(1.0, float(relative[-1, i]))
+                self._offset_sums[i] += frames * walks * cmath.rect(1.0, newest[i])
                 self._offset_weights[i] += frames * walks
             weight = self._offset_weights[i]
             mean = cmath.phase(self._offset_sums[i])
             mounting = mean * _ramp(abs(mean), *_MOUNTING_RAD[i]) * _ramp(weight, *_MOUNTING_FRAMES)
             if mounting != 0.0:
                 relative[:, i] = np.pi - (np.pi - (relative[:, i] - mounting)) % (2.0 * np.pi)
+                newest[i] = float(relative[-1, i])
             offsets[i] = (mean - mounting) * weight / (weight + _OFFSET_PRIOR_FRAMES)
             known[i] = 1.0 - _ramp(now_s - self._yaw_seen_s[i], 0.0, _YAW_FADES_IN_S)
-            known[i] *= 1.0 - _ramp(abs(float(relative[-1, i])), *_NOT_FORWARD_RAD)
+            known[i] *= 1.0 - _ramp(abs(newest[i]), *_NOT_FORWARD_RAD)
             yaws[WINDOW - m :, i] = (walks * known[i] / scale) * relative[:, i]
         noise = math.sqrt(self._noise_variance_m2) / _NOISE_SCALE_M
         x[_SCALARS:_DETAIL] = (
@@ -227,7 +229,7 @@ class WalkerHistory:
         x[_DETAIL : _DETAIL + 3 * RECENT] = detail * positions[-RECENT:].ravel()
         x[_DETAIL + 3 * RECENT :] = detail * yaws[-RECENT:].ravel()
         np.minimum(np.maximum(x, -_LARGEST, out=x), _LARGEST, out=x)
-        departure = [known[i] * walks * min(abs(wrap_rad(float(relative[-1, i]) - offsets[i])), 1.0) for i in range(2)]
+        departure = [known[i] * walks * min(abs(wrap_rad(newest[i] - offsets[i])), 1.0) for i in range(2)]
         spread = np.array(
             [
                 1.0,
@@ -260,11 +262,6 @@ def _line(m: int) -> FloatArray:
         values[i, m - frames :] = 1.0 / frames
         values[i] -= t.mean() * slopes[i]
     return np.concatenate([slopes, values])
-
-
-def _by_axis(fitted: FloatArray) -> FloatArray:
-    # Height over the whole window: it has two bobs or more, and people turn to the side, not upwards.
-    return np.array([fitted[0, 0], fitted[0, 1], fitted[1, 2]])
 
 
 def _ramp(value: float, low: float, high: float) -> float:

@@ -210,6 +210,7 @@ _TABLE_S = np.arange(round(KNOTS_S[-1] / _TABLE_STEP_S) + 2) * _TABLE_STEP_S
 _TABLE = np.hstack(
     [_SPLINE(_TABLE_S), np.stack([np.interp(_TABLE_S, KNOTS_S, column) for column in np.eye(KNOTS_S.size)], axis=1)]
 )
+_TABLE_CHANGE = np.diff(_TABLE, axis=0)
 
 
 def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -227,11 +228,11 @@ def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArr
     """
     weights = _weights(np.maximum(tau_s, 0.0))
     departure = weights[:, : KNOTS_S.size] @ departure_m
-    if np.any(tau_s < 0.0):
+    if (tau_s < 0.0).any():
         weights = _weights(np.abs(tau_s))
     spread = weights[:, KNOTS_S.size :] @ np.maximum.accumulate(spread_m, axis=0)
-    beyond_s = np.maximum(tau_s - KNOTS_S[-1], 0.0)[:, None]
-    if beyond_s.any():
+    if (tau_s > KNOTS_S[-1]).any():
+        beyond_s = np.maximum(tau_s - KNOTS_S[-1], 0.0)[:, None]
         departure = departure + beyond_s * (_END_SLOPE @ departure_m)
         spread = spread * (1.0 + beyond_s / KNOTS_S[-1]) ** _GROWTH
     return departure, spread
@@ -240,5 +241,4 @@ def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArr
 def _weights(tau_s: FloatArray) -> FloatArray:
     at = np.minimum(tau_s, KNOTS_S[-1]) / _TABLE_STEP_S
     row = at.astype(np.intp)
-    low = _TABLE[row]
-    return np.asarray(low + (at - row)[:, None] * (_TABLE[row + 1] - low))
+    return np.asarray(_TABLE[row] + (at - row)[:, None] * _TABLE_CHANGE[row])

@@ -40,6 +40,7 @@ class Walker:
         self._history = WalkerHistory()
         self._inputs: WalkerInputs | None = None
         self._knots: tuple[FloatArray, FloatArray] | None = None
+        self._axes = np.eye(3), np.zeros((3, 9))
 
     def reset(self) -> None:
         """Forget the person."""
@@ -83,13 +84,14 @@ class Walker:
         if self._knots is None:
             departures, doubt = self._model.answer(inputs.network[None], inputs.spread[None])
             self._knots = departures[0], self._model.spread_m(doubt)[0]
+            c, s = math.cos(inputs.heading_rad), math.sin(inputs.heading_rad)
+            to_base = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            # Each axis of the line's frame contributes its variance times the square of its direction.
+            self._axes = to_base, (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
         tau = times - inputs.time_s
-        c, s = math.cos(inputs.heading_rad), math.sin(inputs.heading_rad)
-        to_base = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        to_base, squares = self._axes
         departure, spread = between_knots(tau, *self._knots)
         means = inputs.origin_base_m + tau[:, None] * inputs.velocity_base_m_s + departure @ to_base.T
-        # Each axis of the line's frame contributes its variance times the square of its direction.
-        squares = (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
         covariances = (spread**2 @ squares).reshape(-1, 3, 3)
         if inputs.walking < 1.0:
             means, covariances = self._blend(inputs.walking, times, means, covariances)
