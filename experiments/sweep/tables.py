@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from experiments.aggregate import bootstrap_mean, groups_of
+from experiments.engine.job import Row
 from experiments.sweep.designs import Point
-from experiments.sweep.plan import SweepPlan, Walk
+from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Case, Objective
-
-Row = dict[str, Any]
+from experiments.sweep.walks import Walk
 
 
 def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, result: Row) -> Row:
