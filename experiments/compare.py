@@ -3,66 +3,53 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from pydantic import Field
 
 from experiments.aggregate import add_gap_closed, paired_differences, summarise
 from experiments.compare_report import COMPARED, report
-from experiments.engine.command import NOT_SAVED, WorkSettings, run_command, throughput
+from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command, throughput
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
+from experiments.engine.own_parts import check_parts, name_parts, options_of
 from experiments.engine.recordings import find_recordings, in_place
 from experiments.engine.replays import ReplayJob, sensors_by_name
+from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.results.report import versions
-from gazempc.settings import (
-    DEFAULT_PREDICTOR,
-    ControllerName,
-    PlacementName,
-    PredictorName,
-    RunSettings,
-    WalkerSettings,
-)
-from gazempc.sim.replay import walker_model
+from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, PredictorChoice, WalkerSettings
+from gazempc.sim.replay import ReplaySettings
+from gazempc.sim.scene import StageSettings
 
 
-class CompareSettings(WorkSettings):
+class CompareSettings(WorkSettings, StageSettings):
     """Settings of `python -m experiments.compare`."""
 
     recordings: tuple[str, ...] = Field(
         min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names"
     )
-    controllers: tuple[ControllerName, ...] = Field(
-        default=("reactive", "lookahead", "mpc", "perfect"), min_length=1, description="What to compare"
+    controllers: tuple[ControllerChoice, ...] = Field(
+        default=("reactive", "lookahead", "mpc", "perfect"),
+        min_length=1,
+        description="What to compare; module:Class for your own",
     )
-    predictors: tuple[PredictorName | Literal["default"], ...] = Field(
-        default=("default",), min_length=1, description="Forecasts; default is the run command's"
+    predictors: tuple[PredictorChoice | Literal["default"], ...] = Field(
+        default=("default",), min_length=1, description="Forecasts; default is the run command's; module:Class"
     )
     necks: tuple[str, ...] = Field(default=("reference",), min_length=1, description="Shipped necks or .toml files")
-    sensor: str | None = Field(
-        default=None, description="Shipped sensor or .toml file; without it what fits each recording"
-    )
-    placement: PlacementName | None = Field(
-        default=None, description="Where the robot stands; without it what fits each recording"
-    )
-    distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
-    height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
-    seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
-    start_offset_deg: float = Field(
-        default=0.0,
-        ge=-360,
-        le=360,
-        description="Where the pan starts, beside the person; then contact is compared, too",
-    )
     walker: WalkerSettings = WalkerSettings()
+    options: Annotated[dict[str, Any], tyro.conf.Suppress] = Field(
+        default={}, description="Options of parts of your own: --options.KEY VALUE, for a parameter of the constructor"
+    )
     out: Path = Field(default=Path("out/compare"), description="Where to write; an interrupted run goes on there")
     figures: bool = Field(default=True, description="Draw figures")
 
@@ -84,8 +71,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 1 if runs failed or left the limits, 2 on bad input, 130 if interrupted.
     """
-    settings = tyro.cli(CompareSettings, args=arguments, prog="python -m experiments.compare", description=__doc__)
-    return run_command("compare", lambda: _run(settings))
+    return run_command("compare", lambda: _run(parse(CompareSettings, "compare", __doc__, arguments)))
+
+
+def compare(**settings: Any) -> list[Row]:
+    """Do all runs, and write tables and figures.
+
+    Args:
+        **settings: Any of `CompareSettings`, such as ``recordings=["synthetic"], controllers=["lookahead", "mpc"]``.
+
+    Returns:
+        A row for each run: labels, ``left_out`` and ``failed`` (the reason, or None), and all metrics.
+
+    Raises:
+        GazempcError: On bad input, before anything runs.
+    """
+    checked = check(CompareSettings, "compare", settings)
+    rows, _ = _replay_all(checked)
+    write(checked, rows)
+    return rows
 
 
 def _run(settings: CompareSettings) -> int:
@@ -98,28 +102,13 @@ def _run(settings: CompareSettings) -> int:
     return 1 if any(row["failed"] or row.get("limit_violations") for row in rows) else 0
 
 
-def compare(settings: CompareSettings) -> list[Row]:
-    """Do all runs, write tables and figures.
-
-    Args:
-        settings: What to compare.
-
-    Returns:
-        A row for each run: labels, ``left_out`` and ``failed`` (the reason, or None), and all metrics.
-
-    Raises:
-        GazempcError: On bad input, before anything runs.
-    """
-    rows, _ = _replay_all(settings)
-    write(settings, rows)
-    return rows
-
-
 def _replay_all(settings: CompareSettings) -> tuple[list[Row], float]:
     runs = runs_of(settings)
     with Engine(settings.out / "runs", settings.jobs, settings.dask) as engine:
         results = engine.run([run.job for run in runs])
     rows = [run.labels | result for run, result in zip(runs, results, strict=True)]
+    for part in ("controller", "predictor"):
+        name_parts(rows, part)
     add_gap_closed(rows)
     return rows, sum(row.get("simulated_s", 0.0) for row in engine.fresh)
 
@@ -134,44 +123,31 @@ def runs_of(settings: CompareSettings) -> list[Compared]:
         The runs; the perfect forecast is run once for each neck, as it has no predictor.
 
     Raises:
-        GazempcError: If a recording, neck or sensor does not exist.
+        GazempcError: If a recording, neck, sensor or part does not exist.
     """
     recordings = find_recordings(settings.recordings)
     necks = {name: load_neck(name) for name in settings.necks}
     sensors = sensors_by_name(settings.sensor)
+    predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)
+    check_parts(settings.controllers, predictors, settings.options)
     if settings.walker.fitted is not None:
         walker_model(settings.walker.fitted, "")  # before anything runs
-    predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)
     runs: dict[tuple[str, ...], Compared] = {}
-    for recording in recordings:
-        for neck_name, neck in necks.items():
-            for predictor in predictors:
-                for controller in settings.controllers:
-                    shown: PredictorName = "perfect" if controller == "perfect" else predictor
-                    job = ReplayJob(
-                        in_place(recording),
-                        controller,
-                        _settings_of(settings, "constant_velocity" if shown == "perfect" else shown),
-                        neck,
-                        neck,
-                        sensors,
-                    )
-                    labels = _labels(recording, controller, shown, neck_name, settings.seed)
-                    runs.setdefault((recording, neck_name, shown, controller), Compared(labels, job))
+    for recording, (neck_name, neck), predictor, controller in itertools.product(
+        recordings, necks.items(), predictors, settings.controllers
+    ):
+        shown = "perfect" if controller == "perfect" else predictor
+        chosen = _settings_of(settings, controller, shown)
+        job = ReplayJob(in_place(recording), controller, chosen, neck, neck, sensors)
+        labels = _labels(recording, controller, shown, neck_name, settings.seed)
+        runs.setdefault((recording, neck_name, shown, controller), Compared(labels, job))
     return list(runs.values())
 
 
-def _settings_of(settings: CompareSettings, predictor: PredictorName) -> RunSettings:
-    return RunSettings(
-        predictor=predictor,
-        sensor=settings.sensor,
-        placement=settings.placement,
-        distance_m=settings.distance_m,
-        height_m=settings.height_m,
-        seed=settings.seed,
-        walker=settings.walker,
-        start_offset_deg=settings.start_offset_deg,
-    )
+def _settings_of(settings: CompareSettings, controller: str, predictor: str) -> ReplaySettings:
+    stage = {name: getattr(settings, name) for name in StageSettings.model_fields}
+    options = options_of(controller, predictor, settings.options)
+    return ReplaySettings(predictor=predictor, walker=settings.walker, options=options, **stage)
 
 
 def _labels(recording: str, controller: str, predictor: str, neck: str, seed: int) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from experiments.engine.job import Row
-from gazempc.results.report import LABELS
+from gazempc.results.report import label
 
 # What the two gazes are compared by, clip by clip: metric, what the report calls it, digits. All but the first are of
 # gazes that start aside.
@@ -61,7 +61,7 @@ def report(summary: Row, done: list[Row]) -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {r['group']} | {r['n_clips']} | {r['n_people']} | {r['neck']} | {LABELS[r['controller']]} "
+        f"| {r['group']} | {r['n_clips']} | {r['n_people']} | {r['neck']} | {label(r['controller'])} "
         f"| {r['predictor']} | {cell(r, 'gaze_error_rms_deg', 2)} | {cell(r, 'eye_contact_2p6', 1, 100.0)} "
         f"| {cell(r, 'gap_closed', 3)} | {cell(r, 'rms_acceleration_rad_s2', 2)} |"
         for r in summary["rows"]

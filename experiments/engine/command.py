@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+import tyro
+from pydantic import Field, ValidationError
 
 from experiments.engine.signals import Interrupted, ending_on_signals
-from gazempc.errors import GazempcError
+from gazempc.errors import GazempcError, SettingsError
+from gazempc.part_options import take_options
+from gazempc.settings import Settings
+from gazempc.specfiles import explain
+
+S = TypeVar("S", bound=Settings)
 
 _BAD_INPUT = 2
 
 
-class WorkSettings(BaseModel):
+class WorkSettings(Settings):
     """Who does the jobs of a command, and where the results are kept."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes on this machine")
     dask: str | None = Field(
@@ -29,6 +34,50 @@ class WorkSettings(BaseModel):
 
 # The same results come of any number of workers, in any place.
 NOT_SAVED = frozenset(WorkSettings.model_fields)
+
+
+def parse(model: type[S], name: str, about: str | None, arguments: Sequence[str] | None) -> S:
+    """Settings from a command line; a model with a field ``options`` takes ``--options.KEY VALUE``.
+
+    Args:
+        model: The settings.
+        name: The command's name.
+        about: What it does, for ``--help``.
+        arguments: Command line without the program's name; None for the process's.
+
+    Returns:
+        The settings.
+
+    Raises:
+        SettingsError: If an option has no value.
+        SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    prog = f"python -m experiments.{name}"
+    if "options" not in model.model_fields:
+        return tyro.cli(model, args=words, prog=prog, description=about)
+    words, options = take_options(words)
+    return tyro.cli(model, args=words, prog=prog, description=about).model_copy(update={"options": options})
+
+
+def check(model: type[S], name: str, values: dict[str, Any]) -> S:
+    """Settings from Python.
+
+    Args:
+        model: The settings.
+        name: What takes them, for messages.
+        values: Value by field.
+
+    Returns:
+        The settings.
+
+    Raises:
+        SettingsError: With every unknown field and every wrong value.
+    """
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise SettingsError(explain(error, name, model)) from None
 
 
 def run_command(name: str, work: Callable[[], int]) -> int:

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-_LIBRARIES = ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig", "control")
+_LIBRARIES = ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig")
 _CODE = {".py", ".toml", ".npz"}
 
 
@@ -25,7 +25,7 @@ def key_of(content: dict[str, Any], module: str) -> str:
     Returns:
         The key, fit for a file name.
     """
-    told = {"content": content, "module": _module_hash(module), "program": program_hash()}
+    told = {"content": content, "module": module_hash(module), "program": program_hash()}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:20]
 
 
@@ -86,5 +86,11 @@ def models_hash(fitted: Path | None) -> str:
 
 
 @lru_cache(maxsize=64)
-def _module_hash(module: str) -> str:
-    return file_hash(Path(sys.modules[module].__file__ or ""))
+def module_hash(module: str) -> str:
+    """Hash of the source of a module, or of all sources of a package, that this process has imported.
+
+    It is made once: what is changed later is not what this process runs.
+    """
+    file = Path(sys.modules[module].__file__ or "")
+    files = sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files if path.is_file())).hexdigest()

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 from experiments.engine.job import Row
 from experiments.engine.keys import key_of, models_hash, recording_hash
-from gazempc.controllers.controller import Controller
+from experiments.engine.own_parts import parts_hash
 from gazempc.errors import LeftOutError
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
-from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import measure, measure_compute
-from gazempc.settings import ControllerName, LookAheadSettings, MpcSettings, RunSettings
-from gazempc.sim.replay import make_controller, replay
+from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
+from gazempc.sim.scene import make_scene
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
 
-# These say where a run is written, or are resolved into specifications and hashes; none changes its metrics.
-_NOT_HASHED = {"replay", "list", "controllers", "out", "figures", "config", "neck", "sensor", "walker"}
+# These are names of what the key says by its content.
+_BY_CONTENT = {"neck", "sensor", "walker"}
 # Sensors that a recording may call for if none is named.
 _DEFAULT_SENSORS = ("reference", "recorded")
 
@@ -35,18 +32,18 @@ class ReplayJob:
 
     Attributes:
         recording: Synthetic name or path.
-        controller: Controller; ``perfect`` is the MPC with the true future.
-        settings: Parameters of predictor, controller and loop, the placement and the seed.
-        model_neck: The neck as controller and smoother know it.
+        controller: A shipped name or ``module:Class``; ``perfect`` is the MPC with the true future.
+        settings: The predictor, parameters of predictor, controller and loop, the robot's place and the seed.
+        neck: The neck as controller and smoother know it.
         robot_neck: The neck that is simulated.
         sensors: Sensor by the name of the file it is made from: the one that was chosen, or each that a recording may
             call for.
     """
 
     recording: str
-    controller: ControllerName
-    settings: RunSettings
-    model_neck: NeckSpec
+    controller: str
+    settings: ReplaySettings
+    neck: NeckSpec
     robot_neck: NeckSpec
     sensors: Mapping[str, SensorSpec]
 
@@ -55,10 +52,11 @@ class ReplayJob:
         content = {
             "recording": recording_hash(self.recording),
             "controller": self.controller,
-            "settings": self.settings.model_dump(mode="json", exclude=_NOT_HASHED),
+            "settings": self.settings.model_dump(mode="json", exclude=_BY_CONTENT),
             "models": models_hash(self.settings.walker.fitted),
-            "necks": [neck.model_dump(mode="json") for neck in (self.model_neck, self.robot_neck)],
+            "necks": [neck.model_dump(mode="json") for neck in (self.neck, self.robot_neck)],
             "sensors": {name: sensor.model_dump(mode="json") for name, sensor in self.sensors.items()},
+            "own parts": parts_hash(self.controller, self.settings.predictor),
         }
         return key_of(content, __name__)
 
@@ -66,20 +64,19 @@ class ReplayJob:
         """Replay and measure.
 
         Returns:
-            Labels of the recording, then `metrics_of`; or ``left_out`` if it cannot be placed or scored.
+            Labels of the recording, names of the parts, then `metrics_of`; without a run that can be scored, labels
+            and ``left_out``.
         """
-        settings = self.settings
-        recording = load_once(self.recording, settings.reading)
+        recording = load_once(self.recording, self.settings.reading)
         labels = {"kind": recording.kind, "subject": recording.labels.subject, "group": recording.labels.group}
-        placement = settings.placement or ("recorded" if recording.has_robot else "side")
-        sensor = self.sensors[settings.sensor or default_sensor(recording)]
-        controller = _controller(self.controller, self.model_neck, settings.lookahead, settings.mpc)
+        sensor = self.sensors[self.settings.sensor or default_sensor(recording)]
         try:
-            placed = place(recording, placement, settings.distance_m, settings.height_m)
-            done = replay(placed, self.model_neck, sensor, self.controller, settings, controller, self.robot_neck)
+            scene = replace(make_scene(recording, self.settings, self.neck, sensor), robot_neck=self.robot_neck)
+            done = replay_scene(scene, self.controller, self.settings.predictor, self.settings)
         except LeftOutError as error:
             return labels | {"left_out": str(error)}
-        return labels | metrics_of(*done)
+        names = {"controller_name": done.log.run.controller, "predictor_name": done.log.run.predictor}
+        return labels | names | metrics_of(done)
 
 
 def sensors_by_name(chosen: str | None) -> dict[str, SensorSpec]:
@@ -97,17 +94,17 @@ def sensors_by_name(chosen: str | None) -> dict[str, SensorSpec]:
     return {name: load_sensor(name) for name in ((chosen,) if chosen else _DEFAULT_SENSORS)}
 
 
-def metrics_of(log: Log, times: ComputeTimes) -> dict[str, Any]:
-    """All metrics of a run.
+def metrics_of(done: Replayed) -> Row:
+    """All metrics of a replay.
 
     Args:
-        log: What happened.
-        times: How long the computer took.
+        done: Log and computing times.
 
     Returns:
         ``simulated_s``, then every metric by name; NaN is None.
     """
-    metrics = measure(log).as_dict() | measure_compute(times, log.neck().control_period_s).as_dict()
+    log = done.log
+    metrics = measure(log).as_dict() | measure_compute(done.times, log.neck.control_period_s).as_dict()
     known = {name: None if _is_nan(value) else value for name, value in metrics.items()}
     return {"simulated_s": float(log.time_s[-1] - log.time_s[0])} | known
 
@@ -124,8 +121,3 @@ def _load_once(recording: str, reading: ReadOptions | None, _: tuple[str, ...]) 
 
 def _is_nan(value: object) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
-
-
-@lru_cache(maxsize=16)
-def _controller(name: ControllerName, neck: NeckSpec, lookahead: LookAheadSettings, mpc: MpcSettings) -> Controller:
-    return make_controller(name, neck, RunSettings(lookahead=lookahead, mpc=mpc))

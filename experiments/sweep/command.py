@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 from pydantic import Field
 
-from experiments.engine.command import WorkSettings, run_command, throughput
+from experiments.engine.command import WorkSettings, parse, run_command, throughput
 from experiments.engine.job import Row
 from experiments.sweep.figures import draw_all, recorded_or_synthetic
 from experiments.sweep.plan import SweepPlan, load_plan, shipped_studies
@@ -47,8 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 1 if runs failed or left the limits, 2 on bad input, 130 if interrupted.
     """
-    settings = tyro.cli(SweepSettings, args=arguments, prog="python -m experiments.sweep", description=__doc__)
-    return run_command("sweep", lambda: sweep(settings))
+    return run_command("sweep", lambda: sweep(parse(SweepSettings, "sweep", __doc__, arguments)))
 
 
 def sweep(settings: SweepSettings) -> int:

@@ -13,23 +13,26 @@ from pydantic.fields import FieldInfo
 
 from gazempc.errors import SettingsError, suggest
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, load_neck
-from gazempc.settings import ControllerName, RunSettings
+from gazempc.parts import CONTROLLER, PREDICTOR, check_choice
+from gazempc.settings import ControllerChoice
+from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import SensorSpec, load_sensor
 
-# What a run is made of elsewhere: the recordings and what is written are the sweep's own.
-_NOT_SWEPT = {"replay", "list", "controllers", "out", "figures", "config"}
+# Options of parts of the user's own are checked together, see `experiments.engine.own_parts`.
+OPTION = "options."
+_PARTS = {"controller": CONTROLLER, "predictor": PREDICTOR}
 DEAD_TIME_SCALE = "model.dead_time_scale"
 
 
 class _SweepOnly(BaseModel):
-    controller: ControllerName
+    controller: ControllerChoice
     dead_time_scale: float = Field(default=1.0, ge=0, le=3, description="The model's dead time over the robot's")
 
 
 @lru_cache(maxsize=1)
 def setting_fields() -> dict[str, FieldInfo]:
     """Every dotted name that a sweep may set, with its type and range."""
-    found = {name: field for name, field in _leaves(RunSettings).items() if name.split(".")[0] not in _NOT_SWEPT}
+    found = {name: field for name, field in _leaves(ReplaySettings).items() if name != "options"}
     found["controller"] = _SweepOnly.model_fields["controller"]
     found[DEAD_TIME_SCALE] = _SweepOnly.model_fields["dead_time_scale"]
     for axis in ("pan", "tilt", "both"):
@@ -52,7 +55,7 @@ def check_name(name: str) -> str | None:
         None if it is right, else what it perhaps means and what is accepted.
     """
     names = setting_fields()
-    if name in names:
+    if name in names or (name.startswith(OPTION) and name != OPTION):
         return None
     first, _, rest = name.partition(".")
     siblings = [n for n in names if n.startswith(f"{first}.")]
@@ -76,6 +79,10 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
     Returns:
         The value in the setting's type, and None; or the value as given, and what is wrong and what is accepted.
     """
+    if name.startswith(OPTION):
+        return value, None
+    if name in _PARTS:
+        return _check_part(name, value)
     field = setting_fields()[name]
     # Python takes true for 1; and infinity means something only where it stands for "no limit".
     if isinstance(value, bool) != (field.annotation is bool) or (
@@ -96,6 +103,13 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
     except SettingsError as error:
         return value, str(error)
     return checked, None
+
+
+def _check_part(name: str, value: Any) -> tuple[Any, str | None]:
+    try:
+        return check_choice(_PARTS[name], str(value)), None
+    except ValueError as error:
+        return value, str(error)
 
 
 def accepted(field: FieldInfo) -> str:

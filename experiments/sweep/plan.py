@@ -12,13 +12,16 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
+from experiments.engine.own_parts import check_parts
 from experiments.sweep.designs import Point, case_seed, design_points, point_at
+from experiments.sweep.names import OPTION
 from experiments.sweep.relations import check_relations
 from experiments.sweep.spec import Case, SweepSpec, lines_of
 from experiments.sweep.variants import resolve
 from experiments.sweep.walks import Walk, read_walks
 from gazempc.errors import SettingsError, suggest
 from gazempc.recordings.readers.options import ReadOptions
+from gazempc.settings import DEFAULT_PREDICTOR
 
 # An optuna design has no points yet; so many random ones stand for them in the check.
 _PROBES = 64
@@ -118,9 +121,17 @@ def _probes(case: Case, seed: int) -> list[Point]:
 
 def _unresolvable(case: Case, points: Iterable[Point]) -> list[str]:
     problems = []
-    for point in points:
+    values = [{**case.base, **point} for point in points]
+    for each in values:
         try:
-            resolve({**case.base, **point})
+            resolve(each)
         except SettingsError as error:
             problems += [f"case {case.name}: {line}" for line in str(error).splitlines()]
+    try:
+        # An option may be for some of the points only, but not for none.
+        options = {name.removeprefix(OPTION): 0 for each in values for name in each if name.startswith(OPTION)}
+        predictors = {each.get("predictor", DEFAULT_PREDICTOR) for each in values}
+        check_parts({each["controller"] for each in values if "controller" in each}, predictors, options)
+    except SettingsError as error:
+        problems += [f"case {case.name}: {line}" for line in str(error).splitlines()]
     return problems

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
+from experiments.engine.own_parts import name_parts
 from experiments.sweep.designs import Point
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import Case
@@ -48,6 +49,8 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
 
             points = tune(plan, case, out / "optuna.log", score)
             rows += _rows(plan, engine, [(case, i, point) for i, point in enumerate(points)])
+    for part in ("controller", "predictor"):
+        name_parts(rows, part)
     return rows, sum(row.get("simulated_s", 0.0) for row in engine.fresh)
 
 

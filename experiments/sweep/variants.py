@@ -8,11 +8,12 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from experiments.engine.own_parts import options_of
 from experiments.engine.replays import ReplayJob, sensors_by_name
-from experiments.sweep.names import DEAD_TIME_SCALE, accepted, check_settings, setting_fields
+from experiments.sweep.names import DEAD_TIME_SCALE, OPTION, accepted, check_settings, setting_fields
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import NeckSpec, load_neck
-from gazempc.settings import ControllerName, RunSettings
+from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import SensorSpec
 
 Values = Mapping[str, Any]
@@ -23,15 +24,15 @@ Spec = TypeVar("Spec", bound=BaseModel)
 class Variant:
     """All that a run needs besides the recording; see `experiments.engine.replays.ReplayJob` for its parts."""
 
-    controller: ControllerName
-    settings: RunSettings
-    model_neck: NeckSpec
+    controller: str
+    settings: ReplaySettings
+    neck: NeckSpec
     robot_neck: NeckSpec
     sensors: Mapping[str, SensorSpec]
 
     def on(self, recording: str) -> ReplayJob:
         """The run with a recording."""
-        return ReplayJob(recording, self.controller, self.settings, self.model_neck, self.robot_neck, self.sensors)
+        return ReplayJob(recording, self.controller, self.settings, self.neck, self.robot_neck, self.sensors)
 
 
 def resolve(values: Values) -> Variant:
@@ -44,7 +45,7 @@ def resolve(values: Values) -> Variant:
         What to run.
 
     Raises:
-        SettingsError: With everything that is wrong, one line each.
+        SettingsError: With everything that is wrong, one line each; or if a part of the user's own is not there.
     """
     checked, problems = check_settings(values)
     if "controller" not in values:
@@ -53,8 +54,10 @@ def resolve(values: Values) -> Variant:
         raise SettingsError("\n".join(problems))
 
     own = {"controller", DEAD_TIME_SCALE}
-    of_run = {n: v for n, v in checked.items() if n not in own and not n.startswith(("neck.", "sensor."))}
-    settings = _changed(RunSettings(), of_run)
+    of_run = {n: v for n, v in checked.items() if n not in own and not n.startswith(("neck.", "sensor.", OPTION))}
+    settings = _changed(ReplaySettings(), of_run)
+    options = options_of(checked["controller"], settings.predictor, _under(OPTION, checked))
+    settings = settings.model_copy(update={"options": options})
     robot_neck = _changed(load_neck(settings.neck), _per_axis(_under("neck.", checked)))
     scale = float(checked.get(DEAD_TIME_SCALE, 1.0))
     wrong = {f"{a}.dead_time_s": scale * getattr(robot_neck, a).dead_time_s for a in ("pan", "tilt")}
