@@ -50,7 +50,7 @@ def carry_out(job: Job, key: str, program: str) -> Row:
             return _failed(f"the worker's program ({here}) is not the one that asks ({program})")
         if job.key() != key:
             return _failed("the worker does not find the same files: one has changed since the start, or is not there")
-        return {"left_out": None, "failed": None} | job.run()
+        return {"left_out": None, "failed": None, **job.run()}
     except LeftOutError as error:
         return {"left_out": str(error), "failed": None}
     except GazempcError as error:

@@ -15,17 +15,17 @@ _LIBRARIES = ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig")
 _CODE = {".py", ".toml", ".npz"}
 
 
-def key_of(content: dict[str, Any], module: str) -> str:
+def key_of(content: dict[str, Any], *modules: str) -> str:
     """Key of a job.
 
     Args:
         content: All settings and hashes of files that the result depends on; plain data.
-        module: Module of the job (``__name__``), which is part of the program that does it.
+        modules: Modules of `experiments` that do it, the job's own (``__name__``) among them.
 
     Returns:
         The key, fit for a file name.
     """
-    told = {"content": content, "module": module_hash(module), "program": program_hash()}
+    told = {"content": content, "modules": [module_hash(m) for m in modules], "program": program_hash()}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:20]
 
 

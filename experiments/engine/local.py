@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing.resource_tracker
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -68,7 +69,11 @@ class LocalWorkers:
 
 
 def _watch(parent: int) -> None:
-    """End this worker soon after its parent, which may have had no time to say so."""
+    """End this worker soon after its parent, which may have had no time to say so; and only then."""
+    from joblib.externals.loky import process_executor  # noqa: PLC0415
+
+    # It would end workers that have grown by 300 MB, as they do who fit networks, and warn of it.
+    process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
 
     def look() -> None:
         while os.getppid() == parent:

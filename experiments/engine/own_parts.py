@@ -70,8 +70,8 @@ def name_parts(rows: Iterable[Row], part: str) -> None:
     Two parts of the same name keep ``module:Class``, to be told apart.
 
     Args:
-        rows: Rows with a choice under `part` if it matters, and the part's name under ``<part>_name`` if the run is done;
-            the latter is taken out.
+        rows: Rows with a choice under `part` if it matters, and the part's name under ``<part>_name`` if the run is
+            done; the latter is taken out.
         part: ``controller`` or ``predictor``.
     """
     rows = list(rows)
