@@ -15,7 +15,7 @@ import numpy as np
 import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from experiments.engine.command import run_command
 from gazempc.controllers.controller import Plan, Situation
@@ -23,21 +23,17 @@ from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import angle_deviations_rad, look_at
 from gazempc.neck.servo import DelayedServo
-from gazempc.neck.spec import NeckSpec, load_neck
-from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
-from gazempc.settings import RunSettings
-from gazempc.sim.replay import make_controller, replay
-from gazempc.sim.sensor import default_sensor, load_sensor
+from gazempc.neck.spec import NeckSpec
+from gazempc.settings import DEFAULT_PREDICTOR, MpcSettings
+from gazempc.sim.replay import replay_scene
+from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.types import FloatArray
 
 _BEFORE_S, _AFTER_S = 0.4, 1.3
 
 
-class PlanExampleSettings(BaseModel):
+class PlanExampleSettings(SceneSettings):
     """Settings of `python -m experiments.plan_example`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     replay: str = Field(default="subject03_R4", description="Synthetic name or path of a recording")
     at_s: float = Field(
@@ -54,6 +50,24 @@ class Moment:
 
     situation: Situation
     plan: Plan
+
+
+class _Remembering(Mpc):
+    """The MPC, which keeps what it planned from what."""
+
+    def __init__(self, neck: NeckSpec) -> None:
+        super().__init__(neck, **MpcSettings().model_dump())
+        self.moments: list[Moment] = []
+
+    def reset(self) -> None:
+        super().reset()
+        self.moments = []
+
+    def plan(self, situation: Situation) -> Plan:
+        plan = super().plan(situation)
+        # The loop goes on writing into the commands that it shows.
+        self.moments.append(Moment(dataclasses.replace(situation, sent_rad=situation.sent_rad.copy()), plan))
+        return plan
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -83,22 +97,10 @@ def plan_example(settings: PlanExampleSettings) -> int:
     Raises:
         GazempcError: On bad input.
     """
-    neck, recording = load_neck(settings.neck), load(settings.replay)
-    run = RunSettings(start_offset_deg=settings.start_offset_deg)
-    placed = place(recording, "recorded" if recording.has_robot else "side", run.distance_m, run.height_m)
-    controller = make_controller("mpc", neck, run)
-    assert isinstance(controller, Mpc)
-    moments: list[Moment] = []
-    make_plan = controller.plan
-
-    def remembered(situation: Situation) -> Plan:
-        plan = make_plan(situation)
-        # The loop goes on writing into the commands that it shows.
-        moments.append(Moment(dataclasses.replace(situation, sent_rad=situation.sent_rad.copy()), plan))
-        return plan
-
-    controller.plan = remembered  # type: ignore[method-assign]
-    log, _ = replay(placed, neck, load_sensor(default_sensor(recording)), "mpc", run, controller)
+    scene = make_scene(settings.replay, settings)
+    neck, controller = scene.neck, _Remembering(scene.neck)
+    log, _ = replay_scene(scene, controller, DEFAULT_PREDICTOR)
+    moments = controller.moments
     chosen = [m for m in moments if m.situation.start_s <= settings.at_s + 1e-9]
     if not chosen:
         raise SettingsError(f"--at-s {settings.at_s}: nobody had been seen yet; use a later instant")
@@ -106,7 +108,7 @@ def plan_example(settings: PlanExampleSettings) -> int:
     figure = draw(chosen[-1], neck, log.time_s, true_rad)
     settings.out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(settings.out, dpi=110)
-    print(f"Plan made at {chosen[-1].situation.start_s:.2f} s of {placed.name}; written to {settings.out}")
+    print(f"Plan made at {chosen[-1].situation.start_s:.2f} s of {scene.walk.name}; written to {settings.out}")
     return 0
 
 

@@ -1,1 +1,1 @@
-"""Jobs over many recordings: cache, workers, progress, stop and resume. May import `gazempc` only."""
+"""One engine for all jobs over many recordings: cache, workers, progress, stop, resume. May import `gazempc` only."""

@@ -1,14 +1,83 @@
-"""What all commands over many recordings do around their work: exit status and messages."""
+"""What all commands over many recordings share: their common settings, exit status and messages."""
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
 
-from gazempc.errors import GazempcError
+import tyro
+from pydantic import Field, ValidationError
+
+from experiments.engine.signals import Interrupted, ending_on_signals
+from gazempc.errors import GazempcError, SettingsError
+from gazempc.part_options import take_options
+from gazempc.settings import Settings
+from gazempc.specfiles import explain
+
+S = TypeVar("S", bound=Settings)
 
 _BAD_INPUT = 2
-_INTERRUPTED = 130
+
+
+class WorkSettings(Settings):
+    """Who does the jobs of a command, and where the results are kept."""
+
+    jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes on this machine")
+    dask: str | None = Field(
+        default=None, description="Scheduler of a dask.distributed cluster that does the jobs, such as tcp://host:8786"
+    )
+    out: Path = Field(default=Path("out"), description="Where to write; an interrupted command goes on there")
+
+
+# The same results come of any number of workers, in any place.
+NOT_SAVED = frozenset(WorkSettings.model_fields)
+
+
+def parse(model: type[S], name: str, about: str | None, arguments: Sequence[str] | None) -> S:
+    """Settings from a command line; a model with a field ``options`` takes ``--options.KEY VALUE``.
+
+    Args:
+        model: The settings.
+        name: The command's name.
+        about: What it does, for ``--help``.
+        arguments: Command line without the program's name; None for the process's.
+
+    Returns:
+        The settings.
+
+    Raises:
+        SettingsError: If an option has no value.
+        SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    prog = f"python -m experiments.{name}"
+    if "options" not in model.model_fields:
+        return tyro.cli(model, args=words, prog=prog, description=about)
+    words, options = take_options(words)
+    return tyro.cli(model, args=words, prog=prog, description=about).model_copy(update={"options": options})
+
+
+def check(model: type[S], name: str, values: dict[str, Any]) -> S:
+    """Settings from Python.
+
+    Args:
+        model: The settings.
+        name: What takes them, for messages.
+        values: Value by field.
+
+    Returns:
+        The settings.
+
+    Raises:
+        SettingsError: With every unknown field and every wrong value.
+    """
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise SettingsError(explain(error, name, model)) from None
 
 
 def run_command(name: str, work: Callable[[], int]) -> int:
@@ -19,13 +88,30 @@ def run_command(name: str, work: Callable[[], int]) -> int:
         work: Does it, and gives the exit status.
 
     Returns:
-        What `work` gives; 2 on bad input or a file system that refuses; 130 if interrupted.
+        What `work` gives; 2 on bad input or a file system that refuses; 130 after Ctrl-C, 143 after SIGTERM.
     """
     try:
-        return work()
+        with ending_on_signals():
+            return work()
     except (GazempcError, OSError) as error:
         print(f"{name}: {error}", file=sys.stderr)
         return _BAD_INPUT
-    except KeyboardInterrupt:
-        print(f"{name}: interrupted; run the same command again to go on", file=sys.stderr)
-        return _INTERRUPTED
+    except Interrupted as stop:
+        what = "".join(f": {note}" for note in getattr(stop, "__notes__", ()))
+        print(f"{name}: interrupted{what}; run the same command again to go on", file=sys.stderr)
+        return 128 + stop.signum
+
+
+def throughput(simulated_s: float, wall_s: float, settings: WorkSettings) -> str:
+    """A line on how fast replays were done; empty if none was.
+
+    Args:
+        simulated_s: Their length, seconds.
+        wall_s: How long they took, seconds.
+        settings: Who did them.
+    """
+    if not simulated_s:
+        return ""
+    rate = simulated_s / wall_s
+    each = "" if settings.dask else f", {rate / settings.jobs:.1f} a second and worker"
+    return f"{simulated_s:.0f} simulated seconds in {wall_s:.0f} s: {rate:.1f} a second{each}\n"

@@ -43,3 +43,9 @@ def find_recordings(words: Sequence[str]) -> list[str]:
     if problems:
         raise GazempcError("\n".join(problems))
     return list(dict.fromkeys(found))
+
+
+def in_place(recording: str) -> str:
+    """A recording by a name that is right in any folder: the absolute path of a file, or a synthetic name."""
+    path = Path(recording)
+    return str(path.resolve()) if path.is_file() else recording

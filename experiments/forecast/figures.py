@@ -23,7 +23,7 @@ def draw(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> None:
     """Draw mean error against horizon, a panel for each group.
 
     Args:
-        rows: As made by `experiments.forecast.command.summarise`; of several cues the first ones are drawn.
+        rows: As made by `experiments.forecast.summary.summarise`; of several cues the first ones are drawn.
         kinds: What kinds of recordings they are from.
         path: PNG file to write.
     """
@@ -59,7 +59,7 @@ def draw_cues(rows: Sequence[dict[str, Any]], kinds: str, path: Path, horizon_s:
     """Draw what the orientations of head and pelvis are worth: error with and without them, a panel for each group.
 
     Args:
-        rows: As made by `experiments.forecast.command.summarise`, for more than one choice of cues. Predictors to which
+        rows: As made by `experiments.forecast.summary.summarise`, for more than one choice of cues. Predictors to which
             cues make no difference are left out.
         kinds: What kinds of recordings they are from.
         path: PNG file to write.
@@ -95,7 +95,7 @@ def draw_coverage(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> Non
     """Draw stated against found: share of errors inside the ellipsoids that should hold 68 and 95 %.
 
     Args:
-        rows: As made by `experiments.forecast.command.summarise`; of several cues the first ones are drawn.
+        rows: As made by `experiments.forecast.summary.summarise`; of several cues the first ones are drawn.
         kinds: What kinds of recordings they are from.
         path: PNG file to write.
     """

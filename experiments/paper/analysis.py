@@ -42,7 +42,7 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
     """Validate the two forecasts as the paper does, and look for what makes its figures.
 
     Args:
-        rows_by_time: For each time constant of the filter the rows of `experiments.paper.frames.execute`.
+        rows_by_time: For each time constant of the filter the rows of `experiments.paper.frames.labelled`.
         filter_time_s: The filter of the validation; one of the keys.
         seed: Seed of the tuning.
         trials: Optuna's trials for each subject left out.

@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import tyro
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from experiments.engine.command import run_command
-from experiments.engine.pool import run_jobs, write_whole
-from experiments.engine.recordings import find_recordings
+from experiments.engine.cache import write_whole
+from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command
+from experiments.engine.engine import Engine
+from experiments.engine.job import Row
+from experiments.engine.recordings import find_recordings, in_place
 from experiments.paper.analysis import analyse, known_groups
 from experiments.paper.filters import FILTER_TIMES_S, SLOW_TIME_S, TUNED_TIME_S
-from experiments.paper.frames import RULES, FrameJob, execute
+from experiments.paper.frames import RULES, FrameJob, labelled
 from experiments.paper.report import report, side_by_side
 from experiments.paper.validation import check_optuna
 from gazempc.errors import GazempcError
-from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
-from gazempc.recordings.recording import Recording
 from gazempc.results.report import versions
+from gazempc.sim.scene import make_scene
 
 
-class PaperSettings(BaseModel):
+class PaperSettings(WorkSettings):
     """Settings of `python -m experiments.paper`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     recordings: tuple[str, ...] = Field(
         default=("synthetic",),
@@ -43,7 +39,6 @@ class PaperSettings(BaseModel):
     )
     trials: int = Field(default=60, ge=1, description="Optuna's trials for each subject left out")
     seed: int = Field(default=0, ge=0, description="Seed of Optuna's sampler and of the sensor's noise")
-    jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes")
     out: Path = Field(default=Path("out/paper"), description="Where to write; an interrupted run goes on there")
 
 
@@ -56,11 +51,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 1 if a recording could not be read, 2 on bad input, 130 if interrupted.
     """
-    settings = tyro.cli(PaperSettings, args=arguments, prog="python -m experiments.paper", description=__doc__)
-    return run_command("paper", lambda: _run(settings))
+    return run_command("paper", lambda: _run(parse(PaperSettings, "paper", __doc__, arguments)))
+
+
+def validate(**settings: Any) -> dict[str, Row]:
+    """Validate each data set as the paper does, and write tables and figures.
+
+    Args:
+        **settings: Any of `PaperSettings`, such as ``recordings=["synthetic"], out="out/paper"``.
+
+    Returns:
+        The content of ``summary.json`` by the name of the data set.
+
+    Raises:
+        GazempcError: If no recording of a data set can be scored, or it has fewer than two subjects.
+        MissingOptionalDependencyError: Without Optuna.
+    """
+    return _validate(check(PaperSettings, "paper", settings))
 
 
 def _run(settings: PaperSettings) -> int:
+    summaries = _validate(settings)
+    print(f"Written to {settings.out}/")
+    return 1 if any(s["failed"] for s in summaries.values()) else 0
+
+
+def _validate(settings: PaperSettings) -> dict[str, Row]:
     check_optuna()
     found = {word: find_recordings([word]) for word in settings.recordings}
     names = _folder_names(settings.recordings)
@@ -73,8 +89,7 @@ def _run(settings: PaperSettings) -> int:
         text = side_by_side(summaries)
         write_whole(settings.out / "side_by_side.md", text)
         print(text)
-    print(f"Written to {settings.out}/")
-    return 1 if any(s["failed"] for s in summaries.values()) else 0
+    return summaries
 
 
 def _folder_names(words: Sequence[str]) -> dict[str, str]:
@@ -106,7 +121,7 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
         "left_out": left_out,
         "failed": failed,
         **analyse(rows_by_time, settings.filter_time_s, settings.seed, settings.trials),
-        "settings": settings.model_dump(mode="json", exclude={"out", "jobs"}),
+        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED}),
         "versions": versions(),
     }
     write_whole(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
@@ -118,7 +133,8 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
     draw_bars(summary, folder / "error_bars.png")
     draw_filters(summary, folder / "filters.png")
     draw_rules(summary, folder / "rules.png")
-    draw_routes([_placed(r["source"]) for r in first if not r["failed"] and not r["left_out"]], folder / "routes.png")
+    scored = [r["source"] for r in first if not r["failed"] and not r["left_out"]]
+    draw_routes([make_scene(source).walk for source in scored], folder / "routes.png")
     print(text)
     print(f"{word}: {time.monotonic() - started:.0f} s; tables and figures in {folder}/\n")
     return summary
@@ -131,15 +147,12 @@ def _rows(recordings: Sequence[str], folder: Path, settings: PaperSettings) -> d
     times_s = sorted({*FILTER_TIMES_S, settings.filter_time_s})
     with_all_rules = {settings.filter_time_s, SLOW_TIME_S}
     # Recording by recording, so that a worker reads each file once.
+    asked = [(name, time_s) for name in recordings for time_s in times_s]
     jobs = [
-        FrameJob(name, time_s, tuple(RULES) if time_s in with_all_rules else ("paper",), settings.seed)
-        for name in recordings
-        for time_s in times_s
+        FrameJob(in_place(name), time_s, tuple(RULES) if time_s in with_all_rules else ("paper",), settings.seed)
+        for name, time_s in asked
     ]
-    rows = run_jobs(jobs, folder / "runs", settings.jobs, execute)
+    with Engine(folder / "runs", settings.jobs, settings.dask) as engine:
+        results = engine.run(jobs)
+    rows = [labelled(name, result) for (name, _), result in zip(asked, results, strict=True)]
     return {time_s: rows[i :: len(times_s)] for i, time_s in enumerate(times_s)}
-
-
-def _placed(source: str) -> Recording:
-    recording = load(source)
-    return place(recording, "recorded" if recording.has_robot else "side", 2.5, 1.2)

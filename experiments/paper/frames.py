@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -13,13 +11,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.engine.jobs import attempt, program_hash
+from experiments.engine.job import Row
+from experiments.engine.keys import key_of, recording_hash
 from experiments.paper.published import FRAME_RATE_HZ, HORIZON_S, PUBLISHED, RANGE_M
-from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
+from gazempc.errors import LeftOutError
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
-from gazempc.sim.sensor import SensorSpec, load_sensor, observe
+from gazempc.sim.scene import make_scene
+from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.types import FloatArray
 from predictors import ConstantVelocity, HeadObservation, HeadPose
 
@@ -39,7 +38,6 @@ HORIZONS_S = (HORIZON_S, 2.0 * HORIZON_S)
 POSITION_NOISE_M = 0.01
 # Over a longer gap between frames the filtered position is not known.
 _GAP_S = 0.1
-_DISTANCE_M, _HEIGHT_M = 2.5, 1.2
 _GROUPS = {p.label: p.group for p in PUBLISHED}
 
 
@@ -81,12 +79,17 @@ class FrameJob:
     seed: int
 
     def key(self) -> str:
-        """Name of the job: a hash of the job, of the files it reads and of the program."""
-        content: dict[str, Any] = {**asdict(self), "program": program_hash(), "module": _module_hash()}
-        for path in (Path(self.recording), Path(self.recording).with_name("index.csv")):
-            if path.is_file():
-                content[f"bytes of {path.name}"] = hashlib.sha256(path.read_bytes()).hexdigest()
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+        """See `experiments.engine.job.Job`."""
+        return key_of({**asdict(self), "recording": recording_hash(self.recording)}, __name__)
+
+    def run(self) -> Row:
+        """Labels and, for each horizon, the errors against the filtered and against the true position."""
+        recording, sensor = _seen(self.recording, tuple(recording_hash(self.recording)))
+        labels = {"kind": recording.kind, "subject": recording.labels.subject, "group": recording.labels.group}
+        try:
+            return labels | _errors(recording, sensor, self)
+        except LeftOutError as error:
+            return labels | {"left_out": str(error)}
 
 
 @dataclass(frozen=True)
@@ -120,25 +123,18 @@ class Frames:
         return np.asarray(1e3 * np.linalg.norm(self.base_m + weight * self.turn_m, axis=1))
 
 
-def execute(job: FrameJob) -> dict[str, Any]:
-    """Do a job; never raises for what a user can cause.
+def labelled(source: str, result: Row) -> Row:
+    """A row for `frames_of`.
 
     Args:
-        job: The job.
+        source: The recording as the user named it.
+        result: What came of its job.
 
     Returns:
-        A row for `frames_of`: labels and, for each horizon, the errors against the filtered and against the true
-        position; or ``left_out`` or ``failed`` with the reason.
+        Labels and result; labels that are not known are None.
     """
-    row: dict[str, Any] = {"recording": Path(job.recording).stem, "source": job.recording, "kind": None}
-    row |= {"subject": None, "group": None, "left_out": None, "failed": None}
-
-    def work() -> dict[str, Any]:
-        recording, sensor = _seen(job.recording)
-        row.update(kind=recording.kind, subject=recording.labels.subject, group=recording.labels.group)
-        return _errors(recording, sensor, job)
-
-    return row | attempt(work)
+    known = {"recording": Path(source).stem, "source": source, "kind": None}
+    return known | {"subject": None, "group": None} | result
 
 
 def frames_of(
@@ -147,7 +143,7 @@ def frames_of(
     """The errors of one way to measure them.
 
     Args:
-        rows: As made by `execute`.
+        rows: As made by `labelled`.
         against: What a forecast is compared with: the paper's filtered position, or the true one.
         rule: Which relative yaw the rule turns by.
         horizon_s: One of `HORIZONS_S`.
@@ -170,18 +166,11 @@ def frames_of(
     return found
 
 
-@lru_cache(maxsize=1)
-def _module_hash() -> str:
-    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:20]
-
-
 @lru_cache(maxsize=2)
-def _seen(name: str) -> tuple[Recording, SensorSpec]:
+def _seen(name: str, _: tuple[str, ...]) -> tuple[Recording, SensorSpec]:
     """The recording in the sensor's frame, and the sensor: what a tracker measured where that is recorded."""
-    recording = load(name)
-    sensor = load_sensor("recorded" if recording.measured is not None else "reference")
-    placed = place(recording, "recorded" if recording.has_robot else "side", _DISTANCE_M, _HEIGHT_M)
-    return placed, sensor.model_copy(update={"range_min_m": RANGE_M[0], "range_max_m": RANGE_M[1]})
+    scene = make_scene(name)
+    return scene.walk, scene.sensor.model_copy(update={"range_min_m": RANGE_M[0], "range_max_m": RANGE_M[1]})
 
 
 def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str, Any]:

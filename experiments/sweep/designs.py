@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.sweep.names import setting_fields
 from experiments.sweep.spec import Case, Range
-from experiments.sweep.variants import setting_fields
 
 Point = dict[str, Any]
 

@@ -11,9 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.aggregate import GROUP_ORDER, bootstrap_mean
+from experiments.engine.job import Row
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Objective, direction_of
-from experiments.sweep.tables import Row, pareto_front
+from experiments.sweep.tables import pareto_front
 from gazempc.results.figures.style import style
 from gazempc.results.report import LABELS as CONTROLLER_LABELS
 

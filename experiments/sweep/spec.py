@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from experiments.sweep.variants import accepted, check_name, check_settings, check_value, is_number, setting_fields
+from experiments.sweep.names import accepted, check_name, check_settings, check_value, is_number, setting_fields
 from gazempc.errors import suggest
 from gazempc.results.metrics import ComputeMetrics, Metrics
 

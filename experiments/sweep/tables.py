@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from experiments.aggregate import bootstrap_mean, groups_of
+from experiments.engine.job import Row
 from experiments.sweep.designs import Point
-from experiments.sweep.plan import SweepPlan, Walk
+from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Case, Objective
-
-Row = dict[str, Any]
+from experiments.sweep.walks import Walk
 
 
 def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, result: Row) -> Row:
@@ -41,6 +41,7 @@ def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, r
         "group": walk.group,
         "controller": values["controller"],
         **{name: values.get(name) for name in plan.spec.varied()},
+        **{name: result[name] for name in ("controller_name", "predictor_name") if name in result},
         "left_out": result.get("left_out"),
         "failed": result.get("failed"),
         "simulated_s": result.get("simulated_s"),

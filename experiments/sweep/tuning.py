@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.engine.jobs import program_hash
+from experiments.engine.keys import program_hash, recording_hash
 from experiments.sweep.designs import Point, case_seed, is_whole
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import Case, Range
@@ -89,7 +89,7 @@ def _stored_study(plan: SweepPlan, case: Case, storage: Path) -> Study:
         "case": {"base": case.base, "vary": {n: _plain(entry) for n, entry in case.vary.items()}},
         "objectives": [objective.model_dump() for objective in plan.spec.objectives],
         "seed": plan.spec.seed,
-        "walks": [(walk.name, walk.digest) for walk in plan.walks],
+        "walks": [recording_hash(walk.path) for walk in plan.walks],
         "versions": [program_hash(), version("optuna")],
     }
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8]

@@ -1,169 +1,38 @@
-"""A point of a sweep: settings changed by dotted names, checked, and resolved to all that a run needs."""
+"""A point of a sweep: settings changed by dotted names, resolved to all that a run needs."""
 
 from __future__ import annotations
 
-import difflib
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError, create_model
-from pydantic.fields import FieldInfo
+from pydantic import BaseModel, ValidationError
 
-from gazempc.errors import SettingsError, suggest
-from gazempc.neck.spec import Axis, Geometry, NeckSpec, load_neck
-from gazempc.recordings.recording import Recording
-from gazempc.settings import ControllerName, RunSettings
-from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
+from experiments.engine.own_parts import options_of
+from experiments.engine.replays import ReplayJob, sensors_by_name
+from experiments.sweep.names import DEAD_TIME_SCALE, OPTION, accepted, check_settings, setting_fields
+from gazempc.errors import SettingsError
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.sim.replay import ReplaySettings
+from gazempc.sim.sensor import SensorSpec
 
 Values = Mapping[str, Any]
 Spec = TypeVar("Spec", bound=BaseModel)
 
-# What a run is made of elsewhere: the recordings and what is written are the sweep's own.
-_NOT_SWEPT = {"replay", "list", "controllers", "out", "figures", "config"}
-# Sensors that a recording may call for if none is named.
-_DEFAULT_SENSORS = ("reference", "recorded")
-_DEAD_TIME_SCALE = "model.dead_time_scale"
-
-
-class _SweepOnly(BaseModel):
-    controller: ControllerName
-    dead_time_scale: float = Field(default=1.0, ge=0, le=3, description="The model's dead time over the robot's")
-
 
 @dataclass(frozen=True)
 class Variant:
-    """All that a run needs besides the recording.
+    """All that a run needs besides the recording; see `experiments.engine.replays.ReplayJob` for its parts."""
 
-    Attributes:
-        controller: Controller; ``perfect`` is the MPC with the true future.
-        settings: Parameters of predictor, controller and loop, the placement and the seed.
-        model_neck: The neck as controller and smoother know it.
-        robot_neck: The neck that is simulated.
-        sensors: Sensor by the name of the file it is made from: the one that was chosen, or each that a recording may
-            call for.
-    """
-
-    controller: ControllerName
-    settings: RunSettings
-    model_neck: NeckSpec
+    controller: str
+    settings: ReplaySettings
+    neck: NeckSpec
     robot_neck: NeckSpec
     sensors: Mapping[str, SensorSpec]
 
-    def sensor_for(self, recording: Recording) -> SensorSpec:
-        """The chosen sensor, or the one that fits the recording."""
-        return self.sensors[self.settings.sensor or default_sensor(recording)]
-
-
-@lru_cache(maxsize=1)
-def setting_fields() -> dict[str, FieldInfo]:
-    """Every dotted name that a sweep may set, with its type and range."""
-    found = {name: field for name, field in _leaves(RunSettings).items() if name.split(".")[0] not in _NOT_SWEPT}
-    found["controller"] = _SweepOnly.model_fields["controller"]
-    found[_DEAD_TIME_SCALE] = _SweepOnly.model_fields["dead_time_scale"]
-    for axis in ("pan", "tilt", "both"):
-        found |= {f"neck.{axis}.{name}": field for name, field in Axis.model_fields.items()}
-    found |= {f"neck.geometry.{name}": field for name, field in Geometry.model_fields.items()}
-    found |= {
-        f"neck.{name}": NeckSpec.model_fields[name] for name in ("control_rate_hz", "servo_rate_hz", "reports_joints")
-    }
-    found |= {f"sensor.{n}": field for n, field in SensorSpec.model_fields.items() if n not in {"name", "source"}}
-    return found
-
-
-def check_name(name: str) -> str | None:
-    """Say what is wrong with a dotted name.
-
-    Args:
-        name: What the user wrote.
-
-    Returns:
-        None if it is right, else what it perhaps means and what is accepted.
-    """
-    names = setting_fields()
-    if name in names:
-        return None
-    first, _, rest = name.partition(".")
-    siblings = [n for n in names if n.startswith(f"{first}.")]
-    if rest and siblings:
-        return f"unknown setting; {suggest(name, siblings)}"
-    # A leaf's name alone is a likely slip.
-    leaves = [n for n in names if n.split(".")[-1] == name.rpartition(".")[2]]
-    near = leaves or difflib.get_close_matches(name, names, n=3)
-    hint = f"perhaps you meant {' or '.join(map(repr, near))}; " if near else ""
-    groups = dict.fromkeys(n.split(".")[0] + (".*" if "." in n else "") for n in sorted(names))
-    return f"unknown setting; {hint}accepted: {', '.join(groups)}"
-
-
-def check_value(name: str, value: Any) -> tuple[Any, str | None]:
-    """Check one value of a setting alone.
-
-    Args:
-        name: A name that `check_name` accepts.
-        value: What the user wrote.
-
-    Returns:
-        The value in the setting's type, and None; or the value as given, and what is wrong and what is accepted.
-    """
-    field = setting_fields()[name]
-    # Python takes true for 1; and infinity means something only where it stands for "no limit".
-    if isinstance(value, bool) != (field.annotation is bool) or (
-        isinstance(value, float) and not math.isfinite(value) and value != field.default
-    ):
-        return value, f"{_said(value)} is not accepted; accepted: {accepted(field)}"
-    try:
-        checked = _alone(name).model_validate({"value": value}).model_dump()["value"]
-    except ValidationError as error:
-        choices = [c for c in _choices(field) if isinstance(c, str)]
-        wanted = suggest(str(value), choices) if choices else f"accepted: {accepted(field)}"
-        return value, f"{error.errors()[0]['msg']} (given: {_said(value)}); {wanted}"
-    try:
-        if name == "neck":
-            load_neck(checked)
-        elif name == "sensor" and checked is not None:
-            load_sensor(checked)
-    except SettingsError as error:
-        return value, str(error)
-    return checked, None
-
-
-def accepted(field: FieldInfo) -> str:
-    """The type and range of a setting, for messages."""
-    signs = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
-    limits = [f"{sign} {getattr(m, key):g}" for m in field.metadata for key, sign in signs.items() if hasattr(m, key)]
-    if choices := _choices(field):
-        return ", ".join("null" if c is None else str(c) for c in choices)
-    if field.annotation is bool:
-        return "true, false"
-    kind = "a whole number" if field.annotation is int else "a number" if is_number(field) else "a value of its type"
-    return " and ".join([f"{kind} {limits[0]}", *limits[1:]]) if limits else kind
-
-
-def is_number(field: FieldInfo) -> bool:
-    """True if a setting can be swept between two ends."""
-    return bool({int, float} & {field.annotation, *get_args(field.annotation)}) and not _choices(field)
-
-
-def check_settings(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Check names and values of settings.
-
-    Args:
-        values: Values by dotted name.
-
-    Returns:
-        The checked values, and what is wrong with the others, a line each.
-    """
-    checked: dict[str, Any] = {}
-    problems = []
-    for name, value in values.items():
-        problem = check_name(name)
-        if problem is None:
-            checked[name], problem = check_value(name, value)
-        if problem:
-            problems.append(f"{name}: {problem}")
-    return checked, problems
+    def on(self, recording: str) -> ReplayJob:
+        """The run with a recording."""
+        return ReplayJob(recording, self.controller, self.settings, self.neck, self.robot_neck, self.sensors)
 
 
 def resolve(values: Values) -> Variant:
@@ -176,7 +45,7 @@ def resolve(values: Values) -> Variant:
         What to run.
 
     Raises:
-        SettingsError: With everything that is wrong, one line each.
+        SettingsError: With everything that is wrong, one line each; or if a part of the user's own is not there.
     """
     checked, problems = check_settings(values)
     if "controller" not in values:
@@ -184,46 +53,18 @@ def resolve(values: Values) -> Variant:
     if problems:
         raise SettingsError("\n".join(problems))
 
-    own = {"controller", _DEAD_TIME_SCALE}
-    of_run = {n: v for n, v in checked.items() if n not in own and not n.startswith(("neck.", "sensor."))}
-    settings = _changed(RunSettings(), of_run)
+    own = {"controller", DEAD_TIME_SCALE}
+    of_run = {n: v for n, v in checked.items() if n not in own and not n.startswith(("neck.", "sensor.", OPTION))}
+    settings = _changed(ReplaySettings(), of_run)
+    options = options_of(checked["controller"], settings.predictor, _under(OPTION, checked))
+    settings = settings.model_copy(update={"options": options})
     robot_neck = _changed(load_neck(settings.neck), _per_axis(_under("neck.", checked)))
-    scale = float(checked.get(_DEAD_TIME_SCALE, 1.0))
+    scale = float(checked.get(DEAD_TIME_SCALE, 1.0))
     wrong = {f"{a}.dead_time_s": scale * getattr(robot_neck, a).dead_time_s for a in ("pan", "tilt")}
     model_neck = robot_neck if scale == 1.0 else _changed(robot_neck, wrong)
-    names = (settings.sensor,) if settings.sensor else _DEFAULT_SENSORS
-    sensors = {name: _changed(load_sensor(name), _under("sensor.", checked)) for name in names}
+    changes = _under("sensor.", checked)
+    sensors = {name: _changed(sensor, changes) for name, sensor in sensors_by_name(settings.sensor).items()}
     return Variant(checked["controller"], settings, model_neck, robot_neck, sensors)
-
-
-def _leaves(model: type[BaseModel], prefix: str = "") -> dict[str, FieldInfo]:
-    found: dict[str, FieldInfo] = {}
-    for name, field in model.model_fields.items():
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            found |= _leaves(field.annotation, f"{prefix}{name}.")
-        else:
-            found[prefix + name] = field
-    return found
-
-
-@lru_cache(maxsize=256)
-def _alone(name: str) -> type[BaseModel]:
-    # Sub-settings know their own constraints only inside their model; one field alone reports one error alone.
-    field = setting_fields()[name]
-    kind: Any = field.annotation
-    return create_model("Alone", value=(kind, field))
-
-
-def _choices(field: FieldInfo) -> tuple[Any, ...]:
-    found: list[Any] = []
-    for part in (field.annotation, *get_args(field.annotation)):
-        if getattr(part, "__origin__", None) is not None and "Literal" in repr(part):
-            found += get_args(part)
-    return tuple(found)
-
-
-def _said(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else repr(value)
 
 
 def _under(prefix: str, values: Values) -> dict[str, Any]:

@@ -16,10 +16,9 @@ from gazempc.settings import Settings
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
 
 
-class SceneSettings(Settings):
-    """Settings of a scene, by names; what is None is what fits the recording."""
+class StageSettings(Settings):
+    """Settings of a scene but the neck, by names; what is None is what fits the recording."""
 
-    neck: str = Field(default="reference", description="Shipped neck or a .toml file")
     sensor: str | None = Field(
         default=None,
         description="Shipped sensor or a .toml file; without it the recording's own for body tracking, else reference",
@@ -36,6 +35,12 @@ class SceneSettings(Settings):
         default=0.0, ge=-360, le=360, description="Pan at the start, from looking at the first observed head"
     )
     reading: ReadOptions = ReadOptions()
+
+
+class SceneSettings(StageSettings):
+    """Settings of a scene."""
+
+    neck: str = Field(default="reference", description="Shipped neck or a .toml file")
 
 
 @dataclass(frozen=True)

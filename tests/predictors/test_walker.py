@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from experiments.engine.recordings import find_recordings
-from experiments.forecast.command import turn_head
+from experiments.forecast.glance import turn_head
 from experiments.forecast.errors import forecast_errors
 from gazempc.errors import SettingsError
 from gazempc.loop.build import Person, make_predictor

@@ -6,7 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from experiments.forecast.command import main, turn_head
+from experiments.forecast.command import main
+from experiments.forecast.errors import forecast_errors
+from experiments.forecast.glance import turn_head
 from experiments.forecast.errors import forecast_errors
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place

@@ -1,0 +1,88 @@
+"""The text of a comparison of gazes."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from experiments.engine.job import Row
+from gazempc.results.report import label
+
+# What the two gazes are compared by, clip by clip: metric, what the report calls it, digits. All but the first are of
+# gazes that start aside.
+COMPARED = {
+    "rms_deg": ("gaze_error_rms_deg", "RMS gaze error [deg]", 2),
+    "stable_contact_s": ("time_to_stable_contact_s", "time to stable contact where both reach it [s]", 3),
+    "overshoot_deg": ("overshoot_deg", "overshoot where both reach the person [deg]", 2),
+}
+
+
+def report(summary: Row, done: list[Row]) -> str:
+    """The summary as a Markdown text.
+
+    Args:
+        summary: What is in `summary.json`.
+        done: Runs with metrics.
+
+    Returns:
+        The text.
+    """
+
+    def cell(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
+        if row[name] is None:
+            return "-"
+        text = f"{factor * row[name]:.{digits}f}"
+        if interval := row[f"{name}_ci95"]:
+            text += f" [{factor * interval[0]:.{digits}f}, {factor * interval[1]:.{digits}f}]"
+        return text
+
+    chosen = summary["settings"]
+    counted = Counter({r["source"]: r["kind"] for r in done}.values())
+    kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
+    n_seen = len(summary["people_seen_in_fitting"])
+    seen = [
+        "",
+        f"The predictor walker was fitted on {_count(n_seen, 'person', 'people')} of those who walk here, which "
+        "flatters it: for people left out see --walker.fitted.",
+    ]
+    seen = seen if n_seen else []
+    lines = [
+        "# Comparison of gazes",
+        "",
+        f"{_count(len({r['source'] for r in done}), 'recording')} ({kinds or 'none'}) of "
+        f"{_count(len({r['subject'] for r in done}), 'person', 'people')}; sensor "
+        f"{chosen['sensor'] or 'that fits each recording'}, placement "
+        f"{chosen['placement'] or 'that fits each recording'}, seed {chosen['seed']}. Means over clips; in brackets "
+        "95 % bootstrap intervals over people (none where one person walks).",
+        f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed.",
+        *seen,
+        "",
+        "| group | clips | people | neck | gaze | filter and forecast | gaze error RMS [deg] | eye contact 2.6 deg [%] "
+        "| gap closed | RMS acceleration [rad/s^2] |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {r['group']} | {r['n_clips']} | {r['n_people']} | {r['neck']} | {label(r['controller'])} "
+        f"| {r['predictor']} | {cell(r, 'gaze_error_rms_deg', 2)} | {cell(r, 'eye_contact_2p6', 1, 100.0)} "
+        f"| {cell(r, 'gap_closed', 3)} | {cell(r, 'rms_acceleration_rad_s2', 2)} |"
+        for r in summary["rows"]
+    ]
+    for name, (_, what, digits) in COMPARED.items():
+        if not (differences := summary.get(f"mpc_minus_lookahead_{name}")):
+            continue
+        lines += ["", f"MPC minus look-ahead on the same clips, {what}; below 0 the MPC is better:", ""]
+        for d in differences:
+            interval = f" [{d['ci95'][0]:+.{digits}f}, {d['ci95'][1]:+.{digits}f}]" if d["ci95"] else ""
+            lines.append(
+                f"- {d['group']}, {d['predictor']}, neck {d['neck']}: {d['difference']:+.{digits}f}{interval} "
+                f"({d['n_clips']} clips: less in {d['n_less']}, more in {d['n_more']})"
+            )
+    lines += [f"- left out {name}: {reason}" for name, reason in summary["left_out"].items()]
+    reasons = dict.fromkeys((f["recording"], f["failed"]) for f in summary["failed"])
+    lines += ["", *[f"- failed {name}: {reason}" for name, reason in reasons]] if reasons else []
+    violations = sum(r["limit_violations"] or 0 for r in done)
+    lines += ["", f"Limit violations in all runs: {violations}.", ""]
+    return "\n".join(lines)
+
+
+def _count(n: int, one: str, many: str | None = None) -> str:
+    return f"{n} {one if n == 1 else many or one + 's'}"

@@ -1,0 +1,137 @@
+"""Do jobs in parallel, keep every result at once, and never do one twice."""
+
+from __future__ import annotations
+
+import queue
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from tqdm import tqdm
+
+from experiments.engine.cache import Cache
+from experiments.engine.cluster import ClusterWorkers
+from experiments.engine.job import Job, Row
+from experiments.engine.local import LocalWorkers
+from experiments.engine.signals import deferred, raise_if_received
+from experiments.engine.workers import Outcome, Workers
+from gazempc.errors import GazempcError
+
+# So often a waiting command looks for a signal.
+_LOOK_S = 0.1
+
+
+class Engine:
+    """Does jobs that have no result yet, in a ``with`` block; at its end the workers are gone.
+
+    An interrupted command goes on where it stopped, because each result is kept as soon as there is one. Results of
+    failed jobs are not kept: the next start tries them again.
+
+    Args:
+        folder: Where the results are kept; several commands may share it.
+        jobs: Worker processes on this machine.
+        dask: Address of the scheduler of a cluster that does the jobs instead; None for this machine.
+        unit: What the progress bar counts.
+        total: Number of jobs over all calls of `run`, as far as known before.
+
+    Attributes:
+        fresh: The results that were not found but made, in the order in which they were made.
+
+    Raises:
+        MissingOptionalDependencyError: With `dask`, without dask.distributed.
+        GazempcError: If no scheduler answers there, or the folder cannot be made.
+    """
+
+    def __init__(self, folder: Path, jobs: int, dask: str | None = None, unit: str = "run", total: int = 0) -> None:
+        self._workers: Workers | None = None if dask is None else ClusterWorkers(dask)
+        self._cache = Cache(folder)
+        self._jobs, self._unit, self._total = jobs, unit, total
+        self._bar: Any = None  # a tqdm
+        self._rows: dict[str, Row] = {}
+        self.fresh: list[Row] = []
+
+    def __enter__(self) -> Engine:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        with deferred():
+            if self._bar is not None:
+                self._bar.close()
+            if self._workers is not None:
+                self._workers.stop()
+        if isinstance(error, KeyboardInterrupt):
+            error.add_note(f"{self._kept()} are kept in {self._cache.folder}")
+
+    def run(self, jobs: Sequence[Job]) -> list[Row]:
+        """Get the results of jobs.
+
+        Args:
+            jobs: Which; equal ones are done once.
+
+        Returns:
+            The results in the order of the jobs, each with ``failed`` and ``left_out``: the reason, or None.
+
+        Raises:
+            GazempcError: If worker processes die; what was done is kept.
+            Interrupted: After a signal, see `experiments.engine.signals`.
+        """
+        with deferred():
+            keys = [job.key() for job in jobs]
+            new = {key: job for key, job in zip(keys, jobs, strict=True) if key not in self._rows}
+            missing = {key: job for key, job in new.items() if not self._found(key)}
+            self._total = max(self._total, len(self._rows) + len(missing))
+            failed = self._do(missing) if missing else {}
+        return [failed.get(key) or self._rows[key] for key in keys]
+
+    def _found(self, key: str) -> bool:
+        raise_if_received()
+        row = self._cache.find(key)
+        if row is not None:
+            self._rows[key] = row
+            self._count()
+        return row is not None
+
+    def _do(self, missing: dict[str, Job]) -> dict[str, Row]:
+        if self._bar is None:
+            self._bar = tqdm(total=self._total, unit=self._unit, file=sys.stderr, mininterval=1.0)
+            self._count(len(self._rows))
+        self._bar.total = self._total
+        if self._workers is None:
+            self._workers = LocalWorkers(min(self._jobs, self._total - len(self._rows)))
+        ended: queue.SimpleQueue[tuple[str, Outcome]] = queue.SimpleQueue()
+        for key, job in missing.items():
+            self._workers.submit(key, job, lambda key, outcome: ended.put((key, outcome)))
+            raise_if_received()
+        failed: dict[str, Row] = {}
+        waiting = len(missing)
+        while waiting:
+            raise_if_received()
+            try:
+                key, outcome = ended.get(timeout=_LOOK_S)
+            except queue.Empty:
+                continue
+            row = self._row(outcome)
+            if row["failed"]:
+                failed[key] = row
+            else:
+                self._rows[key] = self._cache.keep(key, row)
+                self.fresh.append(self._rows[key])
+            waiting -= 1
+            self._count()
+        return failed
+
+    def _row(self, outcome: Outcome) -> Row:
+        try:
+            return outcome()
+        except GazempcError as error:
+            kept = f"{self._kept()} are kept in {self._cache.folder}"
+            raise GazempcError(f"{error}; {kept}: run the same command again to go on") from None
+
+    def _count(self, n: int = 1) -> None:
+        if self._bar is not None:
+            self._bar.update(n)
+
+    def _kept(self) -> str:
+        return f"{len(self._rows)} of {self._total} results"

@@ -1,0 +1,83 @@
+"""Worker processes on this machine."""
+
+from __future__ import annotations
+
+import multiprocessing.resource_tracker
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from functools import partial
+from typing import TYPE_CHECKING
+
+from experiments.engine.job import Job, Row, carry_out
+from experiments.engine.keys import program_hash
+from experiments.engine.signals import kept_from_children
+from experiments.engine.workers import Outcome
+from gazempc.errors import GazempcError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+# An orphan is to end within 2 s.
+_LOOK_FOR_PARENT_S = 0.5
+# One numerical thread a process: the matrices are small, and the processes are the parallelism.
+_ONE_THREAD = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1",
+}
+
+
+class LocalWorkers:
+    """Processes with a fresh interpreter each. They end with this process, however it ends.
+
+    Args:
+        count: How many.
+    """
+
+    def __init__(self, count: int) -> None:
+        # Imported here, because the workers themselves import this module and have no use for it.
+        from joblib.externals import loky  # noqa: PLC0415
+
+        self._died = loky.process_executor.TerminatedWorkerError
+        self._pool = loky.ProcessPoolExecutor(count, initializer=_watch, initargs=(os.getpid(),), env=_ONE_THREAD)
+        # It must run before signals are blocked: its own start would lift the block.
+        multiprocessing.resource_tracker.ensure_running()
+        self._started = False
+
+    def submit(self, key: str, job: Job, ended: Callable[[str, Outcome], None]) -> None:
+        """See `Workers`; the outcome raises GazempcError if a worker process died."""
+        # The first job starts all processes.
+        with nullcontext() if self._started else kept_from_children():
+            future = self._pool.submit(carry_out, job, key, program_hash())
+        self._started = True
+        future.add_done_callback(lambda f: ended(key, partial(self._outcome, f)))
+
+    def stop(self) -> None:
+        """See `Workers`."""
+        self._pool.shutdown(wait=True, kill_workers=True)
+
+    def _outcome(self, future: Future[Row]) -> Row:
+        try:
+            return future.result()
+        except self._died:
+            raise GazempcError("a worker process died (killed, or out of memory)") from None
+
+
+def _watch(parent: int) -> None:
+    """End this worker soon after its parent, which may have had no time to say so; and only then."""
+    from joblib.externals.loky import process_executor  # noqa: PLC0415
+
+    # It would end workers that have grown by 300 MB, as they do who fit networks, and warn of it.
+    process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
+
+    def look() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK_FOR_PARENT_S)
+        os._exit(1)
+
+    threading.Thread(target=look, name="parent watch", daemon=True).start()

@@ -1,0 +1,123 @@
+"""One replay as a job; what many replays share is made once in each worker."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from experiments.engine.job import Row
+from experiments.engine.keys import key_of, models_hash, recording_hash
+from experiments.engine.own_parts import parts_hash
+from gazempc.errors import LeftOutError
+from gazempc.neck.spec import NeckSpec
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.recording import Recording
+from gazempc.results.metrics import measure, measure_compute
+from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
+from gazempc.sim.scene import make_scene
+from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
+
+# These are names of what the key says by its content.
+_BY_CONTENT = {"neck", "sensor", "walker"}
+# Sensors that a recording may call for if none is named.
+_DEFAULT_SENSORS = ("reference", "recorded")
+
+
+@dataclass(frozen=True)
+class ReplayJob:
+    """All that a replay depends on.
+
+    Attributes:
+        recording: Synthetic name or path.
+        controller: A shipped name or ``module:Class``; ``perfect`` is the MPC with the true future.
+        settings: The predictor, parameters of predictor, controller and loop, the robot's place and the seed.
+        neck: The neck as controller and smoother know it.
+        robot_neck: The neck that is simulated.
+        sensors: Sensor by the name of the file it is made from: the one that was chosen, or each that a recording may
+            call for.
+    """
+
+    recording: str
+    controller: str
+    settings: ReplaySettings
+    neck: NeckSpec
+    robot_neck: NeckSpec
+    sensors: Mapping[str, SensorSpec]
+
+    def key(self) -> str:
+        """See `experiments.engine.job.Job`."""
+        content = {
+            "recording": recording_hash(self.recording),
+            "controller": self.controller,
+            "settings": self.settings.model_dump(mode="json", exclude=_BY_CONTENT),
+            "models": models_hash(self.settings.walker.fitted),
+            "necks": [neck.model_dump(mode="json") for neck in (self.neck, self.robot_neck)],
+            "sensors": {name: sensor.model_dump(mode="json") for name, sensor in self.sensors.items()},
+            "own parts": parts_hash(self.controller, self.settings.predictor),
+        }
+        return key_of(content, __name__)
+
+    def run(self) -> Row:
+        """Replay and measure.
+
+        Returns:
+            Labels of the recording, names of the parts, then `metrics_of`; without a run that can be scored, labels
+            and ``left_out``.
+        """
+        recording = load_once(self.recording, self.settings.reading)
+        labels = {"kind": recording.kind, "subject": recording.labels.subject, "group": recording.labels.group}
+        sensor = self.sensors[self.settings.sensor or default_sensor(recording)]
+        try:
+            scene = replace(make_scene(recording, self.settings, self.neck, sensor), robot_neck=self.robot_neck)
+            done = replay_scene(scene, self.controller, self.settings.predictor, self.settings)
+        except LeftOutError as error:
+            return labels | {"left_out": str(error)}
+        names = {"controller_name": done.log.run.controller, "predictor_name": done.log.run.predictor}
+        return labels | names | metrics_of(done)
+
+
+def sensors_by_name(chosen: str | None) -> dict[str, SensorSpec]:
+    """The chosen sensor, or all that a recording may call for.
+
+    Args:
+        chosen: Shipped sensor or .toml file; None for the one that fits each recording.
+
+    Returns:
+        Sensor by name.
+
+    Raises:
+        SettingsError: If there is no such sensor.
+    """
+    return {name: load_sensor(name) for name in ((chosen,) if chosen else _DEFAULT_SENSORS)}
+
+
+def metrics_of(done: Replayed) -> Row:
+    """All metrics of a replay.
+
+    Args:
+        done: Log and computing times.
+
+    Returns:
+        ``simulated_s``, then every metric by name; NaN is None.
+    """
+    log = done.log
+    metrics = measure(log).as_dict() | measure_compute(done.times, log.neck.control_period_s).as_dict()
+    known = {name: None if _is_nan(value) else value for name, value in metrics.items()}
+    return {"simulated_s": float(log.time_s[-1] - log.time_s[0])} | known
+
+
+def load_once(recording: str, reading: ReadOptions | None = None) -> Recording:
+    """A recording, read once for the jobs that follow each other in a worker, unless its file changes."""
+    return _load_once(recording, reading, tuple(recording_hash(recording)))
+
+
+@lru_cache(maxsize=8)
+def _load_once(recording: str, reading: ReadOptions | None, _: tuple[str, ...]) -> Recording:
+    return load(recording, reading)
+
+
+def _is_nan(value: object) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)

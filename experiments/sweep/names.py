@@ -1,0 +1,179 @@
+"""Dotted names of all that a sweep may set, and the check of their values."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, get_args
+
+from pydantic import BaseModel, Field, ValidationError, create_model
+from pydantic.fields import FieldInfo
+
+from gazempc.errors import SettingsError, suggest
+from gazempc.neck.spec import Axis, Geometry, NeckSpec, load_neck
+from gazempc.parts import CONTROLLER, PREDICTOR, check_choice
+from gazempc.settings import ControllerChoice
+from gazempc.sim.replay import ReplaySettings
+from gazempc.sim.sensor import SensorSpec, load_sensor
+
+# Options of parts of the user's own are checked together, see `experiments.engine.own_parts`.
+OPTION = "options."
+_PARTS = {"controller": CONTROLLER, "predictor": PREDICTOR}
+DEAD_TIME_SCALE = "model.dead_time_scale"
+
+
+class _SweepOnly(BaseModel):
+    controller: ControllerChoice
+    dead_time_scale: float = Field(default=1.0, ge=0, le=3, description="The model's dead time over the robot's")
+
+
+@lru_cache(maxsize=1)
+def setting_fields() -> dict[str, FieldInfo]:
+    """Every dotted name that a sweep may set, with its type and range."""
+    found = {name: field for name, field in _leaves(ReplaySettings).items() if name != "options"}
+    found["controller"] = _SweepOnly.model_fields["controller"]
+    found[DEAD_TIME_SCALE] = _SweepOnly.model_fields["dead_time_scale"]
+    for axis in ("pan", "tilt", "both"):
+        found |= {f"neck.{axis}.{name}": field for name, field in Axis.model_fields.items()}
+    found |= {f"neck.geometry.{name}": field for name, field in Geometry.model_fields.items()}
+    found |= {
+        f"neck.{name}": NeckSpec.model_fields[name] for name in ("control_rate_hz", "servo_rate_hz", "reports_joints")
+    }
+    found |= {f"sensor.{n}": field for n, field in SensorSpec.model_fields.items() if n not in {"name", "source"}}
+    return found
+
+
+def check_name(name: str) -> str | None:
+    """Say what is wrong with a dotted name.
+
+    Args:
+        name: What the user wrote.
+
+    Returns:
+        None if it is right, else what it perhaps means and what is accepted.
+    """
+    names = setting_fields()
+    if name in names or (name.startswith(OPTION) and name != OPTION):
+        return None
+    first, _, rest = name.partition(".")
+    siblings = [n for n in names if n.startswith(f"{first}.")]
+    if rest and siblings:
+        return f"unknown setting; {suggest(name, siblings)}"
+    # A leaf's name alone is a likely slip.
+    leaves = [n for n in names if n.split(".")[-1] == name.rpartition(".")[2]]
+    near = leaves or difflib.get_close_matches(name, names, n=3)
+    hint = f"perhaps you meant {' or '.join(map(repr, near))}; " if near else ""
+    groups = dict.fromkeys(n.split(".")[0] + (".*" if "." in n else "") for n in sorted(names))
+    return f"unknown setting; {hint}accepted: {', '.join(groups)}"
+
+
+def check_value(name: str, value: Any) -> tuple[Any, str | None]:
+    """Check one value of a setting alone.
+
+    Args:
+        name: A name that `check_name` accepts.
+        value: What the user wrote.
+
+    Returns:
+        The value in the setting's type, and None; or the value as given, and what is wrong and what is accepted.
+    """
+    if name.startswith(OPTION):
+        return value, None
+    if name in _PARTS:
+        return _check_part(name, value)
+    field = setting_fields()[name]
+    # Python takes true for 1; and infinity means something only where it stands for "no limit".
+    if isinstance(value, bool) != (field.annotation is bool) or (
+        isinstance(value, float) and not math.isfinite(value) and value != field.default
+    ):
+        return value, f"{_said(value)} is not accepted; accepted: {accepted(field)}"
+    try:
+        checked = _alone(name).model_validate({"value": value}).model_dump()["value"]
+    except ValidationError as error:
+        choices = [c for c in _choices(field) if isinstance(c, str)]
+        wanted = suggest(str(value), choices) if choices else f"accepted: {accepted(field)}"
+        return value, f"{error.errors()[0]['msg']} (given: {_said(value)}); {wanted}"
+    try:
+        if name == "neck":
+            load_neck(checked)
+        elif name == "sensor" and checked is not None:
+            load_sensor(checked)
+    except SettingsError as error:
+        return value, str(error)
+    return checked, None
+
+
+def _check_part(name: str, value: Any) -> tuple[Any, str | None]:
+    try:
+        return check_choice(_PARTS[name], str(value)), None
+    except ValueError as error:
+        return value, str(error)
+
+
+def accepted(field: FieldInfo) -> str:
+    """The type and range of a setting, for messages."""
+    signs = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+    limits = [f"{sign} {getattr(m, key):g}" for m in field.metadata for key, sign in signs.items() if hasattr(m, key)]
+    if choices := _choices(field):
+        return ", ".join("null" if c is None else str(c) for c in choices)
+    if field.annotation is bool:
+        return "true, false"
+    kind = "a whole number" if field.annotation is int else "a number" if is_number(field) else "a value of its type"
+    return " and ".join([f"{kind} {limits[0]}", *limits[1:]]) if limits else kind
+
+
+def is_number(field: FieldInfo) -> bool:
+    """True if a setting can be swept between two ends."""
+    return bool({int, float} & {field.annotation, *get_args(field.annotation)}) and not _choices(field)
+
+
+def check_settings(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Check names and values of settings.
+
+    Args:
+        values: Values by dotted name.
+
+    Returns:
+        The checked values, and what is wrong with the others, a line each.
+    """
+    checked: dict[str, Any] = {}
+    problems = []
+    for name, value in values.items():
+        problem = check_name(name)
+        if problem is None:
+            checked[name], problem = check_value(name, value)
+        if problem:
+            problems.append(f"{name}: {problem}")
+    return checked, problems
+
+
+def _leaves(model: type[BaseModel], prefix: str = "") -> dict[str, FieldInfo]:
+    found: dict[str, FieldInfo] = {}
+    for name, field in model.model_fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            found |= _leaves(field.annotation, f"{prefix}{name}.")
+        else:
+            found[prefix + name] = field
+    return found
+
+
+@lru_cache(maxsize=256)
+def _alone(name: str) -> type[BaseModel]:
+    # Sub-settings know their own constraints only inside their model; one field alone reports one error alone.
+    field = setting_fields()[name]
+    kind: Any = field.annotation
+    return create_model("Alone", value=(kind, field))
+
+
+def _choices(field: FieldInfo) -> tuple[Any, ...]:
+    found: list[Any] = []
+    for part in (field.annotation, *get_args(field.annotation)):
+        if getattr(part, "__origin__", None) is not None and "Literal" in repr(part):
+            found += get_args(part)
+    return tuple(found)
+
+
+def _said(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else repr(value)

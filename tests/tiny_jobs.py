@@ -1,0 +1,75 @@
+"""Jobs that cost nothing, and a command that does them, for tests of the engine."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from experiments.engine.command import run_command
+from experiments.engine.engine import Engine
+from experiments.engine.job import Row
+from experiments.engine.keys import key_of
+from gazempc.errors import GazempcError, LeftOutError
+
+
+@dataclass(frozen=True)
+class Tiny:
+    """Squares a number, or does what its name says.
+
+    Attributes:
+        number: What is squared.
+        does: ``square``, ``array``, ``sleep`` (until it is killed), ``leave out``, ``fail``, ``bug`` or ``die``.
+        log: File that gets a line for each job done.
+    """
+
+    number: int
+    does: str = "square"
+    log: str | None = None
+
+    def key(self) -> str:
+        """Everything but the log."""
+        return key_of({"number": self.number, "does": self.does}, __name__)
+
+    def run(self) -> Row:
+        """See `Tiny`."""
+        if self.log is not None:
+            with Path(self.log).open("a") as file:
+                file.write(f"{self.number} {os.getpid()}\n")
+        if self.does == "sleep":
+            time.sleep(60)
+        elif self.does == "leave out":
+            raise LeftOutError("too near")
+        elif self.does == "fail":
+            raise GazempcError("no such walk")
+        elif self.does == "bug":
+            raise TypeError("a bug")
+        elif self.does == "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        row: Row = {"square": self.number**2, "third": self.number / 3, "pid": os.getpid()}
+        return row | ({"array": np.full((2, self.number), 0.1)} if self.does == "array" else {})
+
+
+def main(folder: str, log: str, finished: int, unfinished: int, *more: str) -> int:
+    """Do `finished` squares and `unfinished` endless jobs with two workers."""
+
+    def work() -> int:
+        dask = more[0] if more else None
+        with Engine(Path(folder), jobs=2, dask=dask, total=finished + unfinished) as engine:
+            rows = engine.run([Tiny(n) for n in range(finished)])
+            rows += engine.run([Tiny(n, "sleep", log) for n in range(unfinished)])
+        print(f"{len(rows)} rows")
+        return 0
+
+    return run_command("tiny", work)
+
+
+if __name__ == "__main__":
+    import tiny_jobs  # the workers know the jobs by the name of their module
+
+    sys.exit(tiny_jobs.main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), *sys.argv[5:]))
