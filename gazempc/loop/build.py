@@ -1,4 +1,4 @@
-"""Predictor and controller of a run, by name or as objects; parts of the user's own are tried out first."""
+"""Predictor and controller of a run, by name or as objects."""
 
 from __future__ import annotations
 
@@ -7,20 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from gazempc.controllers.controller import CommandState, Controller, Plan, Situation
+from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
+from gazempc.loop.trial import check_controller, check_predictor
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
-from gazempc.parts import CONTROLLER, PREDICTOR, check_methods, is_own, name_of, said
+from gazempc.parts import CONTROLLER, PREDICTOR, is_own, name_of
 from gazempc.settings import GazeSettings, PredictorSettings
 from gazempc.types import FloatArray
-from predictors import Forecast, HeadObservation, Predictor
+from predictors import Predictor
 from predictors.walker.network import WalkerModel, WalkerModelError, load_walker_model, model_file, shipped_walker_model
-
-# A person who walks past 2 m before the robot, for five frames at 30 frames a second.
-_TRIAL_FRAMES, _TRIAL_PERIOD_S = 5, 1.0 / 30.0
 
 
 @dataclass(frozen=True)
@@ -37,12 +33,14 @@ class Person:
     true_position_base_m: Callable[[FloatArray], FloatArray] | None = None
 
 
-def make_predictor(choice: str, settings: PredictorSettings, person: Person, options: dict[str, Any]) -> Predictor:
-    """Make a predictor.
+def make_predictor(
+    choice: str | Predictor, settings: PredictorSettings, person: Person, options: dict[str, Any]
+) -> Predictor:
+    """Make a predictor, or make an object of yours ready: it is tried out and reset.
 
     Args:
-        choice: A shipped name or ``module:Class``. A constructor of your own may ask for ``person`` (their name) and
-            ``true_position_base_m``.
+        choice: A shipped name, ``module:Class`` or a predictor. A constructor of your own may ask for ``person`` (their
+            name) and ``true_position_base_m``.
         settings: Parameters of the shipped ones.
         person: Who walks.
         options: Parameters of your own ones.
@@ -53,6 +51,11 @@ def make_predictor(choice: str, settings: PredictorSettings, person: Person, opt
     Raises:
         SettingsError: If it cannot be made, or does not do what a predictor must.
     """
+    if not isinstance(choice, str):
+        if name_of(PREDICTOR, choice) not in PREDICTOR.shipped:
+            return check_predictor(choice)
+        choice.reset()
+        return choice
     future = person.true_position_base_m
     if choice == "perfect" and future is None:
         raise SettingsError("predictor perfect: nobody knows the true future here")
@@ -71,12 +74,14 @@ def make_predictor(choice: str, settings: PredictorSettings, person: Person, opt
     return predictor
 
 
-def make_controller(choice: str, neck: NeckSpec, settings: GazeSettings, options: dict[str, Any]) -> Controller:
-    """Make a controller.
+def make_controller(
+    choice: str | Controller, neck: NeckSpec, settings: GazeSettings, options: dict[str, Any]
+) -> Controller:
+    """Make a controller, or make an object of yours ready: it is tried out and reset.
 
     Args:
-        choice: A shipped name or ``module:Class``; ``perfect`` is the MPC. A constructor of your own may ask for
-            ``neck``.
+        choice: A shipped name (``perfect`` is the MPC), ``module:Class`` or a controller. A constructor of your own may
+            ask for ``neck``.
         neck: The neck.
         settings: Parameters of the shipped ones.
         options: Parameters of your own.
@@ -87,6 +92,11 @@ def make_controller(choice: str, neck: NeckSpec, settings: GazeSettings, options
     Raises:
         SettingsError: If it cannot be made, or does not do what a controller must.
     """
+    if not isinstance(choice, str):
+        if name_of(CONTROLLER, choice) not in CONTROLLER.shipped:
+            return check_controller(choice, neck)
+        choice.reset()
+        return choice
     if is_own(choice):
         own: Controller = make(CONTROLLER, choice, {"neck": neck}, options_for(CONTROLLER, choice, options))
         return check_controller(own, neck)
@@ -113,114 +123,3 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
         return shipped_walker_model() if fitted is None else load_walker_model(model_file(fitted, person))
     except WalkerModelError as error:
         raise SettingsError(f"walker.fitted: {error}") from None
-
-
-def check_predictor(predictor: Predictor) -> Predictor:
-    """Try a predictor on a short walk, then reset it.
-
-    Args:
-        predictor: The predictor.
-
-    Returns:
-        The same.
-
-    Raises:
-        SettingsError: If a method is missing or raises, or a forecast is not what it must be; says which and why.
-    """
-    check_methods(PREDICTOR, predictor)
-    called = f"predictor {name_of(PREDICTOR, predictor)}"
-    times_s = 1.0 + np.array([0.0, 0.25, 1.0])
-    with _Trial(f"{called}: reset()"):
-        predictor.reset()
-    with _Trial(f"{called}: update(observation)"):
-        for observation in _walk():
-            predictor.update(observation)
-    with _Trial(f"{called}: forecast(times_s) of shape (3,)"):
-        forecast = predictor.forecast(times_s)
-    if not isinstance(forecast, Forecast):
-        raise SettingsError(f"{called}: forecast() returned {type(forecast).__name__}, needed is a predictors.Forecast")
-    if forecast.times_s.shape != times_s.shape:
-        raise SettingsError(f"{called}: forecast() of 3 times returned times of shape {forecast.times_s.shape}")
-    if not np.all(np.isfinite(forecast.means_base_m)):
-        raise SettingsError(f"{called}: forecast() returned positions that are not finite")
-    with _Trial(f"{called}: reset()"):
-        predictor.reset()
-    return predictor
-
-
-def check_controller(controller: Controller, neck: NeckSpec) -> Controller:
-    """Let a controller make one plan for a neck at rest, then reset it.
-
-    Args:
-        controller: The controller.
-        neck: The neck.
-
-    Returns:
-        The same.
-
-    Raises:
-        SettingsError: If a method is missing or raises, or a plan is not what it must be; says which and why.
-    """
-    check_methods(CONTROLLER, controller)
-    called = f"controller {name_of(CONTROLLER, controller)}"
-    with _Trial(f"{called}: reset()"):
-        controller.reset()
-    with _Trial(f"{called}: forecast_times_s(start_s, newest_capture_s)"):
-        times_s = np.asarray(controller.forecast_times_s(1.0, 0.9), dtype=np.float64)
-    if times_s.ndim != 1 or not times_s.size or not np.all(np.isfinite(times_s)):
-        raise SettingsError(
-            f"{called}: forecast_times_s() returned an array of shape {times_s.shape}; needed are finite times of "
-            "shape (H,), seconds"
-        )
-    with _Trial(f"{called}: plan(situation)"):
-        plan = controller.plan(_situation(neck, times_s))
-    if not isinstance(plan, Plan):
-        raise SettingsError(
-            f"{called}: plan() returned {type(plan).__name__}, needed is a gazempc.controllers.controller.Plan"
-        )
-    with _Trial(f"{called}: reset()"):
-        controller.reset()
-    return controller
-
-
-class _Trial:
-    """Turns whatever a part raises into a message that names the call."""
-
-    def __init__(self, what: str) -> None:
-        self._what = what
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, Exception):
-            raise SettingsError(f"{self._what} raised {said(error)}") from error
-
-
-def _walk() -> list[HeadObservation]:
-    facing = np.array([1.0, 0.0, 0.0, 0.0])
-    return [
-        HeadObservation(1.0 - (_TRIAL_FRAMES - 1 - i) * _TRIAL_PERIOD_S, np.array([2.0, 0.04 * i, 0.3]), facing, facing)
-        for i in range(_TRIAL_FRAMES)
-    ]
-
-
-def _situation(neck: NeckSpec, times_s: FloatArray) -> Situation:
-    rest_rad, still = neck.rest_rad, np.zeros(2)
-    forecast = Forecast(
-        times_s=times_s,
-        means_base_m=np.tile([2.0, 0.1, 0.3], (times_s.size, 1)),
-        covariances_m2=np.tile(1e-4 * np.eye(3), (times_s.size, 1, 1)),
-        issued_at_s=0.9,
-    )
-    history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
-    return Situation(
-        start_s=1.0,
-        forecast=forecast,
-        command=CommandState(rest_rad, still, still),
-        joint_position_rad=rest_rad,
-        joint_velocity_rad_s=still,
-        joint_offset_rad=still,
-        sent_rad=np.tile(rest_rad, (history, 1)),
-        committed_rad=np.empty((0, 2)),
-    )
