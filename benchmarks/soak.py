@@ -23,16 +23,17 @@ import numpy as np
 import tyro
 
 from gazempc.live.clock import Clock, RealClock
-from gazempc.live.mount import Mount
-from gazempc.live.run import LiveReport, LiveRun
+from gazempc.live.parts import Keeping, LiveParts
+from gazempc.live.report import LiveReport
+from gazempc.live.run import LiveRun
 from gazempc.live.sources.source import Arrived
+from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner
-from gazempc.settings import LoopSettings
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import limit_violations
-from gazempc.settings import DEFAULT_PREDICTOR, RunSettings
-from gazempc.sim.replay import make_controller, make_predictor
+from gazempc.results.run_info import RunInfo
+from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
@@ -193,30 +194,36 @@ def soak(minutes: float, neck: NeckSpec, log_s: float, seed: int) -> dict[str, A
     Returns:
         The figures.
     """
-    settings = RunSettings()
+    settings = ReplaySettings()
     clock = RealClock()
-    controller = make_controller("mpc", neck, settings)
+    controller = make_controller("mpc", neck, settings, {})
     robot = SimulatedNeck(neck, neck.rest_rad, clock.now_s)
     source = EndlessWalk(clock, seed)
     sys.setswitchinterval(SWITCH_S)
     with tempfile.TemporaryDirectory() as folder:
         kept = Kept(neck, Path(folder))
-        run = LiveRun(
+        parts = LiveParts(
             neck,
-            make_predictor(DEFAULT_PREDICTOR, settings, None),
-            controller,
+            make_predictor(settings.predictor, settings, Person(), {}),
             BackgroundPlanner(controller),
             robot,
             source,
-            Mount(),
             clock,
-            LoopSettings(),
-            {"recording": "endless walk", "kind": "live", "neck": neck.model_dump(), "joints": "measured"},
-            kept.keep,
-            log_s,
-            lambda times_s: head_m(times_s - source.start_s),
-            robot.true_state,
         )
+        about = RunInfo(
+            recording="endless walk",
+            kind="live",
+            subject="nobody",
+            controller="mpc",
+            predictor=settings.predictor,
+            neck=neck,
+            sensor={"name": "camera"},
+            seed=seed,
+            mode="live",
+            joints="measured",
+        )
+        keeping = Keeping(about, kept.keep, log_s, lambda times_s: head_m(times_s - source.start_s), robot.true_state)
+        run = LiveRun(parts, keeping)
         watch = Watch(run.report, every_s=min(5.0, 60.0 * minutes / 4))
         watch.start()
         report = run.run(threading.Event(), 60.0 * minutes)

@@ -20,13 +20,16 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
-from gazempc.errors import GazempcError, SettingsError
+from gazempc.errors import GazempcError, RobotError, SettingsError
 from gazempc.identify.excitation import ExcitationSettings, excite
-from gazempc.identify.record import IdentificationError, NeckRecord, load_record, record
+from gazempc.identify.record import IdentificationError, NeckRecord, load_record, read, record
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
+from gazempc.live.robots import keeps_any_clock, make_robot
 from gazempc.neck.spec import AXES, NeckSpec, load_neck
+from gazempc.part_options import check_options, take_options
+from gazempc.parts import ROBOT, said
 from gazempc.progress import Progress
-from gazempc.robots.factory import SIMULATED, RobotName, RobotOptions, make_robot
+from gazempc.robots.options import RobotChoice, RobotOptions
 from gazempc.robots.robot import Robot
 from gazempc.robots.start import way_in_rad
 from gazempc.types import FloatArray
@@ -44,7 +47,9 @@ _PATIENCE_S = 2.0
 class IdentifySettings(ExcitationSettings):
     """Settings of `python -m gazempc.identify`."""
 
-    robot: RobotName | None = Field(default=None, description="Robot to move and measure")
+    robot: RobotChoice | None = Field(
+        default=None, description="Robot to move and measure; module:Class for a robot of your own"
+    )
     options: RobotOptions = RobotOptions()
     from_log: Path | None = Field(
         default=None,
@@ -75,12 +80,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 2 on bad input or where the data cannot tell, 130 if interrupted.
     """
-    settings = tyro.cli(IdentifySettings, args=arguments, prog="python -m gazempc.identify", description=__doc__)
     for number in (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ():
         # As Ctrl-C: the neck is braked, then the command ends.
         signal.signal(number, signal.default_int_handler)
     try:
-        _run(settings)
+        _run(parse(sys.argv[1:] if arguments is None else arguments))
     except BrokenPipeError:
         # Whoever read the output has seen enough, as in "... | head"; nothing more can be said to them.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -92,6 +96,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("identify: interrupted; the neck was stopped, nothing was written", file=sys.stderr)
         return _INTERRUPTED
     return 0
+
+
+def parse(words: Sequence[str]) -> IdentifySettings:
+    """Settings from the command line.
+
+    Args:
+        words: Command line without the program's name.
+
+    Returns:
+        The settings.
+
+    Raises:
+        SettingsError: If there is no such robot, or it does not take an option.
+        SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
+    """
+    words, own = take_options(words, RobotOptions.model_fields)
+    found = tyro.cli(IdentifySettings, args=words, prog="python -m gazempc.identify", description=__doc__)
+    settings = found.model_copy(update={"options": found.options.with_own(own)})
+    check_options([(ROBOT, settings.robot or "simulated")], own)
+    return settings
 
 
 def _run(settings: IdentifySettings) -> None:
@@ -110,7 +134,7 @@ def _run(settings: IdentifySettings) -> None:
         neck = taken.neck() if settings.neck is None else load_neck(settings.neck)
         origin = f"{settings.from_log.name}"
     else:
-        if settings.neck is None and settings.robot is not None and settings.robot not in SIMULATED:
+        if settings.neck is None and settings.robot is not None and not keeps_any_clock(ROBOT, settings.robot):
             raise SettingsError(
                 f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears"
             )
@@ -146,11 +170,11 @@ def _run(settings: IdentifySettings) -> None:
 
 
 def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> NeckRecord:
-    name: RobotName = settings.robot or "simulated"
+    name = settings.robot or "simulated"
     # A simulated neck keeps any clock's time, so its run need not last as long as the motion.
-    clock: Clock = SimulatedClock() if name in SIMULATED else RealClock()
+    clock: Clock = SimulatedClock() if keeps_any_clock(ROBOT, name) else RealClock()
     with closing(make_robot(name, settings.options, neck, clock, neck.rest_rad, settings.seed)) as robot:
-        robot.connect()
+        _connect(robot, name)
         start_rad = _where_it_stands(robot, clock)
         for command_rad in way_in_rad(neck, start_rad):
             robot.send_command(command_rad)
@@ -165,17 +189,32 @@ def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> N
         return record(robot, clock, excitation, neck, about, progress.at)
 
 
+def _connect(robot: Robot, name: str) -> None:
+    try:
+        robot.connect()
+    except (GazempcError, OSError):
+        raise
+    except Exception as error:
+        raise RobotError(f"robot {name}: connect() raised {said(error)}") from error
+
+
 def _where_it_stands(robot: Robot, clock: Clock) -> FloatArray:
     """First measured angles, shape (2,), radians: a command that begins elsewhere would be a jump."""
     start_s = clock.now_s()
-    while (state := robot.read_state()) is None:
+    problem = ""
+    while True:
+        try:
+            reading = read(robot)
+        except (RobotError, OSError) as error:
+            reading, problem = None, f" ({error})"
+        if reading is not None:
+            return reading.position_rad
         if clock.now_s() - start_s > _PATIENCE_S:
             raise IdentificationError(
-                f"the robot has not reported its joints within {_PATIENCE_S:g} s: a neck without encoders cannot be "
-                "identified this way; check its connection. It was not moved"
+                f"the robot has not reported its joints within {_PATIENCE_S:g} s{problem}: a neck without encoders "
+                "cannot be identified this way; check its connection. It was not moved"
             )
         clock.sleep_until_s(clock.now_s() + 0.01)
-    return state.position_rad
 
 
 def _heading(taken: NeckRecord, origin: str) -> str:

@@ -18,9 +18,10 @@ from gazempc.errors import GazempcError, RobotError, SettingsError
 from gazempc.identify.excitation import Excitation, brake
 from gazempc.live.clock import Clock
 from gazempc.neck.spec import NeckSpec
+from gazempc.parts import said
 from gazempc.results.log import load_log
 from gazempc.robots.robot import Robot
-from gazempc.types import FloatArray
+from gazempc.types import FloatArray, JointState
 
 _ROBOT_ERRORS = (RobotError, OSError)
 # A robot that has not been read for so long may be stuck anywhere: better to stop than to go on moving it blindly.
@@ -74,6 +75,42 @@ class NeckRecord:
         np.savez_compressed(path, **arrays)
 
 
+def read(robot: Robot) -> JointState | None:
+    """Read the joints of a robot that may be a user's own.
+
+    Args:
+        robot: Connected.
+
+    Returns:
+        The state; None if there is nothing new.
+
+    Raises:
+        RobotError: If the robot raises anything but an OSError, or returns no two angles.
+    """
+    try:
+        state = robot.read_state()
+        shape = (2,) if state is None else np.shape(state.position_rad)
+    except _ROBOT_ERRORS:
+        raise
+    except Exception as error:
+        raise RobotError(f"read_state() raised {said(error)}") from error
+    if shape != (2,):
+        raise RobotError(f"read_state() returned positions of shape {shape}, needed is (2,): pan and tilt")
+    return state
+
+
+def _send(robot: Robot, position_rad: FloatArray) -> FloatArray:
+    try:
+        sent_rad: FloatArray = np.array(robot.send_command(position_rad), dtype=np.float64)
+    except _ROBOT_ERRORS:
+        raise
+    except Exception as error:
+        raise RobotError(f"send_command() raised {said(error)}") from error
+    if sent_rad.shape != (2,):
+        raise RobotError(f"send_command() returned shape {sent_rad.shape}, needed are two angles in radians")
+    return sent_rad
+
+
 def record(
     robot: Robot,
     clock: Clock,
@@ -118,9 +155,9 @@ def record(
             if late_s > excitation.period_s:
                 start_s += late_s
             try:
-                state = robot.read_state()
+                state = read(robot)
                 silent_since_s = clock.now_s()
-                if state is not None and state.position_rad.shape == (2,):
+                if state is not None:
                     readings.append((state.time_s, state.position_rad))
             except _ROBOT_ERRORS as error:
                 failed += 1
@@ -128,11 +165,11 @@ def record(
                     raise RobotError(f"stopped: the joints could not be read for {_SILENCE_S} s ({error})") from None
             sent_at_s = clock.now_s()
             try:
-                sent_rad = robot.send_command(excitation.position_rad[tick])
+                sent_rad = _send(robot, excitation.position_rad[tick])
             except _ROBOT_ERRORS as error:
                 done_s = sent_at_s - start_s
                 raise RobotError(f"stopped after {done_s:.1f} s: a command did not get through ({error})") from None
-            commands.append((sent_at_s, np.array(sent_rad)))
+            commands.append((sent_at_s, sent_rad))
             if on_tick is not None:
                 on_tick(tick / count)
             tick += 1

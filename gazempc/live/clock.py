@@ -55,6 +55,17 @@ class RealClock:
         """
         return unix_s - self._unix_start_s
 
+    def from_monotonic_s(self, monotonic_s: float) -> float:
+        """A time of `time.monotonic` on this clock.
+
+        Args:
+            monotonic_s: Seconds.
+
+        Returns:
+            Seconds since the clock was made.
+        """
+        return monotonic_s - self._start_s
+
     def unix_clock_stepped(self) -> bool:
         """Whether the computer's Unix clock was set to another time since the last call; it then counts from there.
 

@@ -1,49 +1,45 @@
-"""Settings of a live run, and what is made of them."""
+"""Settings of a live run, and which of them go together."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 from pydantic import Field
 
 from gazempc.errors import SettingsError
-from gazempc.live.clock import Clock, RealClock
 from gazempc.live.mount import Mount
-from gazempc.live.sources.replay import ReplaySource
-from gazempc.live.sources.ros2 import Ros2Person
-from gazempc.live.sources.source import Source, SourceError
-from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, parse_address
-from gazempc.recordings.load import load
-from gazempc.recordings.placement import Placement, place
-from gazempc.recordings.recording import Recording
-from gazempc.robots.factory import SIMULATED, RobotName, RobotOptions, ros2_network
-from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, LoopSettings, PredictorChoice
-from gazempc.sim.sensor import default_sensor, load_sensor
+from gazempc.live.robots import keeps_any_clock
+from gazempc.live.sources.source import SourceError
+from gazempc.part_options import check_options
+from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own
+from gazempc.robots.options import RobotChoice, RobotOptions
+from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
+from gazempc.sim.scene import SceneSettings
 
-SOURCES = "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, ros2:TOPIC"
+SOURCES = "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, ros2:TOPIC, module:Class for a source of your own"
 
 
-class LiveSettings(GazeSettings):
-    """Settings of `python -m gazempc.live`."""
+class MountedSettings(GazeSettings):
+    """Settings of a live run from Python and from the command line."""
 
-    source: str = Field(description=f"Where observations come from: {SOURCES}")
-    robot: RobotName = Field(default="simulated", description="What executes the commands")
-    neck: str | None = Field(
-        default=None, description="Shipped neck or a .toml file; without it, for a simulated robot, reference"
-    )
-    controller: Literal["reactive", "lookahead", "mpc"] = Field(default="mpc", description="What plans them")
-    predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     mount: Mount = Mount()
     # A plan that is made in the background is there a little later.
     loop: LoopSettings = LoopSettings(compute_delay_s=0.01)
     options: RobotOptions = RobotOptions()
+
+
+class LiveSettings(MountedSettings, SceneSettings):
+    """Settings of `python -m gazempc.live`."""
+
+    source: str = Field(description=f"Where observations come from: {SOURCES}")
+    robot: RobotChoice = Field(default="simulated", description="What executes the commands; module:Class for your own")
+    # An empty text, because the default depends on the robot.
+    neck: str = Field(
+        default="", description="Shipped neck or a .toml file; without it, for a simulated robot, reference"
+    )
+    controller: ControllerChoice = Field(default="mpc", description="What plans them; module:Class for your own")
+    predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     replay: str = Field(default="subject03_R4", description="Recording of the source replay")
-    sensor: str | None = Field(default=None, description="Sensor of the source replay; without it what fits")
-    placement: Placement | None = Field(default=None, description="Where the robot stands, for the source replay")
-    distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
-    height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
-    seed: int = Field(default=0, ge=0, description="Seed of simulated noise")
     duration_s: float | None = Field(default=None, gt=0, description="Longest time; without it until told to stop")
     simulated_clock: bool = Field(
         default=False, description="Run as fast as the computer can: source replay and a simulated robot only"
@@ -51,6 +47,17 @@ class LiveSettings(GazeSettings):
     log_s: float = Field(default=300.0, ge=1, description="A log is written each time so many seconds have passed")
     out: Path = Field(default=Path("out/live"), description="Where to write")
     figures: bool = Field(default=True, description="Draw figures of the last log")
+
+    @property
+    def source_kind(self) -> str:
+        """Name of the shipped source, or ``module:Class``."""
+        kind = self.source.partition(":")[0]
+        return kind if kind in SOURCE.shipped else self.source
+
+    @property
+    def simulated_robot(self) -> bool:
+        """Whether the robot lives in the loop's time."""
+        return keeps_any_clock(ROBOT, self.robot)
 
 
 def check(settings: LiveSettings) -> None:
@@ -60,71 +67,35 @@ def check(settings: LiveSettings) -> None:
         settings: The settings.
 
     Raises:
-        SettingsError: If a simulated clock is asked for where something real has its own.
+        SettingsError: If a part of your own cannot be found, no chosen part takes an option, or two settings do not go
+            together.
         SourceError: If there is no such source.
     """
-    kind = settings.source.partition(":")[0]
-    if kind not in {"stdin", "udp", "tcp", "replay", "ros2"}:
+    source, robot = settings.source_kind, settings.robot
+    if source not in SOURCE.shipped and not is_own(source):
         raise SourceError(f"--source {settings.source}: no such source; accepted: {SOURCES}")
-    if settings.simulated_clock and (kind != "replay" or settings.robot not in SIMULATED):
+    chosen = [
+        (PREDICTOR, settings.predictor), (CONTROLLER, settings.controller), (ROBOT, robot), (SOURCE, source)
+    ]  # fmt: skip
+    for kind, choice in chosen:
+        if is_own(choice):
+            find(kind, choice)
+    check_options(chosen, settings.options.own)
+    if settings.simulated_clock and not (keeps_any_clock(SOURCE, source) and settings.simulated_robot):
+        simulated = ", ".join(name for name in ROBOT.shipped if keeps_any_clock(ROBOT, name))
         raise SettingsError(
-            f"--simulated-clock: source {settings.source!r} and robot {settings.robot!r} keep real time; "
-            f"accepted with it: source replay, robots {', '.join(SIMULATED)}"
+            f"--simulated-clock: source {settings.source!r} or robot {robot!r} keeps real time; accepted with it: "
+            f"source replay, robots {simulated}, and parts of your own whose class says keeps_any_clock = True"
         )
-    if settings.neck is None and settings.robot not in SIMULATED:
+    if not settings.neck and not settings.simulated_robot:
         raise SettingsError(
-            f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears; "
+            f"--neck: a real robot ({robot}) needs its own neck file, with limits that it bears; "
             "see python -m gazempc.identify"
         )
-    if settings.predictor == "perfect":
-        raise SettingsError("--predictor perfect: nobody knows the true future of a live run")
-    if settings.mount.on == "head" and kind == "replay":
+    for option, choice in (("predictor", settings.predictor), ("controller", settings.controller)):
+        if choice == "perfect":
+            raise SettingsError(f"--{option} perfect: nobody knows the true future of a live run")
+    if settings.mount.on == "head" and source == "replay":
         raise SettingsError(
             "--mount.on head: a replay is seen from the robot's base; accepted with source replay: mount.on base"
         )
-
-
-def placed_recording(settings: LiveSettings) -> Recording:
-    """The recording of the source replay, in the base frame.
-
-    Args:
-        settings: The settings.
-
-    Returns:
-        The recording.
-
-    Raises:
-        GazempcError: If it cannot be read or placed.
-    """
-    recording = load(settings.replay)
-    placement: Placement = settings.placement or ("recorded" if recording.has_robot else "side")
-    return place(recording, placement, settings.distance_m, settings.height_m)
-
-
-def make_source(settings: LiveSettings, clock: Clock, placed: Recording | None) -> Source:
-    """The source of observations; it is not open yet.
-
-    Args:
-        settings: The settings.
-        clock: The loop's clock; a `RealClock` for all but replay.
-        placed: The recording, for replay.
-
-    Returns:
-        The source.
-
-    Raises:
-        GazempcError: If it makes no sense.
-    """
-    if placed is not None:
-        sensor = load_sensor(settings.sensor or default_sensor(placed))
-        return ReplaySource(placed, sensor, settings.seed, clock)
-    kind, _, rest = settings.source.partition(":")
-    if not isinstance(clock, RealClock):
-        raise SettingsError(f"source {settings.source!r} keeps real time")
-    if kind == "ros2":
-        return Ros2Person(rest, clock.now_s, clock.from_unix_s, ros2_network(settings.options.ros2))
-    if kind == "udp":
-        return LineSource(UdpPort(*parse_address(settings.source, rest, "127.0.0.1")), clock)
-    if kind == "tcp":
-        return LineSource(TcpClient(*parse_address(settings.source, rest, "127.0.0.1")), clock)
-    return LineSource(StandardInput(), clock)

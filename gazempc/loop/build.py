@@ -1,4 +1,4 @@
-"""Predictor and controller of a run, by name; parts of the user's own are tried first."""
+"""Predictor and controller of a run, by name or as objects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gazempc.errors import SettingsError
 from gazempc.loop.trial import check_controller, check_predictor
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
-from gazempc.parts import CONTROLLER, PREDICTOR, is_own
+from gazempc.parts import CONTROLLER, PREDICTOR, is_own, name_of
 from gazempc.settings import GazeSettings, PredictorSettings
 from gazempc.types import FloatArray
 from predictors import Predictor
@@ -33,12 +33,14 @@ class Person:
     true_position_base_m: Callable[[FloatArray], FloatArray] | None = None
 
 
-def make_predictor(choice: str, settings: PredictorSettings, person: Person, options: dict[str, Any]) -> Predictor:
-    """Make a predictor.
+def make_predictor(
+    choice: str | Predictor, settings: PredictorSettings, person: Person, options: dict[str, Any]
+) -> Predictor:
+    """Make a predictor, or make an object of yours ready: it is tried out and reset.
 
     Args:
-        choice: A shipped name or ``module:Class``. A constructor of your own may ask for ``person`` (their name) and
-            ``true_position_base_m``.
+        choice: A shipped name, ``module:Class`` or a predictor. A constructor of your own may ask for ``person`` (their
+            name) and ``true_position_base_m``.
         settings: Parameters of the shipped ones.
         person: Who walks.
         options: Parameters of your own ones.
@@ -49,6 +51,11 @@ def make_predictor(choice: str, settings: PredictorSettings, person: Person, opt
     Raises:
         SettingsError: If it cannot be made, or does not do what a predictor must.
     """
+    if not isinstance(choice, str):
+        if name_of(PREDICTOR, choice) not in PREDICTOR.shipped:
+            return check_predictor(choice)
+        choice.reset()
+        return choice
     future = person.true_position_base_m
     if choice == "perfect" and future is None:
         raise SettingsError("predictor perfect: nobody knows the true future here")
@@ -67,12 +74,14 @@ def make_predictor(choice: str, settings: PredictorSettings, person: Person, opt
     return predictor
 
 
-def make_controller(choice: str, neck: NeckSpec, settings: GazeSettings, options: dict[str, Any]) -> Controller:
-    """Make a controller.
+def make_controller(
+    choice: str | Controller, neck: NeckSpec, settings: GazeSettings, options: dict[str, Any]
+) -> Controller:
+    """Make a controller, or make an object of yours ready: it is tried out and reset.
 
     Args:
-        choice: A shipped name or ``module:Class``; ``perfect`` is the MPC. A constructor of your own may ask for
-            ``neck``.
+        choice: A shipped name (``perfect`` is the MPC), ``module:Class`` or a controller. A constructor of your own may
+            ask for ``neck``.
         neck: The neck.
         settings: Parameters of the shipped ones.
         options: Parameters of your own.
@@ -83,6 +92,11 @@ def make_controller(choice: str, neck: NeckSpec, settings: GazeSettings, options
     Raises:
         SettingsError: If it cannot be made, or does not do what a controller must.
     """
+    if not isinstance(choice, str):
+        if name_of(CONTROLLER, choice) not in CONTROLLER.shipped:
+            return check_controller(choice, neck)
+        choice.reset()
+        return choice
     if is_own(choice):
         own: Controller = make(CONTROLLER, choice, {"neck": neck}, options_for(CONTROLLER, choice, options))
         return check_controller(own, neck)

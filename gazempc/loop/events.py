@@ -53,6 +53,7 @@ class Event(StrEnum):
         "(the robot stands by the last one; no plan until one does)",
     )
     BAD_OBSERVATION = "bad_observation", "what a source received is no observation; dropped"
+    SOURCE_FAILED = "source_failed", "the source of observations raised; what it had is lost, it is asked again"
     OBSERVATIONS_DROPPED = (
         "observations_dropped",
         "more observations had piled up than a tick takes; the oldest dropped",

@@ -47,6 +47,16 @@ class LoopRecorder:
         """Number of ticks recorded."""
         return len(self._ticks)
 
+    @property
+    def events(self) -> list[str]:
+        """Names of the events so far; may be read while another thread records."""
+        return [name for _, name in list(self._events)]
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The exceptions that were survived so far; may be read while another thread records."""
+        return tuple(self._faults.values())
+
     def tick(self, time_s: float, state: JointState | None, sent_rad: FloatArray, command: CommandState) -> None:
         """Record one servo tick: joints as measured (None if not), what was really sent, the command's motion."""
         self._ticks.append((time_s, state, sent_rad, command))
@@ -142,6 +152,6 @@ class LoopRecorder:
             forecast_horizon_s=horizons,
             event_time_s=np.array([t for t, _ in self._events]),
             event_name=np.array([name for _, name in self._events], dtype=np.str_),
-            faults=tuple(self._faults.values()),
+            faults=self.faults,
         )
         return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms), np.array(self._latency_ms))

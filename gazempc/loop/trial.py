@@ -1,4 +1,4 @@
-"""Tries parts of the user's own before a run: what they lack or return in a wrong shape is said at once."""
+"""Tries out parts of the user's own before anything moves: what they lack or return wrong is said at once."""
 
 from __future__ import annotations
 

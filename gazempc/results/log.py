@@ -35,6 +35,11 @@ class Fault:
     error: str
     traceback: str
 
+    @property
+    def line(self) -> str:
+        """In one line, such as ``forecast_failed (412 x): TypeError: ...``."""
+        return f"{self.event} ({self.count} x): {self.error}"
+
 
 @dataclass(frozen=True)
 class Log:

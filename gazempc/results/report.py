@@ -168,7 +168,7 @@ def faults(log: Log) -> list[dict[str, Any]]:
 
 def fault_lines(log: Log) -> list[str]:
     """The same for people, one line each, such as ``forecast_failed (412 x): TypeError: ...``."""
-    return [f"{fault.event} ({fault.count} x): {fault.error}" for fault in log.faults]
+    return [fault.line for fault in log.faults]
 
 
 def versions() -> dict[str, str]:

@@ -11,6 +11,9 @@ class Robot(Protocol):
     """A pan-tilt neck that takes position commands.
 
     Every method but `close` raises `gazempc.errors.RobotError` if the robot does not answer.
+
+    A simulated one says two things more: the class attribute ``keeps_any_clock = True`` (it lives in the loop's time,
+    so it may run on a simulated clock), and the method ``true_state() -> JointState`` (where its joints really are).
     """
 
     def connect(self) -> None:

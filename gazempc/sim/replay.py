@@ -17,7 +17,6 @@ from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
-from gazempc.loop.trial import check_controller, check_predictor
 from gazempc.neck.kinematics import look_at
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.recordings.truth import TrueHead
@@ -88,8 +87,8 @@ def replay_scene(
     true_head = TrueHead(walk)
     if controller == "perfect":
         predictor = "perfect"
-    ready = _predictor(predictor, settings, Person(walk.labels.subject, true_head))
-    planning = _controller(controller, neck, settings)
+    ready = make_predictor(predictor, settings, Person(walk.labels.subject, true_head), settings.options)
+    planning = make_controller(controller, neck, settings, settings.options)
     sightings = deque(observe(walk, scene.sensor, scene.seed))
     start = look_at(neck.geometry, sightings[0].observation.head_position_base_m).angles_rad
     start[0] += np.deg2rad(scene.start_offset_deg)
@@ -128,24 +127,6 @@ def replay_scene(
         settings=_settings_of(scene, predictor, settings),
     )
     return Replayed(*recorder.finish(run, where_known, true_joints))
-
-
-def _predictor(predictor: Predictor | str, settings: ReplaySettings, person: Person) -> Predictor:
-    if isinstance(predictor, str):
-        return make_predictor(predictor, settings, person, settings.options)
-    if name_of(PREDICTOR, predictor) not in PREDICTOR.shipped:
-        return check_predictor(predictor)
-    predictor.reset()
-    return predictor
-
-
-def _controller(controller: Controller | str, neck: Any, settings: ReplaySettings) -> Controller:
-    if isinstance(controller, str):
-        return make_controller(controller, neck, settings, settings.options)
-    if name_of(CONTROLLER, controller) not in CONTROLLER.shipped:
-        return check_controller(controller, neck)
-    controller.reset()
-    return controller
 
 
 def _settings_of(scene: Scene, predictor: Predictor | str, settings: ReplaySettings) -> dict[str, Any]:

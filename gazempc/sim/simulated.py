@@ -23,6 +23,8 @@ class SimulatedNeck:
         seed: Of the encoders' noise.
     """
 
+    keeps_any_clock = True
+
     def __init__(self, neck: NeckSpec, position_rad: FloatArray, clock_s: Callable[[], float], seed: int = 0) -> None:
         self._neck = neck
         self._start_rad = np.asarray(position_rad, dtype=np.float64)

@@ -11,6 +11,7 @@ from builders.robots import Spied
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.mount import Mount
+from gazempc.live.parts import Keeping, LiveParts
 from gazempc.live.run import LiveRun
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.source import Arrived
@@ -110,23 +111,19 @@ def make_live_run(
     true_head_base_m=None,
     true_state=None,
 ):
-    """A `LiveRun` of given parts; `planner` makes the planner of the controller, the rest is as in `LiveRun`."""
-    controller = controller or Mpc(neck, horizon_s=0.3)
-    return LiveRun(
+    """A `LiveRun` of given parts; `planner` makes the planner of the controller."""
+    parts = LiveParts(
         neck,
         predictor or ConstantVelocity(),
-        planner(controller),
+        planner(controller or Mpc(neck, horizon_s=0.3)),
         robot,
         source,
-        mount or Mount(),
         clock,
+        mount or Mount(),
         loop or LoopSettings(),
-        run_info(neck, mode="live"),
-        keep,
-        log_s,
-        true_head_base_m,
-        true_state,
     )
+    known = {} if true_head_base_m is None else {"true_head_base_m": true_head_base_m}
+    return LiveRun(parts, Keeping(run_info(neck, mode="live"), keep, log_s, true_state=true_state, **known))
 
 
 def run_live(

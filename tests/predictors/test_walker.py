@@ -14,8 +14,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from experiments.engine.recordings import find_recordings
-from experiments.forecast.glance import turn_head
 from experiments.forecast.errors import forecast_errors
+from experiments.forecast.glance import turn_head
 from gazempc.errors import SettingsError
 from gazempc.loop.build import Person, make_predictor
 from gazempc.recordings.load import load

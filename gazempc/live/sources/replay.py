@@ -22,6 +22,8 @@ class ReplaySource:
         clock: The loop's clock.
     """
 
+    keeps_any_clock = True
+
     def __init__(self, placed: Recording, sensor: SensorSpec, seed: int, clock: Clock) -> None:
         self._sightings = deque(observe(placed, sensor, seed))
         self._end_s = float(placed.times_s[-1])

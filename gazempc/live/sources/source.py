@@ -28,7 +28,11 @@ class Arrived:
 
 
 class Source(Protocol):
-    """Gives observations as they arrive; never blocks."""
+    """Gives observations as they arrive; never blocks.
+
+    The class attribute ``keeps_any_clock = True`` says that it lives in the loop's time, so that it may run on a
+    simulated clock.
+    """
 
     def open(self) -> None:
         """Begin to take observations in.

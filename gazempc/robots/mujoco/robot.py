@@ -31,6 +31,8 @@ class MujocoNeck:
         seed: Of the encoders' noise.
     """
 
+    keeps_any_clock = True
+
     def __init__(
         self, neck: NeckSpec, clock_s: Callable[[], float], position_rad: FloatArray | None = None, seed: int = 0
     ) -> None:

@@ -9,7 +9,6 @@ import pytest
 from experiments.forecast.command import main
 from experiments.forecast.errors import forecast_errors
 from experiments.forecast.glance import turn_head
-from experiments.forecast.errors import forecast_errors
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording, Track

@@ -1,34 +1,21 @@
-"""Robots by name."""
+"""Options of the shipped robots, and how a robot is chosen."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal
+from functools import partial
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
 
-from gazempc.errors import SettingsError
-from gazempc.live.clock import Clock, RealClock
-from gazempc.neck.spec import NeckSpec
-from gazempc.robots.dynamixel.robot import DynamixelNeck
-from gazempc.robots.mujoco.robot import MujocoNeck
-from gazempc.robots.reachy_mini.robot import ReachyMiniNeck
-from gazempc.robots.robot import Robot
-from gazempc.robots.ros2 import Ros2Neck
+from gazempc.parts import ROBOT, check_choice
 from gazempc.ros2.wire import Ros2Network
-from gazempc.sim.simulated import SimulatedNeck
-from gazempc.types import FloatArray, JointState
+from gazempc.settings import Settings
 
-RobotName = Literal["simulated", "mujoco", "dynamixel", "ros2", "reachy_mini"]
-# These keep the loop's time: they can be run on a simulated clock, and their true state is known.
-SIMULATED: tuple[RobotName, ...] = ("simulated", "mujoco")
+# A shipped name, or module:Class for a robot of the user's own.
+RobotChoice = Annotated[str, AfterValidator(partial(check_choice, ROBOT))]
 
 
-class _Options(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class DynamixelOptions(_Options):
+class DynamixelOptions(Settings):
     """Robot `dynamixel`; see `gazempc.robots.dynamixel.robot.DynamixelNeck`."""
 
     port: str = Field(default="/dev/ttyUSB0", description="Serial port")
@@ -41,7 +28,7 @@ class DynamixelOptions(_Options):
     torque_off_on_close: bool = Field(default=False, description="Let the head go limp at the end")
 
 
-class Ros2Options(_Options):
+class Ros2Options(Settings):
     """Robot and source `ros2`; see `gazempc.robots.ros2.Ros2Neck`."""
 
     endpoint: str = Field(default="tcp/localhost:7447", description="Zenoh router")
@@ -62,7 +49,7 @@ class Ros2Options(_Options):
     silent_after_s: float = Field(default=0.5, gt=0, description="Without a joint state for so long: not answering")
 
 
-class ReachyMiniOptions(_Options):
+class ReachyMiniOptions(Settings):
     """Robot `reachy_mini`; see `gazempc.robots.reachy_mini.robot.ReachyMiniNeck`."""
 
     host: str = Field(default="127.0.0.1", description="Where its daemon runs")
@@ -70,58 +57,32 @@ class ReachyMiniOptions(_Options):
     approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed to the first command")
 
 
-class RobotOptions(_Options):
-    """Options of all robots; each reads its own."""
+class RobotOptions(Settings):
+    """Options of the shipped robots; each reads its own. All other fields are options of parts of the user's own."""
+
+    model_config = ConfigDict(extra="allow")
 
     dynamixel: DynamixelOptions = DynamixelOptions()
     ros2: Ros2Options = Ros2Options()
     reachy_mini: ReachyMiniOptions = ReachyMiniOptions()
 
+    @property
+    def own(self) -> dict[str, Any]:
+        """Options of parts of the user's own, by key."""
+        return dict(self.model_extra or {})
 
-def make_robot(
-    name: RobotName, options: RobotOptions, neck: NeckSpec, clock: Clock, position_rad: FloatArray, seed: int = 0
-) -> Robot:
-    """Make a robot; it is not connected yet.
+    def with_own(self, own: dict[str, Any]) -> RobotOptions:
+        """The same with options of parts of the user's own.
 
-    Args:
-        name: Which one.
-        options: Its options are in here.
-        neck: Its limits; of a simulated one all that it is.
-        clock: The loop's clock.
-        position_rad: Where a simulated one stands in the beginning, shape (2,), radians.
-        seed: Of a simulated one's encoder noise.
+        Args:
+            own: Values by key, as `gazempc.part_options.take_options` gives them.
 
-    Returns:
-        The robot.
-
-    Raises:
-        SettingsError: If an option is wrong, or a robot that keeps real time is given another clock.
-    """
-    if name == "mujoco":
-        return MujocoNeck(neck, clock.now_s, position_rad, seed)
-    if name == "dynamixel":
-        return DynamixelNeck(neck, clock.now_s, **options.dynamixel.model_dump())
-    if name == "reachy_mini":
-        return ReachyMiniNeck(neck, clock.now_s, **options.reachy_mini.model_dump())
-    if name == "ros2":
-        if not isinstance(clock, RealClock):
-            raise SettingsError("robot ros2 keeps real time")
-        own = options.ros2
-        return Ros2Neck(
-            neck,
-            clock.now_s,
-            clock.from_unix_s,
-            network=ros2_network(own),
-            **own.model_dump(exclude={"endpoint", "domain_id", "humble"}),
-        )
-    return SimulatedNeck(neck, position_rad, clock.now_s, seed)
+        Returns:
+            The options.
+        """
+        return RobotOptions.model_validate({**own, **{name: getattr(self, name) for name in type(self).model_fields}})
 
 
 def ros2_network(options: Ros2Options) -> Ros2Network:
     """How ROS 2 is reached."""
     return Ros2Network(options.endpoint, options.domain_id, options.humble)
-
-
-def true_state_of(robot: Robot) -> Callable[[], JointState] | None:
-    """How to ask a simulated robot where its joints really are; None for a robot that nobody can ask."""
-    return robot.true_state if isinstance(robot, SimulatedNeck | MujocoNeck) else None

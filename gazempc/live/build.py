@@ -1,0 +1,130 @@
+"""Makes the parts of a live run from its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gazempc.errors import SettingsError
+from gazempc.live.clock import Clock, RealClock, SimulatedClock
+from gazempc.live.parts import LiveParts
+from gazempc.live.robots import make_robot
+from gazempc.live.settings import LiveSettings
+from gazempc.live.sources.replay import ReplaySource
+from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.live.sources.source import Source
+from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, parse_address
+from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner
+from gazempc.neck.kinematics import look_at
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.part_options import make, options_for
+from gazempc.parts import SOURCE
+from gazempc.recordings.truth import TrueHead
+from gazempc.results.run_info import RunInfo
+from gazempc.robots.options import ros2_network
+from gazempc.sim.scene import Scene, make_scene
+from gazempc.types import FloatArray
+
+TrueHeadAt = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class Built:
+    """What is made of the settings.
+
+    Attributes:
+        parts: The parts of the run.
+        about: Description of the run.
+        true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; None where a person
+            is there now.
+    """
+
+    parts: LiveParts
+    about: RunInfo
+    true_head_base_m: TrueHeadAt | None
+
+
+def build(settings: LiveSettings) -> Built:
+    """Make all parts; none is open or connected yet.
+
+    Args:
+        settings: The settings, checked.
+
+    Returns:
+        The parts.
+
+    Raises:
+        GazempcError: If a name does not exist, a file or option is wrong, or a part does not do what it must.
+    """
+    neck = load_neck(settings.neck or "reference")
+    clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
+    scene = make_scene(settings.replay, settings, neck) if settings.source_kind == "replay" else None
+    source = _make_source(settings, neck, clock, scene)
+    true_head = None if scene is None else TrueHead(scene.walk)
+    person = Person() if scene is None else Person(scene.walk.labels.subject, true_head)
+    own = settings.options.own
+    predictor = make_predictor(settings.predictor, settings, person, own)
+    controller = make_controller(settings.controller, neck, settings, own)
+    start_rad = neck.rest_rad if scene is None else _facing(scene)
+    robot = make_robot(settings.robot, settings.options, neck, clock, start_rad, settings.seed)
+    planner = ImmediatePlanner(controller) if settings.simulated_clock else BackgroundPlanner(controller)
+    parts = LiveParts(neck, predictor, planner, robot, source, clock, settings.mount, settings.loop)
+    known = None if true_head is None else _on_loop_clock(true_head, source)
+    return Built(parts, _about(settings, neck, scene), known)
+
+
+def _make_source(settings: LiveSettings, neck: NeckSpec, clock: Clock, scene: Scene | None) -> Source:
+    kind, address = settings.source_kind, settings.source.partition(":")[2]
+    if scene is not None:
+        return ReplaySource(scene.walk, scene.sensor, scene.seed, clock)
+    if kind not in SOURCE.shipped:
+        given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
+        own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))
+        return own
+    if not isinstance(clock, RealClock):
+        raise SettingsError(f"source {settings.source!r} keeps real time")
+    if kind == "ros2":
+        return Ros2Person(address, clock.now_s, clock.from_unix_s, ros2_network(settings.options.ros2))
+    if kind == "udp":
+        return LineSource(UdpPort(*parse_address(settings.source, address, "127.0.0.1")), clock)
+    if kind == "tcp":
+        return LineSource(TcpClient(*parse_address(settings.source, address, "127.0.0.1")), clock)
+    return LineSource(StandardInput(), clock)
+
+
+def _facing(scene: Scene) -> FloatArray:
+    """Where a simulated neck looks at the first head, or beside it, shape (2,), radians."""
+    walk = scene.walk
+    angles_rad = look_at(scene.neck.geometry, walk.truth.head_position_m[walk.truth.valid][0]).angles_rad
+    angles_rad[0] += np.deg2rad(scene.start_offset_deg)
+    return scene.neck.command_limits.clip_position(angles_rad)
+
+
+def _on_loop_clock(true_head: TrueHead, source: Source) -> TrueHeadAt:
+    def at(times_s: FloatArray) -> FloatArray:
+        own_s = times_s - (source.start_s if isinstance(source, ReplaySource) else 0.0)
+        return np.where(true_head.known(own_s)[:, None], true_head(own_s), np.nan)
+
+    return at
+
+
+def _about(settings: LiveSettings, neck: NeckSpec, scene: Scene | None) -> RunInfo:
+    walk = None if scene is None else scene.walk
+    return RunInfo(
+        recording=settings.source if walk is None else walk.name,
+        kind="live" if walk is None else walk.kind,
+        subject="unknown" if walk is None else walk.labels.subject,
+        group=None if walk is None else walk.labels.group,
+        controller=settings.controller,
+        predictor=settings.predictor,
+        neck=neck,
+        sensor={"name": "live" if scene is None else scene.sensor.name},
+        seed=settings.seed,
+        mode="live",
+        robot=settings.robot,
+        joints="true" if settings.simulated_clock else "measured",
+        settings=settings.model_dump(mode="json", exclude={"out", "figures"}),
+    )

@@ -1,0 +1,71 @@
+"""What a live run joins, and where its logs go: two values that pass to the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gazempc.live.clock import Clock
+from gazempc.live.mount import Mount
+from gazempc.live.sources.source import Source
+from gazempc.loop.planner import Planner
+from gazempc.neck.spec import NeckSpec
+from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.run_info import RunInfo
+from gazempc.robots.robot import Robot
+from gazempc.settings import LoopSettings
+from gazempc.types import FloatArray, JointState
+from predictors import Predictor
+
+Keep = Callable[[Log, ComputeTimes], None]
+
+
+@dataclass(frozen=True)
+class LiveParts:
+    """The parts of a live run; none of them is open or connected yet.
+
+    Attributes:
+        neck: The neck as the controller knows it.
+        predictor: Forecasts the head.
+        planner: Asks the controller for plans.
+        robot: Executes commands.
+        source: Gives observations.
+        clock: The clock of all of these.
+        mount: Where the sensor is.
+        settings: When the loop gives up on something.
+    """
+
+    neck: NeckSpec
+    predictor: Predictor
+    planner: Planner
+    robot: Robot
+    source: Source
+    clock: Clock
+    mount: Mount = field(default_factory=Mount)
+    settings: LoopSettings = field(default_factory=LoopSettings)
+
+
+def _unknown(times_s: FloatArray) -> FloatArray:
+    return np.full((times_s.size, 3), np.nan)
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """What the logs of a live run say, and who takes them.
+
+    Attributes:
+        about: Description of the run.
+        keep: Takes each log as soon as it is complete, in a thread of its own.
+        log_s: Length of a log, seconds.
+        true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN where they are
+            not known.
+        true_state: Where the joints of a simulated robot really are; None for any other robot.
+    """
+
+    about: RunInfo
+    keep: Keep
+    log_s: float = 300.0
+    true_head_base_m: Callable[[FloatArray], FloatArray] = _unknown
+    true_state: Callable[[], JointState] | None = None

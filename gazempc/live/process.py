@@ -1,0 +1,68 @@
+"""What a live run asks of its process: signals that stop it in order, and threads that do not wait for each other."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+# Another thread must not hold the interpreter for longer than a tick can wait.
+_SWITCH_S = 0.0005
+_TIMES_TO_END = 2
+
+
+@contextmanager
+def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
+    """SIGINT, SIGTERM and SIGHUP set the event instead of ending the process; the third one ends it.
+
+    Args:
+        stop: The event.
+    """
+    times = 0
+
+    def told(number: int, frame: FrameType | None) -> None:
+        nonlocal times
+        times += 1
+        stop.set()
+        if times == _TIMES_TO_END:
+            # A driver that hangs: what is left is to end at once.
+            for each in before:
+                signal.signal(each, signal.SIG_DFL)
+
+    numbers = (
+        (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
+    )
+    before = {number: signal.signal(number, told) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def fast_switching() -> Iterator[None]:
+    """Threads take turns ten times as often as usual."""
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before_s)
+
+
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """No search for garbage: it takes many ticks' time. What a run makes is given back by its references."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()

@@ -1,0 +1,42 @@
+"""What a live run was like, in constant memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gazempc.live.lateness import Lateness
+
+_PROBLEMS_KEPT = 20
+
+
+@dataclass
+class LiveReport:
+    """What a live run was like; grows with the number of kinds of trouble only, not with time.
+
+    Attributes:
+        ticks: Number of ticks done.
+        skipped_ticks: Ticks left out, as the one before took too long.
+        lateness: How much later than due the ticks began.
+        observations: Number of observations that arrived.
+        problems: What arrived and could not be used, the first 20.
+        n_problems: How many there were.
+        stopped_by: Why the run ended.
+    """
+
+    ticks: int = 0
+    skipped_ticks: int = 0
+    lateness: Lateness = field(default_factory=Lateness)
+    observations: int = 0
+    problems: list[str] = field(default_factory=list)
+    n_problems: int = 0
+    stopped_by: str = ""
+
+    def problem(self, text: str) -> None:
+        """Take note of something that arrived and could not be used.
+
+        Args:
+            text: What, and why.
+        """
+        self.n_problems += 1
+        if len(self.problems) < _PROBLEMS_KEPT:
+            self.problems.append(text)

@@ -1,0 +1,154 @@
+"""What remains of a live run: its logs on disk, `summary.json`, and the lines that people read."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from gazempc.errors import LeftOutError
+from gazempc.live.lateness import Lateness
+from gazempc.live.run import LiveRun
+from gazempc.live.settings import LiveSettings
+from gazempc.neck.spec import NeckSpec
+from gazempc.results.log import ComputeTimes, Fault, Log
+from gazempc.results.metrics import limit_violations, measure, measure_compute
+from gazempc.results.report import versions
+
+_LATE_MS = 1.0
+_SHOWN_PROBLEMS = 5
+
+
+class Kept:
+    """Writes each log of a run, and remembers of it what the summary needs.
+
+    Args:
+        settings: Settings of the run; `out` is where to write.
+        neck: The neck.
+
+    Attributes:
+        names: Names of the logs written so far.
+        violations: Violations of the neck's limits in them.
+    """
+
+    def __init__(self, settings: LiveSettings, neck: NeckSpec) -> None:
+        self._settings, self._neck = settings, neck
+        self._last: tuple[Log, ComputeTimes] | None = None
+        self._latency = Lateness()
+        self.names: list[str] = []
+        self.violations = 0
+
+    def keep(self, log: Log, times: ComputeTimes) -> None:
+        """Take a complete log."""
+        name = f"log_{len(self.names):03}.npz"
+        log.save(self._settings.out / name)
+        times.save(self._settings.out / f"compute_{len(self.names):03}.npz")
+        self.names.append(name)
+        self._last = log, times
+        for latency_ms in times.latency_ms:
+            self._latency.add(float(latency_ms))
+        if log.time_s.size > 3:
+            self.violations += limit_violations(log, self._neck)
+
+    def write(self, run: LiveRun) -> dict[str, Any]:
+        """Write `summary.json`.
+
+        Args:
+            run: The run, over.
+
+        Returns:
+            What stands in it.
+        """
+        report, latency = run.report, self._latency
+        late = report.lateness
+        known = latency.count > 0
+        metrics, compute = self._metrics()
+        summary = {
+            "stopped_by": report.stopped_by,
+            "ticks": report.ticks,
+            "skipped_ticks": report.skipped_ticks,
+            "lateness_ms": {"p50": late.percentile_ms(50), "p99": late.percentile_ms(99), "max": late.max_ms},
+            "late_ticks": late.beyond(_LATE_MS),
+            "end_to_end_latency_ms": {
+                "p50": latency.percentile_ms(50) if known else None,
+                "p99": latency.percentile_ms(99) if known else None,
+            },
+            "observations": report.observations,
+            "bad_observations": report.n_problems,
+            "problems": report.problems,
+            "events": run.logs.events,
+            "faults": [asdict(fault) for fault in run.logs.faults],
+            "limit_violations": self.violations,
+            "metrics_of_last_log": metrics,
+            "compute_of_last_log": compute,
+            "logs": self.names,
+            "settings": self._settings.model_dump(mode="json"),
+            "versions": versions(),
+        }
+        text = json.dumps(summary, indent=2) + "\n"
+        (self._settings.out / "summary.json").write_text(text, encoding="utf-8")
+        return summary
+
+    def draw(self) -> list[str]:
+        """Draw the last log.
+
+        Returns:
+            Names of the figures.
+        """
+        # Matplotlib takes a second to import, which no run may wait for.
+        from gazempc.results.figures.angles import angles  # noqa: PLC0415
+
+        if self._last is None or self._last[0].time_s.size < 2:
+            return []
+        logs: dict[str, Log] = {self._settings.controller: self._last[0]}
+        angles(logs, self._settings.out / "angles.png")
+        return ["angles.png"]
+
+    def _metrics(self) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
+        if self._last is None:
+            return None, None
+        log, times = self._last
+        compute = _without_nan(measure_compute(times, self._neck.control_period_s).as_dict())
+        try:
+            return _without_nan(measure(log).as_dict()), compute
+        except LeftOutError:
+            return None, compute  # too short to be scored
+
+
+def text(summary: dict[str, Any]) -> str:
+    """The summary for people.
+
+    Args:
+        summary: As `Kept.write` gives it.
+
+    Returns:
+        Lines of text.
+    """
+    late, latency = summary["lateness_ms"], summary["end_to_end_latency_ms"]
+    lines = [
+        f"stopped by: {summary['stopped_by']}",
+        f"{summary['ticks']} ticks, {summary['skipped_ticks']} skipped; later than due by {late['p50']:.2f} ms (p50), "
+        f"{late['p99']:.2f} ms (p99), {late['max']:.2f} ms (max)",
+        f"{summary['observations']} observations, {summary['bad_observations']} could not be used",
+    ]
+    if latency["p50"] is not None:
+        lines.append(f"from capture to command: {latency['p50']:.0f} ms (p50), {latency['p99']:.0f} ms (p99)")
+    metrics = summary["metrics_of_last_log"]
+    if metrics is not None and metrics["gaze_error_rms_deg"] is not None:
+        lines.append(
+            f"gaze error {metrics['gaze_error_rms_deg']:.2f} deg RMS, eye contact (2.6 deg) "
+            f"{100 * metrics['eye_contact_2p6']:.0f} %, against the recording's true head"
+        )
+    lines.append(f"limit violations: {summary['limit_violations']}")
+    faults = [Fault(**fault) for fault in summary["faults"]]
+    with_text = {fault.event for fault in faults}
+    lines += [f"  {name} {count} x" for name, count in summary["events"].items() if name not in with_text]
+    lines += [f"  {fault.line}" for fault in faults]
+    lines += [f"  {problem}" for problem in summary["problems"][:_SHOWN_PROBLEMS]]
+    return "\n".join(lines)
+
+
+def _without_nan(metrics: dict[str, Any]) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in metrics.items()}
