@@ -22,13 +22,12 @@ from gazempc.live.lateness import Lateness
 from gazempc.live.settings import LiveSettings, check, make_source, placed_recording
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from gazempc.live.run import LiveReport
     from gazempc.live.sources.source import Source
     from gazempc.neck.spec import NeckSpec
     from gazempc.recordings.recording import Recording
     from gazempc.results.log import ComputeTimes, Log
+    from gazempc.types import FloatArray
 
 _VIOLATION = 1
 _BAD_INPUT = 2
@@ -220,14 +219,14 @@ def _about(settings: LiveSettings, placed: Recording | None, neck: NeckSpec, joi
     }
 
 
-def _truth(placed: Recording, source: Source) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+def _truth(placed: Recording, source: Source) -> Callable[[FloatArray], FloatArray]:
     """The recording's true head on the loop's clock."""
     from gazempc.live.sources.replay import ReplaySource  # noqa: PLC0415
     from gazempc.recordings.truth import TrueHead  # noqa: PLC0415
 
     true_head = TrueHead(placed)
 
-    def at(times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(times_s: FloatArray) -> FloatArray:
         own_s = times_s - (source.start_s if isinstance(source, ReplaySource) else 0.0)
         return np.where(true_head.known(own_s)[:, None], true_head(own_s), np.nan)
 

@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from gazempc.types import FloatArray
 
 REFERENCE_SPEED_M_S = 1.05
-"""Speed at which the gait amplitudes of `Walker` hold; the mean walking speed of short bouts."""
+"""Speed at which the gait amplitudes of `WalkerTraits` hold; the mean walking speed of short bouts."""
 
 PELVIS_HEIGHT_RATIO = 0.607  # pelvis over head height; the walks: 0.99 m over 1.63 m
 PELVIS_SWAY_RATIO = 0.85  # pelvis over head sway; the walks
@@ -29,7 +29,7 @@ ROLL_SWING_RAD = np.radians(1.0)  # at the stride rate
 
 
 @dataclass(frozen=True)
-class Walker:
+class WalkerTraits:
     """What stays the same about a person from walk to walk.
 
     Attributes:
@@ -135,7 +135,7 @@ _TRAITS: dict[str, tuple[float, float, float, float]] = {
 }
 
 
-def draw_walkers(rng: np.random.Generator, count: int) -> tuple[Walker, ...]:
+def draw_walkers(rng: np.random.Generator, count: int) -> tuple[WalkerTraits, ...]:
     """Draw people's traits from published ranges, so that few people already show the whole spread.
 
     Each trait takes one value from each of `count` equally likely parts of its distribution, in an order of
@@ -152,10 +152,10 @@ def draw_walkers(rng: np.random.Generator, count: int) -> tuple[Walker, ...]:
         trait: np.clip(mean + sd * ndtri((rng.permutation(count) + rng.uniform(size=count)) / count), low, high)
         for trait, (mean, sd, low, high) in _TRAITS.items()
     }
-    return tuple(Walker(**{trait: float(drawn[i]) for trait, drawn in values.items()}) for i in range(count))
+    return tuple(WalkerTraits(**{trait: float(drawn[i]) for trait, drawn in values.items()}) for i in range(count))
 
 
-def step_rate_hz(walker: Walker, speed_m_s: FloatArray) -> FloatArray:
+def step_rate_hz(walker: WalkerTraits, speed_m_s: FloatArray) -> FloatArray:
     """Steps per second at a speed (the walks; MacDougall & Moore 2005 find 2 +- 0.13 Hz at free speed).
 
     Args:
@@ -168,7 +168,9 @@ def step_rate_hz(walker: Walker, speed_m_s: FloatArray) -> FloatArray:
     return 0.93 + 0.72 * speed_m_s + walker.step_rate_offset_hz
 
 
-def walk_motion(rng: np.random.Generator, walker: Walker, times_s: FloatArray, speed_m_s: FloatArray) -> GaitMotion:
+def walk_motion(
+    rng: np.random.Generator, walker: WalkerTraits, times_s: FloatArray, speed_m_s: FloatArray
+) -> GaitMotion:
     """Periodic motion of head and pelvis while walking at a varying speed.
 
     The head moves toward the stance foot and is highest and slowest at mid-stance, and lowest and fastest in

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from gazempc.recordings.synthetic.gait import Walker, bounded_normal, slow_variation
+from gazempc.recordings.synthetic.gait import WalkerTraits, bounded_normal, slow_variation
 from gazempc.types import FloatArray
 
 FRAME_RATE_HZ = 30.0
@@ -145,7 +145,7 @@ def _place(path_m: FloatArray, heading_rad: float, middle_base_m: FloatArray) ->
     return float(rotations[rotation]), middle_base_m + shifts[shift]
 
 
-def walk_path(rng: np.random.Generator, walker: Walker, route: Route) -> TravelPath:
+def walk_path(rng: np.random.Generator, walker: WalkerTraits, route: Route) -> TravelPath:
     """Draw one walk along a route.
 
     Speed falls in the turn to 0.6-0.75 of what it was for 90 deg (the walks), and rises and falls gently at

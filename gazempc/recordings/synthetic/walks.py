@@ -17,7 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, suggest
 from gazempc.recordings.recording import Labels, Recording, Track
-from gazempc.recordings.synthetic.gait import PELVIS_HEIGHT_RATIO, Walker, draw_walkers, slow_variation, walk_motion
+from gazempc.recordings.synthetic.gait import (
+    PELVIS_HEIGHT_RATIO,
+    WalkerTraits,
+    draw_walkers,
+    slow_variation,
+    walk_motion,
+)
 from gazempc.recordings.synthetic.routes import ROUTES, TravelPath, walk_path
 from gazempc.types import BoolArray, FloatArray
 
@@ -93,7 +99,7 @@ def generate(name: str) -> Recording:
     )
 
 
-def _true_track(rng: np.random.Generator, walker: Walker, path: TravelPath) -> Track:
+def _true_track(rng: np.random.Generator, walker: WalkerTraits, path: TravelPath) -> Track:
     """Put gait, anticipation and gaze on the path of travel; noise-free and without gaps."""
     times_s = path.times_s
     gait = walk_motion(rng, walker, times_s, path.speed_m_s)
