@@ -146,7 +146,8 @@ def _config_path(words: Sequence[str]) -> Path | None:
 def _run(settings: RunSettings) -> None:
     progress = Progress()
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
-    from gazempc.results.metrics import measure, measure_compute  # noqa: PLC0415
+    from gazempc.results.compute import measure_compute  # noqa: PLC0415
+    from gazempc.results.metrics import measure  # noqa: PLC0415
     from gazempc.results.report import faults, label, make_rows, sentence, table, write_summary  # noqa: PLC0415
     from gazempc.sim.replay import replay_scene  # noqa: PLC0415
     from gazempc.sim.scene import make_scene  # noqa: PLC0415

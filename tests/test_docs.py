@@ -18,8 +18,9 @@ from gazempc.loop.smoother import Intervention
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, neck_names
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.table import COLUMNS
+from gazempc.results.compute import ComputeMetrics
 from gazempc.results.log import Log
-from gazempc.results.metrics import ComputeMetrics, Metrics
+from gazempc.results.metrics import Metrics
 from gazempc.settings import (
     ConstantAccelerationSettings,
     ConstantVelocitySettings,

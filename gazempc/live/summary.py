@@ -13,8 +13,10 @@ from gazempc.live.lateness import Lateness
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.neck.spec import NeckSpec
+from gazempc.results.compute import measure_compute
+from gazempc.results.limits import limit_violations
 from gazempc.results.log import ComputeTimes, Fault, Log
-from gazempc.results.metrics import limit_violations, measure, measure_compute
+from gazempc.results.metrics import measure
 from gazempc.results.report import versions
 
 _LATE_MS = 1.0

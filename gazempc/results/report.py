@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from gazempc.neck.spec import NeckSpec
+from gazempc.results.compute import ComputeMetrics
 from gazempc.results.log import Log
-from gazempc.results.metrics import ComputeMetrics, Metrics, gap_closed
+from gazempc.results.metrics import Metrics, gap_closed
 
 LABELS = {
     "reactive": "reactive",

@@ -13,7 +13,7 @@ from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import load_neck
-from gazempc.results.metrics import limit_violations
+from gazempc.results.limits import limit_violations
 from gazempc.settings import LoopSettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting

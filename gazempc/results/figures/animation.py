@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gazempc.neck.kinematics import gaze_ray
+from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.style import CONTACT_COLOUR, Logs, recording_title, style
 from gazempc.results.log import Log
-from gazempc.results.metrics import CONTACT_DEG, SCORED_FROM_S, gaze_error_deg
+from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.types import FloatArray
 
 # GIF counts time in hundredths of a second, so only a frame period of whole hundredths plays in real time.

@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.style import CONTACT_COLOUR, DPI, Logs, finish, shade_unscored, style
 from gazempc.results.log import Log
-from gazempc.results.metrics import CONTACT_DEG, gaze_error_deg, measure
+from gazempc.results.metrics import gaze_error_deg, measure
 
 
 def gaze_error(logs: Logs, path: Path) -> None:

@@ -7,10 +7,11 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.gaze_error import draw_gaze_error
 from gazempc.results.figures.style import Logs, recording_title, setup_title, style
-from gazempc.results.metrics import CONTACT_DEG, measure
+from gazempc.results.metrics import measure
 
 
 def draw_contact_bars(ax: Axes, logs: Logs) -> None:

@@ -24,8 +24,9 @@ from gazempc.live.settings import LiveSettings
 from gazempc.live.sources.json_lines import FIELDS, LineError, parse_line
 from gazempc.live.sources.source import SourceError
 from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, parse_address
+from gazempc.results.limits import limit_violations
 from gazempc.results.log import load_log
-from gazempc.results.metrics import limit_violations, measure
+from gazempc.results.metrics import measure
 
 FOREVER_S = 30.0  # nothing here takes so long, on whatever machine
 HEAD = [2.1, 0.3, 0.4]

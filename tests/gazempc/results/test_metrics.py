@@ -12,8 +12,10 @@ from scipy.stats import chi2
 
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import load_neck
+from gazempc.results.forecast_metrics import INSIDE_68, INSIDE_95
+from gazempc.results.limits import limit_violations
 from gazempc.results.log import Log, load_log
-from gazempc.results.metrics import gap_closed, limit_violations, measure
+from gazempc.results.metrics import gap_closed, measure
 from gazempc.results.smoothness import log_dimensionless_jerk, sparc
 
 NECK = load_neck("fetch")
@@ -202,3 +204,8 @@ def test_another_npz_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", a=1)
     with pytest.raises(SettingsError, match="lacks"):
         load_log(tmp_path / "other.npz")
+
+
+def test_the_quantiles_of_the_stated_ellipsoids_are_those_of_chi_square():
+    for share, limit in ((0.68, INSIDE_68), (0.95, INSIDE_95)):
+        assert chi2.ppf(share, df=3) == pytest.approx(limit, rel=1e-9)

@@ -18,7 +18,8 @@ from gazempc.identify.command import main as identify
 from gazempc.live.command import main as live
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, load_neck
-from gazempc.results.metrics import limit_violations, measure
+from gazempc.results.limits import limit_violations
+from gazempc.results.metrics import measure
 from gazempc.robots.mujoco import model as mujoco_model
 from gazempc.robots.mujoco.robot import MujocoNeck
 from gazempc.sim.simulated import SimulatedNeck

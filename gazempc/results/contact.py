@@ -1,0 +1,85 @@
+"""Eye contact in a log: cones, breaks, first contact, overshoot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gazempc.neck.kinematics import look_at
+from gazempc.results.log import Log
+from gazempc.types import BoolArray, FloatArray
+
+# Half width of the cone in which people feel looked at: 5.2 deg diameter, Horstmann & Linke (2021); other authors'
+# wider cones beside it.
+CONTACT_DEG = (2.6, 4.0, 9.0)
+# Contact that lasts at least this long is called stable.
+STABLE_S = 0.5
+# The pan joint overshoots within this time after it first comes into contact, or not at all.
+OVERSHOOT_S = 1.0
+
+
+def share_within(error_deg: FloatArray, limit_deg: float) -> float:
+    """Share of ticks with an error within a limit.
+
+    Args:
+        error_deg: Gaze errors, shape (M,), degrees.
+        limit_deg: Half width of the cone, degrees.
+
+    Returns:
+        0 to 1; NaN if an error is not known.
+    """
+    return float(np.mean(error_deg <= limit_deg)) if np.isfinite(error_deg).all() else float("nan")
+
+
+def longest_run(flags: BoolArray) -> int:
+    """Length of the longest run of true flags, ticks."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
+
+
+def overshoot_deg(log: Log) -> float:
+    """How far the pan passes a person that it was far from at the start.
+
+    Counted for 1 s from the first contact on.
+
+    Args:
+        log: The run.
+
+    Returns:
+        Degrees, 0 if it stays short of them; NaN if it was near at the start or never arrives.
+    """
+    pan_rad = look_at(log.neck.geometry, log.head_true_base_m).angles_rad[:, 0]
+    off_deg = np.rad2deg((log.joint_position_rad[:, 0] - pan_rad + np.pi) % (2.0 * np.pi) - np.pi)
+    if not abs(off_deg[0]) > CONTACT_DEG[-1]:
+        return float("nan")
+    passed_deg = -np.sign(off_deg[0]) * off_deg
+    there = np.flatnonzero(passed_deg >= -CONTACT_DEG[0])
+    if not there.size:
+        return float("nan")
+    soon = log.time_s <= log.time_s[there[0]] + OVERSHOOT_S
+    return max(0.0, float(np.nanmax(passed_deg[there[0] :][soon[there[0] :]])))
+
+
+def time_to(flags: BoolArray, time_s: FloatArray) -> float:
+    """Time of the first true flag from the first tick on, seconds; NaN if there is none."""
+    hits = np.flatnonzero(flags)
+    return float(time_s[hits[0]] - time_s[0]) if hits.size else float("nan")
+
+
+def time_to_stable(flags: BoolArray, time_s: FloatArray, dt_s: float) -> float:
+    """Time of the first contact that lasts 0.5 s.
+
+    Args:
+        flags: Contact at each tick, shape (M,).
+        time_s: Times of the ticks, shape (M,), seconds.
+        dt_s: Servo period, seconds.
+
+    Returns:
+        Seconds from the first tick on; NaN if there is none.
+    """
+    return time_to(_lasting(flags, round(STABLE_S / dt_s)), time_s)
+
+
+def _lasting(flags: BoolArray, ticks: int) -> BoolArray:
+    """Ticks from which on a flag is true for so many ticks."""
+    run = np.convolve(flags, np.ones(ticks), "valid") == ticks
+    return np.concatenate([run, np.zeros(flags.size - run.size, dtype=np.bool_)])
