@@ -16,22 +16,23 @@ PACKAGES = ("predictors", "gazempc", "experiments")
 # its neighbours.
 GAZEMPC = (
     ("errors", "types", "progress"),
-    ("specfiles",),
+    ("specfiles", "parts"),
+    ("part_options", "settings"),
     ("recordings", "neck", "ros2"),
     ("results",),
     ("robots",),
     ("controllers",),
     ("loop",),
-    ("settings",),
     ("sim",),
-    ("live",),
+    ("front", "listing", "live"),
     ("identify",),
     ("run",),
 )
 EXPERIMENTS = (
     ("engine", "aggregate", "colours"),
-    ("compare_figures",),
+    ("compare_figures", "compare_report", "least_error"),
     ("compare", "bound", "fronts", "sweep", "forecast", "fit", "paper", "plan_example"),
+    ("console",),
 )
 
 
