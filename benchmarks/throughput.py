@@ -1,113 +1,146 @@
-"""How fast comparisons run: `python -m benchmarks.throughput`.
+"""How fast replays are: `python -m benchmarks.throughput --json out/throughput.json`.
 
-Simulated seconds per wall second of `experiments.compare`'s runs on synthetic walks: with one worker and with two, for
-more and more recordings, with the workers' peak memory (which must not grow with the number of runs), and for longer
-and longer horizons of the MPC in one process. Wall times: read the ratios, on a machine that does nothing else.
+Simulated seconds per CPU second of a replay (construction of its parts included), for each gaze and forecast, on a few
+synthetic walks. Each pair has a process of its own, with one numerical thread, as a worker of an experiment has. Its
+first replay also builds what later ones share, and is reported apart. With `--comparison`, also the wall time of
+`experiments.compare` on all 84 synthetic recordings, with one worker and with two.
 """
 
 from __future__ import annotations
 
 import json
 import multiprocessing
-import resource
+import os
+import platform
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
 import tyro
 
-from experiments.engine.jobs import Job, execute
-from experiments.engine.pool import run_jobs
-from gazempc.neck.spec import load_neck
-from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
-from gazempc.recordings.synthetic.walks import synthetic_names
-from gazempc.settings import ControllerName, RunSettings
-from gazempc.sim.replay import make_controller, replay
-from gazempc.sim.sensor import load_sensor
+from experiments.compare import compare
+from gazempc.results.report import versions
+from gazempc.sim.replay import replay_scene
+from gazempc.sim.scene import SceneSettings, make_scene
 
-CONTROLLERS: tuple[ControllerName, ...] = ("reactive", "lookahead", "mpc")
-
-
-def make_jobs(recordings: int) -> list[Job]:
-    """Runs of all controllers on the first recordings of the synthetic set."""
-    return [
-        Job(name, controller, "constant_velocity", "reference", "reference", "recorded", 2.5, 1.2, 0)
-        for name in synthetic_names()[:recordings]
-        for controller in CONTROLLERS
-    ]
+CONTROLLERS = ("reactive", "lookahead", "mpc")
+PREDICTORS = ("constant_velocity", "walker")
+# Each of the six routes once, by different people.
+RECORDINGS = ("subject01_R1", "subject03_R4", "subject05_R2", "subject07_R6", "subject10_R5", "subject12_R3")
+# More threads cost more than these small matrices gain, and each counts as CPU time.
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-def throughput(recordings: int, workers: int) -> tuple[float, float]:
-    """Do the runs afresh.
+@dataclass(frozen=True)
+class Row:
+    """Throughput of one gaze with one forecast.
+
+    Attributes:
+        controller: Name of the controller.
+        predictor: Name of the predictor.
+        simulated_s_per_cpu_s: Mean over the recordings, each in the best of its repetitions.
+        slowest: That of the slowest recording.
+        first_replay_cpu_s: CPU time of the process's first replay.
+    """
+
+    controller: str
+    predictor: str
+    simulated_s_per_cpu_s: float
+    slowest: float
+    first_replay_cpu_s: float
+
+
+def measure(controller: str, predictor: str, repetitions: int) -> Row:
+    """Replay all recordings in this process.
 
     Args:
-        recordings: How many recordings.
-        workers: How many processes.
+        controller: Name of the controller.
+        predictor: Name of the predictor.
+        repetitions: Replays of each recording; the fastest counts, as others were held up by other programs.
 
     Returns:
-        Wall time in seconds, start of the workers included, and simulated seconds.
+        The throughput.
+    """
+    scenes = [make_scene(name, SceneSettings()) for name in RECORDINGS]
+
+    def replay(k: int) -> tuple[float, float]:
+        started_s = time.process_time()
+        log = replay_scene(scenes[k], controller, predictor).log
+        return time.process_time() - started_s, float(log.time_s[-1])
+
+    first_s, _ = replay(0)
+    rates = []
+    for k in range(len(scenes)):
+        cpu_s, simulated_s = min(replay(k) for _ in range(repetitions))
+        rates.append(simulated_s / cpu_s)
+    return Row(controller, predictor, sum(rates) / len(rates), min(rates), first_s)
+
+
+def measure_afresh(controller: str, predictor: str, repetitions: int) -> Row:
+    """The same as `measure`, in a new process."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(measure, controller, predictor, repetitions).result()
+
+
+def comparison(workers: int) -> dict[str, float]:
+    """Compare the gazes on all synthetic recordings, afresh.
+
+    Args:
+        workers: Worker processes.
+
+    Returns:
+        Workers, runs, wall time with the start of the workers, simulated seconds; times in seconds.
     """
     with tempfile.TemporaryDirectory() as folder:
         started_s = time.perf_counter()
-        rows = run_jobs(make_jobs(recordings), Path(folder), workers, execute)
-        return time.perf_counter() - started_s, sum(row["simulated_s"] for row in rows)
-
-
-def peak_memory_mib(runs: int) -> float:
-    """Peak memory of one worker process after a number of runs, MiB."""
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for job in (make_jobs(14) * 10)[:runs]:
-            pool.submit(execute, job).result()
-        return pool.submit(_peak_rss_mib).result()
-
-
-def _peak_rss_mib() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-
-
-def horizon_s_per_s(horizon_s: float) -> float:
-    """Simulated seconds of the MPC per second of CPU time, on one walk."""
-    settings = RunSettings.model_validate({"mpc": {"horizon_s": horizon_s}})
-    neck, sensor = load_neck("reference"), load_sensor("reference")
-    placed = place(load("subject03_R4"), "recorded", 2.5, 1.2)
-    controller = make_controller("mpc", neck, settings)
-    started_s = time.process_time()
-    log, _ = replay(placed, neck, sensor, "mpc", settings, controller)
-    return float(log.time_s[-1]) / (time.process_time() - started_s)
+        rows = compare(recordings=["synthetic"], controllers=CONTROLLERS, jobs=workers, out=Path(folder), figures=False)
+        wall_s = time.perf_counter() - started_s
+    simulated_s = sum(row["simulated_s"] for row in rows)
+    return {"workers": workers, "runs": len(rows), "wall_s": wall_s, "simulated_s": simulated_s}
 
 
 def main(
-    recordings: tuple[int, ...] = (14, 42, 84),
-    horizons_s: tuple[float, ...] = (0.4, 0.8, 1.6),
-    json_file: Path | None = None,
+    json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    repetitions: int = 3,
+    comparison_too: Annotated[bool, tyro.conf.arg(name="comparison")] = False,
 ) -> None:
     """Measure and print.
 
     Args:
-        recordings: Numbers of recordings to run.
-        horizons_s: Horizons of the MPC.
-        json_file: Where to save the figures.
+        json_file: Where to save the numbers.
+        repetitions: Replays of each recording.
+        comparison_too: Also time the whole comparison.
     """
-    found: dict[str, list[dict[str, float]]] = {"recordings": [], "memory": [], "horizon": []}
-    print(f"{len(CONTROLLERS)} controllers on each recording")
-    for n in recordings:
-        one_s, simulated_s = throughput(n, workers=1)
-        two_s, _ = throughput(n, workers=2)
-        found["recordings"].append({"n": n, "one_worker_s": one_s, "two_workers_s": two_s, "simulated_s": simulated_s})
-        print(
-            f"{n:>3} recordings: {simulated_s / one_s:5.1f} simulated s/s with one worker ({one_s:.0f} s), "
-            f"{simulated_s / two_s:5.1f} with two ({two_s:.0f} s), {one_s / two_s:.2f} x"
-        )
-    for runs in (10, 60):
-        found["memory"].append({"runs": runs, "peak_mib": peak_memory_mib(runs)})
-        print(f"{runs:>3} runs: peak memory of a worker {found['memory'][-1]['peak_mib']:.0f} MiB")
-    for horizon_s in horizons_s:
-        found["horizon"].append({"horizon_s": horizon_s, "simulated_s_per_cpu_s": horizon_s_per_s(horizon_s)})
-        print(f"MPC horizon {horizon_s:g} s: {found['horizon'][-1]['simulated_s_per_cpu_s']:.1f} simulated s per CPU s")
+    os.environ.update(_ONE_THREAD)
+    found: dict[str, Any] = {"rows": [], "recordings": RECORDINGS, "versions": versions(), "machine": _machine()}
+    print(f"{'gaze':<10} {'forecast':<18} simulated s per CPU s (slowest walk), CPU s of the first replay")
+    for controller in CONTROLLERS:
+        for predictor in PREDICTORS:
+            row = measure_afresh(controller, predictor, repetitions)
+            found["rows"].append(asdict(row))
+            print(
+                f"{controller:<10} {predictor:<18} {row.simulated_s_per_cpu_s:5.1f} ({row.slowest:.1f}), "
+                f"{row.first_replay_cpu_s:.2f} s",
+                flush=True,
+            )
+    if comparison_too:
+        found["comparison"] = [comparison(workers) for workers in (1, 2)]
+        for run in found["comparison"]:
+            rate = run["simulated_s"] / run["wall_s"]
+            print(f"{run['runs']} replays, {run['workers']} worker(s): {run['wall_s']:.1f} s, {rate:.1f} simulated s/s")
     if json_file is not None:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+
+
+def _machine() -> dict[str, Any]:
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return {"processor": models[0] if models else platform.processor(), "cores": os.cpu_count()}
 
 
 if __name__ == "__main__":

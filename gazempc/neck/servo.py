@@ -130,6 +130,26 @@ class DelayedServo:
         self._v = vq * q + vv * v + vu * u
 
 
+# Many matrix powers, the same for every replay on a neck. Safe: the key is frozen, the arrays cannot be written to.
+@lru_cache(maxsize=16)
+def _roll_maps(axis: Axis, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """From state and commands to the state one dead time later, shapes (2, 2) and (2, n), and one period's step."""
+    whole = int(np.floor(axis.dead_time_s / period_s + 1e-9))
+    rest_s = axis.dead_time_s - whole * period_s
+    if rest_s < _SAME_TIME_S:
+        rest_s = 0.0
+    step = zero_order_hold(axis, round(period_s, 12))
+    # The oldest command still acts for the part of a period by which the dead time exceeds whole ticks.
+    first = zero_order_hold(axis, round(rest_s, 12))
+    state_map = np.linalg.matrix_power(step[:, :2], whole)
+    columns = [state_map @ first[:, 2]]
+    columns += [np.linalg.matrix_power(step[:, :2], whole - 1 - i) @ step[:, 2] for i in range(whole)]
+    maps = state_map @ first[:, :2], np.stack(columns, axis=1), step
+    for shared in maps:
+        shared.setflags(write=False)
+    return maps
+
+
 class DeadTimeRoll:
     """Rolls a joint's state exactly over its dead time, through the commands already sent.
 
@@ -142,19 +162,7 @@ class DeadTimeRoll:
     """
 
     def __init__(self, axis: Axis, period_s: float) -> None:
-        whole = int(np.floor(axis.dead_time_s / period_s + 1e-9))
-        rest_s = axis.dead_time_s - whole * period_s
-        if rest_s < _SAME_TIME_S:
-            rest_s = 0.0
-        step = zero_order_hold(axis, round(period_s, 12))
-        # The oldest command still acts for the part of a period by which the dead time exceeds whole ticks.
-        first = zero_order_hold(axis, round(rest_s, 12))
-        state_map = np.linalg.matrix_power(step[:, :2], whole)
-        columns = [state_map @ first[:, 2]]
-        columns += [np.linalg.matrix_power(step[:, :2], whole - 1 - i) @ step[:, 2] for i in range(whole)]
-        self._state_map: FloatArray = state_map @ first[:, :2]
-        self._command_map: FloatArray = np.stack(columns, axis=1)
-        self._step = step
+        self._state_map, self._command_map, self._step = _roll_maps(axis, period_s)
 
     @property
     def commands_needed(self) -> int:

@@ -215,7 +215,7 @@ class CommandLimits(BaseModel):
 
     def clip_position(self, position_rad: FloatArray) -> FloatArray:
         """Nearest allowed position, shape (..., 2), radians."""
-        return np.clip(position_rad, self.position_min_rad, self.position_max_rad)
+        return np.minimum(np.maximum(position_rad, self.position_min_rad), self.position_max_rad)
 
 
 def neck_names() -> tuple[str, ...]:

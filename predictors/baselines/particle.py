@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from predictors.baselines.arc import arc, turned_per_rate_s
 from predictors.constant_velocity import ConstantVelocity
@@ -20,7 +20,7 @@ _RESAMPLE_BELOW = 0.5
 # After resampling, places are shaken by this share of the measurement noise.
 _ROUGHENING = 0.3
 # If even the nearest particle is so improbable (99.9 %), none explains the observation.
-_UNEXPLAINED_D2 = float(chi2.ppf(0.999, df=2))
+_UNEXPLAINED_D2 = float(chdtri(2, 1.0 - 0.999))
 
 
 class ParticleFilter:

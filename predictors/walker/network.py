@@ -226,12 +226,13 @@ def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArr
         Standard deviations, shape (H, 3): linear between the knots, never falling with the horizon, and after the last
         growing as that of a velocity which wanders at random; as large for the past as for the same time ahead.
     """
-    weights = _weights(np.maximum(tau_s, 0.0))
+    past, beyond = bool(tau_s.min(initial=0.0) < 0.0), bool(tau_s.max(initial=0.0) > KNOTS_S[-1])
+    weights = _weights(np.maximum(tau_s, 0.0) if past else tau_s)
     departure = weights[:, : KNOTS_S.size] @ departure_m
-    if (tau_s < 0.0).any():
+    if past:
         weights = _weights(np.abs(tau_s))
     spread = weights[:, KNOTS_S.size :] @ np.maximum.accumulate(spread_m, axis=0)
-    if (tau_s > KNOTS_S[-1]).any():
+    if beyond:
         beyond_s = np.maximum(tau_s - KNOTS_S[-1], 0.0)[:, None]
         departure = departure + beyond_s * (_END_SLOPE @ departure_m)
         spread = spread * (1.0 + beyond_s / KNOTS_S[-1]) ** _GROWTH
@@ -241,4 +242,4 @@ def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArr
 def _weights(tau_s: FloatArray) -> FloatArray:
     at = np.minimum(tau_s, KNOTS_S[-1]) / _TABLE_STEP_S
     row = at.astype(np.intp)
-    return np.asarray(_TABLE[row] + (at - row)[:, None] * _TABLE_CHANGE[row])
+    return np.asarray(_TABLE.take(row, axis=0) + (at - row)[:, None] * _TABLE_CHANGE.take(row, axis=0))

@@ -95,7 +95,8 @@ class Mpc:
         # How far each joint gets from rest to rest while doubt counts, and its greatest acceleration.
         self._reaches = [(0.25 * _DOUBT_AT_S**2 * most, most) for most in neck.acceleration_max_rad_s2.tolist()]
         limits = neck.command_limits
-        reaches_rad = zip(limits.position_min_rad.tolist(), limits.position_max_rad.tolist(), strict=True)
+        reaches_rad = list(zip(limits.position_min_rad.tolist(), limits.position_max_rad.tolist(), strict=True))
+        self._pan_reach_rad = reaches_rad[0]
         answers_s = (neck.dead_time_s + neck.servo_lag_s).tolist()
         self._meetings = [Meeting(answer_s, *reach) for answer_s, reach in zip(answers_s, reaches_rad, strict=True)]
         self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes]
@@ -131,39 +132,38 @@ class Mpc:
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
         n, command, forecast = self._steps, situation.command, situation.forecast
-        limits = self._neck.command_limits
         angles = unwrap_pan(
             look_at_rad(self._neck.geometry, forecast.means_base_m),
             float(command.position_rad[0]),
-            float(limits.position_min_rad[0]),
-            float(limits.position_max_rad[0]),
+            *self._pan_reach_rad,
         )
         knots = np.empty((3, n + self._first_parts, 2))
-        knots[0, 0], knots[1, 0], knots[2, 0] = (
-            command.position_rad,
-            command.velocity_rad_s,
-            command.acceleration_rad_s2,
-        )
+        knots[:, 0] = command.position_rad, command.velocity_rad_s, command.acceleration_rad_s2
         deviations_rad = self._deviations_rad(forecast)
         coming_rad = np.array([[angles[k, i] for i, k in enumerate(instant)] for instant in self._doubted])
         further_rad = np.zeros(2)
         if self._revised:
             further_rad = self._revisions.expected_rad(situation.start_s, coming_rad, deviations_rad)
+        # Plain numbers: arithmetic with numpy's takes several times as long.
+        sigmas_rad: list[float] = deviations_rad[0].tolist()
+        joints = zip(
+            situation.joint_position_rad.tolist(),
+            situation.joint_velocity_rad_s.tolist(),
+            situation.joint_offset_rad.tolist(),
+            (angles[:n, 0], angles[-n:, 1]),
+            strict=True,
+        )
         state = np.empty(5)
         events: tuple[str, ...] = ()
-        for i, reference in enumerate((angles[:n, 0], angles[-n:, 1])):
+        for i, (position_rad, velocity_rad_s, offset_rad, reference) in enumerate(joints):
             # Counted without its offset, the joint follows the command as the model says.
-            offset_rad = situation.joint_offset_rad[i]
             state[:2] = self._rolls[i](
-                situation.joint_position_rad[i] - offset_rad,
-                situation.joint_velocity_rad_s[i],
-                situation.sent_rad[:, i],
-                situation.committed_rad[:, i],
+                position_rad - offset_rad, velocity_rad_s, situation.sent_rad[:, i], situation.committed_rad[:, i]
             )
             state[2:] = knots[:, 0, i]
             try:
                 solution = self._solve(
-                    i, situation.start_s, state, reference - offset_rad, deviations_rad[0, i], further_rad[i]
+                    i, situation.start_s, state, reference - offset_rad, sigmas_rad[i], float(further_rad[i])
                 )
             except SolverFailedError as error:
                 raise (SolverTimedOut if error.timed_out else SolverFailed)(str(error)) from None
@@ -179,12 +179,14 @@ class Mpc:
 
     def _deviations_rad(self, forecast: Forecast) -> FloatArray:
         # Of pan and tilt, for the doubted instant and the one a window later, shape (2, 2).
-        deviations_rad = np.empty((2, 2))
-        for instant, (pan, tilt) in zip(deviations_rad, self._doubted, strict=True):
-            instant[:] = angle_deviations_rad(forecast.means_base_m[pan], forecast.covariances_m2[pan])
+        found = []
+        for pan, tilt in self._doubted:
+            deviations = angle_deviations_rad(forecast.means_base_m[pan], forecast.covariances_m2[pan])
             if self._two_dead_times:
-                instant[1] = angle_deviations_rad(forecast.means_base_m[tilt], forecast.covariances_m2[tilt])[1]
-        return deviations_rad
+                of_tilt = angle_deviations_rad(forecast.means_base_m[tilt], forecast.covariances_m2[tilt])
+                deviations = deviations[0], of_tilt[1]
+            found.append(deviations)
+        return np.array(found)
 
     def _solve(
         self,
