@@ -24,7 +24,8 @@ class Tiny:
 
     Attributes:
         number: What is squared.
-        does: ``square``, ``array``, ``sleep`` (until it is killed), ``leave out``, ``fail``, ``bug`` or ``die``.
+        does: ``square``, ``array``, ``sleep`` (until it is killed), ``leave out``, ``fail``, ``bug``, ``die``, or
+            ``die once`` (the first of all that write to the log).
         log: File that gets a line for each job done.
     """
 
@@ -38,9 +39,13 @@ class Tiny:
 
     def run(self) -> Row:
         """See `Tiny`."""
+        first = False
         if self.log is not None:
             with Path(self.log).open("a") as file:
                 file.write(f"{self.number} {os.getpid()}\n")
+            first = len(Path(self.log).read_text().splitlines()) == 1
+        if self.does == "die" or (self.does == "die once" and first):
+            os.kill(os.getpid(), signal.SIGKILL)
         if self.does == "sleep":
             time.sleep(60)
         elif self.does == "leave out":
@@ -49,8 +54,6 @@ class Tiny:
             raise GazempcError("no such walk")
         elif self.does == "bug":
             raise TypeError("a bug")
-        elif self.does == "die":
-            os.kill(os.getpid(), signal.SIGKILL)
         row: Row = {"square": self.number**2, "third": self.number / 3, "pid": os.getpid()}
         return row | ({"array": np.full((2, self.number), 0.1)} if self.does == "array" else {})
 

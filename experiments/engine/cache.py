@@ -100,7 +100,9 @@ def read_result(path: Path) -> Row:
     try:
         if path.suffix == ".json":
             return _opened(path.read_text(encoding="utf-8"), path.stem)
-        with np.load(path, allow_pickle=False) as data:  # each array has a check sum, which reading compares
+        with np.load(
+            io.BytesIO(path.read_bytes()), allow_pickle=False
+        ) as data:  # each array has a check sum, which reading compares
             return _opened(str(data[_PLAIN]), path.stem) | {name: data[name] for name in data.files if name != _PLAIN}
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
         raise GazempcError(f"{path}: a damaged result ({type(error).__name__}: {error})") from None

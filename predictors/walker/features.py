@@ -19,7 +19,7 @@ WINDOW = 36
 LINE_WINDOW = 20
 RECENT = 12
 _LAGS_S = STEP_S * np.arange(1 - WINDOW, 1)
-_OLDEST_S = float(_LAGS_S[0]) - STEP_S
+_FIRST_LAG_S = float(_LAGS_S[0])
 # Shrinks the slope while there are few frames: noise of 2 cm against a speed of 1 m/s.
 _LINE_PRIOR_S2 = 0.02**2
 # Below the first speed a direction of travel means nothing; from the second on it is trusted.
@@ -126,7 +126,8 @@ class WalkerHistory:
                 self._yaw_seen_s[i] = time_s
                 fresh[i] = True
         last_s = float(self._times_s[-1]) if self._times_s.size else time_s - STEP_S
-        old = int(self._times_s.searchsorted(time_s + _OLDEST_S))
+        # In this order: whether a frame right at the end of the window stays hangs on the last bit.
+        old = int(self._times_s.searchsorted(time_s + _FIRST_LAG_S - STEP_S))
         self._times_s = np.concatenate([self._times_s[old:], [time_s]])
         self._values = np.concatenate([self._values[old:], [[*observation.head_position_base_m.tolist(), *yaws_rad]]])
         self._learn_noise()

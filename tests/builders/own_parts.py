@@ -1,0 +1,39 @@
+"""A module with parts of the user's own, as a user would write it."""
+
+import sys
+
+MODULE = """
+from gazempc.controllers.lookahead import LookAhead
+from predictors import ConstantVelocity
+
+
+class Sluggish(LookAhead):
+    \"\"\"Looks ahead for a share of the time only.\"\"\"
+
+    name = "sluggish"
+
+    def __init__(self, neck, share: float = 0.5) -> None:
+        super().__init__(neck)
+        self._share = share
+
+    def forecast_times_s(self, start_s, newest_capture_s):
+        return start_s + self._share * (super().forecast_times_s(start_s, newest_capture_s) - start_s)
+
+
+class Steady(ConstantVelocity):
+    \"\"\"The filter under another name.\"\"\"
+
+    name = "steady"
+
+    def __init__(self, psd: float = 0.05) -> None:
+        super().__init__(psd, 0.01)
+"""
+
+
+def own_module(folder, monkeypatch, name="my_parts"):
+    """Write the module into a folder that becomes the working directory; gives its name."""
+    (folder / f"{name}.py").write_text(MODULE)
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    return name

@@ -1,0 +1,39 @@
+"""Small sweeps, and what they have written."""
+
+import csv
+
+import pytest
+import yaml
+
+from experiments.sweep.plan import load_plan
+from experiments.sweep.spec import TIMING
+from gazempc.errors import SettingsError
+
+SMALL = {
+    "name": "small",
+    "recordings": ["subject01_R1", "subject02_R4"],
+    "base": {"controller": "lookahead"},
+    "vary": {"model.dead_time_scale": [0.5, 1], "lookahead.smoothing_time_s": [0, 0.1]},
+}
+
+
+def written(folder, content):
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "sweep.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+def words(folder, content, *more):
+    return [str(written(folder, content)), "--out", str(folder / "out"), "--no-figures", "--jobs", "1", *more]
+
+
+def table_of(folder, name="results.csv"):
+    with (folder / "out" / name).open(newline="") as file:
+        return [{k: v for k, v in row.items() if k not in TIMING} for row in csv.DictReader(file)]
+
+
+def refusal(folder, content):
+    with pytest.raises(SettingsError) as caught:
+        load_plan(written(folder, content))
+    return str(caught.value)

@@ -1,0 +1,104 @@
+"""Ctrl-C and SIGTERM in the middle of endless jobs: soon over, one line said, results kept, no worker left."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+# A hang would be endless: far more than the 3 s that are promised, so that a busy machine does not matter.
+HANG_S = 30
+
+
+@contextlib.contextmanager
+def working(folder, *more):
+    """The command of `tiny_jobs` with three results and two workers in the middle of endless jobs, and their ids."""
+    log = folder / "log"
+    log.touch()
+    command = [sys.executable, str(ROOT / "tests" / "tiny_jobs.py"), str(folder / "runs"), str(log), "3", "4", *more]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment
+    )
+    try:
+        await_true(lambda: len(log.read_text().splitlines()) >= 2 or process.poll() is not None)
+        yield process, [int(line.split()[1]) for line in log.read_text().splitlines()]
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def await_true(condition):
+    give_up_s = time.monotonic() + HANG_S
+    while not condition():
+        assert time.monotonic() < give_up_s, "waited in vain"
+        time.sleep(0.01)
+
+
+def alive(pid):
+    """Whether a process runs; one that nobody has waited for yet does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("to", [os.kill, os.killpg], ids=["command", "all processes of the terminal"])
+def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, tmp_path):
+    with working(tmp_path) as (process, workers):
+        assert len(workers) == 2
+        to(process.pid, sent)
+        out, error = process.communicate(timeout=HANG_S)
+        assert process.returncode == 128 + sent
+        assert out == ""
+        said = [line for line in error.splitlines() if line and "%|" not in line]  # without the progress bar
+        kept = f"3 of 7 results are kept in {tmp_path / 'runs'}"
+        assert said == [f"tiny: interrupted: {kept}; run the same command again to go on"]
+        assert not any(alive(pid) for pid in workers)
+    assert len(list((tmp_path / "runs").glob("*.json"))) == 3
+    assert not list((tmp_path / "runs").glob("*.part"))
+
+
+def test_a_second_ctrl_c_ends_at_once_and_workers_follow(tmp_path):
+    with working(tmp_path) as (process, workers):
+        os.kill(process.pid, signal.SIGINT)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process.pid, signal.SIGINT)
+        process.communicate(timeout=HANG_S)
+        assert process.returncode == 130
+        await_true(lambda: not any(alive(pid) for pid in workers))
+
+
+def test_workers_of_a_killed_command_end_by_themselves(tmp_path):
+    with working(tmp_path) as (process, workers):
+        assert all(alive(pid) for pid in workers)
+        os.kill(process.pid, signal.SIGKILL)
+        await_true(lambda: not any(alive(pid) for pid in workers))
+        process.communicate(timeout=HANG_S)
+
+
+def test_a_command_that_hangs_after_a_signal_is_ended():
+    """Code that swallows the interruption, as a library may, holds nothing up."""
+    code = (
+        "import time\n"
+        "from experiments.engine.command import run_command\n"
+        "def stubborn():\n"
+        "    while True:\n"
+        "        try:\n"
+        "            print('ready', flush=True)\n"
+        "            time.sleep(60)\n"
+        "        except BaseException:\n"
+        "            pass\n"
+        "run_command('stubborn', stubborn)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=HANG_S) == 143

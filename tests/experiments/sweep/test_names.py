@@ -1,0 +1,86 @@
+"""Dotted names: each sets what it says, and a wrong one is told what was meant."""
+
+import numpy as np
+import pytest
+
+from experiments.sweep.names import check_name, check_value, setting_fields
+from experiments.sweep.variants import resolve
+from gazempc.neck.spec import load_neck
+
+
+def test_each_kind_of_name_changes_what_it_says():
+    variant = resolve(
+        {
+            "controller": "mpc",
+            "mpc.horizon_s": 0.5,
+            "constant_velocity.acceleration_psd": 0.2,
+            "head_pose.weight": 0.7,
+            "loop.compute_delay_s": 0.02,
+            "start_offset_deg": 60,
+            "distance_m": 3,
+            "seed": 7,
+            "neck": "slow",
+            "neck.pan.dead_time_s": 0.2,
+            "neck.both.velocity_max_rad_s": 0.7,
+            "neck.geometry.eye_in_tilt_m": [0.1, 0, 0],
+            "sensor.latency_s": 0.1,
+        }
+    )
+    settings = variant.settings
+    assert (settings.mpc.horizon_s, settings.constant_velocity.acceleration_psd) == (0.5, 0.2)
+    assert (settings.head_pose.weight, settings.loop.compute_delay_s) == (0.7, 0.02)
+    assert (settings.start_offset_deg, settings.distance_m, settings.seed) == (60, 3, 7)
+    assert variant.robot_neck == variant.neck
+    np.testing.assert_array_equal(variant.robot_neck.dead_time_s, [0.2, 0.4])
+    np.testing.assert_array_equal(variant.robot_neck.velocity_max_rad_s, [0.7, 0.7])
+    assert variant.robot_neck.pan.acceleration_max_rad_s2 == load_neck("slow").pan.acceleration_max_rad_s2
+    assert variant.robot_neck.geometry.eye_in_tilt_m == (0.1, 0, 0)
+    sensor = variant.sensors["reference"]
+    assert (sensor.name, sensor.latency_s, sensor.rate_hz) == ("reference", 0.1, 30)
+
+
+def test_only_the_model_is_wrong_about_the_dead_time():
+    variant = resolve({"controller": "mpc", "neck.tilt.dead_time_s": 0.2, "model.dead_time_scale": 1.5})
+    np.testing.assert_array_equal(variant.robot_neck.dead_time_s, [0.4, 0.2])
+    np.testing.assert_allclose(variant.neck.dead_time_s, [0.6, 0.3])
+
+
+def test_a_named_axis_wins_over_both_in_any_order():
+    for values in ({"neck.pan.dead_time_s": 0.1, "neck.both.dead_time_s": 0.3}, {"neck.both.dead_time_s": 0.3}):
+        neck = resolve({"controller": "mpc", **values}).robot_neck
+        assert neck.pan.dead_time_s == values.get("neck.pan.dead_time_s", 0.3)
+        assert neck.tilt.dead_time_s == 0.3
+
+
+def test_every_default_is_a_value_that_its_name_accepts():
+    for name, field in setting_fields().items():
+        assert check_name(name) is None
+        if not field.is_required():
+            assert check_value(name, field.default) == (field.default, None), name
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("mpc.horizn_s", "'mpc.horizon_s'"), ("horizon_s", "'mpc.horizon_s'"), ("nek", "'neck'"), ("out", "unknown")],
+)
+def test_a_wrong_name_gets_a_suggestion(name, expected):
+    assert expected in check_name(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("mpc.horizon_s", 9, ">= 0.1 and <= 5"),
+        ("mpc.horizon_s", "long", "a number"),
+        ("mpc.horizon_s", True, "a number"),
+        ("height_m", float("nan"), "a number"),
+        ("seed", 1.5, "a whole number >= 0"),
+        ("controller", "mcp", "perhaps you meant 'mpc'"),
+        ("placement", "sid", "perhaps you meant 'side'"),
+        ("neck", "slw", "perhaps you meant 'slow'"),
+        ("sensor", "perfct", "perhaps you meant 'perfect'"),
+        ("neck.pan.damping_ratio", 0, "> 0.1 and <= 10"),
+    ],
+)
+def test_a_wrong_value_is_told_what_is_accepted(name, value, expected):
+    assert expected in check_value(name, value)[1]

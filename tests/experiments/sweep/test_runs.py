@@ -1,0 +1,145 @@
+"""Runs of a sweep: known effects are found, nothing is done twice, and parts of the user's own take part."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders.own_parts import own_module
+from builders.sweeps import SMALL, table_of, words, written
+
+from experiments.sweep.command import SweepSettings, main, sweep
+from experiments.sweep.plan import load_plan
+from experiments.sweep.run import run_sweep
+from experiments.sweep.variants import resolve
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def job_of(path, **changes):
+    return resolve({"controller": "lookahead", **changes}).on(str(path))
+
+
+def test_a_result_is_named_by_all_it_depends_on(tmp_path):
+    changes = [{}, {"seed": 1}, {"model.dead_time_scale": 0.9}, {"sensor.rate_hz": 10}, {"neck": "slow"}]
+    changes += [{"predictor": "last_position"}, {"controller": "mpc"}, {"distance_m": 2}]
+    keys = {job_of("subject01_R1", **change).key() for change in changes} | {job_of("subject01_R4").key()}
+    source = tmp_path / "walk.csv"
+    for text in ("one", "another"):
+        source.write_text(text)
+        keys.add(job_of(source).key())
+    (tmp_path / "index.csv").write_text("clip,subject,group")
+    keys.add(job_of(source).key())
+    assert len(keys) == len(changes) + 4
+    assert job_of("subject01_R1").key() == job_of("subject01_R1", seed=0).key()
+
+
+def test_the_folder_of_a_recording_is_no_part_of_its_name(tmp_path):
+    for folder in ("one", "other"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "walk.csv").write_text("the same")
+    assert job_of(tmp_path / "one" / "walk.csv").key() == job_of(tmp_path / "other" / "walk.csv").key()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """A small sweep done in one go, by two processes."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    assert sweep(SweepSettings(sweep=str(written(folder, SMALL)), jobs=2, out=folder / "out", figures=False)) == 0
+    return folder
+
+
+def test_tables_and_known_effects(undisturbed):
+    rows, table = table_of(undisturbed), table_of(undisturbed, "table.csv")
+    assert len(rows) == 8
+    assert len({(r["point"], r["recording"]) for r in rows}) == 8
+    summary = json.loads((undisturbed / "out" / "summary.json").read_text())
+    assert (summary["n_runs"], summary["failed"], summary["limit_violations"]) == (8, [], 0)
+    overall = {
+        (float(r["model.dead_time_scale"]), float(r["lookahead.smoothing_time_s"])): r
+        for r in table
+        if r["group"] == "all"
+    }
+    by_hand = [float(r["gaze_error_rms_deg"]) for r in rows if r["point"] == overall[1, 0]["point"]]
+    assert float(overall[1, 0]["gaze_error_rms_deg"]) == pytest.approx(np.mean(by_hand))
+    assert overall[1, 0]["n_clips"] == "2"
+    # A wrong dead time costs error; a low-pass makes the gaze smoother.
+    assert float(overall[0.5, 0]["gaze_error_rms_deg"]) > 1.3 * float(overall[1, 0]["gaze_error_rms_deg"])
+    assert float(overall[1, 0.1]["rms_acceleration_rad_s2"]) < 0.8 * float(overall[1, 0]["rms_acceleration_rad_s2"])
+    assert {p["point"] for p in summary["pareto"]["small"]} <= {0, 1, 2, 3}
+
+
+def test_interrupted_in_the_middle_it_goes_on_and_ends_the_same(tmp_path, undisturbed):
+    """One Ctrl-C on the real command, after the first results."""
+    arguments = words(tmp_path, SMALL)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "experiments.sweep", *arguments], cwd=ROOT, stderr=subprocess.PIPE, text=True
+    )
+    runs = tmp_path / "out" / "runs"
+    while len(list(runs.glob("*.json"))) < 2:
+        assert process.poll() is None, process.stderr.read()
+    os.kill(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    before = {path: path.stat().st_mtime_ns for path in runs.glob("*.json")}
+    assert process.returncode == 130
+    assert f"sweep: interrupted: {len(before)} of 8 results are kept in {runs}" in error
+    assert 2 <= len(before) < 8
+    assert main(arguments) == 0
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
+    for name in ("results.csv", "table.csv"):
+        assert table_of(tmp_path, name) == table_of(undisturbed, name)
+    summaries = [json.loads((f / "out" / "summary.json").read_text()) for f in (tmp_path, undisturbed)]
+    assert summaries[0] == summaries[1]
+
+
+def test_a_failed_run_is_a_row_with_its_reason(tmp_path):
+    # The sensor of body tracking has nothing to replay on a synthetic walk without it; out of range sees nobody.
+    content = SMALL | {"vary": {"sensor.range_max_m": [0.1, 10]}, "recordings": ["subject01_R1"]}
+    assert main(words(tmp_path, content)) == 1
+    rows = table_of(tmp_path)
+    assert "never sees the person" in rows[0]["failed"]
+    assert not rows[1]["failed"]
+
+
+def test_figures_are_drawn(undisturbed, tmp_path):
+    figures = {
+        "response": [["model.dead_time_scale", "gaze_error_rms_deg", "lookahead.smoothing_time_s"]],
+        "heatmap": ["model.dead_time_scale", "lookahead.smoothing_time_s", "eye_contact_2p6"],
+        "pareto": ["rms_acceleration_rad_s2", "eye_contact_2p6", "case"],
+    }
+    path = written(tmp_path, SMALL | {"figures": figures})
+    before = set((undisturbed / "out" / "runs").iterdir())
+    assert sweep(SweepSettings(sweep=str(path), jobs=1, out=undisturbed / "out")) == 0
+    assert set((undisturbed / "out" / "runs").iterdir()) == before
+    assert {p.name for p in (undisturbed / "out").glob("*.png")} == {
+        "response_model-dead_time_scale_gaze_error_rms_deg.png",
+        "heatmap_model-dead_time_scale_lookahead-smoothing_time_s_eye_contact_2p6.png",
+        "pareto_rms_acceleration_rad_s2_eye_contact_2p6.png",
+    }
+
+
+def test_a_part_of_ones_own_is_swept_with_its_options_and_under_its_name(tmp_path, monkeypatch):
+    own = own_module(tmp_path, monkeypatch)
+    vary = {"controller": [f"{own}:Sluggish", "lookahead"], "options.share": [0.5, 1.0]}
+    plan = load_plan(written(tmp_path, SMALL | {"recordings": ["subject01_R1"], "base": {}, "vary": vary}))
+    rows, _ = run_sweep(plan, tmp_path / "out")
+    assert [row["failed"] for row in rows] == [None] * 4
+    assert [row["controller"] for row in rows] == ["sluggish", "sluggish", "lookahead", "lookahead"]
+    errors_deg = [row["gaze_error_rms_deg"] for row in rows]
+    # At a share of 1 it is look-ahead, for which the option is nothing.
+    assert errors_deg[0] > 1.5 * errors_deg[1]
+    assert errors_deg[1] == errors_deg[2] == errors_deg[3]
+    assert len(list((tmp_path / "out" / "runs").iterdir())) == 3
+
+
+def test_an_option_that_no_part_takes_is_refused(tmp_path, monkeypatch, capsys):
+    own = own_module(tmp_path, monkeypatch)
+    content = SMALL | {"base": {"controller": f"{own}:Sluggish"}, "vary": {"options.shear": [0.5, 1.0]}}
+    assert main(words(tmp_path, content)) == 2
+    assert "options.shear: no chosen part takes it; perhaps you meant 'share'" in capsys.readouterr().err
+    assert main(words(tmp_path, SMALL | {"base": {"controller": "nowhere:Sluggish"}})) == 2
+    assert "there is no module 'nowhere'" in capsys.readouterr().err

@@ -1,0 +1,60 @@
+"""Tuning: interrupted, it ends with the same trials."""
+
+import contextlib
+import sys
+
+import pytest
+from builders.sweeps import table_of, words
+
+from experiments.engine.engine import Engine
+from experiments.sweep.command import main
+from gazempc.errors import MissingOptionalDependencyError
+
+TUNED = {
+    "name": "tuned",
+    "recordings": ["subject01_R1"],
+    "base": {"controller": "lookahead"},
+    "vary": {
+        "lookahead.smoothing_time_s": {"low": 0, "high": 0.3},
+        "predictor": ["last_position", "constant_velocity"],
+    },
+    "design": "optuna",
+    "n": 12,
+}
+
+
+def test_tuning_stopped_in_the_middle_ends_with_the_same_trials(tmp_path, monkeypatch):
+    """Stopped in the second batch of eight, so that one batch is known and one is half done."""
+    optuna = pytest.importorskip("optuna", reason="optuna is not installed (extra tune)")
+    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
+    assert main(words(whole, TUNED)) == 0
+    run = Engine.run
+
+    def stop_at_the_second(engine, jobs):
+        if engine.fresh:
+            run(engine, jobs[:3])
+            raise KeyboardInterrupt
+        return run(engine, jobs)
+
+    with monkeypatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
+        patch.setattr(Engine, "run", stop_at_the_second)
+        main(words(stopped, TUNED))
+    runs = stopped / "out" / "runs"
+    before = {path: path.stat().st_mtime_ns for path in runs.glob("*.json")}
+    assert len(before) == 11
+    assert main(words(stopped, TUNED)) == 0
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
+    rows = table_of(whole)
+    assert len(rows) == TUNED["n"]
+    assert rows == table_of(stopped)
+    assert len({r["lookahead.smoothing_time_s"] for r in rows}) > 8
+    backend = optuna.storages.journal.JournalFileBackend(str(stopped / "out" / "optuna.log"))
+    (study,) = optuna.get_all_study_summaries(optuna.storages.JournalStorage(backend))
+    assert study.n_trials == TUNED["n"]
+
+
+def test_a_missing_package_names_its_extra(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    assert main(words(tmp_path, TUNED)) == 2
+    assert str(MissingOptionalDependencyError("Design optuna", "optuna", "tune")) in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
