@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from gazempc.controllers.reactive import Reactive
     from gazempc.errors import GazempcError
     from gazempc.front import replay
+    from gazempc.live.gaze import Gaze
     from gazempc.neck.spec import NeckSpec, load_neck
     from gazempc.recordings.load import load as load_recording
     from gazempc.recordings.recording import Recording
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "ConstantVelocity": "predictors",
     "Forecast": "predictors",
+    "Gaze": "gazempc.live.gaze",
     "GazempcError": "gazempc.errors",
     "HeadObservation": "predictors",
     "JointState": "gazempc.types",
@@ -59,6 +61,7 @@ _NAMES_THERE = {"load_recording": "load"}
 __all__ = [
     "ConstantVelocity",
     "Forecast",
+    "Gaze",
     "GazempcError",
     "HeadObservation",
     "JointState",

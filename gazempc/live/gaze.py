@@ -1,0 +1,270 @@
+"""Live from Python: a program with a tracker drives a neck."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError
+
+from gazempc.controllers.controller import Controller
+from gazempc.errors import SettingsError
+from gazempc.live.clock import RealClock
+from gazempc.live.gaze_robot import ready_robot
+from gazempc.live.parts import Keeping, LiveParts
+from gazempc.live.process import fast_switching
+from gazempc.live.robots import true_state_of
+from gazempc.live.run import LiveRun
+from gazempc.live.settings import MountedSettings
+from gazempc.live.sources.pushed import PushedSource, StampClock, check_covariance, check_person_id
+from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.observer import JointEstimate
+from gazempc.loop.planner import BackgroundPlanner
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.part_options import check_options
+from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, name_of
+from gazempc.results.join import join_logs
+from gazempc.results.log import ComputeTimes, Fault, Log
+from gazempc.results.run_info import RunInfo
+from gazempc.robots.robot import Robot
+from gazempc.settings import DEFAULT_PREDICTOR
+from gazempc.specfiles import explain
+from predictors import Predictor
+
+# A log takes some milliseconds to make, in which the servo thread may have to wait: small ones, often.
+_CHUNK_S = 30.0
+
+
+class LiveGazeSettings(MountedSettings):
+    """Settings of `Gaze`."""
+
+    clock: StampClock = Field(default="unix", description="Clock of the capture times that `see` is given")
+    keep_minutes: float = Field(default=10.0, gt=0, le=600, description="How much of the run the log holds")
+
+
+class Gaze:
+    """Looks at the person that a program sees.
+
+        with gz.Gaze("my_neck.toml", MyRobot()) as gaze:
+            for frame in tracker:
+                gaze.see(frame.time_s, frame.head_m)
+
+    The with-block owns a thread that sends commands within the neck's limits, at its servo rate. At the end of the
+    block, however it ends, the neck is braked within its limits and the robot is closed. A Gaze is used once.
+
+    What the thread raises is raised by the next `see`, or at the end of the block, after the neck was braked. What a
+    robot, predictor or controller raises is survived: see `events` and `faults`.
+
+    Args:
+        neck: Name of a shipped neck, path of a TOML file, or a neck.
+        robot: A robot (`gazempc.robots.robot.Robot`; it stamps its joints with `time.monotonic`), a shipped name, or
+            ``module:Class``. Only the servo thread uses it inside the block.
+        controller: ``mpc``, ``lookahead``, ``reactive``, ``module:Class``, or a controller.
+        predictor: Name, ``module:Class``, or a predictor.
+        **settings: Any other of `LiveGazeSettings`: ``clock="monotonic"``, ``mount={"on": "head"}``,
+            ``mpc={"horizon_s": 0.6}``, ``loop={"lost_after_s": 2.0}``, ``options={"port": "/dev/ttyUSB1"}``.
+
+    Raises:
+        GazempcError: If a name does not exist, a file or setting is wrong, or a part does not do what it must.
+    """
+
+    def __init__(
+        self,
+        neck: str | Path | NeckSpec,
+        robot: str | Robot,
+        *,
+        controller: str | Controller = "mpc",
+        predictor: str | Predictor = DEFAULT_PREDICTOR,
+        **settings: Any,
+    ) -> None:
+        try:
+            checked = LiveGazeSettings.model_validate(settings)
+        except ValidationError as error:
+            raise SettingsError(explain(error, "Gaze", LiveGazeSettings)) from None
+        if "perfect" in (controller, predictor):
+            raise SettingsError("perfect: nobody knows the true future of a live run")
+        spec = neck if isinstance(neck, NeckSpec) else load_neck(neck)
+        own = checked.options.own
+        chosen = ((PREDICTOR, predictor), (CONTROLLER, controller), (ROBOT, robot))
+        check_options([(part, choice) for part, choice in chosen if isinstance(choice, str)], own)
+        clock = RealClock()
+        self._source = PushedSource(clock, checked.clock)
+        forecasting = make_predictor(predictor, checked, Person(), own)
+        planning = make_controller(controller, spec, checked, own)
+        ready, called = ready_robot(robot, checked.options, spec, clock)
+        about = RunInfo(
+            recording="live",
+            kind="live",
+            subject="unknown",
+            controller=name_of(CONTROLLER, planning),
+            predictor=name_of(PREDICTOR, forecasting),
+            neck=spec,
+            sensor={"name": "live"},
+            mode="live",
+            robot=called,
+            joints="measured",
+            settings=checked.model_dump(mode="json"),
+        )
+        self._keep_s = 60.0 * checked.keep_minutes
+        self._kept: tuple[Log, ...] = ()
+        keeping = Keeping(about, self._keep, _CHUNK_S, true_state=true_state_of(ready))
+        # The planner has a thread: it is not made before the block.
+        self._make_run: Callable[[], LiveRun] = lambda: LiveRun(
+            LiveParts(
+                spec, forecasting, BackgroundPlanner(planning), ready, self._source, clock, checked.mount, checked.loop
+            ),
+            keeping,
+        )
+        self._run: LiveRun | None = None
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._failure: BaseException | None = None
+        self._process = ExitStack()
+
+    def __enter__(self) -> Gaze:
+        """Connect the robot, read its joints, begin to send commands.
+
+        Returns:
+            Itself.
+
+        Raises:
+            RobotError: If the robot cannot be connected to, or does not say where it stands.
+            RuntimeError: If it was used before.
+        """
+        if self._run is not None:
+            raise RuntimeError("this Gaze was used before: make another one for another with-block")
+        self._run = run = self._make_run()
+        # No daemon: at the end of the program the neck is braked, too.
+        thread = threading.Thread(target=self._work, args=(run,), name="servo")
+        try:
+            run.start(self._stop)
+            self._process.enter_context(fast_switching())
+            thread.start()
+        except BaseException:
+            self._stop.set()
+            if thread.is_alive():
+                thread.join()
+            else:
+                run.close()
+            self._process.close()
+            raise
+        self._thread = thread
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        """Brake within limits, close the robot.
+
+        Raises:
+            BaseException: What the servo thread raised, unless the block itself raised.
+        """
+        self._stop.set()
+        if self._thread is not None:
+            try:
+                self._thread.join()
+            except KeyboardInterrupt:
+                # One more Ctrl-C: the braking that is under way takes part of a second.
+                self._thread.join()
+                raise
+            finally:
+                self._process.close()
+        failure = self._failure
+        if failure is not None and failure is not error:
+            if error is None:
+                raise failure
+            error.add_note(f"The servo thread of Gaze raised, too: {type(failure).__name__}: {failure}")
+        return False
+
+    def see(
+        self,
+        time_s: float,
+        head_m: Any,
+        *,
+        head_quat_wxyz: Any = None,
+        pelvis_quat_wxyz: Any = None,
+        covariance_m2: Any = None,
+        person_id: int | str | None = None,
+    ) -> None:
+        """Hand over where the person was seen. Returns at once.
+
+        The time of capture matters more than anything else here. A stamp that is 0.1 s late is 0.1 s of dead time
+        that nobody knows of.
+
+        Args:
+            time_s: When the frame was captured (not when it was processed), seconds: Unix time as `time.time` gives it,
+                or with ``clock="monotonic"`` the time of `time.monotonic`.
+            head_m: Head in the sensor's frame, shape (3,), metres: x forward, y left, z up.
+            head_quat_wxyz: Orientation of the head in the same frame, shape (4,); the identity faces +x. Optional.
+            pelvis_quat_wxyz: The same of the pelvis. Optional.
+            covariance_m2: Covariance of `head_m`, shape (3, 3), square metres. Optional. The shipped predictors do not
+                use it yet.
+            person_id: How the tracker calls the person, a whole number or a text. Optional. Not used yet: see one
+                person only.
+
+        Raises:
+            ValueError: If a value is wrong; names the field and what is accepted. The observation is not used.
+            RuntimeError: Outside of the with-block.
+            BaseException: What the servo thread raised, after the neck was braked.
+        """
+        if self._thread is None:
+            raise RuntimeError("see() is called before the with-block: with Gaze(...) as gaze: gaze.see(...)")
+        if self._failure is not None:
+            raise self._failure
+        if self._stop.is_set() or not self._thread.is_alive():
+            raise RuntimeError("see() is called after the end of the with-block: the robot is closed")
+        if covariance_m2 is not None:
+            check_covariance(covariance_m2)
+        if person_id is not None:
+            check_person_id(person_id)
+        self._source.push(time_s, head_m, {"head_quat_wxyz": head_quat_wxyz, "pelvis_quat_wxyz": pelvis_quat_wxyz})
+
+    @property
+    def joints(self) -> JointEstimate | None:
+        """Where the joints are, as estimated at the last tick; None before the first one."""
+        return None if self._run is None else self._run.joints
+
+    @property
+    def events(self) -> dict[str, int]:
+        """How often each event of `gazempc.loop.events` began, over the whole run."""
+        return {} if self._run is None else self._run.logs.events
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The exceptions that were survived, each event once with its first traceback, over the whole run."""
+        return () if self._run is None else self._run.logs.faults
+
+    def log(self) -> Log:
+        """The log of what was so far; after the block of the whole run, with the stop.
+
+        Memory does not grow: of a longer run it is the last ``keep_minutes`` (10 by default).
+
+        Returns:
+            The log; `gazempc.results.metrics.measure` and the figures read it.
+
+        Raises:
+            RuntimeError: If nothing has happened yet.
+        """
+        if self._run is not None:
+            self._run.logs.snapshot().result()
+        if not self._kept:
+            raise RuntimeError("there is no log yet: nothing has happened")
+        return join_logs(self._kept)
+
+    def _keep(self, log: Log, times: ComputeTimes) -> None:
+        oldest_s = log.time_s[-1] - self._keep_s
+        self._kept = (*(kept for kept in self._kept if kept.time_s[-1] >= oldest_s), log)
+
+    def _work(self, run: LiveRun) -> None:
+        try:
+            try:
+                run.serve(self._stop)
+            finally:
+                run.close()
+            run.logs.check()
+        except BaseException as error:
+            self._failure = error

@@ -1,0 +1,166 @@
+"""Observations that the program itself hands over, one call each."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from typing import Any, Literal
+
+import numpy as np
+
+from gazempc.live.clock import RealClock
+from gazempc.live.sources.source import Arrived
+from gazempc.types import FloatArray, Sighting
+from predictors import HeadObservation
+
+StampClock = Literal["unix", "monotonic"]
+
+# More than a second of a fast tracker.
+_WAITING_MAX = 1024
+# A stamp this far from now is of another clock or in another unit.
+_OTHER_CLOCK_S = 3600.0
+_UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+_UNIT_LENGTH_TOLERANCE = 1e-3
+_SYMMETRY_TOLERANCE = 1e-6
+
+
+class PushedSource:
+    """Takes observations from the thread of a tracker, and gives them to the loop.
+
+    It has ended once the thread that opened it has: then nobody sees any more.
+
+    Args:
+        clock: The loop's clock.
+        stamps: The clock of the capture times: Unix time or `time.monotonic`.
+    """
+
+    def __init__(self, clock: RealClock, stamps: StampClock) -> None:
+        self._clock, self._stamps = clock, stamps
+        self._arrived: deque[Sighting] = deque(maxlen=_WAITING_MAX)
+        self._owner = threading.current_thread()
+
+    def push(self, time_s: float, head_m: Any, quats_wxyz: dict[str, Any]) -> None:
+        """Hand one observation over, from any thread.
+
+        Args:
+            time_s: Capture time, seconds.
+            head_m: Head in the sensor's frame, shape (3,), metres.
+            quats_wxyz: Orientations in the same frame by field's name, shape (4,) each; None where there is none.
+
+        Raises:
+            ValueError: If a value is not one; names the field and what is accepted.
+        """
+        capture_s = self._capture_s(time_s)
+        head = checked("head_m", head_m, (3,), "metres in the sensor's frame, x forward, y left, z up")
+        quats = {name: _quaternion(name, quat) for name, quat in quats_wxyz.items() if quat is not None}
+        self._arrived.append(Sighting(self._clock.now_s(), HeadObservation(capture_s, head, **quats)))
+
+    def open(self) -> None:
+        """See `gazempc.live.sources.source.Source.open`; the calling thread is the one that sees."""
+        self._owner = threading.current_thread()
+
+    def poll(self) -> Arrived:
+        """See `gazempc.live.sources.source.Source.poll`."""
+        return Arrived(tuple(self._arrived.popleft() for _ in range(len(self._arrived))))
+
+    @property
+    def finished(self) -> bool:
+        """See `gazempc.live.sources.source.Source.finished`."""
+        return not self._owner.is_alive()
+
+    def close(self) -> None:
+        """See `gazempc.live.sources.source.Source.close`."""
+        self._arrived.clear()
+
+    def _capture_s(self, time_s: Any) -> float:
+        stamp_s = float(checked("time_s", time_s, (), "a time in seconds"))
+        unix = self._stamps == "unix"
+        now_s = time.time() if unix else time.monotonic()
+        if abs(stamp_s - now_s) > _OTHER_CLOCK_S:
+            raise ValueError(f"time_s is {stamp_s:.6g}{_likely_unit(stamp_s)}, {self._needed(now_s)}")
+        return self._clock.from_unix_s(stamp_s) if unix else self._clock.from_monotonic_s(stamp_s)
+
+    def _needed(self, now_s: float) -> str:
+        if self._stamps == "unix":
+            return (
+                f"needed is the capture time in seconds of Unix time, as time.time() gives it (now {now_s:.1f}); "
+                'for times of time.monotonic() say clock="monotonic"'
+            )
+        return (
+            f"needed is the capture time in seconds of time.monotonic() (now {now_s:.1f}); "
+            'for Unix time say clock="unix"'
+        )
+
+
+def checked(name: str, value: Any, shape: tuple[int, ...], what: str) -> FloatArray:
+    """Finite numbers of a shape.
+
+    Args:
+        name: Name of the field.
+        value: What was given.
+        shape: The shape.
+        what: What the numbers are, for the message.
+
+    Returns:
+        The numbers.
+
+    Raises:
+        ValueError: If they are not; names the field and what is accepted.
+    """
+    wanted = f"needed is {what}" + (f", shape {shape}" if shape else "")
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is {value!r}: {wanted}") from None
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}: {wanted}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} is not finite ({array}): {wanted}")
+    return array
+
+
+def check_covariance(covariance_m2: Any) -> None:
+    """Check a covariance of a position.
+
+    Args:
+        covariance_m2: Shape (3, 3), square metres.
+
+    Raises:
+        ValueError: If it is not symmetric, or has a negative variance.
+    """
+    covariance = checked("covariance_m2", covariance_m2, (3, 3), "a covariance in square metres")
+    scale = float(np.abs(covariance).max())
+    if float(np.abs(covariance - covariance.T).max()) > _SYMMETRY_TOLERANCE * scale:
+        raise ValueError(f"covariance_m2 is not symmetric: {covariance.tolist()}")
+    if float(np.linalg.eigvalsh(covariance).min()) < -_SYMMETRY_TOLERANCE * scale:
+        raise ValueError(f"covariance_m2 has a negative variance: {covariance.tolist()}")
+
+
+def check_person_id(person_id: Any) -> None:
+    """Check how a tracker calls a person.
+
+    Args:
+        person_id: A whole number or a text.
+
+    Raises:
+        ValueError: If it is neither.
+    """
+    if isinstance(person_id, bool) or not isinstance(person_id, int | np.integer | str):
+        raise ValueError(f"person_id is {person_id!r}: needed is a whole number or a text")
+
+
+def _quaternion(name: str, value: Any) -> FloatArray:
+    quat = checked(name, value, (4,), "a unit quaternion w, x, y, z")
+    if abs(float(np.linalg.norm(quat)) - 1.0) > _UNIT_LENGTH_TOLERANCE:
+        raise ValueError(f"{name} is not of unit length: {quat}")
+    return quat
+
+
+def _likely_unit(stamp: float) -> str:
+    """Which unit a stamp looks like, if it is near some clock of the computer in that unit; else nothing."""
+    for unit, per_second in _UNITS.items():
+        for now_s in (time.time(), time.monotonic()):
+            if abs(stamp / per_second - now_s) < _OTHER_CLOCK_S:
+                return f", which looks like {unit}"
+    return ""

@@ -1,0 +1,317 @@
+"""Gaze: a tracker's program drives a neck; whatever ends the block, the neck is braked and the robot closed."""
+
+import math
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from builders.checks import assert_within_limits
+from builders.live import NECK
+
+import gazempc as gz
+from gazempc.errors import RobotError, SettingsError
+from gazempc.sim.simulated import SimulatedNeck
+
+FOREVER_S = 60.0
+
+
+class Robot(SimulatedNeck):
+    """A simulated neck on the computer's clock, as a user's own robot is; keeps what it is sent."""
+
+    name = "spied"
+
+    def __init__(self):
+        super().__init__(NECK, np.radians([5.0, 2.0]), time.monotonic)
+        self.calls, self.received, self.threads = [], [], set()
+
+    def connect(self):
+        self.calls.append("connect")
+        super().connect()
+
+    def send_command(self, position_rad):
+        self.received.append(position_rad.copy())
+        self.threads.add(threading.current_thread().name)
+        return super().send_command(position_rad)
+
+    def close(self):
+        self.calls.append("close")
+        super().close()
+
+
+def gaze(robot, **settings):
+    return gz.Gaze(NECK, robot, predictor=gz.ConstantVelocity(), **settings)
+
+
+def see_for(opened, seconds, stamp=time.time):
+    """Somebody walks by, at 30 frames a second."""
+    start_s = time.monotonic()
+    while (elapsed_s := time.monotonic() - start_s) < seconds:
+        opened.see(stamp() - 0.03, [2.0, 1.2 * math.sin(1.5 * elapsed_s), 0.3], head_quat_wxyz=[1, 0, 0, 0])
+        time.sleep(1 / 30)
+
+
+def assert_braked_and_closed(robot):
+    """Every command within limits, the last one at rest, the robot closed once."""
+    assert robot.calls == ["connect", "close"]
+    sent = np.array(robot.received)
+    assert_within_limits(sent, np.radians([5.0, 2.0]), ends=True)
+    return sent
+
+
+@pytest.mark.parametrize("clock", ["unix", "monotonic"])
+def test_it_looks_at_who_is_seen(clock):
+    robot = Robot()
+    with gaze(robot, clock=clock) as opened:
+        see_for(opened, 1.5, time.time if clock == "unix" else time.monotonic)
+        assert 0.0 < opened.joints.position_rad[0] < math.radians(60.0)
+        so_far = opened.log()
+        assert so_far.time_s.size > 100
+    sent = assert_braked_and_closed(robot)
+    assert robot.threads == {"servo"}
+    log = opened.log()
+    np.testing.assert_array_equal(log.command_position_rad, sent)
+    assert np.all(np.diff(log.time_s) > 0)
+    assert log.time_s[0] == so_far.time_s[0]
+    assert log.time_s.size > so_far.time_s.size
+    assert np.ptp(sent[:, 0]) > 0.3
+    # The stamps became the loop's time: each observation is 30 ms old when it arrives.
+    assert np.median(log.arrival_time_s - log.capture_time_s) == pytest.approx(0.03, abs=0.01)
+    assert log.head_observed_base_m[:, 0] == pytest.approx(2.0)
+    assert (log.run.robot, log.run.predictor, log.run.mode) == ("spied", "constant_velocity", "live")
+    assert opened.events["no_observation_yet"] >= 1
+    assert opened.faults == ()
+    assert gz.measure(log).limit_violations == 0
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_whatever_ends_the_block_the_neck_is_braked(error):
+    robot = Robot()
+
+    def block():
+        with gaze(robot) as opened:
+            see_for(opened, 0.8)
+            raise error("the tracker's")
+
+    with pytest.raises(error, match="the tracker's"):
+        block()
+    sent = assert_braked_and_closed(robot)
+    assert np.abs(np.diff(sent, axis=0)).max() > 1e-4  # it was moving
+
+
+def test_threads_and_their_turns_are_as_before():
+    before = sys.getswitchinterval(), threading.active_count()
+    with gaze(Robot()) as opened:
+        see_for(opened, 0.1)
+    assert (sys.getswitchinterval(), threading.active_count()) == before
+
+
+def test_what_a_robot_raises_is_survived_and_named():
+    class Deaf(Robot):
+        def read_state(self):
+            if len(self.received) > 20:
+                raise TypeError("the driver's bug")
+            return super().read_state()
+
+    robot = Deaf()
+    with gaze(robot) as opened:
+        see_for(opened, 0.8)
+        (fault,) = opened.faults
+    assert (fault.event, fault.error) == ("robot_not_answering", "TypeError: the driver's bug")
+    assert "read_state" in fault.traceback
+    assert fault.count > 10
+    assert opened.log().faults[0].count == opened.faults[0].count
+    assert_braked_and_closed(robot)
+
+
+class Bug(BaseException):
+    """What no loop survives."""
+
+
+class Broken(gz.ConstantVelocity):
+    """Raises it in the servo thread, in mid-motion."""
+
+    seen = 0
+
+    def update(self, observation):
+        self.seen += 1
+        if self.seen > 30:
+            raise Bug("in the servo thread")
+        super().update(observation)
+
+
+def test_an_exception_of_the_servo_thread_is_raised_by_see_after_the_braking():
+    robot = Robot()
+    with pytest.raises(Bug, match="in the servo thread"), gz.Gaze(NECK, robot, predictor=Broken()) as opened:
+        see_for(opened, FOREVER_S)
+    assert_braked_and_closed(robot)
+
+
+def test_an_exception_of_the_servo_thread_is_raised_at_the_end_or_noted_on_the_block_s_own():
+    def block(robot, error):
+        with gz.Gaze(NECK, robot, predictor=Broken()) as opened:
+            for _ in range(40):
+                opened._source.push(time.time(), [2.0, 0.5, 0.3], {})
+                time.sleep(0.02)
+            opened._thread.join(FOREVER_S)
+            if error is not None:
+                raise error
+
+    robot = Robot()
+    with pytest.raises(Bug):
+        block(robot, None)
+    assert_braked_and_closed(robot)
+    with pytest.raises(KeyError) as raised:
+        block(Robot(), KeyError("the block's own"))
+    assert "in the servo thread" in raised.value.__notes__[0]
+
+
+def test_a_slow_controller_holds_up_no_command():
+    class Slow(gz.Mpc):
+        def plan(self, situation):
+            time.sleep(0.1)
+            return super().plan(situation)
+
+    robot = Robot()
+    with gaze(robot, controller=Slow(NECK, horizon_s=0.3)) as opened:
+        see_for(opened, 1.0)
+    assert_braked_and_closed(robot)
+    assert opened.events["late_plan"] > 0
+    assert np.ptp(np.array(robot.received)[:, 0]) > 0.02
+
+
+def test_a_gaze_is_used_once_and_inside_its_block_only():
+    opened = gaze(Robot())
+    with pytest.raises(RuntimeError, match="before the with-block"):
+        opened.see(time.time(), [2.0, 0.0, 0.0])
+    with pytest.raises(RuntimeError, match="no log yet"):
+        opened.log()
+    assert (opened.joints, opened.events, opened.faults) == (None, {}, ())
+    with opened:
+        with pytest.raises(RuntimeError, match="used before"):
+            opened.__enter__()
+        opened.see(time.time(), [2.0, 0.0, 0.0])
+    with pytest.raises(RuntimeError, match="after the end"):
+        opened.see(time.time(), [2.0, 0.0, 0.0])
+    with pytest.raises(RuntimeError, match="used before"):
+        opened.__enter__()
+
+
+def test_a_robot_that_cannot_be_connected_is_closed_and_nothing_runs():
+    class Away(Robot):
+        def connect(self):
+            super().connect()
+            raise RobotError("switched off")
+
+    robot, before = Away(), threading.active_count()
+    with pytest.raises(RobotError, match="switched off"), gaze(robot):
+        pytest.fail("there is no robot")
+    assert robot.calls == ["connect", "close"]
+    assert robot.received == []
+    assert threading.active_count() == before
+
+
+def test_a_robot_on_another_clock_is_told_which_one_is_needed():
+    robot = Robot()
+    robot._clock_s = time.time
+    with pytest.raises(RobotError, match="loop's clock says"), gaze(robot):
+        pytest.fail("its stamps are Unix time")
+    assert robot.received == []
+
+
+def test_when_the_thread_that_sees_ends_without_leaving_the_block_the_neck_is_braked():
+    robot = Robot()
+    opened = gaze(robot)
+    tracker = threading.Thread(target=lambda: see_for(opened.__enter__(), 0.5))
+    tracker.start()
+    tracker.join(FOREVER_S)
+    opened._thread.join(FOREVER_S)
+    assert not opened._thread.is_alive()
+    assert_braked_and_closed(robot)
+    opened.__exit__(None, None, None)
+
+
+def test_of_a_long_run_the_last_minutes_are_kept():
+    with gaze(Robot(), keep_minutes=0.005) as opened:
+        for _ in range(6):
+            see_for(opened, 0.15)
+            opened.log()
+    kept_s = np.ptp(opened.log().time_s)
+    assert 0.3 <= kept_s < 0.8
+    assert opened.events["no_observation_yet"] >= 1
+
+
+UNIX = time.time()
+
+
+@pytest.mark.parametrize(
+    ("clock", "time_s", "named"),
+    [
+        ("unix", lambda: 1e3 * time.time(), ["milliseconds", "seconds of Unix time"]),
+        ("unix", time.time_ns, ["nanoseconds"]),
+        ("unix", time.monotonic, ["monotonic"]),
+        ("unix", lambda: "now", ["time_s is 'now'"]),
+        ("unix", lambda: math.nan, ["time_s is not finite"]),
+        ("unix", lambda: [1.0], ["time_s has shape (1,)"]),
+        ("monotonic", time.time, ['clock="unix"']),
+        ("monotonic", lambda: 1e3 * time.monotonic(), ["time.monotonic()"]),
+    ],
+)
+def test_a_wrong_time_is_refused_at_the_call(clock, time_s, named, monkeypatch):
+    monkeypatch.setattr(time, "monotonic", lambda real=time.monotonic: real() + 1e6)
+    with gaze(Robot(), clock=clock) as opened:
+        with pytest.raises(ValueError, match="time_s") as raised:
+            opened.see(time_s(), [2.0, 0.0, 0.0])
+        for word in named:
+            assert word in str(raised.value)
+    assert opened.log().capture_time_s.size == 0
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "named"),
+    [
+        ("head_m", [1.0, 2.0], "head_m has shape (2,)"),
+        ("head_m", [1.0, math.nan, 0.0], "head_m is not finite"),
+        ("head_m", "there", "head_m is 'there'"),
+        ("head_m", None, "head_m"),
+        ("head_quat_wxyz", [1, 1, 0, 0], "head_quat_wxyz is not of unit length"),
+        ("pelvis_quat_wxyz", [1, 0, 0], "pelvis_quat_wxyz has shape (3,)"),
+        ("covariance_m2", [1, 1, 1], "covariance_m2 has shape (3,)"),
+        ("covariance_m2", [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]], "covariance_m2 is not symmetric"),
+        ("covariance_m2", np.diag([1.0, 1.0, -1.0]), "covariance_m2 has a negative variance"),
+        ("person_id", 1.5, "person_id is 1.5"),
+    ],
+)
+def test_a_wrong_observation_is_refused_at_the_call(field, value, named):
+    with gaze(Robot()) as opened:
+        good = {"head_m": [2.0, 0.0, 0.3], "head_quat_wxyz": [1, 0, 0, 0], "covariance_m2": 1e-4 * np.eye(3)}
+        opened.see(time.time(), **good, person_id=7)
+        with pytest.raises(ValueError, match=field) as raised:
+            opened.see(time.time(), **{**good, field: value})
+        assert named in str(raised.value)
+        time.sleep(0.1)
+    assert opened.log().capture_time_s.size == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"robot": "simulatd"}, ["simulatd", "simulated", "module:Class"]),
+        ({"robot": object()}, ["robot object lacks the method connect()"]),
+        ({"robot": Robot}, ["is a class"]),
+        ({"controller": "mpx"}, ["mpx", "mpc"]),
+        ({"controller": object()}, ["lacks the method"]),
+        ({"predictor": "perfect"}, ["nobody knows the true future"]),
+        ({"neck": "refrence"}, ["refrence", "reference"]),
+        ({"horizon": 0.3}, ["horizon"]),
+        ({"mount": {"on": "hand"}}, ["mount.on"]),
+        ({"clock": "gps"}, ["clock", "unix", "monotonic"]),
+        ({"options": {"prot": 1}}, ["options.prot"]),
+    ],
+)
+def test_wrong_arguments_are_named_before_anything_moves(arguments, named):
+    with pytest.raises(SettingsError) as raised:
+        gz.Gaze(**{"neck": NECK, "robot": "simulated", **arguments})
+    for word in named:
+        assert word in str(raised.value)
