@@ -1,47 +1,143 @@
-"""Dependencies point one way: predictors <- gazempc <- experiments; figures never see the loop."""
+"""Dependencies point one way, along the data flow: the graph of all modules is read from their source."""
 
 import ast
 import subprocess
 import sys
+from collections import defaultdict
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FORBIDDEN = {"predictors": {"gazempc", "experiments"}, "gazempc": {"experiments"}}
-READERS_OF_LOGS = ("plots", "overview", "animation", "metrics", "report", "smoothness")
-# What makes a run; whoever reads logs must not need it.
-RUNS = {"loop", "loop_recorder", "replay", "smoother", "robots", "controllers", "servo"}
+PACKAGES = ("predictors", "gazempc", "experiments")
+
+# The order of what is in a package. Nobody imports anything of a later line; what stands in one line knows nothing of
+# its neighbours.
+GAZEMPC = (
+    ("errors", "types", "progress"),
+    ("specfiles",),
+    ("recordings", "neck", "ros2"),
+    ("results",),
+    ("robots",),
+    ("controllers",),
+    ("loop",),
+    ("settings",),
+    ("sim",),
+    ("live",),
+    ("identify",),
+    ("run",),
+)
+EXPERIMENTS = (
+    ("engine", "aggregate", "colours"),
+    ("compare_figures",),
+    ("compare", "bound", "fronts", "sweep", "forecast", "fit", "paper", "plan_example"),
+)
 
 
-def imported_modules(path: Path) -> set[str]:
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            module = node.module or ""
-            found |= {module} | {f"{module}.{alias.name}" for alias in node.names}
+def source_files():
+    """All modules by name."""
+    found = {}
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
-@pytest.mark.parametrize("package", sorted(FORBIDDEN))
-def test_dependencies_point_one_way(package):
-    for path in (ROOT / package).rglob("*.py"):
-        tops = {name.split(".")[0] for name in imported_modules(path)}
-        assert not tops & FORBIDDEN[package], path
+FILES = source_files()
+TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
 
-def test_metrics_and_figures_read_logs_only():
-    for name in READERS_OF_LOGS:
-        path = ROOT / "gazempc" / f"{name}.py"
-        parts = {m.split(".")[1] for m in imported_modules(path) if m.startswith("gazempc.")}
-        assert not parts & RUNS, path
+def imported_by(tree):
+    """Names of ours that a module imports, wherever in it; `from a import b` is `a.b` where that is a module."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in FILES)
+        elif isinstance(node, ast.ImportFrom) and node.module in FILES:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in FILES else node.module
 
 
-def test_importing_has_no_side_effects_and_is_quick_to_name_what_it_needs():
-    """Importing prints nothing, writes nothing and leaves matplotlib and control alone."""
+IMPORTS = {name: set(imported_by(tree)) for name, tree in TREES.items()}
+
+
+def relative_imports(trees):
+    return [name for name, tree in trees.items() for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.level]
+
+
+def circle_in(imports):
+    """One circle of modules, or None."""
+    try:
+        TopologicalSorter(imports).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return None
+
+
+def imports_back_up(package, order, imports):
+    """Imports, as `importer -> imported`, of a later line of the order, or of a neighbour in the same one."""
+    rank = {part: k for k, line in enumerate(order) for part in line}
+    back = []
+    for name, found in imports.items():
+        for other in found:
+            parts = [n.split(".")[1] for n in (name, other) if n.startswith(f"{package}.")]
+            if len(parts) == 2 and parts[0] != parts[1] and rank[parts[1]] >= rank[parts[0]]:
+                back.append(f"{name} -> {other}")
+    return sorted(back)
+
+
+def test_no_import_is_relative():
+    assert relative_imports(TREES) == []
+
+
+def test_no_module_imports_itself_by_a_circle():
+    assert circle_in(IMPORTS) is None
+
+
+@pytest.mark.parametrize("importer", PACKAGES)
+def test_packages_point_one_way(importer):
+    later = PACKAGES[PACKAGES.index(importer) + 1 :]
+    wrong = [
+        f"{n} -> {o}" for n, found in IMPORTS.items() for o in found if n.startswith(importer) and o.startswith(later)
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize(("package", "order"), [("gazempc", GAZEMPC), ("experiments", EXPERIMENTS)])
+def test_inside_a_package_nobody_imports_a_later_part(package, order):
+    listed = {part for line in order for part in line}
+    assert {name.split(".")[1] for name in FILES if name.startswith(f"{package}.")} == listed
+    assert imports_back_up(package, order, IMPORTS) == []
+
+
+def test_the_checks_of_this_module_notice_what_they_are_for():
+    assert relative_imports({"gazempc.a": ast.parse("def f():\n    from .b import c")}) == ["gazempc.a"]
+    late = "if TYPE_CHECKING:\n    from gazempc.live import run\ndef f():\n    import gazempc.errors"
+    assert set(imported_by(ast.parse(late))) == {"gazempc.live.run", "gazempc.errors"}
+    assert circle_in({"a": {"b"}, "b": {"c"}, "c": {"a"}}) is not None
+    imports = {"gazempc.neck.spec": {"gazempc.loop.smoother"}, "gazempc.live.run": {"gazempc.neck.spec"}}
+    assert imports_back_up("gazempc", GAZEMPC, imports) == ["gazempc.neck.spec -> gazempc.loop.smoother"]
+
+
+def test_no_two_classes_share_a_name():
+    """One word, one meaning."""
+    places = defaultdict(list)
+    for name, tree in TREES.items():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(name)
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
+
+
+def test_the_type_of_arrays_is_defined_once():
+    users = [name for name, path in FILES.items() if "NDArray[np.float64]" in path.read_text(encoding="utf-8")]
+    assert users == ["predictors.types"]
+
+
+def test_importing_has_no_side_effects_and_leaves_heavy_libraries_alone():
+    """Importing prints nothing, writes nothing, and does not wait for matplotlib or control."""
     code = (
         "import sys, gazempc, predictors, experiments, gazempc.run, gazempc.settings;"
         "heavy = {'matplotlib', 'control', 'filterpy'} & set(sys.modules); print(sorted(heavy))"

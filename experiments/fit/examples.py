@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from experiments.fit.variants import Walk, bend, vary, walk_of
+from experiments.fit.variants import GaplessWalk, bend, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
 from predictors import HeadObservation
@@ -76,7 +76,7 @@ def _joined(parts: list[Examples], name: str) -> Examples:
 
 
 def as_seen(
-    walk: Walk, noise_m: float, yaw_noise_rad: float, rng: np.random.Generator, faults: bool
+    walk: GaplessWalk, noise_m: float, yaw_noise_rad: float, rng: np.random.Generator, faults: bool
 ) -> list[HeadObservation]:
     """Observations of a walk.
 
@@ -122,7 +122,7 @@ def as_seen(
     ]
 
 
-def examples_of_walk(walk: Walk, observations: list[HeadObservation], weight: float) -> Examples:
+def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], weight: float) -> Examples:
     """What `Walker` reads at each frame of a walk, and how the walk went on.
 
     Args:
@@ -219,13 +219,13 @@ def scoring_examples(path: str, seed: int, bent: bool) -> Examples | None:
     return _joined(parts, name)
 
 
-def _walk_and_chance(path: str, seed: int) -> tuple[str, Walk, np.random.Generator]:
+def _walk_and_chance(path: str, seed: int) -> tuple[str, GaplessWalk, np.random.Generator]:
     """Name and walk of a recording, and chance that is its own, so that no recording changes another's examples."""
     recording = load(path)
     return recording.name, walk_of(recording), np.random.default_rng([seed, *recording.name.encode()])
 
 
-def is_straight(walk: Walk) -> bool:
+def is_straight(walk: GaplessWalk) -> bool:
     """Whether a walk keeps its direction within 20 degrees, as far as strides of it tell."""
     stride = min(30, walk.times_s.size - 1)
     across = walk.head_m[stride:, :2] - walk.head_m[:-stride, :2]

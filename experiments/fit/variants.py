@@ -27,7 +27,7 @@ _LONGEST_GAP_S, _SHORTEST_S = 0.2, 1.25
 
 
 @dataclass(frozen=True)
-class Walk:
+class GaplessWalk:
     """Head and headings of one walk, without gaps.
 
     Attributes:
@@ -43,7 +43,7 @@ class Walk:
     head_yaw_rad: FloatArray
 
 
-def walk_of(recording: Recording) -> Walk:
+def walk_of(recording: Recording) -> GaplessWalk:
     """The walk in a recording.
 
     Args:
@@ -68,10 +68,10 @@ def walk_of(recording: Recording) -> Walk:
     pelvis, head = (
         np.unwrap([yaw_rad(q) for q in quats[rows]]) for quats in (truth.pelvis_quat_wxyz, truth.head_quat_wxyz)
     )
-    return Walk(times_s, truth.head_position_m[rows], pelvis, head)
+    return GaplessWalk(times_s, truth.head_position_m[rows], pelvis, head)
 
 
-def vary(walk: Walk, rng: np.random.Generator, bend_it: bool) -> Walk:
+def vary(walk: GaplessWalk, rng: np.random.Generator, bend_it: bool) -> GaplessWalk:
     """A random variant.
 
     Args:
@@ -97,7 +97,7 @@ def vary(walk: Walk, rng: np.random.Generator, bend_it: bool) -> Walk:
     return walk
 
 
-def mirror(walk: Walk) -> Walk:
+def mirror(walk: GaplessWalk) -> GaplessWalk:
     """Left and right exchanged."""
     return replace(
         walk,
@@ -107,7 +107,7 @@ def mirror(walk: Walk) -> Walk:
     )
 
 
-def glance(walk: Walk, rng: np.random.Generator, angle_deg: float | None = None) -> Walk:
+def glance(walk: GaplessWalk, rng: np.random.Generator, angle_deg: float | None = None) -> GaplessWalk:
     """The head turned aside for a while, as people do who notice a robot.
 
     Args:
@@ -127,7 +127,7 @@ def glance(walk: Walk, rng: np.random.Generator, angle_deg: float | None = None)
     return replace(walk, head_yaw_rad=walk.head_yaw_rad + angle * share)
 
 
-def change_pace(walk: Walk, rng: np.random.Generator) -> Walk:
+def change_pace(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
     """Played faster or slower, with a slow change of pace, sometimes with a stop, by a smaller or taller person.
 
     Args:
@@ -146,7 +146,7 @@ def change_pace(walk: Walk, rng: np.random.Generator) -> Walk:
     played = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
     n = int(np.searchsorted(played, t[-1], side="right"))
     played = played[:n]
-    return Walk(
+    return GaplessWalk(
         walk.times_s[:n],
         CubicSpline(t, walk.head_m)(played) * rng.uniform(0.9, 1.1),
         np.interp(played, t, walk.pelvis_yaw_rad),
@@ -154,7 +154,7 @@ def change_pace(walk: Walk, rng: np.random.Generator) -> Walk:
     )
 
 
-def bend(walk: Walk, rng: np.random.Generator) -> Walk:
+def bend(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
     """The same walk along one or two turns: every step is turned by the angle turned so far, gait and all.
 
     Pelvis and head go before the path and get there in a shorter time; the walk slows down in the turn.
@@ -189,7 +189,7 @@ def bend(walk: Walk, rng: np.random.Generator) -> Walk:
     c, s = np.cos(middle), np.sin(middle)
     steps = np.stack([c * steps[:, 0] - s * steps[:, 1], s * steps[:, 0] + c * steps[:, 1]], axis=1)
     horizontal = walk.head_m[0, :2] + np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)])
-    return Walk(
+    return GaplessWalk(
         t,
         np.column_stack([horizontal, walk.head_m[:, 2]]),
         walk.pelvis_yaw_rad + np.interp(t, fine_s, pelvis),

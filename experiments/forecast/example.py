@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from experiments.forecast.figures import COLOURS
+from experiments.colours import COLOURS
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.sensor import SensorSpec, observe

@@ -11,9 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.aggregate import groups_of
+from experiments.colours import COLOURS
 
-# Okabe and Ito's colours, which colour-blind people can tell apart.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _STYLES = ("-", "--", ":", "-.")
 _CUE_LABELS = {"none": "no orientation", "head": "head", "pelvis": "pelvis", "both": "head and pelvis"}
 _NOMINAL = {0.68: "o", 0.95: "^"}

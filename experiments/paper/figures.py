@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.forecast.figures import COLOURS
+from experiments.colours import COLOURS
 from experiments.paper.published import PUBLISHED
 
 _BASELINE, _PROPOSED = COLOURS[0], COLOURS[1]

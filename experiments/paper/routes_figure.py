@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Rectangle, Wedge
 
 from experiments.aggregate import GROUP_ORDER
-from experiments.forecast.figures import COLOURS
+from experiments.colours import COLOURS
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.room import PAPER_ROOM, ROUTE_LANDMARKS, Room, way
 from gazempc.types import FloatArray

@@ -14,7 +14,7 @@ from experiments.fit.command import FitSettings, _errors_on_left_out, _networks,
 from experiments.fit.examples import Examples, _joined, as_seen, examples_of_walk, fitting_examples, join
 from experiments.fit.networks import fit_networks
 from experiments.fit.spread import calibrate, fit_spread
-from experiments.fit.variants import Walk, bend, change_pace, glance, mirror, vary, walk_of
+from experiments.fit.variants import GaplessWalk, bend, change_pace, glance, mirror, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
 from predictors.walker.features import N_INPUTS, N_SPREAD
@@ -49,7 +49,7 @@ def test_a_bent_walk_has_the_same_heights_and_no_longer_steps(walk, rng):
 
 def test_pelvis_head_and_path_turn_by_the_same_angle(walk):
     """Bent long before its end, body and path have turned alike: what is left between them is gait and offset."""
-    longer = Walk(
+    longer = GaplessWalk(
         np.linspace(0.0, 12.0, 361),
         np.column_stack([np.linspace(0.0, 14.0, 361), np.zeros(361), np.full(361, 1.5)]),
         np.zeros(361),
@@ -328,7 +328,7 @@ def test_people_who_are_no_more_leave_no_model_behind(tmp_path, finished):
 
 def test_who_stands_gives_no_examples_and_that_is_said(rng):
     """A stander without noise is never walking; a recording of which nothing is left is named."""
-    standing = Walk(np.arange(90) / 30, np.tile([2.0, 0.0, 1.6], (90, 1)), np.zeros(90), np.zeros(90))
+    standing = GaplessWalk(np.arange(90) / 30, np.tile([2.0, 0.0, 1.6], (90, 1)), np.zeros(90), np.zeros(90))
     examples = examples_of_walk(standing, as_seen(standing, 0.0, 0.0, rng, faults=False), 1.0)
     assert examples.weight.size == 0
     with pytest.raises(GazempcError, match="ann_stands: nobody walks"):
