@@ -1,0 +1,265 @@
+"""Errors at frames, against the predictor run with each weight and against walks whose errors are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from builders.paper import VELOCITY_M_S, line_m, made_errors
+
+from experiments.paper.filters import TUNED_TIME_S
+from experiments.paper.frames import (
+    HORIZONS_S,
+    RULES,
+    FrameJob,
+    acceleration_psd,
+    execute,
+    frames_of,
+)
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.recordings.truth import TrueHead
+from gazempc.sim.sensor import load_sensor, observe
+from predictors import ConstantVelocity, HeadObservation, HeadPose
+
+N = 15  # the paper's steps, at 30 frames a second
+FRAME_S = 1 / 30
+
+
+def position_at(time_s, times_s, positions_m):
+    """Position at a frame, or between two frames at most 0.1 s apart; None elsewhere."""
+    later = [i for i, t in enumerate(times_s) if t >= time_s - 1e-6]
+    if not later:
+        return None
+    i = later[0]
+    if abs(times_s[i] - time_s) <= 1e-6:
+        return positions_m[i]
+    span_s = times_s[i] - times_s[i - 1]
+    part = (time_s - times_s[i - 1]) / span_s
+    return (1 - part) * positions_m[i - 1] + part * positions_m[i] if span_s <= 0.1 + 1e-9 else None
+
+
+def sightings_of(name, seed=0):
+    recording = load(name)
+    placed = place(recording, "recorded" if recording.has_robot else "side", 2.5, 1.2)
+    sensor = load_sensor("recorded" if recording.measured is not None else "reference")
+    sensor = sensor.model_copy(update={"range_min_m": 0.5, "range_max_m": 5.46})
+    return placed, [s.observation for s in observe(placed, sensor, seed)]
+
+
+@pytest.mark.parametrize(
+    ("name", "rule", "options"),
+    [
+        ("subject01_R4", "paper", {}),
+        ("subject02_R1", "offset removed", {"offset_removed": True}),
+        ("subject03_R6", "travel direction", {"yaw_from": "travel"}),
+        ("subject04_R5", "both", {"yaw_from": "travel", "offset_removed": True}),
+    ],
+)
+def test_the_error_at_any_weight_is_that_of_the_predictor_run_with_it(name, rule, options):
+    """And for the paper's rule that of equations 1 to 5 written out, d_kalman by hand from the filter's state."""
+    psd, weight = 0.01**2 / 30 / TUNED_TIME_S**4, 0.3
+    placed, observations = sightings_of(name)
+    kalman = ConstantVelocity(psd, 0.01, gated=False)
+    head = HeadPose(weight, psd, 0.01, gated=False, **options)
+    times_s, filtered, forecasts, by_hand = [], [], [], []
+    F = np.eye(6) + FRAME_S * np.eye(6, k=3)
+    for o in observations:
+        kalman.update(o)
+        head.update(o)
+        _, x, _ = kalman.state()
+        times_s.append(o.capture_time_s)
+        filtered.append(x[:3])
+        forecasts.append(head.forecast(o.capture_time_s + np.array(HORIZONS_S)).means_base_m)
+        d_kalman = (F @ x - x)[:3]
+        angle = head.relative_yaw_rad() or 0.0
+        R = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        by_hand.append(x[:3] + N * ((1 - weight) * d_kalman + weight * R @ d_kalman))
+    row = execute(FrameJob(name, TUNED_TIME_S, tuple(RULES), 0))
+    assert row["seen_frames"] == len(observations)
+    true_head = TrueHead(placed)
+    for k, horizon_s in enumerate(HORIZONS_S):
+        after = [position_at(t + horizon_s, times_s, filtered) for t in times_s]
+        scored = [i for i, position in enumerate(after) if position is not None]
+        assert len(scored) > 20
+        (own,) = frames_of([row], rule=rule, horizon_s=horizon_s)
+        expected = [1e3 * np.linalg.norm(forecasts[i][k] - after[i]) for i in scored]
+        np.testing.assert_allclose(own.error_mm(weight), expected, atol=1e-3)
+        (true,) = frames_of([row], "true", rule, horizon_s)
+        then_m = true_head(np.array([times_s[i] for i in scored]) + horizon_s)
+        expected = [1e3 * np.linalg.norm(forecasts[i][k] - m) for i, m in zip(scored, then_m, strict=True)]
+        np.testing.assert_allclose(true.error_mm(weight), expected, atol=1e-3)
+        if horizon_s == N * FRAME_S:
+            expected = [1e3 * np.linalg.norm(by_hand[i] - after[i]) for i in scored]
+            np.testing.assert_allclose(own.error_mm(weight), expected, atol=1e-3)
+    assert np.abs(own.turn_m).max() > 0.01
+
+
+def test_on_a_straight_line_the_settled_filter_does_not_err(monkeypatch):
+    row = made_errors(monkeypatch, line_m())
+    for horizon_s, steps in zip(HORIZONS_S, (15, 30), strict=True):
+        for against in ("filtered", "true"):
+            (video,) = frames_of([row], against, horizon_s=horizon_s)
+            assert video.base_m.shape == (120 - steps, 3)
+            assert video.error_mm(0.0)[45:].max() < 0.01
+            assert video.error_mm(0.0)[0] > 100  # at the first frame the filter knows no speed
+            np.testing.assert_allclose(video.turn_m, 0.0, atol=1e-6)
+    np.testing.assert_allclose(row["speed_m_s"], np.linalg.norm(VELOCITY_M_S), atol=1e-4)
+    np.testing.assert_allclose(row["turn_deg"], 0.0, atol=1e-2)
+    assert (row["subject"], row["group"], row["kind"]) == ("me", "straight", "body tracking")
+
+
+def test_a_head_turned_for_good_turns_the_step_by_that_angle(monkeypatch):
+    """Rotating s by a moves its end by 2 s sin(a / 2), to the left of travel; the body faces x, travel is aside."""
+    row = made_errors(monkeypatch, line_m(), rules=tuple(RULES), head_deg=20.0)
+    heading_deg = np.degrees(np.arctan2(VELOCITY_M_S[1], VELOCITY_M_S[0]))
+    for horizon_s in HORIZONS_S:
+        for rule, angle_deg in (("paper", 20.0), ("travel direction", 20.0 - heading_deg)):
+            (video,) = frames_of([row], rule=rule, horizon_s=horizon_s)
+            np.testing.assert_allclose(video.yaw_deg[45:], angle_deg, atol=0.01)
+            a = np.deg2rad(angle_deg)
+            R = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+            expected = horizon_s * (R @ VELOCITY_M_S - VELOCITY_M_S)
+            np.testing.assert_allclose(video.turn_m[45:], np.tile(expected, (len(video.turn_m) - 45, 1)), atol=1e-5)
+            error_mm = 2e3 * horizon_s * np.linalg.norm(VELOCITY_M_S) * np.sin(a / 2)
+            np.testing.assert_allclose(video.error_mm(1.0)[45:], error_mm, atol=0.05)
+    for rule in ("offset removed", "both"):
+        (removed,) = frames_of([row], rule=rule)
+        assert np.all(np.diff(np.abs(removed.yaw_deg[10:])) < 0)
+
+
+def test_where_no_yaw_is_known_the_rule_adds_nothing(monkeypatch):
+    row = made_errors(monkeypatch, np.tile([2.0, 0.5, 0.4], (60, 1)), rules=tuple(RULES), head_deg=30.0)
+    (video,) = frames_of([row], rule="travel direction")
+    assert np.isnan(video.yaw_deg).all()
+    np.testing.assert_array_equal(video.turn_m, 0.0)
+
+
+def test_frames_out_of_range_are_not_used(monkeypatch):
+    """Along the sensor's axis from 0.2 to 7.95 m at 1.5 m/s; the distance is x itself."""
+    x = 0.213 + 1.5 * np.arange(156) / 30
+    row = made_errors(monkeypatch, np.stack([x, 0 * x, 0 * x], axis=1))
+    inside = (x >= 0.5) & (x <= 5.46)
+    assert 0 < inside.sum() < x.size
+    assert row["seen_frames"] == inside.sum()
+    for horizon_s, steps in zip(HORIZONS_S, (15, 30), strict=True):
+        (video,) = frames_of([row], horizon_s=horizon_s)
+        assert len(video.base_m) == inside.sum() - steps
+
+
+def test_a_frame_whose_future_was_not_seen_is_not_scored(monkeypatch):
+    """Half a second is missing: frames before it are judged only if the frame 15 later is there."""
+    valid = np.ones(120, dtype=bool)
+    valid[60:75] = False
+    row = made_errors(monkeypatch, line_m(), valid=valid)
+    scored = [i for i in range(105) if valid[i] and valid[i + 15]]
+    assert row["seen_frames"] == 105
+    (video,) = frames_of([row])
+    kalman = ConstantVelocity(0.01**2 / 30 / TUNED_TIME_S**4, 0.01, gated=False)
+    states = {}
+    for i in np.flatnonzero(valid):
+        kalman.update(make_observation(i))
+        states[i] = kalman.state()[1]
+    expected = [states[i][:3] + 0.5 * states[i][3:] - states[i + 15][:3] for i in scored]
+    np.testing.assert_allclose(video.base_m, expected, atol=1e-6)
+
+
+def test_an_outlier_is_taken_in_as_by_a_plain_kalman_filter(monkeypatch):
+    """A jump of 2 m for one frame, which a gate would refuse, pulls both forecasts."""
+    jumped_m = line_m()
+    jumped_m[60] += [0.0, 2.0, 0.0]
+    (video,) = frames_of([made_errors(monkeypatch, jumped_m, head_deg=20.0)])
+    F, H = np.eye(6) + FRAME_S * np.eye(6, k=3), np.eye(3, 6)
+    psd = 0.01**2 / 30 / TUNED_TIME_S**4
+    Q = psd * np.kron([[FRAME_S**3 / 3, FRAME_S**2 / 2], [FRAME_S**2 / 2, FRAME_S]], np.eye(3))
+    x, P = np.concatenate([jumped_m[0], np.zeros(3)]), np.diag([1e-4] * 3 + [1.0] * 3)
+    states = [x]
+    for z in jumped_m[1:]:
+        x, P = F @ x, F @ P @ F.T + Q
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + 1e-4 * np.eye(3))
+        x, P = x + K @ (z - H @ x), (np.eye(6) - K @ H) @ P
+        states.append(x)
+    turn = rotation(20.0) - np.eye(3)
+    now, then = np.array(states[:-15]), np.array(states[15:])
+    np.testing.assert_allclose(video.base_m, now[:, :3] + 0.5 * now[:, 3:] - then[:, :3], atol=1e-6)
+    np.testing.assert_allclose(video.turn_m, 0.5 * now[:, 3:] @ turn.T, atol=1e-6)
+    assert video.error_mm(0.0)[60] > 1000
+
+
+def rotation(angle_deg):
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def make_observation(i):
+    return HeadObservation(i / 30, line_m()[i])
+
+
+@pytest.mark.parametrize("lost", [1, 2])
+def test_one_or_two_lost_frames_are_bridged_wherever_they_are(monkeypatch, lost):
+    """The frames around them are 0.1 s apart at most, which is not a longer gap than 0.1 s."""
+    counts = set()
+    for first in range(40, 60):
+        valid = np.ones(90, dtype=bool)
+        valid[first : first + lost] = False
+        row = made_errors(monkeypatch, line_m(90), valid=valid)
+        (video,) = frames_of([row])
+        counts.add(len(video.base_m))
+    assert counts == {90 - 15 - lost}
+
+
+def test_three_lost_frames_are_not_bridged(monkeypatch):
+    valid = np.ones(90, dtype=bool)
+    valid[50:53] = False
+    (video,) = frames_of([made_errors(monkeypatch, line_m(90), valid=valid)])
+    assert len(video.base_m) == 90 - 15 - 2 * 3
+
+
+def test_a_walk_around_a_circle_turns_as_it_does(monkeypatch):
+    """1.2 rad/s at radius 1 m: chords of 2 sin(0.3) m, each turned by 0.6 rad to the left."""
+    angle = 1.2 * np.arange(120) / 30
+    circle = np.stack([3 + np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    row = made_errors(monkeypatch, circle)
+    np.testing.assert_allclose(row["speed_m_s"], 2 * np.sin(0.3) / 0.5, atol=1e-3)
+    np.testing.assert_allclose(row["turn_deg"], np.degrees(0.6), atol=0.1)
+
+
+def test_what_cannot_be_scored_is_not_there_and_what_is_broken_says_so(tmp_path):
+    broken = tmp_path / "broken.csv"
+    broken.write_text("t,head_x\n0,1\n", encoding="utf-8")
+    row = execute(FrameJob(str(broken), 0.1, ("paper",), 0))
+    assert "missing column" in row["failed"]
+    good = execute(FrameJob("subject01_R4", 0.4, ("paper",), 0))
+    rows = [row, good, good | {"group": "elsewhere"}, good | {"left_out": "too near"}]
+    assert [v.recording for v in frames_of(rows)] == ["subject01_R4"]
+
+
+def test_a_job_is_named_by_all_it_depends_on(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("1", encoding="utf-8")
+    job = FrameJob(str(path), 0.1, ("paper",), 0)
+    keys = {job.key(), dataclasses.replace(job, seed=1).key(), dataclasses.replace(job, filter_time_s=0.2).key()}
+    keys |= {dataclasses.replace(job, rules=("both",)).key()}
+    path.write_text("2", encoding="utf-8")
+    keys |= {job.key()}
+    (tmp_path / "index.csv").write_text("clip,subject,group\n", encoding="utf-8")
+    keys |= {job.key()}
+    assert len(keys) == 6
+    assert job.key() == FrameJob(str(path), 0.1, ("paper",), 0).key()
+
+
+def test_the_control_turns_by_the_waist():
+    """With the waist itself as the cue, where the head looks does not matter; with the paper's rule it does."""
+    job = FrameJob("subject02_R5", TUNED_TIME_S, ("paper", "waist itself"), 0)
+    (waist,) = frames_of([execute(job)], rule="waist itself")
+    (paper,) = frames_of([execute(job)])
+    predictor = HeadPose(1.0, acceleration_psd(TUNED_TIME_S), 0.01, yaw_from="travel", gated=False)
+    recording = load("subject02_R5")
+    sensor = load_sensor("recorded")
+    yaws = []
+    for sighting in observe(recording, sensor, 0):
+        seen = sighting.observation
+        predictor.update(dataclasses.replace(seen, head_quat_wxyz=seen.pelvis_quat_wxyz))
+        yaw = predictor.relative_yaw_rad()
+        yaws.append(np.nan if yaw is None else np.degrees(yaw))
+    np.testing.assert_allclose(waist.yaw_deg, yaws[: waist.yaw_deg.size], atol=1e-3)
+    assert not np.allclose(paper.turn_m, waist.turn_m, atol=1e-3)

@@ -1,0 +1,107 @@
+"""Tuned weights against the exact ones; who is judged is not tuned on."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiments.paper.frames import (
+    Frames,
+)
+from experiments.paper.validation import exact_weight, leave_one_subject_out, total_error_mm, tune_weight
+from gazempc.errors import GazempcError
+
+
+def video(base_m, turn_m, subject="a", group="R12", name="v"):
+    base_m, turn_m = np.atleast_2d(base_m).astype(float), np.atleast_2d(turn_m).astype(float)
+    return Frames(name, subject, group, base_m, turn_m, np.zeros(len(base_m)))
+
+
+def random_videos(seed, count=3, size=40):
+    rng = np.random.default_rng(seed)
+    videos = []
+    for k in range(count):
+        turn = 0.1 * rng.standard_normal((size, 3))
+        # Optima on either side of the bounds and between them.
+        base = -rng.uniform(-0.5, 1.5) * turn + 0.05 * rng.standard_normal((size, 3))
+        videos.append(video(base, turn, subject=f"s{k}", name=f"v{k}"))
+    return videos
+
+
+@given(seed=st.integers(0, 10_000))
+def test_the_exact_weight_is_the_least_on_a_fine_grid(seed):
+    videos = random_videos(seed, count=1)
+    base, turn = videos[0].base_m, videos[0].turn_m
+    grid = np.linspace(0, 1, 2001)
+    totals = [1e3 * np.sqrt(((base + w * turn) ** 2).sum(axis=1)).sum() for w in grid]
+    weight = exact_weight(videos)
+    assert 0 <= weight <= 1
+    assert total_error_mm(videos, weight) <= min(totals) * (1 + 1e-9)
+    assert abs(weight - grid[np.argmin(totals)]) <= 1.01 / 2000
+
+
+def test_the_exact_weight_at_the_bounds_is_the_bound():
+    turn = [[0.1, 0, 0], [0, 0.2, 0]]
+    assert exact_weight([video(turn, turn)]) == 0.0
+    assert exact_weight([video(-3 * np.array(turn), turn)]) == 1.0
+    # A sum of distances, not of squares: the median frame decides, 0.25 of these three.
+    steps = np.array([[1.0, 0, 0]] * 3)
+    assert exact_weight([video(-np.array([[0.25], [0.2], [0.9]]) * steps, steps)]) == pytest.approx(0.25, abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_tuned_weight_is_as_good_as_the_exact_one(seed):
+    videos = random_videos(seed)
+    weight = tune_weight(videos, seed, 60)
+    least = total_error_mm(videos, exact_weight(videos))
+    assert least <= total_error_mm(videos, weight) <= 1.001 * least
+    assert tune_weight(videos, seed, 60) == weight
+    assert tune_weight(videos, seed + 10, 60) != weight
+
+
+def test_another_process_tunes_the_same_weight():
+    code = (
+        f"import sys; sys.path[:0] = {sys.path!r}; from {__name__} import random_videos;"
+        "from experiments.paper.validation import tune_weight; print(repr(tune_weight(random_videos(5), 7, 8)))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(run.stdout) == tune_weight(random_videos(5), 7, 8)
+
+
+def test_who_is_judged_is_not_tuned_on():
+    """Only c's frames ask for w = 1, and they outweigh the others', who ask for 0; c has two videos."""
+    turn = np.tile([0.1, 0.0, 0.0], (20, 1))
+    videos = [
+        video(-10 * turn, 10 * turn, "c", name="c1"),
+        video(0 * turn, turn, "a", name="a1"),
+        video(0 * turn, turn, "b", "R34", name="b1"),
+        video(-10 * turn, 10 * turn, "c", "R34", name="c2"),
+    ]
+    judged = leave_one_subject_out(videos, 0, 30)
+    assert [(j.recording, j.subject, j.group) for j in judged] == [(v.recording, v.subject, v.group) for v in videos]
+    weights = {j.recording: j.weight for j in judged}
+    assert weights["c1"] == weights["c2"] < 0.1
+    assert min(weights["a1"], weights["b1"]) > 0.9
+    for j, v in zip(judged, videos, strict=True):
+        np.testing.assert_array_equal(j.baseline_mm, v.error_mm(0.0))
+        np.testing.assert_allclose(j.proposed_mm, 1e3 * np.abs(v.base_m + j.weight * v.turn_m)[:, 0])
+    shuffled = {j.recording: j.weight for j in leave_one_subject_out(videos, 0, 30)}
+    assert shuffled == weights
+
+
+def test_one_subject_cannot_be_left_out():
+    with pytest.raises(GazempcError, match="at least 2 subjects"):
+        leave_one_subject_out(random_videos(0, count=1), 0, 5)
+
+
+def test_groups_count_alike_in_a_balanced_tuning():
+    """Nine videos want w = 0 and one of another group w = 1: pooled frames follow the many, groups alike do not."""
+    along = np.tile([0.1, 0.0, 0.0], (20, 1))
+    many = [Frames(f"a{k}", f"p{k}", "R12", along, along, np.zeros(20)) for k in range(9)]
+    one = Frames("b", "q", "R56", -3.0 * along, 3.0 * along, np.zeros(20))
+    assert exact_weight([*many, one]) == 0.0
+    assert exact_weight([*many, one], balanced=True) == 1.0
+    assert tune_weight([*many, one], 0, 30, balanced=True) > 0.9
