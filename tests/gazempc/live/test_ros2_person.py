@@ -1,0 +1,103 @@
+"""The source ros2: poses of a person with their time of capture."""
+
+import numpy as np
+import pytest
+from builders.ros2_network import free_port, wait_for
+from builders.ros2_wire import NOW_S, UNIX_START_S, pose
+
+from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.live.sources.source import SourceError
+from gazempc.ros2.wire import Ros2Network
+
+
+def polled(person, n):
+    sightings, problems = [], []
+
+    def enough():
+        arrived = person.poll()
+        sightings.extend(arrived.sightings)
+        problems.extend(arrived.problems)
+        return len(sightings) + len(problems) >= n
+
+    wait_for(enough)
+    return sightings, problems
+
+
+def test_every_pose_of_a_person_with_its_time_of_capture(scene):
+    person = scene.person()
+    for k in range(100):
+        scene.poses.put(pose([2.0, 0.01 * k, 0.4], (0.0, 0.6, 0.0, 0.8), stamp=(UNIX_START_S + 299, k * 7_812_500)))
+    sightings, problems = polled(person, 100)
+    assert problems == []
+    assert [s.observation.capture_time_s for s in sightings] == [299 + k * 0.0078125 for k in range(100)]
+    assert [list(s.observation.head_position_base_m) for s in sightings] == [[2.0, 0.01 * k, 0.4] for k in range(100)]
+    assert all(list(s.observation.head_quat_wxyz) == [0.8, 0.0, 0.6, 0.0] for s in sightings)
+    assert {s.arrival_s for s in sightings} == {NOW_S}
+    assert not person.finished
+    assert person.poll().sightings == ()
+
+
+def test_an_orientation_that_is_not_given_or_not_wanted_is_left_out(scene):
+    for wanted, quat in ((True, [0.0] * 4), (False, [0.0, 0.0, 0.0, 1.0])):
+        person = scene.person(use_orientation=wanted)
+        scene.poses.put(pose([2.0, 0.0, 0.4], quat))
+        ((sighting,), _) = polled(person, 1)
+        assert sighting.observation.head_quat_wxyz is None
+        person.close()
+        wait_for(lambda: not scene.poses.matching_status.matching)
+
+
+@pytest.mark.parametrize(
+    ("payload", "reason"),
+    [
+        (pose([np.nan, 0.0, 0.4]), "not finite"),
+        (pose([2.0, 0.0, 0.4], (0.0, 0.0, 0.0, 2.0)), "not of unit length"),
+        (pose([2.0, 0.0, 0.4], stamp=(0, 0)), "no time stamp"),
+        (pose([2.0, 0.0, 0.4], stamp=(12, 0)), "use_sim_time"),
+        (pose([2.0, 0.0, 0.4], frame_id="camera_color_optical_frame"), "z points forward"),
+        (pose([2.0, 0.0, 0.4])[:-1], "not a geometry_msgs/msg/PoseStamped"),
+        (b"hello", "not a geometry_msgs/msg/PoseStamped"),
+    ],
+    ids=["nan", "quaternion", "no-stamp", "sim-time", "optical", "cut", "text"],
+)
+def test_a_pose_that_cannot_be_used_is_a_problem_and_no_more(scene, payload, reason):
+    person = scene.person()
+    scene.poses.put(payload)
+    scene.poses.put(pose([2.0, 0.0, 0.4]))
+    sightings, (problem,) = polled(person, 2)
+    assert problem.startswith("/person/head: ")
+    assert reason in problem
+    assert [list(s.observation.head_position_base_m) for s in sightings] == [[2.0, 0.0, 0.4]]
+
+
+def test_a_pose_in_another_frame(scene):
+    person = scene.person(frame_id="camera_link")
+    scene.poses.put(pose([2.0, 0.0, 0.4], frame_id="map"))
+    scene.poses.put(pose([2.0, 0.0, 0.4], frame_id="camera_link"))
+    sightings, (problem,) = polled(person, 2)
+    assert "frame 'map', expected is 'camera_link'" in problem
+    assert len(sightings) == 1
+
+
+def test_a_person_behind_a_router_that_goes_and_comes_back(scene):
+    person = scene.person()
+    scene.router.close()
+    _, (problem,) = polled(person, 1)
+    assert "router" in problem
+    assert person.poll().problems == ()  # said once
+    scene.start()
+    wait_for(lambda: scene.poses.matching_status.matching)
+    scene.poses.put(pose([2.0, 0.0, 0.4]))
+    sightings, problems = polled(person, 1)
+    assert (len(sightings), problems) == (1, [])
+    person.close()
+    person.close()
+    assert person.poll().sightings == ()
+
+
+def test_a_person_without_router_or_session():
+    person = Ros2Person("/person/head", float, float, network=Ros2Network(f"tcp/127.0.0.1:{free_port()}"))
+    with pytest.raises(SourceError, match="/person/head: no Zenoh router answers"):
+        person.open()
+    assert person.poll().sightings == ()
+    person.close()

@@ -1,0 +1,214 @@
+"""Connections of the robot ros2: routers and controllers that go and come back, refusals that say why, ends."""
+
+import re
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import zenoh
+from builders.ros2_network import NECK, free_port, quiet, wait_for, zenoh_listener, zenoh_session
+from builders.ros2_wire import COMMANDS, GOOD, HASHES, POSITIONS, TRAJECTORY, key, read_trajectory
+
+from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.robots.ros2 import Ros2Neck
+from gazempc.ros2 import wire as ros2_wire
+from gazempc.ros2.wire import Ros2Network
+
+
+def test_the_router_goes_and_comes_back(scene):
+    robot = scene.connected()
+    scene.router.close()
+    calls = robot.read_state, lambda: robot.send_command(np.zeros(2))
+
+    def gone(call):
+        try:
+            call()
+        except RobotError as error:
+            return re.match(r"the Zenoh router at tcp/127\.0\.0\.1:\d+ has gone", str(error))
+        return False
+
+    wait_for(lambda: all(map(gone, calls)))  # a moment before it has no listeners any more
+    assert all(gone(call) for _ in range(50) for call in calls)
+    scene.start()
+    sent = wait_for(lambda: quiet(lambda: robot.send_command(np.array([0.1, 0.2]))) is not None)
+    assert sent
+    (sample,) = scene.sent(1)
+    assert read_trajectory(sample.payload.to_bytes())["positions"] == [0.1, 0.2]
+    wait_for(lambda: scene.states.matching_status.matching)
+    scene.states.put(GOOD)
+    assert wait_for(lambda: quiet(robot.read_state)).time_s == 300.25
+
+
+@pytest.mark.parametrize("mode", ["peer", "client"])  # peer: what nodes of rmw_zenoh are unless told otherwise
+def test_the_controller_goes_and_comes_back(scene, mode):
+    scene.commands.undeclare()
+    controller = zenoh_session(mode, scene.port)
+    received = controller.declare_subscriber(COMMANDS, zenoh.handlers.FifoChannel(9))
+    robot = scene.connected()
+    robot.send_command(np.zeros(2))
+    wait_for(received.try_recv)
+    controller.close()
+    wait_for(lambda: quiet(lambda: robot.send_command(np.zeros(2))) is None)
+    with pytest.raises(RobotError, match="nobody listens to the commands on /head/command"):
+        robot.send_command(np.zeros(2))
+    scene.commands = scene.router.declare_subscriber(COMMANDS, zenoh.handlers.FifoChannel(9))
+    wait_for(lambda: quiet(lambda: robot.send_command(np.zeros(2))) is not None)
+    scene.sent(1)
+
+
+def test_node_and_topics_are_visible_in_the_graph(scene):
+    def tokens():
+        replies = scene.router.liveliness().get("@ros2_lv/**", timeout=2.0)
+        return sorted(str(reply.ok.key_expr) for reply in replies)
+
+    robot = scene.connected(node_name="gaze")
+    digest = {name: f"RIHS01_{value}" for name, value in HASHES.items()}
+    state = f"sensor_msgs::msg::dds_::JointState_/{digest['sensor_msgs/msg/JointState']}"
+    found = wait_for(tokens)
+    zid = found[0].split("/")[2]  # the session's own
+    assert found == [
+        f"@ros2_lv/0/{zid}/0/0/NN/%/%/gaze",
+        f"@ros2_lv/0/{zid}/0/1/MP/%/%/gaze/%head%command/trajectory_msgs::msg::dds_::JointTrajectory_/"
+        f"{digest[TRAJECTORY]}/::,10:,:,:,,",
+        f"@ros2_lv/0/{zid}/0/2/MS/%/%/gaze/%joint_states/{state}/::,10:,:,:,,",
+    ]
+    robot.close()
+    wait_for(lambda: not tokens())
+
+
+def test_connect_names_a_router_that_does_not_answer():
+    robot = Ros2Neck(
+        NECK, time.monotonic, float, ("pan", "tilt"), "c", network=Ros2Network(f"tcp/127.0.0.1:{free_port()}")
+    )
+    with pytest.raises(RobotError, match=r"no Zenoh router answers at tcp/127.0.0.1:\d+: start one"):
+        robot.connect()
+    with pytest.raises(RobotError, match="not connected"):
+        robot.read_state()
+
+
+def announce(scene, kind, topic, type_name, domain=0):
+    token = key(domain, topic, type_name).split("/")[-2:]
+    return scene.router.liveliness().declare_token(
+        f"@ros2_lv/{domain}/abc/0/5/{kind}/%/%/someone/%{topic.replace('/', '%')}/{token[0]}/{token[1]}/::,10:,:,:,,"
+    )
+
+
+def test_connect_says_why_nobody_takes_the_commands(scene):
+    robot = scene.neck(topic="other", connect_timeout_s=0.1)
+    with pytest.raises(RobotError, match=f"nobody listens to /other as {TRAJECTORY} in ROS 2 domain 0: is that node"):
+        robot.connect()
+    kept = announce(scene, "MS", "other", POSITIONS), announce(scene, "MS", "other", TRAJECTORY, domain=42)
+    with pytest.raises(RobotError) as caught:
+        robot.connect()
+    assert f"{POSITIONS} in domain 0" in str(caught.value)
+    assert f"{TRAJECTORY} in domain 42" in str(caught.value)
+    assert len(kept) == 2
+
+
+def test_connect_says_why_there_are_no_joint_states(scene):
+    robot = scene.neck(connect_timeout_s=1.0)
+    with pytest.raises(RobotError, match="nobody sends on /joint_states as sensor_msgs/msg/JointState"):
+        robot.connect()
+
+
+def test_connect_names_a_joint_that_the_robot_does_not_have(scene):
+    robot = scene.neck(names=("pan", "tlit"), connect_timeout_s=2.0)
+    with (
+        zenoh_listener(scene.states, GOOD),
+        pytest.raises(
+            RobotError, match="no joint state on /joint_states can be used: it has no joint 'tlit', only pan"
+        ),
+    ):
+        robot.connect()
+
+
+def test_close_at_any_time_and_connect_again(scene, monkeypatch):
+    sessions, opened = [], zenoh.open
+
+    def spied(config):
+        sessions.append(opened(config))
+        return sessions[-1]
+
+    monkeypatch.setattr(zenoh, "open", spied)
+    robot = scene.neck()
+    robot.close()
+    robot.close()
+    robot = scene.connected()
+    robot.connect()  # does nothing
+    (session,) = sessions
+    robot.close()
+    assert session.is_closed()
+    for call in (robot.read_state, lambda: robot.send_command(np.zeros(2))):
+        with pytest.raises(RobotError, match="not connected: call connect"):
+            call()
+    with zenoh_listener(scene.states, GOOD):
+        robot.connect()
+    assert robot.read_state().time_s == 300.25
+    sessions[-1].close()  # somebody else's doing
+    with pytest.raises(RobotError):
+        robot.send_command(np.zeros(2))
+    robot.close()
+
+
+@pytest.mark.parametrize("end", ["robot.close()", "pass"])
+def test_nothing_keeps_the_process_alive(scene, end):
+    code = f"""
+import threading, numpy as np
+from gazempc.neck.spec import load_neck
+from gazempc.robots.ros2 import Ros2Neck
+from gazempc.ros2.wire import Ros2Network
+neck = load_neck("reference").model_copy(update={{"reports_joints": False}})
+robot = Ros2Neck(neck, float, float, ("pan", "tilt"), "head/command", network=Ros2Network("{scene.network.endpoint}"))
+robot.connect()
+robot.send_command(np.zeros(2))
+assert threading.active_count() == 1
+{end}
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_importing_needs_neither_zenoh_nor_rosbags():
+    code = "import sys, gazempc.robots.ros2, gazempc.live.sources.ros2; print({'zenoh', 'rosbags'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize("missing", ["zenoh", "rosbags.typesys"])
+def test_a_missing_package_is_named(scene, monkeypatch, missing):
+    ros2_wire.typestore.cache_clear()
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(MissingOptionalDependencyError, match="extra 'ros2'"):
+        scene.neck().connect()
+    with pytest.raises(MissingOptionalDependencyError, match="extra 'ros2'"):
+        Ros2Person("/person/head", float, float).open()
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"names": ("pan", "pan")}, "joint_names"),
+        ({"names": ("pan", "")}, "joint_names"),
+        ({"topic": "head command"}, "topic 'head command'"),
+        ({"topic": "head/**"}, "topic"),
+        ({"state_topic": ""}, "topic"),
+        ({"command_type": "std_msgs/msg/Float64"}, "perhaps you meant 'std_msgs/msg/Float64MultiArray'"),
+        ({"joint_signs": (1, 0.5)}, "joint_signs"),
+        ({"time_from_start_s": 0.0}, "time_from_start_s"),
+        ({"silent_after_s": float("nan")}, "silent_after_s"),
+    ],
+)
+def test_options_that_cannot_be_right(scene, options, what):
+    with pytest.raises(SettingsError, match=what):
+        scene.neck(**options)
+
+
+def test_networks_that_cannot_be():
+    with pytest.raises(SettingsError, match="0 to 232"):
+        Ros2Network(domain_id=233)
+    with pytest.raises(SettingsError, match="tcp/localhost:7447"):
+        Ros2Network("localhost:7447")
+    assert Ros2Network().endpoint == "tcp/localhost:7447"
