@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from experiments.sweep.names import setting_fields
 from experiments.sweep.spec import Case, Range
+from gazempc.types import FloatArray
 
 Point = dict[str, Any]
 
@@ -47,7 +47,7 @@ def case_seed(case: Case, seed: int) -> list[int]:
     return [seed, zlib.crc32(case.name.encode())]
 
 
-def point_at(vary: Mapping[str, Any], draw: NDArray[np.float64]) -> Point:
+def point_at(vary: Mapping[str, Any], draw: FloatArray) -> Point:
     """The point at a place in the unit cube.
 
     Args:

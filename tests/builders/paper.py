@@ -58,8 +58,6 @@ WALKS = {
 
 
 PEOPLE = {"ann": "A", "bob": "B", "eve": "E"}
-
-
 GROUPS = {"R1": "straight", "R2": "straight", "R3": "turn", "R4": "turn", "R5": "sharp", "R6": "sharp"}
 
 

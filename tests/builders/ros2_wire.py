@@ -13,8 +13,6 @@ HASHES = {
 
 
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
-
-
 POSITIONS = "std_msgs/msg/Float64MultiArray"
 
 
@@ -24,18 +22,12 @@ def key(domain, topic, type_name, digest=None):
 
 
 COMMANDS = key(0, "head/command", TRAJECTORY)
-
-
 STATES = key(0, "joint_states", "sensor_msgs/msg/JointState")
-
-
 POSES = key(0, "person/head", "geometry_msgs/msg/PoseStamped")
 
 
 # The loop's clock began at this Unix time, and now it is 300.3 s later.
 UNIX_START_S = 1763718000
-
-
 NOW_S = 300.3
 
 

@@ -19,8 +19,6 @@ from experiments.paper.report import side_by_side
 from experiments.paper.validation import exact_weight
 
 SWEPT_S = (TUNED_TIME_S, SLOW_TIME_S, 2.0)
-
-
 FIGURES = ("error_bars.png", "filters.png", "rules.png", "routes.png")
 
 

@@ -1,0 +1,52 @@
+"""People who are seen walking, for predictors."""
+
+import numpy as np
+
+from predictors import (
+    HeadObservation,
+    Predictor,
+)
+from predictors.types import FloatArray
+
+FRAME_S = 1.0 / 30.0
+WALK_M_S = np.array([1.1, -0.4, 0.05])
+
+
+def yaw_quat(yaw: float) -> FloatArray:
+    return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
+
+
+def seen(
+    time_s: float, position_m: FloatArray, head_yaw: float | None = None, waist_yaw: float = 0.0
+) -> HeadObservation:
+    if head_yaw is None:
+        return HeadObservation(time_s, position_m)
+    return HeadObservation(time_s, position_m, yaw_quat(head_yaw), yaw_quat(waist_yaw))
+
+
+def walk(predictor: Predictor, frames: int = 30, relative_yaw: float | None = None, noise_m: float = 0.005) -> float:
+    """Show a predictor a straight walk; gives the time of the last frame."""
+    rng = np.random.default_rng(3)
+    for i in range(frames):
+        position = np.array([2.0, 1.0, 0.4]) + i * FRAME_S * WALK_M_S + noise_m * rng.standard_normal(3)
+        head = None if relative_yaw is None else relative_yaw + 0.3
+        predictor.update(seen(i * FRAME_S, position, head, waist_yaw=0.3))
+    return (frames - 1) * FRAME_S
+
+
+def turned_walk(
+    predictor: Predictor,
+    frames: int,
+    angle: float = np.radians(20.0),
+    speed: float = 1.2,
+    start_s: float = 0.0,
+    start_m: tuple[float, float, float] = (2.0, 1.0, 0.4),
+    waist_yaw: float | None = None,
+) -> float:
+    """A noise-free straight walk at heading 0.3 rad with the head turned by a constant angle; gives the last time."""
+    direction = np.array([np.cos(0.3), np.sin(0.3), 0.0])
+    for i in range(frames):
+        head, waist = yaw_quat(0.3 + angle), None if waist_yaw is None else yaw_quat(waist_yaw)
+        position = np.array(start_m) + i * FRAME_S * speed * direction
+        predictor.update(HeadObservation(start_s + i * FRAME_S, position, head, waist))
+    return start_s + (frames - 1) * FRAME_S

@@ -1,0 +1,166 @@
+"""Limits of the program: whether one binds, soft ones, and a joint that catches up."""
+
+import numpy as np
+import pytest
+from builders.ocp import LIMITS, LONG, MODEL, NECK, OCP, ROUNDED, H, N, T, ipopt, joint, least_squares, random_states
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gazempc.controllers.mpc.kkt import kkt_residual
+from gazempc.controllers.mpc.ocp import AxisOcp
+from gazempc.controllers.mpc.qp import Daqp, Piqp
+
+
+def within_limits(model, command, scaled_jerk, room):
+    low, high = NECK.command_limits.position_min_rad[0], NECK.command_limits.position_max_rad[0]
+    shares = [
+        (command[0] - (low + high) / 2) / ((high - low) / 2),
+        (command[1] + H / 2 * command[2]) / NECK.command_limits.velocity_max_rad_s[0],
+        command[2] / NECK.command_limits.acceleration_max_rad_s2[0],
+        scaled_jerk,
+    ]
+    return all(np.abs(share).max() <= 1.0 + room for share in shares)
+
+
+def test_the_gain_is_used_exactly_where_no_limit_binds():
+    """The best motion without limits, by the normal equations: taken if it keeps them all, else DAQP is asked."""
+    p, asked = MODEL.prediction, {"gain": 0, "daqp": 0}
+    rng = np.random.default_rng(6)
+    for _ in range(400):
+        near = rng.uniform(0, 0.9) * rng.choice([-1, 1])
+        state = np.array([near, 0, near, 0, 0]) + 10 ** rng.uniform(-4, -0.5) * rng.uniform(-1, 1, 5) * LIMITS
+        reference = state[0] + state[1] * 0.02 * np.arange(1, N + 1) + 10 ** rng.uniform(-4, 0) * rng.uniform(-1, 1)
+        solution = OCP.solve(state, reference)
+        free = np.linalg.lstsq(*least_squares(state, reference), rcond=None)[0]
+        command = (p.command_from_state @ state + p.command_from_jerk @ free).reshape(3, N)
+        asked[solution.solver] += 1
+        if solution.solver == "gain":
+            assert within_limits(MODEL, solution.command, solution.scaled_jerk, 1e-8)
+        else:
+            assert not within_limits(MODEL, command, free, -1e-5)
+    assert min(asked.values()) > 50
+
+
+@pytest.mark.parametrize("share", [0.9999, 1.0001])
+def test_the_gain_is_used_to_the_very_limit(share):
+    """From rest all is in proportion to the reference: scaled until the hardest limit is just kept, or just left."""
+    reference = np.linspace(0.0, 1.0, N) ** 2
+    free = np.linalg.lstsq(*least_squares(np.zeros(5), reference), rcond=None)[0]
+    u, du, ddu = (MODEL.prediction.command_from_jerk @ free).reshape(3, N)
+    limits, moved = NECK.command_limits, du + H / 2 * ddu
+    most = max(
+        np.abs(free).max(),
+        np.abs(u).max() / limits.position_max_rad[0],
+        np.abs(moved).max() / (ROUNDED * limits.velocity_max_rad_s[0]),
+        np.abs(ddu).max() / (ROUNDED * limits.acceleration_max_rad_s2[0]),
+    )
+    assert OCP.solve(np.zeros(5), share / most * reference).solver == ("gain" if share < 1 else "daqp")
+
+
+@settings(max_examples=100)
+@given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-1, 1), st.floats(-4, -1.5))
+def test_where_no_limit_binds_daqp_finds_what_the_gain_finds(unit_state, change, exponent):
+    state = 10**exponent * np.array(unit_state) * LIMITS
+    reference = np.full(N, 10**exponent * change)
+    solution = OCP.solve(state, reference)
+    g, lower, upper = OCP.program(OCP.parameters(state, reference))
+    asked = Daqp(OCP.data).solve(g, lower, upper)
+    assert asked.status == "solved"
+    assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(joint(OCP, state, asked.x), abs=1e-9)
+    assert kkt_residual(OCP.data, g, lower, upper, solution.scaled_jerk).stationarity < 1e-9
+
+
+def test_soft_limits_are_exact_when_they_can_be_kept():
+    """A target far beyond the position limit presses hardest against it, and does not bend it."""
+    state, reference = np.array([1.2, 0, 1.2, 0, 0.0]), np.full(40, 3.0)
+    solution = LONG.solve(state, reference)
+    z, _ = ipopt(40, 0.085, soft=False)(state, reference)
+    assert solution.softened == 0.0
+    assert solution.command[0].max() == pytest.approx(NECK.command_limits.position_max_rad[0], abs=1e-6)
+    assert joint(LONG, state, solution.scaled_jerk) == pytest.approx(z[0], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("state", "target_rad"),
+    [
+        ([1.5, 0.0, 1.5, 0.0, 0.0], 0.0),
+        ([0.0, 3.5, 0.0, 3.5, 0.0], 1.0),
+        ([0.0, 0.0, 0.0, 0.0, 25.0], 0.5),
+        ([1.2, 2.0, 1.3, 2.4, 10.0], 0.5),
+        ([-1.6, -3.0, -1.6, -3.0, -20.0], -1.0),
+    ],
+)
+def test_a_start_outside_the_limits_is_solved_as_by_ipopt_with_slacks(state, target_rad):
+    state, reference = np.array(state), np.full(N, target_rad)
+    z, _ = ipopt(N, T, soft=True)(state, reference)
+    low, high = NECK.command_limits.position_min_rad[0], NECK.command_limits.position_max_rad[0]
+    shares = [
+        (z[2] - (low + high) / 2) / ((high - low) / 2),
+        (z[3] + H / 2 * z[4]) / NECK.command_limits.velocity_max_rad_s[0],
+        z[4] / NECK.command_limits.acceleration_max_rad_s2[0],
+    ]
+    softened = np.abs(shares).max() - 1.0
+    assert softened > 0.001
+    for maker in (Daqp, Piqp):
+        solution = AxisOcp(MODEL, T, solvers=(maker,)).solve(state, reference)
+        assert solution.solver == maker.name
+        assert solution.softened == pytest.approx(softened, abs=1e-5)
+        assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(z[0], abs=1e-5)
+
+
+CATCH_UP = AxisOcp(LONG.model, 0.085, catching_up=True)
+FAR_RAD = 100.0
+
+
+def not_past(reference, below):
+    bounds = np.full((2, len(reference)), [[-FAR_RAD], [FAR_RAD]])
+    bounds[int(below)] = reference
+    return bounds
+
+
+@pytest.mark.parametrize("below", [True, False])
+def test_a_joint_that_catches_up_does_not_pass_the_person(below):
+    """From rest 0.9 rad away; without the bound it passes by more than a degree."""
+    side = 1.0 if below else -1.0
+    reference = side * np.linspace(0.7, 0.9, LONG.model.steps)
+    state = np.array([-side * 0.2, 0.0, -side * 0.2, 0.0, 0.0])
+    plain = LONG.solve(state, reference)
+    assert np.degrees(np.max(side * (joint(LONG, state, plain.scaled_jerk) - reference))) > 1.0
+    bounds = not_past(reference, below)
+    ours = CATCH_UP.solve(state, reference, bounds)
+    angles = joint(CATCH_UP, state, ours.scaled_jerk)
+    assert np.max(side * (angles - reference)) < 1e-3
+    # It comes as soon, but for the last moments.
+    early = slice(0, 20)
+    assert angles[early] == pytest.approx(joint(LONG, state, plain.scaled_jerk)[early], abs=0.03)
+    assert ours.softened == 0.0
+    assert within_limits(CATCH_UP.model, ours.command, ours.scaled_jerk, 1e-5)
+    g, lower, upper = CATCH_UP.program(CATCH_UP.parameters(state, reference), bounds)
+    # In units of 150 rad the usual tolerance of being on a bound would be nearly a degree.
+    x = ours.scaled_jerk[np.unique(CATCH_UP.variable_of_step, return_index=True)[1]]
+    assert kkt_residual(CATCH_UP.data, g, lower, upper, x, tolerance=1e-6).stationarity < 1e-4
+    other = AxisOcp(LONG.model, 0.085, catching_up=True, solvers=(Piqp,)).solve(state, reference, bounds)
+    assert joint(CATCH_UP, state, other.scaled_jerk) == pytest.approx(angles, abs=1e-3)
+
+
+def test_limits_come_before_not_passing():
+    """Too fast to stop before somebody near: the person is passed, no limit is left."""
+    state, reference = np.array([0.0, 2.4, 0.2, 2.4, 0.0]), np.full(LONG.model.steps, 0.1)
+    ours = CATCH_UP.solve(state, reference, not_past(reference, below=True))
+    assert joint(CATCH_UP, state, ours.scaled_jerk).max() > 0.15
+    assert ours.softened == 0.0
+    assert within_limits(CATCH_UP.model, ours.command, ours.scaled_jerk, 1e-5)
+
+
+def test_bounds_out_of_reach_change_nothing():
+    """But for late jerks that are the same in three steps on end."""
+    bounds = np.full((2, LONG.model.steps), [[-FAR_RAD], [FAR_RAD]])
+    solvers = set()
+    for state, reference in random_states(40, 0.3, LONG.model.steps, seed=3):
+        ours, plain = CATCH_UP.solve(state, reference, bounds), LONG.solve(state, reference)
+        solvers.add(ours.solver)
+        assert joint(LONG, state, ours.scaled_jerk) == pytest.approx(joint(LONG, state, plain.scaled_jerk), abs=5e-3)
+    slow = np.linspace(0.0, 0.002, LONG.model.steps)
+    assert CATCH_UP.solve(np.zeros(5), slow, bounds).solver == "gain"
+    # A bound that binds is noticed where no limit does.
+    assert CATCH_UP.solve(np.zeros(5), slow, not_past(0.5 * slow, below=True)).solver == "daqp"

@@ -1,0 +1,163 @@
+"""The quadratic program of one joint, against IPOPT and the continuous-time model."""
+
+import numpy as np
+import pytest
+from builders.ocp import LONG, MODEL, MOVING, NECK, OCP, H, N, T, ipopt, joint, least_squares, random_states
+from scipy.integrate import solve_ivp
+from scipy.optimize import lsq_linear
+
+from gazempc.controllers.mpc.axis_model import AxisModel
+from gazempc.controllers.mpc.ocp import AxisOcp
+from gazempc.controllers.mpc.prediction import predict
+
+SLOW = np.array([0.02, 0.05, 0.0275, 0.05, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("state", "from_rad", "to_rad", "binding"),
+    [
+        (SLOW, 0.021, 0.06, ""),
+        (MOVING, 0.1, 0.2, "jerk acceleration"),
+        (MOVING, 0.3, 0.9, "jerk acceleration velocity"),
+        (np.array([1.2, 0.5, 1.25, 0.3, 0.0]), 1.3, 1.4, "jerk acceleration position"),
+    ],
+)
+def test_solution_is_that_of_ipopt(state, from_rad, to_rad, binding):
+    """The farther the target the more limits bind."""
+    steps = LONG.model.steps
+    reference = np.linspace(from_rad, to_rad, steps)
+    ours = LONG.solve(state, reference)
+    z, x = ipopt(steps, 0.085, soft=False)(state, reference)
+    limits = NECK.command_limits
+    reached = {
+        "jerk": np.abs(x).max(),
+        "position": np.abs(z[2]).max() / limits.position_max_rad[0],
+        "velocity": np.abs(z[3] + H / 2 * z[4]).max() / limits.velocity_max_rad_s[0],
+        "acceleration": np.abs(z[4]).max() / limits.acceleration_max_rad_s2[0],
+    }
+    assert {name for name, share in reached.items() if share > 0.9999} == set(binding.split())
+    assert ours.solver == ("daqp" if binding else "gain")
+    assert ours.softened == 0.0
+    assert joint(LONG, state, ours.scaled_jerk) == pytest.approx(z[0], abs=1e-5)
+    assert ours.command[0] == pytest.approx(z[2], abs=1e-5)
+    assert ours.command[1] == pytest.approx(z[3], abs=1e-4)
+    # The first jerk is the one that is executed.
+    assert ours.scaled_jerk[0] == pytest.approx(x[0], abs=1e-4)
+
+
+def test_unconstrained_solution_is_least_squares():
+    """Where no limit binds; solved here by scipy from the definition."""
+    state, reference = np.zeros(5), 0.001 * np.sin(np.linspace(0, 1, N))
+    best = lsq_linear(*least_squares(state, reference))
+    ours = OCP.solve(state, reference)
+    assert ours.solver == "gain"
+    assert ours.softened == 0.0
+    assert joint(OCP, state, ours.scaled_jerk) == pytest.approx(joint(OCP, state, best.x), abs=1e-10)
+    assert ours.scaled_jerk == pytest.approx(best.x, abs=1e-8)
+
+
+@pytest.mark.parametrize("first_parts", [1, 2, 4])
+def test_prediction_is_the_continuous_time_model(first_parts):
+    """The rolled maps against scipy's ODE solver with the command held between servo ticks."""
+    p = predict(NECK.pan, NECK, 5, 300.0, first_parts)
+    rng = np.random.default_rng(3)
+    state, jerk = rng.uniform(-1, 1, 5) * [0.5, 1, 0.5, 1, 5], rng.uniform(-1, 1, 4 + first_parts)
+    h, wn, zeta = NECK.servo_period_s, 12.0, 0.9
+    q, v, u, du, ddu = state
+    angles, velocities, accelerations, commands = [], [], [], []
+    for step, j in enumerate(300.0 * jerk):
+        for _ in range(4 // first_parts if step < first_parts else 4):
+            u, du, ddu = u + h * du + h**2 / 2 * ddu + h**3 / 6 * j, du + h * ddu + h**2 / 2 * j, ddu + h * j
+            held = u
+            tick = solve_ivp(
+                lambda _, y, held=held: [y[1], wn**2 * (held - y[0]) - 2 * zeta * wn * y[1]],
+                (0, h),
+                [q, v],
+                rtol=1e-11,
+                atol=1e-13,
+            )
+            q, v = tick.y[:, -1]
+        commands.append((u, du, ddu))
+        if step >= first_parts - 1:
+            angles.append(q)
+            velocities.append(v)
+            accelerations.append(wn**2 * (u - q) - 2 * zeta * wn * v)
+    assert p.joint_from_state @ state + p.joint_from_jerk @ jerk == pytest.approx(angles, abs=1e-9)
+    assert p.velocity_from_state @ state + p.velocity_from_jerk @ jerk == pytest.approx(velocities, abs=1e-8)
+    got = p.acceleration_from_state @ state + p.acceleration_from_jerk @ jerk
+    assert got == pytest.approx(accelerations, abs=1e-6)
+    got = p.command_from_state @ state + p.command_from_jerk @ jerk
+    assert got == pytest.approx(np.transpose(commands).ravel(), abs=1e-9)
+
+
+def test_the_command_is_that_of_the_jerks():
+    """What is returned is the motion that the returned jerks make; also where the position limits are lopsided."""
+    tilt, fine = AxisOcp(AxisModel(NECK, 1, N), T), AxisModel(NECK, 0, N, first_parts=4)
+    for ocp in (OCP, tilt, AxisOcp(fine, T), AxisOcp(fine, T, catching_up=True)):
+        for scale in (0.02, 1.0, 2.0):
+            for state, reference in random_states(10, scale, N):
+                solution, (u, du, ddu) = ocp.solve(state, reference), state[2:]
+                assert np.abs(solution.scaled_jerk).max() <= 1.0
+                jerks = ocp.model.jerk_scale * solution.scaled_jerk
+                for k, (j, h) in enumerate(zip(jerks, H * ocp.model.shares, strict=True)):
+                    u, du, ddu = u + h * du + h**2 / 2 * ddu + h**3 / 6 * j, du + h * ddu + h**2 / 2 * j, ddu + h * j
+                    assert solution.command[:, k] == pytest.approx([u, du, ddu], abs=1e-8)
+
+
+def test_the_velocity_keeps_its_limit_between_steps_of_different_length():
+    """From just below the limit and still speeding up, a jerk at the wrong step's end would carry it past."""
+    ocp = AxisOcp(AxisModel(NECK, 0, N, first_parts=4), T)
+    lengths_s, limit = H * ocp.model.shares, NECK.command_limits.velocity_max_rad_s[0]
+    bound, reached = 0, 0.0
+    for acceleration in np.linspace(0.0, 9.0, 37):
+        for speed in np.linspace(0.92, 1.0, 9) * limit:
+            state = np.array([0.0, speed, 0.0, speed, acceleration])
+            solution = ocp.solve(state, np.linspace(0.5, 1.2, N))
+            # What the state itself says of the first step cannot be helped.
+            if solution.softened or speed + acceleration * lengths_s[0] / 2 > limit:
+                continue
+            _, v, a = np.column_stack([state[2:], solution.command])
+            shares = np.linspace(0.0, 1.0, 21)[:, None]
+            slope = np.diff(a) / lengths_s
+            between = v[:-1] + shares * lengths_s * a[:-1] + 0.5 * (shares * lengths_s) ** 2 * slope
+            assert between[:, 1:].max() <= limit * (1 + 1e-5)
+            bound += 1
+            reached = max(reached, between[:, 1:].max())
+    assert bound > 50
+    assert reached > limit * (1 - 1e-3)
+
+
+def test_finer_first_steps_reach_what_coarse_ones_cannot():
+    """With the first control period in parts the cost is never higher, and lower where limits switch the jerk."""
+    coarse, fine = AxisOcp(MODEL, T), AxisOcp(AxisModel(NECK, 0, N, first_parts=4), T)
+    gained = []
+    for state, reference in random_states(40, 0.5, N, seed=5):
+        costs = []
+        for ocp in (coarse, fine):
+            g, _, _ = ocp.program(ocp.parameters(state, reference))
+            x = ocp.solve(state, reference).scaled_jerk
+            costs.append(0.5 * x @ ocp.data.h @ x + g @ x)
+        gained.append((costs[0] - costs[1]) / abs(costs[0]))
+    assert min(gained) > -1e-9
+    assert max(gained) > 1e-4
+
+
+def test_smoothing_times_share_one_model():
+    """They differ in smoothness, not in limits; a longer time moves less."""
+    quick, slow = AxisOcp(MODEL, 0.05), AxisOcp(MODEL, 0.4)
+    assert quick.model is slow.model is MODEL
+    state, reference = np.zeros(5), 0.01 * np.sin(np.linspace(0, 6, N))
+    swings = [np.ptp(joint(ocp, state, ocp.solve(state, reference).scaled_jerk)) for ocp in (quick, slow)]
+    assert swings[0] > 2 * swings[1]
+    z, _ = ipopt(N, 0.4, soft=False)(state, np.ones(N))
+    assert joint(slow, state, slow.solve(state, np.ones(N)).scaled_jerk) == pytest.approx(z[0], abs=1e-5)
+
+
+def test_a_long_horizon_is_solved():
+    ocp = AxisOcp(AxisModel(NECK, 0, 160), 0.085)
+    for target_rad, names in ((1e-4, {"gain"}), (1.0, {"daqp", "piqp"})):
+        solution = ocp.solve(np.zeros(5), np.full(160, target_rad))
+        assert solution.solver in names
+        assert solution.command.shape == (3, 160)
+        assert solution.softened == 0.0
+        assert solution.command[0, 100:150] == pytest.approx(np.full(50, target_rad), abs=1e-4)

@@ -1,0 +1,130 @@
+"""Dead time and servo are found on plants whose truth is known, with honest intervals."""
+
+import math
+
+import numpy as np
+import pytest
+from builders.identification import REFERENCE, altered, assert_close, drive, plant, simulate
+from scipy import signal
+
+from gazempc.identify.estimate import bandwidth_hz, estimate_axis
+from gazempc.identify.excitation import ExcitationSettings
+from gazempc.identify.fitting import robust_covariance
+from gazempc.live.clock import SimulatedClock
+from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import JointState
+
+TRUTHS = [
+    ((0.0, 0.0025), 12.0, 0.9),
+    ((0.4, 0.4012), 12.0, 0.9),
+    ((0.0333, 0.5), 25.0, 0.5),
+    ((0.2571, 0.12), 6.0, 1.2),
+    ((0.35, 0.005), 8.0, 0.5),
+    ((0.0137, 0.46), 25.0, 1.2),
+]
+
+
+@pytest.mark.parametrize(("dead_times_s", "wn", "zeta"), TRUTHS)
+def test_dead_time_and_servo_are_told_apart(dead_times_s, wn, zeta):
+    taken = simulate(plant(dead_times_s, wn, zeta, encoder_noise_deg=0.1, load_offset_deg=1.5), seed=3)
+    for axis, dead_time_s in enumerate(dead_times_s):
+        found = estimate_axis(taken, axis)
+        assert_close(found, dead_time_s, wn, zeta)
+        assert math.degrees(found.offset_rad) == pytest.approx(1.5, abs=0.05)
+        assert found.residual_rms_deg == pytest.approx(0.1, rel=0.1)
+        assert found.fit_percent > 95
+
+
+def test_without_noise_the_truth_comes_back(clean):
+    found = estimate_axis(clean, 0)
+    assert_close(found, 0.4, 12.0, 0.9, dead_time_ms=1e-3, bandwidth_share=1e-5)
+    assert found.damping_ratio.value == pytest.approx(0.9, abs=1e-5)
+    assert found.servo_lag_s.value == pytest.approx(0.15, abs=1e-5)
+    assert found.dead_time_s.half_width >= 0.99e-4, "no one knows a real neck to the nanosecond"
+
+
+def test_intervals_hold_what_they_promise(clean):
+    """95 % intervals of repeats with noise that is correlated in time, as of friction, hold the truth."""
+    rng = np.random.default_rng(0)
+    thin = altered(clean, joint_time_s=clean.joint_time_s[::4], joint_rad=clean.joint_rad[::4])
+    truths = (0.4, 12.0, 0.9, bandwidth_hz(12.0, 0.9))
+    repeats, rho, inside, narrow = 24, 0.8, np.zeros(4), np.zeros(4)
+    for _ in range(repeats):
+        white = rng.normal(0.0, math.radians(0.1) * math.sqrt(1 - rho**2), thin.joint_rad.shape)
+        noise = signal.lfilter([1.0], [1.0, -rho], white, axis=0)
+        found = estimate_axis(altered(thin, joint_rad=thin.joint_rad + noise), 0)
+        intervals = (found.dead_time_s, found.natural_frequency_rad_s, found.damping_ratio, found.bandwidth_hz)
+        for i, (interval, truth) in enumerate(zip(intervals, truths, strict=True)):
+            inside[i] += interval.low <= truth <= interval.high
+            # An interval that is too wide holds the truth too, but says nothing: a third of it must often miss.
+            narrow[i] += abs(truth - interval.value) <= interval.half_width / 6
+    assert np.all(inside >= 0.8 * repeats), inside / repeats
+    assert np.all(narrow <= 0.75 * repeats), narrow / repeats
+
+
+def test_covariance_of_correlated_errors_is_that_of_repeats():
+    """A mean of first-order noise has a variance (1 + rho) / (1 - rho) times that of independent errors."""
+    rng, rho, n = np.random.default_rng(5), 0.8, 4000
+    stated = [
+        robust_covariance(np.ones((n, 1)), signal.lfilter([1.0], [1.0, -rho], rng.normal(0, math.sqrt(1 - rho**2), n)))
+        for _ in range(20)
+    ]
+    assert np.mean(stated) == pytest.approx((1 + rho) / (1 - rho) / n, rel=0.2)
+
+
+class _Jittering(SimulatedClock):
+    """Wakes up late, each time differently."""
+
+    def __init__(self):
+        super().__init__()
+        self._rng = np.random.default_rng(7)
+
+    def sleep_until_s(self, time_s):
+        super().sleep_until_s(time_s + float(self._rng.exponential(0.002)))
+
+
+class _Reporting(SimulatedNeck):
+    """Reports as cheap hardware does: rarely, the same reading again in between, in whole encoder steps, wild ones."""
+
+    stamped_late_s = 0.0
+
+    def read_state(self):
+        now = super().read_state()
+        held = getattr(self, "_held", None)
+        if held is None or now.time_s - held.time_s + self.stamped_late_s > 0.03:
+            self._reads = getattr(self, "_reads", 0) + 1
+            step = math.radians(0.088)
+            angles = np.round(now.position_rad / step) * step
+            if self._reads % 97 == 0:
+                angles = np.full(2, -math.pi)
+            self._held = JointState(now.time_s + self.stamped_late_s, angles, now.velocity_rad_s)
+        return self._held
+
+
+def test_cheap_hardware_is_identified_all_the_same():
+    """A late computer; 33 readings a second, each reported many times, in 0.088 deg steps, some of them -180 deg."""
+    clock, truth = _Jittering(), plant((0.2345, 0.08), 14.0, 0.7, encoder_noise_deg=0.1)
+    taken = drive(_Reporting(truth, REFERENCE.rest_rad, clock.now_s), clock, ExcitationSettings(duration_s=16.0))
+    for axis, dead_time_s in enumerate((0.2345, 0.08)):
+        found = estimate_axis(taken, axis)
+        assert_close(found, dead_time_s, 14.0, 0.7)
+        assert 3 <= found.misread <= 10
+        assert found.time_s.size < 1000
+
+
+def test_a_known_delay_of_the_time_stamps_is_taken_off():
+    clock, truth = SimulatedClock(), plant((0.2, 0.2))
+    robot = _Reporting(truth, REFERENCE.rest_rad, clock.now_s)
+    robot.stamped_late_s = 0.03
+    taken = drive(robot, clock)
+    assert_close(estimate_axis(taken, 0), 0.23, 12.0, 0.9)
+    assert_close(estimate_axis(taken, 0, read_delay_s=0.03), 0.2, 12.0, 0.9)
+
+
+def test_mujoco_is_identified():
+    pytest.importorskip("mujoco")
+    mujoco = pytest.importorskip("gazempc.robots.mujoco.robot")
+    clock, truth = SimulatedClock(), plant((0.4, 0.1234), 12.0, 0.7, encoder_noise_deg=0.05)
+    taken = drive(mujoco.MujocoNeck(truth, clock.now_s, REFERENCE.rest_rad), clock)
+    for axis, dead_time_s in enumerate((0.4, 0.1234)):
+        assert_close(estimate_axis(taken, axis), dead_time_s, 12.0, 0.7)

@@ -1,0 +1,113 @@
+"""The command: neck files, robots, records, replays, and what it refuses."""
+
+import datetime
+
+import numpy as np
+import pytest
+from builders.identification import Failing, altered
+
+from gazempc.identify import command as identify
+from gazempc.identify.estimate import bandwidth_hz, estimate_axis
+from gazempc.identify.report import neck_toml
+from gazempc.neck.spec import load_neck
+from gazempc.results.log import load_log
+from gazempc.run import main as run_main
+from gazempc.sim.simulated import SimulatedNeck
+
+
+def test_neck_file_is_the_estimate_and_keeps_the_rest(clean, tmp_path):
+    found = estimate_axis(clean, 0)
+    text = neck_toml(load_neck("fetch"), [found], 'odd "name"', "a\\b\n\x7f", datetime.date(2030, 1, 2))
+    (tmp_path / "n.toml").write_text(text, encoding="utf-8")
+    neck, fetch = load_neck(tmp_path / "n.toml"), load_neck("fetch")
+    assert neck.name == 'odd "name"'
+    assert "2030-01-02 from a\\b\n\x7f" in neck.source
+    assert "dead time 400.0 ± 0.1 ms" in neck.source
+    assert "tilt not identified" in neck.source
+    for name in ("dead_time_s", "natural_frequency_rad_s", "damping_ratio"):
+        assert getattr(neck.pan, name) == pytest.approx(getattr(found, name).value, rel=1e-5)
+    servo = {"dead_time_s", "natural_frequency_rad_s", "damping_ratio"}
+    assert neck.pan.model_dump(exclude=servo) == fetch.pan.model_dump(exclude=servo)
+    assert (neck.tilt, neck.geometry, neck.servo_rate_hz) == (fetch.tilt, fetch.geometry, fetch.servo_rate_hz)
+
+
+def test_command_line_identifies_a_robot_and_its_record(tmp_path, capsys):
+    out = tmp_path / "sub" / "mine.toml"
+    assert identify.main(["--robot", "simulated", "--neck", "slow", "--out", str(out), "--duration-s", "12"]) == 0
+    said = capsys.readouterr().out
+    assert "400.0 ± 0.1" in said
+    assert str(out) in said
+    neck = load_neck(out)
+    assert neck.name == "mine"
+    assert neck.dead_time_s == pytest.approx([0.4, 0.4], abs=1e-4)
+    assert neck.velocity_max_rad_s.tolist() == load_neck("slow").velocity_max_rad_s.tolist()
+    assert out.with_suffix(".png").stat().st_size > 20_000
+    again = tmp_path / "again.toml"
+    words = ["--from-log", str(out.with_suffix(".npz")), "--out", str(again), "--axes", "pan"]
+    assert identify.main(words) == 0
+    assert load_neck(again).pan == neck.pan
+    assert load_neck(again).tilt == load_neck("slow").tilt
+
+
+def test_a_replay_tells_the_neck_and_the_sensor(tmp_path, capsys):
+    words = ["--replay", "subject03_R4", "--controllers", "lookahead", "--no-figures", "--out", str(tmp_path)]
+    assert run_main(words) == 0
+    capsys.readouterr()
+    path = tmp_path / "lookahead.npz"
+    assert identify.main(["--from-log", str(path), "--out", str(tmp_path / "n.toml")]) == 0
+    neck = load_neck(tmp_path / "n.toml")
+    for axis in neck.axes:
+        assert axis.dead_time_s == pytest.approx(0.4, abs=0.005)
+        assert bandwidth_hz(axis.natural_frequency_rad_s, axis.damping_ratio) == pytest.approx(1.4251, rel=0.05)
+    assert "Sensor latency" in capsys.readouterr().out
+    from gazempc.identify.latency import log_latency
+
+    log = load_log(path)
+    arrived, captured = log_latency(log)
+    late_s = float(np.mean(log.arrival_time_s - log.capture_time_s))
+    assert arrived.latency_s.low <= late_s <= arrived.latency_s.high
+    assert captured.latency_s.low <= 0 <= captured.latency_s.high
+
+
+def test_command_line_refuses_and_says_why(clean, tmp_path, capsys):
+    out = str(tmp_path / "n.toml")
+    still = altered(clean, command_rad=np.column_stack([clean.command_rad[:, 0], np.zeros(len(clean.command_rad))]))
+    still.save(tmp_path / "still.npz")
+    for words, problem in (
+        ([], "either --robot NAME or --from-log FILE"),
+        (["--robot", "simulated", "--from-log", "x.npz"], "either --robot NAME or --from-log FILE"),
+        (["--from-log", str(tmp_path / "none.npz")], "not a log that can be read"),
+        (["--robot", "simulated", "--neck", "nock"], "no neck file 'nock'"),
+        (["--from-log", str(tmp_path / "still.npz")], "tilt: its command never changes"),
+    ):
+        assert identify.main([*words, "--out", out]) == 2
+        assert problem in capsys.readouterr().err
+    assert identify.main(["--robot", "simulated", "--out", str(tmp_path / "n.yaml")]) == 2
+    assert "must end in .toml" in capsys.readouterr().err
+    assert not (tmp_path / "n.toml").exists()
+
+
+def test_command_line_stops_when_interrupted(tmp_path, monkeypatch, capsys):
+    def make(name, options, neck, clock, position_rad, seed=0):
+        robot = Failing(neck, position_rad, clock.now_s)
+        robot.sends, robot.error = 250, KeyboardInterrupt
+        return robot
+
+    monkeypatch.setattr(identify, "make_robot", make)
+    assert identify.main(["--robot", "simulated", "--out", str(tmp_path / "n.toml")]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_neck_without_encoders_is_not_moved(tmp_path, monkeypatch, capsys):
+    moved = []
+
+    def make(name, options, neck, clock, position_rad, seed=0):
+        blind = SimulatedNeck(neck.model_copy(update={"reports_joints": False}), position_rad, clock.now_s)
+        blind.send_command = moved.append
+        return blind
+
+    monkeypatch.setattr(identify, "make_robot", make)
+    assert identify.main(["--robot", "simulated", "--out", str(tmp_path / "n.toml")]) == 2
+    assert "not reported its joints within 2 s" in capsys.readouterr().err
+    assert moved == []

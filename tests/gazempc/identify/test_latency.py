@@ -1,0 +1,43 @@
+"""The sensor's latency: found, or refused where nothing tells it."""
+
+import numpy as np
+import pytest
+
+from gazempc.identify.latency import estimate_latency
+from gazempc.identify.record import IdentificationError
+
+
+def walk(times_s):
+    return np.stack([2.0 + 0.3 * np.sin(times_s), 1.3 * times_s - 3.0, 0.03 * np.sin(11 * times_s)], axis=-1)
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.066, 0.25, -0.05])
+def test_latency_of_a_known_motion_is_found(latency_s):
+    rng, known_s, seen_s = np.random.default_rng(1), np.arange(0, 6, 0.01), np.arange(0.0, 6.0, 1 / 30)
+    observed = walk(seen_s - latency_s) + np.array([0.02, -0.05, 0.0]) + rng.normal(0, 0.01, (seen_s.size, 3))
+    found = estimate_latency(known_s, walk(known_s), seen_s, observed)
+    assert found.latency_s.value == pytest.approx(latency_s, abs=0.005)
+    assert found.latency_s.low <= latency_s <= found.latency_s.high
+    assert found.residual_rms == pytest.approx(0.01, rel=0.15)
+
+
+def test_latency_of_a_camera_that_turns_before_a_fixed_target():
+    """The encoders say where the target should be seen: one axis, in radians."""
+    times_s = np.arange(0, 8, 0.005)
+    pan = 0.3 * np.sin(2 * times_s) * np.sin(0.7 * times_s)
+    seen_s = np.arange(0.5, 7.5, 0.04)
+    bearing = 0.2 - np.interp(seen_s - 0.1, times_s, pan)
+    assert estimate_latency(times_s, -pan, seen_s, bearing).latency_s.value == pytest.approx(0.1, abs=1e-3)
+
+
+def test_latency_is_refused_where_nothing_tells_it():
+    rng, known_s, seen_s = np.random.default_rng(1), np.arange(0, 6, 0.01), np.arange(0.0, 6.0, 1 / 30)
+    noise = rng.normal(0, 0.01, (seen_s.size, 3))
+    with pytest.raises(IdentificationError, match="sensor latency: "):
+        estimate_latency(known_s, 0.001 * walk(known_s), seen_s, 0.001 * walk(seen_s) + noise)
+    with pytest.raises(IdentificationError, match="10 observations"):
+        estimate_latency(known_s, walk(known_s), seen_s[:10], walk(seen_s[:10]))
+    with pytest.raises(IdentificationError, match="on one clock"):
+        estimate_latency(known_s, walk(known_s), seen_s, walk(seen_s - 1.4))
+    with pytest.raises(IdentificationError, match="0 times"):
+        estimate_latency(known_s, np.full((600, 3), np.nan), seen_s, walk(seen_s))

@@ -1,0 +1,128 @@
+"""Recording the motion: the neck comes to rest within its limits, whatever ends the run."""
+
+import json
+
+import numpy as np
+import pytest
+from builders.identification import REFERENCE, SHORT, Failing, assert_close, drive, plant, simulate
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gazempc.errors import RobotError, SettingsError
+from gazempc.identify.estimate import estimate_axis
+from gazempc.identify.excitation import brake, excite
+from gazempc.identify.record import NeckRecord, load_record, record
+from gazempc.live.clock import SimulatedClock
+from gazempc.sim.simulated import SimulatedNeck
+
+
+@pytest.mark.parametrize("cause", ["interrupt", "command", "silence"])
+def test_whatever_ends_a_run_the_neck_comes_to_rest_within_limits(cause):
+    clock = SimulatedClock()
+    robot = Failing(plant(), REFERENCE.rest_rad, clock.now_s)
+    expected = RobotError
+    if cause == "interrupt":
+        robot.sends, robot.error, expected = 250, KeyboardInterrupt, KeyboardInterrupt
+    elif cause == "command":
+        robot.sends = 250
+    else:
+        robot.reads = 150
+    with pytest.raises(expected):
+        drive(robot, clock)
+    sent, h = np.array(robot.sent), REFERENCE.servo_period_s
+    assert len(sent) < 400
+    assert np.abs(np.diff(sent, axis=0)).max() / h > 0.5, "it should have been moving"
+    assert np.abs(np.diff(sent[-2:], axis=0)).max() < 1e-12, "at rest in the end"
+    assert np.all(np.abs(np.diff(sent, axis=0)) / h <= REFERENCE.velocity_max_rad_s)
+    # One command is missing where it failed, which shows in the second difference there; after that all is smooth.
+    braking = sent[250:] if cause != "silence" else sent
+    assert np.all(np.abs(np.diff(braking, 2, axis=0)) / h**2 <= REFERENCE.acceleration_max_rad_s2 * 1.001)
+
+
+@given(seconds=st.floats(0.5, 11.0))
+@settings(max_examples=10)
+def test_braking_keeps_acceleration_and_jerk(seconds):
+    motion = excite(REFERENCE, REFERENCE.rest_rad, SHORT).position_rad
+    at = int(seconds * 200)
+    u = np.concatenate([motion[:at], brake(REFERENCE, motion[at - 3 : at])])
+    assert np.all(np.abs(np.diff(u, 2, axis=0)) * 200**2 <= REFERENCE.acceleration_max_rad_s2 * 1.02)
+    assert np.abs(u[-1] - u[-2]).max() < 1e-9
+
+
+def test_a_few_failed_reads_are_counted_and_do_no_harm():
+    class Stuttering(SimulatedNeck):
+        count = 0
+
+        def read_state(self):
+            self.count += 1
+            if self.count % 7 == 0:
+                raise RobotError("checksum")
+            return super().read_state()
+
+    clock = SimulatedClock()
+    taken = drive(Stuttering(plant(), REFERENCE.rest_rad, clock.now_s), clock)
+    assert taken.failed_reads == pytest.approx(len(taken.command_rad) / 7, abs=1)
+    assert_close(estimate_axis(taken, 0), 0.4, 12.0, 0.9)
+
+
+def test_record_survives_its_file(clean, tmp_path):
+    clean.save(tmp_path / "r.npz")
+    again = load_record(tmp_path / "r.npz")
+    assert again.about == clean.about
+    for field in ("command_time_s", "command_rad", "joint_time_s", "joint_rad"):
+        np.testing.assert_array_equal(getattr(again, field), getattr(clean, field))
+    assert again.neck() == REFERENCE
+
+
+def test_other_files_are_refused(tmp_path):
+    with pytest.raises(SettingsError, match="not a log that can be read"):
+        load_record(tmp_path / "none.npz")
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    with pytest.raises(SettingsError, match=r"neither a record of gazempc\.identify .*command_time_s"):
+        load_record(tmp_path / "other.npz")
+
+
+def test_record_names_its_origin(clean):
+    assert isinstance(clean, NeckRecord)
+    assert json.loads(clean.about)["from"] == "test"
+
+
+class HeldUp(SimulatedClock):
+    """Wakes up late once."""
+
+    def __init__(self, late_s):
+        super().__init__()
+        self._late_s = late_s
+
+    def sleep_until_s(self, time_s):
+        if self._late_s and time_s > 3.0:
+            time_s, self._late_s = time_s + self._late_s, 0.0
+        super().sleep_until_s(time_s)
+
+
+def test_a_computer_that_is_held_up_makes_no_jump():
+    """What was planned is done later, not left out; after a longer stall the neck is braked and the run is given up."""
+    planned = np.abs(np.diff(excite(REFERENCE, REFERENCE.rest_rad, SHORT).position_rad, axis=0)).max()
+    taken = simulate(REFERENCE, clock=HeldUp(0.06))
+    assert np.abs(np.diff(taken.command_rad, axis=0)).max() <= planned + 1e-12
+    clock = HeldUp(0.5)
+    robot = SimulatedNeck(REFERENCE, REFERENCE.rest_rad, clock.now_s)
+    with pytest.raises(RobotError, match="held up for 500 ms"):
+        drive(robot, clock)
+    clock.sleep_until_s(clock.now_s() + 2.0)
+    assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3
+
+
+def test_whatever_ends_an_identification_the_neck_is_braked_first():
+    clock = SimulatedClock()
+    robot = SimulatedNeck(REFERENCE, REFERENCE.rest_rad, clock.now_s)
+    robot.connect()
+
+    def on_tick(share):
+        if share > 0.4:
+            raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        record(robot, clock, excite(REFERENCE, REFERENCE.rest_rad, SHORT), REFERENCE, {"from": "test"}, on_tick)
+    clock.sleep_until_s(clock.now_s() + 2.0)
+    assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3

@@ -1,0 +1,156 @@
+"""What all predictors share: forecasts change nothing, bad times are refused, covariances are covariances."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from builders.people import FRAME_S, WALK_M_S, seen, walk
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from predictors import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    CoordinatedTurn,
+    HeadPose,
+    InteractingModels,
+    LastPosition,
+    NotReadyError,
+    OutOfOrderError,
+    ParticleFilter,
+    PelvisPursuit,
+    Perfect,
+    Predictor,
+    Walker,
+)
+from predictors.types import FloatArray
+
+MAKERS: dict[str, Callable[[], Predictor]] = {
+    "last": LastPosition,
+    "cv": ConstantVelocity,
+    "ca": ConstantAcceleration,
+    "ctrv": CoordinatedTurn,
+    "ctrv with yaw": lambda: CoordinatedTurn(yaw_cues="both"),
+    "imm": InteractingModels,
+    "particle": ParticleFilter,
+    "head": lambda: HeadPose(weight=0.7),
+    "pursuit": PelvisPursuit,
+    "walker": Walker,
+    "perfect": lambda: Perfect(lambda times: np.outer(times, WALK_M_S)),
+}
+
+
+every_predictor = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
+
+
+@every_predictor
+def test_forecast_changes_nothing_and_is_the_same_in_any_order(make: Callable[[], Predictor]) -> None:
+    predictor = make()
+    end_s = walk(predictor, relative_yaw=0.5)
+    times_s = end_s + np.array([0.5, 0.0, 1.0, 0.25])
+    first = predictor.forecast(times_s)
+    shuffle = np.array([2, 0, 3, 1])
+    again = predictor.forecast(times_s[shuffle])
+    np.testing.assert_array_equal(again.times_s, times_s[shuffle])
+    np.testing.assert_array_equal(again.means_base_m, first.means_base_m[shuffle])
+    np.testing.assert_array_equal(again.covariances_m2, first.covariances_m2[shuffle])
+    asked, unasked = make(), make()
+    for i in range(10):
+        for each in (asked, unasked):
+            each.update(seen(i * FRAME_S, i * FRAME_S * WALK_M_S, head_yaw=0.1 * i))
+        asked.forecast(i * FRAME_S + np.linspace(0.0, 2.0, 5))
+    np.testing.assert_array_equal(asked.forecast(1.0).means_base_m, unasked.forecast(1.0).means_base_m)
+    np.testing.assert_array_equal(asked.forecast(1.0).covariances_m2, unasked.forecast(1.0).covariances_m2)
+
+
+@every_predictor
+def test_shapes(make: Callable[[], Predictor]) -> None:
+    predictor = make()
+    walk(predictor)
+    for times_s, size in ((1.0, 1), ([1.0, 2.0, 3.0], 3), ([], 0)):
+        forecast = predictor.forecast(times_s)
+        assert forecast.times_s.shape == (size,)
+        assert forecast.means_base_m.shape == (size, 3)
+        assert forecast.covariances_m2.shape == (size, 3, 3)
+
+
+@every_predictor
+@pytest.mark.parametrize("bad", [[[1.0, 2.0]], [np.nan], [np.inf]])
+def test_bad_times_are_refused(make: Callable[[], Predictor], bad: list[float]) -> None:
+    predictor = make()
+    walk(predictor)
+    with pytest.raises(ValueError, match="times_s must be finite"):
+        predictor.forecast(bad)
+
+
+@every_predictor
+def test_no_forecast_before_the_first_observation_nor_after_reset(make: Callable[[], Predictor]) -> None:
+    predictor = make()
+    with pytest.raises(NotReadyError):
+        predictor.forecast(0.0)
+    walk(predictor, relative_yaw=0.5)
+    predictor.reset()
+    with pytest.raises(NotReadyError):
+        predictor.forecast(0.0)
+    fresh = make()
+    for each in (predictor, fresh):  # and an earlier clock is as good as any after a reset
+        each.update(seen(-5.0, np.ones(3)))
+    np.testing.assert_array_equal(predictor.forecast(-4.5).means_base_m, fresh.forecast(-4.5).means_base_m)
+    assert predictor.forecast(-4.5).issued_at_s == -5.0
+
+
+@every_predictor
+@pytest.mark.parametrize("step_s", [0.0, -0.1])
+def test_old_observations_are_refused_and_change_nothing(make: Callable[[], Predictor], step_s: float) -> None:
+    predictor = make()
+    end_s = walk(predictor, relative_yaw=0.5)
+    before = predictor.forecast(end_s + 0.5)
+    with pytest.raises(OutOfOrderError, match="not newer"):
+        predictor.update(seen(end_s + step_s, np.array([50.0, 0.0, 0.0]), head_yaw=2.0))
+    after = predictor.forecast(end_s + 0.5)
+    np.testing.assert_array_equal(after.means_base_m, before.means_base_m)
+    np.testing.assert_array_equal(after.covariances_m2, before.covariances_m2)
+
+
+@every_predictor
+@given(
+    steps_s=st.lists(st.floats(1e-3, 2.0), min_size=1, max_size=15),
+    places=arrays(np.float64, (15, 3), elements=st.floats(-5, 5)),
+    yaws=arrays(np.float64, 15, elements=st.floats(-7, 7)),
+    ahead_s=st.lists(st.floats(-0.5, 3.0), min_size=1, max_size=5),
+)
+def test_covariances_are_symmetric_and_positive_semidefinite(
+    make: Callable[[], Predictor], steps_s: list[float], places: FloatArray, yaws: FloatArray, ahead_s: list[float]
+) -> None:
+    """Whatever is seen, jumps included."""
+    predictor = make()
+    times_s = np.cumsum(steps_s)
+    for i, time_s in enumerate(times_s):
+        predictor.update(seen(time_s, places[i], head_yaw=yaws[i] if i % 3 else None))
+    forecast = predictor.forecast(times_s[-1] + np.array(ahead_s))
+    P = forecast.covariances_m2
+    scale = max(1.0, float(np.abs(P).max()))
+    assert np.all(np.isfinite(forecast.means_base_m))
+    np.testing.assert_allclose(P, np.swapaxes(P, 1, 2), atol=1e-12 * scale)
+    assert np.linalg.eigvalsh(P).min() >= -1e-12 * scale
+
+
+def test_last_position_stays_and_spreads_at_walking_speed() -> None:
+    last = LastPosition(position_noise_m=0.02, walking_speed_m_s=0.5)
+    last.update(seen(1.0, np.array([9.0, 9.0, 9.0])))
+    last.update(seen(2.0, np.array([1.0, 2.0, 3.0])))
+    forecast = last.forecast([2.0, 2.4])
+    np.testing.assert_array_equal(forecast.means_base_m, np.tile([1.0, 2.0, 3.0], (2, 1)))
+    np.testing.assert_allclose(forecast.covariances_m2[0], 0.0004 * np.eye(3))
+    np.testing.assert_allclose(forecast.covariances_m2[1], 0.0404 * np.eye(3))
+    assert forecast.issued_at_s == 2.0
+
+
+def test_perfect_gives_the_true_future_surely() -> None:
+    perfect = Perfect(lambda times: np.stack([np.sin(times), times**2, np.ones_like(times)], axis=-1))
+    perfect.update(seen(0.5, np.zeros(3)))
+    forecast = perfect.forecast([0.5, 2.0])
+    np.testing.assert_array_equal(forecast.means_base_m, [[np.sin(0.5), 0.25, 1.0], [np.sin(2.0), 4.0, 1.0]])
+    assert not np.any(forecast.covariances_m2)
+    assert forecast.issued_at_s == 0.5

@@ -1,0 +1,215 @@
+"""Constant velocity, against direct Gaussian solves; what is refused, and when a track begins anew."""
+
+import numpy as np
+import pytest
+from builders.people import FRAME_S, WALK_M_S, seen, walk
+from hypothesis import given
+from hypothesis import strategies as st
+
+from predictors import (
+    ConstantVelocity,
+    HeadObservation,
+    HeadPose,
+)
+from predictors.types import FloatArray
+
+
+def joint_gaussian(
+    seen_s: FloatArray, seen_m: FloatArray, times_s: FloatArray, psd: float, noise_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Forecast by one dense solve, per axis.
+
+    Position = p0 + v0 t + integral of (t - s) dW(s). As the filter does, the first observation is the prior mean,
+    with its noise as the prior's variance; the speed's prior is 0 +- 1 m/s.
+    """
+    t = np.concatenate([seen_s, times_s]) - seen_s[0]
+    early, late = np.minimum.outer(t, t), np.maximum.outer(t, t)
+    joint = noise_m**2 + np.outer(t, t) + psd * (early**2 * late / 2 - early**3 / 6)
+    n = seen_s.size
+    spread = joint[1:n, 1:n] + noise_m**2 * np.eye(n - 1)
+    gain = np.linalg.solve(spread, joint[1:n, n:]).T
+    means = seen_m[0] + gain @ (seen_m[1:] - seen_m[0])
+    return means, np.diag(joint[n:, n:] - gain @ joint[1:n, n:])
+
+
+@given(
+    steps_s=st.lists(st.sampled_from([0.004, 0.02, FRAME_S, 0.05, 0.4, 2.0]), min_size=1, max_size=25),
+    psd=st.sampled_from([0.01, 0.05, 1.0]),
+    noise_m=st.sampled_from([0.003, 0.01, 0.05]),
+    seed=st.integers(0, 1000),
+)
+def test_filter_is_the_exact_gaussian_posterior_for_irregular_stamps(
+    steps_s: list[float], psd: float, noise_m: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    seen_s = 5.0 + np.concatenate([[0.0], np.cumsum(steps_s)])
+    seen_m = np.array([3.0, -1.0, 0.5]) + (seen_s[:, None] - 5.0) * WALK_M_S
+    seen_m = seen_m + 0.5 * noise_m * rng.standard_normal(seen_m.shape)
+    cv = ConstantVelocity(acceleration_psd=psd, position_noise_m=noise_m)
+    for time_s, position_m in zip(seen_s, seen_m, strict=True):
+        cv.update(HeadObservation(time_s, position_m))
+        assert cv.rejections_in_a_row == 0
+    times_s = seen_s[-1] + np.array([0.0, 0.01, 0.25, 0.5, 1.0])
+    forecast = cv.forecast(times_s)
+    means, variances = joint_gaussian(seen_s, seen_m, times_s, psd, noise_m)
+    np.testing.assert_allclose(forecast.means_base_m, means, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(forecast.covariances_m2, variances[:, None, None] * np.eye(3), rtol=1e-9, atol=1e-9)
+    assert forecast.issued_at_s == seen_s[-1]
+
+
+def test_start_is_the_first_observation_at_rest() -> None:
+    cv = ConstantVelocity(acceleration_psd=0.05, position_noise_m=0.02)
+    cv.update(seen(2.0, np.array([1.0, 2.0, 3.0])))
+    forecast = cv.forecast([2.0, 3.0])
+    np.testing.assert_array_equal(forecast.means_base_m, np.tile([1.0, 2.0, 3.0], (2, 1)))
+    np.testing.assert_allclose(forecast.covariances_m2[0], 0.02**2 * np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(forecast.covariances_m2[1], (0.02**2 + 1.0 + 0.05 / 3) * np.eye(3), atol=1e-15)
+
+
+def test_noise_free_walk_is_forecast_exactly_in_the_limit() -> None:
+    errors = []
+    for noise_m in (5e-2, 1e-2, 1e-4):
+        cv = ConstantVelocity(position_noise_m=noise_m)
+        end_s = walk(cv, frames=30, noise_m=0.0)
+        truth = np.array([2.0, 1.0, 0.4]) + (end_s + 1.0) * WALK_M_S
+        errors.append(np.linalg.norm(cv.forecast(end_s + 1.0).means_base_m[0] - truth))
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 1e-9
+
+
+def test_gap_coasts_and_grows_the_covariance() -> None:
+    cv = ConstantVelocity()
+    end_s = walk(cv)
+    _, x, _ = cv.state()
+    forecast = cv.forecast(end_s + np.linspace(0.0, 3.0, 7))
+    np.testing.assert_allclose(forecast.means_base_m, x[:3] + np.linspace(0.0, 3.0, 7)[:, None] * x[3:], atol=1e-12)
+    assert np.all(np.diff(forecast.covariances_m2[:, 0, 0]) > 0)
+
+
+def test_single_jump_leaves_no_trace_but_the_time() -> None:
+    """A refused observation: afterwards the filter is as one that never saw it."""
+    cv, spared = ConstantVelocity(), ConstantVelocity()
+    end_s = walk(cv)
+    walk(spared)
+    jump = cv.forecast(end_s + FRAME_S).means_base_m[0] + [0.0, 0.5, 0.0]
+    cv.update(seen(end_s + FRAME_S, jump))
+    assert cv.rejections_in_a_row == 1
+    ahead_s = end_s + np.array([0.1, 0.5, 1.0])
+    before, after = spared.forecast(ahead_s), cv.forecast(ahead_s)
+    np.testing.assert_allclose(after.means_base_m, before.means_base_m, atol=1e-12)
+    np.testing.assert_allclose(after.covariances_m2, before.covariances_m2, atol=1e-12)
+    assert after.issued_at_s == end_s
+    assert cv.state()[0] == end_s + FRAME_S
+    good = cv.forecast(end_s + 2 * FRAME_S).means_base_m[0]
+    for predictor in (cv, spared):
+        predictor.update(seen(end_s + 2 * FRAME_S, good + 0.002))
+    np.testing.assert_allclose(cv.state()[1], spared.state()[1], atol=1e-12)
+    np.testing.assert_allclose(cv.state()[2], spared.state()[2], atol=1e-12)
+    assert cv.rejections_in_a_row == 0
+
+
+def show_jumps(cv: ConstantVelocity, count: int) -> tuple[float, FloatArray]:
+    """Show another place, 0.5 m aside, for a number of frames; gives the last time and place."""
+    end_s = walk(cv)
+    jump = cv.forecast(end_s).means_base_m[0] + [0.0, 0.5, 0.0]
+    for i in range(1, count + 1):
+        cv.update(seen(end_s + i * FRAME_S, jump + 0.001 * i))
+    return end_s + count * FRAME_S, jump + 0.001 * count
+
+
+@pytest.mark.parametrize("count", [5, 9])
+def test_burst_of_false_detections_does_not_move_the_track(count: int) -> None:
+    cv, spared = ConstantVelocity(), ConstantVelocity()
+    end_s, _ = show_jumps(cv, count)
+    walk(spared)
+    assert cv.rejections_in_a_row == count
+    np.testing.assert_allclose(cv.forecast(end_s).means_base_m, spared.forecast(end_s).means_base_m, atol=1e-12)
+
+
+def test_ten_refusals_in_a_row_restart_the_track() -> None:
+    cv, fresh = ConstantVelocity(), ConstantVelocity()
+    end_s, place_m = show_jumps(cv, 10)
+    fresh.update(seen(end_s, place_m))
+    for mine, expected in zip(cv.state(), fresh.state(), strict=True):
+        np.testing.assert_array_equal(mine, expected)
+    assert cv.forecast(end_s).issued_at_s == end_s
+    assert cv.rejections_in_a_row == 0
+
+
+def test_an_accepted_observation_ends_the_count_of_refusals() -> None:
+    cv = ConstantVelocity()
+    end_s, _ = show_jumps(cv, 9)
+    cv.update(seen(end_s + FRAME_S, cv.forecast(end_s + FRAME_S).means_base_m[0]))
+    jump = cv.forecast(end_s + 2 * FRAME_S).means_base_m[0] + [0.0, 0.5, 0.0]
+    cv.update(seen(end_s + 2 * FRAME_S, jump))
+    assert cv.rejections_in_a_row == 1
+
+
+@pytest.mark.parametrize("bad", [{"acceleration_psd": 0.0}, {"position_noise_m": -1.0}, {"position_noise_m": np.nan}])
+def test_constant_velocity_refuses_impossible_noise(bad: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="must be positive"):
+        ConstantVelocity(**bad)
+
+
+def test_state_is_a_copy() -> None:
+    cv = ConstantVelocity()
+    walk(cv)
+    _, x, P = cv.state()
+    x += 1.0
+    P += 1.0
+    assert not np.any(np.isclose(cv.state()[1], x))
+    assert not np.any(np.isclose(cv.state()[2], P))
+
+
+def test_the_head_of_a_refused_detection_does_not_bend_the_forecast():
+    """Another person, 3 m away and turned, is detected once: position and yaw both stay as they were."""
+    predictor = HeadPose(weight=1.0)
+    turned = np.array([np.cos(1.0), 0.0, 0.0, np.sin(1.0)])
+    straight = np.array([1.0, 0.0, 0.0, 0.0])
+    for k in range(30):
+        predictor.update(HeadObservation(k / 30, np.array([k / 30, 0.0, 0.4]), straight, straight))
+    predictor.update(HeadObservation(1.0, np.array([1.0, 3.0, 0.4]), turned, straight))
+    assert predictor.relative_yaw_rad() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_person_in_a_sharp_turn_is_not_taken_for_somebody_else():
+    """1.5 m/s straight, then a quarter turn of 0.5 m radius: no observation is refused."""
+    speed, radius, turn_s = 1.5, 0.5, 1.0
+    predictor, rng = ConstantVelocity(), np.random.default_rng(0)
+    for k in range(60):
+        t = k / 30
+        angle = min(max((t - turn_s) * speed / radius, 0.0), np.pi / 2)
+        after = max(t - turn_s - np.pi / 2 * radius / speed, 0.0) * speed
+        position = [min(t, turn_s) * speed + radius * np.sin(angle), radius * (1 - np.cos(angle)) + after, 1.6]
+        predictor.update(HeadObservation(t, np.array(position) + 0.01 * rng.standard_normal(3)))
+        assert predictor.rejections_in_a_row == 0, t
+
+
+def test_not_gated_is_the_plain_filter_that_takes_in_everything() -> None:
+    """One outlier: the exact posterior of all observations, or, gated, of all others."""
+    times_s = np.arange(40) * FRAME_S
+    positions_m = np.array([2.0, 1.0, 0.4]) + times_s[:, None] * WALK_M_S
+    positions_m[30] += [0.0, 3.0, 0.0]
+    for gated in (False, True):
+        cv = ConstantVelocity(gated=gated)
+        for t, position in zip(times_s, positions_m, strict=True):
+            cv.update(HeadObservation(t, position))
+        used = np.ones(40, dtype=bool)
+        used[30] = not gated
+        ahead_s = times_s[-1] + np.array([0.0, 0.5])
+        mean, covariance = joint_gaussian(times_s[used], positions_m[used], ahead_s, 0.05, 0.01)
+        forecast = cv.forecast(ahead_s)
+        np.testing.assert_allclose(forecast.means_base_m, mean, atol=1e-6)
+        expected = covariance[:, None, None] * np.eye(3)
+        np.testing.assert_allclose(forecast.covariances_m2, expected, atol=1e-6)
+
+
+def test_not_gated_never_refuses_nor_starts_anew() -> None:
+    cv = ConstantVelocity(gated=False)
+    walk(cv)
+    for i in range(30, 60):
+        cv.update(HeadObservation(i * FRAME_S, np.array([9.0, 9.0, 0.4])))
+        assert cv.rejections_in_a_row == 0
+        assert cv.started_at_s == 0.0
+    assert cv.forecast(2.0).issued_at_s == 59 * FRAME_S
+    np.testing.assert_allclose(cv.state()[1][:3], [9.0, 9.0, 0.4], atol=0.05)

@@ -1,0 +1,151 @@
+"""Head pose: the paper's equations by hand, and what becomes of the yaw where it is not known."""
+
+import numpy as np
+import pytest
+from builders.people import FRAME_S, seen, turned_walk, walk, yaw_quat
+from scipy.spatial.transform import Rotation
+
+from predictors import (
+    ConstantVelocity,
+    HeadObservation,
+    HeadPose,
+)
+from predictors.yaw import wrap_rad
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("relative_yaw", [0.0, 0.4, -1.2])
+def test_head_pose_is_the_papers_equations_1_to_5(weight: float, relative_yaw: float) -> None:
+    """N = 15 steps of 1/30 s, with x(t|t) from the Kalman filter that sees the same positions."""
+    head, kalman = HeadPose(weight=weight), ConstantVelocity()
+    end_s = walk(head, relative_yaw=relative_yaw)
+    walk(kalman)
+    _, x, _ = kalman.state()
+    x_next = np.array([x[i] + FRAME_S * x[i + 3] for i in range(3)])  # equation 1
+    d_kalman = x_next - x[:3]  # equation 2
+    c, s = np.cos(relative_yaw), np.sin(relative_yaw)
+    d_head = np.array([c * d_kalman[0] - s * d_kalman[1], s * d_kalman[0] + c * d_kalman[1], d_kalman[2]])
+    d_p = (1 - weight) * d_kalman + weight * d_head  # equation 4
+    forecast = head.forecast([end_s + FRAME_S, end_s + 15 * FRAME_S])
+    np.testing.assert_allclose(forecast.means_base_m[0], x[:3] + d_p, atol=1e-12)
+    np.testing.assert_allclose(forecast.means_base_m[1], x[:3] + 15 * d_p, atol=1e-12)  # equation 5
+    np.testing.assert_allclose(forecast.means_base_m[:, 2], kalman.forecast(forecast.times_s).means_base_m[:, 2])
+
+
+def test_head_turned_left_bends_the_path_left() -> None:
+    bent, straight = HeadPose(weight=1.0), ConstantVelocity()
+    end_s = walk(bent, relative_yaw=np.pi / 2)
+    walk(straight)
+    now, ahead = straight.forecast([end_s, end_s + 0.5]).means_base_m
+    step = bent.forecast(end_s + 0.5).means_base_m[0] - now
+    np.testing.assert_allclose(step, [-(ahead - now)[1], (ahead - now)[0], (ahead - now)[2]], atol=1e-12)
+
+
+def test_weight_0_is_constant_velocity_exactly() -> None:
+    head, kalman = HeadPose(weight=0.0), ConstantVelocity()
+    end_s = walk(head, relative_yaw=0.8)
+    walk(kalman)
+    times_s = end_s + np.linspace(0.0, 1.0, 11)
+    mine, expected = head.forecast(times_s), kalman.forecast(times_s)
+    np.testing.assert_array_equal(mine.means_base_m, expected.means_base_m)
+    np.testing.assert_array_equal(mine.covariances_m2, expected.covariances_m2)
+
+
+def test_head_pose_covariance_is_that_of_the_turned_state() -> None:
+    weight, yaw, psd, tau = 0.6, 0.9, 0.05, 0.5
+    head, kalman = HeadPose(weight=weight), ConstantVelocity()
+    end_s = walk(head, frames=4, relative_yaw=yaw)  # few frames: position and velocity are still correlated
+    walk(kalman, frames=4)
+    _, x, P = kalman.state()
+    turn = Rotation.from_euler("z", yaw).as_matrix()
+    M = np.hstack([np.eye(3), tau * ((1 - weight) * np.eye(3) + weight * turn)])
+    expected = M @ P @ M.T + psd * tau**3 / 3 * np.eye(3)
+    forecast = head.forecast(end_s + tau)
+    np.testing.assert_allclose(forecast.covariances_m2[0], expected, atol=1e-12)
+    np.testing.assert_allclose(forecast.means_base_m[0], M @ x, atol=1e-12)
+    assert np.linalg.norm(P[:3, 3:]) > 1e-6
+
+
+def test_without_orientation_head_pose_is_constant_velocity() -> None:
+    head, kalman = HeadPose(weight=1.0), ConstantVelocity()
+    end_s = walk(head)
+    walk(kalman)
+    assert head.relative_yaw_rad() is None
+    np.testing.assert_array_equal(head.forecast(end_s + 0.5).means_base_m, kalman.forecast(end_s + 0.5).means_base_m)
+
+
+def test_the_last_yaw_is_good_for_half_a_second_only() -> None:
+    head, kalman = HeadPose(weight=1.0), ConstantVelocity()
+    end_s = walk(head, relative_yaw=0.7)
+    walk(kalman)
+    for i in range(1, 31):
+        observation = seen(end_s + i * FRAME_S, kalman.forecast(end_s + i * FRAME_S).means_base_m[0])
+        kalman.update(observation)
+        head.update(observation)
+        if i * FRAME_S < 0.499:
+            assert head.relative_yaw_rad() == pytest.approx(0.7)
+        elif i * FRAME_S > 0.501:
+            assert head.relative_yaw_rad() is None
+    later_s = end_s + 31 * FRAME_S
+    np.testing.assert_array_equal(
+        head.forecast(later_s + 0.5).means_base_m, kalman.forecast(later_s + 0.5).means_base_m
+    )
+    head.update(seen(later_s, kalman.forecast(later_s).means_base_m[0], head_yaw=-0.2))
+    assert head.relative_yaw_rad() == pytest.approx(-0.2)  # the old yaw is not in it
+
+
+@pytest.mark.parametrize("missing", ["head", "pelvis"])
+def test_one_orientation_of_two_is_none(missing: str) -> None:
+    head = HeadPose()
+    quat = yaw_quat(0.4)
+    position = np.ones(3)
+    if missing == "head":
+        head.update(HeadObservation(0.0, position, None, quat))
+    else:
+        head.update(HeadObservation(0.0, position, quat, None))
+    assert head.relative_yaw_rad() is None
+
+
+def test_relative_yaw_is_filtered_across_pi() -> None:
+    """Measured at 180 deg +- 3 deg to either side; an average of the bare numbers would be near 0."""
+    head = HeadPose()
+    for i in range(40):
+        head.update(seen(i * FRAME_S, np.ones(3), head_yaw=np.pi + 0.05 * (-1) ** i))
+    estimate = head.relative_yaw_rad()
+    assert estimate is not None
+    assert abs(wrap_rad(estimate - np.pi)) < 0.05
+
+
+def test_relative_yaw_is_the_scalar_kalman_filter_of_a_random_walk() -> None:
+    """Head and waist both past pi, so that only the wrapped difference is small; psd 1 rad^2/s."""
+    rng = np.random.default_rng(5)
+    measured = 0.3 + 0.05 * rng.standard_normal(20)
+    head = HeadPose(yaw_noise_rad=0.05)
+    estimate, variance = measured[0], 0.05**2
+    for i, angle in enumerate(measured):
+        head.update(seen(i * FRAME_S, np.ones(3), head_yaw=3.0 + angle, waist_yaw=3.0))
+        if i:
+            variance += FRAME_S
+            gain = variance / (variance + 0.05**2)
+            estimate, variance = estimate + gain * (angle - estimate), (1 - gain) * variance
+        assert head.relative_yaw_rad() == pytest.approx(estimate, abs=1e-12)
+
+
+@pytest.mark.parametrize("weight", [-0.01, 1.01, 7.51, float("nan")])
+def test_weight_outside_0_to_1_is_refused(weight: float) -> None:
+    with pytest.raises(ValueError, match=r"weight must be in \[0, 1\]"):
+        HeadPose(weight=weight)
+
+
+def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier() -> None:
+    for gated in (False, True):
+        head, kalman = HeadPose(gated=gated), ConstantVelocity(gated=gated)
+        for predictor in (head, kalman):
+            turned_walk(predictor, 30, angle=0.0, waist_yaw=0.3)
+            predictor.update(HeadObservation(1.0, np.array([3.0, 5.0, 0.4]), yaw_quat(1.3), yaw_quat(0.3)))
+        yaw = head.relative_yaw_rad()
+        assert yaw is not None
+        assert (yaw > 0.5) != gated
+        _, x, _ = kalman.state()
+        bent = x[3:] + Rotation.from_euler("z", yaw).apply(x[3:])
+        np.testing.assert_allclose(head.forecast(1.5).means_base_m[0], x[:3] + 0.25 * bent, atol=1e-12)
