@@ -24,6 +24,7 @@ import tyro
 
 from gazempc.live.clock import Clock, RealClock
 from gazempc.live.parts import Keeping, LiveParts
+from gazempc.live.process import fast_switching, without_collection
 from gazempc.live.report import LiveReport
 from gazempc.live.run import LiveRun
 from gazempc.live.sources.source import Arrived
@@ -42,7 +43,6 @@ FRAME_S = 1.0 / 30.0
 LATENCY_S = 0.066
 NOISE_M = 0.01
 WARM_UP_S = 60.0
-SWITCH_S = 0.0005  # as in `gazempc.live`
 # Distance, half of the way to and fro (m), and the time for it there and back (s).
 WALK_M, HALF_WAY_M, PERIOD_S = 2.5, 1.5, 10.0
 
@@ -199,7 +199,6 @@ def soak(minutes: float, neck: NeckSpec, log_s: float, seed: int) -> dict[str, A
     controller = make_controller("mpc", neck, settings, {})
     robot = SimulatedNeck(neck, neck.rest_rad, clock.now_s)
     source = EndlessWalk(clock, seed)
-    sys.setswitchinterval(SWITCH_S)
     with tempfile.TemporaryDirectory() as folder:
         kept = Kept(neck, Path(folder))
         parts = LiveParts(
@@ -226,7 +225,8 @@ def soak(minutes: float, neck: NeckSpec, log_s: float, seed: int) -> dict[str, A
         run = LiveRun(parts, keeping)
         watch = Watch(run.report, every_s=min(5.0, 60.0 * minutes / 4))
         watch.start()
-        report = run.run(threading.Event(), 60.0 * minutes)
+        with fast_switching(), without_collection():
+            report = run.run(threading.Event(), 60.0 * minutes)
         gc.collect()
         watch.stop()
     late = report.lateness

@@ -59,9 +59,9 @@ def build(settings: LiveSettings) -> Built:
     Raises:
         GazempcError: If a name does not exist, a file or option is wrong, or a part does not do what it must.
     """
-    neck = load_neck(settings.neck or "reference")
+    neck = load_neck(settings.scene.neck)
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
-    scene = make_scene(settings.replay, settings, neck) if settings.source_kind == "replay" else None
+    scene = make_scene(settings.replay, settings.scene, neck) if settings.source_kind == "replay" else None
     source = _make_source(settings, neck, clock, scene)
     true_head = None if scene is None else TrueHead(scene.walk)
     person = Person() if scene is None else Person(scene.walk.labels.subject, true_head)

@@ -14,7 +14,7 @@ from gazempc.part_options import check_options
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own
 from gazempc.robots.options import RobotChoice, RobotOptions
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
-from gazempc.sim.scene import SceneSettings
+from gazempc.sim.scene import SceneSettings, StageSettings
 
 SOURCES = "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, ros2:TOPIC, module:Class for a source of your own"
 
@@ -28,14 +28,13 @@ class MountedSettings(GazeSettings):
     options: RobotOptions = RobotOptions()
 
 
-class LiveSettings(MountedSettings, SceneSettings):
+class LiveSettings(MountedSettings, StageSettings):
     """Settings of `python -m gazempc.live`."""
 
     source: str = Field(description=f"Where observations come from: {SOURCES}")
     robot: RobotChoice = Field(default="simulated", description="What executes the commands; module:Class for your own")
-    # An empty text, because the default depends on the robot.
-    neck: str = Field(
-        default="", description="Shipped neck or a .toml file; without it, for a simulated robot, reference"
+    neck: str | None = Field(
+        default=None, description="Shipped neck or a .toml file; without it, for a simulated robot, reference"
     )
     controller: ControllerChoice = Field(default="mpc", description="What plans them; module:Class for your own")
     predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
@@ -53,6 +52,12 @@ class LiveSettings(MountedSettings, SceneSettings):
         """Name of the shipped source, or ``module:Class``."""
         kind = self.source.partition(":")[0]
         return kind if kind in SOURCE.shipped else self.source
+
+    @property
+    def scene(self) -> SceneSettings:
+        """The scene of the source replay."""
+        told = {name: getattr(self, name) for name in StageSettings.model_fields}
+        return SceneSettings(**told, neck=self.neck or SceneSettings().neck)
 
     @property
     def simulated_robot(self) -> bool:
@@ -87,7 +92,7 @@ def check(settings: LiveSettings) -> None:
             f"--simulated-clock: source {settings.source!r} or robot {robot!r} keeps real time; accepted with it: "
             f"source replay, robots {simulated}, and parts of your own whose class says keeps_any_clock = True"
         )
-    if not settings.neck and not settings.simulated_robot:
+    if settings.neck is None and not settings.simulated_robot:
         raise SettingsError(
             f"--neck: a real robot ({robot}) needs its own neck file, with limits that it bears; "
             "see python -m gazempc.identify"

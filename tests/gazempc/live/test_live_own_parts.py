@@ -1,0 +1,131 @@
+"""Parts of a user's own in live runs: by module:Class, with options; what they lack is said before anything moves."""
+
+import json
+
+import numpy as np
+import pytest
+from builders.own_modules import write_own_parts
+
+from gazempc.live.command import main
+from gazempc.results.log import load_log
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("own")
+        patch.chdir(folder)
+        patch.syspath_prepend(folder)
+        yield write_own_parts(folder)
+
+
+def run(tmp_path, *words, source="replay"):
+    arguments = ["--source", source, "--simulated-clock", "--no-figures", "--out", str(tmp_path), *words]
+    assert main(arguments) == 0
+    return json.loads((tmp_path / "summary.json").read_text()), load_log(tmp_path / "log_000.npz")
+
+
+def test_all_parts_may_be_one_s_own_and_have_options(own, tmp_path, capsys):
+    parts = ["--robot", f"{own}:Head", "--predictor", f"{own}:Standing", "--controller", f"{own}:Eager"]
+    options = ["--options.zero_deg", "[1.5, -2]", "--options.gain=0.5", "--options.predictor.noise_m", "0.02"]
+    options += ["--options.speed_m_s", "0.25", "--options.dynamixel.port", "/dev/null"]
+    summary, log = run(tmp_path, *parts, *options, source=f"{own}:Walker")
+    assert summary["stopped_by"] == "end of the source"
+    assert summary["observations"] == 120
+    assert summary["limit_violations"] == 0
+    assert summary["faults"] == []
+    assert log.head_observed_base_m[:, 1] == pytest.approx(0.25 * (np.arange(log.capture_time_s.size) / 30.0 - 2.0))
+    assert (log.run.controller, log.run.robot) == (f"{own}:Eager", f"{own}:Head")
+    # The forecast's covariance is the predictor's option.
+    assert log.forecast_covariance_m2[0, 0] == pytest.approx(0.02**2 * np.eye(3))
+    assert log.run.settings["options"]["speed_m_s"] == "0.25"
+    assert log.run.settings["options"]["dynamixel"]["port"] == "/dev/null"
+    assert f"robot {own}:Head" in capsys.readouterr().out
+
+
+def test_an_own_robot_is_given_what_a_shipped_one_is_and_does_the_same(own, tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    _, mine = run(tmp_path / "a", "--robot", f"{own}:Head")
+    _, shipped = run(tmp_path / "b", "--robot", "simulated")
+    np.testing.assert_array_equal(mine.command_position_rad, shipped.command_position_rad)
+    np.testing.assert_array_equal(mine.joint_position_rad, shipped.joint_position_rad)
+
+
+REFUSED = [
+    (["--robot", "{own}:LackingRobot"], ["robot {own}:LackingRobot lacks the method send_command(position_rad"]),
+    (["--source", "{own}:LackingSource"], ["source {own}:LackingSource lacks the method poll() -> Arrived"]),
+    (["--source", "{own}:Endless"], ["lacks the attribute finished"]),
+    (["--predictor", "{own}:Lacking"], ["lacks the method forecast(times_s"]),
+    (["--controller", "{own}:LackingController"], ["lacks the method forecast_times_s"]),
+    (["--controller", "{own}:WrongPlan"], ["plan() returned NoneType", "Plan"]),
+    (["--predictor", "{own}:WrongShape"], ["forecast() of 3 times returned times of shape (2,)"]),
+    (["--predictor", "{own}:Raising"], ["its constructor raised OSError: no such model"]),
+    (["--robot", "{own}:RaisingRobot"], ["needs 'port'", "--options.port VALUE", "neck, clock_s, clock, position_rad"]),
+    (["--robot", "{own}:RaisingRobot", "--options.port", "tty9"], ["raised OSError: no device at tty9"]),
+    (["--robot", "{own}:Head", "--options.zero", "1"], ["options.zero: no chosen part takes it", "zero_deg"]),
+    (["--robot", "{own}:Head", "--options.zero_deg", "far"], ["options.zero_deg", "'far'"]),
+    (["--options.port", "tty9"], ["options.port", "none is chosen"]),
+    (["--options.port"], ["--options.port: needs a value"]),
+    (["--robot", "{own}:Hed"], ["has no 'Hed'", "'Head'"]),
+    (["--robot", "no_such_module:Head"], ["there is no module 'no_such_module'", "working directory"]),
+    (["--robot", "{own}:RealHead"], ["--simulated-clock", "keeps_any_clock = True"]),
+    (["--controller", "perfect"], ["--controller perfect"]),
+]
+
+
+@pytest.mark.parametrize(("words", "named"), REFUSED)
+def test_what_is_wrong_with_a_part_is_said_before_anything_moves(own, words, named, tmp_path, capsys):
+    words = [word.format(own=own) for word in words]
+    source = [] if "--source" in words else ["--source", "replay"]
+    assert main([*source, *words, "--simulated-clock", "--no-figures", "--out", str(tmp_path / "out")]) == 2
+    complained = capsys.readouterr().err
+    for word in named:
+        assert word.format(own=own) in complained
+    assert "Traceback" not in complained
+    assert not list(tmp_path.glob("out/*"))
+
+
+def test_an_own_real_robot_needs_a_neck_file(own, capsys):
+    assert main(["--source", "replay", "--robot", f"{own}:RealHead", "--no-figures"]) == 2
+    assert f"--neck: a real robot ({own}:RealHead) needs its own neck file" in capsys.readouterr().err
+
+
+def test_a_robot_that_reads_wrong_shapes_is_not_moved(own, tmp_path, capsys):
+    words = ["--source", "replay", "--robot", f"{own}:WrongRobot", "--simulated-clock", "--no-figures"]
+    assert main([*words, "--out", str(tmp_path)]) == 2
+    assert "read_state() returned positions of shape (3,), needed is (2,)" in capsys.readouterr().err
+    assert not list(tmp_path.glob("log*"))
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "event", "error"),
+    [
+        (
+            "--robot",
+            "WrongLater",
+            "robot_not_answering",
+            "ValueError: read_state() returned position and velocity of shapes",
+        ),
+        ("--predictor", "Later", "forecast_failed", "TypeError: under way"),
+        ("--source", "Failing", "source_failed", "ConnectionError: the tracker is gone"),
+        ("--source", "Nothing", "source_failed", "TypeError: poll() returned NoneType, needed is an Arrived"),
+    ],
+)
+def test_what_fails_under_way_is_an_event_with_its_text_and_traceback(
+    own, option, name, event, error, tmp_path, capsys
+):
+    parts = {"--source": "replay", "--log-s": "1", option: f"{own}:{name}"}
+    words = [word for pair in parts.items() for word in pair]
+    assert main([*words, "--simulated-clock", "--no-figures", "--out", str(tmp_path)]) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    (fault,) = summary["faults"]
+    assert fault["event"] == event
+    assert fault["error"].startswith(error)
+    assert fault["traceback"].startswith("Traceback")
+    logs = [load_log(tmp_path / log) for log in summary["logs"]]
+    assert fault["count"] == sum(each.count for log in logs for each in log.faults) > 10
+    assert summary["limit_violations"] == 0
+    said = capsys.readouterr().out
+    assert f"  {event} ({fault['count']} x): {error}" in said
+    assert f"{event} {summary['events'][event]} x" not in said

@@ -1,0 +1,142 @@
+"""Predictor and controller of a run: by name, as objects, and one's own, which are tried out first."""
+
+import numpy as np
+import pytest
+from builders.own_modules import write_own_parts
+
+import gazempc as gz
+from gazempc.errors import SettingsError
+from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.trial import check_controller, check_predictor
+from gazempc.parts import CONTROLLER, PREDICTOR, name_of
+from gazempc.settings import ConstantVelocitySettings, GazeSettings
+
+NECK = gz.load_neck("reference")
+SETTINGS = GazeSettings()
+
+
+def future(times_s):
+    return np.tile([2.0, 0.0, 0.3], (len(times_s), 1))
+
+
+@pytest.mark.parametrize("name", [*PREDICTOR.shipped])
+def test_every_shipped_predictor_is_made_by_its_name(name):
+    made = make_predictor(name, SETTINGS, Person("somebody", future), {})
+    assert name_of(PREDICTOR, made) == name
+    assert check_predictor(made) is made
+
+
+@pytest.mark.parametrize("name", [*CONTROLLER.shipped])
+def test_every_shipped_controller_is_made_by_its_name(name):
+    made = make_controller(name, NECK, SETTINGS, {})
+    assert name_of(CONTROLLER, made) == ("mpc" if name == "perfect" else name)
+    assert check_controller(made, NECK) is made
+
+
+def test_the_settings_reach_the_predictor():
+    noisy = GazeSettings(constant_velocity=ConstantVelocitySettings(position_noise_m=0.5))
+    spreads = []
+    for settings in (SETTINGS, noisy):
+        predictor = make_predictor("constant_velocity", settings, Person(), {})
+        for k in range(10):
+            predictor.update(gz.HeadObservation(k / 30, np.array([2.0, 0.0, 0.3])))
+        spreads.append(predictor.forecast(np.array([0.4])).covariances_m2[0, 0, 0])
+    assert spreads[1] > 10 * spreads[0]
+
+
+def test_perfect_needs_a_future():
+    with pytest.raises(SettingsError, match="nobody knows the true future"):
+        make_predictor("perfect", SETTINGS, Person(), {})
+
+
+def test_an_object_is_tried_out_and_reset():
+    class Counting(gz.ConstantVelocity):
+        updates = resets = 0
+
+        def update(self, observation):
+            self.updates += 1
+            super().update(observation)
+
+        def reset(self):
+            self.resets += 1
+            super().reset()
+
+    own = Counting()
+    own.resets = 0
+    assert make_predictor(own, SETTINGS, Person(), {}) is own
+    assert own.updates == 5
+    assert own.resets == 2
+    shipped = gz.ConstantVelocity()
+    shipped.update(gz.HeadObservation(0.0, np.array([2.0, 0.0, 0.3])))
+    assert make_predictor(shipped, SETTINGS, Person(), {}) is shipped
+    # Reset: an observation of long before is the first one of a new track.
+    shipped.update(gz.HeadObservation(-100.0, np.array([2.0, 0.0, 0.3])))
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("own")
+        patch.syspath_prepend(folder)
+        yield write_own_parts(folder)
+
+
+def test_one_s_own_are_given_the_person_the_neck_and_their_options(own):
+    predictor = make_predictor(f"{own}:Standing", SETTINGS, Person("anna", future), {"noise_m": "0.2", "gain": "1"})
+    assert (predictor.person, predictor.noise_m) == ("anna", 0.2)
+    assert make_controller(f"{own}:Eager", NECK, SETTINGS, {"noise_m": "0.2", "gain": "0.5"}).gain == 0.5
+
+
+def failing(method, how):
+    """A predictor one of whose methods raises, or answers something else."""
+
+    class Failing(gz.ConstantVelocity):
+        pass
+
+    predictor = Failing()
+    right = getattr(predictor, method)
+
+    def instead(*arguments):
+        if isinstance(how, Exception):
+            raise how
+        return how(right(*arguments))
+
+    setattr(predictor, method, instead)
+    return predictor
+
+
+@pytest.mark.parametrize(
+    ("method", "how", "said"),
+    [
+        ("reset", RuntimeError("broken"), r"reset\(\) raised RuntimeError: broken"),
+        ("update", KeyError("x"), r"update\(observation\) raised KeyError"),
+        ("forecast", ZeroDivisionError("0"), r"forecast\(times_s\) of shape \(3,\) raised ZeroDivisionError: 0"),
+        ("forecast", lambda found: None, r"forecast\(\) returned NoneType, needed is a predictors.Forecast"),
+        (
+            "forecast",
+            lambda found: gz.Forecast(found.times_s, np.nan * found.means_base_m, found.covariances_m2, 0.0),
+            r"forecast\(\) returned positions that are not finite",
+        ),
+    ],
+)
+def test_what_a_predictor_does_wrong_is_said(method, how, said):
+    with pytest.raises(SettingsError, match=f"predictor Failing: {said}"):
+        check_predictor(failing(method, how))
+
+
+@pytest.mark.parametrize(
+    ("method", "result", "said"),
+    [
+        ("forecast_times_s", np.zeros((2, 2)), r"forecast_times_s\(\) returned an array of shape \(2, 2\)"),
+        ("forecast_times_s", np.array([np.nan]), "needed are finite times"),
+        ("forecast_times_s", np.array([]), r"shape \(0,\)"),
+        ("plan", None, r"plan\(\) returned NoneType, needed is a gazempc.controllers.controller.Plan"),
+    ],
+)
+def test_what_a_controller_does_wrong_is_said(method, result, said):
+    class Wrong(gz.Reactive):
+        pass
+
+    setattr(Wrong, method, lambda self, *arguments: result)
+    with pytest.raises(SettingsError, match=said):
+        check_controller(Wrong(NECK), NECK)

@@ -1,0 +1,85 @@
+"""The front door: `import gazempc as gz` is fast, offers what it says, and replays with names and objects."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import gazempc as gz
+from gazempc.errors import SettingsError
+
+HEAVY = {"numpy", "scipy", "casadi", "pydantic", "matplotlib", "filterpy", "ruckig", "yaml", "tyro", "predictors"}
+
+
+def loaded_by(code):
+    """Which heavy packages a process has loaded after some code."""
+    said = f"{code}; import sys, json; print(json.dumps(sorted(m for m in sys.modules if '.' not in m)))"
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return HEAVY & set(json.loads(done.stdout))
+
+
+def test_importing_the_package_imports_nothing_heavy():
+    assert loaded_by("import gazempc") == set()
+    assert loaded_by("import gazempc; dir(gazempc); gazempc.__all__") == set()
+    # The test sees it where something is used.
+    assert "numpy" in loaded_by("import gazempc; gazempc.JointState")
+
+
+@pytest.mark.parametrize("name", gz.__all__)
+def test_every_name_is_there_once_it_is_used(name):
+    value = getattr(gz, name)
+    assert value.__doc__
+    assert value is getattr(gz, name)
+    # The name is that of the thing, but for functions that say what they load.
+    assert value.__name__ in (name, name.removesuffix("_recording"))
+
+
+def test_the_names_are_listed_and_few():
+    assert dir(gz) == sorted(gz.__all__)
+    assert 15 <= len(gz.__all__) <= 30
+
+
+def test_a_name_that_does_not_exist_is_refused_with_those_that_do():
+    with pytest.raises(AttributeError, match=r"'gazempc' has no attribute 'Gase'; it offers .*Gaze"):
+        _ = gz.Gase
+    assert not hasattr(gz, "__wrapped__")
+
+
+def test_a_replay_by_names_is_the_replay_by_objects():
+    named = gz.replay("subject03_R1", controller="reactive", predictor="constant_velocity", neck="slow")
+    neck = gz.load_neck("slow")
+    objects = gz.replay(
+        gz.load_recording("subject03_R1"),
+        controller=gz.Reactive(neck),
+        predictor=gz.ConstantVelocity(acceleration_psd=0.05, position_noise_m=0.01),
+        neck=neck,
+        sensor=gz.load_sensor("reference"),
+    )
+    np.testing.assert_array_equal(named.command_position_rad, objects.command_position_rad)
+    assert gz.measure(named).gaze_error_rms_deg == gz.measure(objects).gaze_error_rms_deg
+    other = gz.replay("subject03_R1", controller="reactive", predictor="constant_velocity", neck="slow", seed=1)
+    assert not np.array_equal(named.head_observed_base_m, other.head_observed_base_m)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"neck": "refrence"}, ["refrence", "reference"]),
+        ({"controller": "mpx"}, ["mpx", "mpc"]),
+        ({"predictor": "walkr"}, ["walkr", "walker"]),
+        ({"sensor": "refrence"}, ["refrence", "reference"]),
+        ({"distanc_m": 1.0}, ["distanc_m", "distance_m"]),
+        ({"mpc": {"horizon_s": -1}}, ["mpc.horizon_s"]),
+        ({"placement": "above"}, ["placement", "side"]),
+        ({"predictor": object()}, ["predictor object lacks the method"]),
+        ({"controller": gz.Reactive}, ["Reactive is a class"]),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, named):
+    with pytest.raises(SettingsError) as raised:
+        gz.replay("subject03_R1", **arguments)
+    for word in named:
+        assert word in str(raised.value)
