@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from gazempc.front import replay
     from gazempc.live.gaze import Gaze
     from gazempc.neck.spec import NeckSpec, load_neck
+    from gazempc.recordings.arrays import recording_from_arrays
     from gazempc.recordings.load import load as load_recording
     from gazempc.recordings.recording import Recording
     from gazempc.results.log import Log, load_log
@@ -54,6 +55,7 @@ _PLACES = {
     "load_recording": "gazempc.recordings.load",
     "load_sensor": "gazempc.sim.sensor",
     "measure": "gazempc.results.metrics",
+    "recording_from_arrays": "gazempc.recordings.arrays",
     "replay": "gazempc.front",
 }
 _NAMES_THERE = {"load_recording": "load"}
@@ -81,6 +83,7 @@ __all__ = [
     "load_recording",
     "load_sensor",
     "measure",
+    "recording_from_arrays",
     "replay",
 ]
 

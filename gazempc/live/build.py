@@ -10,7 +10,7 @@ import numpy as np
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.parts import LiveParts
-from gazempc.live.robots import make_robot
+from gazempc.live.robots import make_robot, true_state_of
 from gazempc.live.settings import LiveSettings
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.ros2 import Ros2Person
@@ -73,7 +73,11 @@ def build(settings: LiveSettings) -> Built:
     planner = ImmediatePlanner(controller) if settings.simulated_clock else BackgroundPlanner(controller)
     parts = LiveParts(neck, predictor, planner, robot, source, clock, settings.mount, settings.loop)
     known = None if true_head is None else _on_loop_clock(true_head, source)
-    return Built(parts, _about(settings, neck, scene), known)
+    about = _about(settings, neck, scene)
+    if settings.simulated_clock and true_state_of(robot) is not None:
+        # At the tick itself; on a real clock a robot is asked a little later.
+        about = about.model_copy(update={"joints": "true"})
+    return Built(parts, about, known)
 
 
 def _make_source(settings: LiveSettings, neck: NeckSpec, clock: Clock, scene: Scene | None) -> Source:
@@ -125,6 +129,6 @@ def _about(settings: LiveSettings, neck: NeckSpec, scene: Scene | None) -> RunIn
         seed=settings.seed,
         mode="live",
         robot=settings.robot,
-        joints="true" if settings.simulated_clock else "measured",
+        joints="measured",
         settings=settings.model_dump(mode="json", exclude={"out", "figures"}),
     )

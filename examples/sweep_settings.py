@@ -1,0 +1,18 @@
+"""Vary a setting from Python. Many settings over many walks, on all processors: `python -m experiments.sweep`."""
+
+import gazempc as gz
+
+print("smoothing  gaze error  acceleration")
+for smoothing_time_s in (0.04, 0.08, 0.16):
+    log = gz.replay("subject03_R4", mpc={"smoothing_time_s": smoothing_time_s})
+    metrics = gz.measure(log)
+    print(
+        f"{smoothing_time_s:7.2f} s  {metrics.gaze_error_rms_deg:6.2f} deg  "
+        f"{metrics.rms_acceleration_rad_s2:5.2f} rad/s^2"
+    )
+
+# It prints:
+# smoothing  gaze error  acceleration
+#    0.04 s    1.16 deg   1.77 rad/s^2
+#    0.08 s    1.28 deg   0.97 rad/s^2
+#    0.16 s    1.77 deg   0.46 rad/s^2
