@@ -34,12 +34,16 @@ class _AxisSmoother:
         self._period_s = period_s
         self._generator = ruckig.Ruckig(1, period_s)
         self._trajectory = ruckig.Trajectory(1)
-        self._to_target = ruckig.InputParameter(1)
-        self._to_rest = ruckig.InputParameter(1)
+        # A request for each question, as most of what is asked stays: setting a value takes as long as some answers.
+        self._to_follow, self._to_meet, self._to_rest = (ruckig.InputParameter(1) for _ in range(3))
+        self._to_follow.minimum_duration = period_s
+        self._to_meet.target_position = [0.0]
+        self._to_meet.target_velocity = [0.0]
+        self._to_meet.target_acceleration = [0.0]
         self._to_rest.control_interface = ruckig.ControlInterface.Velocity
         self._to_rest.target_velocity = [0.0]
         self._to_rest.target_acceleration = [0.0]
-        for request in (self._to_target, self._to_rest):
+        for request in (self._to_follow, self._to_meet, self._to_rest):
             request.max_velocity = [self._v_max]
             request.max_acceleration = [self._a_max]
             request.max_jerk = [self._j_max]
@@ -88,8 +92,9 @@ class _AxisSmoother:
     def _follow(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
         # Exactly the plan's motion, if it can be reached within this period; not before its end, as the command
         # would then wait for the plan.
-        request = self._to_target
-        request.minimum_duration = self._period_s
+        if self._out_of_reach(now, target[0]):
+            return None
+        request = self._to_follow
         request.max_velocity, request.min_velocity = [v_max / _TARGET_MARGIN], [-v_max / _TARGET_MARGIN]
         request.current_position, request.target_position = [now[0]], [target[0]]
         request.current_velocity, request.target_velocity = [now[1]], [target[1]]
@@ -97,18 +102,25 @@ class _AxisSmoother:
         following = self._sample(request)
         return following if self._trajectory.duration <= self._period_s + _SAME_TIME_S else None
 
+    def _out_of_reach(self, now: AxisMotion, position: float) -> bool:
+        # Spares asking Ruckig for what no jerk within the limit can do: in a time t it moves the command by at most
+        # jerk t^3 / 6 from where it would go by itself, which is known to the last millionth of a second.
+        t, (here, velocity, acceleration) = self._period_s, now
+        by_itself = here + t * (velocity + t * acceleration / 2.0)
+        longest_s = t + _SAME_TIME_S
+        reach = self._j_max * longest_s**3 / 6.0 + _SAME_TIME_S * (abs(velocity) + longest_s * abs(acceleration))
+        return abs(position - by_itself) > reach * _ROUNDED_UP + _SAME_RAD
+
     def _intercept(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
         # A plan that has jumped away moves on while the command catches up; aimed at where it is, the command would
         # always arrive where it was. In the frame that moves with the plan the target stands still, and the
         # time-optimal motion to it is the earliest meeting.
-        request, position = self._to_target, target[0]
+        request, position = self._to_meet, target[0]
         velocity = min(max(target[1], -_CHASE_SHARE * v_max), _CHASE_SHARE * v_max)
-        request.minimum_duration = None
         request.max_velocity, request.min_velocity = [v_max - velocity], [-v_max - velocity]
         request.current_position = [now[0] - (position - velocity * self._period_s)]
         request.current_velocity = [now[1] - velocity]
         request.current_acceleration = [now[2]]
-        request.target_position = request.target_velocity = request.target_acceleration = [0.0]
         relative = self._sample(request)
         if relative is None:
             return None

@@ -113,8 +113,9 @@ class WalkerModel:
         apart = np.sqrt(np.einsum("eni,eni->n", off, off) / (2 * ensemble)) * DEPARTURE_SCALE_M[_FAR]
         doubt = np.empty((len(network), N_DOUBT))
         doubt[:, :N_SPREAD] = spread
-        size = np.abs(departure[:, (_NEAR, _FAR, _FAR), (1, 1, 0)]) / _USUAL_DEPARTURE_M
-        np.minimum(size, 4.0, out=doubt[:, N_SPREAD:-1])
+        size = doubt[:, N_SPREAD:-1]
+        size[:, :2], size[:, 2] = departure[:, _NEAR : _FAR + 1 : _FAR - _NEAR, 1], departure[:, _FAR, 0]
+        np.minimum(np.abs(size) / _USUAL_DEPARTURE_M, 4.0, out=size)
         doubt[:, -1] = np.log1p(apart / _USUAL_DISAGREEMENT_M)
         return departure, doubt
 
