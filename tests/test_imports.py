@@ -16,23 +16,22 @@ PACKAGES = ("predictors", "gazempc", "experiments")
 # its neighbours.
 GAZEMPC = (
     ("errors", "types", "progress"),
-    ("specfiles", "parts"),
-    ("part_options", "settings"),
+    ("specfiles",),
     ("recordings", "neck", "ros2"),
     ("results",),
     ("robots",),
     ("controllers",),
     ("loop",),
+    ("settings",),
     ("sim",),
-    ("front", "listing", "live"),
+    ("live",),
     ("identify",),
     ("run",),
 )
 EXPERIMENTS = (
     ("engine", "aggregate", "colours"),
-    ("compare_figures", "compare_report", "least_error"),
+    ("compare_figures",),
     ("compare", "bound", "fronts", "sweep", "forecast", "fit", "paper", "plan_example"),
-    ("console",),
 )
 
 
