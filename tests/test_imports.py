@@ -13,25 +13,25 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("predictors", "gazempc", "experiments")
 
 # The order of what is in a package. Nobody imports anything of a later line; what stands in one line knows nothing of
-# its neighbours.
+# its neighbours. Who reads results needs neither robots nor a loop, so these stand behind them.
 GAZEMPC = (
     ("errors", "types", "progress"),
-    ("specfiles",),
-    ("recordings", "neck", "ros2"),
+    ("specfiles", "parts"),
+    ("recordings", "neck", "ros2", "part_options", "settings"),
     ("results",),
-    ("robots",),
-    ("controllers",),
+    ("robots", "controllers"),
     ("loop",),
-    ("settings",),
     ("sim",),
-    ("live",),
+    ("live", "listing"),
     ("identify",),
-    ("run",),
+    ("front", "run"),
+    ("__init__",),
 )
 EXPERIMENTS = (
-    ("engine", "aggregate", "colours"),
-    ("compare_figures",),
+    ("engine", "aggregate", "colours", "console"),
+    ("compare_figures", "compare_report", "least_error"),
     ("compare", "bound", "fronts", "sweep", "forecast", "fit", "paper", "plan_example"),
+    ("__init__",),
 )
 
 
@@ -82,10 +82,16 @@ def imports_back_up(package, order, imports):
     back = []
     for name, found in imports.items():
         for other in found:
-            parts = [n.split(".")[1] for n in (name, other) if n.startswith(f"{package}.")]
-            if len(parts) == 2 and parts[0] != parts[1] and rank[parts[1]] >= rank[parts[0]]:
+            importer, imported = part_of(name, package), part_of(other, package)
+            if importer and imported and importer != imported and rank[imported] >= rank[importer]:
                 back.append(f"{name} -> {other}")
     return sorted(back)
+
+
+def part_of(name, package):
+    """The folder or file of a package that a module is in; the package itself is its front door."""
+    top, _, rest = name.partition(".")
+    return (rest.split(".")[0] or "__init__") if top == package else None
 
 
 def test_no_import_is_relative():
@@ -96,7 +102,7 @@ def test_no_module_imports_itself_by_a_circle():
     assert circle_in(IMPORTS) is None
 
 
-@pytest.mark.parametrize("importer", PACKAGES)
+@pytest.mark.parametrize("importer", PACKAGES[:-1])
 def test_packages_point_one_way(importer):
     later = PACKAGES[PACKAGES.index(importer) + 1 :]
     wrong = [
@@ -108,7 +114,7 @@ def test_packages_point_one_way(importer):
 @pytest.mark.parametrize(("package", "order"), [("gazempc", GAZEMPC), ("experiments", EXPERIMENTS)])
 def test_inside_a_package_nobody_imports_a_later_part(package, order):
     listed = {part for line in order for part in line}
-    assert {name.split(".")[1] for name in FILES if name.startswith(f"{package}.")} == listed
+    assert {part_of(name, package) for name in FILES} - {None} == listed
     assert imports_back_up(package, order, IMPORTS) == []
 
 
