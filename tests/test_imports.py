@@ -28,10 +28,10 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("engine", "aggregate", "colours", "console"),
+    ("engine", "aggregate", "colours"),
     ("compare_figures", "compare_report", "least_error"),
     ("compare", "bound", "fronts", "sweep", "forecast", "fit", "paper", "plan_example"),
-    ("__init__",),
+    ("__init__", "console"),
 )
 
 

@@ -18,7 +18,7 @@ from gazempc.errors import LeftOutError
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.scene import make_scene
-from gazempc.sim.sensor import SensorSpec, observe
+from gazempc.sim.sensor import SensorSpec, load_sensor, observe
 from gazempc.types import FloatArray
 from predictors import ConstantVelocity, HeadObservation, HeadPose
 
@@ -169,8 +169,10 @@ def frames_of(
 @lru_cache(maxsize=2)
 def _seen(name: str, _: tuple[str, ...]) -> tuple[Recording, SensorSpec]:
     """The recording in the sensor's frame, and the sensor: what a tracker measured where that is recorded."""
-    scene = make_scene(name)
-    return scene.walk, scene.sensor.model_copy(update={"range_min_m": RANGE_M[0], "range_max_m": RANGE_M[1]})
+    walk = make_scene(name).walk
+    # Synthetic walks have both: what is true, and what a tracker measured of it.
+    sensor = load_sensor("recorded" if walk.measured is not None else "reference")
+    return walk, sensor.model_copy(update={"range_min_m": RANGE_M[0], "range_max_m": RANGE_M[1]})
 
 
 def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str, Any]:

@@ -3,18 +3,23 @@
 import dataclasses
 import itertools
 import json
+from types import SimpleNamespace
 
 import numpy as np
 
+from experiments.engine.job import carry_out
+from experiments.engine.keys import program_hash
 from experiments.paper import frames
 from experiments.paper.filters import TUNED_TIME_S
-from experiments.paper.frames import (
-    FrameJob,
-    execute,
-)
+from experiments.paper.frames import FrameJob, labelled
 from gazempc.recordings.readers.table import COLUMNS
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.recordings.synthetic.walks import generate
+
+
+def execute(job):
+    """The row of a job, done in this process."""
+    return labelled(job.recording, carry_out(job, job.key(), program_hash()))
 
 
 def made_errors(monkeypatch, position_m, time_s=TUNED_TIME_S, rules=("paper",), valid=None, head_deg=0.0):
@@ -30,7 +35,8 @@ def made_errors(monkeypatch, position_m, time_s=TUNED_TIME_S, rules=("paper",), 
     name = f"made{next(_COUNTER)}"  # never the same, as what is made of a recording is kept by its name
     labels = Labels("me", "straight")
     recording = Recording(name, "made", "body tracking", times_s, truth, Track(*seen, valid), True, labels)
-    monkeypatch.setattr(frames, "load", lambda _: recording)
+    scene = SimpleNamespace(walk=recording)
+    monkeypatch.setattr(frames, "make_scene", lambda _: scene)
     row = execute(FrameJob(name, time_s, rules, 0))
     assert row["failed"] is None
     assert row["left_out"] is None

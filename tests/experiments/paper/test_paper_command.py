@@ -5,14 +5,13 @@ import shutil
 
 import numpy as np
 import pytest
-from builders.paper import PEOPLE, WALKS, strict_json, write_walks
+from builders.paper import PEOPLE, WALKS, execute, strict_json, write_walks
 from scipy.stats import wilcoxon
 
 from experiments.paper.command import main
 from experiments.paper.filters import SLOW_TIME_S, TUNED_TIME_S
 from experiments.paper.frames import (
     FrameJob,
-    execute,
     frames_of,
 )
 from experiments.paper.report import side_by_side
@@ -166,8 +165,22 @@ def test_a_broken_recording_is_named_and_the_rest_validated(validated, tmp_path)
     [({"subject": "only"}, "at least 2 subjects"), ({"group": "elsewhere"}, "groups straight, turn or sharp")],
 )
 def test_what_cannot_be_validated_is_said(changes, message, monkeypatch, tmp_path, capsys):
-    # The frames themselves do not matter here, and other processes would not know of it.
-    monkeypatch.setattr("experiments.paper.command.run_jobs", lambda jobs, *_: [execute(job) for job in jobs])
+    class InThisProcess:
+        """An engine without workers: the frames themselves do not matter here."""
+
+        def __init__(self, *_):
+            pass
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def run(self, jobs):
+            return [execute(job) for job in jobs]
+
+    monkeypatch.setattr("experiments.paper.command.Engine", InThisProcess)
     folder = write_walks(tmp_path / "few", {"ann_1": "subject01_R1", "bob_1": "subject02_R4"}, 60, **changes)
     assert run(folder, tmp_path / "out") == 2
     error = capsys.readouterr().err

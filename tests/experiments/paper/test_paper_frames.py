@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from builders.paper import VELOCITY_M_S, line_m, made_errors
+from builders.paper import VELOCITY_M_S, execute, line_m, made_errors
 
 from experiments.paper.filters import TUNED_TIME_S
 from experiments.paper.frames import (
@@ -12,7 +12,6 @@ from experiments.paper.frames import (
     RULES,
     FrameJob,
     acceleration_psd,
-    execute,
     frames_of,
 )
 from gazempc.recordings.load import load

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 from builders.paper import (
+    execute,
     line_m,
     made_errors,
     strict_json,
@@ -16,7 +17,6 @@ from experiments.paper.filters import SLOW_TIME_S, TUNED_TIME_S
 from experiments.paper.frames import (
     RULES,
     FrameJob,
-    execute,
     frames_of,
 )
 from experiments.paper.report import report

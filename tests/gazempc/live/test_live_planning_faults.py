@@ -86,7 +86,7 @@ def test_a_solver_that_takes_100_ms_for_a_second():
     assert result.events == {"no_observation_yet", "late_plan"}
     now = result.joined("time_s")
     during = (now >= 2.0) & (now < 4.0)
-    assert np.max(np.abs(result.error_deg[during] - undisturbed().error_deg[: now.size][during])) < 5.0
+    assert np.max(np.abs(result.error_deg[during] - undisturbed().error_deg[: now.size][during])) < 3.1  # 2.7
     assert_recovered(result, 3.0 + 1.2)
     times = result.logs[0][1]
     assert times.latency_ms.max() > 150.0  # 66 ms of the sensor and 100 ms of planning

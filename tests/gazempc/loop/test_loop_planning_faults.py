@@ -52,7 +52,7 @@ def test_a_short_solver_failure_is_bridged_by_the_last_plan(how, event):
     """0.2 s without a plan: the rest of the last one is followed, and the gaze hardly notices."""
     log = LoopBench(controller=Failing(how, 2.0, 2.2)).run(4.0)
     assert events(log) == {"no_observation_yet", event}
-    assert error_deg(log, from_s=2.5).max() < 6.0
+    assert error_deg(log, from_s=2.5).max() < 1.4  # 1.21 as measured
 
 
 def test_a_long_solver_failure_stops_the_neck_and_the_gaze_recovers():
@@ -60,7 +60,7 @@ def test_a_long_solver_failure_stops_the_neck_and_the_gaze_recovers():
     assert {"controller_failed", "stale_plan"} <= events(log)
     standing = log.command_position_rad[int(3.0 / TS) : int(3.9 / TS)]
     assert np.ptp(standing, axis=0) == pytest.approx([0, 0], abs=1e-9)
-    assert error_deg(log, from_s=5.5).mean() < 3.0
+    assert error_deg(log, from_s=5.5).mean() < 1.25  # 1.07 as measured
 
 
 def gives_up(data):
@@ -105,7 +105,7 @@ def test_real_solvers_that_fail_in_the_loop_are_named_and_the_gaze_recovers(solv
 
     log = LoopBench(controller=Sabotaged(NECK, horizon_s=0.3), head_m=jumping_head_m).run(6.0)
     assert event in events(log)
-    assert error_deg(log, from_s=4.5).mean() < 3.0
+    assert error_deg(log, from_s=4.5).mean() < 0.88  # 0.76 as measured
 
 
 def test_a_predictor_that_raises_is_not_followed_and_the_gaze_recovers():
@@ -117,7 +117,7 @@ def test_a_predictor_that_raises_is_not_followed_and_the_gaze_recovers():
 
     log = LoopBench(predictor=Raising()).run(5.0)
     assert "forecast_failed" in events(log)
-    assert error_deg(log, from_s=4.0).mean() < 3.0
+    assert error_deg(log, from_s=4.0).mean() < 1.4  # 1.20 as measured
 
 
 def test_a_forecast_with_a_nan_is_not_followed():

@@ -57,14 +57,14 @@ def test_a_neck_that_is_as_modelled_is_known_exactly_with_or_without_encoders(de
 def test_a_load_is_learned_within_a_few_response_times():
     estimates, truth, offset = follow(variant(load_offset_deg=2.0), 9.0)
     assert np.rad2deg(offset) == pytest.approx([2.0, 2.0], abs=0.05)
-    assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.05
+    assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.0047  # 0.0041 as measured
 
 
 def test_noise_of_the_encoders_is_averaged():
     estimates, truth, _ = follow(variant(encoder_noise_deg=0.2), 10.0)
     error_deg = np.rad2deg(estimates - truth)[400:, 0]
-    assert error_deg.std() < 0.1
-    assert np.abs(error_deg.mean()) < 0.02
+    assert error_deg.std() < 0.05  # 0.0435 as measured, of 0.2
+    assert np.abs(error_deg.mean()) < 0.01
 
 
 def test_an_old_measurement_is_taken_for_the_time_that_it_is_stamped_with():
@@ -78,7 +78,7 @@ def test_an_old_measurement_is_taken_for_the_time_that_it_is_stamped_with():
 
 def test_a_silence_is_bridged_by_the_commands():
     estimates, truth, _ = follow(variant(load_offset_deg=2.0), 11.0, seen=lambda t: t < 9.0)
-    assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.1
+    assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.011  # 0.0096 as measured
 
 
 @pytest.mark.parametrize("name", ["reference", "fetch", "slow"])
@@ -90,7 +90,7 @@ def test_an_error_is_corrected_once_however_old_the_measurements(name, age_s):
     for axis in ("pan", "tilt"):
         content[axis] |= {"load_offset_deg": 1.0, "encoder_noise_deg": 0.05}
     estimates, truth, _ = follow(type(neck).model_validate(content), 12.0, model=neck, age_s=age_s)
-    assert np.rad2deg(np.abs(estimates - truth)[-400:, 0]).max() < 0.25
+    assert np.rad2deg(np.abs(estimates - truth)[-400:, 0]).max() < 0.09  # at most 0.077 as measured
 
 
 def test_a_start_away_from_the_command_is_no_load():

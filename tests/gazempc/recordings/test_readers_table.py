@@ -5,7 +5,6 @@ from __future__ import annotations
 import builtins
 import csv
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,9 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.errors import GazempcError, MissingOptionalDependencyError, RecordingError
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.route_group import route_group
-from gazempc.recordings.readers.table import COLUMNS, read_csv
+from gazempc.recordings.readers.table import COLUMNS
 
 N = 60
 Rows = list[list[str]]
@@ -299,18 +297,6 @@ def test_any_cells_raise_recording_errors_only(tmp_path: Path, cells: Rows) -> N
     path.write_bytes(text.encode("utf-8", errors="replace"))
     with pytest.raises(RecordingError):
         load(path)
-
-
-def test_reading_is_quick(tmp_path: Path) -> None:
-    path = write_rows(tmp_path / "walk.csv", table_rows(walk_values()))
-    options = ReadOptions()
-    read_csv(path, options)
-    spent_s = []
-    for _ in range(5):
-        start = time.perf_counter()
-        read_csv(path, options)
-        spent_s.append(time.perf_counter() - start)
-    assert min(spent_s) < 0.02
 
 
 @pytest.mark.parametrize(

@@ -43,25 +43,38 @@ def mean_rms(results, controller, group=None):
     return float(np.mean(values))
 
 
-def test_prediction_cuts_the_error_of_straight_walks_at_least_threefold(results):
-    reactive = mean_rms(results, "reactive", "straight")
-    assert mean_rms(results, "lookahead", "straight") < reactive / 3
-    assert mean_rms(results, "mpc", "straight") < reactive / 3
+# Mean gaze error of these clips as measured, RMS, degrees. A seventh more is a change for the worse: an experiment that
+# pays moves it by less, and a fault by more. A group may be a single clip.
+MEASURED_DEG = {
+    ("lookahead", "straight"): 1.16,
+    ("lookahead", "turn"): 0.71,
+    ("lookahead", "sharp"): 2.03,
+    ("mpc", "straight"): 1.11,
+    ("mpc", "turn"): 0.72,
+    ("mpc", "sharp"): 2.19,
+    ("perfect", None): 0.073,
+}
 
 
-def test_perfect_foresight_errs_at_most_0p3_deg(results):
-    assert mean_rms(results, "perfect") <= 0.3
+@pytest.mark.parametrize(("controller", "group"), MEASURED_DEG)
+def test_the_gaze_errs_as_little_as_measured(results, controller, group):
+    assert mean_rms(results, controller, group) < 1.15 * MEASURED_DEG[controller, group]
 
 
-def test_a_reactive_gaze_is_hardly_ever_on_the_face(results):
-    contact = [m.eye_contact_2p6 for (_, c, _), m in results.items() if c == "reactive"]
-    assert np.mean(contact) < 0.1
+def test_who_only_reacts_errs_by_the_delay(results):
+    """14.4 deg as measured, ten times as much as with prediction."""
+    assert mean_rms(results, "reactive") == pytest.approx(14.4, rel=0.15)
 
 
-def test_prediction_helps_in_every_group(results):
-    for group in ("straight", "turn", "sharp"):
-        for controller in ("lookahead", "mpc"):
-            assert mean_rms(results, controller, group) < mean_rms(results, "reactive", group) / 2
+def test_a_reactive_gaze_is_hardly_ever_on_the_face_and_a_predictive_one_nearly_always(results):
+    """0.9 % and 94 % of the time as measured."""
+
+    def contact(controller):
+        return np.mean([m.eye_contact_2p6 for (_, c, _), m in results.items() if c == controller])
+
+    assert contact("reactive") < 0.02
+    assert contact("lookahead") > 0.92
+    assert contact("mpc") > 0.92
 
 
 def test_no_limit_is_ever_violated(results):
