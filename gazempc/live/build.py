@@ -24,7 +24,6 @@ from gazempc.part_options import make, options_for
 from gazempc.parts import SOURCE
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.run_info import RunInfo
-from gazempc.robots.options import ros2_network
 from gazempc.sim.scene import Scene, make_scene
 from gazempc.types import FloatArray
 
@@ -91,7 +90,7 @@ def _make_source(settings: LiveSettings, neck: NeckSpec, clock: Clock, scene: Sc
     if not isinstance(clock, RealClock):
         raise SettingsError(f"source {settings.source!r} keeps real time")
     if kind == "ros2":
-        return Ros2Person(address, clock.now_s, clock.from_unix_s, ros2_network(settings.options.ros2))
+        return Ros2Person(address, clock.now_s, clock.from_unix_s, settings.options.ros2.network)
     if kind == "udp":
         return LineSource(UdpPort(*parse_address(settings.source, address, "127.0.0.1")), clock)
     if kind == "tcp":

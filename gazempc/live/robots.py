@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from gazempc.errors import SettingsError
@@ -10,7 +10,7 @@ from gazempc.live.clock import Clock, RealClock
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
 from gazempc.parts import ROBOT, Kind, find, is_own
-from gazempc.robots.options import RobotOptions, ros2_network
+from gazempc.robots.options import RobotOptions
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState
 
@@ -52,16 +52,23 @@ def make_robot(
         SettingsError: If there is no such robot, an option is wrong, a method is missing, or a robot that keeps real
             time is given another clock.
     """
-    given = {"neck": neck, "clock_s": clock.now_s, "clock": clock, "position_rad": position_rad, "seed": seed}
+    given: dict[str, Any] = {
+        "neck": neck,
+        "clock_s": clock.now_s,
+        "clock": clock,
+        "position_rad": position_rad,
+        "seed": seed,
+    }
     if is_own(choice):
         own: Robot = make(ROBOT, choice, given, options_for(ROBOT, choice, options.own))
         return own
-    values: Mapping[str, Any] = getattr(options, choice).model_dump() if choice in type(options).model_fields else {}
+    if choice in type(options).model_fields:
+        given["options"] = getattr(options, choice)
     if choice == "ros2":
         if not isinstance(clock, RealClock):
             raise SettingsError("robot ros2 keeps real time")
-        values = {**values, "network": ros2_network(options.ros2), "to_loop_s": clock.from_unix_s}
-    robot: Robot = make(ROBOT, choice, {**given, **values}, {})
+        given["to_loop_s"] = clock.from_unix_s
+    robot: Robot = make(ROBOT, choice, given, {})
     return robot
 
 

@@ -23,7 +23,7 @@ class DynamixelOptions(Settings):
     motor_ids: tuple[int, int] = Field(default=(1, 2), description="Of pan and tilt")
     zero_ticks: tuple[int, int] = Field(default=(2048, 2048), description="Position of angle 0, 4096 ticks a turn")
     directions: tuple[int, int] = Field(default=(1, 1), description="1 if more ticks turn left or up, else -1")
-    reply_timeout_ms: float = Field(default=4.0, gt=0, le=1000, description="How long one call waits for an answer")
+    reply_timeout_ms: float = Field(default=4.0, gt=0, le=5000, description="How long one call waits for an answer")
     approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed to the first command after power-up")
     torque_off_on_close: bool = Field(default=False, description="Let the head go limp at the end")
 
@@ -36,7 +36,7 @@ class Ros2Options(Settings):
     humble: bool = Field(default=False, description="Whether the other nodes are of ROS 2 Humble")
     joint_names: tuple[str, str] = Field(default=("head_pan_joint", "head_tilt_joint"), description="Pan and tilt")
     joint_signs: tuple[float, float] = Field(
-        default=(1.0, 1.0), description="-1 for a joint that is positive to the right, or down"
+        default=(1.0, 1.0), description="1, or -1 for a joint that is positive to the right, or down"
     )
     command_topic: str = Field(default="/head_controller/joint_trajectory", description="Where commands go")
     command_type: Literal["trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Float64MultiArray"] = Field(
@@ -47,6 +47,11 @@ class Ros2Options(Settings):
         default=None, gt=0, description="When a trajectory's point is to be reached; without it a servo period"
     )
     silent_after_s: float = Field(default=0.5, gt=0, description="Without a joint state for so long: not answering")
+
+    @property
+    def network(self) -> Ros2Network:
+        """Router, domain and release of ROS 2."""
+        return Ros2Network(self.endpoint, self.domain_id, self.humble)
 
 
 class ReachyMiniOptions(Settings):
@@ -81,8 +86,3 @@ class RobotOptions(Settings):
             The options.
         """
         return RobotOptions.model_validate({**own, **{name: getattr(self, name) for name in type(self).model_fields}})
-
-
-def ros2_network(options: Ros2Options) -> Ros2Network:
-    """How ROS 2 is reached."""
-    return Ros2Network(options.endpoint, options.domain_id, options.humble)

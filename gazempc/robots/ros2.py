@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
-from gazempc.errors import RobotError, SettingsError, suggest
+from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
+from gazempc.robots.options import Ros2Options
 from gazempc.ros2.node import Publication, Ros2Node, Subscription
-from gazempc.ros2.wire import Ros2Network, WireError, make_message, stamp_to_loop_s, topic_name
+from gazempc.ros2.wire import WireError, make_message, stamp_to_loop_s, topic_name
 from gazempc.types import FloatArray, JointState
 
-CommandType = Literal["trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Float64MultiArray"]
 _STATE_TYPE = "sensor_msgs/msg/JointState"
 _WAKE_S = 0.01
 
@@ -32,19 +32,9 @@ class Ros2Neck:
         neck: The joints' limits; without `reports_joints` no joint states are expected.
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
-        joint_names: Names of pan and tilt joint in ROS.
-        command_topic: Where the controller takes commands, such as ``/head_controller/joint_trajectory`` or
-            ``/head_controller/commands``.
-        command_type: A trajectory of one point (joint_trajectory_controller), or the bare positions, pan and tilt
-            (position_controllers, forward_command_controller; its `joints` in this order).
-        state_topic: Where the joint states are.
-        network: Router, domain and release of ROS 2.
-        joint_signs: 1 or -1 for pan and tilt: -1 where the joint's positive direction is to the right, or down.
-        time_from_start_s: When the point of a trajectory is to be reached, seconds from its arrival; by default the
-            time between two commands. A longer one acts as an additional lag of about that time.
-        silent_after_s: No joint state for so long, seconds, is taken for a robot that does not answer.
+        options: Network, topics and joints.
         connect_timeout_s: How long `connect` waits for controller and joint states, seconds.
-        node_name: How this program is called in the graph of ROS 2.
+        node_name: Name of this program in the graph of ROS 2.
 
     Raises:
         SettingsError: If an option cannot be right.
@@ -59,38 +49,27 @@ class Ros2Neck:
         neck: NeckSpec,
         clock_s: Callable[[], float],
         to_loop_s: Callable[[float], float],
-        joint_names: tuple[str, str],
-        command_topic: str,
-        command_type: CommandType = "trajectory_msgs/msg/JointTrajectory",
-        state_topic: str = "/joint_states",
-        network: Ros2Network | None = None,
-        joint_signs: tuple[float, float] = (1.0, 1.0),
-        time_from_start_s: float | None = None,
-        silent_after_s: float = 0.5,
+        options: Ros2Options,
         connect_timeout_s: float = 5.0,
         node_name: str = "gazempc",
     ) -> None:
+        joint_names, joint_signs, command_type = options.joint_names, options.joint_signs, options.command_type
         if len(set(joint_names)) != 2 or not all(joint_names):
             raise SettingsError(f"joint_names {joint_names!r}: expected the names of two joints, pan and tilt")
-        if command_type not in get_args(CommandType):
-            raise SettingsError(f"command_type {command_type!r}: {suggest(command_type, get_args(CommandType))}")
         if tuple(map(abs, joint_signs)) != (1, 1):
             raise SettingsError(f"joint_signs {joint_signs!r}: accepted are 1 and -1 for pan and tilt")
-        from_start_s = neck.servo_period_s if time_from_start_s is None else time_from_start_s
-        for name, seconds in (("time_from_start_s", from_start_s), ("silent_after_s", silent_after_s)):
-            if not 0 < seconds < math.inf:
-                raise SettingsError(f"{name} is {seconds}: expected more than 0 seconds")
+        from_start_s = neck.servo_period_s if options.time_from_start_s is None else options.time_from_start_s
         self._neck = neck
         self._clock_s = clock_s
         self._to_loop_s = to_loop_s
         self._names = list(joint_names)
-        self._command_topic = topic_name(command_topic)
+        self._command_topic = topic_name(options.command_topic)
         self._command_type = command_type
-        self._state_topic = topic_name(state_topic)
-        self._network = network or Ros2Network()
+        self._state_topic = topic_name(options.state_topic)
+        self._network = options.network
         self._signs = np.array(joint_signs, dtype=np.float64)
         self._from_start_ns = round(from_start_s * 1e9)
-        self._silent_after_s = silent_after_s
+        self._silent_after_s = options.silent_after_s
         self._connect_timeout_s = connect_timeout_s
         self._node_name = node_name
         self._node: Ros2Node | None = None

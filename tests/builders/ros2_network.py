@@ -10,6 +10,7 @@ from builders.ros2_wire import COMMANDS, NOW_S, POSES, STATES, UNIX_START_S, joi
 from gazempc.errors import RobotError
 from gazempc.live.sources.ros2 import Ros2Person
 from gazempc.neck.spec import load_neck
+from gazempc.robots.options import Ros2Options
 from gazempc.robots.ros2 import Ros2Neck
 from gazempc.ros2.wire import Ros2Network
 
@@ -60,9 +61,15 @@ class Scene:
         self.states = self.router.declare_publisher(STATES, congestion_control=zenoh.CongestionControl.BLOCK)
         self.poses = self.router.declare_publisher(POSES, congestion_control=zenoh.CongestionControl.BLOCK)
 
-    def neck(self, neck=NECK, names=("pan", "tilt"), topic="head/command", **options):
-        options = {"network": self.network, "connect_timeout_s": 10.0} | options
-        made = Ros2Neck(neck, lambda: self.now_s, lambda unix_s: unix_s - UNIX_START_S, names, topic, **options)
+    def options(self, **fields):
+        """Options of a neck of this scene."""
+        about = {"endpoint": self.network.endpoint, "joint_names": ("pan", "tilt"), "command_topic": "head/command"}
+        return Ros2Options(**about | fields)
+
+    def neck(self, neck=NECK, connect_timeout_s=10.0, node_name="gazempc", **fields):
+        options = self.options(**fields)
+        to_loop_s = lambda unix_s: unix_s - UNIX_START_S  # noqa: E731
+        made = Ros2Neck(neck, lambda: self.now_s, to_loop_s, options, connect_timeout_s, node_name)
         self.opened.append(made)
         return made
 

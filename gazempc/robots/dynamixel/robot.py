@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.dynamixel.bus import DynamixelBus
+from gazempc.robots.options import DynamixelOptions
 from gazempc.types import FloatArray, JointState
 
 _T = TypeVar("_T")
@@ -56,34 +57,14 @@ class DynamixelNeck:
     Args:
         neck: Limits and rates.
         clock_s: Gives the present time in seconds; never runs backwards.
-        port: Serial port, such as ``/dev/ttyUSB0`` or ``COM3``.
-        baud_rate_bps: As set in the motors; 200 commands a second need 1,000,000 (factory setting: 57,600).
-        motor_ids: Ids of the pan and the tilt motor.
-        zero_ticks: Present Position at which pan and tilt are 0, 4096 ticks to the turn.
-        directions: +1 where more ticks turn to the left (pan) or up (tilt), -1 where they do the opposite.
-        reply_timeout_ms: How long a call waits for an answer beyond the time the bytes need, milliseconds.
-        approach_speed_rad_s: Speed to the first command after the set-up, rad/s; ``math.inf`` to go there at once.
-        torque_off_on_close: True to let the neck go limp on `close`. By default it holds: a head that drops can
-            break or hurt.
+        options: Port, motors and how they are driven.
 
     Raises:
         SettingsError: If ids, zero ticks or directions cannot be right.
     """
 
-    def __init__(
-        self,
-        neck: NeckSpec,
-        clock_s: Callable[[], float],
-        port: str,
-        *,
-        baud_rate_bps: int = 1_000_000,
-        motor_ids: tuple[int, int] = (1, 2),
-        zero_ticks: tuple[int, int] = (2048, 2048),
-        directions: tuple[int, int] = (1, 1),
-        reply_timeout_ms: float = 4.0,
-        approach_speed_rad_s: float = 0.5,
-        torque_off_on_close: bool = False,
-    ) -> None:
+    def __init__(self, neck: NeckSpec, clock_s: Callable[[], float], options: DynamixelOptions) -> None:
+        motor_ids, directions, zero_ticks = options.motor_ids, options.directions, options.zero_ticks
         if not all(0 <= i <= 252 for i in motor_ids) or motor_ids[0] == motor_ids[1]:
             raise SettingsError(f"motor_ids {motor_ids}: must be two different numbers from 0 to 252")
         if any(direction not in (1, -1) for direction in directions):
@@ -95,10 +76,10 @@ class DynamixelNeck:
         self._ids = motor_ids
         self._zero = np.array(zero_ticks, dtype=np.float64)
         self._direction = np.array(directions, dtype=np.float64)
-        self._reply_timeout_ms = reply_timeout_ms
-        self._bus = DynamixelBus(port, baud_rate_bps, motor_ids, reply_timeout_ms)
-        self._step_ticks = approach_speed_rad_s * neck.servo_period_s * _TICKS_PER_RAD
-        self._torque_off_on_close = torque_off_on_close
+        self._reply_timeout_ms = options.reply_timeout_ms
+        self._bus = DynamixelBus(options.port, options.baud_rate_bps, motor_ids, options.reply_timeout_ms)
+        self._step_ticks = options.approach_speed_rad_s * neck.servo_period_s * _TICKS_PER_RAD
+        self._torque_off_on_close = options.torque_off_on_close
         ends = self._zero + self._direction * np.stack([neck.position_min_rad, neck.position_max_rad]) * _TICKS_PER_RAD
         # Whole ticks inside the limits: rounding must not lead out of them.
         self._tick_min, self._tick_max = np.ceil(ends.min(axis=0)), np.floor(ends.max(axis=0))

@@ -16,6 +16,7 @@ import numpy as np
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
+from gazempc.robots.options import ReachyMiniOptions
 from gazempc.robots.reachy_mini.head import clamp_to_head, head_angles, head_matrix
 from gazempc.types import FloatArray, JointState
 
@@ -49,9 +50,7 @@ class ReachyMiniNeck:
     Args:
         neck: Limits and rates.
         clock_s: Gives the present time in seconds; runs as the wall clock does.
-        host: Name or address of the computer on which the daemon runs.
-        port: Its TCP port.
-        approach_speed_rad_s: Speed to the first command, rad/s; ``math.inf`` to go there at once.
+        options: Address of the daemon, and speed to the first command.
 
     Raises:
         SettingsError: If straight ahead is not in the neck's range.
@@ -61,19 +60,17 @@ class ReachyMiniNeck:
         self,
         neck: NeckSpec,
         clock_s: Callable[[], float],
-        *,
-        host: str = "127.0.0.1",
-        port: int = 8000,
-        approach_speed_rad_s: float = 0.5,
+        options: ReachyMiniOptions = ReachyMiniOptions(),  # noqa: B008  (frozen)
     ) -> None:
         if np.any(neck.position_min_rad > 0.0) or np.any(neck.position_max_rad < 0.0):
             # Only then what is clamped to the head's reach, towards the middle, stays in the neck's range.
             raise SettingsError(f"neck {neck.name!r}: the range for Reachy Mini must contain pan 0 and tilt 0")
         self._neck = neck
         self._clock_s = clock_s
+        host, port = options.host, options.port
         self._host, self._port = host, port
         self._uri = f"ws://{f'[{host}]' if ':' in host else host}:{port}/ws/sdk"
-        self._step_rad = approach_speed_rad_s * neck.servo_period_s
+        self._step_rad = options.approach_speed_rad_s * neck.servo_period_s
         self._threads: list[threading.Thread] = []
         # One for every connect(): a thread of an earlier one that is slow to end must not go on.
         self._stop = threading.Event()

@@ -23,6 +23,7 @@ from builders.loop import make_loop, make_recorder
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
 from gazempc.neck.spec import load_neck
 from gazempc.robots.dynamixel.robot import DynamixelNeck
+from gazempc.robots.options import DynamixelOptions
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
@@ -38,6 +39,9 @@ TICK_RAD = 2 * math.pi / 4096
 PATIENT_MS, HASTY_MS = 2000.0, 200.0
 links = itertools.count()
 
+# No approach: the first command is taken at once.
+AT_ONCE_RAD_S = 1e9
+
 
 class Rig:
     """A neck, its two motors (ids 1 and 2) and a clock that stands until it is moved."""
@@ -46,11 +50,13 @@ class Rig:
         self.now_s = 0.0
         self.motors = {i: Motor(p, mode) for i, p in zip((1, 2), start, strict=True)}
         self.bus = Bus(folder / f"link{next(links)}", self.motors)
-        self.options = {"reply_timeout_ms": PATIENT_MS, "approach_speed_rad_s": math.inf} | options
+        self.options = {"reply_timeout_ms": PATIENT_MS, "approach_speed_rad_s": AT_ONCE_RAD_S} | options
         self.neck = self.another()
 
     def another(self, **options):
-        return DynamixelNeck(NECK, lambda: self.now_s, str(self.bus.link), **(self.options | options))
+        return DynamixelNeck(
+            NECK, lambda: self.now_s, DynamixelOptions(port=str(self.bus.link), **(self.options | options))
+        )
 
     def goals(self):
         """What the motors hold; taken after the bus has worked off all that was sent."""
@@ -484,7 +490,7 @@ def test_connect_says_what_is_wrong(tmp_path):
 )
 def test_settings_that_cannot_be_right_are_refused(wrong):
     with pytest.raises(SettingsError, match=next(iter(wrong))):
-        DynamixelNeck(NECK, lambda: 0.0, "nowhere", **wrong)
+        DynamixelNeck(NECK, lambda: 0.0, DynamixelOptions(port="nowhere", **wrong))
 
 
 def test_the_library_is_imported_only_to_connect(monkeypatch):
@@ -494,7 +500,7 @@ def test_the_library_is_imported_only_to_connect(monkeypatch):
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
     monkeypatch.setitem(sys.modules, "dynamixel_sdk", None)
     with pytest.raises(MissingOptionalDependencyError, match="pip install dynamixel-sdk"):
-        DynamixelNeck(NECK, lambda: 0.0, "nowhere").connect()
+        DynamixelNeck(NECK, lambda: 0.0, DynamixelOptions(port="nowhere")).connect()
 
 
 @pytest.mark.parametrize("torque_off", [False, True])

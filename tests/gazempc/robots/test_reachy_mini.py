@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.robots.options import ReachyMiniOptions
 from gazempc.robots.reachy_mini.head import clamp_to_head, head_angles, head_matrix
 from gazempc.robots.reachy_mini.robot import ReachyMiniNeck
 
@@ -30,7 +31,7 @@ WIDE = NeckSpec.model_validate(
         for axis in ("pan", "tilt")
     }
 )
-AT_ONCE = {"approach_speed_rad_s": math.inf}
+AT_ONCE = {"approach_speed_rad_s": 1e9}
 angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5)).map(np.array)
 
 
@@ -70,7 +71,9 @@ def make(server):
     made = []
 
     def new(neck=NECK, **options):
-        made.append(ReachyMiniNeck(neck, time.monotonic, **({"port": server.port} | AT_ONCE | options)))
+        made.append(
+            ReachyMiniNeck(neck, time.monotonic, ReachyMiniOptions(**({"port": server.port} | AT_ONCE | options)))
+        )
         made[-1].connect()
         return made[-1]
 
@@ -295,7 +298,7 @@ def free_port():
 
 def test_nobody_at_the_port_is_said_with_the_address_and_what_to_start():
     port = free_port()
-    neck = ReachyMiniNeck(NECK, time.monotonic, port=port)
+    neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=port))
     with pytest.raises(RobotError, match=rf"ws://127.0.0.1:{port}/ws/sdk .*efused.*reachy-mini-daemon"):
         neck.connect()
     with pytest.raises(RobotError, match=r"call connect\(\) first"):
@@ -305,7 +308,7 @@ def test_nobody_at_the_port_is_said_with_the_address_and_what_to_start():
 
 def test_a_port_with_something_else_is_said(server):
     with socket.create_server(("127.0.0.1", 0)) as other:
-        neck = ReachyMiniNeck(NECK, time.monotonic, port=other.getsockname()[1])
+        neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=other.getsockname()[1]))
         # It accepts, but never answers.
         with pytest.raises(RobotError, match="no connection to the daemon"):
             neck.connect()
@@ -493,7 +496,7 @@ def real_port(tmp_path_factory):
 
 
 def test_the_daemons_simulated_head_goes_where_it_is_sent(real_port):
-    neck = ReachyMiniNeck(NECK, time.monotonic, port=real_port)
+    neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=real_port))
 
     def connected():
         try:
