@@ -1,11 +1,11 @@
 """A Zenoh router, and a robot's controller and a person that speak ROS 2 by it."""
 
 import json
-import socket
 import time
 
 import zenoh
 
+from builders.ports import free_port
 from builders.ros2_wire import COMMANDS, NOW_S, POSES, STATES, UNIX_START_S, joint_state
 from gazempc.errors import RobotError
 from gazempc.live.sources.ros2 import Ros2Person
@@ -15,12 +15,6 @@ from gazempc.robots.ros2 import Ros2Neck
 from gazempc.ros2.wire import Ros2Network
 
 NECK = load_neck("reference")
-
-
-def free_port():
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
 
 
 def zenoh_session(mode, port):

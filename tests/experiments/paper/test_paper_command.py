@@ -125,6 +125,7 @@ def test_a_second_run_does_nothing_anew(validated):
     assert (out / "summary.json").read_bytes() == content
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_with_two_workers_and_ends_the_same(validated, tmp_path):
     folder, out, _ = validated
     for path in sorted((out / "runs").iterdir())[::3]:

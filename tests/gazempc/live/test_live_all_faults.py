@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 from builders.checks import assert_within_limits
 from builders.faults import Jumping, Late, answers_badly, nan_plan, wild_plan
 from builders.live import NECK, run_live
@@ -20,6 +21,7 @@ KINDS = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(
     faults=st.lists(

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from builders.ros2_network import free_port, wait_for
+from builders.ports import free_port
+from builders.ros2_network import wait_for
 from builders.ros2_wire import NOW_S, UNIX_START_S, pose
 
 from gazempc.live.sources.ros2 import Ros2Person

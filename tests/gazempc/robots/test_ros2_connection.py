@@ -8,7 +8,8 @@ import time
 import numpy as np
 import pytest
 import zenoh
-from builders.ros2_network import NECK, free_port, quiet, wait_for, zenoh_listener, zenoh_session
+from builders.ports import free_port
+from builders.ros2_network import NECK, quiet, wait_for, zenoh_listener, zenoh_session
 from builders.ros2_wire import COMMANDS, GOOD, HASHES, POSITIONS, TRAJECTORY, key, read_trajectory
 from pydantic import ValidationError
 

@@ -12,6 +12,8 @@ from gazempc.recordings.placement import place
 from gazempc.results.metrics import measure
 from gazempc.run import main
 
+pytestmark = pytest.mark.slow
+
 # One clip of every person and group, and all sharp turns: the whole folder takes minutes.
 CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
 

@@ -1,0 +1,80 @@
+"""A controller, a smoother and a neck in closed loop, without anything else."""
+
+import numpy as np
+
+from gazempc.controllers.controller import Situation
+from gazempc.loop.observer import JointObserver
+from gazempc.loop.smoother import Smoother
+from gazempc.neck.kinematics import gaze_error_rad
+from gazempc.neck.spec import load_neck
+from gazempc.sim.simulated import SimulatedNeck
+from predictors import Forecast
+
+NECK = load_neck("reference")
+
+
+def forecast(times_s, path, sigma_m=np.zeros_like):
+    times = np.asarray(times_s)
+    return Forecast(times, path(times), sigma_m(times)[:, None, None] ** 2 * np.eye(3), 0.0)
+
+
+def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None, known=None, sigma_m=np.zeros_like):
+    """Closed loop, as the loop does it; returns true joint angles, commands and the gaze error after each tick.
+
+    The future is the true one, or what `known(now, times)` says of it, with standard deviations `sigma_m` of the time
+    from now. `neck` is simulated; controller, observer and
+    smoother know `model`.
+    """
+    model = model or neck
+    now = 0.0
+    observer = JointObserver(model, np.array(start_rad), 0.0)
+    smoother = Smoother(model, np.array(start_rad))
+    robot = SimulatedNeck(neck, smoother.command.position_rad, lambda: now)
+    robot.connect()
+    sent = np.tile(smoother.command.position_rad, (400, 1))
+    plan, joints, commands, errors = None, [], [], []
+    for k in range(ticks):
+        now = k * neck.servo_period_s
+        true = robot.true_state()
+        state = observer.update(now, robot.read_state())
+        if k % neck.servo_ticks_per_plan == 0:
+            situation = Situation(
+                start_s=now,
+                forecast=forecast(
+                    controller.forecast_times_s(now, now),
+                    path if known is None else lambda t, now=now: known(now, t),
+                    lambda t, now=now: sigma_m(t - now),
+                ),
+                command=smoother.command,
+                joint_position_rad=state.position_rad,
+                joint_velocity_rad_s=state.velocity_rad_s,
+                joint_offset_rad=state.offset_rad,
+                sent_rad=sent,
+                committed_rad=np.zeros((0, 2)),
+            )
+            plan = controller.plan(situation)
+        command = smoother.step(now, plan)
+        sent = np.roll(sent, -1, axis=0)
+        sent[-1] = robot.send_command(command.position_rad)
+        observer.sent(sent[-1])
+        joints.append(true.position_rad)
+        commands.append(command.position_rad)
+        errors.append(float(gaze_error_rad(neck.geometry, true.position_rad, path(np.array([now]))[0])))
+    return np.array(joints), np.array(commands), np.rad2deg(errors)
+
+
+def crossing(times):
+    """A person who walks past at 1.2 m/s, 2.5 m away."""
+    times = np.asarray(times)
+    return np.stack([np.full_like(times, 2.5), 1.5 - 1.2 * times, np.full_like(times, 0.4)], axis=-1)
+
+
+def still(angle_rad, distance_m=2.5):
+    """A person who stands still at an angle."""
+
+    def path(times):
+        return np.tile(
+            [distance_m * np.cos(angle_rad), distance_m * np.sin(angle_rad), 0.0], (np.asarray(times).size, 1)
+        )
+
+    return path

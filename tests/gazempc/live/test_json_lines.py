@@ -1,0 +1,117 @@
+"""Observations as lines of JSON: what is accepted, and complaints that name the field."""
+
+import contextlib
+import json
+import math
+
+import numpy as np
+import pytest
+from builders.lines import HEAD
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gazempc.live.sources.json_lines import FIELDS, LineError, parse_line
+
+
+def parse(data, arrival_s=10.0):
+    text = data if isinstance(data, str) else json.dumps(data)
+    return parse_line(text, arrival_s, lambda unix_s: unix_s - 1000.0)
+
+
+finite = st.floats(-1e6, 1e6)
+
+
+@given(
+    position=st.lists(finite, min_size=3, max_size=3),
+    stamp=st.one_of(
+        st.tuples(st.just("capture_time_s"), finite),
+        st.tuples(st.just("age_s"), st.floats(0.0, 1e6)),
+        st.tuples(st.just("age_s"), st.integers(0, 100)),
+    ),
+    turns=st.tuples(*[st.none() | st.tuples(*[st.floats(-3.0, 3.0)] * 3)] * 2),
+    indent=st.none() | st.just("\t"),
+)
+def test_what_is_written_is_read(position, stamp, turns, indent):
+    quats = [None if t is None else Rotation.from_rotvec(t).as_quat(scalar_first=True).tolist() for t in turns]
+    data = {stamp[0]: stamp[1], "head_position_m": position, "head_quat_wxyz": quats[0], "pelvis_quat_wxyz": quats[1]}
+    text = json.dumps(data, separators=(",", ":") if indent is None else (" , ", " : "))
+    for line in (text, f"  {text}\r"):
+        found = parse(line)
+        assert found.head_position_base_m.tolist() == position
+        for quat, value in zip(quats, (found.head_quat_wxyz, found.pelvis_quat_wxyz), strict=True):
+            assert quat == (None if value is None else value.tolist())
+        expected_s = stamp[1] - 1000.0 if stamp[0] == "capture_time_s" else 10.0 - stamp[1]
+        assert found.capture_time_s == expected_s
+    # What may be left out may be left out.
+    short = {k: v for k, v in data.items() if v is not None}
+    assert parse(short).head_position_base_m.tolist() == position
+
+
+GOOD = {"age_s": 0.05, "head_position_m": HEAD}
+
+
+@pytest.mark.parametrize(
+    ("line", "named", "accepted"),
+    [
+        ("", "not JSON", ""),
+        ("{", "not JSON", "{"),
+        ('{"age_s": 0.05} {}', "not JSON", ""),
+        ("[" * 100_000, "not JSON", ""),
+        ("9" * 5000, "not JSON", ""),
+        ("[1, 2, 3]", "object", "head_position_m"),
+        ("3", "object", "age_s"),
+        ("null", "object", "age_s"),
+        (GOOD | {"head_positon_m": HEAD}, "head_positon_m", "head_position_m"),
+        (GOOD | {"yaw": 1}, "yaw", "pelvis_quat_wxyz"),
+        ({"age_s": 0.05}, "head_position_m", "metres"),
+        ({"age_s": 0.05, "head_position_m": None}, "head_position_m", "metres"),
+        ({"head_position_m": HEAD}, "capture_time_s", "age_s"),
+        (GOOD | {"capture_time_s": 1.0}, "capture_time_s", "age_s"),
+        (GOOD | {"age_s": "0.05"}, "age_s", "number"),
+        (GOOD | {"age_s": True}, "age_s", "number"),
+        (GOOD | {"age_s": [0.05]}, "age_s", "number"),
+        (GOOD | {"age_s": -0.01}, "age_s", "0 or more"),
+        ('{"age_s": NaN, "head_position_m": [2, 0, 0]}', "age_s", "number"),
+        ('{"age_s": 1e999, "head_position_m": [2, 0, 0]}', "age_s", "number"),
+        ('{"capture_time_s": -Infinity, "head_position_m": [2, 0, 0]}', "capture_time_s", "finite"),
+        ('{"capture_time_s": 1' + 400 * "0" + ', "head_position_m": [2, 0, 0]}', "capture_time_s", "number"),
+        ('{"age_s": 1' + 400 * "0" + ', "head_position_m": [2, 0, 0]}', "age_s", "number"),
+        ('{"age_s": 0.1, "head_position_m": [NaN, 0, 0]}', "head_position_m", "finite"),
+        ('{"age_s": 0.1, "head_position_m": [2, Infinity, 0]}', "head_position_m", "finite"),
+        ('{"age_s": 0.1, "head_position_m": [1' + 400 * "0" + ", 0, 0]}", "head_position_m", ""),
+        (GOOD | {"head_position_m": [1, 2]}, "head_position_m", "list of 3"),
+        (GOOD | {"head_position_m": [[1, 2, 3]]}, "head_position_m", "list of 3"),
+        (GOOD | {"head_position_m": []}, "head_position_m", "list of 3"),
+        (GOOD | {"head_position_m": 2.0}, "head_position_m", "list of 3"),
+        (GOOD | {"head_position_m": [1, [2], 3]}, "head_position_m", ""),
+        (GOOD | {"head_position_m": {"x": 1, "y": 2, "z": 3}}, "head_position_m", ""),
+        (GOOD | {"head_position_m": "ahead"}, "head_position_m", ""),
+        (GOOD | {"head_position_m": ["a", 2, 3]}, "head_position_m", ""),
+        (GOOD | {"head_position_m": [None, 2, 3]}, "head_position_m", ""),
+        (GOOD | {"head_quat_wxyz": [1, 0, 0]}, "head_quat_wxyz", "list of 4"),
+        (GOOD | {"head_quat_wxyz": [0, 0, 0, 0]}, "head_quat_wxyz", "unit length"),
+        (GOOD | {"pelvis_quat_wxyz": [1, 1, 0, 0]}, "pelvis_quat_wxyz", "unit length"),
+        (GOOD | {"pelvis_quat_wxyz": "upright"}, "pelvis_quat_wxyz", ""),
+        (GOOD | {"pelvis_quat_wxyz": {"w": 1}}, "pelvis_quat_wxyz", ""),
+        ('{"age_s": 0.1, "head_position_m": [2, 0, 0], "head_quat_wxyz": [NaN, 0, 0, 1]}', "head_quat_wxyz", "finite"),
+    ],
+)
+def test_every_complaint_names_the_field_and_what_is_accepted(line, named, accepted):
+    with pytest.raises(LineError) as raised:
+        parse(line)
+    message = str(raised.value)
+    assert named in message
+    assert accepted in message
+    assert "base_m" not in message  # a name from inside
+    assert len(message) < 1000
+
+
+@given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), lambda inner: st.lists(inner)
+       | st.dictionaries(st.sampled_from(FIELDS) | st.text(), inner), max_leaves=12))  # fmt: skip
+def test_whatever_json_comes_it_is_an_observation_or_a_complaint(data):
+    for line in (data, GOOD | {"head_position_m": data}, GOOD | {"head_quat_wxyz": data}, GOOD | {"age_s": data}):
+        with contextlib.suppress(LineError):
+            found = parse(json.dumps(line))
+            assert np.all(np.isfinite(found.head_position_base_m))
+            assert math.isfinite(found.capture_time_s)

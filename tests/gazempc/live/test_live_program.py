@@ -1,0 +1,185 @@
+"""The whole program on observations from standard input, and what it refuses."""
+
+import gc
+import json
+import math
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from builders.lines import FOREVER_S, QUAT
+from builders.ports import free_port
+
+from gazempc.live import command as live
+from gazempc.live.settings import LiveSettings
+from gazempc.results.limits import limit_violations
+from gazempc.results.log import load_log
+from gazempc.results.metrics import measure
+
+
+class Program:
+    """`python -m gazempc.live` in a process of its own."""
+
+    def __init__(self, *arguments):
+        command = [sys.executable, "-m", "gazempc.live", "--no-figures", *map(str, arguments)]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        self.said = b""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.process.kill()
+        for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
+            pipe.close()
+        self.process.wait()
+
+    def until_it_runs(self):
+        """It says so when it begins."""
+        while b"Ctrl-C stops" not in self.said:
+            ready, _, _ = select.select([self.process.stdout], [], [], FOREVER_S)
+            chunk = self.process.stdout.read1() if ready else b""
+            assert chunk, self.process.stderr.read().decode()
+            self.said += chunk
+
+    def walk(self, seconds, rate_hz=30):
+        """Somebody walks by, in real time."""
+        for k in range(int(seconds * rate_hz)):
+            t = k / rate_hz
+            head_m = [2.5, 1.2 * math.sin(1.2 * t), 0.4]
+            observation = {"capture_time_s": time.time() - 0.03, "head_position_m": head_m, "head_quat_wxyz": QUAT}
+            self.process.stdin.write(json.dumps(observation).encode() + b"\n")
+            self.process.stdin.flush()
+            time.sleep(1.0 / rate_hz)
+
+    def end(self):
+        out, err = self.process.communicate(timeout=FOREVER_S)
+        return (self.said + out).decode(), err.decode()
+
+
+def strict(path):
+    def refuse(word):
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def check_output(out, said):
+    summary = strict(out / "summary.json")
+    assert summary["logs"] == ["log_000.npz"]
+    log = load_log(out / "log_000.npz")
+    assert log.time_s.size == summary["ticks"] > 10
+    assert np.all(np.abs(log.command_velocity_rad_s[-1]) < 1e-9)
+    assert np.all(np.isfinite(log.command_position_rad))
+    neck = log.neck
+    assert np.all(np.abs(log.command_velocity_rad_s) <= neck.velocity_max_rad_s * (1 + 1e-9))
+    assert np.all(np.abs(log.command_acceleration_rad_s2) <= neck.acceleration_max_rad_s2 * (1 + 1e-9))
+    jerk = np.diff(log.command_acceleration_rad_s2, axis=0) / neck.servo_period_s
+    assert np.all(np.abs(jerk) <= neck.jerk_max_rad_s3 * (1 + 1e-6))
+    assert summary["limit_violations"] == limit_violations(log, neck) == 0
+    assert (out / "compute_000.npz").is_file()
+    assert f"stopped by: {summary['stopped_by']}" in said
+    return summary, log
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["end of the source", "SIGINT", "SIGTERM", "SIGINT twice"])
+def test_a_run_from_standard_input(how, tmp_path):
+    """Fed for a while in real time, then ended: the neck at rest, everything written, exit status 0."""
+    seconds = 2.0 if how == "end of the source" else 1.0
+    with Program("--source", "stdin", "--robot", "simulated", "--out", tmp_path) as program:
+        program.until_it_runs()
+        program.walk(seconds)
+        program.process.stdin.write(b"this is no observation\n")
+        program.process.stdin.flush()
+        if how == "end of the source":
+            program.walk(0.2)
+        else:
+            for number in {"SIGINT": ["SIGINT"], "SIGTERM": ["SIGTERM"]}.get(how, ["SIGINT", "SIGTERM"]):
+                program.process.send_signal(getattr(signal, number))
+        said, complained = program.end()
+        assert program.process.returncode == 0, complained
+    assert "Traceback" not in complained
+    summary, log = check_output(tmp_path, said)
+    assert summary["stopped_by"] == ("end of the source" if how == "end of the source" else "signal")
+    assert summary["observations"] >= 5
+    if how == "end of the source":
+        assert summary["observations"] == 66
+        assert summary["bad_observations"] == 1
+        assert "standard input, line 61: not JSON" in summary["problems"][0]
+        assert "bad_observation" in summary["events"]
+        # The figures of the log are those of the metrics; what nobody can know of a live run is left open.
+        assert summary["metrics_of_last_log"]["gaze_error_rms_deg"] is None
+        assert summary["metrics_of_last_log"]["rms_acceleration_rad_s2"] == pytest.approx(
+            measure(log).rms_acceleration_rad_s2
+        )
+        assert summary["end_to_end_latency_ms"]["p50"] > 30.0
+    assert np.ptp(log.command_position_rad[:, 0]) > 1e-3
+    # Nobody told it where the head is but the lines: the forecast is of what they say.
+    assert log.head_observed_base_m[:, 0] == pytest.approx(2.5)
+
+
+def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_log(tmp_path):
+    """Also in process, on the simulated clock: metrics of the log, gaze error included."""
+    arguments = ["--source", "replay", "--replay", "subject03_R4", "--simulated-clock", "--no-figures"]
+    assert live.main([*arguments, "--out", str(tmp_path), "--log-s", "2"]) == 0
+    summary = strict(tmp_path / "summary.json")
+    assert summary["stopped_by"] == "end of the source"
+    assert summary["logs"] == ["log_000.npz", "log_001.npz", "log_002.npz"]
+    assert summary["skipped_ticks"] == summary["late_ticks"] == 0
+    logs = [load_log(tmp_path / name) for name in summary["logs"]]
+    times = np.concatenate([log.time_s for log in logs])
+    assert np.diff(times) == pytest.approx(0.005, abs=1e-9)
+    assert measure(logs[1]).gaze_error_rms_deg < 3.0
+    assert summary["limit_violations"] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--source", "telepathy"], ["--source", "telepathy", "udp:PORT", "stdin"]),
+        (["--source", "udp:99999"], ["udp:99999", "1 to 65535"]),
+        (["--source", "tcp:nobody"], ["tcp:nobody", "tcp:HOST:PORT"]),
+        (["--source", "udp:5005", "--simulated-clock"], ["--simulated-clock", "replay"]),
+        (["--source", "replay", "--mount.on", "head"], ["--mount.on", "base"]),
+        (["--source", "replay", "--neck", "no/such.toml"], ["no/such.toml"]),
+        (["--source", "replay", "--neck", "refrence"], ["refrence", "reference"]),
+        (["--source", "replay", "--replay", "subject99_R9"], ["subject99_R9"]),
+        (["--source", "replay", "--sensor", "nosuch"], ["nosuch", "reference"]),
+        (["--source", "replay", "--predictor", "perfect"], ["--predictor"]),
+    ],
+)
+def test_bad_input_is_named_and_the_status_is_2(arguments, named, tmp_path, capsys):
+    assert live.main([*arguments, "--out", str(tmp_path)]) == 2
+    complained = capsys.readouterr().err
+    for word in named:
+        assert word in complained
+    assert "Traceback" not in complained
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_port_in_use_is_named_and_the_status_is_2(tmp_path, capsys):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        assert live.main(["--source", f"udp:{port}", "--out", str(tmp_path), "--no-figures"]) == 2
+    complained = capsys.readouterr().err
+    assert f"UDP 127.0.0.1:{port}" in complained
+    assert "in use" in complained
+    assert live.main(["--source", f"tcp:{free_port()}", "--out", str(tmp_path), "--no-figures"]) == 2
+    assert "TCP 127.0.0.1" in capsys.readouterr().err
+    gc.collect()  # a socket that was left open complains here
+
+
+def test_a_wrong_command_line_is_status_2(capsys):
+    for arguments in ([], ["--source", "replay", "--robot", "toaster"], ["--source", "replay", "--log-s", "0"]):
+        with pytest.raises(SystemExit) as raised:
+            live.main(arguments)
+        assert raised.value.code == 2
+        capsys.readouterr()
+    assert LiveSettings(source="stdin").robot == "simulated"
