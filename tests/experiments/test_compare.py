@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from experiments.engine.jobs import execute, fitted_hash
 
 from experiments.aggregate import add_gap_closed, bootstrap_mean, paired_differences, summarise
 from experiments.compare import CompareSettings, compare, main, make_jobs
-from experiments.engine.jobs import execute, fitted_hash
 from experiments.engine.recordings import find_recordings
 from gazempc.errors import GazempcError
 from gazempc.recordings.synthetic.walks import synthetic_names
