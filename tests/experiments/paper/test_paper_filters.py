@@ -44,7 +44,7 @@ def test_the_default_filter_is_among_those_swept():
 
 
 def made_row(group, subject, base_m, turn_m):
-    """A row as `executed` makes it: all along x; twice the error against the true position, thrice after 1 s."""
+    """A row as `execute` makes it: all along x; twice the error against the true position, thrice after 1 s."""
     horizons = [
         {
             "filtered": [[k * b, 0.0, 0.0] for b in base_m],
