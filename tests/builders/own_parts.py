@@ -30,9 +30,9 @@ class Steady(ConstantVelocity):
 """
 
 
-def own_module(folder, monkeypatch, name="my_parts"):
+def own_module(folder, monkeypatch, name="my_parts", more=""):
     """Write the module into a folder that becomes the working directory; gives its name."""
-    (folder / f"{name}.py").write_text(MODULE)
+    (folder / f"{name}.py").write_text(MODULE + more)
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.delitem(sys.modules, name, raising=False)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from builders.replays import replayed
 
-from experiments.bound import COLUMNS, least_error_deg, main, summarise
+from experiments.bound import COLUMNS, bound, main, summarise
+from experiments.least_error import least_error_deg
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
@@ -60,6 +61,12 @@ def test_command_prints_and_saves_all(tmp_path, capsys):
     assert f"{rows['all']['bound']:.2f}" in printed
     with (tmp_path / "bound.csv").open() as file:
         assert [row["recording"] for row in csv.DictReader(file)] == recordings
+
+
+def test_from_python_it_gives_a_row_for_each_recording(tmp_path):
+    (row,) = bound(recordings=["subject03_R5"], distance_m=0.3, jobs=1, out=tmp_path)
+    assert row["recording"] == "subject03_R5"
+    assert "the head comes within" in row["left_out"]
 
 
 def test_a_walk_too_near_is_left_out_and_said(tmp_path, capsys):

@@ -3,21 +3,21 @@
 import csv
 import dataclasses
 import json
-import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments.engine.jobs import execute, fitted_hash
+from builders.own_parts import own_module
 
 from experiments.aggregate import add_gap_closed, bootstrap_mean, paired_differences, summarise
-from experiments.compare import CompareSettings, compare, main, make_jobs
+from experiments.compare import CompareSettings, compare, main, runs_of
+from experiments.engine.keys import models_hash
+from experiments.engine.own_parts import name_parts, parts_hash
 from experiments.engine.recordings import find_recordings
-from gazempc.errors import GazempcError
+from gazempc.errors import GazempcError, SettingsError
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.settings import WalkerSettings
 from predictors.walker.network import shipped_walker_model
@@ -43,7 +43,11 @@ def settings(out, **changes):
         "out": out,
         "figures": False,
     }
-    return CompareSettings(**(values | changes))
+    return values | changes
+
+
+def runs(out, **changes):
+    return runs_of(CompareSettings(**settings(out, **changes)))
 
 
 def rows_of(out):
@@ -126,7 +130,7 @@ def test_clips_without_the_figure_are_no_pair():
 
 
 def test_a_comparison_writes_its_tables(tmp_path):
-    assert compare(settings(tmp_path)) == 0
+    compare(**settings(tmp_path))
     rows = rows_of(tmp_path)
     assert len(rows) == 9
     assert {r["group"] for r in rows} == {"straight", "turn", "sharp"}
@@ -142,7 +146,7 @@ def test_a_comparison_writes_its_tables(tmp_path):
 
 def test_a_gaze_that_starts_aside_is_compared_by_contact_and_overshoot(tmp_path):
     aside = {"controllers": ("lookahead", "mpc"), "start_offset_deg": 60.0, "recordings": ("subject01_R1",)}
-    assert compare(settings(tmp_path, **aside)) == 0
+    compare(**settings(tmp_path, **aside))
     by_gaze = {r["controller"]: r for r in rows_of(tmp_path)}
     later_s = [float(by_gaze[gaze]["time_to_stable_contact_s"]) for gaze in ("mpc", "lookahead")]
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -153,61 +157,58 @@ def test_a_gaze_that_starts_aside_is_compared_by_contact_and_overshoot(tmp_path)
     assert "overshoot where both reach the person [deg]" in text
 
 
-def test_killed_in_the_middle_it_goes_on_and_ends_the_same(tmp_path):
-    """SIGKILL after the first results: started again it does only the rest, and the tables are the same."""
-    words = ["--recordings", "subject01_R1", "subject01_R4", "subject02_R6", "--controllers", "reactive", "lookahead"]
-    words += ["perfect", "--no-figures", "--jobs", "1", "--out", str(tmp_path / "killed")]
+def test_interrupted_in_the_middle_it_goes_on_and_ends_the_same(tmp_path):
+    """One SIGTERM after the first results: started again it does only the rest, and the tables are the same."""
+    words = ["--recordings", "subject01_R1", "subject01_R4", "--controllers", "reactive", "lookahead", "perfect"]
+    words += ["--no-figures", "--jobs", "1", "--out", str(tmp_path / "stopped")]
     process = subprocess.Popen(
-        [sys.executable, "-m", "experiments.compare", *words],
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
+        [sys.executable, "-m", "experiments.compare", *words], cwd=ROOT, stderr=subprocess.PIPE, text=True
     )
-    runs = tmp_path / "killed" / "runs"
-    give_up_s = time.monotonic() + 60
-    while len(list(runs.glob("*.json"))) < 2 and time.monotonic() < give_up_s:
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    before = {path: path.stat().st_mtime_ns for path in runs.glob("*.json")}
-    assert 2 <= len(before) < 9
+    kept = tmp_path / "stopped" / "runs"
+    while len(list(kept.glob("*.json"))) < 2:
+        assert process.poll() is None, process.stderr.read()
+    process.send_signal(signal.SIGTERM)
+    _, error = process.communicate(timeout=60)
+    before = {path: path.stat().st_mtime_ns for path in kept.glob("*.json")}
+    assert process.returncode == 143
+    assert f"compare: interrupted: {len(before)} of 6 results are kept in {kept}" in error
     assert main(words) == 0
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
-    assert compare(settings(tmp_path / "undisturbed")) == 0
-    assert rows_of(tmp_path / "killed") == rows_of(tmp_path / "undisturbed")
+    compare(**settings(tmp_path / "undisturbed", recordings=("subject01_R1", "subject01_R4"), jobs=1))
+    assert rows_of(tmp_path / "stopped") == rows_of(tmp_path / "undisturbed")
 
 
 def test_a_bad_recording_is_a_row_and_not_a_crash(tmp_path):
     (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
-    status = compare(settings(tmp_path / "out", recordings=(str(tmp_path / "bad.csv"), "subject01_R1"), jobs=1))
-    assert status == 1
+    words = ["--recordings", str(tmp_path / "bad.csv"), "subject01_R1", "--controllers", "reactive", "lookahead"]
+    assert main([*words, "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 1
     failed = [r for r in rows_of(tmp_path / "out") if r["failed"]]
-    assert len(failed) == 3
+    assert len(failed) == 2
     assert "bad.csv" in failed[0]["failed"]
+    assert failed[0]["controller"] == "reactive"
 
 
 def test_a_clip_that_comes_too_near_is_left_out_and_counted(tmp_path):
     near = settings(tmp_path, recordings=("subject01_R1",), placement="side", distance_m=0.5, jobs=1)
-    assert compare(near) == 0
+    assert {row["failed"] for row in compare(**near)} == {None}
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["n_left_out"] == 1
     assert summary["rows"] == []
 
 
 def test_default_predictor_and_one_perfect_run_for_all():
-    jobs = make_jobs(settings(Path("x"), predictors=("default", "walker", "head_pose")))
-    assert sum(job.controller == "perfect" for job in jobs) == 3
-    assert {job.predictor for job in jobs if job.controller == "reactive"} == {"walker", "head_pose"}
+    labels = [run.labels for run in runs(Path("x"), predictors=("default", "walker", "head_pose"))]
+    assert sum(row["controller"] == "perfect" for row in labels) == 3
+    assert {row["predictor"] for row in labels if row["controller"] == "reactive"} == {"walker", "head_pose"}
 
 
 def test_a_job_is_named_by_all_it_depends_on(tmp_path):
-    jobs = make_jobs(settings(tmp_path))
+    jobs = [run.job for run in runs(tmp_path)]
     assert len({job.key() for job in jobs}) == len(jobs)
-    assert make_jobs(settings(tmp_path, seed=1))[0].key() != jobs[0].key()
+    assert runs(tmp_path, seed=1)[0].job.key() != jobs[0].key()
     file = tmp_path / "walk.csv"
     file.write_text("one")
-    job = make_jobs(settings(tmp_path, recordings=(str(file),)))[0]
+    job = runs(tmp_path, recordings=(str(file),))[0].job
     first = job.key()
     file.write_text("two")
     assert job.key() != first
@@ -237,7 +238,7 @@ def test_bad_input_is_refused_before_anything_runs(words, expected, tmp_path, ca
 def test_figures_are_drawn(tmp_path):
     controllers = ("reactive", "lookahead", "mpc", "perfect")
     recordings = ("subject01_R4", "subject02_R4")
-    assert compare(settings(tmp_path, recordings=recordings, controllers=controllers, figures=True)) == 0
+    compare(**settings(tmp_path, recordings=recordings, controllers=controllers, figures=True))
     names = {path.name for path in tmp_path.glob("*.png")}
     assert names == {
         "gaze_error.png",
@@ -248,11 +249,6 @@ def test_figures_are_drawn(tmp_path):
     }
 
 
-def test_a_worker_row_names_its_recording():
-    job = make_jobs(settings(Path("x"), recordings=("subject01_R1",)))[0]
-    assert execute(job)["recording"] == "subject01_R1"
-
-
 def test_another_fitted_model_is_another_run(tmp_path):
     """A fit into the same folder changes the key, so that old results are not taken for new ones."""
     path = tmp_path / "left_out" / "ann.npz"
@@ -261,27 +257,83 @@ def test_another_fitted_model_is_another_run(tmp_path):
     keys = []
     for content in (b"one", b"two"):
         path.write_bytes(content)
-        fitted_hash.cache_clear()
         walker = WalkerSettings(fitted=tmp_path)
-        [job] = make_jobs(settings(tmp_path, recordings=("subject01_R1",), controllers=("mpc",), walker=walker))
-        keys.append(job.key())
-        assert job.settings().walker.fitted == tmp_path
+        [run] = runs(tmp_path, recordings=("subject01_R1",), controllers=("mpc",), walker=walker)
+        keys.append(run.job.key())
+        assert run.job.settings.walker.fitted == tmp_path
     assert keys[0] != keys[1]
+    assert models_hash(tmp_path / "walker.npz") != models_hash(tmp_path)
 
 
 def test_a_fitted_model_that_is_not_there_is_refused_before_anything_runs(tmp_path):
     with pytest.raises(GazempcError, match=r"walker\.fitted.*nowhere"):
-        make_jobs(settings(tmp_path, walker=WalkerSettings(fitted=tmp_path / "nowhere")))
+        runs(tmp_path, walker=WalkerSettings(fitted=tmp_path / "nowhere"))
 
 
-def test_people_that_the_model_has_seen_are_said(tmp_path, capsys):
+def test_people_that_the_model_has_seen_are_said(tmp_path):
     model = shipped_walker_model()
     dataclasses.replace(model, about={"people": ["subject01"]}).save(tmp_path / "walker.npz")
     recordings = ("subject01_R1", "subject02_R6")
     chosen = settings(
         tmp_path / "out", recordings=recordings, controllers=("reactive",), walker=WalkerSettings(fitted=tmp_path)
     )
-    assert compare(chosen) == 0
-    assert "fitted on 1 person of those who walk here" in capsys.readouterr().out
+    compare(**chosen)
+    assert "fitted on 1 person of those who walk here" in (tmp_path / "out" / "summary.md").read_text()
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["people_seen_in_fitting"] == ["subject01"]
+
+
+def test_parts_of_ones_own_are_compared_with_options_and_under_their_names(tmp_path, monkeypatch):
+    own = own_module(tmp_path, monkeypatch)
+    both = {"controllers": (f"{own}:Sluggish", "lookahead"), "predictors": (f"{own}:Steady", "constant_velocity")}
+    chosen = settings(tmp_path / "out", recordings=("subject01_R4",), **both, options={"share": 1.0}, figures=True)
+    rows = {(row["controller"], row["predictor"]): row for row in compare(**chosen)}
+    assert set(rows) == {(c, p) for c in ("sluggish", "lookahead") for p in ("steady", "constant_velocity")}
+    assert len({row["gaze_error_rms_deg"] for row in rows.values()}) == 1
+    assert "| sluggish | steady |" in (tmp_path / "out" / "summary.md").read_text()
+    words = ["--recordings", "subject01_R4", "--controllers", f"{own}:Sluggish", "--jobs", "1", "--no-figures"]
+    assert main([*words, "--options.share", "0.5", "--out", str(tmp_path / "other")]) == 0
+    (other,) = rows_of(tmp_path / "other")
+    assert float(other["gaze_error_rms_deg"]) > 1.5 * rows["sluggish", "steady"]["gaze_error_rms_deg"]
+
+
+def test_the_source_of_a_part_of_ones_own_is_in_the_key(tmp_path, monkeypatch):
+    own = own_module(tmp_path, monkeypatch)
+    chosen = {"recordings": ("subject01_R4",), "controllers": (f"{own}:Sluggish",)}
+    first = runs(tmp_path, **chosen)[0].job.key()
+    changed = own_module(tmp_path, monkeypatch, "changed_parts", more="# changed")
+    assert own != changed
+    hashes = [parts_hash(f"{name}:Sluggish", "walker") for name in (own, changed)]
+    assert hashes[0] != hashes[1]
+    assert parts_hash("mpc", "walker") == []
+    assert first != runs(tmp_path, **{**chosen, "controllers": ("lookahead",)})[0].job.key()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--controllers", "my_parts:Slugish"], "perhaps you meant 'Sluggish'"),
+        (["--controllers", "no_parts:Sluggish"], "there is no module 'no_parts'"),
+        (["--controllers", "mpc", "--options.share", "1"], "options are for parts of your own"),
+    ],
+)
+def test_a_part_that_is_not_there_is_said_before_anything_runs(words, expected, tmp_path, monkeypatch, capsys):
+    own_module(tmp_path, monkeypatch)
+    assert main(["--recordings", "subject01_R4", *words, "--out", str(tmp_path / "out")]) == 2
+    assert expected in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_parts_of_one_name_are_told_apart():
+    rows = [
+        {"controller": choice, "controller_name": name}
+        for choice, name in (("mpc", "mpc"), ("a:Mine", "Mine"), ("b:Mine", "Mine"), ("c:Yours", "Yours"))
+    ]
+    rows.append({"controller": "c:Yours"})  # of a failed run
+    name_parts(rows, "controller")
+    assert rows == [{"controller": name} for name in ("mpc", "a:Mine", "b:Mine", "Yours", "Yours")]
+
+
+def test_wrong_settings_from_python_are_named():
+    with pytest.raises(SettingsError, match="recordigs"):
+        compare(recordigs=["synthetic"])

@@ -10,8 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.fit.command import FitSettings, _errors_on_left_out, _networks, fit, main
+from experiments.engine.cache import Cache
+from experiments.fit.command import fit, main
+from experiments.fit.doubt import errors_on_left_out
 from experiments.fit.examples import Examples, _joined, as_seen, examples_of_walk, fitting_examples, join
+from experiments.fit.jobs import NetworksJob, model_of
 from experiments.fit.networks import fit_networks
 from experiments.fit.spread import calibrate, fit_spread
 from experiments.fit.variants import GaplessWalk, bend, change_pace, glance, mirror, vary, walk_of
@@ -194,21 +197,21 @@ def test_networks_learn_and_are_the_same_for_the_same_seed():
 
 
 def settings(folder, **changes):
-    plain = {"variants": 2, "networks": 1, "steps": 20, "workers": 1, "out": folder}
-    return FitSettings(recordings=("subject01_R1", "subject02_R4"), **{**plain, **changes})
+    plain = {"variants": 2, "networks": 1, "steps": 20, "jobs": 1, "out": folder}
+    return {"recordings": ("subject01_R1", "subject02_R4"), **plain, **changes}
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """Folder of a finished fit; starting workers takes long, so it is made once, and copied."""
     folder = tmp_path_factory.mktemp("finished")
-    fit(settings(folder))
+    fit(**settings(folder))
     return folder
 
 
 def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(tmp_path, capsys):
     words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
-    assert main([*words, "--workers", "1", "--out", str(tmp_path)]) == 0
+    assert main([*words, "--jobs", "1", "--out", str(tmp_path)]) == 0
     everybody = load_walker_model(tmp_path / "walker.npz")
     assert everybody.about["people"] == ["subject01", "subject02"]
     assert everybody.about["recordings"] == ["subject01_R1", "subject02_R4"]
@@ -217,7 +220,7 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(tmp_path, 
     assert without.about["people"] == ["subject02"]
     assert not np.array_equal(without.weights[0], everybody.weights[0])
     assert np.any(without.log_spread != everybody.log_spread)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["left_out", "networks", "walker.npz"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["left_out", "runs", "walker.npz"]
     assert "--walker.fitted" in capsys.readouterr().out
 
     from experiments.forecast.command import main as forecast
@@ -233,17 +236,31 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(tmp_path, 
     assert "flatters" in (out / "summary.md").read_text()
 
 
+def networks_in(folder):
+    """Results of `NetworksJob`: the files that have weights."""
+    found = {}
+    for path in (folder / "runs").glob("*.npz"):
+        with np.load(path) as data:
+            if "weights_0" in data:
+                found[path] = path.stat().st_mtime_ns
+    return found
+
+
 def test_finished_fits_are_used_again_and_only_those(tmp_path, finished):
-    """Interrupted between the fits, the next start makes only what is missing; with other settings, everything."""
+    """Interrupted between the fits, the next start makes only what is missing; with other settings, all networks."""
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    first = load_walker_model(tmp_path / "walker.npz")
-    stamps = {p: p.read_bytes() for p in tmp_path.rglob("*.npz")}
-    (tmp_path / "left_out" / "subject01.npz").unlink()
-    again = fit(settings(tmp_path))
+    first, before = load_walker_model(tmp_path / "walker.npz"), networks_in(tmp_path)
+    assert len(before) == 3
+    gone, *kept = before
+    gone.unlink()
+    again = fit(**settings(tmp_path))
     assert all(np.array_equal(a, b) for a, b in zip(first.weights, again.weights, strict=True))
-    assert {p.name for p in stamps} == {p.name for p in tmp_path.rglob("*.npz")}
-    other = fit(settings(tmp_path, steps=21))
+    after = networks_in(tmp_path)
+    assert after.keys() == before.keys()
+    assert all(after[path] == before[path] for path in kept)
+    other = fit(**settings(tmp_path, steps=21))
     assert not np.array_equal(first.weights[0], other.weights[0])
+    assert len(networks_in(tmp_path)) == 6
 
 
 def test_one_person_is_not_enough(tmp_path, capsys):
@@ -286,7 +303,7 @@ def test_errors_are_by_the_model_that_has_not_seen_the_person():
     """With two clips a person, and models that can be told apart by what they say."""
     people = ["ann", "bob", "ann", "bob"]
     scoring = [[toy(5, k), None] for k in range(4)]
-    found = _errors_on_left_out({"ann": constant_model(1.0), "bob": constant_model(2.0)}, people, scoring)
+    found = errors_on_left_out({"ann": constant_model(1.0), "bob": constant_model(2.0)}, people, scoring)
     for person, parts, examples in zip(people, found, scoring, strict=True):
         said = parts[0].error_m + examples[0].departure_m
         expected = {"ann": 1.0, "bob": 2.0}[person] * DEPARTURE_SCALE_M
@@ -295,32 +312,51 @@ def test_errors_are_by_the_model_that_has_not_seen_the_person():
 
 
 def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
-    """Each recording's examples carry a mark; the marks that reach the fit are those of the others, all of them."""
-    people = ["ann", "bob", "ann", "cat"]
-    parts = tmp_path / "parts"
-    parts.mkdir()
-    (tmp_path / "networks").mkdir()
-    for k in range(4):
-        np.savez(parts / f"{k}.npz", **vars(dataclasses.replace(toy(3, k), weight=np.full(3, float(k)))))
-    seen = {}
+    """The files of examples that each fit reads are those of the others, all of them."""
+    asked = []
+
+    def spy(engine, jobs):
+        asked.append(jobs)
+        return [{"failed": None, "left_out": None} for _ in jobs]
+
+    people = {"subject01_R1": "subject01", "subject02_R4": "subject02", "subject01_R4": "subject01"}
+    monkeypatch.setattr("experiments.fit.command.Engine.run", spy)
+    monkeypatch.setattr("experiments.fit.command.result_file", lambda folder, key: folder / f"{key}.npz")
+    monkeypatch.setattr("experiments.fit.command.model_of", lambda *_: (_ for _ in ()).throw(StopIteration))
+    with pytest.raises((StopIteration, RuntimeError)):
+        fit(**settings(tmp_path, recordings=tuple(people)))
+    examples, fits = asked
+    person_of = {job.key(): people[job.recording] for job in examples}
+    read = [[person_of[path.stem] for path in job.examples] for job in fits]
+    assert read == [["subject02"], ["subject01"] * 2, ["subject01", "subject02", "subject01"]]
+
+
+def test_a_fit_reads_the_examples_it_is_given(tmp_path, monkeypatch):
+    """Each recording's examples carry a mark; all marks reach the fit, in order."""
+    cache = Cache(tmp_path)
+    for k in (2, 0):
+        cache.keep(f"part{k}", vars(dataclasses.replace(toy(3, k), weight=np.full(3, float(k)))))
+    seen = []
 
     def spy(examples, seed, networks, steps):
-        seen[person] = set(examples.weight.tolist())
+        seen.append(examples.weight.tolist())
         model = constant_model(0.0)
         return model.weights, model.biases
 
-    monkeypatch.setattr("experiments.fit.command.fit_networks", spy)
-    for person in ("ann", "bob", "cat", None):
-        _networks(person, people, settings(tmp_path), parts, "key")
-    assert seen == {"ann": {1.0, 3.0}, "bob": {0.0, 2.0, 3.0}, "cat": {0.0, 1.0, 2.0}, None: {0.0, 1.0, 2.0, 3.0}}
+    monkeypatch.setattr("experiments.fit.jobs.fit_networks", spy)
+    job = NetworksJob((tmp_path / "part2.npz", tmp_path / "part0.npz"), 0, 1, 1)
+    model = model_of(job.run(), job.key())
+    assert seen == [[2.0] * 3 + [0.0] * 3]
+    np.testing.assert_array_equal(model.biases[0], constant_model(0.0).biases[0])
+    assert model.about == {"key": job.key()}
 
 
 def test_people_who_are_no_more_leave_no_model_behind(tmp_path, finished):
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     stale = tmp_path / "left_out" / "nobody.npz"
     load_walker_model().save(stale)
-    (tmp_path / "networks" / "everybody.npz").write_bytes(b"cut off")
-    fit(settings(tmp_path))
+    next(iter(networks_in(tmp_path))).write_bytes(b"cut off")
+    fit(**settings(tmp_path))
     assert not stale.exists()
     assert sorted(p.stem for p in (tmp_path / "left_out").iterdir()) == ["subject01", "subject02"]
     assert not list(tmp_path.rglob("*.part*"))

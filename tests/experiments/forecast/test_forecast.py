@@ -5,8 +5,9 @@ import json
 
 import numpy as np
 import pytest
+from builders.own_parts import own_module
 
-from experiments.forecast.command import main
+from experiments.forecast.command import forecast, main
 from experiments.forecast.errors import forecast_errors
 from experiments.forecast.glance import turn_head
 from gazempc.recordings.load import load
@@ -183,3 +184,25 @@ def test_cues_ratio_and_example(tmp_path):
 def test_an_example_that_does_not_exist_is_refused_at_once(tmp_path, capsys):
     assert main(["--recordings", "subject01_R4", "--example", "nobody", "--out", str(tmp_path)]) == 2
     assert "nobody" in capsys.readouterr().err
+
+
+def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name(tmp_path, monkeypatch):
+    """With the settings of `constant_velocity` it errs as that does; with others it does not."""
+    own = own_module(tmp_path, monkeypatch)
+    words = {"recordings": ["subject01_R4"], "predictors": ["constant_velocity", f"{own}:Steady"], "jobs": 1}
+    plain, steady = forecast(**words, out=tmp_path / "out")
+    assert (plain.predictor, steady.predictor) == ("constant_velocity", "steady")
+    np.testing.assert_array_equal(plain.errors.difference_m, steady.errors.difference_m)
+    _, other = forecast(**words, options={"psd": 0.5}, out=tmp_path / "out")
+    assert not np.array_equal(plain.errors.difference_m, other.errors.difference_m)
+    assert len(list((tmp_path / "out" / "runs").iterdir())) == 3
+
+
+def test_a_recording_that_cannot_be_read_is_said_and_the_others_are_kept(tmp_path, capsys):
+    (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
+    words = ["--recordings", str(tmp_path / "bad.csv"), "subject01_R1", "--predictors", "last_position", "--jobs", "1"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "bad.csv" in error
+    assert "missing column" in error
+    assert len(list((tmp_path / "out" / "runs").iterdir())) == 1
