@@ -108,7 +108,7 @@ def _quats(name: str, field: str, value: ArrayLike | None, ahead: FloatArray) ->
     quats = np.asarray(value)
     quats = _array(name, field, np.tile(quats, (len(ahead), 1)) if quats.shape == (4,) else quats, ahead.shape)
     check_unit_quaternions(Path(name), quats, field, _row)
-    return quats / np.linalg.norm(quats, axis=1, keepdims=True)
+    return np.asarray(quats / np.linalg.norm(quats, axis=1, keepdims=True), dtype=np.float64)
 
 
 def _travel_quat_wxyz(times_s: FloatArray, head_m: FloatArray) -> FloatArray:
