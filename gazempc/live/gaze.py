@@ -46,7 +46,8 @@ class Gaze:
         controller: ``mpc``, ``lookahead``, ``reactive``, ``module:Class``, or a controller.
         predictor: Name, ``module:Class``, or a predictor.
         **settings: Any other of `gazempc.live.gaze_parts.LiveGazeSettings`: ``clock="monotonic"``,
-            ``mount={"on": "head"}``, ``mpc={"horizon_s": 0.6}``, ``loop={"lost_after_s": 2.0}``, ``options={"port": "/dev/ttyUSB1"}``.
+            ``mount={"on": "head"}``, ``mpc={"horizon_s": 0.6}``, ``loop={"lost_after_s": 2.0}``, or
+            ``options={"port": "/dev/ttyUSB1"}`` for the constructor of a ``module:Class``.
 
     Raises:
         GazempcError: If a name does not exist, a file or setting is wrong, or a part does not do what it must.
