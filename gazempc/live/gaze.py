@@ -3,47 +3,27 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
-
 from gazempc.controllers.controller import Controller
-from gazempc.errors import SettingsError
-from gazempc.live.clock import RealClock
-from gazempc.live.gaze_robot import ready_robot
-from gazempc.live.parts import Keeping, LiveParts
+from gazempc.live.gaze_parts import check_settings, make_parts
+from gazempc.live.parts import Keeping
 from gazempc.live.process import fast_switching
-from gazempc.live.robots import true_state_of
 from gazempc.live.run import LiveRun
-from gazempc.live.settings import MountedSettings
-from gazempc.live.sources.pushed import PushedSource, StampClock, check_covariance, check_person_id
-from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.live.sources.pushed import check_covariance, check_person_id
 from gazempc.loop.observer import JointEstimate
-from gazempc.loop.planner import BackgroundPlanner
-from gazempc.neck.spec import NeckSpec, load_neck
-from gazempc.part_options import check_options
-from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, name_of
+from gazempc.neck.spec import NeckSpec
 from gazempc.results.join import join_logs
 from gazempc.results.log import ComputeTimes, Fault, Log
-from gazempc.results.run_info import RunInfo
 from gazempc.robots.robot import Robot
 from gazempc.settings import DEFAULT_PREDICTOR
-from gazempc.specfiles import explain
 from predictors import Predictor
 
 # A log takes some milliseconds to make, in which the servo thread may have to wait: small ones, often.
 _CHUNK_S = 30.0
-
-
-class LiveGazeSettings(MountedSettings):
-    """Settings of `Gaze`."""
-
-    clock: StampClock = Field(default="unix", description="Clock of the capture times that `see` is given")
-    keep_minutes: float = Field(default=10.0, gt=0, le=600, description="How much of the run the log holds")
 
 
 class Gaze:
@@ -65,8 +45,9 @@ class Gaze:
             ``module:Class``. Only the servo thread uses it inside the block.
         controller: ``mpc``, ``lookahead``, ``reactive``, ``module:Class``, or a controller.
         predictor: Name, ``module:Class``, or a predictor.
-        **settings: Any other of `LiveGazeSettings`: ``clock="monotonic"``, ``mount={"on": "head"}``,
-            ``mpc={"horizon_s": 0.6}``, ``loop={"lost_after_s": 2.0}``, ``options={"port": "/dev/ttyUSB1"}``.
+        **settings: Any other of `gazempc.live.gaze_parts.LiveGazeSettings`: ``clock="monotonic"``,
+            ``mount={"on": "head"}``, ``mpc={"horizon_s": 0.6}``, ``loop={"lost_after_s": 2.0}``, or
+            ``options={"port": "/dev/ttyUSB1"}`` for the constructor of a ``module:Class``.
 
     Raises:
         GazempcError: If a name does not exist, a file or setting is wrong, or a part does not do what it must.
@@ -81,44 +62,11 @@ class Gaze:
         predictor: str | Predictor = DEFAULT_PREDICTOR,
         **settings: Any,
     ) -> None:
-        try:
-            checked = LiveGazeSettings.model_validate(settings)
-        except ValidationError as error:
-            raise SettingsError(explain(error, "Gaze", LiveGazeSettings)) from None
-        if "perfect" in (controller, predictor):
-            raise SettingsError("perfect: nobody knows the true future of a live run")
-        spec = neck if isinstance(neck, NeckSpec) else load_neck(neck)
-        own = checked.options.own
-        chosen = ((PREDICTOR, predictor), (CONTROLLER, controller), (ROBOT, robot))
-        check_options([(part, choice) for part, choice in chosen if isinstance(choice, str)], own)
-        clock = RealClock()
-        self._source = PushedSource(clock, checked.clock)
-        forecasting = make_predictor(predictor, checked, Person(), own)
-        planning = make_controller(controller, spec, checked, own)
-        ready, called = ready_robot(robot, checked.options, spec, clock)
-        about = RunInfo(
-            recording="live",
-            kind="live",
-            subject="unknown",
-            controller=name_of(CONTROLLER, planning),
-            predictor=name_of(PREDICTOR, forecasting),
-            neck=spec,
-            sensor={"name": "live"},
-            mode="live",
-            robot=called,
-            joints="measured",
-            settings=checked.model_dump(mode="json"),
-        )
+        checked = check_settings(settings)
+        self._parts = make_parts(neck, robot, controller, predictor, checked)
+        self._source = self._parts.source
         self._keep_s = 60.0 * checked.keep_minutes
         self._kept: tuple[Log, ...] = ()
-        keeping = Keeping(about, self._keep, _CHUNK_S, true_state=true_state_of(ready))
-        # The planner has a thread: it is not made before the block.
-        self._make_run: Callable[[], LiveRun] = lambda: LiveRun(
-            LiveParts(
-                spec, forecasting, BackgroundPlanner(planning), ready, self._source, clock, checked.mount, checked.loop
-            ),
-            keeping,
-        )
         self._run: LiveRun | None = None
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -137,7 +85,7 @@ class Gaze:
         """
         if self._run is not None:
             raise RuntimeError("this Gaze was used before: make another one for another with-block")
-        self._run = run = self._make_run()
+        self._run = run = self._parts.run(Keeping(self._parts.about, self._keep, _CHUNK_S))
         # No daemon: at the end of the program the neck is braked, too.
         thread = threading.Thread(target=self._work, args=(run,), name="servo")
         try:

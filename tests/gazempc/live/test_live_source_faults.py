@@ -143,3 +143,28 @@ def test_what_a_source_could_not_read_is_counted_and_the_first_are_kept():
     assert result.events == {"no_observation_yet", "bad_observation"}
     assert len(result.report.problems) == 20
     assert 22 <= result.report.n_problems <= 26
+
+
+@pytest.mark.parametrize(
+    ("to_s", "events"), [(2.3, set()), (4.5, {"target_lost", "stale_observation", "observations_dropped"})]
+)
+def test_a_source_that_raises_is_asked_again_and_the_neck_is_braked_if_it_lasts(to_s, events):
+    """What it raises is in the log with its traceback, once."""
+
+    def on_poll(now_s):
+        if 2.0 <= now_s < to_s:
+            raise ConnectionError("the tracker is gone")
+
+    result = run_live(on_poll=on_poll, duration_s=7.5)
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", "source_failed"} | events
+    assert result.event_s("source_failed") == pytest.approx([2.0], abs=TS)
+    (fault,) = result.logs[0][0].faults
+    assert (fault.event, fault.error) == ("source_failed", "ConnectionError: the tracker is gone")
+    assert "in on_poll" in fault.traceback
+    assert fault.count == pytest.approx((to_s - 2.0) / TS, abs=2)
+    if events:
+        now = result.joined("time_s")
+        braked = result.joined("command_velocity_rad_s")[(now > 3.8) & (now < to_s)]
+        assert np.abs(braked).max() < 1e-9
+    assert_recovered(result, to_s + 1.5, within_deg=1.0)

@@ -1,0 +1,96 @@
+"""Identification of a robot of one's own: measured as a shipped one, and what it does wrong is said."""
+
+import tomllib
+
+import pytest
+
+from gazempc.identify.command import main
+
+ROBOT = '''
+import numpy as np
+from gazempc.sim.simulated import SimulatedNeck
+
+class Head(SimulatedNeck):
+    """Stands for a driver."""
+    def __init__(self, neck, clock_s, position_rad, dead_time_s: float = 0.1):
+        changed = {"dead_time_s": dead_time_s}
+        axes = {name: getattr(neck, name).model_copy(update=changed) for name in ("pan", "tilt")}
+        super().__init__(neck.model_copy(update=axes), position_rad, clock_s)
+
+class Real(Head):
+    keeps_any_clock = False
+
+class Lacking:
+    keeps_any_clock = True
+    def connect(self): ...
+
+class NoConnection(Head):
+    def connect(self):
+        raise KeyError("port")
+
+class WrongShape(Head):
+    def read_state(self):
+        state = super().read_state()
+        return type(state)(state.time_s, np.zeros(3), np.zeros(3))
+
+class Later(Head):
+    """Breaks under way; keeps where its commands ended."""
+    sent, broken = 0, ""
+    def read_state(self):
+        if type(self).broken == "read" and self.sent > 300:
+            raise TypeError("a bug in reading")
+        return super().read_state()
+    def send_command(self, position_rad):
+        self.sent += 1
+        found = super().send_command(position_rad)
+        return found[:1] if type(self).broken == "send" and self.sent == 300 else found
+
+class ReadsLater(Later):
+    broken = "read"
+
+class SendsLater(Later):
+    broken = "send"
+'''
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _in_the_folder_of_the_robot(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("own")
+        (folder / "robot_to_identify.py").write_text(ROBOT, encoding="utf-8")
+        patch.chdir(folder)
+        patch.syspath_prepend(folder)
+        yield
+
+
+def test_its_dead_time_is_found(tmp_path, capsys):
+    words = ["--robot", "robot_to_identify:Head", "--duration-s", "12", "--out", str(tmp_path / "mine.toml")]
+    assert main([*words, "--options.dead_time_s", "0.25"]) == 0
+    measured = tomllib.loads((tmp_path / "mine.toml").read_text())
+    assert measured["pan"]["dead_time_s"] == pytest.approx(0.25, abs=0.002)
+    assert measured["tilt"]["dead_time_s"] == pytest.approx(0.25, abs=0.002)
+    assert "robot robot_to_identify:Head" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "named"),
+    [
+        ("Hed", [], ["robot_to_identify has no 'Hed'", "'Head'"]),
+        ("Lacking", [], ["lacks the method read_state() -> JointState"]),
+        ("Real", [], ["--neck: a real robot (robot_to_identify:Real) needs its own neck file"]),
+        ("Head", ["--options.dead_time", "1"], ["options.dead_time", "perhaps you meant 'dead_time_s'"]),
+        ("Head", ["--options.dead_time_s", "long"], ["options.dead_time_s", "'long'"]),
+        ("NoConnection", [], ["connect() raised KeyError: 'port'"]),
+        ("WrongShape", [], ["read_state() returned positions of shape (3,), needed is (2,)", "not moved"]),
+        ("ReadsLater", [], ["could not be read for 0.5 s (read_state() raised TypeError: a bug in reading)"]),
+        ("SendsLater", [], ["a command did not get through (send_command() returned shape (1,)"]),
+    ],
+)
+def test_what_it_does_wrong_is_said(name, options, named, tmp_path, capsys):
+    out = tmp_path / "mine.toml"
+    assert main(["--robot", f"robot_to_identify:{name}", "--duration-s", "8", "--out", str(out), *options]) == 2
+    complained = capsys.readouterr().err
+    for word in named:
+        assert word in complained
+    assert "Traceback" not in complained
+    assert not out.exists()

@@ -1,0 +1,102 @@
+"""A recording from arrays: what is given is kept, what is left out is filled in as it says, what is wrong is named."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import gazempc as gz
+from gazempc.errors import RecordingError
+
+TIMES_S = np.arange(120) / 30.0
+HEAD_M = np.stack([0.5 * TIMES_S, 1.0 + 0.0 * TIMES_S, 1.7 + 0.02 * np.sin(11.0 * TIMES_S)], axis=1)
+
+
+def yaw_deg(quats_wxyz):
+    return Rotation.from_quat(quats_wxyz, scalar_first=True).as_euler("ZYX", degrees=True)[:, 0]
+
+
+def test_what_is_given_is_kept():
+    quats = Rotation.from_euler("z", np.linspace(0.0, 90.0, 120)[:, None], degrees=True).as_quat(scalar_first=True)
+    pelvis_m = HEAD_M - [0.1, 0.0, 0.7]
+    made = gz.recording_from_arrays(
+        "anna_1",
+        TIMES_S.tolist(),
+        HEAD_M.tolist(),
+        head_quat_wxyz=quats,
+        pelvis_position_m=pelvis_m,
+        pelvis_quat_wxyz=[0.0, 0.0, 0.0, 2.0 / 2.0],
+        in_base_frame=True,
+    )
+    np.testing.assert_array_equal(made.times_s, TIMES_S)
+    np.testing.assert_array_equal(made.truth.head_position_m, HEAD_M)
+    np.testing.assert_allclose(made.truth.head_quat_wxyz, quats)
+    np.testing.assert_array_equal(made.truth.pelvis_position_m, pelvis_m)
+    np.testing.assert_array_equal(made.truth.pelvis_quat_wxyz, np.tile([0, 0, 0, 1], (120, 1)))
+    assert (made.name, made.labels.subject, made.has_robot) == ("anna_1", "anna", True)
+    assert made.truth.valid.all()
+    assert not gz.recording_from_arrays("anna", TIMES_S, HEAD_M).has_robot
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 35.0, 170.0, -120.0])
+def test_without_orientation_the_person_faces_where_they_walk(heading_deg):
+    turn = Rotation.from_euler("z", heading_deg, degrees=True)
+    made = gz.recording_from_arrays("walk", TIMES_S, turn.apply(HEAD_M))
+    for quats in (made.truth.head_quat_wxyz, made.truth.pelvis_quat_wxyz):
+        np.testing.assert_allclose(np.linalg.norm(quats, axis=1), 1.0)
+        assert np.abs((yaw_deg(quats) - heading_deg + 180.0) % 360.0 - 180.0).max() < 1.0
+    np.testing.assert_allclose(made.truth.pelvis_position_m, turn.apply(HEAD_M) - [0.0, 0.0, 0.6])
+
+
+def test_who_stops_goes_on_facing_there_and_who_never_walks_faces_x():
+    walks = np.minimum(TIMES_S, 2.0)
+    stops = gz.recording_from_arrays("stops", TIMES_S, np.stack([0 * walks, -walks, 1.7 + 0 * walks], axis=1))
+    assert np.abs(yaw_deg(stops.truth.head_quat_wxyz) + 90.0).max() < 1.0
+    stands = gz.recording_from_arrays("stands", TIMES_S, np.tile([1.0, 2.0, 1.7], (120, 1)))
+    np.testing.assert_array_equal(yaw_deg(stands.truth.head_quat_wxyz), 0.0)
+
+
+def test_the_same_arrays_as_of_a_synthetic_walk_give_the_same_replay():
+    walk = gz.load_recording("subject03_R4")
+    made = gz.recording_from_arrays(
+        walk.name,
+        walk.times_s,
+        walk.truth.head_position_m,
+        head_quat_wxyz=walk.truth.head_quat_wxyz,
+        pelvis_position_m=walk.truth.pelvis_position_m,
+        pelvis_quat_wxyz=walk.truth.pelvis_quat_wxyz,
+        in_base_frame=walk.has_robot,
+    )
+    logs = [gz.replay(each, controller="reactive", predictor="constant_velocity") for each in (walk, made)]
+    np.testing.assert_allclose(logs[0].command_position_rad, logs[1].command_position_rad, atol=1e-9, rtol=0)
+
+
+def spoilt(array, row, value):
+    other = np.array(array)
+    other[row] = value
+    return other
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (
+            {"times_s": TIMES_S[:-1]},
+            "head_position_m: its shape is (120, 3). Expected: an array of numbers of shape (119, 3)",
+        ),
+        ({"times_s": TIMES_S[:, None]}, "times_s: its shape is (120, 1). Expected: an array of numbers of shape (N,)"),
+        ({"times_s": TIMES_S[:2], "head_position_m": HEAD_M[:2]}, "only 2 frame(s)"),
+        ({"times_s": 1e3 * TIMES_S}, "looks like milliseconds"),
+        ({"times_s": spoilt(TIMES_S, 7, 0.0)}, "row 7: time goes backwards"),
+        ({"times_s": "now"}, "times_s: these are no numbers"),
+        ({"head_position_m": HEAD_M[:, :2]}, "head_position_m: its shape is (120, 2)"),
+        ({"head_position_m": spoilt(HEAD_M, 5, np.nan)}, "row 5"),
+        ({"head_quat_wxyz": [1.0, 1.0, 0.0, 0.0]}, "head_quat_wxyz: not a unit quaternion"),
+        ({"pelvis_quat_wxyz": np.zeros((3, 4))}, "pelvis_quat_wxyz: its shape is (3, 4)"),
+        ({"pelvis_position_m": HEAD_M[1:]}, "pelvis_position_m: its shape is (119, 3)"),
+    ],
+)
+def test_what_is_wrong_is_named(arguments, named):
+    with pytest.raises(RecordingError) as raised:
+        gz.recording_from_arrays(**{"name": "mine", "times_s": TIMES_S, "head_position_m": HEAD_M, **arguments})
+    assert str(raised.value).startswith("mine: ")
+    assert named in str(raised.value)
