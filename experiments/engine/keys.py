@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-_LIBRARIES = ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig")
+_LIBRARIES = ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig", "control")
 _CODE = {".py", ".toml", ".npz"}
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from gazempc.neck.servo import DelayedServo, zero_order_hold
 from gazempc.neck.spec import Axis, NeckSpec
@@ -179,7 +178,6 @@ def observer_gain(axis: Axis, period_s: float) -> tuple[float, float, float]:
     """Steady-state Kalman gain for [joint angle, velocity, offset] from a measured angle at every period.
 
     Only ratios of noises matter; they are chosen by the times within which state and offset are to be corrected.
-    The gain is that of the one-step prediction, ``A P C' / (C P C' + 1)`` with P from the Riccati equation.
 
     Args:
         axis: The joint.
@@ -188,11 +186,12 @@ def observer_gain(axis: Axis, period_s: float) -> tuple[float, float, float]:
     Returns:
         Gain: dimensionless, 1/s, dimensionless.
     """
+    import control  # noqa: PLC0415  (slow to import; only needed when something moves)
+
     step = zero_order_hold(axis, period_s)
     A = np.vstack([np.hstack([step[:, :2], step[:, 2:]]), [0.0, 0.0, 1.0]])
     load_time_s = _LOAD_RESPONSES * (axis.dead_time_s + axis.servo_lag_s)
     noise = [period_s / _STATE_TIME_S, period_s / _STATE_TIME_S**2, period_s / load_time_s]
-    C = np.array([[1.0, 0.0, 0.0]])
-    P = solve_discrete_are(A.T, C.T, np.diag(np.square(noise)), np.eye(1))
-    position, velocity, offset = ((C @ P @ A.T) / (C @ P @ C.T + 1.0)).ravel().tolist()
+    gain, *_ = control.dlqe(A, np.eye(3), np.array([[1.0, 0.0, 0.0]]), np.diag(np.square(noise)), np.eye(1))
+    position, velocity, offset = np.asarray(gain, dtype=np.float64).ravel().tolist()
     return position, velocity, offset

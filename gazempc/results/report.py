@@ -21,7 +21,7 @@ LABELS = {
     "mpc": "MPC",
     "perfect": "MPC with perfect forecast",
 }
-_PACKAGES = ("gazempc", "casadi", "numpy", "scipy", "filterpy", "ruckig", "matplotlib", "pydantic")
+_PACKAGES = ("gazempc", "casadi", "numpy", "scipy", "filterpy", "ruckig", "control", "matplotlib", "pydantic")
 
 
 def label(controller: str) -> str:
