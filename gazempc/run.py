@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ import tyro
 import yaml
 from pydantic import Field, ValidationError
 
+from gazempc.command import run_command
 from gazempc.errors import GazempcError, LimitViolationError, SettingsError
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from gazempc.results.log import Log
     from gazempc.sim.replay import Replayed
     from gazempc.sim.scene import Scene
-
-_VIOLATION = 1
-_BAD_INPUT = 2
 
 
 class RunSettings(ReplaySettings):
@@ -57,26 +54,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0, or 1 on a limit violation, 2 on bad input.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    try:
-        settings = parse(words)
-        if settings.list:
-            from gazempc.listing import listing  # noqa: PLC0415
+    return run_command("gazempc", lambda: _work(parse(words)))
 
-            print(listing())
-            return 0
-        if settings.replay is None:
-            raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
-        _run(settings)
-    except BrokenPipeError:
-        # Whoever read the output has seen enough, as in "... --list | head"; nothing more can be said to them.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+def _work(settings: RunSettings) -> int:
+    if settings.list:
+        from gazempc.listing import listing  # noqa: PLC0415
+
+        print(listing())
         return 0
-    except LimitViolationError as error:
-        print(f"gazempc: {error}", file=sys.stderr)
-        return _VIOLATION
-    except (GazempcError, OSError) as error:
-        print(f"gazempc: {error}", file=sys.stderr)
-        return _BAD_INPUT
+    if settings.replay is None:
+        raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
+    _run(settings)
     return 0
 
 

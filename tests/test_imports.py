@@ -16,7 +16,7 @@ PACKAGES = ("predictors", "gazempc", "experiments")
 # its neighbours. Who reads results needs neither robots nor a loop, so these stand behind them.
 GAZEMPC = (
     ("errors", "types", "progress"),
-    ("specfiles", "parts"),
+    ("specfiles", "parts", "command"),
     ("recordings", "neck", "ros2", "part_options", "settings"),
     ("results",),
     ("robots", "controllers"),

@@ -12,14 +12,13 @@ import tyro
 from pydantic import Field, ValidationError
 
 from experiments.engine.signals import Interrupted, ending_on_signals
-from gazempc.errors import GazempcError, SettingsError
+from gazempc import command
+from gazempc.errors import SettingsError
 from gazempc.part_options import take_options
 from gazempc.settings import Settings
 from gazempc.specfiles import explain
 
 S = TypeVar("S", bound=Settings)
-
-_BAD_INPUT = 2
 
 
 class WorkSettings(Settings):
@@ -92,10 +91,7 @@ def run_command(name: str, work: Callable[[], int]) -> int:
     """
     try:
         with ending_on_signals():
-            return work()
-    except (GazempcError, OSError) as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return _BAD_INPUT
+            return command.run_command(name, work)
     except Interrupted as stop:
         what = "".join(f": {note}" for note in getattr(stop, "__notes__", ()))
         print(f"{name}: interrupted{what}; run the same command again to go on", file=sys.stderr)

@@ -8,7 +8,6 @@ Without a robot, from a log already recorded: python -m gazempc.identify --from-
 from __future__ import annotations
 
 import datetime
-import os
 import signal
 import sys
 import threading
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
+from gazempc.command import run_command
 from gazempc.errors import GazempcError, RobotError, SettingsError
 from gazempc.identify.excitation import ExcitationSettings, excite
 from gazempc.identify.record import IdentificationError, NeckRecord, load_record, read, record
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from gazempc.identify.estimate import AxisEstimate
 
 
-_BAD_INPUT = 2
 _INTERRUPTED = 130
 # A robot's first message may take a while.
 _PATIENCE_S = 2.0
@@ -83,18 +82,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number in (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ():
         # As Ctrl-C: the neck is braked, then the command ends.
         signal.signal(number, signal.default_int_handler)
+    words = sys.argv[1:] if arguments is None else arguments
     try:
-        _run(parse(sys.argv[1:] if arguments is None else arguments))
-    except BrokenPipeError:
-        # Whoever read the output has seen enough, as in "... | head"; nothing more can be said to them.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except (GazempcError, OSError) as error:
-        print(f"identify: {error}", file=sys.stderr)
-        return _BAD_INPUT
+        return run_command("identify", lambda: _work(words))
     except KeyboardInterrupt:
         print("identify: interrupted; the neck was stopped, nothing was written", file=sys.stderr)
         return _INTERRUPTED
+
+
+def _work(words: Sequence[str]) -> int:
+    _run(parse(words))
     return 0
 
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from collections.abc import Sequence
 
 import tyro
 
-from gazempc.errors import GazempcError, LimitViolationError
+from gazempc.command import run_command
+from gazempc.errors import LimitViolationError
 from gazempc.live.process import fast_switching, stopped_by_signals, without_collection
 from gazempc.live.settings import LiveSettings, check
 from gazempc.part_options import take_options
 from gazempc.robots.options import RobotOptions
-
-_VIOLATION = 1
-_BAD_INPUT = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,21 +26,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0 after a run that was stopped in order, by a signal, too; 1 on a limit violation; 2 on bad input,
         or a robot or source that cannot be opened.
     """
-    stop = threading.Event()
-    try:
-        settings = parse(sys.argv[1:] if arguments is None else arguments)
-        with stopped_by_signals(stop):
-            _run(settings, stop)
-    except BrokenPipeError:
-        # Whoever read the output has seen enough; nothing more can be said to them.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except LimitViolationError as error:
-        print(f"gazempc.live: {error}", file=sys.stderr)
-        return _VIOLATION
-    except (GazempcError, OSError) as error:
-        print(f"gazempc.live: {error}", file=sys.stderr)
-        return _BAD_INPUT
+    words = sys.argv[1:] if arguments is None else arguments
+    return run_command("gazempc.live", lambda: _work(words))
+
+
+def _work(words: Sequence[str]) -> int:
+    settings, stop = parse(words), threading.Event()
+    with stopped_by_signals(stop):
+        _run(settings, stop)
     return 0
 
 

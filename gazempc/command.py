@@ -1,0 +1,33 @@
+"""What all command lines share: messages and exit statuses."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+
+from gazempc.errors import GazempcError, LimitViolationError
+
+VIOLATION, BAD_INPUT = 1, 2
+
+
+def run_command(name: str, work: Callable[[], int]) -> int:
+    """Do the work of a command. What a user can cause becomes a message and an exit status.
+
+    Args:
+        name: The command's name, for messages.
+        work: Does it, and gives the exit status.
+
+    Returns:
+        What `work` gives; 1 on a limit violation; 2 on bad input or a file system that refuses; 0 if whoever read the
+        output has seen enough, as in ``... --list | head``.
+    """
+    try:
+        return work()
+    except BrokenPipeError:
+        # Nothing more can be said to them.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (GazempcError, OSError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return VIOLATION if isinstance(error, LimitViolationError) else BAD_INPUT
