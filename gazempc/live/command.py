@@ -72,10 +72,10 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
     truth = {} if built.true_head_base_m is None else {"true_head_base_m": built.true_head_base_m}
     keeping = Keeping(built.about, kept.keep, settings.log_s, true_state=true_state_of(parts.robot), **truth)
     run = LiveRun(parts, keeping)
-    print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}; Ctrl-C stops", flush=True)
+    print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}", flush=True)
     try:
         with fast_switching(), without_collection():
-            run.run(stop, settings.duration_s)
+            run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
     finally:
         summary = kept.write(run)
     print(text(summary))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
 
 import numpy as np
@@ -50,12 +51,15 @@ class LiveRun:
         """Where the joints were at the last tick; None before the first one."""
         return None if self._loop is None else self._loop.joints
 
-    def run(self, stop: threading.Event, duration_s: float | None = None) -> LiveReport:
+    def run(
+        self, stop: threading.Event, duration_s: float | None = None, on_ready: Callable[[], None] | None = None
+    ) -> LiveReport:
         """Run until told to stop, the source ends or the time is up; then stop the neck and close everything.
 
         Args:
             stop: Set it to end the run, from a signal handler say.
             duration_s: Longest time; None for no end.
+            on_ready: Called when robot and source are open, before the first tick.
 
         Returns:
             The report.
@@ -67,6 +71,8 @@ class LiveRun:
         """
         try:
             if self.start(stop):
+                if on_ready is not None:
+                    on_ready()
                 self.serve(stop, duration_s)
         finally:
             self.close()
