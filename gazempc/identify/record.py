@@ -21,6 +21,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.parts import said
 from gazempc.results.log import load_log
 from gazempc.robots.robot import Robot
+from gazempc.robots.start import wrong_reading
 from gazempc.types import FloatArray, JointState
 
 _ROBOT_ERRORS = (RobotError, OSError)
@@ -85,17 +86,16 @@ def read(robot: Robot) -> JointState | None:
         The state; None if there is nothing new.
 
     Raises:
-        RobotError: If the robot raises anything but an OSError, or returns no two angles.
+        RobotError: If the robot raises anything but an OSError, or returns no reading.
     """
     try:
         state = robot.read_state()
-        shape = (2,) if state is None else np.shape(state.position_rad)
     except _ROBOT_ERRORS:
         raise
     except Exception as error:
         raise RobotError(f"read_state() raised {said(error)}") from error
-    if shape != (2,):
-        raise RobotError(f"read_state() returned positions of shape {shape}, needed is (2,): pan and tilt")
+    if wrong := wrong_reading(state):
+        raise RobotError(wrong)
     return state
 
 

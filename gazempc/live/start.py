@@ -9,7 +9,7 @@ import numpy as np
 from gazempc.errors import RobotError
 from gazempc.live.parts import LiveParts
 from gazempc.parts import said
-from gazempc.robots.start import way_in_rad
+from gazempc.robots.start import way_in_rad, wrong_reading
 from gazempc.types import FloatArray, JointState
 
 # For so long the joints are asked for before the first command.
@@ -39,7 +39,7 @@ def first_position_rad(parts: LiveParts, stop: threading.Event) -> FloatArray | 
     while not stop.is_set():
         try:
             state = parts.robot.read_state()
-            wrong = "" if state is None else _wrong(state, clock.now_s())
+            wrong = _wrong(state, clock.now_s())
             if state is not None and not wrong:
                 return state.position_rad
             problem = wrong or problem
@@ -73,12 +73,13 @@ def go_in(parts: LiveParts, start_rad: FloatArray, stop: threading.Event) -> Non
         parts.robot.send_command(command_rad)
 
 
-def _wrong(state: JointState, now_s: float) -> str:
+def _wrong(state: JointState | None, now_s: float) -> str:
     """What is wrong with a reading; empty if nothing is."""
-    if state.position_rad.shape != (2,):
-        return f"read_state() returned positions of shape {state.position_rad.shape}, needed is (2,): pan and tilt"
+    wrong = wrong_reading(state)
+    if wrong or state is None:
+        return wrong
     if not np.all(np.isfinite(state.position_rad)):
-        return f"read_state() returned {state.position_rad}, needed are two finite angles in radians"
+        return f"read_state() returned position_rad {state.position_rad}, needed are two finite angles in radians"
     if abs(state.time_s - now_s) > _OTHER_CLOCK_S:
         return (
             f"read_state() returned time_s {state.time_s:.1f}, where the loop's clock says {now_s:.1f}: "

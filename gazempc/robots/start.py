@@ -1,4 +1,4 @@
-"""From where a robot stands to where a command may begin."""
+"""Where a robot stands, and from there to where a command may begin."""
 
 from __future__ import annotations
 
@@ -7,11 +7,31 @@ import ruckig
 
 from gazempc.errors import RobotError
 from gazempc.neck.spec import NeckSpec
-from gazempc.types import FloatArray
+from gazempc.types import FloatArray, JointState
 
 # Outside the joints' range by more than this is no rounding: file and robot do not agree.
 _OUTSIDE_RAD = np.deg2rad(1.0)
 _SLOWLY_RAD_S = 0.3
+
+
+def wrong_reading(state: object) -> str:
+    """What is wrong with what a robot's `read_state` returned.
+
+    Args:
+        state: What it returned.
+
+    Returns:
+        A sentence that says what is needed; empty for a good reading, and for None (nothing new).
+    """
+    if state is None:
+        return ""
+    if not isinstance(state, JointState):
+        return f"read_state() returned {type(state).__name__}, needed is a gazempc.JointState, or None"
+    for name in ("position_rad", "velocity_rad_s"):
+        value: object = getattr(state, name)
+        if not isinstance(value, np.ndarray) or value.shape != (2,):
+            return f"read_state() returned {name} {value!r}, needed is an array of shape (2,): pan and tilt"
+    return ""
 
 
 def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:

@@ -81,7 +81,7 @@ def test_its_dead_time_is_found(tmp_path, capsys):
         ("Head", ["--options.dead_time", "1"], ["options.dead_time", "perhaps you meant 'dead_time_s'"]),
         ("Head", ["--options.dead_time_s", "long"], ["options.dead_time_s", "'long'"]),
         ("NoConnection", [], ["connect() raised KeyError: 'port'"]),
-        ("WrongShape", [], ["read_state() returned positions of shape (3,), needed is (2,)", "not moved"]),
+        ("WrongShape", [], ["position_rad array([0., 0., 0.]), needed is an array of shape (2,)", "not moved"]),
         ("ReadsLater", [], ["could not be read for 0.5 s (read_state() raised TypeError: a bug in reading)"]),
         ("SendsLater", [], ["a command did not get through (send_command() returned shape (1,)"]),
     ],

@@ -94,7 +94,7 @@ def test_an_own_real_robot_needs_a_neck_file(own, capsys):
 def test_a_robot_that_reads_wrong_shapes_is_not_moved(own, tmp_path, capsys):
     words = ["--source", "replay", "--robot", f"{own}:WrongRobot", "--simulated-clock", "--no-figures"]
     assert main([*words, "--out", str(tmp_path)]) == 2
-    assert "read_state() returned positions of shape (3,), needed is (2,)" in capsys.readouterr().err
+    assert "position_rad array([0., 0., 0.]), needed is an array of shape (2,)" in capsys.readouterr().err
     assert not list(tmp_path.glob("log*"))
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from builders.live import NECK
 
-from gazempc.robots.start import way_in_rad
+from gazempc.robots.start import way_in_rad, wrong_reading
+from gazempc.types import JointState
 
 
 @pytest.mark.parametrize(("pan_deg", "tilt_deg"), [(75.0, 0.0), (-79.9, 40.0)])
@@ -21,3 +22,20 @@ def test_a_neck_in_the_last_bit_of_its_range_is_brought_in_slowly(pan_deg, tilt_
     assert np.all(np.abs(np.diff(motion, 2, axis=0)) / neck.servo_period_s**2 <= limits.acceleration_max_rad_s2 + 1e-6)
     np.testing.assert_allclose(way[-1], limits.clip_position(start_rad), atol=1e-9)
     assert way_in_rad(neck, np.zeros(2)).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        ((0.0, [0.1, 0.2]), "read_state() returned tuple, needed is a gazempc.JointState, or None"),
+        (JointState(0.0, [0.1, 0.2], np.zeros(2)), "position_rad [0.1, 0.2], needed is an array of shape (2,)"),
+        (JointState(0.0, np.zeros(3), np.zeros(2)), "position_rad array([0., 0., 0.]), needed is an array"),
+        (JointState(0.0, np.zeros(2), None), "velocity_rad_s None, needed is an array of shape (2,): pan and tilt"),
+    ],
+)
+def test_what_is_wrong_with_a_reading_is_said(state, said):
+    assert said in wrong_reading(state)
+
+
+def test_a_reading_and_nothing_new_are_right():
+    assert wrong_reading(None) == wrong_reading(JointState(0.0, np.zeros(2), np.zeros(2))) == ""
