@@ -101,13 +101,13 @@ class Engine:
         if self._workers is None:
             self._workers = LocalWorkers(min(self._jobs, self._total - len(self._rows)))
         ended: queue.SimpleQueue[tuple[str, Outcome]] = queue.SimpleQueue()
-        for key, job in missing.items():
-            self._workers.submit(key, job, lambda key, outcome: ended.put((key, outcome)))
-            raise_if_received()
         failed: dict[str, Row] = {}
-        waiting = len(missing)
-        while waiting:
+        waiting, with_workers = list(reversed(missing.items())), 0
+        while waiting or with_workers:
             raise_if_received()
+            while waiting and with_workers < self._workers.at_once:
+                self._workers.submit(*waiting.pop(), lambda key, outcome: ended.put((key, outcome)))
+                with_workers += 1
             try:
                 key, outcome = ended.get(timeout=_LOOK_S)
             except queue.Empty:
@@ -118,7 +118,7 @@ class Engine:
             else:
                 self._rows[key] = self._cache.keep(key, row)
                 self.fresh.append(self._rows[key])
-            waiting -= 1
+            with_workers -= 1
             self._count()
         return failed
 

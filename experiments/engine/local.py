@@ -37,12 +37,17 @@ class LocalWorkers:
 
     Args:
         count: How many.
+
+    Attributes:
+        at_once: See `Workers`.
     """
 
     def __init__(self, count: int) -> None:
         # Imported here, because the workers themselves import this module and have no use for it.
         from joblib.externals import loky  # noqa: PLC0415
 
+        # One job each, and one that waits. Of more the pool forgets some when it is ended in the middle of them.
+        self.at_once = 2 * count
         self._died = loky.process_executor.TerminatedWorkerError
         self._pool = loky.ProcessPoolExecutor(count, initializer=_watch, initargs=(os.getpid(),), env=_ONE_THREAD)
         # It must run before signals are blocked: its own start would lift the block.
