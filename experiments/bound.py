@@ -6,6 +6,11 @@ said in `experiments.least_error`.
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before the other imports, which are slow
+    from experiments.engine.signals import end_during_imports
+
+    end_during_imports("bound")
+
 import csv
 import json
 from collections.abc import Sequence

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before the other imports, which are slow
+    from experiments.engine.signals import end_during_imports
+
+    end_during_imports("compare")
+
 import csv
 import itertools
 import json

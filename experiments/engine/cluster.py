@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from functools import partial
@@ -26,6 +27,9 @@ class ClusterWorkers:
     Args:
         address: Of the scheduler, such as ``tcp://10.0.0.1:8786``.
 
+    Attributes:
+        at_once: See `Workers`; the scheduler takes them all.
+
     Raises:
         MissingOptionalDependencyError: Without dask.distributed.
         GazempcError: If no scheduler answers there.
@@ -42,6 +46,7 @@ class ClusterWorkers:
             )
         except (OSError, ValueError) as error:
             raise GazempcError(f"--dask {address}: no scheduler answers there: {error}") from None
+        self.at_once = sys.maxsize
         self._futures: dict[str, Any] = {}
 
     def submit(self, key: str, job: Job, ended: Callable[[str, Outcome], None]) -> None:

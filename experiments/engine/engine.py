@@ -82,7 +82,10 @@ class Engine:
             new = {key: job for key, job in zip(keys, jobs, strict=True) if key not in self._rows}
             missing = {key: job for key, job in new.items() if not self._found(key)}
             self._total = max(self._total, len(self._rows) + len(missing))
-            failed = self._do(missing) if missing else {}
+        if missing:
+            self._begin(len(missing))
+        with deferred():
+            failed = self._do(missing)
         return [failed.get(key) or self._rows[key] for key in keys]
 
     def _found(self, key: str) -> bool:
@@ -93,21 +96,25 @@ class Engine:
             self._count()
         return row is not None
 
-    def _do(self, missing: dict[str, Job]) -> dict[str, Row]:
+    def _begin(self, missing: int) -> None:
         if self._bar is None:
             self._bar = tqdm(total=self._total, unit=self._unit, file=sys.stderr, mininterval=1.0)
             self._count(len(self._rows))
         self._bar.total = self._total
         if self._workers is None:
-            self._workers = LocalWorkers(min(self._jobs, self._total - len(self._rows)))
+            self._workers = LocalWorkers(min(self._jobs, max(missing, self._total - len(self._rows))))
+
+    def _do(self, missing: dict[str, Job]) -> dict[str, Row]:
+        if self._workers is None:
+            return {}
         ended: queue.SimpleQueue[tuple[str, Outcome]] = queue.SimpleQueue()
-        for key, job in missing.items():
-            self._workers.submit(key, job, lambda key, outcome: ended.put((key, outcome)))
-            raise_if_received()
         failed: dict[str, Row] = {}
-        waiting = len(missing)
-        while waiting:
+        waiting, with_workers = list(reversed(missing.items())), 0
+        while waiting or with_workers:
             raise_if_received()
+            while waiting and with_workers < self._workers.at_once:
+                self._workers.submit(*waiting.pop(), lambda key, outcome: ended.put((key, outcome)))
+                with_workers += 1
             try:
                 key, outcome = ended.get(timeout=_LOOK_S)
             except queue.Empty:
@@ -118,7 +125,7 @@ class Engine:
             else:
                 self._rows[key] = self._cache.keep(key, row)
                 self.fresh.append(self._rows[key])
-            waiting -= 1
+            with_workers -= 1
             self._count()
         return failed
 

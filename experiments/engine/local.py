@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 # An orphan is to end within 2 s.
 _LOOK_FOR_PARENT_S = 0.5
+# Killed workers are gone in a tenth of it; a command is to be able to say its last line within 3 s.
+_LEAVE_WITHIN_S = 1.5
 # One numerical thread a process: the matrices are small, and the processes are the parallelism.
 _ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
@@ -37,12 +39,17 @@ class LocalWorkers:
 
     Args:
         count: How many.
+
+    Attributes:
+        at_once: See `Workers`.
     """
 
     def __init__(self, count: int) -> None:
         # Imported here, because the workers themselves import this module and have no use for it.
         from joblib.externals import loky  # noqa: PLC0415
 
+        # One job each, and one that waits. Of more the pool forgets some when it is ended in the middle of them.
+        self.at_once = 2 * count
         self._died = loky.process_executor.TerminatedWorkerError
         self._pool = loky.ProcessPoolExecutor(count, initializer=_watch, initargs=(os.getpid(),), env=_ONE_THREAD)
         # It must run before signals are blocked: its own start would lift the block.
@@ -58,8 +65,10 @@ class LocalWorkers:
         future.add_done_callback(lambda f: ended(key, partial(self._outcome, f)))
 
     def stop(self) -> None:
-        """See `Workers`."""
-        self._pool.shutdown(wait=True, kill_workers=True)
+        """See `Workers`; what does not end soon ends with this process."""
+        end = threading.Thread(target=self._pool.shutdown, kwargs={"kill_workers": True}, daemon=True)
+        end.start()
+        end.join(_LEAVE_WITHIN_S)
 
     def _outcome(self, future: Future[Row]) -> Row:
         try:

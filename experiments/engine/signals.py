@@ -34,6 +34,21 @@ class _State:
     deferring = 0
 
 
+def end_during_imports(name: str) -> None:
+    """Let SIGINT and SIGTERM end a command that has not begun yet: its imports take a second or two.
+
+    Args:
+        name: The command's name, for the message.
+    """
+
+    def end(signum: int, _: FrameType | None) -> None:
+        os.write(2, f"{name}: interrupted before it began\n".encode())
+        os._exit(128 + signum)
+
+    for signum in _SIGNALS:
+        signal.signal(signum, end)
+
+
 @contextmanager
 def ending_on_signals() -> Iterator[None]:
     """Let SIGINT and SIGTERM raise `Interrupted` in here; a second signal ends the process at once.

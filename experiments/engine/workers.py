@@ -12,7 +12,13 @@ Outcome = Callable[[], Row]
 
 
 class Workers(Protocol):
-    """Workers take jobs and tell what came of each."""
+    """Workers take jobs and tell what came of each.
+
+    Attributes:
+        at_once: So many jobs they may have at once, begun or waiting.
+    """
+
+    at_once: int
 
     def submit(self, key: str, job: Job, ended: Callable[[str, Outcome], None]) -> None:
         """Give a job to the workers.

@@ -2,7 +2,10 @@
 
 import sys
 
-from experiments.fit.command import main
+from experiments.engine.signals import end_during_imports
 
 if __name__ == "__main__":
+    end_during_imports("fit")
+    from experiments.fit.command import main
+
     sys.exit(main())

@@ -2,7 +2,10 @@
 
 import sys
 
-from experiments.sweep.command import main
+from experiments.engine.signals import end_during_imports
 
 if __name__ == "__main__":
+    end_during_imports("sweep")
+    from experiments.sweep.command import main
+
     sys.exit(main())
