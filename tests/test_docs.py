@@ -19,8 +19,9 @@ from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.table import COLUMNS
 from gazempc.results.compute import ComputeMetrics
-from gazempc.results.log import Log
+from gazempc.results.log import Fault, Log
 from gazempc.results.metrics import Metrics
+from gazempc.results.run_info import RunInfo
 from gazempc.run import RunSettings
 from gazempc.run import main as run_command
 from gazempc.settings import (
@@ -140,7 +141,8 @@ DESCRIBED = {
         *settings_of(ParticleSettings, prefix="particle."),
         *settings_of(WalkerSettings, prefix="walker."),
     ],
-    "metrics": [f.name for model in (Metrics, ComputeMetrics, Log) for f in fields(model)] + ["gap_closed"],
+    "metrics": [f.name for model in (Metrics, ComputeMetrics, Log, Fault) for f in fields(model)]
+    + ["gap_closed", *RunInfo.model_fields],
     "own_parts": [
         *(method for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for method in kind.methods),
         *(name for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for name in kind.properties),
