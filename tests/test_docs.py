@@ -172,7 +172,8 @@ def test_the_architecture_names_what_there_is():
 
 
 def test_public_modules_are_in_the_api():
-    described = re.findall(r"automodule:: (\S+)", page("api"))
+    pages = [path.read_text(encoding="utf-8") for path in sorted((DOCS / "api").glob("*.md"))]
+    described = re.findall(r"automodule:: (\S+)", "\n".join(pages))
     assert len(described) == len(set(described))
     for path in described:
         assert (ROOT / f"{path.replace('.', '/')}.py").is_file(), path
@@ -181,6 +182,12 @@ def test_public_modules_are_in_the_api():
     }
     places |= {"gazempc.errors"} | {gazempc._PLACES[name] for name in gazempc.__all__} - {"predictors"}
     assert places - set(described) == set()
+
+
+def test_the_api_says_where_each_name_of_the_front_door_is_described():
+    rows = dict(re.findall(r"\| `gz\.(\w+)` \|.*?\{py:(?:func|class)\}`([\w.]+)` \|", page("api")))
+    names = {name: getattr(gazempc, name) for name in gazempc.__all__}
+    assert rows == {name: f"{value.__module__}.{value.__qualname__}" for name, value in names.items()}
 
 
 def test_citation_is_valid_and_of_this_version():
