@@ -1,6 +1,8 @@
 """The documentation stays true: its code runs, and what exists is described where it belongs."""
 
 import contextlib
+import functools
+import importlib
 import io
 import re
 import sys
@@ -169,6 +171,32 @@ def test_the_architecture_names_what_there_is():
         inside = [path for path in (ROOT / package).iterdir() if path.is_dir() or path.suffix == ".py"]
         wanted = {f"{package}/{path.name}/" if path.is_dir() else f"{package}/{path.name}" for path in inside}
         assert wanted - named - {f"{package}/__init__.py", f"{package}/__pycache__/"} == set()
+
+
+def names_of_code(text):
+    """Files, and dotted names of modules and of what is in them, as they stand in inline code."""
+    files = re.findall(r"`((?:gazempc|predictors|experiments|benchmarks|tests|examples)(?:/[\w.]+)+/?)`", text)
+    return files, re.findall(r"`((?:gazempc|predictors|experiments|benchmarks)(?:\.\w+)+)", text)
+
+
+def exists(dotted):
+    """Whether a dotted name is a module, or something in one."""
+    parts = dotted.split(".")
+    for count in range(len(parts), 0, -1):
+        path = ROOT.joinpath(*parts[:count])
+        if path.is_dir() or path.with_suffix(".py").is_file():
+            found = importlib.import_module(".".join(parts[:count]))
+            with contextlib.suppress(AttributeError):
+                return functools.reduce(getattr, parts[count:], found) is not None
+            return False
+    return False
+
+
+def test_code_that_the_pages_name_exists():
+    paths = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    named = [(path.name, names_of_code(path.read_text(encoding="utf-8"))) for path in paths]
+    assert [(where, file) for where, (files, _) in named for file in files if not (ROOT / file).exists()] == []
+    assert [(where, name) for where, (_, names) in named for name in names if not exists(name)] == []
 
 
 def test_public_modules_are_in_the_api():
