@@ -115,7 +115,7 @@ def check_options(choices: Iterable[tuple[Kind, str]], options: Mapping[str, Any
 
 
 def take_options(words: Iterable[str], not_own: Iterable[str] = ()) -> tuple[list[str], dict[str, str]]:
-    """Take ``--options.key value`` out of a command line.
+    """Take ``--options.key value`` out of a command line; hyphens in a key stand for underscores.
 
     Args:
         words: The command line.
@@ -140,7 +140,7 @@ def take_options(words: Iterable[str], not_own: Iterable[str] = ()) -> tuple[lis
             value = next(waiting, "--")
             if value.startswith("--"):
                 raise SettingsError(f"--options.{key}: needs a value")
-        options[key] = value
+        options[key.replace("-", "_")] = value
     return rest, options
 
 

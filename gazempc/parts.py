@@ -161,7 +161,7 @@ def find(kind: Kind, choice: str) -> Callable[..., Any]:
         raise SettingsError(f"{kind.name} {choice}: importing {module_name} raised {said(error)}") from error
     for part in name.split("."):
         if not hasattr(found, part):
-            names = [n for n, value in vars(found).items() if inspect.isclass(value)]
+            names = [n for n, v in vars(found).items() if inspect.isclass(v) and v.__module__ == module_name]
             raise SettingsError(f"{kind.name} {choice}: {module_name} has no {name!r}; {suggest(name, names)}")
         found = getattr(found, part)
     if not callable(found):

@@ -96,7 +96,7 @@ def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
     lines = []
     for item in error.errors():
         field = ".".join(str(part) for part in item["loc"]) or "(whole file)"
-        message = item["msg"]
+        message = item["msg"].removeprefix("Value error, ")
         if item["type"] == "extra_forbidden":
             siblings = _fields_at(model, item["loc"][:-1])
             message = f"unknown field; {suggest(str(item['loc'][-1]), siblings)}"

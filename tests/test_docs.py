@@ -1,26 +1,31 @@
 """The documentation stays true: its code runs, and what exists is described where it belongs."""
 
-import ast
 import contextlib
+import functools
+import importlib
 import io
 import re
+import sys
 import tomllib
 from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
-from typing import get_args
 
 import pytest
 import yaml
 
-from gazempc.loop import gaze_loop as loop
-from gazempc.loop.smoother import Intervention
+import gazempc
+from gazempc.loop.events import Event
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, neck_names
+from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.table import COLUMNS
 from gazempc.results.compute import ComputeMetrics
-from gazempc.results.log import Log
+from gazempc.results.log import Fault, Log
 from gazempc.results.metrics import Metrics
+from gazempc.results.run_info import RunInfo
+from gazempc.run import RunSettings
+from gazempc.run import main as run_command
 from gazempc.settings import (
     ConstantAccelerationSettings,
     ConstantVelocitySettings,
@@ -32,8 +37,7 @@ from gazempc.settings import (
     MpcSettings,
     ParticleSettings,
     PelvisPursuitSettings,
-    PredictorName,
-    ReplaySettings,
+    WalkerSettings,
 )
 from gazempc.sim.sensor import SensorSpec, sensor_names
 
@@ -57,17 +61,42 @@ def code_blocks(text):
         yield text.count("\n", 0, fence.start()) + 1, fence[2], after[2] if follows else None
 
 
-@pytest.mark.parametrize("name", [name for name in PAGES if any(code_blocks(page(name)))])
-def test_python_blocks_run_and_print_what_the_page_says(name, tmp_path, monkeypatch):
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """A working directory whose modules are forgotten after the test."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    for name in [n for n, m in sys.modules.items() if str(getattr(m, "__file__", "")).startswith(str(tmp_path))]:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize("name", [name for name in PAGES if any(code_blocks(page(name)))])
+def test_python_blocks_run_and_print_what_the_page_says(name, own_folder):
+    """A block that begins with `# name.py` is a file of that name."""
     namespace = {"__name__": "__main__"}
     for line, code, expected in code_blocks(page(name)):
+        if file := re.match(r"# (\w+\.py)\n", code):
+            (own_folder / file[1]).write_text(code, encoding="utf-8")
+            continue
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
             # Blank lines put an error at its line in the page.
             exec(compile("\n" * line + code, f"docs/{name}.md", "exec"), namespace)
         if expected is not None:
             assert printed.getvalue().strip() == expected.strip(), f"docs/{name}.md, line {line}"
+
+
+def test_the_quick_start_shows_what_the_command_prints(own_folder, capsys):
+    """All of it but computing times, which differ from run to run."""
+    shown = next(body for kind, body in _FENCE.findall(page("quickstart")) if body.startswith("subject03_R4: "))
+    assert run_command(["--replay", "subject03_R4", "--no-figures", "--out", str(own_folder)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    lines = [line for line in shown.splitlines() if line.strip()]
+    times = [line for line in lines if "step time" in line or "99 % below" in line]
+    assert len(lines) > 15
+    assert len(times) == 2
+    assert [line for line in lines if line not in times and line not in printed] == []
 
 
 def test_there_is_code_to_run():
@@ -91,33 +120,20 @@ def test_links_between_pages_lead_somewhere(name):
         assert (DOCS / target).is_file(), target
 
 
-def event_names():
-    """Names in the loop's table, in its calls of the recorder, and those that the smoother gives."""
-    listed = set(re.findall(r"^``(\w+)``", loop.__doc__, re.MULTILINE))
-    source = ast.parse(Path(loop.__file__).read_text(encoding="utf-8"))
-    written = {
-        node.args[1].value
-        for node in ast.walk(source)
-        if isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Attribute)
-        and node.func.attr == "event"
-        and isinstance(node.args[1], ast.Constant)
-    }
-    assert written
-    return listed | written | {name for name in get_args(Intervention) if name}
-
-
 def settings_of(*models, prefix=""):
     return [f"{prefix}{name}" for model in models for name in model.model_fields]
 
 
 DESCRIBED = {
-    "quickstart": settings_of(ReplaySettings),
+    "quickstart": settings_of(RunSettings),
     "recordings": [*settings_of(ReadOptions), *COLUMNS, "index.csv"],
     "necks": [*neck_names(), *sensor_names(), *settings_of(NeckSpec, Geometry, Axis, SensorSpec)],
-    "controllers": [*settings_of(MpcSettings, prefix="mpc."), *settings_of(LookAheadSettings, prefix="lookahead.")],
+    "controllers": [
+        *settings_of(MpcSettings, prefix="mpc."),
+        *settings_of(LookAheadSettings, prefix="lookahead."),
+    ],
     "predictors": [
-        *get_args(PredictorName),
+        *PREDICTOR.shipped,
         *settings_of(ConstantVelocitySettings, prefix="constant_velocity."),
         *settings_of(HeadPoseSettings, prefix="head_pose."),
         *settings_of(PelvisPursuitSettings, prefix="pelvis_pursuit."),
@@ -125,9 +141,16 @@ DESCRIBED = {
         *settings_of(CoordinatedTurnSettings, prefix="coordinated_turn."),
         *settings_of(InteractingModelsSettings, prefix="interacting_models."),
         *settings_of(ParticleSettings, prefix="particle."),
+        *settings_of(WalkerSettings, prefix="walker."),
     ],
-    "metrics": [f.name for model in (Metrics, ComputeMetrics, Log) for f in fields(model)] + ["gap_closed"],
-    "safety": [*sorted(event_names()), *settings_of(LoopSettings)],
+    "metrics": [f.name for model in (Metrics, ComputeMetrics, Log, Fault) for f in fields(model)]
+    + ["gap_closed", *RunInfo.model_fields],
+    "own_parts": [
+        *(method for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for method in kind.methods),
+        *(name for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for name in kind.properties),
+    ],
+    "api": [f"gz.{name}" for name in gazempc.__all__],
+    "safety": [*(event.value for event in Event), *settings_of(LoopSettings)],
 }
 
 
@@ -140,18 +163,59 @@ def test_what_exists_is_described(name):
     assert set(DESCRIBED[name]) - described == set()
 
 
-def test_modules_that_the_architecture_names_exist():
-    named = re.findall(r"`((?:gazempc|predictors)/[\w/]+\.py)`", page("architecture"))
-    assert len(named) > 30
-    assert [path for path in named if not (ROOT / path).is_file()] == []
+def test_the_architecture_names_what_there_is():
+    """Each folder and module that it names exists, and each folder and module of the root is named."""
+    named = set(re.findall(r"`((?:gazempc|predictors|experiments)/[\w/]*(?:\.py)?)`", page("architecture")))
+    assert [path for path in named if not (ROOT / path).exists()] == []
+    for package in ("gazempc", "predictors"):
+        inside = [path for path in (ROOT / package).iterdir() if path.is_dir() or path.suffix == ".py"]
+        wanted = {f"{package}/{path.name}/" if path.is_dir() else f"{package}/{path.name}" for path in inside}
+        assert wanted - named - {f"{package}/__init__.py", f"{package}/__pycache__/"} == set()
+
+
+def names_of_code(text):
+    """Files, and dotted names of modules and of what is in them, as they stand in inline code."""
+    files = re.findall(r"`((?:gazempc|predictors|experiments|benchmarks|tests|examples)(?:/[\w.]+)+/?)`", text)
+    return files, re.findall(r"`((?:gazempc|predictors|experiments|benchmarks)(?:\.\w+)+)", text)
+
+
+def exists(dotted):
+    """Whether a dotted name is a module, or something in one."""
+    parts = dotted.split(".")
+    for count in range(len(parts), 0, -1):
+        path = ROOT.joinpath(*parts[:count])
+        if path.is_dir() or path.with_suffix(".py").is_file():
+            found = importlib.import_module(".".join(parts[:count]))
+            with contextlib.suppress(AttributeError):
+                return functools.reduce(getattr, parts[count:], found) is not None
+            return False
+    return False
+
+
+def test_code_that_the_pages_name_exists():
+    paths = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    named = [(path.name, names_of_code(path.read_text(encoding="utf-8"))) for path in paths]
+    assert [(where, file) for where, (files, _) in named for file in files if not (ROOT / file).exists()] == []
+    assert [(where, name) for where, (_, names) in named for name in names if not exists(name)] == []
 
 
 def test_public_modules_are_in_the_api():
-    for path in re.findall(r"automodule:: (\S+)", page("api")):
+    pages = [path.read_text(encoding="utf-8") for path in sorted((DOCS / "api").glob("*.md"))]
+    described = re.findall(r"automodule:: (\S+)", "\n".join(pages))
+    assert len(described) == len(set(described))
+    for path in described:
         assert (ROOT / f"{path.replace('.', '/')}.py").is_file(), path
-    stages = ("recording", "placement", "sensor", "neck", "kinematics", "servo", "smoother", "loop", "replay")
-    for name in (*stages, "log", "metrics", "config"):
-        assert f"automodule:: gazempc.{name}\n" in page("api")
+    places = {
+        place.partition(":")[0] for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for place in kind.shipped.values()
+    }
+    places |= {"gazempc.errors"} | {gazempc._PLACES[name] for name in gazempc.__all__} - {"predictors"}
+    assert places - set(described) == set()
+
+
+def test_the_api_says_where_each_name_of_the_front_door_is_described():
+    rows = dict(re.findall(r"\| `gz\.(\w+)` \|.*?\{py:(?:func|class)\}`([\w.]+)` \|", page("api")))
+    names = {name: getattr(gazempc, name) for name in gazempc.__all__}
+    assert rows == {name: f"{value.__module__}.{value.__qualname__}" for name, value in names.items()}
 
 
 def test_citation_is_valid_and_of_this_version():

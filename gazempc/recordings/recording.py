@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from gazempc.types import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    pass
-
 
 DataKind = Literal["synthetic", "motion capture", "body tracking"]
 

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from gazempc.errors import SettingsError
+from gazempc.part_options import take_options
 from gazempc.results.log import load_log
 from gazempc.results.metrics import gap_closed, measure
 from gazempc.results.report import LABELS
@@ -189,3 +190,8 @@ def test_help_shows_every_default():
 
 def test_defaults_are_valid():
     assert RunSettings().controllers == tuple(LABELS)
+
+
+def test_options_are_written_with_hyphens_or_underscores_like_all_settings():
+    words = ["--options.hold-s", "0.7", "--seed", "3", "--options.predictor.spread_m=0.1"]
+    assert take_options(words) == (["--seed", "3"], {"hold_s": "0.7", "predictor.spread_m": "0.1"})
