@@ -23,21 +23,15 @@ from gazempc.loop.observer import JointEstimate, JointObserver
 from gazempc.loop.planner import Answer, Planner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
+from gazempc.loop.track import PersonTrack
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.robots.robot import Robot
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, JointState, Sighting
-from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
+from predictors import HeadObservation, Predictor
 
-# Two clocks that agree still differ by this much.
-_CLOCK_TOLERANCE_S = 0.01
+# So many commands in a row may get lost before the motion starts again from rest: on a busy line single ones do.
 _SENDS_FORGIVEN = 2
-_RECORDED_HORIZONS_S = np.array(FORECAST_HORIZONS_S)
-
-
-class _NotFiniteError(ValueError):
-    """A forecast holds a NaN or is infinite."""
 
 
 class GazeLoop:
@@ -68,7 +62,7 @@ class GazeLoop:
     ) -> None:
         self._neck = neck
         self._ticks_per_plan = neck.servo_ticks_per_plan
-        self._predictor = predictor
+        self._track = PersonTrack(predictor, settings)
         self._planner = planner
         self._controller = planner.controller
         self._smoother = smoother
@@ -86,7 +80,6 @@ class GazeLoop:
         self._stopping = False
         self._gets_through = True
         self._failed_sends = 0
-        self._newest_capture_s: float | None = None
         self._plan: Plan | None = None
         self._waiting: deque[tuple[int, Plan, float]] = deque()
         self._asked_capture_s = -math.inf
@@ -111,7 +104,7 @@ class GazeLoop:
             self._note_sent(self._sent_rad[-1].copy())
         self._last_index = index
         for sighting in arrived:
-            self._take_in(sighting, time_s)
+            self._track.take_in(sighting, time_s, self._recorder)
         measured = self._read_state(time_s)
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
@@ -145,11 +138,11 @@ class GazeLoop:
         # Somebody passes so near that limits bind: then the solver is needed, too.
         for i in range(5):
             seen_s = time_s + i / 30.0
-            self._predictor.update(HeadObservation(seen_s, np.array([0.8, 0.1 * i, 0.3])))
+            self._track.predictor.update(HeadObservation(seen_s, np.array([0.8, 0.1 * i, 0.3])))
         start_s = time_s + self._delay_ticks * self._neck.servo_period_s
         situation = Situation(
             start_s=start_s,
-            forecast=self._predictor.forecast(self._controller.forecast_times_s(start_s, seen_s)),
+            forecast=self._track.predictor.forecast(self._controller.forecast_times_s(start_s, seen_s)),
             command=command,
             joint_position_rad=command.position_rad,
             joint_velocity_rad_s=np.zeros(2),
@@ -159,14 +152,14 @@ class GazeLoop:
         )
         with contextlib.suppress(ControllerError):
             self._controller.plan(situation)
-        self._predictor.reset()
+        self._track.predictor.reset()
         self._controller.reset()
 
     def record_to(self, recorder: LoopRecorder) -> None:
-        """Take down what happens from now on somewhere else.
+        """Record to another recorder from now on.
 
         Args:
-            recorder: Where.
+            recorder: The recorder.
         """
         self._recorder = recorder
 
@@ -179,51 +172,6 @@ class GazeLoop:
     def _note_sent(self, sent_rad: FloatArray) -> None:
         self._sent_rad[:-1] = self._sent_rad[1:]
         self._sent_rad[-1] = sent_rad
-
-    def _take_in(self, sighting: Sighting, time_s: float) -> None:
-        observation = sighting.observation
-        if observation.capture_time_s > time_s + _CLOCK_TOLERANCE_S:
-            # Taken in, it would make all later ones out of order.
-            self._recorder.event(time_s, Event.FUTURE_OBSERVATION)
-            return
-        if time_s - observation.capture_time_s > self._settings.stale_after_s:
-            self._recorder.event(time_s, Event.STALE_OBSERVATION)
-            return
-        newest_s = self._newest_capture_s
-        if newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s:
-            # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile.
-            self._predictor.reset()
-        started = time.perf_counter()
-        try:
-            self._predictor.update(observation)
-        except OutOfOrderError:
-            self._recorder.event(time_s, Event.OUT_OF_ORDER)
-            return
-        except Exception as error:
-            self._recorder.event(time_s, Event.FORECAST_FAILED, error)
-            return
-        update_ms = 1e3 * (time.perf_counter() - started)
-        self._newest_capture_s = observation.capture_time_s
-        forecast = self._forecast(time_s, observation.capture_time_s + _RECORDED_HORIZONS_S)
-        self._recorder.observation(time_s, observation, forecast, update_ms)
-
-    def _forecast(self, time_s: float, times_s: FloatArray) -> Forecast | None:
-        """A forecast for these times; None, and an event, if the predictor has none."""
-        try:
-            forecast = self._predictor.forecast(times_s)
-            if not isinstance(forecast, Forecast):
-                raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
-            if forecast.times_s.size != times_s.size:
-                raise ValueError(f"forecast() returned {forecast.times_s.size} times, asked for were {times_s.size}")
-            if not np.isfinite(forecast.means_base_m).all():
-                raise _NotFiniteError("forecast() returned positions that are not finite")
-        except Exception as error:
-            self._recorder.event(time_s, Event.FORECAST_FAILED, error)
-            if isinstance(error, _NotFiniteError):
-                # A filter that holds a NaN holds it for ever: the next observation starts a new track.
-                self._predictor.reset()
-            return None
-        return forecast
 
     def _read_state(self, time_s: float) -> JointState | None:
         # RobotError is what is promised. The loop goes on whatever a driver raises or returns.
@@ -241,19 +189,20 @@ class GazeLoop:
         return state
 
     def _ask_for_plan(self, index: int, time_s: float, due_s: float, joints: JointEstimate) -> None:
-        if self._newest_capture_s is None:
+        newest_s = self._track.newest_capture_s
+        if newest_s is None:
             self._recorder.event(time_s, Event.NO_OBSERVATION_YET)
             return
-        if time_s - self._newest_capture_s > self._settings.lost_after_s:
+        if time_s - newest_s > self._settings.lost_after_s:
             return
         started = time.perf_counter()
         start_s = due_s + self._delay_ticks * self._neck.servo_period_s
         try:
-            times_s = np.asarray(self._controller.forecast_times_s(start_s, self._newest_capture_s), dtype=np.float64)
+            times_s = np.asarray(self._controller.forecast_times_s(start_s, newest_s), dtype=np.float64)
         except Exception as error:
             self._recorder.event(time_s, Event.CONTROLLER_FAILED, error)
             return
-        forecast = self._forecast(time_s, times_s)
+        forecast = self._track.forecast(times_s, time_s, self._recorder)
         if forecast is None:
             return
         committed = [
@@ -271,7 +220,7 @@ class GazeLoop:
         )
         self._forecast_ms = 1e3 * (time.perf_counter() - started)
         if self._planner.request(index + self._delay_ticks, situation):
-            self._asked_capture_s = self._newest_capture_s
+            self._asked_capture_s = newest_s
         else:
             self._recorder.event(time_s, Event.LATE_PLAN)
 
@@ -302,7 +251,8 @@ class GazeLoop:
     def _next_command(self, time_s: float, due_s: float) -> CommandState:
         if self._stopping:
             return self._smoother.step(due_s, None)
-        unseen_s = 0.0 if self._newest_capture_s is None else time_s - self._newest_capture_s
+        newest_s = self._track.newest_capture_s
+        unseen_s = 0.0 if newest_s is None else time_s - newest_s
         if unseen_s > self._settings.rest_after_s:
             self._plan = None
             self._recorder.event(time_s, Event.RETURN_TO_REST)

@@ -1,0 +1,98 @@
+"""The person as the loop knows them: observations into the predictor, forecasts out of it, whatever it raises."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from gazempc.loop.events import Event
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.results.log import FORECAST_HORIZONS_S
+from gazempc.settings import LoopSettings
+from gazempc.types import FloatArray, Sighting
+from predictors import Forecast, OutOfOrderError, Predictor
+
+# Two clocks that agree still differ by this much.
+_CLOCK_TOLERANCE_S = 0.01
+_RECORDED_HORIZONS_S = np.array(FORECAST_HORIZONS_S)
+
+
+class PersonTrack:
+    """Guards one predictor: what cannot be used is dropped, what it raises becomes an event.
+
+    Args:
+        predictor: Forecasts the head.
+        settings: Ages at which observations and tracks are given up.
+
+    Attributes:
+        predictor: The predictor.
+        newest_capture_s: Capture time of the newest observation that was used, seconds; None before the first one.
+    """
+
+    def __init__(self, predictor: Predictor, settings: LoopSettings) -> None:
+        self.predictor = predictor
+        self.newest_capture_s: float | None = None
+        self._settings = settings
+
+    def take_in(self, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> None:
+        """Take in an observation.
+
+        Args:
+            sighting: The observation and its arrival.
+            time_s: The time, seconds.
+            recorder: Records the observation and the forecast after it, or why it was dropped.
+        """
+        observation = sighting.observation
+        if observation.capture_time_s > time_s + _CLOCK_TOLERANCE_S:
+            # Taken in, it would make all later ones out of order.
+            recorder.event(time_s, Event.FUTURE_OBSERVATION)
+            return
+        if time_s - observation.capture_time_s > self._settings.stale_after_s:
+            recorder.event(time_s, Event.STALE_OBSERVATION)
+            return
+        newest_s = self.newest_capture_s
+        started = time.perf_counter()
+        try:
+            if newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s:
+                # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile.
+                self.predictor.reset()
+            self.predictor.update(observation)
+        except OutOfOrderError:
+            recorder.event(time_s, Event.OUT_OF_ORDER)
+            return
+        except Exception as error:
+            recorder.event(time_s, Event.FORECAST_FAILED, error)
+            return
+        update_ms = 1e3 * (time.perf_counter() - started)
+        self.newest_capture_s = observation.capture_time_s
+        forecast = self.forecast(observation.capture_time_s + _RECORDED_HORIZONS_S, time_s, recorder)
+        recorder.observation(time_s, observation, forecast, update_ms)
+
+    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
+        """Ask for a forecast.
+
+        Args:
+            times_s: Times to forecast, shape (H,), seconds.
+            time_s: The time, seconds.
+            recorder: Records why there is none.
+
+        Returns:
+            The forecast; None if the predictor has none that can be used.
+        """
+        try:
+            forecast = self.predictor.forecast(times_s)
+            if not isinstance(forecast, Forecast):
+                raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
+            if forecast.times_s.size != times_s.size:
+                raise ValueError(f"forecast() returned {forecast.times_s.size} times, asked for were {times_s.size}")
+            if np.isfinite(forecast.means_base_m).all():
+                return forecast
+            recorder.event(
+                time_s, Event.FORECAST_FAILED, ValueError("forecast() returned positions that are not finite")
+            )
+            # A filter that holds a NaN holds it for ever: the next observation starts a new track.
+            self.predictor.reset()
+        except Exception as error:
+            recorder.event(time_s, Event.FORECAST_FAILED, error)
+        return None
