@@ -1,0 +1,14 @@
+"""The pages of the documentation, and the fenced blocks in them."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted(path.stem for path in DOCS.glob("*.md"))
+FENCE = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def page(name):
+    """The text of a page."""
+    return (DOCS / f"{name}.md").read_text(encoding="utf-8")

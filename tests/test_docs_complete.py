@@ -1,0 +1,148 @@
+"""What exists is described where it belongs, and what the pages name exists."""
+
+import contextlib
+import functools
+import importlib
+import re
+import tomllib
+from dataclasses import fields
+
+import pytest
+import yaml
+from builders.pages import DOCS, ROOT, page
+
+import gazempc
+from gazempc.loop.events import Event
+from gazempc.neck.spec import Axis, Geometry, NeckSpec, neck_names
+from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.table import COLUMNS
+from gazempc.results.compute import ComputeMetrics
+from gazempc.results.log import Fault, Log
+from gazempc.results.metrics import Metrics
+from gazempc.results.run_info import RunInfo
+from gazempc.run import RunSettings
+from gazempc.settings import (
+    ConstantAccelerationSettings,
+    ConstantVelocitySettings,
+    CoordinatedTurnSettings,
+    HeadPoseSettings,
+    InteractingModelsSettings,
+    LookAheadSettings,
+    LoopSettings,
+    MpcSettings,
+    ParticleSettings,
+    PelvisPursuitSettings,
+    WalkerSettings,
+)
+from gazempc.sim.sensor import SensorSpec, sensor_names
+
+
+def settings_of(*models, prefix=""):
+    return [f"{prefix}{name}" for model in models for name in model.model_fields]
+
+
+DESCRIBED = {
+    "quickstart": settings_of(RunSettings),
+    "recordings": [*settings_of(ReadOptions), *COLUMNS, "index.csv"],
+    "necks": [*neck_names(), *sensor_names(), *settings_of(NeckSpec, Geometry, Axis, SensorSpec)],
+    "controllers": [
+        *settings_of(MpcSettings, prefix="mpc."),
+        *settings_of(LookAheadSettings, prefix="lookahead."),
+    ],
+    "predictors": [
+        *PREDICTOR.shipped,
+        *settings_of(ConstantVelocitySettings, prefix="constant_velocity."),
+        *settings_of(HeadPoseSettings, prefix="head_pose."),
+        *settings_of(PelvisPursuitSettings, prefix="pelvis_pursuit."),
+        *settings_of(ConstantAccelerationSettings, prefix="constant_acceleration."),
+        *settings_of(CoordinatedTurnSettings, prefix="coordinated_turn."),
+        *settings_of(InteractingModelsSettings, prefix="interacting_models."),
+        *settings_of(ParticleSettings, prefix="particle."),
+        *settings_of(WalkerSettings, prefix="walker."),
+    ],
+    "metrics": [f.name for model in (Metrics, ComputeMetrics, Log, Fault) for f in fields(model)]
+    + ["gap_closed", *RunInfo.model_fields],
+    "own_parts": [
+        *(method for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for method in kind.methods),
+        *(name for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for name in kind.properties),
+    ],
+    "api": [f"gz.{name}" for name in gazempc.__all__],
+    "safety": [*(event.value for event in Event), *settings_of(LoopSettings)],
+}
+
+
+@pytest.mark.parametrize("name", sorted(DESCRIBED))
+def test_what_exists_is_described(name):
+    described = set(re.findall(r"`\[?([^`\n]+?)\]?`", page(name)))
+    if name == "necks":
+        described |= {"pan", "tilt", "geometry"}
+        assert "`[pan]` and `[tilt]`" in page(name)
+    assert set(DESCRIBED[name]) - described == set()
+
+
+def test_the_architecture_names_what_there_is():
+    """Each folder and module that it names exists, and each folder and module of the root is named."""
+    named = set(re.findall(r"`((?:gazempc|predictors|experiments)/[\w/]*(?:\.py)?)`", page("architecture")))
+    assert [path for path in named if not (ROOT / path).exists()] == []
+    for package in ("gazempc", "predictors"):
+        inside = [path for path in (ROOT / package).iterdir() if path.is_dir() or path.suffix == ".py"]
+        wanted = {f"{package}/{path.name}/" if path.is_dir() else f"{package}/{path.name}" for path in inside}
+        assert wanted - named - {f"{package}/__init__.py", f"{package}/__pycache__/"} == set()
+
+
+def names_of_code(text):
+    """Files, and dotted names of modules and of what is in them, as they stand in inline code."""
+    files = re.findall(r"`((?:gazempc|predictors|experiments|benchmarks|tests|examples)(?:/[\w.]+)+/?)`", text)
+    return files, re.findall(r"`((?:gazempc|predictors|experiments|benchmarks)(?:\.\w+)+)", text)
+
+
+def exists(dotted):
+    """Whether a dotted name is a module, or something in one."""
+    parts = dotted.split(".")
+    for count in range(len(parts), 0, -1):
+        path = ROOT.joinpath(*parts[:count])
+        if path.is_dir() or path.with_suffix(".py").is_file():
+            found = importlib.import_module(".".join(parts[:count]))
+            with contextlib.suppress(AttributeError):
+                return functools.reduce(getattr, parts[count:], found) is not None
+            return False
+    return False
+
+
+def test_code_that_the_pages_name_exists():
+    paths = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    named = [(path.name, names_of_code(path.read_text(encoding="utf-8"))) for path in paths]
+    assert [(where, file) for where, (files, _) in named for file in files if not (ROOT / file).exists()] == []
+    assert [(where, name) for where, (_, names) in named for name in names if not exists(name)] == []
+
+
+def test_public_modules_are_in_the_api():
+    pages = [path.read_text(encoding="utf-8") for path in sorted((DOCS / "api").glob("*.md"))]
+    described = re.findall(r"automodule:: (\S+)", "\n".join(pages))
+    assert len(described) == len(set(described))
+    for path in described:
+        assert (ROOT / f"{path.replace('.', '/')}.py").is_file(), path
+    places = {
+        place.partition(":")[0] for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for place in kind.shipped.values()
+    }
+    places |= {"gazempc.errors"} | {gazempc._PLACES[name] for name in gazempc.__all__} - {"predictors"}
+    assert places - set(described) == set()
+
+
+def test_the_api_says_where_each_name_of_the_front_door_is_described():
+    rows = dict(re.findall(r"\| `gz\.(\w+)` \|.*?\{py:(?:func|class)\}`([\w.]+)` \|", page("api")))
+    names = {name: getattr(gazempc, name) for name in gazempc.__all__}
+    assert rows == {name: f"{value.__module__}.{value.__qualname__}" for name, value in names.items()}
+
+
+def test_citation_is_valid_and_of_this_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["title"] == project["name"]
+    assert citation["version"] == project["version"]
+    assert citation["license"] == project["license"]
+    assert {"message", "authors"} <= set(citation)
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"## {project['version']} - {citation['date-released']}" in changes
