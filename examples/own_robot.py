@@ -55,7 +55,8 @@ if __name__ == "__main__":
     words = "--source replay --robot own_robot:MyNeck --simulated-clock --no-figures --options.offset_deg 1.5"
     sys.exit(main(words.split()))
 # It prints:
-# gazempc.live: source replay, robot own_robot:MyNeck, neck reference; Ctrl-C stops
+# gazempc.live: source replay, robot own_robot:MyNeck, neck reference
+# running; Ctrl-C stops
 # stopped by: end of the source
 # 944 ticks, 0 skipped; later than due by 0.00 ms (p50), 0.00 ms (p99), 0.00 ms (max)
 # 138 observations, 0 could not be used
