@@ -90,7 +90,7 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """
     if not rows:
         return []
-    figures = [name for name in rows[0] if name not in {*LABEL_COLUMNS, "left_out", "failed", "simulated_s"}]
+    figures = [name for name in rows[0] if name not in {*LABEL_COLUMNS, "left_out", "failed", "simulated_s", "faults"}]
     table = []
     combinations = list(dict.fromkeys((r["controller"], r["predictor"], r["neck"]) for r in rows))
     for group in groups_of(rows):

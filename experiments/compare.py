@@ -27,7 +27,7 @@ from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.own_parts import check_parts, name_parts, options_of
 from experiments.engine.recordings import find_recordings, in_place
-from experiments.engine.replays import ReplayJob, sensors_by_name
+from experiments.engine.replays import ReplayJob, all_faults, sensors_by_name
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.results.report import versions
@@ -86,7 +86,8 @@ def compare(**settings: Any) -> list[Row]:
         **settings: Any of `CompareSettings`, such as ``recordings=["synthetic"], controllers=["lookahead", "mpc"]``.
 
     Returns:
-        A row for each run: labels, ``left_out`` and ``failed`` (the reason, or None), and all metrics.
+        A row for each run: labels, ``left_out`` and ``failed`` (the reason, or None), all metrics, and ``faults`` if
+        exceptions were survived.
 
     Raises:
         GazempcError: On bad input, before anything runs.
@@ -180,9 +181,9 @@ def write(settings: CompareSettings, rows: list[Row]) -> str:
         The text of ``summary.md``.
     """
     done = [row for row in rows if not row["left_out"] and not row["failed"]]
-    columns = list(dict.fromkeys(name for row in rows for name in row))
+    columns = list(dict.fromkeys(name for row in rows for name in row if name != "faults"))
     with (settings.out / "results.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns)
+        writer = csv.DictWriter(file, columns, extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
     summary = _summary(settings, rows, done)
@@ -211,6 +212,7 @@ def _summary(settings: CompareSettings, rows: list[Row], done: list[Row]) -> dic
         "n_left_out": len(left_out),
         "left_out": left_out,
         "failed": failed,
+        "faults": all_faults(rows),
         "people_seen_in_fitting": _seen_in_fitting(settings, done),
         "seed": settings.seed,
         "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED, "figures"}),

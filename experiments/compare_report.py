@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from experiments.engine.job import Row
+from experiments.engine.replays import fault_lines
 from gazempc.results.report import label
 
 # What the two gazes are compared by, clip by clip: metric, what the report calls it, digits. All but the first are of
@@ -79,6 +80,8 @@ def report(summary: Row, done: list[Row]) -> str:
     lines += [f"- left out {name}: {reason}" for name, reason in summary["left_out"].items()]
     reasons = dict.fromkeys((f["recording"], f["failed"]) for f in summary["failed"])
     lines += ["", *[f"- failed {name}: {reason}" for name, reason in reasons]] if reasons else []
+    survived = fault_lines(summary["faults"])
+    lines += ["", *[f"- survived {line}" for line in survived]] if survived else []
     violations = sum(r["limit_violations"] or 0 for r in done)
     lines += ["", f"Limit violations in all runs: {violations}.", ""]
     return "\n".join(lines)

@@ -10,6 +10,8 @@ from pydantic import ValidationError
 from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import NeckSpec
+from gazempc.part_options import check_options
+from gazempc.parts import CONTROLLER, PREDICTOR
 from gazempc.recordings.placement import Placement
 from gazempc.recordings.recording import Recording
 from gazempc.results.log import Log
@@ -68,6 +70,8 @@ def replay(
         checked = ReplaySettings.model_validate({**settings, **named})
     except ValidationError as error:
         raise SettingsError(explain(error, "replay", ReplaySettings)) from None
+    chosen = ((PREDICTOR, predictor), (CONTROLLER, controller))
+    check_options([(kind, choice) for kind, choice in chosen if isinstance(choice, str)], checked.options)
     scene = make_scene(
         recording,
         checked,

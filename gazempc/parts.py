@@ -200,14 +200,17 @@ def name_of(kind: Kind, part: object) -> str:
         part: The part.
 
     Returns:
-        The shipped name; of a part of your own its attribute ``name`` where that is a text, else its class's name.
+        The shipped name; of a part of your own its attribute ``name`` where that is a text, else its class's name. If
+        a shipped part has that name, too, the module stands before it.
     """
     own = type(part)
     for name, place in kind.shipped.items():
         if place == f"{own.__module__}:{own.__qualname__}":
             return name
     called = getattr(part, "name", None)
-    return called if isinstance(called, str) and called else own.__name__
+    name = called if isinstance(called, str) and called else own.__name__
+    # A shipped name is the shipped part's alone: `perfect`, say, is what others are compared with.
+    return f"{own.__module__}.{name}" if name in kind.shipped else name
 
 
 def said(error: BaseException) -> str:

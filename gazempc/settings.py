@@ -7,12 +7,32 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from tyro.constructors import PrimitiveConstructorSpec
 
-from gazempc.parts import CONTROLLER, PREDICTOR, check_choice
+from gazempc.parts import CONTROLLER, PREDICTOR, Kind, check_choice
+
+
+def on_command_line(kind: Kind) -> PrimitiveConstructorSpec[str]:
+    """How a command line reads the choice of a part, lists what there is, and refuses what there is not.
+
+    Args:
+        kind: The kind of part.
+
+    Returns:
+        What tyro takes beside the type.
+    """
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=f"{{{','.join(kind.shipped)},module:Class}}",
+        instance_from_str=lambda words: check_choice(kind, words[0]),
+        is_instance=lambda value: isinstance(value, str),
+        str_from_instance=lambda value: [value],
+    )
+
 
 # A shipped name, or module:Class for a part of the user's own; see `gazempc.parts`.
-ControllerChoice = Annotated[str, AfterValidator(partial(check_choice, CONTROLLER))]
-PredictorChoice = Annotated[str, AfterValidator(partial(check_choice, PREDICTOR))]
+ControllerChoice = Annotated[str, AfterValidator(partial(check_choice, CONTROLLER)), on_command_line(CONTROLLER)]
+PredictorChoice = Annotated[str, AfterValidator(partial(check_choice, PREDICTOR)), on_command_line(PREDICTOR)]
 # The predictor with the least error on real people, as far as measured.
 DEFAULT_PREDICTOR = "walker"
 

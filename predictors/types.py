@@ -68,7 +68,7 @@ class Forecast:
         issued_at_s: Capture time of the newest observation that is in the forecast.
 
     Raises:
-        ValueError: If a shape is not as said here.
+        ValueError: If a shape is not as said here, or a value is no number.
     """
 
     times_s: FloatArray
@@ -79,6 +79,10 @@ class Forecast:
     def __post_init__(self) -> None:
         count = np.size(self.times_s)
         for name, shape in (("times_s", (count,)), ("means_base_m", (count, 3)), ("covariances_m2", (count, 3, 3))):
-            found = np.shape(getattr(self, name))
+            value = getattr(self, name)
+            if not isinstance(value, np.ndarray):
+                value = np.asarray(value, dtype=np.float64)
+                object.__setattr__(self, name, value)
+            found = value.shape
             if found != shape:
                 raise ValueError(f"{name} of a forecast for {count} times has shape {found}, expected {shape}")

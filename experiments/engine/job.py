@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from experiments.engine.keys import program_hash
 from gazempc.errors import GazempcError, LeftOutError
+from gazempc.parts import said
 
 # What came of a job, by name: plain data as JSON knows it, or numpy arrays. `failed` and `left_out` are always there:
 # the reason, or None.
@@ -55,9 +56,9 @@ def carry_out(job: Job, key: str, program: str) -> Row:
         return {"left_out": str(error), "failed": None}
     except GazempcError as error:
         return _failed(str(error))
-    except Exception as error:  # a bug or a lack of memory in one job must not end a thousand others
+    except (Exception, SystemExit) as error:  # a bug, a lack of memory or an exit in one job must not end the others
         last = traceback.extract_tb(error.__traceback__)[-1]
-        return _failed(f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})")
+        return _failed(f"{said(error)} ({Path(last.filename).name}, line {last.lineno})")
 
 
 def _failed(reason: str) -> Row:

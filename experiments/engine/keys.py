@@ -91,6 +91,8 @@ def module_hash(module: str) -> str:
 
     It is made once: what is changed later is not what this process runs.
     """
-    file = Path(sys.modules[module].__file__ or "")
-    files = sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]
+    loaded = sys.modules[module]
+    # A folder without `__init__.py` is a package, too, and has no file of its own.
+    folders = [Path(folder) for folder in getattr(loaded, "__path__", ())]
+    files = sorted(file for folder in folders for file in folder.rglob("*.py")) or [Path(loaded.__file__ or "")]
     return hashlib.sha256(b"".join(path.read_bytes() for path in files if path.is_file())).hexdigest()

@@ -86,5 +86,6 @@ def name_parts(rows: Iterable[Row], part: str) -> None:
 
 def _hash(kind: Kind, choice: str) -> str:
     find(kind, choice)
+    module = choice.partition(":")[0]
     # A package may do its work in any of its modules. What they import from elsewhere is not seen.
-    return module_hash(choice.partition(":")[0].partition(".")[0])
+    return module_hash(module.partition(".")[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -17,6 +17,7 @@ from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
 from gazempc.results.compute import measure_compute
 from gazempc.results.metrics import measure
+from gazempc.results.report import faults
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import make_scene
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
@@ -65,8 +66,8 @@ class ReplayJob:
         """Replay and measure.
 
         Returns:
-            Labels of the recording, names of the parts, then `metrics_of`; without a run that can be scored, labels
-            and ``left_out``.
+            Labels of the recording, names of the parts, then `metrics_of`; ``faults``, if exceptions were survived;
+            without a run that can be scored, labels and ``left_out``.
         """
         recording = load_once(self.recording, self.settings.reading)
         labels = {"kind": recording.kind, "subject": recording.labels.subject, "group": recording.labels.group}
@@ -77,7 +78,8 @@ class ReplayJob:
         except LeftOutError as error:
             return labels | {"left_out": str(error)}
         names = {"controller_name": done.log.run.controller, "predictor_name": done.log.run.predictor}
-        return labels | names | metrics_of(done)
+        survived = {"faults": faults(done.log)} if done.log.faults else {}
+        return labels | names | metrics_of(done) | survived
 
 
 def sensors_by_name(chosen: str | None) -> dict[str, SensorSpec]:
@@ -108,6 +110,35 @@ def metrics_of(done: Replayed) -> Row:
     metrics = measure(log).as_dict() | measure_compute(done.times, log.neck.control_period_s).as_dict()
     known = {name: None if _is_nan(value) else value for name, value in metrics.items()}
     return {"simulated_s": float(log.time_s[-1] - log.time_s[0])} | known
+
+
+def all_faults(rows: Iterable[Row]) -> list[Row]:
+    """The exceptions that runs survived.
+
+    Args:
+        rows: Runs; ``controller`` and ``predictor`` are told apart where a row says them.
+
+    Returns:
+        Each event of a controller with a predictor once: these, ``event``, in how many ``runs``, the ``count`` in all
+        of them, and the first ``error`` with its ``traceback``.
+    """
+    merged: dict[tuple[str, ...], Row] = {}
+    for row in rows:
+        parts = {name: row[name] for name in ("controller", "predictor") if name in row}
+        for fault in row.get("faults", ()):
+            key = (*parts.values(), fault["event"])
+            known = merged.get(key, parts | fault | {"runs": 0, "count": 0})
+            merged[key] = known | {"runs": known["runs"] + 1, "count": known["count"] + fault["count"]}
+    return list(merged.values())
+
+
+def fault_lines(faults_of_runs: Iterable[Row]) -> list[str]:
+    """What `all_faults` gives for people, one line each."""
+    return [
+        f"{', '.join(str(f[name]) for name in ('controller', 'predictor') if name in f)}: {f['event']} ({f['count']} x "
+        f"in {f['runs']} runs): {f['error']}"
+        for f in faults_of_runs
+    ]
 
 
 def load_once(recording: str, reading: ReadOptions | None = None) -> Recording:

@@ -14,6 +14,7 @@ from pydantic import Field
 
 from experiments.engine.command import WorkSettings, parse, run_command, throughput
 from experiments.engine.job import Row
+from experiments.engine.replays import all_faults, fault_lines
 from experiments.sweep.figures import draw_all, recorded_or_synthetic
 from experiments.sweep.plan import SweepPlan, load_plan, shipped_studies
 from experiments.sweep.run import run_sweep
@@ -98,6 +99,7 @@ def _summary(plan: SweepPlan, rows: list[Row], table: list[Row]) -> dict[str, An
         "n_runs": len(rows),
         "left_out": {row["recording"]: row["left_out"] for row in rows if row["left_out"]},
         "failed": [{k: row[k] for k in (*labels, "recording", "failed")} for row in rows if row["failed"]],
+        "faults": all_faults(rows),
         "limit_violations": sum(row["limit_violations"] or 0 for row in rows),
         "pareto": {name: [{k: row[k] for k in shown} for row in front] for name, front in fronts.items()},
         "rows": table,
@@ -113,6 +115,8 @@ def _print(plan: SweepPlan, summary: dict[str, Any], table: list[Row]) -> None:
         f"{summary['n_runs']} runs, {len(summary['failed'])} failed, {len(summary['left_out'])} recordings left out "
         f"somewhere, {summary['limit_violations']} limit violations"
     )
+    for line in fault_lines(summary["faults"]):
+        print(f"survived: {line}")
     for failure in summary["failed"][:5]:
         print(f"failed: {failure['case']} {failure['recording']}: {failure['failed']}")
 

@@ -30,7 +30,8 @@ def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, r
         result: What came of the run.
 
     Returns:
-        Labels, the value of everything that varies in any case (None where the case says nothing of it), and figures.
+        Labels, the value of everything that varies in any case (None where the case says nothing of it), all metrics,
+        and ``faults`` if exceptions were survived.
     """
     values = {**case.base, **point}
     return {
@@ -46,6 +47,7 @@ def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, r
         "failed": result.get("failed"),
         "simulated_s": result.get("simulated_s"),
         **{name: result.get(name) for name in METRICS},
+        **({"faults": result["faults"]} if "faults" in result else {}),
     }
 
 
@@ -126,9 +128,10 @@ def objective_means(rows: Sequence[Row], objectives: Sequence[Objective]) -> lis
 
 
 def write_table(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as CSV; all have the keys of the first."""
+    """Write rows as CSV; all have the keys of the first. Faults have a place in `summary.json` only."""
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]) if rows else [])
+        columns = [name for name in rows[0] if name != "faults"] if rows else []
+        writer = csv.DictWriter(file, columns, extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
 

@@ -21,7 +21,7 @@ from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import make, options_for
-from gazempc.parts import SOURCE
+from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, name_of
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.run_info import RunInfo
 from gazempc.sim.scene import Scene, make_scene
@@ -72,7 +72,12 @@ def build(settings: LiveSettings) -> Built:
     planner = ImmediatePlanner(controller) if settings.simulated_clock else BackgroundPlanner(controller)
     parts = LiveParts(neck, predictor, planner, robot, source, clock, settings.mount, settings.loop)
     known = None if true_head is None else _on_loop_clock(true_head, source)
-    about = _about(settings, neck, scene)
+    names = {
+        "controller": name_of(CONTROLLER, controller),
+        "predictor": name_of(PREDICTOR, predictor),
+        "robot": name_of(ROBOT, robot),
+    }
+    about = _about(settings, neck, scene, names)
     if settings.simulated_clock and true_state_of(robot) is not None:
         # At the tick itself; on a real clock a robot is asked a little later.
         about = about.model_copy(update={"joints": "true"})
@@ -114,20 +119,18 @@ def _on_loop_clock(true_head: TrueHead, source: Source) -> TrueHeadAt:
     return at
 
 
-def _about(settings: LiveSettings, neck: NeckSpec, scene: Scene | None) -> RunInfo:
+def _about(settings: LiveSettings, neck: NeckSpec, scene: Scene | None, names: dict[str, str]) -> RunInfo:
     walk = None if scene is None else scene.walk
     return RunInfo(
         recording=settings.source if walk is None else walk.name,
         kind="live" if walk is None else walk.kind,
         subject="unknown" if walk is None else walk.labels.subject,
         group=None if walk is None else walk.labels.group,
-        controller=settings.controller,
-        predictor=settings.predictor,
         neck=neck,
         sensor={"name": "live" if scene is None else scene.sensor.name},
         seed=settings.seed,
         mode="live",
-        robot=settings.robot,
         joints="measured",
         settings=settings.model_dump(mode="json", exclude={"out", "figures"}),
+        **names,
     )

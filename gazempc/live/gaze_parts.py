@@ -160,7 +160,8 @@ def make_parts(
     forecasting = make_predictor(predictor, settings, Person(), own)
     planning = make_controller(controller, spec, settings, own)
     if isinstance(robot, str):
-        ready, called = make_robot(robot, settings.options, spec, clock, spec.rest_rad), robot
+        ready = make_robot(robot, settings.options, spec, clock, spec.rest_rad)
+        called = name_of(ROBOT, ready)
     else:
         check_methods(ROBOT, robot)
         ready, called = MonotonicRobot(robot, clock), name_of(ROBOT, robot)

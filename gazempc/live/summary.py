@@ -104,7 +104,7 @@ class Kept:
 
         if self._last is None or self._last[0].time_s.size < 2:
             return []
-        logs: dict[str, Log] = {self._settings.controller: self._last[0]}
+        logs: dict[str, Log] = {self._last[0].run.controller: self._last[0]}
         angles(logs, self._settings.out / "angles.png")
         return ["angles.png"]
 

@@ -9,7 +9,6 @@ first traceback go to the recorder.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from collections import deque
@@ -28,7 +27,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.robots.robot import Robot
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, JointState, Sighting
-from predictors import HeadObservation, Predictor
+from predictors import Forecast, HeadObservation, Predictor
 
 # So many commands in a row may get lost before the motion starts again from rest: on a busy line single ones do.
 _SENDS_FORGIVEN = 2
@@ -130,19 +129,36 @@ class GazeLoop:
     def prepare(self, time_s: float) -> None:
         """Build now what else the first ticks would wait for; predictor and controller are reset.
 
+        What they raise is survived, as in a tick.
+
         Args:
             time_s: The time, seconds.
         """
-        command = self._smoother.command
-        self._observer = JointObserver(self._neck, command.position_rad, time_s)
+        self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
         # Somebody passes so near that limits bind: then the solver is needed, too.
-        for i in range(5):
-            seen_s = time_s + i / 30.0
-            self._track.predictor.update(HeadObservation(seen_s, np.array([0.8, 0.1 * i, 0.3])))
+        seen_s = [time_s + i / 30.0 for i in range(5)]
         start_s = time_s + self._delay_ticks * self._neck.servo_period_s
-        situation = Situation(
+        failed = Event.FORECAST_FAILED
+        try:
+            for i, each_s in enumerate(seen_s):
+                self._track.predictor.update(HeadObservation(each_s, np.array([0.8, 0.1 * i, 0.3])))
+            failed = Event.CONTROLLER_FAILED
+            times_s = np.asarray(self._controller.forecast_times_s(start_s, seen_s[-1]), dtype=np.float64)
+            forecast = self._track.forecast(times_s, time_s, self._recorder)
+            if forecast is not None:
+                self._controller.plan(self._at_rest(start_s, forecast))
+        except ControllerError:
+            pass  # nobody waits for this plan
+        except Exception as error:
+            self._recorder.event(time_s, failed, error)
+        self._track.predictor.reset()
+        self._controller.reset()
+
+    def _at_rest(self, start_s: float, forecast: Forecast) -> Situation:
+        command = self._smoother.command
+        return Situation(
             start_s=start_s,
-            forecast=self._track.predictor.forecast(self._controller.forecast_times_s(start_s, seen_s)),
+            forecast=forecast,
             command=command,
             joint_position_rad=command.position_rad,
             joint_velocity_rad_s=np.zeros(2),
@@ -150,10 +166,6 @@ class GazeLoop:
             sent_rad=self._sent_rad.copy(),
             committed_rad=np.tile(command.position_rad, (self._delay_ticks, 1)),
         )
-        with contextlib.suppress(ControllerError):
-            self._controller.plan(situation)
-        self._track.predictor.reset()
-        self._controller.reset()
 
     def record_to(self, recorder: LoopRecorder) -> None:
         """Record to another recorder from now on.

@@ -9,10 +9,10 @@ from pydantic import AfterValidator, ConfigDict, Field
 
 from gazempc.parts import ROBOT, check_choice
 from gazempc.ros2.wire import Ros2Network
-from gazempc.settings import Settings
+from gazempc.settings import Settings, on_command_line
 
 # A shipped name, or module:Class for a robot of the user's own.
-RobotChoice = Annotated[str, AfterValidator(partial(check_choice, ROBOT))]
+RobotChoice = Annotated[str, AfterValidator(partial(check_choice, ROBOT)), on_command_line(ROBOT)]
 
 
 class DynamixelOptions(Settings):

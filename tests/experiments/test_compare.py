@@ -309,6 +309,44 @@ def test_the_source_of_a_part_of_ones_own_is_in_the_key(tmp_path, monkeypatch):
     assert first != runs(tmp_path, **{**chosen, "controllers": ("lookahead",)})[0].job.key()
 
 
+def test_the_sources_of_a_folder_without_init_are_in_the_key(tmp_path, monkeypatch):
+    hashes = []
+    for i, more in enumerate(("", "# changed")):
+        (tmp_path / f"loose{i}").mkdir()
+        own_module(tmp_path / f"loose{i}", monkeypatch, more=more)
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.syspath_prepend(str(tmp_path))
+        hashes.append(parts_hash(f"loose{i}.my_parts:Sluggish", "walker"))
+    assert hashes[0] != hashes[1]
+
+
+def test_exceptions_that_runs_survived_are_said_and_kept(tmp_path, monkeypatch, capsys):
+    fails = """
+
+class Failing(Steady):
+    calls = 0
+
+    def forecast(self, times_s):
+        Failing.calls += 1
+        if Failing.calls > 50:
+            raise TypeError("too often")
+        return super().forecast(times_s)
+"""
+    own = own_module(tmp_path, monkeypatch, more=fails.replace("(Steady):", '(Steady):\n    name = "failing"'))
+    words = ["--recordings", "subject01_R4", "--controllers", "reactive", "--predictors", f"{own}:Failing", "steady"]
+    words[-1] = f"{own}:Steady"
+    assert main([*words, "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    (fault,) = json.loads((tmp_path / "out" / "summary.json").read_text())["faults"]
+    assert (fault["controller"], fault["predictor"], fault["event"], fault["runs"]) == (
+        "reactive", "failing", "forecast_failed", 1,
+    )  # fmt: skip
+    assert fault["count"] > 10
+    assert fault["traceback"].startswith("Traceback")
+    said = f"- survived reactive, failing: forecast_failed ({fault['count']} x in 1 runs): TypeError: too often"
+    assert said in capsys.readouterr().out
+    assert "faults" not in rows_of(tmp_path / "out")[0]
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [

@@ -83,3 +83,8 @@ def test_wrong_arguments_are_named(arguments, named):
         gz.replay("subject03_R1", **arguments)
     for word in named:
         assert word in str(raised.value)
+
+
+def test_options_without_a_part_that_takes_them_are_refused():
+    with pytest.raises(SettingsError, match=r"options\.gain: options are for parts of your own"):
+        gz.replay("subject03_R4", controller="reactive", options={"gain": 0.3})

@@ -125,6 +125,13 @@ def test_what_a_part_is_called():
     assert name_of(ROBOT, SimulatedNeck.__new__(SimulatedNeck)) == "simulated"
 
 
+def test_a_shipped_name_is_the_shipped_part_s_alone():
+    class Perfect(Robot):
+        name = "simulated"
+
+    assert name_of(ROBOT, Perfect()) == f"{__name__}.simulated"
+
+
 def test_an_exception_in_one_line():
     assert said(ValueError("two\n  lines")) == "ValueError: two lines"
     assert said(TimeoutError()) == "TimeoutError"

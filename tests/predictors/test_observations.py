@@ -13,9 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import predictors
-from predictors import (
-    HeadObservation,
-)
+from predictors import Forecast, HeadObservation
 from predictors.yaw import wrap_rad, yaw_rad
 
 GOOD = np.array([1.0, 2.0, 3.0])
@@ -82,3 +80,15 @@ def test_predictors_know_nothing_of_gaze() -> None:
     code = "import sys, predictors; print([m for m in sys.modules if m.split('.')[0] in ('gazempc', 'filterpy')])"
     done = subprocess.run([sys.executable, "-c", code], cwd=folder.parent, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_forecast_may_be_made_of_lists():
+    forecast = Forecast([1.0, 2.0], [[1, 2, 3], [4, 5, 6]], np.zeros((2, 3, 3)).tolist(), 0.5)
+    for value, shape in (
+        (forecast.times_s, (2,)),
+        (forecast.means_base_m, (2, 3)),
+        (forecast.covariances_m2, (2, 3, 3)),
+    ):
+        assert (value.shape, value.dtype) == (shape, np.float64)
+    with pytest.raises(ValueError, match=r"covariances_m2 of a forecast for 2 times has shape \(2,\), expected"):
+        Forecast([1.0, 2.0], np.zeros((2, 3)), [1e-4, 1e-4], 0.5)

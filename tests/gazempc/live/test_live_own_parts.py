@@ -35,7 +35,7 @@ def test_all_parts_may_be_one_s_own_and_have_options(own, tmp_path, capsys):
     assert summary["limit_violations"] == 0
     assert summary["faults"] == []
     assert log.head_observed_base_m[:, 1] == pytest.approx(0.25 * (np.arange(log.capture_time_s.size) / 30.0 - 2.0))
-    assert (log.run.controller, log.run.robot) == (f"{own}:Eager", f"{own}:Head")
+    assert (log.run.controller, log.run.robot) == ("Eager", "Head")
     # The forecast's covariance is the predictor's option.
     assert log.forecast_covariance_m2[0, 0] == pytest.approx(0.02**2 * np.eye(3))
     assert log.run.settings["options"]["speed_m_s"] == "0.25"
@@ -129,3 +129,19 @@ def test_what_fails_under_way_is_an_event_with_its_text_and_traceback(
     said = capsys.readouterr().out
     assert f"  {event} ({fault['count']} x): {error}" in said
     assert f"{event} {summary['events'][event]} x" not in said
+
+
+@pytest.mark.parametrize(("call", "event"), [("update", "forecast_failed"), ("plan", "controller_failed")])
+def test_what_fails_before_the_first_tick_is_survived_too(call, event, tmp_path, monkeypatch):
+    # A part is tried out once when it is made; the second time is the rehearsal of a run.
+    part, base, calls = ("predictor", "ConstantVelocity", 5) if call == "update" else ("controller", "Reactive", 1)
+    (tmp_path / f"once_{call}.py").write_text(
+        f"import gazempc as gz\nclass Once(gz.{base}):\n    calls = 0\n    def {call}(self, given):\n"
+        f"        self.calls += 1\n        if self.calls == {calls} + 1:\n            raise KeyError('once')\n"
+        f"        return super().{call}(given)\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    words = ["--source", "replay", f"--{part}", f"once_{call}:Once", "--duration-s", "1", "--simulated-clock"]
+    assert main([*words, "--no-figures", "--out", str(tmp_path)]) == 0
+    (fault,) = json.loads((tmp_path / "summary.json").read_text())["faults"]
+    assert (fault["event"], fault["count"], fault["error"]) == (event, 1, "KeyError: 'once'")
