@@ -134,15 +134,25 @@ def _forecast(settings: ForecastSettings) -> list[ClipResult]:
     ]
     with Engine(settings.out / "runs", settings.jobs, settings.dask) as engine:
         results = engine.run(jobs)
-    if reasons := dict.fromkeys(
-        row["failed"] or row["left_out"] for row in results if row["failed"] or row["left_out"]
-    ):
+    if reasons := _reasons(asked, results):
         raise GazempcError("\n".join(reasons))
     rows: list[Row] = [
         {"predictor": predictor, "cues": cues, **row} for (_, predictor, cues), row in zip(asked, results, strict=True)
     ]
     name_parts(rows, "predictor")
     return [clip_result(row) for row in rows]
+
+
+def _reasons(asked: Sequence[tuple[str, str, str]], results: Sequence[Row]) -> list[str]:
+    """Why there are results missing, each reason once, with the predictor and the recordings."""
+    where: dict[str, list[tuple[str, str]]] = {}
+    for (name, predictor, _), row in zip(asked, results, strict=True):
+        if reason := row["failed"] or row["left_out"]:
+            where.setdefault(reason, []).append((predictor, Path(name).stem))
+    return [
+        f"{places[0][0]} on {places[0][1]}{f' and {len(places) - 1} more' if len(places) > 1 else ''}: {reason}"
+        for reason, places in where.items()
+    ]
 
 
 def _draw(settings: ForecastSettings, rows: list[Row], kinds: str) -> None:

@@ -14,7 +14,8 @@ from gazempc.live.clock import RealClock
 from gazempc.live.logs import LiveLogs
 from gazempc.live.parts import Keeping, LiveParts
 from gazempc.live.report import LiveReport
-from gazempc.live.start import first_position_rad, go_in
+from gazempc.live.sources.source import SourceError
+from gazempc.live.start import first_position_rad, go_in, opened
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.observer import JointEstimate
@@ -93,7 +94,7 @@ class LiveRun:
             SourceError: If the source cannot be opened.
         """
         parts = self._parts
-        parts.robot.connect()
+        opened("robot: connect()", parts.robot.connect, RobotError)
         start_rad = first_position_rad(parts, stop)
         if start_rad is None:
             self.report.stopped_by = "signal"
@@ -104,7 +105,7 @@ class LiveRun:
             parts.neck, parts.predictor, parts.planner, smoother, parts.robot, self.logs.recorder, parts.settings
         )
         loop.prepare(self._clock.now_s())
-        parts.source.open()
+        opened("source: open()", parts.source.open, SourceError)
         self._smoother, self._loop = smoother, loop
         return True
 

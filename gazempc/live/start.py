@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 import numpy as np
 
-from gazempc.errors import RobotError
+from gazempc.errors import GazempcError, RobotError
 from gazempc.live.parts import LiveParts
 from gazempc.parts import said
 from gazempc.robots.start import way_in_rad, wrong_reading
@@ -16,6 +17,25 @@ from gazempc.types import FloatArray, JointState
 _FIRST_READING_S = 1.0
 # A first reading this far from now is stamped on another clock, such as Unix time.
 _OTHER_CLOCK_S = 10.0
+
+
+def opened(what: str, call: Callable[[], None], refusal: type[GazempcError]) -> None:
+    """Open a robot or a source; whatever one of the user's own raises is a message.
+
+    Args:
+        what: The call, for the message.
+        call: Does it.
+        refusal: The error that is promised.
+
+    Raises:
+        GazempcError: If it cannot be opened.
+    """
+    try:
+        call()
+    except (GazempcError, OSError):
+        raise
+    except Exception as error:
+        raise refusal(f"{what} raised {said(error)}") from error
 
 
 def first_position_rad(parts: LiveParts, stop: threading.Event) -> FloatArray | None:

@@ -324,6 +324,7 @@ def test_exceptions_that_runs_survived_are_said_and_kept(tmp_path, monkeypatch, 
     fails = """
 
 class Failing(Steady):
+    name = "failing"
     calls = 0
 
     def forecast(self, times_s):
@@ -332,9 +333,8 @@ class Failing(Steady):
             raise TypeError("too often")
         return super().forecast(times_s)
 """
-    own = own_module(tmp_path, monkeypatch, more=fails.replace("(Steady):", '(Steady):\n    name = "failing"'))
-    words = ["--recordings", "subject01_R4", "--controllers", "reactive", "--predictors", f"{own}:Failing", "steady"]
-    words[-1] = f"{own}:Steady"
+    own = own_module(tmp_path, monkeypatch, "failing_parts", more=fails)
+    words = ["--recordings", "subject01_R4", "--controllers", "reactive", "--predictors", f"{own}:Failing"]
     assert main([*words, "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 0
     (fault,) = json.loads((tmp_path / "out" / "summary.json").read_text())["faults"]
     assert (fault["controller"], fault["predictor"], fault["event"], fault["runs"]) == (

@@ -206,3 +206,11 @@ def test_a_recording_that_cannot_be_read_is_said_and_the_others_are_kept(tmp_pat
     assert "bad.csv" in error
     assert "missing column" in error
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 1
+
+
+def test_a_predictor_that_fails_is_named_with_the_recordings(tmp_path, monkeypatch, capsys):
+    fails = "\n\nclass Failing(Steady):\n    def forecast(self, times_s):\n        raise TypeError('no')\n"
+    own = own_module(tmp_path, monkeypatch, "failing_parts", more=fails)
+    words = ["--recordings", "subject01_R1", "subject01_R4", "--predictors", f"{own}:Failing", "last_position"]
+    assert main([*words, "--jobs", "1", "--out", str(tmp_path / "out")]) == 2
+    assert f"forecast: {own}:Failing on subject01_R1 and 1 more: predictor steady: " in capsys.readouterr().err

@@ -145,3 +145,14 @@ def test_what_fails_before_the_first_tick_is_survived_too(call, event, tmp_path,
     assert main([*words, "--no-figures", "--out", str(tmp_path)]) == 0
     (fault,) = json.loads((tmp_path / "summary.json").read_text())["faults"]
     assert (fault["event"], fault["count"], fault["error"]) == (event, 1, "KeyError: 'once'")
+
+
+@pytest.mark.parametrize(("option", "call"), [("--robot", "connect"), ("--source", "open")])
+def test_what_cannot_be_opened_is_said(own, option, call, tmp_path, monkeypatch, capsys):
+    base = "Head" if option == "--robot" else "Walker"
+    text = f"from {own} import {base}\nclass Shut({base}):\n    def {call}(self):\n        raise ValueError('no bus')\n"
+    (tmp_path / f"shut_{call}.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    words = [word for pair in ({"--source": "replay"} | {option: f"shut_{call}:Shut"}).items() for word in pair]
+    assert main([*words, "--simulated-clock", "--no-figures", "--out", str(tmp_path)]) == 2
+    assert f"{option[2:]}: {call}() raised ValueError: no bus" in capsys.readouterr().err
