@@ -111,8 +111,9 @@ class DelayedServo:
         """
         if time_s < self._time_s - _SAME_TIME_S:
             raise ValueError(f"time cannot run backwards: {self._time_s} -> {time_s}")
-        while self._waiting and self._waiting[0][0] <= time_s + _SAME_TIME_S:
-            acts_at_s, command_rad = self._waiting.popleft()
+        waiting = self._waiting
+        while waiting and waiting[0][0] <= time_s + _SAME_TIME_S:
+            acts_at_s, command_rad = waiting.popleft()
             if acts_at_s > self._time_s:
                 self._hold_until(acts_at_s)
             self._acting_rad = command_rad
