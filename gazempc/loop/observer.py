@@ -102,15 +102,18 @@ class JointObserver:
             measured: Newest measured state, perhaps of a moment ago; None if there is none. One that was taken in
                 before is not used; one that cannot be believed is `refused`.
         """
-        time_s = max(time_s, self._past[-1][0]) if self._past else time_s
+        past = self._past
+        if past and past[-1][0] > time_s:
+            time_s = past[-1][0]
         self._pan.advance_to(time_s)
         self._tilt.advance_to(time_s)
-        self._past.append((time_s, *self._joints()))
-        while self._past[0][0] < time_s - _MEMORY_S:
-            self._past.popleft()
+        past.append((time_s, *self._joints()))
+        oldest_s = time_s - _MEMORY_S
+        while past[0][0] < oldest_s:
+            past.popleft()
         self._refused = False
         # Written so that a NaN is refused. A driver that gives the same reading for ever has none.
-        if measured is not None and not measured.time_s >= time_s - _MEMORY_S:
+        if measured is not None and not measured.time_s >= oldest_s:
             self._refused = True
         elif measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
             self._take_in(measured, time_s)

@@ -169,11 +169,11 @@ class _AxisSmoother:
         # Spares asking Ruckig where there is room for more than any stop takes. A stop first ends the acceleration,
         # then brakes from at most the peak speed by an S-curve; it never goes faster than the peak speed.
         position, _, acceleration = motion
-        peak_speed = self._peak_speed(motion)
-        longest_s = abs(acceleration) / self._j_max + peak_speed / self._a_max + self._a_max / self._j_max
+        peak_speed, braking = self._peak_speed(motion), abs(acceleration)
+        longest_s = braking / self._j_max + peak_speed / self._a_max + self._a_max / self._j_max
         room = peak_speed * longest_s * _ROUNDED_UP
         # Written so that a NaN is not far from them.
-        return abs(acceleration) <= self._a_max and self._low + room <= position <= self._high - room
+        return braking <= self._a_max and self._low + room <= position <= self._high - room
 
     def _sample(self, request: ruckig.InputParameter) -> AxisMotion | None:
         if not self._calculate(request):

@@ -127,8 +127,7 @@ class DelayedServo:
             return
         qq, qv, qu, vq, vv, vu = _transition(self._wn, self._zeta, dt_s)
         q, v, u = self._q, self._v, self._acting_rad
-        self._q = qq * q + qv * v + qu * u
-        self._v = vq * q + vv * v + vu * u
+        self._q, self._v = qq * q + qv * v + qu * u, vq * q + vv * v + vu * u
 
 
 # Many matrix powers, the same for every replay on a neck. Safe: the key is frozen, the arrays cannot be written to.
