@@ -144,7 +144,7 @@ class LiveRun:
                     self._tick(loop, index, now_s, due_s, stopping_at is not None)
                 else:
                     # Not even the loop can be relied on any more.
-                    self._parts.robot.send_command(smoother.step(now_s, None).position_rad)
+                    self._parts.robot.send_command(smoother.step(now_s, None))
             except BaseException as error:
                 # Whatever it was, an interrupt, too: the neck is braked before it is told.
                 if failure is None:

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from gazempc.controllers.controller import CommandState, ControllerError, Plan, Situation
+from gazempc.controllers.controller import AxisMotion, CommandState, ControllerError, Plan, Situation
 from gazempc.loop.events import Event
 from gazempc.loop.observer import JointEstimate, JointObserver
 from gazempc.loop.planner import Answer, Planner
@@ -44,9 +44,6 @@ class GazeLoop:
         robot: Executes the commands; connected.
         recorder: Records what happens.
         settings: When to give up on something.
-
-    Attributes:
-        joints: Where the joints were at the last tick, as estimated; None before the first one.
     """
 
     def __init__(
@@ -72,7 +69,6 @@ class GazeLoop:
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
         self._sent_rad: FloatArray = np.tile(smoother.command.position_rad, (history, 1))
         self._observer: JointObserver | None = None
-        self.joints: JointEstimate | None = None
         self._forecast_ms = 0.0
         self._last_index: int | None = None
         self._ignored_until = -1
@@ -83,6 +79,11 @@ class GazeLoop:
         self._waiting: deque[tuple[int, Plan, float]] = deque()
         self._asked_capture_s = -math.inf
         self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, 2)), np.zeros((1, 2)))
+
+    @property
+    def joints(self) -> JointEstimate | None:
+        """Where the joints were at the last tick, as estimated; None before the first one."""
+        return None if self._observer is None or self._last_index is None else self._observer.estimate
 
     def tick(self, index: int, time_s: float, arrived: Iterable[Sighting], due_s: float | None = None) -> None:
         """Do all that is due in one servo period.
@@ -107,24 +108,23 @@ class GazeLoop:
         measured = self._read_state(time_s)
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
-        joints = self._observer.update(time_s, measured)
-        self.joints = joints
+        self._observer.update(time_s, measured)
         if self._observer.refused:
             self._recorder.event(time_s, Event.JOINT_READING_REFUSED)
         # Before asking, too: a planner that has answered is free again.
         self._take_answers(index, time_s)
         if plans and self._gets_through and not self._stopping:
-            self._ask_for_plan(index, time_s, due_s, joints)
+            self._ask_for_plan(index, time_s, due_s, self._observer.estimate)
         self._take_answers(index, time_s)
         while self._waiting and self._waiting[0][0] <= index:
             _, self._plan, capture_s = self._waiting.popleft()
             self._recorder.latency(1e3 * (time_s - capture_s))
-        before = self._smoother.command
-        command = self._next_command(time_s, due_s)
-        sent_rad = self._send(command, before, index, time_s)
+        before = self._smoother.motions
+        wanted_rad = self._next_command(time_s, due_s)
+        sent_rad = self._send(wanted_rad, before, index, time_s)
         self._observer.sent(sent_rad)
         self._note_sent(sent_rad)
-        self._recorder.tick(time_s, measured, sent_rad, self._smoother.command)
+        self._recorder.tick(time_s, measured, sent_rad, self._smoother.motions)
 
     def prepare(self, time_s: float) -> None:
         """Build now what else the first ticks would wait for; predictor and controller are reset.
@@ -260,7 +260,7 @@ class GazeLoop:
             return self._smoother.command
         return plan.at(time_s)
 
-    def _next_command(self, time_s: float, due_s: float) -> CommandState:
+    def _next_command(self, time_s: float, due_s: float) -> FloatArray:
         if self._stopping:
             return self._smoother.step(due_s, None)
         newest_s = self._track.newest_capture_s
@@ -272,14 +272,16 @@ class GazeLoop:
         if unseen_s > self._settings.lost_after_s:
             self._plan = None
             self._recorder.event(time_s, Event.TARGET_LOST)
-        command = self._smoother.step(due_s, self._plan)
+        wanted_rad = self._smoother.step(due_s, self._plan)
         if self._smoother.intervention and self._plan is not None:
             self._recorder.event(time_s, self._smoother.intervention)
-        return command
+        return wanted_rad
 
-    def _send(self, command: CommandState, before: CommandState, index: int, time_s: float) -> FloatArray:
+    def _send(
+        self, wanted_rad: FloatArray, before: tuple[AxisMotion, AxisMotion], index: int, time_s: float
+    ) -> FloatArray:
         try:
-            sent_rad: FloatArray = np.array(self._robot.send_command(command.position_rad), dtype=np.float64)
+            sent_rad: FloatArray = np.array(self._robot.send_command(wanted_rad), dtype=np.float64)
             if sent_rad.shape != (2,) or not all(map(math.isfinite, sent_rad.tolist())):
                 raise ValueError(f"send_command() returned {sent_rad!r}, needed are two finite angles in radians")
         except Exception as error:

@@ -72,6 +72,8 @@ class JointObserver:
         # Plain numbers: on two of them numpy takes several times as long, and this is done at every tick.
         self._offset_rad = [0.0, 0.0]
         self._past: deque[_Past] = deque()
+        self._estimate: tuple[_Pair, _Pair, _Pair]
+        self._note_estimate()
         self._measured_s: float | None = None
         self._refused_in_a_row = 0
         self._refused = False
@@ -81,36 +83,46 @@ class JointObserver:
         """True if the last update was given a measurement that could not be believed: NaN, too old, or far off."""
         return self._refused
 
+    @property
+    def estimate(self) -> JointEstimate:
+        """The estimate for the time of the last update; arrays are made for who asks, which is not every tick."""
+        return JointEstimate(*np.array(self._estimate))
+
     def sent(self, command_rad: FloatArray) -> None:
         """Take note of a command that was sent at the time of the last update, shape (2,), radians."""
         pan_rad, tilt_rad = command_rad.tolist()
         self._pan.send(pan_rad)
         self._tilt.send(tilt_rad)
 
-    def update(self, time_s: float, measured: JointState | None) -> JointEstimate:
+    def update(self, time_s: float, measured: JointState | None) -> None:
         """Move on in time and take in a measurement.
 
         Args:
             time_s: Present time, seconds; one before that of the last update is taken for that.
             measured: Newest measured state, perhaps of a moment ago; None if there is none. One that was taken in
                 before is not used; one that cannot be believed is `refused`.
-
-        Returns:
-            The estimate for `time_s`.
         """
-        time_s = max(time_s, self._past[-1][0]) if self._past else time_s
+        past = self._past
+        if past and past[-1][0] > time_s:
+            time_s = past[-1][0]
         self._pan.advance_to(time_s)
         self._tilt.advance_to(time_s)
-        self._past.append((time_s, *self._joints()))
-        while self._past[0][0] < time_s - _MEMORY_S:
-            self._past.popleft()
+        past.append((time_s, *self._joints()))
+        oldest_s = time_s - _MEMORY_S
+        while past[0][0] < oldest_s:
+            past.popleft()
         self._refused = False
         # Written so that a NaN is refused. A driver that gives the same reading for ever has none.
-        if measured is not None and not measured.time_s >= time_s - _MEMORY_S:
+        if measured is not None and not measured.time_s >= oldest_s:
             self._refused = True
         elif measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
             self._take_in(measured, time_s)
-        return JointEstimate(*np.array([*self._joints(), self._offset_rad]))
+        self._note_estimate()
+
+    def _note_estimate(self) -> None:
+        # In one piece, as another thread may read it.
+        pan_offset_rad, tilt_offset_rad = self._offset_rad
+        self._estimate = (*self._joints(), (pan_offset_rad, tilt_offset_rad))
 
     def _joints(self) -> tuple[_Pair, _Pair]:
         # Angles with their offsets, and velocities, as estimated now.
@@ -164,7 +176,9 @@ class JointObserver:
                 servo.stand(servo.state[0])
         else:
             position_gain, velocity_gain, offset_gain = self._gains[axis]
-            learned_rad = min(max(offset_rad + offset_gain * error_rad, -_OFFSET_MAX_RAD), _OFFSET_MAX_RAD)
+            learned_rad = offset_rad + offset_gain * error_rad
+            if not -_OFFSET_MAX_RAD <= learned_rad <= _OFFSET_MAX_RAD:
+                learned_rad = min(max(learned_rad, -_OFFSET_MAX_RAD), _OFFSET_MAX_RAD)
             self._offset_rad[axis] = learned_rad
             # The servo's own position is counted without the offset.
             servo.correct(position_gain * error_rad - (learned_rad - offset_rad), velocity_gain * error_rad)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gazempc.controllers.controller import CommandState
+from gazempc.controllers.controller import AxisMotion
 from gazempc.parts import said
 from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Fault, Log
 from gazempc.results.run_info import RunInfo
@@ -18,6 +18,7 @@ from predictors import Forecast, HeadObservation
 
 _LOGGER = logging.getLogger("gazempc.loop")
 _NOWHERE = np.full(2, np.nan)
+_NO_PAIR = np.empty(0)
 _NO_MEAN = np.full((len(FORECAST_HORIZONS_S), 3), np.nan)
 _NO_COVARIANCE = np.full((len(FORECAST_HORIZONS_S), 3, 3), np.nan)
 
@@ -33,7 +34,7 @@ class LoopRecorder:
 
     def __init__(self, control_period_s: float) -> None:
         self._control_period_s = control_period_s
-        self._ticks: list[tuple[float, JointState | None, FloatArray, CommandState]] = []
+        self._ticks: list[tuple[float, JointState | None, FloatArray, tuple[AxisMotion, AxisMotion]]] = []
         self._observations: list[tuple[float, HeadObservation, FloatArray, FloatArray]] = []
         self._events: list[tuple[float, str]] = []
         self._event_last_s: dict[str, float] = {}
@@ -57,9 +58,11 @@ class LoopRecorder:
         """The exceptions that were survived so far; may be read while another thread records."""
         return tuple(self._faults.values())
 
-    def tick(self, time_s: float, state: JointState | None, sent_rad: FloatArray, command: CommandState) -> None:
-        """Record one servo tick: joints as measured (None if not), what was really sent, the command's motion."""
-        self._ticks.append((time_s, state, sent_rad, command))
+    def tick(
+        self, time_s: float, state: JointState | None, sent_rad: FloatArray, motions: tuple[AxisMotion, AxisMotion]
+    ) -> None:
+        """Record one servo tick: joints as measured (None if not), what was really sent, the command's motions."""
+        self._ticks.append((time_s, state, sent_rad, motions))
 
     def observation(
         self, time_s: float, observation: HeadObservation, forecast: Forecast | None, update_ms: float
@@ -128,7 +131,7 @@ class LoopRecorder:
         """
         time_s = np.array([t for t, _, _, _ in self._ticks])
         states = true_joints or [s for _, s, _, _ in self._ticks]
-        commands = [c for _, _, _, c in self._ticks]
+        motions = np.array([m for _, _, _, m in self._ticks]).reshape(-1, 2, 3)
         captures = np.array([o.capture_time_s for _, o, _, _ in self._observations])
         horizons = np.array(FORECAST_HORIZONS_S)
         shape = (captures.size, horizons.size, 3)
@@ -138,11 +141,11 @@ class LoopRecorder:
             run=run,
             time_s=time_s,
             head_true_base_m=true_head_base_m(time_s),
-            joint_position_rad=np.array([_NOWHERE if s is None else s.position_rad for s in states]),
-            joint_velocity_rad_s=np.array([_NOWHERE if s is None else s.velocity_rad_s for s in states]),
-            command_position_rad=np.array([sent_rad for _, _, sent_rad, _ in self._ticks]),
-            command_velocity_rad_s=np.array([c.velocity_rad_s for c in commands]),
-            command_acceleration_rad_s2=np.array([c.acceleration_rad_s2 for c in commands]),
+            joint_position_rad=_pairs([_NOWHERE if s is None else s.position_rad for s in states]),
+            joint_velocity_rad_s=_pairs([_NOWHERE if s is None else s.velocity_rad_s for s in states]),
+            command_position_rad=_pairs([sent_rad for _, _, sent_rad, _ in self._ticks]),
+            command_velocity_rad_s=motions[:, :, 1].copy(),
+            command_acceleration_rad_s2=motions[:, :, 2].copy(),
             capture_time_s=captures,
             arrival_time_s=np.array([t for t, _, _, _ in self._observations]),
             head_observed_base_m=np.array([o.head_position_base_m for _, o, _, _ in self._observations]).reshape(-1, 3),
@@ -155,3 +158,8 @@ class LoopRecorder:
             faults=self.faults,
         )
         return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms), np.array(self._latency_ms))
+
+
+def _pairs(rows: list[FloatArray]) -> FloatArray:
+    # One after the other, which takes a fifth of the time of an array of arrays.
+    return np.concatenate([_NO_PAIR, *rows]).reshape(-1, 2)

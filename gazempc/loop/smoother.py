@@ -51,9 +51,15 @@ class _AxisSmoother:
     def toward(self, now: AxisMotion, target: AxisMotion, v_limit: float) -> tuple[AxisMotion, bool]:
         """Next motion toward where the target is one period from now; True if the guard stopped it instead."""
         v_max = min(self._v_max, v_limit)
-        position = min(max(target[0], self._low), self._high)
-        acceleration = min(max(target[2], -self._a_max), self._a_max)
-        following = self._continue(now, (position, min(max(target[1], -v_max), v_max), acceleration), v_max)
+        position, velocity, acceleration = target
+        # Hardly any target is outside: asking first is quicker than two calls.
+        if not self._low <= position <= self._high:
+            position = min(max(position, self._low), self._high)
+        if not -self._a_max <= acceleration <= self._a_max:
+            acceleration = min(max(acceleration, -self._a_max), self._a_max)
+        if not -v_max <= velocity <= v_max:
+            velocity = min(max(velocity, -v_max), v_max)
+        following = self._continue(now, position, velocity, acceleration, v_max)
         if following is not None and self._can_stop_inside(following):
             return following, False
         v_max *= _TARGET_MARGIN
@@ -72,22 +78,30 @@ class _AxisSmoother:
                 return following, False
         return self.toward_rest(now), True
 
-    def _continue(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
+    def _continue(
+        self, now: AxisMotion, to_rad: float, to_rad_s: float, to_rad_s2: float, v_max: float
+    ) -> AxisMotion | None:
         # A plan that was followed so far leads on by one constant jerk, also along its limits. Ruckig, asked for the
         # same, takes a detour before the last digit of a limit.
         h = self._period_s
-        jerk = (target[2] - now[2]) / h
-        position = now[0] + h * (now[1] + h * (now[2] / 2.0 + h * jerk / 6.0))
-        velocity = now[1] + h * (now[2] + h * jerk / 2.0)
-        reached = abs(position - target[0]) <= _SAME_RAD and abs(velocity - target[1]) * h <= _SAME_RAD
-        following = (position, velocity, target[2])
-        within = abs(jerk) <= self._j_max * _ROUNDED_UP and self._peak_speed(following) <= v_max * _ROUNDED_UP
-        return following if reached and within else None
+        position, velocity, acceleration = now
+        jerk = (to_rad_s2 - acceleration) / h
+        position += h * (velocity + h * (acceleration / 2.0 + h * jerk / 6.0))
+        velocity += h * (acceleration + h * jerk / 2.0)
+        if not (
+            abs(position - to_rad) <= _SAME_RAD
+            and abs(velocity - to_rad_s) * h <= _SAME_RAD
+            and abs(jerk) <= self._j_max * _ROUNDED_UP
+        ):
+            return None
+        following = position, velocity, to_rad_s2
+        return following if self._peak_speed(following) <= v_max * _ROUNDED_UP else None
 
     def _peak_speed(self, motion: AxisMotion) -> float:
         # The acceleration takes the velocity further before it can be ended.
         _, velocity, acceleration = motion
-        return max(abs(velocity), abs(velocity + acceleration * abs(acceleration) / (2.0 * self._j_max)))
+        now, later = abs(velocity), abs(velocity + acceleration * abs(acceleration) / (2.0 * self._j_max))
+        return later if later > now else now
 
     def _follow(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
         # Exactly the plan's motion, if it can be reached within this period; not before its end, as the command
@@ -155,11 +169,11 @@ class _AxisSmoother:
         # Spares asking Ruckig where there is room for more than any stop takes. A stop first ends the acceleration,
         # then brakes from at most the peak speed by an S-curve; it never goes faster than the peak speed.
         position, _, acceleration = motion
-        peak_speed = self._peak_speed(motion)
-        longest_s = abs(acceleration) / self._j_max + peak_speed / self._a_max + self._a_max / self._j_max
+        peak_speed, braking = self._peak_speed(motion), abs(acceleration)
+        longest_s = braking / self._j_max + peak_speed / self._a_max + self._a_max / self._j_max
         room = peak_speed * longest_s * _ROUNDED_UP
         # Written so that a NaN is not far from them.
-        return abs(acceleration) <= self._a_max and self._low + room <= position <= self._high - room
+        return braking <= self._a_max and self._low + room <= position <= self._high - room
 
     def _sample(self, request: ruckig.InputParameter) -> AxisMotion | None:
         if not self._calculate(request):
@@ -212,33 +226,34 @@ class Smoother:
             position_rad: Shape (2,), radians; clipped to the limits.
         """
         start = self._neck.command_limits.clip_position(np.asarray(position_rad, dtype=np.float64))
-        self._stand_at([(float(p), 0.0, 0.0) for p in start])
+        pan_rad, tilt_rad = start.tolist()
+        self._now: tuple[AxisMotion, AxisMotion] = (pan_rad, 0.0, 0.0), (tilt_rad, 0.0, 0.0)
         self._intervention: Intervention = ""
 
-    def resume(self, command: CommandState) -> None:
+    def resume(self, motions: tuple[AxisMotion, AxisMotion]) -> None:
         """Take a step back, as if it had not been made.
 
         Args:
-            command: The command before the step.
+            motions: The command's `motions` before the step.
         """
-        motion = np.stack([command.position_rad, command.velocity_rad_s, command.acceleration_rad_s2], axis=1)
-        self._stand_at([(p, v, a) for p, v, a in motion.tolist()])
-
-    def _stand_at(self, motions: list[AxisMotion]) -> None:
         self._now = motions
-        self._command = CommandState(*np.array(motions).T.copy())
 
     @property
     def command(self) -> CommandState:
-        """The command as it was last sent."""
-        return self._command
+        """The command as it was last sent; arrays are made for who asks, which is not every tick."""
+        return CommandState(*np.array(self._now).T.copy())
+
+    @property
+    def motions(self) -> tuple[AxisMotion, AxisMotion]:
+        """The same in plain numbers, of pan and of tilt."""
+        return self._now
 
     @property
     def intervention(self) -> Intervention:
         """What the last step did besides following the plan; empty if nothing."""
         return self._intervention
 
-    def step(self, time_s: float, plan: Plan | None, speed_limit_rad_s: float | None = None) -> CommandState:
+    def step(self, time_s: float, plan: Plan | None, speed_limit_rad_s: float | None = None) -> FloatArray:
         """Make the next command.
 
         Args:
@@ -247,17 +262,21 @@ class Smoother:
             speed_limit_rad_s: A lower speed limit for this step, for a slow return to rest; None for the neck's own.
 
         Returns:
-            The command to send.
+            The angles to send, shape (2,), radians; the whole motion is in `command`.
         """
-        if plan is None or time_s >= plan.end_s or not plan.is_finite():
-            self._stand_at([axis.toward_rest(now) for axis, now in zip(self._axes, self._now, strict=True)])
-            self._intervention = "stale_plan"
-            return self._command
-        speed_limit = speed_limit_rad_s or math.inf
         (pan, tilt), (pan_now, tilt_now) = self._axes, self._now
+        if plan is None or time_s >= plan.end_s or not plan.is_finite():
+            self._now = pan.toward_rest(pan_now), tilt.toward_rest(tilt_now)
+            self._intervention = "stale_plan"
+            return self._position_rad()
+        speed_limit = speed_limit_rad_s or math.inf
         pan_wanted, tilt_wanted = plan.motions_at(time_s)
         pan_next, pan_stopped = pan.toward(pan_now, pan_wanted, speed_limit)
         tilt_next, tilt_stopped = tilt.toward(tilt_now, tilt_wanted, speed_limit)
-        self._stand_at([pan_next, tilt_next])
+        self._now = pan_next, tilt_next
         self._intervention = "limit_guard" if pan_stopped or tilt_stopped else ""
-        return self._command
+        return self._position_rad()
+
+    def _position_rad(self) -> FloatArray:
+        (pan_rad, _, _), (tilt_rad, _, _) = self._now
+        return np.array([pan_rad, tilt_rad])

@@ -111,8 +111,9 @@ class DelayedServo:
         """
         if time_s < self._time_s - _SAME_TIME_S:
             raise ValueError(f"time cannot run backwards: {self._time_s} -> {time_s}")
-        while self._waiting and self._waiting[0][0] <= time_s + _SAME_TIME_S:
-            acts_at_s, command_rad = self._waiting.popleft()
+        waiting = self._waiting
+        while waiting and waiting[0][0] <= time_s + _SAME_TIME_S:
+            acts_at_s, command_rad = waiting.popleft()
             if acts_at_s > self._time_s:
                 self._hold_until(acts_at_s)
             self._acting_rad = command_rad
@@ -126,8 +127,7 @@ class DelayedServo:
             return
         qq, qv, qu, vq, vv, vu = _transition(self._wn, self._zeta, dt_s)
         q, v, u = self._q, self._v, self._acting_rad
-        self._q = qq * q + qv * v + qu * u
-        self._v = vq * q + vv * v + vu * u
+        self._q, self._v = qq * q + qv * v + qu * u, vq * q + vv * v + vu * u
 
 
 # Many matrix powers, the same for every replay on a neck. Safe: the key is frozen, the arrays cannot be written to.

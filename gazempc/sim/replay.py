@@ -102,9 +102,10 @@ def replay_scene(
     recorder = LoopRecorder(neck.control_period_s)
     loop = GazeLoop(neck, ready, ImmediatePlanner(planning), smoother, robot, recorder, settings.loop)
     robot.connect()
+    period_s = neck.servo_period_s
     with _without_collection():
         for index in range(int(end_s * neck.servo_rate_hz + 1e-6) + 1):
-            now_s = index * neck.servo_period_s
+            now_s = index * period_s
             arrived = []
             while sightings and sightings[0].arrival_s <= now_s + 1e-9:
                 arrived.append(sightings.popleft())

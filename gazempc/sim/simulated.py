@@ -59,14 +59,16 @@ class SimulatedNeck:
 
     def true_state(self) -> JointState:
         """Where the joints really are; raises as `read_state`."""
-        servos, now_s = self._advance()
         # Asked for several times a tick; what is sent meanwhile does not change it.
-        if self._true is None or self._true.time_s != now_s:
-            (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = servos[0].state, servos[1].state
-            pan_load_rad, tilt_load_rad = self._load_rad
-            motion = np.array([[pan_rad + pan_load_rad, tilt_rad + tilt_load_rad], [pan_rad_s, tilt_rad_s]])
-            self._true = JointState(now_s, motion[0], motion[1])
-        return self._true
+        true = self._true
+        if true is not None and true.time_s == self._clock_s():
+            return true
+        (pan, tilt), now_s = self._advance()
+        (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = pan.state, tilt.state
+        pan_load_rad, tilt_load_rad = self._load_rad
+        motion = np.array([[pan_rad + pan_load_rad, tilt_rad + tilt_load_rad], [pan_rad_s, tilt_rad_s]])
+        self._true = true = JointState(now_s, motion[0], motion[1])
+        return true
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`."""
@@ -75,7 +77,8 @@ class SimulatedNeck:
             raise RobotError(f"refused a command that is not finite: {position_rad}")
         (pan, tilt), _ = self._advance()
         (pan_min, pan_max), (tilt_min, tilt_max) = self._limits_rad
-        pan_rad, tilt_rad = min(max(pan_rad, pan_min), pan_max), min(max(tilt_rad, tilt_min), tilt_max)
+        if not (pan_min <= pan_rad <= pan_max and tilt_min <= tilt_rad <= tilt_max):
+            pan_rad, tilt_rad = min(max(pan_rad, pan_min), pan_max), min(max(tilt_rad, tilt_min), tilt_max)
         pan.send(pan_rad)
         tilt.send(tilt_rad)
         return np.array([pan_rad, tilt_rad])

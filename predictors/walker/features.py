@@ -182,19 +182,19 @@ class WalkerHistory:
         window, m = self._resampled()
         slope, slope_of_all, value, value_of_all = (_line(m) @ window[:, :3]).tolist()
         # Height over the whole window: it has two bobs or more, and people turn to the side, not upwards.
-        velocity = np.array([slope[0], slope[1], slope_of_all[2]])
-        origin = np.array([value[0], value[1], value_of_all[2]])
+        velocity, origin = np.array([[slope[0], slope[1], slope_of_all[2]], [value[0], value[1], value_of_all[2]]])
         heading = math.atan2(slope[1], slope[0])
         speed = math.hypot(slope[0], slope[1])
         walks = _ramp(speed, _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S)
-        c, s = math.cos(heading), math.sin(heading)
-        to_line = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) / _POSITION_SCALE_M
+        c, s = math.cos(heading) / _POSITION_SCALE_M, math.sin(heading) / _POSITION_SCALE_M
+        to_line = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0 / _POSITION_SCALE_M]])
         now_s = float(self._times_s[-1])
 
         x = np.zeros(N_INPUTS)
         positions = x[_POSITIONS].reshape(WINDOW, 3)
         yaws = x[_YAWS].reshape(WINDOW, 2)
-        off = window[:, :3] - origin - _LAGS_S[WINDOW - m :, None] * velocity
+        off = window[:, :3] - origin
+        off -= _LAGS_S[WINDOW - m :, None] * velocity
         positions[WINDOW - m :] = off @ to_line
         relative = np.pi - (np.pi - (window[:, 3:] - heading)) % (2.0 * np.pi)
         newest = relative[-1].tolist()

@@ -22,6 +22,7 @@ Float32Array = NDArray[np.float32]
 
 # Steps at which the networks say how the walk will leave the line; a cubic spline runs through them.
 KNOTS_S = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.5])
+_LAST_KNOT_S = float(KNOTS_S[-1])
 # What a departure from the line is like at each knot; the networks' outputs are of order one.
 DEPARTURE_SCALE_M = np.array([0.015, 0.02, 0.03, 0.045, 0.06, 0.1, 0.15, 0.25])
 SHIPPED = Path(__file__).with_name("walker.npz")
@@ -227,7 +228,8 @@ def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArr
         Standard deviations, shape (H, 3): linear between the knots, never falling with the horizon, and after the last
         growing as that of a velocity which wanders at random; as large for the past as for the same time ahead.
     """
-    past, beyond = bool(tau_s.min(initial=0.0) < 0.0), bool(tau_s.max(initial=0.0) > KNOTS_S[-1])
+    past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
+    beyond = bool(np.maximum.reduce(tau_s, initial=0.0) > _LAST_KNOT_S)
     weights = _weights(np.maximum(tau_s, 0.0) if past else tau_s)
     departure = weights[:, : KNOTS_S.size] @ departure_m
     if past:
@@ -241,6 +243,9 @@ def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArr
 
 
 def _weights(tau_s: FloatArray) -> FloatArray:
-    at = np.minimum(tau_s, KNOTS_S[-1]) / _TABLE_STEP_S
+    at = np.minimum(tau_s, _LAST_KNOT_S) / _TABLE_STEP_S
     row = at.astype(np.intp)
-    return np.asarray(_TABLE.take(row, axis=0) + (at - row)[:, None] * _TABLE_CHANGE.take(row, axis=0))
+    weights: FloatArray = _TABLE_CHANGE.take(row, axis=0)
+    weights *= (at - row)[:, None]
+    weights += _TABLE.take(row, axis=0)
+    return weights

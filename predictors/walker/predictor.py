@@ -91,7 +91,9 @@ class Walker:
         tau = times - inputs.time_s
         to_base, squares = self._axes
         departure, spread = between_knots(tau, *self._knots)
-        means = inputs.origin_base_m + tau[:, None] * inputs.velocity_base_m_s + departure @ to_base.T
+        means = tau[:, None] * inputs.velocity_base_m_s
+        means += inputs.origin_base_m
+        means += departure @ to_base.T
         covariances = (spread**2 @ squares).reshape(-1, 3, 3)
         if inputs.walking < 1.0:
             means, covariances = self._blend(inputs.walking, times, means, covariances)

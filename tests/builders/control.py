@@ -36,7 +36,8 @@ def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None, known=N
     for k in range(ticks):
         now = k * neck.servo_period_s
         true = robot.true_state()
-        state = observer.update(now, robot.read_state())
+        observer.update(now, robot.read_state())
+        state = observer.estimate
         if k % neck.servo_ticks_per_plan == 0:
             situation = Situation(
                 start_s=now,
@@ -53,12 +54,12 @@ def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None, known=N
                 committed_rad=np.zeros((0, 2)),
             )
             plan = controller.plan(situation)
-        command = smoother.step(now, plan)
+        command_rad = smoother.step(now, plan)
         sent = np.roll(sent, -1, axis=0)
-        sent[-1] = robot.send_command(command.position_rad)
+        sent[-1] = robot.send_command(command_rad)
         observer.sent(sent[-1])
         joints.append(true.position_rad)
-        commands.append(command.position_rad)
+        commands.append(command_rad)
         errors.append(float(gaze_error_rad(neck.geometry, true.position_rad, path(np.array([now]))[0])))
     return np.array(joints), np.array(commands), np.rad2deg(errors)
 

@@ -140,10 +140,10 @@ class Mpc:
         knots = np.empty((3, n + self._first_parts, 2))
         knots[:, 0] = command.position_rad, command.velocity_rad_s, command.acceleration_rad_s2
         deviations_rad = self._deviations_rad(forecast)
-        coming_rad = np.array([[angles[k, i] for i, k in enumerate(instant)] for instant in self._doubted])
-        further_rad = np.zeros(2)
+        further_rad = [0.0, 0.0]
         if self._revised:
-            further_rad = self._revisions.expected_rad(situation.start_s, coming_rad, deviations_rad)
+            coming_rad = np.array([[angles.item(k, i) for i, k in enumerate(instant)] for instant in self._doubted])
+            further_rad = self._revisions.expected_rad(situation.start_s, coming_rad, deviations_rad).tolist()
         # Plain numbers: arithmetic with numpy's takes several times as long.
         sigmas_rad: list[float] = deviations_rad[0].tolist()
         joints = zip(
@@ -163,7 +163,7 @@ class Mpc:
             state[2:] = knots[:, 0, i]
             try:
                 solution = self._solve(
-                    i, situation.start_s, state, reference - offset_rad, sigmas_rad[i], float(further_rad[i])
+                    i, situation.start_s, state, reference - offset_rad, sigmas_rad[i], further_rad[i]
                 )
             except SolverFailedError as error:
                 raise (SolverTimedOut if error.timed_out else SolverFailed)(str(error)) from None
@@ -197,16 +197,16 @@ class Mpc:
         sigma_rad: float,
         further_rad: float,
     ) -> Solution:
-        gap_rad = float(reference_rad[0] - state[0])
-        turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._period_s
+        joint_rad, joint_rad_s = state[:2].tolist()
+        aim_rad, next_rad = reference_rad[:2].tolist()
+        gap_rad = aim_rad - joint_rad
+        turning_rad_s = (next_rad - aim_rad) / self._period_s
         # The speed at which the gap grows.
-        speed_rad_s = turning_rad_s - float(state[1])
+        speed_rad_s = turning_rad_s - joint_rad_s
         reach_rad, acceleration_max_rad_s2 = self._reaches[axis]
         braking_rad = speed_rad_s**2 / (2.0 * acceleration_max_rad_s2)
         reaches = max(abs(gap_rad), braking_rad) / reach_rad
-        short_rad = self._meetings[axis].short_rad(
-            start_s, float(state[0]), float(reference_rad[0]), turning_rad_s, sigma_rad
-        )
+        short_rad = self._meetings[axis].short_rad(start_s, joint_rad, aim_rad, turning_rad_s, sigma_rad)
         if short_rad is not None:
             reference_rad = reference_rad - short_rad
             if not reaches > 1.0:

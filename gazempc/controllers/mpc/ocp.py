@@ -170,7 +170,7 @@ class AxisOcp:
         n = self.model.shares.size
         parameters = self.parameters(state, reference_rad)
         free = self._gain @ parameters
-        most = np.abs(free[: 4 * n]).max()
+        most = np.maximum.reduce(np.abs(free[: 4 * n]))
         passing = not_past_rad is not None and _outside(free[4 * n :] * PASSING_UNIT_RAD, not_past_rad)
         if most <= 1.0 + _ROUNDING and not passing:
             return Solution(free[:n], self.model.command(free[n : 4 * n]), 0.0, "gain")

@@ -107,7 +107,7 @@ def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
         )
         plan = mpc.plan(situation)
         assert plan.is_finite()
-        commands += [smoother.step(now + k * ts, plan).position_rad for k in range(neck.servo_ticks_per_plan)]
+        commands += [smoother.step(now + k * ts, plan) for k in range(neck.servo_ticks_per_plan)]
     x = np.array(commands)
     assert np.all(x <= limits.position_max_rad + 1e-9)
     assert np.all(x >= limits.position_min_rad - 1e-9)

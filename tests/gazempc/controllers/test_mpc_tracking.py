@@ -140,7 +140,7 @@ def test_a_command_follows_the_plan():
     )
     plan = controller.plan(situation)
     ticks = range(int(0.8 / NECK.servo_period_s))
-    followed = np.array([smoother.step(k * NECK.servo_period_s, plan).position_rad for k in ticks])
+    followed = np.array([smoother.step(k * NECK.servo_period_s, plan) for k in ticks])
     wanted = np.array([plan.at(k * NECK.servo_period_s).position_rad for k in ticks])
     # Its jerk is within the limits, so nothing keeps the smoother from it.
     assert np.rad2deg(np.abs(followed - wanted)).max() < 1e-9
@@ -168,7 +168,7 @@ def test_the_smoother_follows_plans_that_use_their_limits(name):
         )
         plan = mpc.plan(situation)
         for k in range(neck.servo_ticks_per_plan):
-            followed = smoother.step(now + k * ts, plan).position_rad
+            followed = smoother.step(now + k * ts, plan)
             apart_deg = max(apart_deg, np.rad2deg(np.abs(followed - plan.at(now + k * ts).position_rad)).max())
     assert apart_deg < 1e-9
     assert np.rad2deg(smoother.command.position_rad[0]) > 50.0
