@@ -104,7 +104,8 @@ def _run(settings: CompareSettings) -> int:
     wall_s = time.monotonic() - started_s
     print(write(settings, rows))
     print(throughput(simulated_s, wall_s, settings), end="")
-    print(f"Written to {settings.out}/: results.csv, summary.json, summary.md and figures")
+    drawn = " and figures" if settings.figures else ""
+    print(f"Written to {settings.out}/: results.csv, summary.json, summary.md{drawn}")
     return 1 if any(row["failed"] or row.get("limit_violations") for row in rows) else 0
 
 

@@ -78,7 +78,8 @@ def sweep(settings: SweepSettings) -> int:
         draw_all(plan, rows, table, out)
     _print(plan, summary, table)
     print(throughput(simulated_s, wall_s, settings), end="")
-    print(f"Written to {out}/: results.csv, table.csv, summary.json and figures")
+    drawn = " and figures" if settings.figures else ""
+    print(f"Written to {out}/: results.csv, table.csv, summary.json{drawn}")
     return 1 if summary["failed"] or any(row["limit_violations"] for row in rows) else 0
 
 

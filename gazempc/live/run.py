@@ -163,8 +163,15 @@ class LiveRun:
         with ExitStack() as closing:
             closing.callback(self.logs.close)
             closing.callback(self._parts.planner.close)
-            closing.callback(self._parts.robot.close)
-            closing.callback(self._parts.source.close)
+            closing.callback(self._close, self._parts.robot.close, Event.ROBOT_NOT_ANSWERING)
+            closing.callback(self._close, self._parts.source.close, Event.SOURCE_FAILED)
+
+    def _close(self, close: Callable[[], None], event: Event) -> None:
+        # It promises not to raise; what it raises all the same must not hide how the run ended.
+        try:
+            close()
+        except Exception as error:
+            self.logs.recorder.event(self._clock.now_s(), event, error)
 
     def _why_stop(self, stop: threading.Event, now_s: float, start_s: float, duration_s: float | None) -> str:
         if stop.is_set():

@@ -24,7 +24,7 @@ class Event(StrEnum):
         "future_observation",
         "an observation was captured later than now, so a clock is wrong; dropped",
     )
-    FORECAST_FAILED = "forecast_failed", "the predictor raised, or forecast a NaN; the last plan goes on"
+    FORECAST_FAILED = "forecast_failed", "the predictor raised, or its forecast has a NaN; the last plan goes on"
     CONTROLLER_FAILED = "controller_failed", "the controller raised; the last plan goes on"
     SOLVER_FAILED = "solver_failed", "no solver found a plan; the last one goes on"
     SOLVER_TIMED_OUT = "solver_timed_out", "the last solver was stopped before it had a plan; the last one goes on"

@@ -86,11 +86,11 @@ class PersonTrack:
                 raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
             if forecast.times_s.size != times_s.size:
                 raise ValueError(f"forecast() returned {forecast.times_s.size} times, asked for were {times_s.size}")
-            if np.isfinite(forecast.means_base_m).all():
+            # An infinite variance is an honest answer; a NaN is none.
+            if np.isfinite(forecast.means_base_m).all() and not np.isnan(forecast.covariances_m2).any():
                 return forecast
-            recorder.event(
-                time_s, Event.FORECAST_FAILED, ValueError("forecast() returned positions that are not finite")
-            )
+            problem = ValueError("forecast() returned positions that are not finite, or covariances with a NaN")
+            recorder.event(time_s, Event.FORECAST_FAILED, problem)
             # A filter that holds a NaN holds it for ever: the next observation starts a new track.
             self.predictor.reset()
         except Exception as error:

@@ -41,8 +41,8 @@ def check_predictor(predictor: Predictor) -> Predictor:
         raise SettingsError(f"{called}: forecast() returned {type(forecast).__name__}, needed is a predictors.Forecast")
     if forecast.times_s.shape != times_s.shape:
         raise SettingsError(f"{called}: forecast() of 3 times returned times of shape {forecast.times_s.shape}")
-    if not np.all(np.isfinite(forecast.means_base_m)):
-        raise SettingsError(f"{called}: forecast() returned positions that are not finite")
+    if not np.all(np.isfinite(forecast.means_base_m)) or np.any(np.isnan(forecast.covariances_m2)):
+        raise SettingsError(f"{called}: forecast() returned positions that are not finite, or covariances with a NaN")
     with _Trial(f"{called}: reset()"):
         predictor.reset()
     return predictor

@@ -30,6 +30,10 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     """
     readers = {".csv": read_csv, ".parquet": read_parquet, ".json": read_kinect, ".bvh": read_bvh}
     accepted = f"a file ending in {', '.join(readers)}"
+    if not isinstance(name_or_path, str | Path):
+        raise RecordingError(
+            repr(name_or_path)[:80], "", "this is no name and no path", f"{accepted}, or a synthetic name"
+        )
     name, path = str(name_or_path), Path(name_or_path)
     names = list(synthetic_names())
     if name in names:

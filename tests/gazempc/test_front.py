@@ -88,3 +88,9 @@ def test_wrong_arguments_are_named(arguments, named):
 def test_options_without_a_part_that_takes_them_are_refused():
     with pytest.raises(SettingsError, match=r"options\.gain: options are for parts of your own"):
         gz.replay("subject03_R4", controller="reactive", options={"gain": 0.3})
+
+
+@pytest.mark.parametrize("recording", [3, None])
+def test_what_is_no_name_of_a_recording_is_refused(recording):
+    with pytest.raises(gz.GazempcError, match="this is no name and no path"):
+        gz.replay(recording)

@@ -149,3 +149,14 @@ def test_one_or_two_lost_commands_only_hold_the_motion_up(lost):
     assert_within_limits(np.array([position for _, position in result.robot.received]))
     assert result.events == {"no_observation_yet", "robot_not_answering"}
     assert_recovered(result, 2.5)
+
+
+def test_a_robot_that_raises_in_close_does_not_hide_the_run():
+    class Stuck(SimulatedNeck):
+        def close(self):
+            raise OSError("the port is gone")
+
+    result = run_live(robot_class=Stuck, duration_s=2.0)
+    assert result.report.stopped_by == "duration"
+    (fault,) = result.logs[-1][0].faults
+    assert (fault.event, fault.error) == ("robot_not_answering", "OSError: the port is gone")

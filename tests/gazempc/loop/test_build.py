@@ -117,6 +117,11 @@ def failing(method, how):
             lambda found: gz.Forecast(found.times_s, np.nan * found.means_base_m, found.covariances_m2, 0.0),
             r"forecast\(\) returned positions that are not finite",
         ),
+        (
+            "forecast",
+            lambda found: gz.Forecast(found.times_s, found.means_base_m, np.nan * found.covariances_m2, 0.0),
+            r"forecast\(\) returned positions that are not finite, or covariances with a NaN",
+        ),
     ],
 )
 def test_what_a_predictor_does_wrong_is_said(method, how, said):
