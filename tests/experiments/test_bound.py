@@ -17,6 +17,8 @@ from gazempc.results.metrics import measure
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import load_sensor
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 
 def perfect(neck, recording, start_offset_deg=0.0):
     placed = place(load(recording), "side", 2.5, 1.2)

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders.fits import toy
 
-from experiments.engine.cache import Cache
-from experiments.fit.command import fit, main
-from experiments.fit.doubt import errors_on_left_out
-from experiments.fit.examples import Examples, _joined, as_seen, examples_of_walk, fitting_examples, join
-from experiments.fit.jobs import NetworksJob, model_of
+from experiments.fit.examples import _joined, as_seen, examples_of_walk, fitting_examples, join
 from experiments.fit.networks import fit_networks
 from experiments.fit.spread import calibrate, fit_spread
 from experiments.fit.variants import GaplessWalk, bend, change_pace, glance, mirror, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
-from predictors.walker.features import N_INPUTS, N_SPREAD
-from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, WalkerModel, load_walker_model
+from predictors.walker.network import KNOTS_S, WalkerModel, load_walker_model
 
 
 @pytest.fixture
@@ -135,6 +128,35 @@ def test_faults_leave_frames_and_orientations_out(walk):
     assert 2 < blind < 20
 
 
+def test_a_walk_is_the_longest_stretch_without_a_gap():
+    recording = load("subject01_R1")
+    valid = np.ones(recording.times_s.size, dtype=bool)
+    valid[30:45] = valid[100] = False
+    holed = replace(recording, truth=replace(recording.truth, valid=valid))
+    times_s = walk_of(holed).times_s
+    assert times_s[0] == recording.times_s[45]
+    assert recording.times_s[100] not in times_s
+    assert times_s[-1] == recording.times_s[-1]
+    valid[:] = False
+    valid[:20] = True
+    with pytest.raises(GazempcError, match=r"0\.63 s; to fit on it, at least 1\.25 s"):
+        walk_of(replace(recording, truth=replace(recording.truth, valid=valid)))
+
+
+def test_examples_of_many_recordings_are_one_table():
+    parts = [fitting_examples(name, 0, 1) for name in ("subject01_R1", "subject02_R4")]
+    assert join(parts).weight.size == sum(p.weight.size for p in parts) > 100
+
+
+def test_who_stands_gives_no_examples_and_that_is_said(rng):
+    """A stander without noise is never walking; a recording of which nothing is left is named."""
+    standing = GaplessWalk(np.arange(90) / 30, np.tile([2.0, 0.0, 1.6], (90, 1)), np.zeros(90), np.zeros(90))
+    examples = examples_of_walk(standing, as_seen(standing, 0.0, 0.0, rng, faults=False), 1.0)
+    assert examples.weight.size == 0
+    with pytest.raises(GazempcError, match="ann_stands: nobody walks"):
+        _joined([examples, examples], "ann_stands")
+
+
 # ---------------------------------------------------------------- the fits
 
 
@@ -166,16 +188,6 @@ def test_calibration_states_what_is_there():
     assert too_many == pytest.approx(max(too_few, 0.04), abs=0.01)
 
 
-def toy(n, seed):
-    """Sideways departures that are a function of two sideways inputs, as a mirrored walk demands."""
-    rng = np.random.default_rng(seed)
-    x = rng.standard_normal((n, N_INPUTS)).astype(np.float32)
-    y = np.zeros((n, KNOTS_S.size, 3), dtype=np.float32)
-    y[..., 1] = 0.1 * KNOTS_S * np.tanh(x[:, 1:2] + 0.5 * x[:, 4:5])
-    y[::5, 6:] = np.nan
-    return Examples(x, np.ones((n, N_SPREAD), dtype=np.float32), y, np.ones(n, dtype=np.float32))
-
-
 def test_networks_learn_and_are_the_same_for_the_same_seed():
     examples, other = toy(4000, 0), toy(1000, 1)
     fits = [fit_networks(examples, 3, 1, 600) for _ in range(2)]
@@ -191,181 +203,3 @@ def test_networks_learn_and_are_the_same_for_the_same_seed():
     error = model.answer(other.network.astype(float), other.spread.astype(float))[0] - other.departure_m
     known = np.isfinite(error[:, 4, 1])
     assert np.mean(np.abs(error[known, 4, 1])) < 0.75 * np.mean(np.abs(other.departure_m[known, 4, 1]))
-
-
-# ---------------------------------------------------------------- the command
-
-
-def settings(folder, **changes):
-    plain = {"variants": 2, "networks": 1, "steps": 20, "jobs": 1, "out": folder}
-    return {"recordings": ("subject01_R1", "subject02_R4"), **plain, **changes}
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    """Folder of a finished fit; starting workers takes long, so it is made once, and copied."""
-    folder = tmp_path_factory.mktemp("finished")
-    fit(**settings(folder))
-    return folder
-
-
-def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(tmp_path, capsys):
-    words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
-    assert main([*words, "--jobs", "1", "--out", str(tmp_path)]) == 0
-    everybody = load_walker_model(tmp_path / "walker.npz")
-    assert everybody.about["people"] == ["subject01", "subject02"]
-    assert everybody.about["recordings"] == ["subject01_R1", "subject02_R4"]
-    assert everybody.about["settings"]["steps"] == 20
-    without = load_walker_model(tmp_path / "left_out" / "subject01.npz")
-    assert without.about["people"] == ["subject02"]
-    assert not np.array_equal(without.weights[0], everybody.weights[0])
-    assert np.any(without.log_spread != everybody.log_spread)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["left_out", "runs", "walker.npz"]
-    assert "--walker.fitted" in capsys.readouterr().out
-
-    from experiments.forecast.command import main as forecast
-
-    out = tmp_path / "errors"
-    shown = ["--predictors", "walker", "constant_velocity", "--walker.fitted", str(tmp_path), "--out", str(out)]
-    assert forecast(["--recordings", "subject01_R1", "subject03_R1", *shown]) == 0
-    rows = json.loads((out / "summary.json").read_text())["rows"]
-    assert {r["n_people_seen_in_fitting"] for r in rows} == {0}
-    assert forecast(["--recordings", "subject02_R4", *shown[:-3], str(tmp_path / "walker.npz"), *shown[-2:]]) == 0
-    rows = json.loads((out / "summary.json").read_text())["rows"]
-    assert {r["n_people_seen_in_fitting"] for r in rows if r["predictor"] == "walker"} == {1}
-    assert "flatters" in (out / "summary.md").read_text()
-
-
-def networks_in(folder):
-    """Results of `NetworksJob`: the files that have weights."""
-    found = {}
-    for path in (folder / "runs").glob("*.npz"):
-        with np.load(path) as data:
-            if "weights_0" in data:
-                found[path] = path.stat().st_mtime_ns
-    return found
-
-
-def test_finished_fits_are_used_again_and_only_those(tmp_path, finished):
-    """Interrupted between the fits, the next start makes only what is missing; with other settings, all networks."""
-    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    first, before = load_walker_model(tmp_path / "walker.npz"), networks_in(tmp_path)
-    assert len(before) == 3
-    gone, *kept = before
-    gone.unlink()
-    again = fit(**settings(tmp_path))
-    assert all(np.array_equal(a, b) for a, b in zip(first.weights, again.weights, strict=True))
-    after = networks_in(tmp_path)
-    assert after.keys() == before.keys()
-    assert all(after[path] == before[path] for path in kept)
-    other = fit(**settings(tmp_path, steps=21))
-    assert not np.array_equal(first.weights[0], other.weights[0])
-    assert len(networks_in(tmp_path)) == 6
-
-
-def test_one_person_is_not_enough(tmp_path, capsys):
-    assert main(["--recordings", "subject01_R1", "subject01_R4", "--out", str(tmp_path)]) == 2
-    assert "at least 2" in capsys.readouterr().err
-
-
-def test_a_walk_is_the_longest_stretch_without_a_gap():
-    recording = load("subject01_R1")
-    valid = np.ones(recording.times_s.size, dtype=bool)
-    valid[30:45] = valid[100] = False
-    holed = replace(recording, truth=replace(recording.truth, valid=valid))
-    times_s = walk_of(holed).times_s
-    assert times_s[0] == recording.times_s[45]
-    assert recording.times_s[100] not in times_s
-    assert times_s[-1] == recording.times_s[-1]
-    valid[:] = False
-    valid[:20] = True
-    with pytest.raises(GazempcError, match=r"0\.63 s; to fit on it, at least 1\.25 s"):
-        walk_of(replace(recording, truth=replace(recording.truth, valid=valid)))
-
-
-def test_examples_of_many_recordings_are_one_table():
-    parts = [fitting_examples(name, 0, 1) for name in ("subject01_R1", "subject02_R4")]
-    assert join(parts).weight.size == sum(p.weight.size for p in parts) > 100
-
-
-def constant_model(value):
-    """A model that says the same departure along, whatever it is asked: `value` at each knot in units of its scale."""
-    bias = np.zeros((1, 1, KNOTS_S.size, 3), dtype=np.float32)
-    bias[..., 0] = value
-    return WalkerModel(
-        (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
-        (bias.reshape(1, 1, -1),),
-        load_walker_model().log_spread,
-    )
-
-
-def test_errors_are_by_the_model_that_has_not_seen_the_person():
-    """With two clips a person, and models that can be told apart by what they say."""
-    people = ["ann", "bob", "ann", "bob"]
-    scoring = [[toy(5, k), None] for k in range(4)]
-    found = errors_on_left_out({"ann": constant_model(1.0), "bob": constant_model(2.0)}, people, scoring)
-    for person, parts, examples in zip(people, found, scoring, strict=True):
-        said = parts[0].error_m + examples[0].departure_m
-        expected = {"ann": 1.0, "bob": 2.0}[person] * DEPARTURE_SCALE_M
-        np.testing.assert_allclose(said[0, :5, 0], expected[:5], rtol=1e-5)
-        assert parts[1] is None
-
-
-def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
-    """The files of examples that each fit reads are those of the others, all of them."""
-    asked = []
-
-    def spy(engine, jobs):
-        asked.append(jobs)
-        return [{"failed": None, "left_out": None} for _ in jobs]
-
-    people = {"subject01_R1": "subject01", "subject02_R4": "subject02", "subject01_R4": "subject01"}
-    monkeypatch.setattr("experiments.fit.command.Engine.run", spy)
-    monkeypatch.setattr("experiments.fit.command.result_file", lambda folder, key: folder / f"{key}.npz")
-    monkeypatch.setattr("experiments.fit.command.model_of", lambda *_: (_ for _ in ()).throw(StopIteration))
-    with pytest.raises((StopIteration, RuntimeError)):
-        fit(**settings(tmp_path, recordings=tuple(people)))
-    examples, fits = asked
-    person_of = {job.key(): people[job.recording] for job in examples}
-    read = [[person_of[path.stem] for path in job.examples] for job in fits]
-    assert read == [["subject02"], ["subject01"] * 2, ["subject01", "subject02", "subject01"]]
-
-
-def test_a_fit_reads_the_examples_it_is_given(tmp_path, monkeypatch):
-    """Each recording's examples carry a mark; all marks reach the fit, in order."""
-    cache = Cache(tmp_path)
-    for k in (2, 0):
-        cache.keep(f"part{k}", vars(dataclasses.replace(toy(3, k), weight=np.full(3, float(k)))))
-    seen = []
-
-    def spy(examples, seed, networks, steps):
-        seen.append(examples.weight.tolist())
-        model = constant_model(0.0)
-        return model.weights, model.biases
-
-    monkeypatch.setattr("experiments.fit.jobs.fit_networks", spy)
-    job = NetworksJob((tmp_path / "part2.npz", tmp_path / "part0.npz"), 0, 1, 1)
-    model = model_of(job.run(), job.key())
-    assert seen == [[2.0] * 3 + [0.0] * 3]
-    np.testing.assert_array_equal(model.biases[0], constant_model(0.0).biases[0])
-    assert model.about == {"key": job.key()}
-
-
-def test_people_who_are_no_more_leave_no_model_behind(tmp_path, finished):
-    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    stale = tmp_path / "left_out" / "nobody.npz"
-    load_walker_model().save(stale)
-    next(iter(networks_in(tmp_path))).write_bytes(b"cut off")
-    fit(**settings(tmp_path))
-    assert not stale.exists()
-    assert sorted(p.stem for p in (tmp_path / "left_out").iterdir()) == ["subject01", "subject02"]
-    assert not list(tmp_path.rglob("*.part*"))
-
-
-def test_who_stands_gives_no_examples_and_that_is_said(rng):
-    """A stander without noise is never walking; a recording of which nothing is left is named."""
-    standing = GaplessWalk(np.arange(90) / 30, np.tile([2.0, 0.0, 1.6], (90, 1)), np.zeros(90), np.zeros(90))
-    examples = examples_of_walk(standing, as_seen(standing, 0.0, 0.0, rng, faults=False), 1.0)
-    assert examples.weight.size == 0
-    with pytest.raises(GazempcError, match="ann_stands: nobody walks"):
-        _joined([examples, examples], "ann_stands")

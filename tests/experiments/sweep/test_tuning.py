@@ -10,6 +10,8 @@ from experiments.engine.engine import Engine
 from experiments.sweep.command import main
 from gazempc.errors import MissingOptionalDependencyError
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 TUNED = {
     "name": "tuned",
     "recordings": ["subject01_R1"],

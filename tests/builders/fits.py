@@ -1,0 +1,17 @@
+"""Examples for fits that need no walk."""
+
+import numpy as np
+
+from experiments.fit.examples import Examples
+from predictors.walker.features import N_INPUTS, N_SPREAD
+from predictors.walker.network import KNOTS_S
+
+
+def toy(n, seed):
+    """Sideways departures that are a function of two sideways inputs, as a mirrored walk demands."""
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((n, N_INPUTS)).astype(np.float32)
+    y = np.zeros((n, KNOTS_S.size, 3), dtype=np.float32)
+    y[..., 1] = 0.1 * KNOTS_S * np.tanh(x[:, 1:2] + 0.5 * x[:, 4:5])
+    y[::5, 6:] = np.nan
+    return Examples(x, np.ones((n, N_SPREAD), dtype=np.float32), y, np.ones(n, dtype=np.float32))

@@ -1,0 +1,180 @@
+"""The command that fits the predictor `walker`: what it writes, what it uses again, and who is left out of what."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import shutil
+from contextlib import redirect_stdout
+
+import numpy as np
+import pytest
+from builders.fits import toy
+
+from experiments.engine.cache import Cache
+from experiments.fit.command import fit, main
+from experiments.fit.doubt import errors_on_left_out
+from experiments.fit.jobs import NetworksJob, model_of
+from experiments.forecast.command import main as forecast
+from predictors.walker.features import N_INPUTS
+from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, WalkerModel, load_walker_model
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
+
+def settings(folder, **changes):
+    plain = {"variants": 2, "networks": 1, "steps": 20, "jobs": 1, "out": folder}
+    return {"recordings": ("subject01_R1", "subject02_R4"), **plain, **changes}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, in_this_process):
+    """Folder of a fit that the command made; it takes long, so it is made once, and copied."""
+    folder = tmp_path_factory.mktemp("finished")
+    words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
+    said = io.StringIO()
+    with redirect_stdout(said):
+        assert main([*words, "--jobs", "1", "--out", str(folder)]) == 0
+    assert "--walker.fitted" in said.getvalue()
+    return folder
+
+
+def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
+    everybody = load_walker_model(finished / "walker.npz")
+    assert everybody.about["people"] == ["subject01", "subject02"]
+    assert everybody.about["recordings"] == ["subject01_R1", "subject02_R4"]
+    assert everybody.about["settings"]["steps"] == 20
+    without = load_walker_model(finished / "left_out" / "subject01.npz")
+    assert without.about["people"] == ["subject02"]
+    assert not np.array_equal(without.weights[0], everybody.weights[0])
+    assert np.any(without.log_spread != everybody.log_spread)
+    assert sorted(p.name for p in finished.iterdir()) == ["left_out", "runs", "walker.npz"]
+
+
+def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: None)
+    shown = ["--predictors", "walker", "constant_velocity", "--out", str(tmp_path), "--walker.fitted"]
+    assert forecast(["--recordings", "subject01_R1", "subject03_R1", *shown, str(finished)]) == 0
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    assert {r["n_people_seen_in_fitting"] for r in rows} == {0}
+    assert forecast(["--recordings", "subject02_R4", *shown, str(finished / "walker.npz")]) == 0
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    assert {r["n_people_seen_in_fitting"] for r in rows if r["predictor"] == "walker"} == {1}
+    assert "flatters" in (tmp_path / "summary.md").read_text()
+
+
+@pytest.fixture
+def no_doubt(monkeypatch):
+    """Fits state no doubt: it takes longest, and what is used again does not depend on it."""
+    monkeypatch.setattr("experiments.fit.command.scoring_examples", lambda *_: None)
+    monkeypatch.setattr("experiments.fit.command.errors_on_left_out", lambda models, people, _: people)
+    monkeypatch.setattr("experiments.fit.command.fit_doubt", lambda _: load_walker_model().log_spread)
+
+
+def networks_in(folder):
+    """Results of `NetworksJob`: the files that have weights."""
+    found = {}
+    for path in (folder / "runs").glob("*.npz"):
+        with np.load(path) as data:
+            if "weights_0" in data:
+                found[path] = path.stat().st_mtime_ns
+    return found
+
+
+@pytest.mark.usefixtures("no_doubt")
+def test_finished_fits_are_used_again_and_only_those(tmp_path, finished):
+    """Interrupted between the fits, the next start makes only what is missing; with other settings, all networks."""
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    first, before = load_walker_model(tmp_path / "walker.npz"), networks_in(tmp_path)
+    assert len(before) == 3
+    gone, *kept = before
+    gone.unlink()
+    again = fit(**settings(tmp_path))
+    assert all(np.array_equal(a, b) for a, b in zip(first.weights, again.weights, strict=True))
+    after = networks_in(tmp_path)
+    assert after.keys() == before.keys()
+    assert all(after[path] == before[path] for path in kept)
+    other = fit(**settings(tmp_path, steps=21))
+    assert not np.array_equal(first.weights[0], other.weights[0])
+    assert len(networks_in(tmp_path)) == 6
+
+
+def test_one_person_is_not_enough(tmp_path, capsys):
+    assert main(["--recordings", "subject01_R1", "subject01_R4", "--out", str(tmp_path)]) == 2
+    assert "at least 2" in capsys.readouterr().err
+
+
+def constant_model(value):
+    """A model that says the same departure along, whatever it is asked: `value` at each knot in units of its scale."""
+    bias = np.zeros((1, 1, KNOTS_S.size, 3), dtype=np.float32)
+    bias[..., 0] = value
+    return WalkerModel(
+        (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
+        (bias.reshape(1, 1, -1),),
+        load_walker_model().log_spread,
+    )
+
+
+def test_errors_are_by_the_model_that_has_not_seen_the_person():
+    """With two clips a person, and models that can be told apart by what they say."""
+    people = ["ann", "bob", "ann", "bob"]
+    scoring = [[toy(5, k), None] for k in range(4)]
+    found = errors_on_left_out({"ann": constant_model(1.0), "bob": constant_model(2.0)}, people, scoring)
+    for person, parts, examples in zip(people, found, scoring, strict=True):
+        said = parts[0].error_m + examples[0].departure_m
+        expected = {"ann": 1.0, "bob": 2.0}[person] * DEPARTURE_SCALE_M
+        np.testing.assert_allclose(said[0, :5, 0], expected[:5], rtol=1e-5)
+        assert parts[1] is None
+
+
+def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
+    """The files of examples that each fit reads are those of the others, all of them."""
+    asked = []
+
+    def spy(engine, jobs):
+        asked.append(jobs)
+        return [{"failed": None, "left_out": None} for _ in jobs]
+
+    people = {"subject01_R1": "subject01", "subject02_R4": "subject02", "subject01_R4": "subject01"}
+    monkeypatch.setattr("experiments.fit.command.Engine.run", spy)
+    monkeypatch.setattr("experiments.fit.command.result_file", lambda folder, key: folder / f"{key}.npz")
+    monkeypatch.setattr("experiments.fit.command.model_of", lambda *_: (_ for _ in ()).throw(StopIteration))
+    with pytest.raises((StopIteration, RuntimeError)):
+        fit(**settings(tmp_path, recordings=tuple(people)))
+    examples, fits = asked
+    person_of = {job.key(): people[job.recording] for job in examples}
+    read = [[person_of[path.stem] for path in job.examples] for job in fits]
+    assert read == [["subject02"], ["subject01"] * 2, ["subject01", "subject02", "subject01"]]
+
+
+def test_a_fit_reads_the_examples_it_is_given(tmp_path, monkeypatch):
+    """Each recording's examples carry a mark; all marks reach the fit, in order."""
+    cache = Cache(tmp_path)
+    for k in (2, 0):
+        cache.keep(f"part{k}", vars(dataclasses.replace(toy(3, k), weight=np.full(3, float(k)))))
+    seen = []
+
+    def spy(examples, seed, networks, steps):
+        seen.append(examples.weight.tolist())
+        model = constant_model(0.0)
+        return model.weights, model.biases
+
+    monkeypatch.setattr("experiments.fit.jobs.fit_networks", spy)
+    job = NetworksJob((tmp_path / "part2.npz", tmp_path / "part0.npz"), 0, 1, 1)
+    model = model_of(job.run(), job.key())
+    assert seen == [[2.0] * 3 + [0.0] * 3]
+    np.testing.assert_array_equal(model.biases[0], constant_model(0.0).biases[0])
+    assert model.about == {"key": job.key()}
+
+
+@pytest.mark.usefixtures("no_doubt")
+def test_people_who_are_no_more_leave_no_model_behind(tmp_path, finished):
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    stale = tmp_path / "left_out" / "nobody.npz"
+    load_walker_model().save(stale)
+    next(iter(networks_in(tmp_path))).write_bytes(b"cut off")
+    fit(**settings(tmp_path))
+    assert not stale.exists()
+    assert sorted(p.stem for p in (tmp_path / "left_out").iterdir()) == ["subject01", "subject02"]
+    assert not list(tmp_path.rglob("*.part*"))
