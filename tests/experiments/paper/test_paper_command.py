@@ -17,11 +17,13 @@ from experiments.paper.frames import (
 from experiments.paper.report import side_by_side
 from experiments.paper.validation import exact_weight
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 SWEPT_S = (TUNED_TIME_S, SLOW_TIME_S, 2.0)
 FIGURES = ("error_bars.png", "filters.png", "rules.png", "routes.png")
 
 
-def run(folder, out, jobs=1, drawn=False):
+def run(folder, out, drawn=False):
     """The command with three of its filters, figures only where wanted."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("experiments.paper.command.FILTER_TIMES_S", SWEPT_S)
@@ -29,7 +31,7 @@ def run(folder, out, jobs=1, drawn=False):
             patch.setattr(f"experiments.paper.{name}", lambda *_: None)
         if not drawn:
             patch.setattr("experiments.paper.routes_figure.draw_routes", lambda *_: None)
-        return main(["--recordings", str(folder), "--jobs", str(jobs), "--trials", "5", "--out", str(out)])
+        return main(["--recordings", str(folder), "--jobs", "1", "--trials", "5", "--out", str(out)])
 
 
 def stamps(out):
@@ -37,7 +39,7 @@ def stamps(out):
 
 
 @pytest.fixture(scope="module")
-def validated(tmp_path_factory):
+def validated(tmp_path_factory, in_this_process):
     """Six walks of three people, validated once: folder, output and exit status."""
     folder = write_walks(tmp_path_factory.mktemp("paper") / "six", frame_count=100)
     out = folder.with_name("out")
@@ -125,14 +127,13 @@ def test_a_second_run_does_nothing_anew(validated):
     assert (out / "summary.json").read_bytes() == content
 
 
-@pytest.mark.slow
-def test_an_interrupted_run_goes_on_with_two_workers_and_ends_the_same(validated, tmp_path):
+def test_an_interrupted_run_goes_on_and_ends_the_same(validated, tmp_path):
     folder, out, _ = validated
     for path in sorted((out / "runs").iterdir())[::3]:
         (tmp_path / "runs").mkdir(exist_ok=True)
         shutil.copy2(path, tmp_path / "runs")
     kept = stamps(tmp_path)
-    assert run(folder, tmp_path, jobs=2, drawn=True) == 0
+    assert run(folder, tmp_path, drawn=True) == 0
     after = stamps(tmp_path)
     assert {name: after[name] for name in kept} == kept
     assert after.keys() == stamps(out).keys()
@@ -165,23 +166,7 @@ def test_a_broken_recording_is_named_and_the_rest_validated(validated, tmp_path)
     ("changes", "message"),
     [({"subject": "only"}, "at least 2 subjects"), ({"group": "elsewhere"}, "groups straight, turn or sharp")],
 )
-def test_what_cannot_be_validated_is_said(changes, message, monkeypatch, tmp_path, capsys):
-    class InThisProcess:
-        """An engine without workers: the frames themselves do not matter here."""
-
-        def __init__(self, *_):
-            pass
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-        def run(self, jobs):
-            return [execute(job) for job in jobs]
-
-    monkeypatch.setattr("experiments.paper.command.Engine", InThisProcess)
+def test_what_cannot_be_validated_is_said(changes, message, tmp_path, capsys):
     folder = write_walks(tmp_path / "few", {"ann_1": "subject01_R1", "bob_1": "subject02_R4"}, 60, **changes)
     assert run(folder, tmp_path / "out") == 2
     error = capsys.readouterr().err

@@ -1,0 +1,36 @@
+"""Small comparisons, and what they have written."""
+
+import csv
+
+from experiments.compare import CompareSettings, runs_of
+
+# The only figures that differ from run to run.
+TIMING = {
+    "update_ms_p50",
+    "update_ms_p99",
+    "update_ms_max",
+    "step_ms_p50",
+    "step_ms_p99",
+    "step_ms_max",
+    "missed_deadlines",
+}
+
+
+def settings(out, **changes):
+    values = {
+        "recordings": ("subject01_R1", "subject01_R4", "subject02_R6"),
+        "controllers": ("reactive", "lookahead", "perfect"),
+        "jobs": 2,
+        "out": out,
+        "figures": False,
+    }
+    return values | changes
+
+
+def runs(out, **changes):
+    return runs_of(CompareSettings(**settings(out, **changes)))
+
+
+def rows_of(out):
+    with (out / "results.csv").open(newline="") as file:
+        return [{k: v for k, v in row.items() if k not in TIMING} for row in csv.DictReader(file)]

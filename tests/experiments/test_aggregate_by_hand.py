@@ -1,0 +1,80 @@
+"""Means, intervals and differences over clips and people, by hand."""
+
+import numpy as np
+import pytest
+
+from experiments.aggregate import add_gap_closed, bootstrap_mean, paired_differences, summarise
+
+
+def test_bootstrap_of_equal_values_has_no_spread():
+    assert bootstrap_mean([2.0, 2.0, 2.0], ["a", "b", "b"]) == (2.0, 2.0, 2.0)
+
+
+def test_every_clip_weighs_the_same():
+    mean, low, high = bootstrap_mean([1.0, 2.0, 3.0, 10.0], ["a", "a", "a", "b"])
+    assert mean == 4.0
+    assert low == pytest.approx(2.0)
+    assert high == pytest.approx(10.0)
+
+
+def test_the_interval_has_its_coverage():
+    """20 people with one clip each, unit spread: the interval's half width is near 1.96 / sqrt(20)."""
+    values = np.random.default_rng(1).standard_normal(20)
+    _, low, high = bootstrap_mean(values, [str(i) for i in range(20)])
+    assert (high - low) / 2 == pytest.approx(1.96 * values.std() / np.sqrt(20), rel=0.1)
+
+
+def test_one_person_has_no_interval_and_nan_does_not_count():
+    mean, low, high = bootstrap_mean([1.0, np.nan, 3.0], ["a", "a", "a"])
+    assert mean == 2.0
+    assert np.isnan(low)
+    assert np.isnan(high)
+
+
+def row(recording, controller, rms, subject="s", group="turn", predictor="p"):
+    labels = {"recording": recording, "source": recording, "kind": "synthetic", "subject": subject, "group": group}
+    return labels | {
+        "controller": controller,
+        "predictor": predictor,
+        "neck": "n",
+        "seed": 0,
+        "gaze_error_rms_deg": rms,
+    }
+
+
+def test_gap_closed_summary_and_differences_by_hand():
+    rows = [
+        row("a", "reactive", 10.0, "x"),
+        row("a", "lookahead", 4.0, "x"),
+        row("a", "mpc", 3.0, "x"),
+        row("a", "perfect", 1.0, "x", predictor="perfect"),
+        row("b", "reactive", 20.0, "y"),
+        row("b", "lookahead", 5.0, "y"),
+        row("b", "mpc", 7.0, "y"),
+        row("b", "perfect", 0.0, "y", predictor="perfect"),
+    ]
+    add_gap_closed(rows)
+    gaps = {(r["recording"], r["controller"]): r["gap_closed"] for r in rows}
+    assert gaps["a", "mpc"] == pytest.approx(7 / 9)
+    assert gaps["b", "mpc"] == pytest.approx(13 / 20)
+    assert gaps["a", "perfect"] == 1.0
+    table = {(r["group"], r["controller"]): r for r in summarise(rows)}
+    assert table["turn", "mpc"]["gaze_error_rms_deg"] == 5.0
+    assert table["all", "mpc"]["n_people"] == 2
+    assert table["all", "mpc"]["gap_closed"] == pytest.approx((7 / 9 + 13 / 20) / 2)
+    differences = paired_differences(rows, "gaze_error_rms_deg", "mpc", "lookahead")
+    assert [d["difference"] for d in differences] == [0.5, 0.5]
+    assert differences[0]["ci95"] == pytest.approx([-1.0, 2.0])
+    assert (differences[0]["n_clips"], differences[0]["n_less"], differences[0]["n_more"]) == (2, 1, 1)
+
+
+def test_clips_without_the_figure_are_no_pair():
+    rows = [row(clip, gaze, 1.0, "x") for clip in "abc" for gaze in ("lookahead", "mpc")]
+    for entry, overshoot_deg in zip(rows, (2.0, 1.5, None, 1.0, 0.5, 0.5), strict=True):
+        entry["overshoot_deg"] = overshoot_deg
+    (_, everyone) = paired_differences(rows, "overshoot_deg", "mpc", "lookahead")
+    assert everyone["difference"] == -0.25
+    assert (everyone["n_clips"], everyone["n_less"], everyone["n_more"]) == (2, 1, 0)
+    for entry in rows:
+        entry["overshoot_deg"] = None
+    assert paired_differences(rows, "overshoot_deg", "mpc", "lookahead") == []

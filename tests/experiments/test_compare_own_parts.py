@@ -1,0 +1,101 @@
+"""Parts of the user's own in a comparison, and what they may do wrong."""
+
+import json
+
+import pytest
+from builders.comparisons import rows_of, runs, settings
+from builders.own_parts import own_module
+
+from experiments.compare import compare, main
+from experiments.engine.own_parts import name_parts, parts_hash
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
+
+def test_parts_of_ones_own_are_compared_with_options_and_under_their_names(tmp_path, monkeypatch):
+    own = own_module(tmp_path, monkeypatch)
+    both = {"controllers": (f"{own}:Sluggish", "lookahead"), "predictors": (f"{own}:Steady", "constant_velocity")}
+    chosen = settings(tmp_path / "out", recordings=("subject01_R4",), **both, options={"share": 1.0}, figures=True)
+    rows = {(row["controller"], row["predictor"]): row for row in compare(**chosen)}
+    assert set(rows) == {(c, p) for c in ("sluggish", "lookahead") for p in ("steady", "constant_velocity")}
+    assert len({row["gaze_error_rms_deg"] for row in rows.values()}) == 1
+    assert "| sluggish | steady |" in (tmp_path / "out" / "summary.md").read_text()
+    words = ["--recordings", "subject01_R4", "--controllers", f"{own}:Sluggish", "--jobs", "1", "--no-figures"]
+    assert main([*words, "--options.share", "0.5", "--out", str(tmp_path / "other")]) == 0
+    (other,) = rows_of(tmp_path / "other")
+    assert float(other["gaze_error_rms_deg"]) > 1.5 * rows["sluggish", "steady"]["gaze_error_rms_deg"]
+
+
+def test_the_source_of_a_part_of_ones_own_is_in_the_key(tmp_path, monkeypatch):
+    own = own_module(tmp_path, monkeypatch)
+    chosen = {"recordings": ("subject01_R4",), "controllers": (f"{own}:Sluggish",)}
+    first = runs(tmp_path, **chosen)[0].job.key()
+    changed = own_module(tmp_path, monkeypatch, "changed_parts", more="# changed")
+    assert own != changed
+    hashes = [parts_hash(f"{name}:Sluggish", "walker") for name in (own, changed)]
+    assert hashes[0] != hashes[1]
+    assert parts_hash("mpc", "walker") == []
+    assert first != runs(tmp_path, **{**chosen, "controllers": ("lookahead",)})[0].job.key()
+
+
+def test_the_sources_of_a_folder_without_init_are_in_the_key(tmp_path, monkeypatch):
+    hashes = []
+    for i, more in enumerate(("", "# changed")):
+        (tmp_path / f"loose{i}").mkdir()
+        own_module(tmp_path / f"loose{i}", monkeypatch, more=more)
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.syspath_prepend(str(tmp_path))
+        hashes.append(parts_hash(f"loose{i}.my_parts:Sluggish", "walker"))
+    assert hashes[0] != hashes[1]
+
+
+def test_exceptions_that_runs_survived_are_said_and_kept(tmp_path, monkeypatch, capsys):
+    fails = """
+
+class Failing(Steady):
+    name = "failing"
+    calls = 0
+
+    def forecast(self, times_s):
+        Failing.calls += 1
+        if Failing.calls > 50:
+            raise TypeError("too often")
+        return super().forecast(times_s)
+"""
+    own = own_module(tmp_path, monkeypatch, "failing_parts", more=fails)
+    words = ["--recordings", "subject01_R4", "--controllers", "reactive", "--predictors", f"{own}:Failing"]
+    assert main([*words, "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    (fault,) = json.loads((tmp_path / "out" / "summary.json").read_text())["faults"]
+    assert (fault["controller"], fault["predictor"], fault["event"], fault["runs"]) == (
+        "reactive", "failing", "forecast_failed", 1,
+    )  # fmt: skip
+    assert fault["count"] > 10
+    assert fault["traceback"].startswith("Traceback")
+    said = f"- survived reactive, failing: forecast_failed ({fault['count']} x in 1 runs): TypeError: too often"
+    assert said in capsys.readouterr().out
+    assert "faults" not in rows_of(tmp_path / "out")[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--controllers", "my_parts:Slugish"], "perhaps you meant 'Sluggish'"),
+        (["--controllers", "no_parts:Sluggish"], "there is no module 'no_parts'"),
+        (["--controllers", "mpc", "--options.share", "1"], "options are for parts of your own"),
+    ],
+)
+def test_a_part_that_is_not_there_is_said_before_anything_runs(words, expected, tmp_path, monkeypatch, capsys):
+    own_module(tmp_path, monkeypatch)
+    assert main(["--recordings", "subject01_R4", *words, "--out", str(tmp_path / "out")]) == 2
+    assert expected in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_parts_of_one_name_are_told_apart():
+    rows = [
+        {"controller": choice, "controller_name": name}
+        for choice, name in (("mpc", "mpc"), ("a:Mine", "Mine"), ("b:Mine", "Mine"), ("c:Yours", "Yours"))
+    ]
+    rows.append({"controller": "c:Yours"})  # of a failed run
+    name_parts(rows, "controller")
+    assert rows == [{"controller": name} for name in ("mpc", "a:Mine", "b:Mine", "Yours", "Yours")]
