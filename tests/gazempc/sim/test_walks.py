@@ -14,15 +14,18 @@ from gazempc.run import main
 
 pytestmark = pytest.mark.slow
 
-# One clip of every person and group, and all sharp turns: the whole folder takes minutes.
+# The whole folder takes minutes.
 CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
 
 
 def clips(walks_dir):
+    """The first clip of each person and group: all of those who turn, and of every fourth who walks straight."""
     with (walks_dir / "index.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     first = {(row["subject"], row["group"]): row for row in reversed(rows)}
-    return list(first.values())
+    turns = [row for (_, group), row in first.items() if group != "straight"]
+    straight = [row for (_, group), row in first.items() if group == "straight"]
+    return turns + straight[::4]
 
 
 @pytest.fixture(scope="module")
@@ -45,16 +48,16 @@ def mean_rms(results, controller, group=None):
     return float(np.mean(values))
 
 
-# Mean gaze error of these clips as measured, RMS, degrees. A seventh more is a change for the worse: an experiment that
-# pays moves it by less, and a fault by more. A group may be a single clip.
+# Mean gaze error of the clips chosen above as measured, RMS, degrees: four straight ones, one turn, three sharp ones. A
+# seventh more is a change for the worse: an experiment that pays moves it by less, and a fault by more.
 MEASURED_DEG = {
-    ("lookahead", "straight"): 1.16,
+    ("lookahead", "straight"): 1.07,
     ("lookahead", "turn"): 0.71,
     ("lookahead", "sharp"): 2.03,
-    ("mpc", "straight"): 1.11,
+    ("mpc", "straight"): 1.03,
     ("mpc", "turn"): 0.72,
     ("mpc", "sharp"): 2.19,
-    ("perfect", None): 0.073,
+    ("perfect", None): 0.068,
 }
 
 
@@ -64,17 +67,17 @@ def test_the_gaze_errs_as_little_as_measured(results, controller, group):
 
 
 def test_who_only_reacts_errs_by_the_delay(results):
-    """14.4 deg as measured, ten times as much as with prediction."""
-    assert mean_rms(results, "reactive") == pytest.approx(14.4, rel=0.15)
+    """13.4 deg as measured, ten times as much as with prediction."""
+    assert mean_rms(results, "reactive") == pytest.approx(13.4, rel=0.15)
 
 
 def test_a_reactive_gaze_is_hardly_ever_on_the_face_and_a_predictive_one_nearly_always(results):
-    """0.9 % and 94 % of the time as measured."""
+    """1.9 % and 94 % of the time as measured."""
 
     def contact(controller):
         return np.mean([m.eye_contact_2p6 for (_, c, _), m in results.items() if c == controller])
 
-    assert contact("reactive") < 0.02
+    assert contact("reactive") < 0.03
     assert contact("lookahead") > 0.92
     assert contact("mpc") > 0.92
 
