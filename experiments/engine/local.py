@@ -7,8 +7,8 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -51,9 +51,11 @@ class LocalWorkers:
         # One job each, and one that waits. Of more the pool forgets some when it is ended in the middle of them.
         self.at_once = 2 * count
         self._died = loky.process_executor.TerminatedWorkerError
+        # Before signals are blocked: the start of a tracker would lift the block.
+        with _quiet_trackers():
+            loky.backend.resource_tracker.ensure_running()
+            multiprocessing.resource_tracker.ensure_running()
         self._pool = loky.ProcessPoolExecutor(count, initializer=_watch, initargs=(os.getpid(),), env=_ONE_THREAD)
-        # It must run before signals are blocked: its own start would lift the block.
-        multiprocessing.resource_tracker.ensure_running()
         self._started = False
 
     def submit(self, key: str, job: Job, ended: Callable[[str, Outcome], None]) -> None:
@@ -75,6 +77,20 @@ class LocalWorkers:
             return future.result()
         except self._died:
             raise GazempcError("a worker process died (killed, or out of memory)") from None
+
+
+@contextmanager
+def _quiet_trackers() -> Iterator[None]:
+    """Trackers that start meanwhile do not warn of what killed workers leave: they only clean it up."""
+    before = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (before, "ignore:resource_tracker:UserWarning")))
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONWARNINGS"]
+        else:
+            os.environ["PYTHONWARNINGS"] = before
 
 
 def _watch(parent: int) -> None:
