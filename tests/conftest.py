@@ -3,6 +3,10 @@
 import os
 from pathlib import Path
 
+# One numerical thread a process, before NumPy is loaded: the matrices are small, and the tests' processes are the
+# parallelism. Else the threads of several processes wait for each other.
+os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+
 import hypothesis
 import matplotlib
 import pytest

@@ -66,7 +66,7 @@ def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeyp
 
 @pytest.fixture
 def no_doubt(monkeypatch):
-    """Fits state no doubt: it takes longest, and what is used again does not depend on it."""
+    """Fits state no doubt: what is used again does not depend on it."""
     monkeypatch.setattr("experiments.fit.command.scoring_examples", lambda *_: None)
     monkeypatch.setattr("experiments.fit.command.errors_on_left_out", lambda models, people, _: people)
     monkeypatch.setattr("experiments.fit.command.fit_doubt", lambda _: load_walker_model().log_spread)
