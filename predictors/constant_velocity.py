@@ -54,12 +54,12 @@ class ConstantVelocity:
 
     Observations that the filter finds improbable at the 99.9 % level, with an allowance for turning, are refused;
     after ten refusals in a row the track starts anew from the latest one. A gap needs no special case: the state is
-    carried over it and its covariance grows.
+    carried over it and its covariance grows. A stated covariance of the position is used as it is.
 
     Args:
         acceleration_psd: Power spectral density of the head's acceleration on each axis, m^2/s^3. The default
             has the least error at 0.5 s over walking people at the noise below.
-        position_noise_m: Standard deviation of a position measurement on each axis, metres.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
         gated: False to take in every observation, as a plain Kalman filter does.
     """
 
@@ -67,8 +67,7 @@ class ConstantVelocity:
         if not (acceleration_psd > 0 and position_noise_m > 0):
             raise ValueError("acceleration_psd and position_noise_m must be positive")
         self._psd = acceleration_psd
-        self._noise_variance_m2 = position_noise_m**2
-        self._R = self._noise_variance_m2 * _EYE3
+        self._R = position_noise_m**2 * _EYE3
         self._gate = Gate()
         self._gated = gated
         self.reset()
@@ -103,23 +102,23 @@ class ConstantVelocity:
         self._P = F @ self._P @ F.T + process_noise(dt_s, self._psd)
         self._time_s = observation.capture_time_s
         innovation = observation.head_position_base_m - self._x[:3]
-        spread = self._P[:3, :3] + self._R
+        R = self._R if observation.position_covariance_m2 is None else observation.position_covariance_m2
+        spread = self._P[:3, :3] + R
         if self._gated and not self._gate.accepts(innovation, spread):
             if self._gate.lost:
                 self._start(observation)
             return
-        self._correct(innovation, spread)
+        self._correct(innovation, spread, R)
         self._issued_at_s = observation.capture_time_s
 
-    def _correct(self, innovation_m: FloatArray, spread_m2: FloatArray) -> None:
-        # The position is measured, so H = [I 0], and products with H are parts of a matrix. The axes never mix, so the
-        # spread is diagonal. Joseph's form keeps the covariance positive definite: Bar-Shalom, Li & Kirubarajan (2001),
-        # eq. 5.2.3-18.
-        K = self._P[:, :3] * (1.0 / spread_m2.diagonal())
+    def _correct(self, innovation_m: FloatArray, spread_m2: FloatArray, R: FloatArray) -> None:
+        # The position is measured, so H = [I 0], and products with H are parts of a matrix. Joseph's form keeps the
+        # covariance positive definite: Bar-Shalom, Li & Kirubarajan (2001), eq. 5.2.3-18.
+        K = np.linalg.solve(spread_m2, self._P[:3, :]).T
         self._x = self._x + K @ innovation_m
         left = _EYE6.copy()
         left[:, :3] -= K
-        self._P = left @ self._P @ left.T + (self._noise_variance_m2 * K) @ K.T
+        self._P = left @ self._P @ left.T + K @ R @ K.T
 
     def state(self) -> tuple[float, FloatArray, FloatArray]:
         """The filter's estimate.
@@ -172,7 +171,9 @@ class ConstantVelocity:
         )
 
     def _start(self, observation: HeadObservation) -> None:
+        R = self._R if observation.position_covariance_m2 is None else observation.position_covariance_m2
         self._x = np.concatenate([observation.head_position_base_m, np.zeros(3)])
-        self._P = np.diag([self._noise_variance_m2] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3)
+        self._P = np.zeros((6, 6))
+        self._P[:3, :3], self._P[3:, 3:] = R, _INITIAL_SPEED_SD_M_S**2 * _EYE3
         self._time_s = self._issued_at_s = self._started_at_s = observation.capture_time_s
         self._gate.reset()

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _UNIT_QUATERNION_TOLERANCE = 1e-3
+# Rounding of a covariance that was written with six digits; anything beyond it is not symmetric.
+_SYMMETRY_TOLERANCE = 1e-5
 
 
 def _vector(name: str, value: object, size: int) -> FloatArray:
@@ -22,25 +24,54 @@ def _vector(name: str, value: object, size: int) -> FloatArray:
     return array
 
 
+def _covariance(name: str, value: object) -> FloatArray:
+    array = np.array(value, dtype=np.float64)
+    if array.shape != (3, 3):
+        raise ValueError(f"{name} has shape {array.shape}, expected (3, 3)")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} is not finite: {array.tolist()}")
+    if np.abs(array - array.T).max() > _SYMMETRY_TOLERANCE * np.abs(array).max():
+        raise ValueError(f"{name} is not symmetric: {array.tolist()}")
+    array = 0.5 * (array + array.T)
+    try:
+        np.linalg.cholesky(array)
+    except np.linalg.LinAlgError:
+        raise ValueError(f"{name} is not positive definite: {array.tolist()}") from None
+    return array
+
+
 @dataclass(frozen=True)
 class HeadObservation:
     """One sighting of a person, stamped with the time at which it was captured (not received).
 
+    Only time and position are needed. What a sensor does not state is None.
+
     Attributes:
         capture_time_s: Capture time in seconds, on the clock that forecasts are asked for.
         head_position_base_m: Head position, shape (3,), metres, in the robot's base frame.
-        head_quat_wxyz: Orientation of the head, shape (4,), or None where the sensor gave none.
-        pelvis_quat_wxyz: Orientation of the pelvis, shape (4,), or None where the sensor gave none.
+        head_quat_wxyz: Orientation of the head, shape (4,).
+        pelvis_quat_wxyz: Orientation of the pelvis, shape (4,).
+        position_covariance_m2: Covariance of the position's error, shape (3, 3), square metres, base frame. A bearing
+            without a range is a covariance that is long in the direction of view.
+        head_yaw_sd_rad: Standard deviation of the head's yaw, radians, positive.
+        pelvis_yaw_sd_rad: Standard deviation of the pelvis's yaw, radians, positive.
+        person_id: The sensor's own name for the person.
+        confidence: How sure the sensor is that this is a person, 0 to 1.
 
     Raises:
-        ValueError: If a value has the wrong shape, is not finite, or a quaternion is not of unit length,
-            so that a predictor never sees such a value.
+        ValueError: If a value has the wrong shape, is not finite or out of range, a quaternion is not of unit length,
+            or the covariance is not symmetric and positive definite, so that a predictor never sees such a value.
     """
 
     capture_time_s: float
     head_position_base_m: FloatArray
     head_quat_wxyz: FloatArray | None = None
     pelvis_quat_wxyz: FloatArray | None = None
+    position_covariance_m2: FloatArray | None = None
+    head_yaw_sd_rad: float | None = None
+    pelvis_yaw_sd_rad: float | None = None
+    person_id: str | None = None
+    confidence: float | None = None
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.capture_time_s):
@@ -55,6 +86,17 @@ class HeadObservation:
             if abs(math.hypot(*quat.tolist()) - 1.0) > _UNIT_QUATERNION_TOLERANCE:
                 raise ValueError(f"{name} is not of unit length: {quat}")
             object.__setattr__(self, name, quat)
+        if self.position_covariance_m2 is not None:
+            covariance = _covariance("position_covariance_m2", self.position_covariance_m2)
+            object.__setattr__(self, "position_covariance_m2", covariance)
+        for name in ("head_yaw_sd_rad", "pelvis_yaw_sd_rad"):
+            sd = getattr(self, name)
+            if sd is not None and not 0.0 < sd < math.inf:
+                raise ValueError(f"{name} is {sd}, expected a positive number")
+        if self.confidence is not None and not 0.0 <= self.confidence <= 1.0:
+            raise ValueError(f"confidence is {self.confidence}, expected 0 to 1")
+        if self.person_id is not None and not isinstance(self.person_id, str):
+            raise ValueError(f"person_id is {self.person_id!r}, expected a text")
 
 
 @dataclass(frozen=True)
@@ -66,6 +108,8 @@ class Forecast:
         means_base_m: Expected head positions, shape (H, 3), metres, base frame.
         covariances_m2: Covariances of these positions, shape (H, 3, 3), square metres.
         issued_at_s: Capture time of the newest observation that is in the forecast.
+        degrees_of_freedom: Those of the multivariate t distribution of the errors, above 2; infinite for a normal one.
+            Fewer mean longer tails at the same covariance.
 
     Raises:
         ValueError: If a shape is not as said here, or a value is no number.
@@ -75,8 +119,11 @@ class Forecast:
     means_base_m: FloatArray
     covariances_m2: FloatArray
     issued_at_s: float
+    degrees_of_freedom: float = math.inf
 
     def __post_init__(self) -> None:
+        if not self.degrees_of_freedom > 2.0:  # below, a t distribution has no covariance
+            raise ValueError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
         count = np.size(self.times_s)
         for name, shape in (("times_s", (count,)), ("means_base_m", (count, 3)), ("covariances_m2", (count, 3, 3))):
             value = getattr(self, name)
