@@ -142,7 +142,7 @@ def change_pace(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
     rate = rng.uniform(0.8, 1.35) * np.exp(rng.uniform(0.0, 0.12) * wave)
     if rng.random() < 0.2:
         stops_s = rng.uniform(0.5, t[-1] + 0.5)
-        rate = rate * (1.0 - _smooth_step((t - stops_s) / rng.uniform(0.5, 1.2)) * rng.uniform(0.5, 1.0))
+        rate = rate * (1.0 - smooth_step((t - stops_s) / rng.uniform(0.5, 1.2)) * rng.uniform(0.5, 1.0))
     played = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
     n = int(np.searchsorted(played, t[-1], side="right"))
     played = played[:n]
@@ -176,10 +176,10 @@ def bend(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
         middle_s = rng.uniform(t[0], t[-1] + 0.4)
         pelvis_lead_s = rng.uniform(*_PELVIS_LEAD_S)
         head_lead_s = pelvis_lead_s + rng.uniform(*_HEAD_LEAD_S)
-        path += angle * _smooth_step((fine_s - middle_s) / duration_s + 0.5)
+        path += angle * smooth_step((fine_s - middle_s) / duration_s + 0.5)
         pelvis_s, head_s = duration_s * rng.uniform(*_PELVIS_TURN_SHARE), duration_s * rng.uniform(*_HEAD_TURN_SHARE)
-        pelvis += angle * _smooth_step((fine_s - middle_s + pelvis_lead_s) / pelvis_s + 0.5)
-        head += angle * _smooth_step((fine_s - middle_s + head_lead_s) / head_s + 0.5)
+        pelvis += angle * smooth_step((fine_s - middle_s + pelvis_lead_s) / pelvis_s + 0.5)
+        head += angle * smooth_step((fine_s - middle_s + head_lead_s) / head_s + 0.5)
     rate = np.abs(np.gradient(path, fine_s))
     pace = 1.0 - rng.uniform(0.0, _SLOW_DOWN) * np.minimum(rate / np.radians(90.0), 1.0)
     shift_s = rng.uniform(-0.2, 0.2)
@@ -204,6 +204,6 @@ def _draw_turn(rng: np.random.Generator) -> tuple[float, float]:
             return float(angle_deg), float(duration_s)
 
 
-def _smooth_step(share: FloatArray) -> FloatArray:
+def smooth_step(share: FloatArray) -> FloatArray:
     u = np.clip(share, 0.0, 1.0)
     return np.asarray(u**3 * (10.0 - 15.0 * u + 6.0 * u**2))

@@ -5,23 +5,28 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from predictors.types import FloatArray, HeadObservation
+from predictors.walker.colour import ErrorColour
+from predictors.walker.errors import ForecastMemory
+from predictors.walker.noise import MeasuredNoise
+from predictors.walker.smoothing import smooth_path
 from predictors.yaw import wrap_rad, yaw_rad
 
 STEP_S = 1.0 / 30.0
 # A little more than a stride (two steps, about 1 s): sway and bob are seen whole.
 WINDOW = 36
-# The direction of the line: two thirds of a second averages most of the sway and still follows a turn.
-LINE_WINDOW = 20
-RECENT = 12
 _LAGS_S = STEP_S * np.arange(1 - WINDOW, 1)
 _FIRST_LAG_S = float(_LAGS_S[0])
-# Shrinks the slope while there are few frames: noise of 2 cm against a speed of 1 m/s.
-_LINE_PRIOR_S2 = 0.02**2
+# Acceleration of the path that the network sees: lets gait through (1.2 m/s2 of sway at 1 Hz), and little more.
+_PATH_PSD = 5.0
+# The line: constant velocity, with gait (s.d. of sway and bob) counted as noise of the positions.
+_LINE_PSD, _GAIT_SD_M = 0.05, 0.02
+# A position this many standard deviations off the path counts half: tails of a t distribution.
+_HALF_AT_SD = 3.0
+_ROBUST_FLOOR_M = 0.01
 # Below the first speed a direction of travel means nothing; from the second on it is trusted.
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
 # Nobody walks that fast; what was learned of walkers fades out for runners and riders.
@@ -33,13 +38,6 @@ _OFFSET_PRIOR_FRAMES = 15.0
 _MOUNTING_RAD, _MOUNTING_FRAMES = ((0.25, 0.4), (0.35, 0.5)), (5.0, 15.0)
 # Whose body or head points farther aside walks sideways or backwards, or is measured wrongly.
 _NOT_FORWARD_RAD = (1.4, 1.9)
-_NOISE_PRIOR_M, _NOISE_PRIOR_FRAMES, _NOISE_MEMORY_FRAMES = 0.01, 3.0, 30.0
-_LARGEST_NOISE_M = 0.05
-# Four frames farther apart than this bend with the walk itself, and say nothing of noise. Between the spans of four
-# frames at 15 and at 14 frames a second, so that rounding does not decide.
-_NOISE_SPAN_S = 0.207
-# Frames closer together than any camera's: two sources, or a clock that was set.
-_NOISE_STEP_S = 1e-3
 # Each input is of order one over walking people.
 _POSITION_SCALE_M, _PELVIS_SCALE_RAD, _HEAD_SCALE_RAD, _OFFSET_SCALE_RAD = 0.04, 0.15, 0.2, 0.1
 _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, _NOISE_SCALE_M = 1.1, 0.3, 0.01
@@ -48,19 +46,18 @@ _LARGEST = 4.0
 _POSITIONS = slice(0, 3 * WINDOW)
 _YAWS = slice(3 * WINDOW, 5 * WINDOW)
 _SCALARS = 5 * WINDOW
-_N_SCALARS = 9
-_DETAIL = _SCALARS + _N_SCALARS
-N_INPUTS = _DETAIL + 5 * RECENT
-N_SPREAD = 10
+_ODD_SCALARS = (0, 1, 2)
+_N_SCALARS = 30
+N_INPUTS = _SCALARS + _N_SCALARS
+N_SPREAD = 30
 
 
 def _mirror() -> FloatArray:
     signs = np.ones(N_INPUTS)
     signs[_YAWS] = -1.0
-    signs[_SCALARS : _SCALARS + 2] = -1.0
-    signs[_DETAIL + 3 * RECENT :] = -1.0
-    for positions in (signs[_POSITIONS], signs[_DETAIL : _DETAIL + 3 * RECENT]):
-        positions[1::3] = -1.0
+    for i in _ODD_SCALARS:
+        signs[_SCALARS + i] = -1.0
+    signs[_POSITIONS][1::3] = -1.0
     return signs
 
 
@@ -77,7 +74,7 @@ class WalkerInputs:
         origin_base_m: Point of the line at that time, shape (3,).
         velocity_base_m_s: Slope of the line, shape (3,).
         heading_rad: Horizontal direction of the slope, about the vertical from +x.
-        walking: 0 for somebody who stands (or runs), 1 for somebody who walks, between the two at the limits.
+        walking: 0 for somebody who runs, 1 for somebody who walks or stands, between the two at the limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
     """
@@ -95,17 +92,21 @@ class WalkerHistory:
     """The last 1.2 s of one person, whatever the frame rate and the gaps, with what was learned of them on the way.
 
     On the way means: the constant offsets of head and pelvis yaw from the direction of travel, which differ from
-    person to person, and the noise of the positions.
+    person to person, the noise of the positions, and how far the line's own forecasts were off.
     """
 
     def __init__(self) -> None:
         self._times_s = np.empty(0)
         self._values = np.empty((0, 5))  # x, y, z, pelvis yaw, head yaw; the yaws unwrapped, the last known one held
+        self._information = np.empty((0, 3, 3))
+        self._weights = np.empty(0)
         self._yaw_seen_s = [-np.inf, -np.inf]
         self._offset_sums = [0j, 0j]  # unit vectors, so that an offset near pi has a mean
         self._offset_weights = [0.0, 0.0]
-        self._noise_variance_m2 = _NOISE_PRIOR_M**2
-        self._noise_frames = _NOISE_PRIOR_FRAMES
+        self._noise = MeasuredNoise()
+        self._errors = ForecastMemory()
+        self._colour = ErrorColour()
+        self._line: tuple[float, FloatArray, FloatArray] | None = None
 
     def add(self, observation: HeadObservation) -> WalkerInputs:
         """Take in an observation that is newer than all before it.
@@ -117,6 +118,7 @@ class WalkerHistory:
             The inputs at its capture time.
         """
         time_s = observation.capture_time_s
+        position = observation.head_position_base_m
         yaws_rad = self._values[-1, 3:].tolist() if len(self._values) else [0.0, 0.0]
         fresh = [False, False]
         for i, quat in enumerate((observation.pelvis_quat_wxyz, observation.head_quat_wxyz)):
@@ -127,11 +129,16 @@ class WalkerHistory:
                 fresh[i] = True
         last_s = float(self._times_s[-1]) if self._times_s.size else time_s - STEP_S
         # In this order: whether a frame right at the end of the window stays hangs on the last bit.
-        old = int(self._times_s.searchsorted(time_s + _FIRST_LAG_S - STEP_S))
+        old = int(self._times_s.searchsorted(time_s + _FIRST_LAG_S - 1e-6))
         self._times_s = np.concatenate([self._times_s[old:], [time_s]])
-        self._values = np.concatenate([self._values[old:], [[*observation.head_position_base_m.tolist(), *yaws_rad]]])
-        self._learn_noise()
-        return self._inputs(fresh, min((time_s - last_s) / STEP_S, 3.0))
+        self._values = np.concatenate([self._values[old:], [[*position.tolist(), *yaws_rad]]])
+        self._noise.learn(self._times_s, self._values[:, :3])
+        covariance = observation.position_covariance_m2
+        stated = covariance is not None
+        covariance = self._noise.covariance_m2() if covariance is None else covariance
+        self._information = np.concatenate([self._information[old:], np.linalg.inv(covariance)[None]])
+        self._weights = np.append(self._weights[old:], self._first_weight(time_s, position, covariance))
+        return self._inputs(fresh, min((time_s - last_s) / STEP_S, 3.0), covariance, stated)
 
     def _bridge(self, column: int, seen_s: float, value: float, time_s: float) -> None:
         # Where an orientation was missing it was held; now that it is back, the way between is known better.
@@ -144,59 +151,62 @@ class WalkerHistory:
             held = self._values[missing, column]
             self._values[missing, column] += (self._times_s[missing] - seen_s) / (time_s - seen_s) * (value - held)
 
-    def _learn_noise(self) -> None:
-        # The third divided difference of a walk is next to nothing, so what is left of it is noise.
-        if self._times_s.size < 4:
-            return
-        a, b, c, d = self._times_s[-4:].tolist()
-        if d - a > _NOISE_SPAN_S or min(b - a, c - b, d - c) < _NOISE_STEP_S:
-            return
-        weights = np.array(
-            [
-                1.0 / ((a - b) * (a - c) * (a - d)),
-                1.0 / ((b - a) * (b - c) * (b - d)),
-                1.0 / ((c - a) * (c - b) * (c - d)),
-                1.0 / ((d - a) * (d - b) * (d - c)),
-            ]
-        )
-        difference = weights @ self._values[-4:, :3]
-        variance = float(difference @ difference) / 3.0 / float(weights @ weights)
-        gain = 1.0 / min(_NOISE_MEMORY_FRAMES, self._noise_frames)
-        self._noise_variance_m2 += gain * (min(variance, _LARGEST_NOISE_M**2) - self._noise_variance_m2)
-        self._noise_frames += 1.0
+    def _first_weight(self, time_s: float, position_m: FloatArray, covariance_m2: FloatArray) -> float:
+        if self._line is None:
+            return 1.0
+        line_s, origin, velocity = self._line
+        dt_s = time_s - line_s
+        off = position_m - origin - dt_s * velocity
+        # Gait and a turn that has begun: 5 m/s2 is more than anybody does.
+        spread = covariance_m2 + (4 * _GAIT_SD_M**2 + (2.5 * dt_s**2) ** 2) * np.eye(3)
+        return 1.0 / (1.0 + float(off @ np.linalg.solve(spread, off)) / _HALF_AT_SD**2 / 3.0)
 
-    def _resampled(self) -> tuple[FloatArray, int]:
-        """The window on an even grid, shape (m, 5), newest last, and m, the frames that the track reaches back."""
+    def _resampled(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
+        """Path, line's origin and slope, yaws on the grid, and the frames that the track reaches back."""
         times, values = self._times_s, self._values
-        m = min(WINDOW, 1 + int((times[-1] - times[0]) / STEP_S + 0.03))
+        m = min(WINDOW, 1 + math.ceil((times[-1] - times[0]) / STEP_S - 0.03))
         if m == 1:
-            return values[-1:], 1
+            self._colours = self._colour.learn(values[-1:])
+            return values[-1:, :3], values[-1, :3], np.zeros(3), values[-1:, 3:], 1
+        at = np.maximum((times - times[-1]) / STEP_S + (m - 1), 0.0)
+        y = values[:, :3]
+        psd, line_psd = (_PATH_PSD, STEP_S), (_LINE_PSD, STEP_S)
+        path = smooth_path(at, y, self._weights[:, None, None] * self._information, psd, m)
+        # Positions that lie far off the path are believed less, and the path is made again.
+        left = np.minimum(at.astype(np.intp), m - 2)
+        share = (at - left)[:, None]
+        off = y - path[left] - share * (path[left + 1] - path[left])
+        covariance = np.linalg.inv(self._information)
+        diagonal = np.arange(3)
+        floored = covariance.copy()
+        floored[:, diagonal, diagonal] += _ROBUST_FLOOR_M**2
+        d2 = np.einsum("ni,ni->n", off, np.linalg.solve(floored, off[:, :, None])[:, :, 0])
+        self._weights = 1.0 / (1.0 + d2 / (3.0 * _HALF_AT_SD**2))
+        path = smooth_path(at, y, self._weights[:, None, None] * self._information, psd, m)
+        covariance[:, diagonal, diagonal] += _GAIT_SD_M**2
+        line = smooth_path(at, y, self._weights[:, None, None] * np.linalg.inv(covariance), line_psd, m)
         grid = times[-1] + _LAGS_S[WINDOW - m :]
-        right = np.minimum(np.maximum(times.searchsorted(grid), 1), times.size - 1)
-        left = right - 1
-        begin_s, low = times[left], values[left]
-        share = np.maximum((grid - begin_s) / (times[right] - begin_s), 0.0)
-        return low + share[:, None] * (values[right] - low), m
+        raw = np.stack([np.interp(grid, times, values[:, i]) for i in range(5)], axis=1)
+        yaws = raw[:, 3:]
+        self._colours = self._colour.learn(raw)
+        return path, line[-1], (line[-1] - line[-2]) / STEP_S, yaws, m
 
-    def _inputs(self, fresh: list[bool], frames: float) -> WalkerInputs:
-        window, m = self._resampled()
-        slope, slope_of_all, value, value_of_all = (_line(m) @ window[:, :3]).tolist()
-        # Height over the whole window: it has two bobs or more, and people turn to the side, not upwards.
-        velocity, origin = np.array([[slope[0], slope[1], slope_of_all[2]], [value[0], value[1], value_of_all[2]]])
-        heading = math.atan2(slope[1], slope[0])
-        speed = math.hypot(slope[0], slope[1])
-        walks = _ramp(speed, _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S)
-        c, s = math.cos(heading) / _POSITION_SCALE_M, math.sin(heading) / _POSITION_SCALE_M
-        to_line = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0 / _POSITION_SCALE_M]])
+    def _inputs(self, fresh: list[bool], frames: float, covariance: FloatArray, stated: bool) -> WalkerInputs:
+        path, origin, velocity, window_yaws, m = self._resampled()
         now_s = float(self._times_s[-1])
+        self._line = now_s, origin, velocity
+        heading = math.atan2(velocity[1], velocity[0])
+        speed = math.hypot(velocity[0], velocity[1])
+        walks = _ramp(speed, _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S)
+        c, s = math.cos(heading), math.sin(heading)
+        to_line = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
         x = np.zeros(N_INPUTS)
         positions = x[_POSITIONS].reshape(WINDOW, 3)
         yaws = x[_YAWS].reshape(WINDOW, 2)
-        off = window[:, :3] - origin
-        off -= _LAGS_S[WINDOW - m :, None] * velocity
-        positions[WINDOW - m :] = off @ to_line
-        relative = np.pi - (np.pi - (window[:, 3:] - heading)) % (2.0 * np.pi)
+        off = path - origin - _LAGS_S[WINDOW - m :, None] * velocity
+        positions[WINDOW - m :] = off @ (to_line / _POSITION_SCALE_M)
+        relative = np.pi - (np.pi - (window_yaws - heading)) % (2.0 * np.pi)
         newest = relative[-1].tolist()
         known, offsets = [0.0, 0.0], [0.0, 0.0]
         for i, scale in enumerate((_PELVIS_SCALE_RAD, _HEAD_SCALE_RAD)):
@@ -213,22 +223,28 @@ class WalkerHistory:
             known[i] = 1.0 - _ramp(now_s - self._yaw_seen_s[i], 0.0, _YAW_FADES_IN_S)
             known[i] *= 1.0 - _ramp(abs(newest[i]), *_NOT_FORWARD_RAD)
             yaws[WINDOW - m :, i] = (walks * known[i] / scale) * relative[:, i]
-        noise = math.sqrt(self._noise_variance_m2) / _NOISE_SCALE_M
-        x[_SCALARS:_DETAIL] = (
+        noise = to_line.T @ covariance @ to_line
+        sd = np.sqrt(noise.diagonal()) / _NOISE_SCALE_M
+        log_sd = np.log(np.maximum(sd, 0.1))
+        skew = float(noise[0, 1] / math.sqrt(noise[0, 0] * noise[1, 1]))
+        wrong = self._errors.learn(self._times_s, path[-1], now_s, origin, velocity, to_line)
+        rate = math.log(max(len(self._times_s) - 1, 1) / max(m - 1, 1))
+        x[_SCALARS:] = (
             known[0] * offsets[0] / _OFFSET_SCALE_RAD,
             known[1] * offsets[1] / _OFFSET_SCALE_RAD,
+            skew,
             (speed - _USUAL_SPEED_M_S) / _SPEED_SCALE_M_S,
             m / WINDOW,
             min(m, 10) / 10,
-            noise,
             walks,
             known[0],
             known[1],
+            *log_sd,
+            float(stated),
+            rate,
+            *wrong,
+            *self._colours,
         )
-        # The less noise there is, the more the newest frames tell; the network has them a second time, so weighted.
-        detail = max(0.0, 1.0 - noise)
-        x[_DETAIL : _DETAIL + 3 * RECENT] = detail * positions[-RECENT:].ravel()
-        x[_DETAIL + 3 * RECENT :] = detail * yaws[-RECENT:].ravel()
         np.minimum(np.maximum(x, -_LARGEST, out=x), _LARGEST, out=x)
         departure = [known[i] * walks * min(abs(wrap_rad(newest[i] - offsets[i])), 1.0) for i in range(2)]
         spread = np.array(
@@ -237,32 +253,20 @@ class WalkerHistory:
                 departure[0],
                 departure[1],
                 min(abs(float(positions[-1, 1])), _LARGEST),
-                min(noise, 2.0),
+                *log_sd,
                 1.0 - m / WINDOW,
                 1.0 / m,
                 1.0 - known[0],
                 1.0 - known[1],
-                min(max(speed - _USUAL_SPEED_M_S, -0.6), 0.6),
+                min(max(speed - _USUAL_SPEED_M_S, -1.1), 0.6),
+                1.0 - walks,
+                rate,
+                *wrong,
+            *self._colours,
             ]
         )
-        walking = walks * (1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S))
+        walking = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S)
         return WalkerInputs(now_s, origin, velocity, heading, walking, x, spread)
-
-
-@cache
-def _line(m: int) -> FloatArray:
-    """Weights of the last m frames on the grid for a line with a slope shrunk towards zero.
-
-    Returns:
-        Shape (4, m): slope over `LINE_WINDOW`, slope over all m, and the line's value now, of the one and of the other.
-    """
-    slopes, values = np.zeros((2, m)), np.zeros((2, m))
-    for i, frames in enumerate((min(m, LINE_WINDOW), m)):
-        t = _LAGS_S[WINDOW - frames :]
-        slopes[i, m - frames :] = (t - t.mean()) / (np.sum((t - t.mean()) ** 2) + _LINE_PRIOR_S2)
-        values[i, m - frames :] = 1.0 / frames
-        values[i] -= t.mean() * slopes[i]
-    return np.concatenate([slopes, values])
 
 
 def _ramp(value: float, low: float, high: float) -> float:

@@ -1,0 +1,137 @@
+"""Recorded walks at other paces: steady from end to end, starting, stopping, standing."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+
+from experiments.fit.variants import GaplessWalk, smooth_step
+from gazempc.types import FloatArray
+
+# Of these the target speeds are drawn; slower is a start or a stop, faster is no walk.
+_SPEED_M_S = (0.3, 2.0)
+_RAMP_S = (0.4, 1.3)
+_STANDS_S = (0.6, 2.5)
+_LONGEST_S = 5.0
+# A walk is slowed down and sped up by less than this: beyond it, gait is no gait.
+_RATE = (0.0, 2.2)
+_SLOWEST_OWN_M_S = 0.4
+_STRIDE_SD_S = 0.3  # of the bell over which a walk's own speed is averaged: a stride, so that gait stays
+# Sway of who stands: s.d. and correlation time.
+_SWAY_M, _SWAY_TIME_S = (0.002, 0.012), (0.5, 1.5)
+KINDS = ("own", "steady", "start", "stop", "stand")
+
+
+def at_pace(walk: GaplessWalk, kind: str, rng: np.random.Generator) -> GaplessWalk:
+    """The walk at another pace.
+
+    Args:
+        walk: The walk.
+        kind: ``steady``, ``start``, ``stop`` or ``stand``.
+        rng: Draws speeds and times.
+
+    Returns:
+        The walk, at most 5 s long.
+    """
+    t = walk.times_s - walk.times_s[0]
+    step_s = float(np.median(np.diff(t)))
+    own = np.linalg.norm(np.gradient(walk.head_m[:, :2], t, axis=0), axis=1)
+    velocity = gaussian_filter1d(np.gradient(walk.head_m[:, :2], t, axis=0), _STRIDE_SD_S / step_s, axis=0)
+    own = np.maximum(np.linalg.norm(velocity, axis=1), _SLOWEST_OWN_M_S)
+    new_s = np.arange(0.0, _LONGEST_S, step_s)
+    speed = _profile(kind, new_s, t[-1], rng)
+    played = np.empty(new_s.size)
+    played[0] = rng.uniform(0.0, 0.3) * t[-1] if kind in {"start", "stand"} else 0.0
+    n = new_s.size
+    for k in range(1, n):
+        rate = np.clip(speed[k] / np.interp(played[k - 1], t, own), *_RATE)
+        played[k] = played[k - 1] + rate * step_s
+        if played[k] > t[-1]:
+            n = k
+            break
+    played = played[:n]
+    head = CubicSpline(t, walk.head_m)(played) + _sway(n, step_s, rng) * (speed[:n] < 2 * _SPEED_M_S[0])[:, None]
+    return GaplessWalk(
+        walk.times_s[0] + new_s[:n],
+        head,
+        np.interp(played, t, walk.pelvis_yaw_rad),
+        np.interp(played, t, walk.head_yaw_rad),
+    )
+
+
+def _profile(kind: str, t: FloatArray, own_s: float, rng: np.random.Generator) -> FloatArray:
+    speed = rng.uniform(*_SPEED_M_S)
+    wave = np.sin(2 * np.pi * (t / rng.uniform(2.0, 6.0) + rng.random()))
+    steady = np.asarray(speed * np.exp(rng.uniform(0.0, 0.1) * wave))
+    if kind == "steady":
+        return steady
+    if kind == "stand":
+        return np.zeros(t.size)
+    at_s = rng.uniform(*_STANDS_S) if kind == "start" else rng.uniform(0.6, 2.5)
+    moved = smooth_step((t - at_s) / rng.uniform(*_RAMP_S))
+    return steady * (moved if kind == "start" else 1.0 - moved)
+
+
+def _sway(n: int, step_s: float, rng: np.random.Generator) -> FloatArray:
+    sd_m, time_s = rng.uniform(*_SWAY_M), rng.uniform(*_SWAY_TIME_S)
+    sway = gaussian_filter1d(rng.standard_normal((n + 200, 3)), time_s / step_s / 2, axis=0)[100 : 100 + n]
+    sway *= sd_m / max(float(sway.std()), 1e-9)
+    sway[:, 2] *= 0.2
+    return np.asarray(sway)
+
+
+# Over this time two stretches of gait are matched, and faded into each other.
+_JOIN_S = 0.3
+
+
+def prolong(walk: GaplessWalk, duration_s: float) -> GaplessWalk:
+    """A straight walk that goes on: its gait is repeated along its path, joined where it fits best.
+
+    Args:
+        walk: A straight walk.
+        duration_s: How long it is to be.
+
+    Returns:
+        The walk, of that length, or as it was if that is longer.
+    """
+    t = walk.times_s - walk.times_s[0]
+    step_s = float(np.median(np.diff(t)))
+    n, join = t.size, max(2, round(_JOIN_S / step_s))
+    wanted = round(duration_s / step_s) + 1
+    if wanted <= n or n < 4 * join:
+        return walk
+    fifth = max(1, n // 5)
+    slope = np.polyfit(t[fifth:-fifth], walk.head_m[fifth:-fifth], 1)[0]
+    # Gait: what a quadratic in time leaves over.
+    basis = np.stack([np.ones(n), t, t**2], axis=1)
+    rest = np.column_stack([walk.head_m, walk.pelvis_yaw_rad, walk.head_yaw_rad])
+    gait = rest - basis @ np.linalg.lstsq(basis, rest, rcond=None)[0]
+    scale = gait.std(axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    long = gait.copy()
+    while long.shape[0] < wanted:
+        end = long[-join:] / scale
+        starts = range(0, n // 2)
+        best = min(starts, key=lambda k: float(np.sum((gait[k : k + join] / scale - end) ** 2)))
+        fade = np.linspace(0.0, 1.0, join)[:, None]
+        joined = (1.0 - fade) * long[-join:] + fade * gait[best : best + join]
+        long = np.concatenate([long[:-join], joined, gait[best + join :]])
+    long = long[:wanted]
+    new_s = step_s * np.arange(wanted)
+    trend = np.column_stack([walk.head_m.mean(axis=0) + (new_s[:, None] - t.mean()) * slope * [1.0, 1.0, 0.0]])
+    return GaplessWalk(
+        walk.times_s[0] + new_s,
+        trend + long[:, :3],
+        walk.pelvis_yaw_rad.mean() + long[:, 3],
+        walk.head_yaw_rad.mean() + long[:, 4],
+    )
+
+
+def sway(walk: GaplessWalk, factor: float) -> GaplessWalk:
+    """The walk with more or less gait: what departs from the path of a stride is multiplied, in the horizontal plane."""
+    step_s = float(np.median(np.diff(walk.times_s)))
+    path = gaussian_filter1d(walk.head_m[:, :2], _STRIDE_SD_S / step_s, axis=0, mode="nearest")
+    head = walk.head_m.copy()
+    head[:, :2] = path + factor * (walk.head_m[:, :2] - path)
+    return GaplessWalk(walk.times_s, head, walk.pelvis_yaw_rad, walk.head_yaw_rad)
