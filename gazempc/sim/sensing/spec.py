@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gazempc.sim.sensing.tables import AcrossError, AlongError, Bouts, Jumps, Timing, FieldOfView, YawError
+from gazempc.sim.sensing.tables import AcrossError, AlongError, Bouts, FieldOfView, Jumps, Timing, YawError
 
 
 class SensorSpec(BaseModel):
