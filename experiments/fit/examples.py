@@ -3,42 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from experiments.fit.variants import GaplessWalk, bend, vary, walk_of
+from experiments.fit.pace import KINDS, at_pace, flatten, prolong, sway
+from experiments.fit.trackers import beside, draw_tracker, seen_through
+from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
+from gazempc.sim.sensing.tables import YawError
+from gazempc.sim.sensor import SensorSpec, load_sensor
 from predictors import HeadObservation
 from predictors.walker.features import N_INPUTS
 from predictors.walker.network import KNOTS_S, N_DOUBT, WalkerModel
 from predictors.walker.predictor import Walker
 
-# Sensors from perfect to twice as noisy as the reference; yaw noise goes with it, 2 deg for 10 mm.
-_NOISES_M = (0.0, 0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.015, 0.02)
-_YAW_NOISE_RAD_PER_M = np.radians(200.0)
-_YAW_NOISE_FACTORS = (0.5, 1.0, 1.0, 1.0, 1.5)
-# How far forecasts err is measured without noise and with that of the reference sensor.
-_SCORED_NOISES_M = (0.0, 0.01)
-# Errors in real turns are larger than in bent walks, and real turns are rare in recordings.
-_SCORED_BENT_WEIGHT, _SCORED_TURNING_WEIGHT = 0.5, 3.0
-_HIDDEN: tuple[dict[str, Any], ...] = (
-    {"head_quat_wxyz": None},
-    {"pelvis_quat_wxyz": None},
-    {"head_quat_wxyz": None, "pelvis_quat_wxyz": None},
-)
+# Of five variants three are of the walk as it was recorded, two at other paces and gaits: with fewer of the first,
+# forecasts of recorded walks lose a tenth; with fewer of the others, those of other people do.
+_PLAIN = (True, True, True, False, False)
+_PACES = dict(zip(KINDS, (0.2, 0.4, 0.15, 0.15, 0.1), strict=True))
+_LONG_S = 8.0
+# Gait of others differs in size, and many trackers do not see the height.
+_SWAY_SHARE, _SWAY_FACTOR, _FLAT_SHARE = 0.5, (0.6, 2.0), 0.5
+_BENT_SHARE = 0.6
+# Bent walks outnumber the others: with less weight, turns of people left out are forecast worse, and straight walks no
+# better. Turns that were recorded are of few people; with more weight, straight walks of others get worse.
+_BENT_WEIGHT, _TURNING_WEIGHT, _STANDING_WEIGHT = 2.0, 0.5, 0.5
+# A fast tracker's frames say the same several times.
+_USUAL_HZ = 30.0
+_FEWEST_FRAMES = 20
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
 _BLANK = WalkerModel(
     (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
     (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
     np.zeros((N_DOUBT, KNOTS_S.size, 3)),
 )
-# Bent walks outnumber the others: with less weight, turns of people left out are forecast worse, and straight walks no
-# better. Turns that were recorded are of few people; with more weight, straight walks of others get worse.
-_BENT_WEIGHT, _TURNING_WEIGHT = 2.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -71,55 +72,8 @@ def join(parts: list[Examples]) -> Examples:
 def _joined(parts: list[Examples], name: str) -> Examples:
     known = [p for p in parts if p.weight.size]
     if not known:
-        raise GazempcError(f"{name}: nobody walks in it (0.2 to 3 m/s), so nothing can be fitted on it: leave it out")
+        raise GazempcError(f"{name}: nobody is seen in it at less than 3 m/s, so nothing can be fitted on it: leave it out")
     return join(known)
-
-
-def as_seen(
-    walk: GaplessWalk, noise_m: float, yaw_noise_rad: float, rng: np.random.Generator, faults: bool
-) -> list[HeadObservation]:
-    """Observations of a walk.
-
-    Args:
-        walk: The walk.
-        noise_m: Standard deviation of the positions on each axis.
-        yaw_noise_rad: Standard deviation of the yaws.
-        rng: Where chance comes from.
-        faults: Whether frames, a stretch of them or orientations may be missing.
-
-    Returns:
-        The observations.
-    """
-    n = walk.times_s.size
-    positions = walk.head_m + noise_m * rng.standard_normal((n, 3))
-    halves = 0.5 * np.stack([walk.head_yaw_rad, walk.pelvis_yaw_rad])
-    halves = halves + 0.5 * yaw_noise_rad * rng.standard_normal((2, n))
-    quats = np.zeros((2, n, 4))
-    quats[..., 0], quats[..., 3] = np.cos(halves), np.sin(halves)
-    kept = np.ones(n, dtype=bool)
-    oriented = np.ones((2, n), dtype=bool)
-    if faults:
-        fault = rng.random()
-        if fault < 0.1:
-            kept = rng.random(n) > rng.uniform(0.05, 0.5)
-        elif fault < 0.2:
-            begin_s = rng.uniform(walk.times_s[0] + 0.3, walk.times_s[-1])
-            kept = (walk.times_s < begin_s) | (walk.times_s > begin_s + rng.uniform(0.2, 1.0))
-        fault = rng.random()
-        if fault < 0.05:
-            oriented[:] = False
-        elif fault < 0.15:
-            oriented[rng.integers(2)] = False
-    return [
-        HeadObservation(
-            float(walk.times_s[k]),
-            positions[k],
-            quats[0, k] if oriented[0, k] else None,
-            quats[1, k] if oriented[1, k] else None,
-        )
-        for k in range(n)
-        if kept[k]
-    ]
 
 
 def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], weight: float) -> Examples:
@@ -128,7 +82,7 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
     Args:
         walk: The true walk.
         observations: What is seen of it.
-        weight: Weight of each example; frames at which nobody walks count less.
+        weight: Weight of each example; frames at which somebody runs count less.
 
     Returns:
         The examples.
@@ -156,13 +110,12 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
 
 
 def fitting_examples(path: str, seed: int, variants: int) -> Examples:
-    """Examples of a recording and its variants.
+    """Examples of a recording and its variants, each seen through a tracker drawn at random.
 
     Args:
         path: Name or path of the recording.
         seed: Seed of all that is random, with the recording's name.
-        variants: How many variants to make: two in five unbent, three in five bent; of a walk that turns by itself, the
-            unbent ones only.
+        variants: How many variants to make.
 
     Returns:
         The examples.
@@ -174,48 +127,63 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
     straight = is_straight(walk)
     parts = []
     for k in range(variants):
-        bent = k % 5 >= 2
-        if bent and not straight:
+        varied, bent, kind = _variant(walk, straight, _PLAIN[k % len(_PLAIN)], rng)
+        if varied.times_s.size < _FEWEST_FRAMES:
             continue
-        varied = vary(walk, rng, bent)
-        noise_m = float(rng.choice(_NOISES_M))
-        yaw_noise_rad = noise_m * _YAW_NOISE_RAD_PER_M * float(rng.choice(_YAW_NOISE_FACTORS))
-        seen = as_seen(varied, noise_m, yaw_noise_rad, rng, faults=True)
-        if seen:
-            weight = _BENT_WEIGHT if bent else 1.0 if straight else _TURNING_WEIGHT
-            parts.append(examples_of_walk(varied, seen, weight))
+        tracker, sensor = draw_tracker(rng, "plain" if _PLAIN[k % len(_PLAIN)] else "other")
+        if tracker == "street":
+            varied = flatten(varied)
+        varied = beside(varied, rng)
+        weight = _BENT_WEIGHT if bent else 1.0 if straight else _TURNING_WEIGHT
+        weight *= (_STANDING_WEIGHT if kind == "stand" else 1.0) * min(1.0, _USUAL_HZ / sensor.rate_hz)
+        parts.append(examples_of_walk(varied, seen_through(varied, tracker, sensor, rng), weight))
     return _joined(parts, name)
 
 
-def scoring_examples(path: str, seed: int, bent: bool) -> Examples | None:
-    """Examples of a recording as it is, or bent, to measure how far somebody's forecasts err.
+def _variant(
+    walk: GaplessWalk, straight: bool, plain: bool, rng: np.random.Generator
+) -> tuple[GaplessWalk, bool, str]:
+    """A variant, whether it is bent, and its pace."""
+    kind = "own" if plain else str(rng.choice(list(_PACES), p=list(_PACES.values())))
+    bent = bool(straight and kind != "stand" and rng.random() < _BENT_SHARE)
+    if kind != "own":
+        walk = at_pace(prolong(walk, _LONG_S) if straight else walk, kind, rng)
+    if not plain:
+        if rng.random() < _SWAY_SHARE:
+            walk = sway(walk, rng.uniform(*_SWAY_FACTOR))
+        if rng.random() < _FLAT_SHARE:
+            walk = flatten(walk)
+    if walk.times_s.size < _FEWEST_FRAMES:
+        return walk, bent, kind
+    return vary(walk, rng, bent, kind == "own"), bent, kind
+
+
+def scoring_sensors() -> tuple[SensorSpec, ...]:
+    """Trackers through which people left out are seen, to measure how far forecasts of them err."""
+    reference = load_sensor("reference")
+    hidden = YawError(reported=False)
+    blind = reference.model_copy(update={"name": "positions", "head_yaw": hidden, "pelvis_yaw": hidden})
+    return (load_sensor("perfect"), reference, blind, load_sensor("body_tracker"), load_sensor("face_camera"))
+
+
+def scoring_examples(path: str, seed: int) -> Examples:
+    """Examples of a recording as it is, through each of `scoring_sensors`.
 
     Args:
         path: Name or path of the recording.
-        seed: Seed of noise and bends.
-        bent: Whether to bend it.
+        seed: Seed of the trackers' errors.
 
     Returns:
-        The examples, without noise and with that of the reference sensor; None for a walk that turns by itself, which
-        is not bent.
+        The examples.
 
     Raises:
         GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
     """
     name, walk, rng = _walk_and_chance(path, seed)
-    straight = is_straight(walk)
-    if bent and not straight:
-        return None
-    walk = bend(walk, rng) if bent else walk
-    weight = _SCORED_BENT_WEIGHT if bent else 1.0 if straight else _SCORED_TURNING_WEIGHT
     parts = []
-    for noise_m in _SCORED_NOISES_M:
-        seen = as_seen(walk, noise_m, noise_m * _YAW_NOISE_RAD_PER_M, rng, faults=False)
-        parts.append(examples_of_walk(walk, seen, weight))
-        if bent:
-            # How much less is known without orientations is learned here, so that plain recordings stay plain.
-            hidden = _HIDDEN[rng.integers(len(_HIDDEN))]
-            parts.append(examples_of_walk(walk, [replace(o, **hidden) for o in seen], weight))
+    for sensor in scoring_sensors():
+        placed = beside(walk, rng)
+        parts.append(examples_of_walk(placed, seen_through(placed, sensor.name, sensor, rng), 1.0))
     return _joined(parts, name)
 
 

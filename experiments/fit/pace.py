@@ -135,3 +135,10 @@ def sway(walk: GaplessWalk, factor: float) -> GaplessWalk:
     head = walk.head_m.copy()
     head[:, :2] = path + factor * (walk.head_m[:, :2] - path)
     return GaplessWalk(walk.times_s, head, walk.pelvis_yaw_rad, walk.head_yaw_rad)
+
+
+def flatten(walk: GaplessWalk) -> GaplessWalk:
+    """The walk as a tracker has it that sees no heights."""
+    head = walk.head_m.copy()
+    head[:, 2] = head[:, 2].mean()
+    return GaplessWalk(walk.times_s, head, walk.pelvis_yaw_rad, walk.head_yaw_rad)

@@ -71,18 +71,19 @@ def walk_of(recording: Recording) -> GaplessWalk:
     return GaplessWalk(times_s, truth.head_position_m[rows], pelvis, head)
 
 
-def vary(walk: GaplessWalk, rng: np.random.Generator, bend_it: bool) -> GaplessWalk:
+def vary(walk: GaplessWalk, rng: np.random.Generator, bend_it: bool, own_pace: bool = True) -> GaplessWalk:
     """A random variant.
 
     Args:
         walk: The recorded walk.
         rng: Where chance comes from.
         bend_it: Whether to bend it along turns.
+        own_pace: Whether its pace may be changed.
 
     Returns:
         The variant.
     """
-    if rng.random() < 0.35:
+    if own_pace and rng.random() < 0.35:
         walk = change_pace(walk, rng)
     if bend_it:
         walk = bend(walk, rng)

@@ -1,0 +1,163 @@
+"""Trackers through which walks are seen when the predictor is fitted: drawn at random, as wrong as real ones are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from experiments.fit.variants import GaplessWalk
+from gazempc.recordings.recording import Labels, Recording, Track
+from gazempc.sim.sensor import SensorSpec, observe
+from gazempc.types import FloatArray
+from predictors import HeadObservation
+
+# White errors from none to twice that of the reference sensor; yaw noise goes with it, 2 deg for 10 mm.
+_WHITE_M = (0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.015, 0.02)
+_YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
+# Share of trackers that see walks as they were recorded by kind of error, and of those that see other walks.
+KINDS = ("white", "wander", "camera", "jumps", "street")
+_SHARES = {"plain": (0.45, 0.28, 0.22, 0.05, 0.0), "other": (0.35, 0.15, 0.10, 0.0, 0.40)}
+# Both orientations, none, the head's, the pelvis's.
+_ORIENTATIONS, _ORIENTATION_SHARES = ((True, True), (False, False), (True, False), (False, True)), (0.6, 0.24, 0.08, 0.08)
+_HEIGHT_M = 1.2
+_NEAREST_M, _FARTHEST_M = 1.2, 5.0
+# Trackers above this rate, and frames that come late by parts of a period, are cut from a finer walk.
+_FINE_HZ = 120.0
+_USUAL_HZ = 30.0
+
+
+def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]:
+    """A tracker at random.
+
+    Args:
+        rng: Where chance comes from.
+        walks: ``plain`` for walks as they were recorded, ``other`` for all else.
+
+    Returns:
+        Its kind, one of `KINDS`, and the tracker.
+    """
+    kind = str(rng.choice(KINDS, p=_SHARES[walks]))
+    fields: dict[str, Any] = {"rate_hz": _USUAL_HZ}
+    head, pelvis = _ORIENTATIONS[rng.choice(4, p=_ORIENTATION_SHARES)]
+    yaws: list[dict[str, Any]] = [{}, {}]
+    if kind in {"white", "jumps"}:
+        fields["position_noise_m"] = white_m = float(rng.choice(_WHITE_M))
+        fields["yaw_noise_deg"] = white_m * _YAW_DEG_PER_M * float(rng.choice(_YAW_FACTORS))
+    if kind == "jumps" or (kind in {"wander", "street"} and rng.random() < 0.3):
+        fields["jumps"] = {
+            "mean_interval_s": rng.uniform(1.0, 5.0),
+            "duration_min_s": 0.1,
+            "duration_max_s": 0.5,
+            "size_min_m": 0.02,
+            "size_max_m": rng.uniform(0.04, 0.2),
+            "level": kind == "street",
+        }
+    if kind == "wander":
+        fields["position_noise_m"] = rng.uniform(0.002, 0.012)
+        fields["position_wander_m"] = rng.uniform(0.008, 0.035)
+        fields["position_wander_time_s"] = _log_uniform(rng, 0.2, 1.0)
+        fields["yaw_noise_deg"] = rng.uniform(1.0, 3.0)
+        fields["states_covariance"] = bool(rng.random() < 0.2)
+        yaws = [{"wander_deg": rng.uniform(2.0, most), "wander_time_s": rng.uniform(0.4, 1.5)} for most in (11.0, 8.0)]
+    if kind == "camera":
+        fields["along"] = {
+            "noise_share": rng.uniform(0.01, 0.05),
+            "wander_share": rng.uniform(0.0, 0.06),
+            "wander_time_s": rng.uniform(0.5, 3.0),
+        }
+        fields["across"] = {"noise_deg": rng.uniform(0.04, 0.3)}
+        fields["yaw_noise_deg"] = rng.uniform(2.0, 6.0)
+        fields["states_covariance"] = bool(rng.random() < 0.8)
+        head, pelvis = bool(rng.random() < 0.7), False
+    if kind == "street":
+        head = pelvis = False
+        fields["rate_hz"] = float(rng.choice((16.0, 25.0, 30.0, 50.0)))
+    else:
+        fields["rate_hz"] = _draw_rate_hz(rng)
+    fields["head_yaw"], fields["pelvis_yaw"] = ({"reported": r, **y} for r, y in zip((head, pelvis), yaws, strict=True))
+    return kind, SensorSpec(name=kind, source="drawn at random", latency_s=0.0, **fields, **_faults(rng, fields))
+
+
+def street_error_m(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """White error and wander of a tracker that sees no heights, shape (N, 3), metres."""
+    from gazempc.sim.sensing.processes import wander  # noqa: PLC0415
+
+    slow = rng.uniform(0.005, 0.04) * wander(times_s, _log_uniform(rng, 0.08, 0.5), 3, rng)
+    error = slow + rng.uniform(0.0005, 0.005) * rng.standard_normal((times_s.size, 3))
+    error[:, 2] = 0.0
+    return np.asarray(error)
+
+
+def beside(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
+    """The walk in the frame of a robot somewhere beside it, 1.2 m high."""
+    away_rad, away_m = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(_NEAREST_M, _FARTHEST_M)
+    direction = np.array([np.cos(away_rad), np.sin(away_rad)])
+    # Beyond the walk's own end in that direction, so that nobody walks through the robot.
+    at = walk.head_m[:, :2].mean(axis=0)
+    at = at + direction * (away_m + float(np.max((walk.head_m[:, :2] - at) @ direction)))
+    return replace(walk, head_m=walk.head_m - [*at, _HEIGHT_M])
+
+
+def seen_through(walk: GaplessWalk, kind: str, sensor: SensorSpec, rng: np.random.Generator) -> list[HeadObservation]:
+    """What a tracker sees of a walk.
+
+    Args:
+        walk: The walk, in the tracker's frame.
+        kind: Kind of the tracker.
+        sensor: The tracker.
+        rng: Where its errors come from.
+
+    Returns:
+        The observations, in order of capture.
+    """
+    if sensor.rate_hz > _USUAL_HZ or sensor.timing.frame_jitter_s > 0 or not _on_usual_grid(sensor.rate_hz):
+        walk = _finer(walk)
+    positions = walk.head_m + street_error_m(walk.times_s, rng) if kind == "street" else walk.head_m
+    head, pelvis = (_quats(yaw) for yaw in (walk.head_yaw_rad, walk.pelvis_yaw_rad))
+    n = walk.times_s.size
+    track = Track(positions, head, np.full((n, 3), np.nan), pelvis, np.ones(n, dtype=np.bool_))
+    recording = Recording("walk", "fit", "motion capture", walk.times_s, track, None, True, Labels("walk"))
+    return [s.observation for s in observe(recording, sensor, int(rng.integers(2**31)))]
+
+
+def _finer(walk: GaplessWalk) -> GaplessWalk:
+    t = np.arange(walk.times_s[0], walk.times_s[-1] + 1e-9, 1.0 / _FINE_HZ)
+    yaws = (np.interp(t, walk.times_s, yaw) for yaw in (walk.pelvis_yaw_rad, walk.head_yaw_rad))
+    return GaplessWalk(t, CubicSpline(walk.times_s, walk.head_m)(t), *yaws)
+
+
+def _on_usual_grid(rate_hz: float) -> bool:
+    return abs(_USUAL_HZ / rate_hz - round(_USUAL_HZ / rate_hz)) < 1e-9  # noqa: PLR2004
+
+
+def _draw_rate_hz(rng: np.random.Generator) -> float:
+    chance = rng.random()
+    if chance < 0.1:
+        return float(rng.choice((5.0, 7.5, 10.0, 15.0)))
+    return float(rng.choice((50.0, 60.0))) if chance < 0.2 else _USUAL_HZ
+
+
+def _faults(rng: np.random.Generator, fields: dict[str, Any]) -> dict[str, Any]:
+    faults: dict[str, Any] = {}
+    if rng.random() < 0.1:
+        faults["dropout_probability"] = rng.uniform(0.05, 0.5)
+    if rng.random() < 0.1:
+        longest = rng.uniform(0.2, 1.0)
+        faults["loss"] = {"mean_interval_s": 2.0, "duration_min_s": 0.2, "duration_max_s": longest}
+    if "jumps" not in fields and rng.random() < 0.06:
+        faults["jumps"] = {"mean_interval_s": rng.uniform(0.3, 2.0), "size_min_m": 0.1, "size_max_m": 0.5}
+    if rng.random() < 0.1:
+        faults["timing"] = {"frame_jitter_s": rng.uniform(0.1, 0.5) / fields["rate_hz"]}
+    return faults
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _quats(yaw_rad: FloatArray) -> FloatArray:
+    zero = np.zeros(yaw_rad.size)
+    return np.stack([np.cos(yaw_rad / 2), zero, zero, np.sin(yaw_rad / 2)], axis=1)
