@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from gazempc.results.metrics import Metrics, measure
     from gazempc.sim.sensor import SensorSpec, load_sensor
     from gazempc.types import JointState
-    from predictors import ConstantVelocity, Forecast, HeadObservation, Walker
+    from predictors import ConstantVelocity, Forecast, HeadObservation, Walker, bearing_covariance
 
 _PLACES = {
     "ConstantVelocity": "predictors",
@@ -50,6 +50,7 @@ _PLACES = {
     "SensorSpec": "gazempc.sim.sensor",
     "Situation": "gazempc.controllers.controller",
     "Walker": "predictors",
+    "bearing_covariance": "predictors",
     "load_log": "gazempc.results.log",
     "load_neck": "gazempc.neck.spec",
     "load_recording": "gazempc.recordings.load",
@@ -78,6 +79,7 @@ __all__ = [
     "SensorSpec",
     "Situation",
     "Walker",
+    "bearing_covariance",
     "load_log",
     "load_neck",
     "load_recording",
