@@ -195,7 +195,8 @@ def _file_name(name: str, taken: dict[str, Replayed]) -> str:
 
 def _heading(settings: RunSettings, scene: Scene) -> str:
     walk = scene.walk
-    parts = (walk.kind, f"{walk.times_s[-1]:.1f} s", walk.labels.description)
+    known = "positions only" if walk.truth.positions_only else ""
+    parts = (walk.kind, f"{walk.times_s[-1]:.1f} s", known, walk.labels.description)
     stands = (
         f"{settings.distance_m} m beside the walk"
         if scene.placement == "side"

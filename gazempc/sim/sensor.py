@@ -8,10 +8,9 @@ from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
-from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError
-from gazempc.recordings.recording import Recording
+from gazempc.recordings.recording import Recording, turned
 from gazempc.specfiles import load_spec, shipped_names
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
@@ -78,7 +77,7 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
             noise; all controllers see the same.
 
     Returns:
-        The sightings in order of capture.
+        The sightings in order of capture; an orientation that the recording does not know is None.
 
     Raises:
         SettingsError: If the sensor is ``recorded`` but the recording has no measured track, or nothing is seen.
@@ -108,10 +107,10 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
     if not seen:
         raise SettingsError(f"sensor {sensor.name!r} never sees the person in {placed.name}: check its range")
     # All frames at once: a rotation alone takes as long.
-    heads = _turned(track.head_quat_wxyz[seen], turn_rad[seen, 0])
-    pelvises = _turned(track.pelvis_quat_wxyz[seen], turn_rad[seen, 1])
+    heads = turned(track.head_quat_wxyz[seen], turn_rad[seen, 0])
+    pelvises = turned(track.pelvis_quat_wxyz[seen], turn_rad[seen, 1])
     observations = [
-        HeadObservation(float(placed.times_s[i]), positions_m[i], head, pelvis)
+        HeadObservation(float(placed.times_s[i]), positions_m[i], _if_known(head), _if_known(pelvis))
         for i, head, pelvis in zip(seen, heads, pelvises, strict=True)
     ]
     return tuple(Sighting(o.capture_time_s + sensor.latency_s, o) for o in observations)
@@ -128,6 +127,5 @@ def _frames_used(times_s: FloatArray, rate_hz: float) -> FloatArray | range:
     return np.unique(after - nearer_before)
 
 
-def _turned(quats_wxyz: FloatArray, yaws_rad: FloatArray) -> FloatArray:
-    turned = Rotation.from_euler("z", yaws_rad[:, None]) * Rotation.from_quat(quats_wxyz, scalar_first=True)
-    return np.asarray(turned.as_quat(scalar_first=True), dtype=np.float64)
+def _if_known(quat_wxyz: FloatArray) -> FloatArray | None:
+    return quat_wxyz if np.isfinite(quat_wxyz).all() else None

@@ -32,6 +32,10 @@ _TIME_UNITS_S = {
     "minutes": 60.0,
 }
 _TYPICAL_HEAD_TO_PELVIS_M = 0.6
+# Averaged over this time, jumps of a tracker do not count as speed.
+_TRAVEL_S = 1.0
+_FASTEST_M_S = 12.5  # the best sprinters' highest speed
+_MOST_CLIMB_M = 1.0  # getting up from a chair, or a few steps of a staircase
 _LENGTH_UNITS_M = {
     "metres": 1.0,
     "millimetres": 1e-3,
@@ -116,7 +120,7 @@ def check_unit_quaternions(source: Path, quat_wxyz: FloatArray, columns: str, pl
 
     Args:
         source: File that was read.
-        quat_wxyz: Shape (N, 4), finite.
+        quat_wxyz: Shape (N, 4), finite; rows of NaN are not known, and pass.
         columns: What people call these columns, such as ``head_q{w,x,y,z}``.
         place: Words for a frame's index.
 
@@ -205,6 +209,42 @@ def check_head_to_pelvis(
         f"the head is {distance_m:.4g} m from the pelvis (median) when read as {unit}{hint}",
         f"positions in {unit}, with {low_m:g} to {high_m:g} m from pelvis to head",
     )
+
+
+def check_head_travel(source: Path, times_s: FloatArray, head_position_m: FloatArray) -> None:
+    """Refuse head positions in a wrong unit or with another axis up, where no pelvis tells.
+
+    Only what no person does is noticed: whoever stands may have any unit.
+
+    Args:
+        source: File that was read.
+        times_s: Shape (N,), seconds, increasing.
+        head_position_m: Shape (N, 3), finite, metres with z up if the file keeps to its format.
+
+    Raises:
+        RecordingError: If the head travels faster than people run, or more along z than across it.
+    """
+    after = np.minimum(np.searchsorted(times_s, times_s + _TRAVEL_S), len(times_s) - 1)
+    moved = after > np.arange(len(times_s))
+    way_m = np.linalg.norm(head_position_m[after] - head_position_m, axis=1)[moved]
+    speed_m_s = float(np.median(way_m / (times_s[after] - times_s)[moved]))
+    if speed_m_s > _FASTEST_M_S:
+        names = [name for name, size_m in _LENGTH_UNITS_M.items() if 0.1 < speed_m_s * size_m < 3.0]
+        hint = f": looks like {' or '.join(names)} where metres belong" if names else ""
+        raise RecordingError(
+            source,
+            "positions",
+            f"the head travels at {speed_m_s:.4g} m/s (median) when read as metres{hint}",
+            f"positions in metres, and a person slower than {_FASTEST_M_S:g} m/s",
+        )
+    x_m, y_m, z_m = np.ptp(head_position_m, axis=0)
+    if z_m > max(_MOST_CLIMB_M, float(np.hypot(x_m, y_m))):
+        raise RecordingError(
+            source,
+            "positions",
+            f"z does not point up: the head moves by {z_m:.2f} m along z, ({x_m:.2f}, {y_m:.2f}) m along x and y",
+            "metres with z up and a person who walks on a floor",
+        )
 
 
 def median_head_to_pelvis_m(head_position_m: FloatArray, pelvis_position_m: FloatArray) -> float:

@@ -165,6 +165,10 @@ def test_a_glance_turns_the_head_and_nothing_else(from_s):
     np.testing.assert_allclose(np.array(turned)[after], 40.0, atol=1e-6)
     np.testing.assert_allclose(np.array(turned)[walk.times_s - walk.times_s[0] <= from_s - 1e-9], 0.0, atol=1e-6)
     assert turn_head(walk, 0.0, from_s) is walk
+    unknown = dataclasses.replace(
+        walk, truth=dataclasses.replace(walk.truth, head_quat_wxyz=np.full((walk.times_s.size, 4), np.nan))
+    )
+    assert np.isnan(turn_head(unknown, 40.0, from_s).truth.head_quat_wxyz).all()
 
 
 def test_cues_ratio_and_example(tmp_path):
