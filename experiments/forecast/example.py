@@ -22,6 +22,7 @@ _WITHIN_68_OF_PLANE = 2.279  # quantile of chi-square with two degrees of freedo
 
 def draw_example(
     recording: Recording,
+    truth: TrueHead,
     predictors: Mapping[str, Predictor],
     sensor: SensorSpec,
     seed: int,
@@ -31,14 +32,14 @@ def draw_example(
     """Draw where each predictor saw the head go, a panel for each, with the stated 68 % ellipse.
 
     Args:
-        recording: The walk.
+        recording: The walk, as the sensor sees it.
+        truth: What the forecasts are compared with.
         predictors: By name; reset first.
         sensor: What they see of it.
         seed: Seed of its noise.
         horizon_s: Horizon of the forecasts drawn.
         path: PNG file to write.
     """
-    truth = TrueHead(recording)
     end_s = float(recording.times_s[-1])
     walked = truth(np.linspace(0.0, end_s, 400))
     plot = Figure(figsize=(3.3 * len(predictors), 4.0), layout="constrained")
@@ -69,7 +70,9 @@ def draw_example(
         ax.set_xlabel("x (m)")
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("y (m)")
-    plot.suptitle(f"{recording.name} ({recording.kind}): forecasts {horizon_s:g} s ahead, seen from above")
+    plot.suptitle(
+        f"{recording.name} ({recording.kind}), sensor {sensor.name}: forecasts {horizon_s:g} s ahead, seen from above"
+    )
     plot.supxlabel(
         "points: forecast; dark lines: to where the head then was; ellipses: stated 68 %",
         fontsize="x-small",

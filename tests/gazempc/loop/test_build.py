@@ -36,7 +36,7 @@ def test_every_shipped_controller_is_made_by_its_name(name):
 @pytest.mark.parametrize("kind", [gz.Reactive, gz.LookAhead, gz.Mpc])
 def test_a_controller_that_was_made_for_another_neck_is_refused(kind):
     slow = gz.load_neck("slow")
-    with pytest.raises(SettingsError, match="made for the neck 'slow'.*steer the neck 'reference'") as raised:
+    with pytest.raises(SettingsError, match=r"made for the neck 'slow'.*steer the neck 'reference'") as raised:
         make_controller(kind(slow), NECK, SETTINGS, {})
     for axis in ("pan", "tilt"):
         assert f"{axis}.velocity_max_rad_s 1.0 instead of 2.5" in str(raised.value)
