@@ -83,7 +83,8 @@ def sentence(repeats: Sequence[Repeats]) -> str:
     predictive = [by_name[name] for name in ("lookahead", "mpc") if name in by_name]
     if "reactive" not in by_name or not predictive:
         best = min(repeats, key=lambda r: r.mean("gaze_error_rms_deg"))
-        return f"The {label(best.first.controller)} gaze is on the person's eyes (within 2.6 deg) {contact(best)} of the time."
+        name = label(best.first.controller)
+        return f"The {name} gaze is on the person's eyes (within 2.6 deg) {contact(best)} of the time."
     reactive = by_name["reactive"]
     claims = []
     for r in predictive:

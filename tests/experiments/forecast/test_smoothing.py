@@ -19,7 +19,7 @@ def recorded(times_s, head_m, valid=None, measured=None):
 
 def test_a_steady_walk_stays_as_it_is_to_its_ends_in_uneven_frames():
     times_s = np.sort(np.random.default_rng(0).uniform(0.0, 3.0, 90))
-    head_m = [*np.outer(times_s, [1.2, -0.3, 0.0]), 1.0, 2.0, 1.6]
+    head_m = np.array([1.0, 2.0, 1.6]) + np.outer(times_s, [1.2, -0.3, 0.0])
     smooth = smooth_truth(recorded(times_s, head_m), OVER_S).truth.head_position_m
     np.testing.assert_allclose(smooth, head_m, atol=1e-12)
 
