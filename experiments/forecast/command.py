@@ -22,7 +22,7 @@ from experiments.engine.recordings import find_recordings, in_place
 from experiments.engine.replays import each_sensor
 from experiments.forecast.errors import RUN_IN_S, Cues
 from experiments.forecast.jobs import ForecastJob, View, clip_result
-from experiments.forecast.report import FAILED, report
+from experiments.forecast.report import FAILED, LEFT_OUT, report
 from experiments.forecast.summary import ClipResult, summarise
 from gazempc.errors import GazempcError
 from gazempc.loop.build import Person, make_predictor, walker_model
@@ -92,12 +92,12 @@ class Forecasts:
     Attributes:
         results: One for each recording, sensor, predictor and cues; see `experiments.forecast.summary.summarise`.
         failed: What could not be done: ``recording``, ``predictor``, ``cues``, ``sensor``, and ``failed``, the reason.
-        left_out: Why the experiment cannot be made with a recording, by recording.
+        left_out: With which recordings the experiment cannot be made: ``recording``, ``sensor``, and ``left_out``.
     """
 
     results: list[ClipResult]
     failed: list[Row]
-    left_out: dict[str, str]
+    left_out: list[Row]
 
 
 def forecast(**settings: Any) -> Forecasts:
@@ -165,11 +165,17 @@ def _forecast(settings: ForecastSettings) -> Forecasts:
         for (name, view, predictor, cues), row in zip(asked, results, strict=True)
     ]
     name_parts(rows, "predictor")
+    # Of all predictors, as the place has nothing to do with them.
+    left_out = {(row["recording"], row["sensor"]): _of(row, LEFT_OUT) for row in rows if row["left_out"]}
     return Forecasts(
         [clip_result(row) for row in rows if not row["failed"] and not row["left_out"]],
-        [{name: row[name] for name in FAILED} for row in rows if row["failed"]],
-        {Path(row["recording"]).stem: row["left_out"] for row in rows if row["left_out"]},
+        [_of(row, FAILED) for row in rows if row["failed"]],
+        list(left_out.values()),
     )
+
+
+def _of(row: Row, names: Sequence[str]) -> Row:
+    return {name: row[name] for name in names}
 
 
 def _views(settings: ForecastSettings) -> list[View]:
@@ -198,17 +204,15 @@ def _draw(settings: ForecastSettings, rows: list[Row], data_kinds: str) -> None:
 def _draw_examples(settings: ForecastSettings, recording: Recording, horizon_s: float) -> None:
     from experiments.forecast.example import draw_example  # noqa: PLC0415  (slow to import)
 
-    views = _views(settings)
-    for view in views:
-        shown_recording, true_head = view.both_of(recording)
-        person = Person(recording.labels.subject, true_head)
+    views = [view.of(recording) for view in _views(settings)]
+    for seen in views:
+        person = Person(recording.labels.subject, seen.true_head)
         shown: dict[str, Predictor] = {}
         for choice in dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors):
             predictor = make_predictor(choice, settings, person, settings.options)
             shown[name_of(PREDICTOR, predictor)] = predictor
-        sensor = view.sensor_for(recording)
-        path = settings.out / figure_name("example", sensor.name, [v.sensor_for(recording).name for v in views])
-        draw_example(shown_recording, true_head, shown, sensor, settings.seed, horizon_s, path)
+        path = settings.out / figure_name("example", seen.sensor.name, [view.sensor.name for view in views])
+        draw_example(seen, shown, settings.seed, horizon_s, path)
 
 
 if __name__ == "__main__":

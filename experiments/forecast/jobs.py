@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from experiments.engine.own_parts import parts_hash
 from experiments.engine.replays import load_once
 from experiments.forecast.errors import Cues, ForecastErrors, forecast_errors
 from experiments.forecast.glance import turn_head
+from experiments.forecast.placing import placed_for
 from experiments.forecast.smoothing import smooth_truth
 from experiments.forecast.summary import ClipResult
 from gazempc.loop.build import Person, make_predictor
@@ -23,6 +24,20 @@ from gazempc.recordings.truth import TrueHead
 from gazempc.settings import PredictorSettings
 from gazempc.sim.sensor import SensorSpec, default_sensor
 from predictors import Walker
+
+
+class Seen(NamedTuple):
+    """A recording as predictors see it.
+
+    Attributes:
+        recording: What the sensor sees, in the frame in which it does.
+        sensor: The sensor.
+        true_head: What forecasts are compared with.
+    """
+
+    recording: Recording
+    sensor: SensorSpec
+    true_head: TrueHead
 
 
 @dataclass(frozen=True)
@@ -51,16 +66,23 @@ class View:
         """The name that the chosen sensor gives itself; None if none is chosen."""
         return None if self.sensor is None else self.sensors[self.sensor].name
 
-    def sensor_for(self, recording: Recording) -> SensorSpec:
-        """The sensor through which a recording is seen."""
-        fits = "recorded" if self.truth_smoothing_s else default_sensor(recording)
-        return self.sensors[self.sensor or fits]
+    def of(self, recording: Recording) -> Seen:
+        """A recording as it is seen.
 
-    def both_of(self, recording: Recording) -> tuple[Recording, TrueHead]:
-        """What the sensor sees of a recording, and what the forecasts are compared with."""
-        looking = turn_head(recording, self.glance_deg, self.glance_from_s)
+        Args:
+            recording: The recording, in its own frame.
+
+        Returns:
+            What is seen, by what, and the truth behind it.
+
+        Raises:
+            PlacementError: If the head comes too near to a robot whose place matters.
+        """
+        fits = "recorded" if self.truth_smoothing_s else default_sensor(recording)
+        sensor = self.sensors[self.sensor or fits]
+        looking = placed_for(turn_head(recording, self.glance_deg, self.glance_from_s), sensor)
         smooth = smooth_truth(looking, self.truth_smoothing_s)
-        return replace(looking, measured=smooth.measured), TrueHead(smooth)
+        return Seen(replace(looking, measured=smooth.measured), sensor, TrueHead(smooth))
 
 
 @dataclass(frozen=True)
@@ -105,15 +127,13 @@ class ForecastJob:
             "sensors": {name: sensor.model_dump(mode="json") for name, sensor in self.view.sensors.items()},
             "own parts": parts_hash("", self.predictor),
         }
-        used = ("errors", "glance", "smoothing")
+        used = ("errors", "glance", "placing", "smoothing")
         return key_of(content, __name__, *(f"experiments.forecast.{name}" for name in used))
 
     def run(self) -> Row:
         """Labels, the predictor's name, whether it was fitted on this person, and arrays of `ForecastErrors`."""
-        # Errors do not depend on where a robot stands, so the recording's own frame serves.
-        recording, true_head = self.view.both_of(load_once(self.recording))
+        recording, sensor, true_head = self.view.of(load_once(self.recording))
         subject = recording.labels.subject
-        sensor = self.view.sensor_for(recording)
         predictor = make_predictor(self.predictor, self.settings, Person(subject, true_head), dict(self.options))
         horizons_s = np.array(self.horizons_s)
         errors = forecast_errors(recording, predictor, sensor, horizons_s, self.view.seed, self.cues, true_head)

@@ -10,6 +10,8 @@ from experiments.clips import sensors_of
 
 # What `summary.json` says of a forecast that failed.
 FAILED = ("recording", "predictor", "cues", "sensor", "failed")
+# And of a recording that was left out.
+LEFT_OUT = ("recording", "sensor", "left_out")
 
 
 def report(summary: Mapping[str, Any]) -> str:
@@ -42,7 +44,7 @@ def report(summary: Mapping[str, Any]) -> str:
         ]
     for sensor in sensors_of(rows):
         lines += ["", f"## Sensor {sensor}", "", *_table([r for r in rows if r["sensor"] == sensor])]
-    left_out = [f"- left out {name}: {reason}" for name, reason in summary["left_out"].items()]
+    left_out = [f"- left out {Path(row['recording']).stem}: {row['left_out']}" for row in summary["left_out"]]
     lines += ["", *left_out] if left_out else []
     lines += ["", *_failures(summary["failed"])] if summary["failed"] else []
     return "\n".join([*lines, ""])
