@@ -44,8 +44,7 @@ def report(summary: Mapping[str, Any]) -> str:
         ]
     for sensor in sensors_of(rows):
         lines += ["", f"## Sensor {sensor}", "", *_table([r for r in rows if r["sensor"] == sensor])]
-    left_out = [f"- left out {Path(row['recording']).stem}: {row['left_out']}" for row in summary["left_out"]]
-    lines += ["", *left_out] if left_out else []
+    lines += ["", *_left_out(summary["left_out"])] if summary["left_out"] else []
     lines += ["", *_failures(summary["failed"])] if summary["failed"] else []
     return "\n".join([*lines, ""])
 
@@ -87,6 +86,15 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         ]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
+
+
+def _left_out(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    # Where no sensor was named, the recording says which one would have seen it.
+    sensors = [f", sensor {row['sensor']}" if row["sensor"] else "" for row in rows]
+    return [
+        f"- left out {Path(row['recording']).stem}{sensor}: {row['left_out']}"
+        for row, sensor in zip(rows, sensors, strict=True)
+    ]
 
 
 def _failures(failed: Sequence[Mapping[str, Any]]) -> list[str]:

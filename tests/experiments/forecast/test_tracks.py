@@ -77,6 +77,22 @@ def test_smoothed_truth_scores_what_the_track_hides(tracks, tmp_path):
     np.testing.assert_allclose(np.abs(off_mm), 20.0, atol=0.5)
 
 
+def test_a_walk_that_comes_too_near_is_left_out_where_the_place_matters(tmp_path, capsys):
+    """A circle of 2 m about its centre: beside it at 2.5 m the head comes within 0.5 m of a camera."""
+    times_s = np.arange(0, 8.0, 0.05)
+    angle_rad = 2.0 * np.pi * times_s / 8.0
+    rows = np.stack([times_s, 2.0 * np.cos(angle_rad), 2.0 * np.sin(angle_rad), 0 * times_s + 1.6], axis=1)
+    np.savetxt(tmp_path / "round.csv", rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
+    words = ["--recordings", str(tmp_path / "round.csv"), "--sensors", "reference", "face_camera", "--jobs", "1"]
+    assert main([*words, "--predictors", "last_position", "--out", str(tmp_path / "out")]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    (left_out,) = summary["left_out"]
+    assert left_out["sensor"] == "face_camera"
+    assert summary["n_left_out"] == 1
+    assert {row["sensor"] for row in summary["rows"]} == {"reference"}
+    assert f"- left out round, sensor face_camera: {left_out['left_out']}" in capsys.readouterr().out
+
+
 def test_two_sensors_of_the_same_name_are_refused(tmp_path, capsys):
     twin = tmp_path / "twin.toml"
     twin.write_text(
