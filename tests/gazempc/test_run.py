@@ -45,9 +45,9 @@ def command(*words):
 
 @pytest.fixture(scope="module")
 def main_job(tmp_path_factory):
-    """The README's main job, without its environment."""
+    """The README's main job, without its environment, and under as many seeds on a busy machine as on another."""
     out = tmp_path_factory.mktemp("main_job")
-    done = command("--replay", "subject03_R4", "--out", str(out))
+    done = command("--replay", "subject03_R4", "--noise-seeds", "3", "--out", str(out))
     assert done.returncode == 0, done.stderr
     return out, done.stdout
 
@@ -86,9 +86,9 @@ def test_the_spread_over_the_noise_is_printed_and_saved(main_job):
     out, text = main_job
     summary = json.loads((out / "summary.json").read_text())
     noise = summary["noise"]
-    assert noise["seeds"] == list(range(len(noise["seeds"])))
-    assert summary["settings"]["noise_seeds"] == len(noise["seeds"])
-    assert f"over {len(noise['seeds'])} seeds" in text
+    assert noise["seeds"] == [0, 1, 2]
+    assert summary["settings"]["noise_seeds"] == 3
+    assert "over 3 seeds" in text
     for row, over_seeds in zip(summary["rows"], noise["rows"], strict=True):
         errors = over_seeds["per_seed"]["gaze_error_rms_deg"]
         assert errors[0] == row["gaze_error_rms_deg"]
