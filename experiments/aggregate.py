@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-GROUP_ORDER = ("straight", "turn", "sharp")
-LABEL_COLUMNS = ("recording", "source", "kind", "subject", "group", "controller", "predictor", "neck", "seed")
+from experiments.clips import clips_of, sensors_of
+
+LABEL_COLUMNS = (
+    "recording",
+    "source",
+    "data_kind",
+    "subject",
+    "group",
+    "kind",
+    "controller",
+    "predictor",
+    "neck",
+    "sensor",
+    "seed",
+)
 _RESAMPLES = 2000
 _SEED = 20210603
 # Figures that differ by no more than this are the same.
@@ -54,7 +67,7 @@ def add_gap_closed(rows: list[dict[str, Any]]) -> None:
     """
 
     def place(row: dict[str, Any]) -> tuple[Any, ...]:
-        return row["source"], row["neck"], row["seed"]
+        return row["source"], row["neck"], row["sensor"], row["seed"]
 
     perfect = {place(r): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == "perfect"}
     reactive = {(*place(r), r["predictor"]): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == "reactive"}
@@ -71,15 +84,8 @@ def add_gap_closed(rows: list[dict[str, Any]]) -> None:
             row["gap_closed"] = (worst - own) / (worst - best)
 
 
-def groups_of(rows: Iterable[dict[str, Any]]) -> list[str]:
-    """Groups in reading order, ``all`` last."""
-    found = {row["group"] for row in rows if row["group"]}
-    known = [group for group in GROUP_ORDER if group in found]
-    return [*known, *sorted(found - set(known)), "all"]
-
-
 def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Means by group x controller x predictor x neck.
+    """Means by sensor x group or kind x controller x predictor x neck.
 
     Args:
         rows: Runs with figures (none left out or failed).
@@ -92,23 +98,18 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         return []
     figures = [name for name in rows[0] if name not in {*LABEL_COLUMNS, "left_out", "failed", "simulated_s", "faults"}]
     table = []
-    combinations = list(dict.fromkeys((r["controller"], r["predictor"], r["neck"]) for r in rows))
-    for group in groups_of(rows):
-        for controller, predictor, neck in combinations:
-            chosen = [
-                r
-                for r in rows
-                if (r["controller"], r["predictor"], r["neck"]) == (controller, predictor, neck)
-                and group in {"all", r["group"]}
-            ]
+    names = ("controller", "predictor", "neck")
+    for sensor, clips in [(s, clips) for s in sensors_of(rows) for clips in clips_of(rows)]:
+        of_clips = [r for r in rows if r["sensor"] == sensor and clips.hold(r)]
+        for combination in dict.fromkeys(tuple(r[name] for name in names) for r in rows):
+            chosen = [r for r in of_clips if tuple(r[name] for name in names) == combination]
             if not chosen:
                 continue
             people = [str(r["subject"]) for r in chosen]
             entry: dict[str, Any] = {
-                "group": group,
-                "controller": controller,
-                "predictor": predictor,
-                "neck": neck,
+                "sensor": sensor,
+                **clips.labels,
+                **dict(zip(names, combination, strict=True)),
                 "n_clips": len({r["source"] for r in chosen}),
                 "n_people": len(set(people)),
             }
@@ -122,7 +123,7 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, second: str) -> list[dict[str, Any]]:
-    """Difference of two controllers on the same recording, predictor and neck.
+    """Difference of two controllers on the same recording, sensor, predictor and neck.
 
     Args:
         rows: Runs with figures.
@@ -131,23 +132,22 @@ def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, 
         second: Controller that is subtracted.
 
     Returns:
-        One row a group, predictor and neck: mean difference, interval, number of clips that have the figure with both,
-        and in how many of these it is less and more.
+        One row a sensor, group or kind, predictor and neck: mean difference, interval, number of clips that have the
+        figure with both, and in how many of these it is less and more.
     """
 
     def same(row: dict[str, Any]) -> tuple[Any, ...]:
-        return row["source"], row["neck"], row["seed"], row["predictor"]
+        return row["source"], row["neck"], row["sensor"], row["seed"], row["predictor"]
 
     others = {same(r): r for r in rows if r["controller"] == second}
     pairs = [(r, others[same(r)]) for r in rows if r["controller"] == first and same(r) in others]
     table = []
-    for group in groups_of(r for r, _ in pairs):
-        for predictor, neck in dict.fromkeys((r["predictor"], r["neck"]) for r, _ in pairs):
-            chosen = [
-                (a, b)
-                for a, b in pairs
-                if (a["predictor"], a["neck"]) == (predictor, neck) and group in {"all", a["group"]}
-            ]
+    names = ("predictor", "neck")
+    found = [r for r, _ in pairs]
+    for sensor, clips in [(s, clips) for s in sensors_of(found) for clips in clips_of(found)]:
+        of_clips = [(a, b) for a, b in pairs if a["sensor"] == sensor and clips.hold(a)]
+        for combination in dict.fromkeys(tuple(r[name] for name in names) for r in found):
+            chosen = [(a, b) for a, b in of_clips if tuple(a[name] for name in names) == combination]
             chosen = [(a, b) for a, b in chosen if a[figure] is not None and b[figure] is not None]
             if not chosen:
                 continue
@@ -155,9 +155,9 @@ def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, 
             mean, low, high = bootstrap_mean(values, [str(a["subject"]) for a, _ in chosen])
             table.append(
                 {
-                    "group": group,
-                    "predictor": predictor,
-                    "neck": neck,
+                    "sensor": sensor,
+                    **clips.labels,
+                    **dict(zip(names, combination, strict=True)),
                     "difference": mean,
                     "ci95": [low, high] if math.isfinite(low) else None,
                     "n_clips": len(values),

@@ -27,16 +27,16 @@ from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.own_parts import check_parts, name_parts, options_of
 from experiments.engine.recordings import find_recordings, in_place
-from experiments.engine.replays import ReplayJob, all_faults, sensors_by_name
+from experiments.engine.replays import ReplayJob, all_faults, each_sensor
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.results.report import versions
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, PredictorChoice, WalkerSettings
 from gazempc.sim.replay import ReplaySettings
-from gazempc.sim.scene import StageSettings
+from gazempc.sim.scene import PlaceSettings
 
 
-class CompareSettings(WorkSettings, StageSettings):
+class CompareSettings(WorkSettings, PlaceSettings):
     """Settings of `python -m experiments.compare`."""
 
     recordings: tuple[str, ...] = Field(
@@ -49,6 +49,10 @@ class CompareSettings(WorkSettings, StageSettings):
     )
     predictors: tuple[PredictorChoice | Literal["default"], ...] = Field(
         default=("default",), min_length=1, description="Forecasts; default is the run command's; module:Class"
+    )
+    sensors: tuple[str, ...] = Field(
+        default=(),
+        description="Shipped sensors or .toml files; without them each recording's own if tracked, else reference",
     )
     necks: tuple[str, ...] = Field(default=("reference",), min_length=1, description="Shipped necks or .toml files")
     walker: WalkerSettings = WalkerSettings()
@@ -127,47 +131,50 @@ def runs_of(settings: CompareSettings) -> list[Compared]:
         settings: What to compare.
 
     Returns:
-        The runs; the perfect forecast is run once for each neck, as it has no predictor.
+        The runs; the perfect forecast is run once for each neck and sensor, as it has no predictor.
 
     Raises:
         GazempcError: If a recording, neck, sensor or part does not exist.
     """
     recordings = find_recordings(settings.recordings)
     necks = {name: load_neck(name) for name in settings.necks}
-    sensors = sensors_by_name(settings.sensor)
+    sensors = each_sensor(settings.sensors)
     predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)
     check_parts(settings.controllers, predictors, settings.options)
     if settings.walker.fitted is not None:
         walker_model(settings.walker.fitted, "")  # before anything runs
-    runs: dict[tuple[str, ...], Compared] = {}
-    for recording, (neck_name, neck), predictor, controller in itertools.product(
-        recordings, necks.items(), predictors, settings.controllers
+    runs: dict[tuple[str | None, ...], Compared] = {}
+    for recording, (sensor, by_name), (neck_name, neck), predictor, controller in itertools.product(
+        recordings, sensors.items(), necks.items(), predictors, settings.controllers
     ):
         shown = "perfect" if controller == "perfect" else predictor
-        chosen = _settings_of(settings, controller, shown)
-        job = ReplayJob(in_place(recording), controller, chosen, neck, neck, sensors)
-        labels = _labels(recording, controller, shown, neck_name, settings.seed)
-        runs.setdefault((recording, neck_name, shown, controller), Compared(labels, job))
+        chosen = _settings_of(settings, controller, shown, sensor)
+        job = ReplayJob(in_place(recording), controller, chosen, neck, neck, by_name)
+        labels = _labels(job, recording, neck_name)
+        runs.setdefault((recording, sensor, neck_name, shown, controller), Compared(labels, job))
     return list(runs.values())
 
 
-def _settings_of(settings: CompareSettings, controller: str, predictor: str) -> ReplaySettings:
-    stage = {name: getattr(settings, name) for name in StageSettings.model_fields}
+def _settings_of(settings: CompareSettings, controller: str, predictor: str, sensor: str | None) -> ReplaySettings:
+    place = {name: getattr(settings, name) for name in PlaceSettings.model_fields}
     options = options_of(controller, predictor, settings.options)
-    return ReplaySettings(predictor=predictor, walker=settings.walker, options=options, **stage)
+    return ReplaySettings(predictor=predictor, walker=settings.walker, options=options, sensor=sensor, **place)
 
 
-def _labels(recording: str, controller: str, predictor: str, neck: str, seed: int) -> dict[str, Any]:
+def _labels(job: ReplayJob, recording: str, neck: str) -> dict[str, Any]:
+    chosen = job.settings.sensor
     return {
         "recording": Path(recording).stem,
         "source": recording,
-        "kind": None,
+        "data_kind": None,
         "subject": None,
         "group": None,
-        "controller": controller,
-        "predictor": predictor,
+        "kind": None,
+        "controller": job.controller,
+        "predictor": job.settings.predictor,
         "neck": neck,
-        "seed": seed,
+        "sensor": None if chosen is None else job.sensors[chosen].name,
+        "seed": job.settings.seed,
     }
 
 
@@ -200,9 +207,8 @@ def write(settings: CompareSettings, rows: list[Row]) -> str:
 
 def _summary(settings: CompareSettings, rows: list[Row], done: list[Row]) -> dict[str, Any]:
     left_out = {row["recording"]: row["left_out"] for row in rows if row["left_out"]}
-    failed = [
-        {k: row[k] for k in ("recording", "controller", "predictor", "neck", "failed")} for row in rows if row["failed"]
-    ]
+    told = ("recording", "controller", "predictor", "neck", "sensor", "failed")
+    failed = [{name: row[name] for name in told} for row in rows if row["failed"]]
     compared = list(COMPARED.items())[: None if settings.start_offset_deg else 1]
     return {
         "rows": summarise(done),

@@ -3,36 +3,50 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.aggregate import groups_of, paired_differences
+from experiments.aggregate import paired_differences
+from experiments.clips import figure_name, groups_of, sensors_of
 from gazempc.results.figures.style import style
 
 Row = dict[str, Any]
 
 
 def draw_all(rows: Sequence[Row], runs: Sequence[Row], out: Path) -> None:
-    """Draw all figures of a comparison.
+    """Draw all figures of a comparison, those of one sensor after the other.
 
     Args:
         rows: Means, as made by `experiments.aggregate.summarise`.
         runs: The runs behind them.
         out: Folder to write PNG files to.
     """
-    kinds = Counter({run["source"]: run["kind"] for run in runs}.values())
-    data = ", ".join(f"{n} recordings, {kind}" for kind, n in sorted(kinds.items()))
-    _bars(rows, data, "gaze_error_rms_deg", "RMS gaze error (deg)", 1.0, out / "gaze_error.png")
-    _bars(rows, data, "eye_contact_2p6", "eye contact within 2.6 deg (% of the time)", 100.0, out / "eye_contact.png")
+    sensors = sensors_of(rows)
+    for sensor in sensors:
+        of_sensor = [row for row in rows if row["sensor"] == sensor and row["kind"] == "all"]
+
+        def path(figure: str, sensor: str = sensor) -> Path:
+            return out / figure_name(figure, sensor, sensors)
+
+        _draw_sensor(of_sensor, [run for run in runs if run["sensor"] == sensor], path)
+
+
+def _draw_sensor(rows: Sequence[Row], runs: Sequence[Row], path: Callable[[str], Path]) -> None:
+    data_kinds = Counter({run["source"]: run["data_kind"] for run in runs}.values())
+    data = ", ".join(f"{n} recordings, {kind}" for kind, n in sorted(data_kinds.items()))
+    data += f"; sensor {rows[0]['sensor']}"
+    _bars(rows, data, "gaze_error_rms_deg", "RMS gaze error (deg)", 1.0, path("gaze_error"))
+    _bars(rows, data, "eye_contact_2p6", "eye contact within 2.6 deg (% of the time)", 100.0, path("eye_contact"))
     if any(row["gap_closed"] is not None for row in rows):
-        _bars(rows, data, "gap_closed", "gap between reactive and perfect closed", 1.0, out / "gap_closed.png")
-    _error_against_acceleration(rows, data, out / "error_against_acceleration.png")
-    if differences := paired_differences(runs, "gaze_error_rms_deg", "mpc", "lookahead"):
-        _paired(runs, data, differences, out / "mpc_minus_lookahead.png")
+        _bars(rows, data, "gap_closed", "gap between reactive and perfect closed", 1.0, path("gap_closed"))
+    _error_against_acceleration(rows, data, path("error_against_acceleration"))
+    differences = paired_differences(runs, "gaze_error_rms_deg", "mpc", "lookahead")
+    if by_group := [d for d in differences if d["kind"] == "all"]:
+        _paired(runs, data, by_group, path("mpc_minus_lookahead"))
 
 
 def _series(rows: Sequence[Row]) -> list[tuple[str, str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
+from experiments.clips import sensors_of
 from experiments.engine.job import Row
 from experiments.engine.replays import fault_lines
 from gazempc.results.report import label
@@ -15,6 +16,8 @@ COMPARED = {
     "stable_contact_s": ("time_to_stable_contact_s", "time to stable contact where both reach it [s]", 3),
     "overshoot_deg": ("overshoot_deg", "overshoot where both reach the person [deg]", 2),
 }
+# Begins the names of the differences in `summary.json`.
+_DIFFERENCES = "mpc_minus_lookahead_"
 
 
 def report(summary: Row, done: list[Row]) -> str:
@@ -27,17 +30,8 @@ def report(summary: Row, done: list[Row]) -> str:
     Returns:
         The text.
     """
-
-    def cell(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
-        if row[name] is None:
-            return "-"
-        text = f"{factor * row[name]:.{digits}f}"
-        if interval := row[f"{name}_ci95"]:
-            text += f" [{factor * interval[0]:.{digits}f}, {factor * interval[1]:.{digits}f}]"
-        return text
-
     chosen = summary["settings"]
-    counted = Counter({r["source"]: r["kind"] for r in done}.values())
+    counted = Counter({r["source"]: r["data_kind"] for r in done}.values())
     kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
     n_seen = len(summary["people_seen_in_fitting"])
     seen = [
@@ -50,34 +44,25 @@ def report(summary: Row, done: list[Row]) -> str:
         "# Comparison of gazes",
         "",
         f"{_count(len({r['source'] for r in done}), 'recording')} ({kinds or 'none'}) of "
-        f"{_count(len({r['subject'] for r in done}), 'person', 'people')}; sensor "
-        f"{chosen['sensor'] or 'that fits each recording'}, placement "
+        f"{_count(len({r['subject'] for r in done}), 'person', 'people')}; placement "
         f"{chosen['placement'] or 'that fits each recording'}, seed {chosen['seed']}. Means over clips; in brackets "
         "95 % bootstrap intervals over people (none where one person walks).",
         f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed.",
         *seen,
-        "",
-        "| group | clips | people | neck | gaze | filter and forecast | gaze error RMS [deg] | eye contact 2.6 deg [%] "
-        "| gap closed | RMS acceleration [rad/s^2] |",
-        "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    lines += [
-        f"| {r['group']} | {r['n_clips']} | {r['n_people']} | {r['neck']} | {label(r['controller'])} "
-        f"| {r['predictor']} | {cell(r, 'gaze_error_rms_deg', 2)} | {cell(r, 'eye_contact_2p6', 1, 100.0)} "
-        f"| {cell(r, 'gap_closed', 3)} | {cell(r, 'rms_acceleration_rad_s2', 2)} |"
-        for r in summary["rows"]
-    ]
-    for name, (_, what, digits) in COMPARED.items():
-        if not (differences := summary.get(f"mpc_minus_lookahead_{name}")):
-            continue
-        lines += ["", f"MPC minus look-ahead on the same clips, {what}; below 0 the MPC is better:", ""]
-        for d in differences:
-            interval = f" [{d['ci95'][0]:+.{digits}f}, {d['ci95'][1]:+.{digits}f}]" if d["ci95"] else ""
-            lines.append(
-                f"- {d['group']}, {d['predictor']}, neck {d['neck']}: {d['difference']:+.{digits}f}{interval} "
-                f"({d['n_clips']} clips: less in {d['n_less']}, more in {d['n_more']})"
-            )
-    lines += [f"- left out {name}: {reason}" for name, reason in summary["left_out"].items()]
+    for sensor in sensors_of(summary["rows"]):
+        of_sensor = {
+            name: [row for row in rows if row["sensor"] == sensor]
+            for name, rows in summary.items()
+            if name == "rows" or name.startswith(_DIFFERENCES)
+        }
+        lines += ["", f"## Sensor {sensor}", "", *_table(of_sensor["rows"])]
+        for name, (_, what, digits) in COMPARED.items():
+            if differences := of_sensor.get(_DIFFERENCES + name):
+                lines += ["", f"MPC minus look-ahead on the same clips, {what}; below 0 the MPC is better:", ""]
+                lines += [_difference(d, digits) for d in differences]
+    left_out = [f"- left out {name}: {reason}" for name, reason in summary["left_out"].items()]
+    lines += ["", *left_out] if left_out else []
     reasons = dict.fromkeys((f["recording"], f["failed"]) for f in summary["failed"])
     lines += ["", *[f"- failed {name}: {reason}" for name, reason in reasons]] if reasons else []
     survived = fault_lines(summary["faults"])
@@ -85,6 +70,43 @@ def report(summary: Row, done: list[Row]) -> str:
     violations = sum(r["limit_violations"] or 0 for r in done)
     lines += ["", f"Limit violations in all runs: {violations}.", ""]
     return "\n".join(lines)
+
+
+def _table(rows: list[Row]) -> list[str]:
+    # Most recordings do not say of what kind they are.
+    has_kinds = any(r["kind"] != "all" for r in rows)
+    columns = [
+        *("group", *(["kind"] if has_kinds else []), "clips", "people", "neck", "gaze", "filter and forecast"),
+        *("gaze error RMS [deg]", "eye contact 2.6 deg [%]", "gap closed", "RMS acceleration [rad/s^2]"),
+    ]
+    lines = [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
+    for r in rows:
+        cells = [
+            *(r["group"], *([r["kind"]] if has_kinds else []), str(r["n_clips"]), str(r["n_people"]), r["neck"]),
+            *(label(r["controller"]), r["predictor"]),
+            *(_cell(r, "gaze_error_rms_deg", 2), _cell(r, "eye_contact_2p6", 1, 100.0)),
+            *(_cell(r, "gap_closed", 3), _cell(r, "rms_acceleration_rad_s2", 2)),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def _cell(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
+    if row[name] is None:
+        return "-"
+    text = f"{factor * row[name]:.{digits}f}"
+    if interval := row[f"{name}_ci95"]:
+        text += f" [{factor * interval[0]:.{digits}f}, {factor * interval[1]:.{digits}f}]"
+    return text
+
+
+def _difference(d: Row, digits: int) -> str:
+    interval = f" [{d['ci95'][0]:+.{digits}f}, {d['ci95'][1]:+.{digits}f}]" if d["ci95"] else ""
+    clips = d["group"] if d["kind"] == "all" else d["kind"]
+    return (
+        f"- {clips}, {d['predictor']}, neck {d['neck']}: {d['difference']:+.{digits}f}{interval} "
+        f"({d['n_clips']} clips: less in {d['n_less']}, more in {d['n_more']})"
+    )
 
 
 def _count(n: int, one: str, many: str | None = None) -> str:

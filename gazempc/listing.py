@@ -19,7 +19,7 @@ def listing() -> str:
         f"  {names[0]} ... {names[-1]}",
         "  R1, R2 straight; R3, R4 turn left, right; R5, R6 turn sharply left, right",
         "Recordings of your own, by path:",
-        "  .csv, .parquet  columns t, head_{x,y,z}, head_q{w,x,y,z}, pelvis_{x,y,z}, pelvis_q{w,x,y,z}",
+        "  .csv, .parquet  columns t, head_{x,y,z}; optional head_q{w,x,y,z}, pelvis_{x,y,z}, pelvis_q{w,x,y,z}",
         "  .json           Azure Kinect Body Tracking, offline_processor",
         "  .bvh            motion capture with head and hips joints",
         "Necks (or a .toml file):",

@@ -22,7 +22,6 @@ from gazempc.specfiles import explain
 
 if TYPE_CHECKING:
     from gazempc.results.log import Log
-    from gazempc.sim.replay import Replayed
     from gazempc.sim.scene import Scene
 
 
@@ -38,6 +37,13 @@ class RunSettings(ReplaySettings):
         default=("reactive", "lookahead", "mpc", "perfect"),
         min_length=1,
         description="What to compare; perfect is the mpc with the true future; module:Class for your own",
+    )
+    noise_seeds: int | None = Field(
+        default=None,
+        ge=1,
+        le=1000,
+        description="How many seeds of the noise to replay, from --seed on; without it 8, or as many as fit into ten "
+        "seconds. Logs and figures are of the first",
     )
     out: Path | None = Field(default=None, description="Where to write; without it out/<recording>")
     figures: bool = Field(default=True, description="Draw figures and the animation")
@@ -135,10 +141,9 @@ def _config_path(words: Sequence[str]) -> Path | None:
 def _run(settings: RunSettings) -> None:
     progress = Progress()
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
-    from gazempc.results.compute import measure_compute  # noqa: PLC0415
-    from gazempc.results.metrics import measure  # noqa: PLC0415
-    from gazempc.results.report import faults, label, make_rows, sentence, table, write_summary  # noqa: PLC0415
-    from gazempc.sim.replay import replay_scene  # noqa: PLC0415
+    from gazempc.results.report import faults, label, write_summary  # noqa: PLC0415
+    from gazempc.results.table import sentence, table  # noqa: PLC0415
+    from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
     from gazempc.sim.scene import make_scene  # noqa: PLC0415
 
     scene = make_scene(settings.replay or "", settings)
@@ -150,52 +155,42 @@ def _run(settings: RunSettings) -> None:
     except OSError as error:
         raise GazempcError(f"--out {out}: cannot make this folder: {error.strerror}") from None
 
-    runs: dict[str, Replayed] = {}
-    for controller in dict.fromkeys(settings.controllers):
-        progress.say(f"replaying {walk.name}: {label(controller)}")
-        done = replay_scene(scene, controller, settings.predictor, resolved, progress.at)
-        runs[_file_name(done.log.run.controller, runs)] = done
-    rows = make_rows(
-        [
-            (name, log.run.predictor, measure(log), measure_compute(times, neck.control_period_s))
-            for name, (log, times) in runs.items()
-        ]
-    )
-
-    for name, (log, times) in runs.items():
+    done = replay_repeatedly(scene, resolved, settings.controllers, settings.noise_seeds, progress)
+    repeats = done.repeats
+    seeds = list(repeats[0].seeds)
+    logs = {name: log for name, (log, _) in done.first.items()}
+    for name, (log, times) in done.first.items():
         log.save(out / f"{name}.npz")
         times.save(out / f"{name}_compute.npz")
-    shown = resolved.model_dump(mode="json")
+    shown = resolved.model_dump(mode="json") | {"noise_seeds": len(seeds)}
     (out / "settings.yaml").write_text(yaml.safe_dump(shown, sort_keys=False), encoding="utf-8")
-    survived = {name: faults(log) for name, (log, _) in runs.items()}
-    about = {"recording": walk.name, "kind": walk.kind, "settings": shown, "faults": survived}
-    write_summary(out / "summary.json", about, rows)
+    survived = {name: faults(log) for name, log in logs.items()}
+    noise = {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults}
+    about = {"recording": walk.name, "kind": walk.kind, "settings": shown, "faults": survived, "noise": noise}
+    write_summary(out / "summary.json", about, [r.first for r in repeats])
 
-    print(_heading(settings, scene))
-    print(f"\n{table(rows, neck)}\n\n{sentence(rows)}\n")
-    for name, (log, _) in runs.items():
+    print(f"{_heading(settings, scene)}\n{done.said}")
+    print(f"\n{table(repeats, neck)}\n\n{sentence(repeats)}\n")
+    for name, log in logs.items():
         for line in _events(log):
             print(f"  {label(name)}: {line}")
+    for seed, names in done.faults.items():
+        if seed != seeds[0]:
+            print(f"  seed {seed}: exceptions of {', '.join(map(label, names))}: see summary.json")
     drawn = ""
     if settings.figures:
         progress.say("drawing")
-        drawn = ", " + ", ".join(_draw({name: log for name, (log, _) in runs.items()}, out))
+        drawn = ", " + ", ".join(_draw(logs, out))
     print(f"Written to {out}/: summary.json, settings.yaml, a log (.npz) of each controller{drawn}")
-    violations = sum(row.metrics.limit_violations for row in rows)
+    violations = sum(int(sum(r.values("limit_violations"))) for r in repeats)
     if violations:
         raise LimitViolationError(f"{violations} violations of the limits of neck {neck.name}: see {out}/summary.json")
 
 
-def _file_name(name: str, taken: dict[str, Replayed]) -> str:
-    """A controller's name, told apart from an earlier one of the same name."""
-    plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
-    same = sum(other == plain or other.startswith(f"{plain}_") for other in taken)
-    return f"{plain}_{same + 1}" if same else plain
-
-
 def _heading(settings: RunSettings, scene: Scene) -> str:
     walk = scene.walk
-    parts = (walk.kind, f"{walk.times_s[-1]:.1f} s", walk.labels.description)
+    known = "positions only" if walk.truth.positions_only else ""
+    parts = (walk.kind, f"{walk.times_s[-1]:.1f} s", known, walk.labels.description)
     stands = (
         f"{settings.distance_m} m beside the walk"
         if scene.placement == "side"

@@ -19,14 +19,25 @@ hypothesis.settings.load_profile("gazempc")
 
 ROOT = Path(__file__).resolve().parents[1]
 WALKS = Path(os.environ.get("GAZEMPC_WALKS", ROOT.parent / "shared" / "walks"))
+TRACKS = Path(os.environ.get("GAZEMPC_TRACKS", ROOT.parent / "shared" / "tracks"))
 
 
 @pytest.fixture(scope="session")
 def walks_dir() -> Path:
     """Folder with the recordings of real people, which are not part of the project."""
-    if not (WALKS / "index.csv").is_file():
-        reason = f"the real walks are not at {WALKS} (set GAZEMPC_WALKS)"
+    return _there("the real walks", WALKS, "GAZEMPC_WALKS")
+
+
+@pytest.fixture(scope="session")
+def tracks_dir() -> Path:
+    """Folder with head tracks of other people, positions only, which are not part of the project."""
+    return _there("the head tracks", TRACKS, "GAZEMPC_TRACKS")
+
+
+def _there(what: str, folder: Path, variable: str) -> Path:
+    if not (folder / "index.csv").is_file():
+        reason = f"{what} are not at {folder} (set {variable})"
         if os.environ.get("CI"):
             pytest.fail(f"{reason}, and CI must not skip this")
         pytest.skip(reason)
-    return WALKS
+    return folder

@@ -28,7 +28,8 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("engine", "aggregate", "colours"),
+    ("clips", "colours"),
+    ("engine", "aggregate"),
     ("compare_figures", "compare_report", "least_error"),
     ("compare", "bound", "fronts", "sweep", "forecast", "fit", "paper", "plan_example"),
     ("__init__", "console"),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from experiments.engine.job import Row
 from experiments.engine.keys import key_of, models_hash, recording_hash
 from experiments.engine.own_parts import parts_hash
-from gazempc.errors import LeftOutError
+from gazempc.errors import LeftOutError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
@@ -70,8 +70,14 @@ class ReplayJob:
             without a run that can be scored, labels and ``left_out``.
         """
         recording = load_once(self.recording, self.settings.reading)
-        labels = {"kind": recording.kind, "subject": recording.labels.subject, "group": recording.labels.group}
         sensor = self.sensors[self.settings.sensor or default_sensor(recording)]
+        labels = {
+            "data_kind": recording.kind,
+            "subject": recording.labels.subject,
+            "group": recording.labels.group,
+            "kind": recording.labels.activity,
+            "sensor": sensor.name,
+        }
         try:
             scene = replace(make_scene(recording, self.settings, self.neck, sensor), robot_neck=self.robot_neck)
             done = replay_scene(scene, self.controller, self.settings.predictor, self.settings)
@@ -95,6 +101,26 @@ def sensors_by_name(chosen: str | None) -> dict[str, SensorSpec]:
         SettingsError: If there is no such sensor.
     """
     return {name: load_sensor(name) for name in ((chosen,) if chosen else _DEFAULT_SENSORS)}
+
+
+def each_sensor(chosen: Sequence[str]) -> dict[str | None, dict[str, SensorSpec]]:
+    """The sensors of a comparison.
+
+    Args:
+        chosen: Shipped sensors or .toml files; none for the one that fits each recording.
+
+    Returns:
+        What `sensors_by_name` gives for each; under None if none was chosen.
+
+    Raises:
+        SettingsError: If there is no such sensor, or two have the same name, which tables could not tell apart.
+    """
+    found = {name: sensors_by_name(name) for name in dict.fromkeys(chosen or (None,))}
+    first: dict[str, str] = {}
+    for word, sensor in ((word, sensors[word]) for word, sensors in found.items() if word is not None):
+        if first.setdefault(sensor.name, word) != word:
+            raise SettingsError(f"sensors {first[sensor.name]} and {word} have the same name, {sensor.name!r}")
+    return found
 
 
 def metrics_of(done: Replayed) -> Row:

@@ -53,9 +53,15 @@ def walk_of(recording: Recording) -> GaplessWalk:
         Its longest stretch without a gap of more than 0.2 s.
 
     Raises:
-        GazempcError: If that is shorter than 1.25 s.
+        GazempcError: If that is shorter than 1.25 s, or an orientation is not known in a frame.
     """
     truth = recording.truth
+    for part, known in (("head", truth.head_quat_wxyz), ("pelvis", truth.pelvis_quat_wxyz)):
+        if np.isnan(known[truth.valid]).any():
+            raise GazempcError(
+                f"{recording.name}: the orientation of the {part} is not known in every frame; to fit on a walk, those "
+                "of head and pelvis are needed"
+            )
     seen = np.flatnonzero(truth.valid)
     stretches = np.split(seen, np.flatnonzero(np.diff(recording.times_s[seen]) > _LONGEST_GAP_S) + 1)
     rows = max(stretches, key=len)

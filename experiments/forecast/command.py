@@ -6,32 +6,31 @@ import itertools
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 from pydantic import Field
 
+from experiments.clips import figure_name, sensors_of
 from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.own_parts import check_parts, name_parts, options_of
 from experiments.engine.recordings import find_recordings, in_place
-from experiments.engine.replays import sensors_by_name
+from experiments.engine.replays import each_sensor
 from experiments.forecast.errors import RUN_IN_S, Cues
-from experiments.forecast.glance import turn_head
 from experiments.forecast.jobs import ForecastJob, View, clip_result
-from experiments.forecast.placing import placed_for
-from experiments.forecast.report import report
+from experiments.forecast.report import FAILED, LEFT_OUT, report
 from experiments.forecast.summary import ClipResult, summarise
 from gazempc.errors import GazempcError
 from gazempc.loop.build import Person, make_predictor, walker_model
 from gazempc.parts import PREDICTOR, name_of
 from gazempc.recordings.load import load
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import Recording
 from gazempc.results.report import versions
 from gazempc.settings import DEFAULT_PREDICTOR, PredictorChoice, PredictorSettings
-from gazempc.sim.sensor import default_sensor
 from predictors import Predictor
 
 
@@ -49,8 +48,14 @@ class ForecastSettings(PredictorSettings, WorkSettings):
     options: Annotated[dict[str, Any], tyro.conf.Suppress] = Field(
         default={}, description="Options of parts of your own: --options.KEY VALUE, for a parameter of the constructor"
     )
-    sensor: str | None = Field(
-        default=None, description="Shipped sensor or .toml file; without it what fits each recording"
+    sensors: tuple[str, ...] = Field(
+        default=(), description="Shipped sensors or .toml files; without them what fits each recording"
+    )
+    truth_smoothing: float = Field(
+        default=0.0,
+        ge=0,
+        le=2,
+        description="Smooth the truth over this time (s), for tracks that are a tracker's own; what is seen stays raw",
     )
     horizons: tuple[float, ...] = Field(default=(0.25, 0.5, 1.0), min_length=1, description="Seconds from capture")
     cues: tuple[Cues, ...] = Field(
@@ -75,50 +80,70 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, 2 on bad input, 130 if interrupted.
+        Exit status: 0, 1 if a forecast failed, 2 on bad input, 130 if interrupted.
     """
     return run_command("forecast", lambda: _run(parse(ForecastSettings, "forecast", __doc__, arguments)))
 
 
-def forecast(**settings: Any) -> list[ClipResult]:
+@dataclass(frozen=True)
+class Forecasts:
+    """What came of a comparison of forecasts.
+
+    Attributes:
+        results: One for each recording, sensor, predictor and cues; see `experiments.forecast.summary.summarise`.
+        failed: What could not be done: ``recording``, ``predictor``, ``cues``, ``sensor``, and ``failed``, the reason.
+        left_out: With which recordings the experiment cannot be made: ``recording``, ``sensor``, and ``left_out``.
+    """
+
+    results: list[ClipResult]
+    failed: list[Row]
+    left_out: list[Row]
+
+
+def forecast(**settings: Any) -> Forecasts:
     """Run every predictor over every recording.
 
     Args:
         **settings: Any of `ForecastSettings`, such as ``recordings=["synthetic"], predictors=["walker"]``.
 
     Returns:
-        One result for each predictor, cues and recording; see `experiments.forecast.summary.summarise`.
+        The results, and what failed.
 
     Raises:
-        GazempcError: On bad input; if a recording cannot be read, then after the others are done.
+        GazempcError: On bad input, before anything runs.
     """
     return _forecast(check(ForecastSettings, "forecast", settings))
 
 
 def _run(settings: ForecastSettings) -> int:
-    results = _forecast(settings)
-    rows = summarise(results)
+    found = _forecast(settings)
+    rows = summarise(found.results)
+    data_kinds = ", ".join(dict.fromkeys(r.data_kind for r in found.results))
     summary = {
         "rows": rows,
+        "data_kinds": data_kinds,
+        "n_left_out": len(found.left_out),
+        "left_out": found.left_out,
+        "failed": found.failed,
         "scored": f"frames from {RUN_IN_S} s after the first one whose horizon ends within the recording",
         "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED}),
         "versions": versions(),
     }
     (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    kinds = ", ".join(dict.fromkeys(r.kind for r in results))
-    text = report(rows, kinds, settings.sensor)
+    text = report(summary)
     (settings.out / "summary.md").write_text(text, encoding="utf-8")
-    _draw(settings, rows, kinds)
+    _draw(settings, rows, data_kinds)
     print(text)
-    print(f"Written to {settings.out}/: summary.json, summary.md and figures")
-    return 0
+    drawn = " and figures" if rows else ""
+    print(f"Written to {settings.out}/: summary.json, summary.md{drawn}")
+    return 1 if found.failed else 0
 
 
-def _forecast(settings: ForecastSettings) -> list[ClipResult]:
+def _forecast(settings: ForecastSettings) -> Forecasts:
     if not all(0 < horizon_s < float("inf") for horizon_s in settings.horizons):
         raise GazempcError(f"horizons must be positive, got {list(settings.horizons)}")
     recordings = find_recordings(settings.recordings)
-    view = View(sensors_by_name(settings.sensor), settings.sensor, settings.seed, settings.glance, settings.glance_from)
+    views = _views(settings)
     predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)
     check_parts((), predictors, settings.options)
     if settings.walker.fitted is not None and "walker" in predictors:
@@ -126,60 +151,68 @@ def _forecast(settings: ForecastSettings) -> list[ClipResult]:
     if settings.example is not None:
         load(settings.example)
     parts = PredictorSettings(**{name: getattr(settings, name) for name in PredictorSettings.model_fields})
-    asked = list(itertools.product(recordings, predictors, dict.fromkeys(settings.cues)))
+    asked = list(itertools.product(recordings, views, predictors, dict.fromkeys(settings.cues)))
     jobs = [
         ForecastJob(
             in_place(name), predictor, cues, settings.horizons, view, parts, options_of("", predictor, settings.options)
         )
-        for name, predictor, cues in asked
+        for name, view, predictor, cues in asked
     ]
     with Engine(settings.out / "runs", settings.jobs, settings.dask) as engine:
         results = engine.run(jobs)
-    if reasons := _reasons(asked, results):
-        raise GazempcError("\n".join(reasons))
     rows: list[Row] = [
-        {"predictor": predictor, "cues": cues, **row} for (_, predictor, cues), row in zip(asked, results, strict=True)
+        {"recording": name, "sensor": view.sensor_name, "predictor": predictor, "cues": cues, **row}
+        for (name, view, predictor, cues), row in zip(asked, results, strict=True)
     ]
     name_parts(rows, "predictor")
-    return [clip_result(row) for row in rows]
+    # Of all predictors, as the place has nothing to do with them.
+    left_out = {(row["recording"], row["sensor"]): _of(row, LEFT_OUT) for row in rows if row["left_out"]}
+    return Forecasts(
+        [clip_result(row) for row in rows if not row["failed"] and not row["left_out"]],
+        [_of(row, FAILED) for row in rows if row["failed"]],
+        list(left_out.values()),
+    )
 
 
-def _reasons(asked: Sequence[tuple[str, str, str]], results: Sequence[Row]) -> list[str]:
-    """Why there are results missing, each reason once, with the predictor and the recordings."""
-    where: dict[str, list[tuple[str, str]]] = {}
-    for (name, predictor, _), row in zip(asked, results, strict=True):
-        if reason := row["failed"] or row["left_out"]:
-            where.setdefault(reason, []).append((predictor, Path(name).stem))
+def _of(row: Row, names: Sequence[str]) -> Row:
+    return {name: row[name] for name in names}
+
+
+def _views(settings: ForecastSettings) -> list[View]:
     return [
-        f"{places[0][0]} on {places[0][1]}{f' and {len(places) - 1} more' if len(places) > 1 else ''}: {reason}"
-        for reason, places in where.items()
+        View(sensors, name, settings.seed, settings.truth_smoothing, settings.glance, settings.glance_from)
+        for name, sensors in each_sensor(settings.sensors).items()
     ]
 
 
-def _draw(settings: ForecastSettings, rows: list[Row], kinds: str) -> None:
+def _draw(settings: ForecastSettings, rows: list[Row], data_kinds: str) -> None:
     from experiments.forecast.figures import draw, draw_coverage, draw_cues  # noqa: PLC0415  (slow to import)
 
-    draw(rows, kinds, settings.out / "forecast_error.png")
-    draw_coverage(rows, kinds, settings.out / "coverage.png")
     middle_s = sorted(settings.horizons)[len(settings.horizons) // 2]
-    if len(set(settings.cues)) > 1:
-        draw_cues(rows, kinds, settings.out / "cues.png", middle_s)
+    sensors = sensors_of(rows)
+    for sensor in sensors:
+        own = [row for row in rows if row["sensor"] == sensor]
+        about = f"{data_kinds}; sensor {sensor}"
+        draw(own, about, settings.out / figure_name("forecast_error", sensor, sensors))
+        draw_coverage(own, about, settings.out / figure_name("coverage", sensor, sensors))
+        if len(set(settings.cues)) > 1:
+            draw_cues(own, about, settings.out / figure_name("cues", sensor, sensors), middle_s)
     if settings.example is not None:
-        _draw_example(settings, settings.example, middle_s)
+        _draw_examples(settings, load(settings.example), middle_s)
 
 
-def _draw_example(settings: ForecastSettings, name: str, horizon_s: float) -> None:
+def _draw_examples(settings: ForecastSettings, recording: Recording, horizon_s: float) -> None:
     from experiments.forecast.example import draw_example  # noqa: PLC0415  (slow to import)
 
-    walk = turn_head(load(name), settings.glance, settings.glance_from)
-    sensor = sensors_by_name(settings.sensor or default_sensor(walk)).popitem()[1]
-    recording = placed_for(walk, sensor)
-    person = Person(recording.labels.subject, TrueHead(recording))
-    shown: dict[str, Predictor] = {}
-    for choice in dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors):
-        predictor = make_predictor(choice, settings, person, settings.options)
-        shown[name_of(PREDICTOR, predictor)] = predictor
-    draw_example(recording, shown, sensor, settings.seed, horizon_s, settings.out / "example.png")
+    views = [view.of(recording) for view in _views(settings)]
+    for seen in views:
+        person = Person(recording.labels.subject, seen.true_head)
+        shown: dict[str, Predictor] = {}
+        for choice in dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors):
+            predictor = make_predictor(choice, settings, person, settings.options)
+            shown[name_of(PREDICTOR, predictor)] = predictor
+        path = settings.out / figure_name("example", seen.sensor.name, [view.sensor.name for view in views])
+        draw_example(seen, shown, settings.seed, horizon_s, path)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ RUN_IN_S = 0.5
 
 @dataclass(frozen=True)
 class ForecastErrors:
-    """Errors after each scored frame at each horizon; NaN where the recording has ended by then.
+    """Errors after each scored frame at each horizon; NaN where the true head is not known by then.
 
     Attributes:
         horizons_s: Shape (H,), seconds from capture.
@@ -31,6 +31,7 @@ class ForecastErrors:
             across it (positive to the left), vertical.
         error_filtered_m: Distance of the forecast from the filtered position at that time, shape (F, H), metres.
         nees: Normalised squared error under the forecast's covariance, shape (F, H); NaN where it has none.
+        degrees_of_freedom: Those of each forecast's errors, shape (F,); infinite for normal ones.
         update_us: Time of each predictor update, shape (U,), microseconds.
     """
 
@@ -38,6 +39,7 @@ class ForecastErrors:
     difference_m: FloatArray
     error_filtered_m: FloatArray
     nees: FloatArray
+    degrees_of_freedom: FloatArray
     update_us: FloatArray
 
 
@@ -48,6 +50,7 @@ def forecast_errors(
     horizons_s: FloatArray,
     seed: int,
     cues: Cues = "both",
+    true_head: TrueHead | None = None,
 ) -> ForecastErrors:
     """Run a predictor over a recording and compare its forecasts with what came.
 
@@ -61,16 +64,16 @@ def forecast_errors(
         horizons_s: Horizons from capture, shape (H,), seconds.
         seed: Seed of the sensor's noise.
         cues: Which orientations the predictor is shown.
+        true_head: What the forecasts are compared with; without it the recording's own truth.
 
     Returns:
         The errors of all frames captured at least half a second after the first one.
     """
     predictor.reset()
     reference = ConstantVelocity()
-    true_head = TrueHead(recording)
-    end_s = float(recording.times_s[-1])
+    true_head = true_head or TrueHead(recording)
     observations = [_shown(observation, cues) for observation in observations_of(recording, sensor, seed)]
-    captures, filtered, means, covariances, update_us = [], [], [], [], []
+    captures, filtered, means, covariances, freedom, update_us = [], [], [], [], [], []
     for observation in observations:
         reference.update(observation)
         started = time.perf_counter()
@@ -81,22 +84,23 @@ def forecast_errors(
         forecast = predictor.forecast(observation.capture_time_s + horizons_s)
         means.append(forecast.means_base_m)
         covariances.append(forecast.covariances_m2)
+        freedom.append(forecast.degrees_of_freedom)
     capture_s = np.array(captures)
     scored = capture_s >= capture_s[0] + RUN_IN_S - 1e-9
     ahead_s = capture_s[scored, None] + horizons_s
     mean = np.array(means)[scored]
-    over = ahead_s > end_s + 1e-6
+    unknown = ~true_head.known(ahead_s)
 
     difference = mean - true_head(ahead_s)
     positions = np.array(filtered)
     filtered_ahead = np.stack([np.interp(ahead_s, capture_s, positions[:, i]) for i in range(3)], axis=-1)
     error_filtered = np.linalg.norm(mean - filtered_ahead, axis=-1)
-    error_filtered[over | (ahead_s > capture_s[-1] + 1e-6)] = np.nan
+    error_filtered[unknown | (ahead_s > capture_s[-1] + 1e-6)] = np.nan
     nees = _nees(difference, np.array(covariances)[scored])
     parts = _along_across_up(difference, true_head, capture_s[scored])
     for values in (parts, nees):
-        values[over] = np.nan
-    return ForecastErrors(horizons_s, parts, error_filtered, nees, np.array(update_us))
+        values[unknown] = np.nan
+    return ForecastErrors(horizons_s, parts, error_filtered, nees, np.array(freedom)[scored], np.array(update_us))
 
 
 def _shown(observation: HeadObservation, cues: Cues) -> HeadObservation:

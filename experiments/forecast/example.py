@@ -10,10 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from experiments.colours import COLOURS
+from experiments.forecast.jobs import Seen
 from experiments.forecast.placing import observations_of
-from gazempc.recordings.recording import Recording
-from gazempc.recordings.truth import TrueHead
-from gazempc.sim.sensor import SensorSpec
 from predictors import Predictor
 
 _EVERY = 6  # frames between drawn forecasts
@@ -22,9 +20,8 @@ _WITHIN_68_OF_PLANE = 2.279  # quantile of chi-square with two degrees of freedo
 
 
 def draw_example(
-    recording: Recording,
+    seen: Seen,
     predictors: Mapping[str, Predictor],
-    sensor: SensorSpec,
     seed: int,
     horizon_s: float,
     path: Path,
@@ -32,14 +29,13 @@ def draw_example(
     """Draw where each predictor saw the head go, a panel for each, with the stated 68 % ellipse.
 
     Args:
-        recording: The walk.
+        seen: The walk as the predictors see it.
         predictors: By name; reset first.
-        sensor: What they see of it.
-        seed: Seed of its noise.
+        seed: Seed of the sensor's noise.
         horizon_s: Horizon of the forecasts drawn.
         path: PNG file to write.
     """
-    truth = TrueHead(recording)
+    recording, sensor, truth = seen
     end_s = float(recording.times_s[-1])
     walked = truth(np.linspace(0.0, end_s, 400))
     plot = Figure(figsize=(3.3 * len(predictors), 4.0), layout="constrained")
@@ -70,7 +66,9 @@ def draw_example(
         ax.set_xlabel("x (m)")
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("y (m)")
-    plot.suptitle(f"{recording.name} ({recording.kind}): forecasts {horizon_s:g} s ahead, seen from above")
+    plot.suptitle(
+        f"{recording.name} ({recording.kind}), sensor {sensor.name}: forecasts {horizon_s:g} s ahead, seen from above"
+    )
     plot.supxlabel(
         "points: forecast; dark lines: to where the head then was; ellipses: stated 68 %",
         fontsize="x-small",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.aggregate import groups_of
+from experiments.clips import groups_of
 from experiments.colours import COLOURS
 
 _STYLES = ("-", "--", ":", "-.")
@@ -18,15 +18,15 @@ _CUE_LABELS = {"none": "no orientation", "head": "head", "pelvis": "pelvis", "bo
 _NOMINAL = {0.68: "o", 0.95: "^"}
 
 
-def draw(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> None:
+def draw(rows: Sequence[dict[str, Any]], about: str, path: Path) -> None:
     """Draw mean error against horizon, a panel for each group.
 
     Args:
-        rows: As made by `experiments.forecast.summary.summarise`; of several cues the first ones are drawn.
-        kinds: What kinds of recordings they are from.
+        rows: As made by `experiments.forecast.summary.summarise`, of one sensor; the first of several cues is drawn.
+        about: What data and sensor they are from.
         path: PNG file to write.
     """
-    rows = [r for r in rows if r["cues"] == rows[0]["cues"]]
+    rows = [r for r in rows if r["cues"] == rows[0]["cues"] and r["kind"] == "all"]
     groups = groups_of(r for r in rows if r["group"] != "all")
     predictors = list(dict.fromkeys(r["predictor"] for r in rows))
     plot = Figure(figsize=(3.0 * len(groups) + 0.6, 3.6), layout="constrained")
@@ -50,21 +50,21 @@ def draw(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> None:
         ax.grid(alpha=0.3, which="both")
     axes[0].set_ylabel("mean forecast error (mm), logarithmic")
     plot.legend(loc="outside upper center", ncols=min(len(predictors), 5), frameon=False, fontsize="small")
-    plot.supxlabel(kinds, fontsize="x-small", color="0.4")
+    plot.supxlabel(about, fontsize="x-small", color="0.4")
     plot.savefig(path, dpi=150)
 
 
-def draw_cues(rows: Sequence[dict[str, Any]], kinds: str, path: Path, horizon_s: float) -> None:
+def draw_cues(rows: Sequence[dict[str, Any]], about: str, path: Path, horizon_s: float) -> None:
     """Draw what the orientations of head and pelvis are worth: error with and without them, a panel for each group.
 
     Args:
-        rows: As made by `experiments.forecast.summary.summarise`, for more than one choice of cues. Predictors to which
-            cues make no difference are left out.
-        kinds: What kinds of recordings they are from.
+        rows: As made by `experiments.forecast.summary.summarise`, of one sensor and more than one choice of cues.
+            Predictors to which cues make no difference are left out.
+        about: What data and sensor they are from.
         path: PNG file to write.
         horizon_s: Horizon to show.
     """
-    rows = [r for r in rows if r["horizon_s"] == horizon_s and r["error_true_mm"] is not None]
+    rows = [r for r in rows if r["kind"] == "all" and r["horizon_s"] == horizon_s and r["error_true_mm"] is not None]
     groups = groups_of(r for r in rows if r["group"] != "all")
     predictors = [
         p
@@ -86,19 +86,19 @@ def draw_cues(rows: Sequence[dict[str, Any]], kinds: str, path: Path, horizon_s:
         ax.grid(axis="y", alpha=0.3)
     axes[0].set_ylabel(f"mean error at {horizon_s:g} s (mm)")
     plot.legend(loc="outside upper center", ncols=len(cues), frameon=False, fontsize="small")
-    plot.supxlabel(kinds, fontsize="x-small", color="0.4")
+    plot.supxlabel(about, fontsize="x-small", color="0.4")
     plot.savefig(path, dpi=150)
 
 
-def draw_coverage(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> None:
+def draw_coverage(rows: Sequence[dict[str, Any]], about: str, path: Path) -> None:
     """Draw stated against found: share of errors inside the ellipsoids that should hold 68 and 95 %.
 
     Args:
-        rows: As made by `experiments.forecast.summary.summarise`; of several cues the first ones are drawn.
-        kinds: What kinds of recordings they are from.
+        rows: As made by `experiments.forecast.summary.summarise`, of one sensor; the first of several cues is drawn.
+        about: What data and sensor they are from.
         path: PNG file to write.
     """
-    rows = [r for r in rows if r["coverage_68"] is not None and r["cues"] == rows[0]["cues"]]
+    rows = [r for r in rows if r["coverage_68"] is not None and (r["cues"], r["kind"]) == (rows[0]["cues"], "all")]
     if not rows:
         return
     groups = groups_of(r for r in rows if r["group"] != "all")
@@ -125,5 +125,5 @@ def draw_coverage(rows: Sequence[dict[str, Any]], kinds: str, path: Path) -> Non
         ax.grid(axis="x", alpha=0.2)
     axes[0].set_ylabel("share of errors inside what\nshould hold 68 % and 95 %")
     plot.legend(loc="outside upper center", ncols=2 * len(horizons_s), frameon=False, fontsize="small")
-    plot.supxlabel(kinds, fontsize="x-small", color="0.4")
+    plot.supxlabel(about, fontsize="x-small", color="0.4")
     plot.savefig(path, dpi=150)

@@ -6,9 +6,8 @@ import zlib
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from gazempc.recordings.recording import Recording, Track
+from gazempc.recordings.recording import Recording, Track, turned
 
 _GLANCE_RISE_S = 0.25
 
@@ -22,7 +21,7 @@ def turn_head(recording: Recording, angle_deg: float, from_s: float) -> Recordin
         from_s: When it begins, seconds after the first frame.
 
     Returns:
-        The same walk with other head orientations.
+        The same walk with other head orientations, where they are known.
     """
     if angle_deg == 0.0:
         return recording
@@ -30,12 +29,8 @@ def turn_head(recording: Recording, angle_deg: float, from_s: float) -> Recordin
     after_s = recording.times_s - recording.times_s[0] - from_s
     angle = np.radians(angle_deg) * side * np.clip(after_s / _GLANCE_RISE_S if from_s else after_s + 1.0, 0.0, 1.0)
 
-    def turned(track: Track) -> Track:
-        turn = Rotation.from_euler("z", angle[track.valid, None])
-        quats = track.head_quat_wxyz.copy()
-        as_seen = Rotation.from_quat(quats[track.valid], scalar_first=True)
-        quats[track.valid] = (turn * as_seen).as_quat(scalar_first=True)
-        return replace(track, head_quat_wxyz=quats)
+    def looking(track: Track) -> Track:
+        return replace(track, head_quat_wxyz=turned(track.head_quat_wxyz, angle))
 
-    measured = None if recording.measured is None else turned(recording.measured)
-    return replace(recording, truth=turned(recording.truth), measured=measured)
+    measured = None if recording.measured is None else looking(recording.measured)
+    return replace(recording, truth=looking(recording.truth), measured=measured)

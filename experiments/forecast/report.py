@@ -2,60 +2,110 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from experiments.clips import sensors_of
 
-def report(rows: Sequence[dict[str, Any]], kinds: str, sensor: str | None) -> str:
-    """The rows as a Markdown table.
+# What `summary.json` says of a forecast that failed.
+FAILED = ("recording", "predictor", "cues", "sensor", "failed")
+# And of a recording that was left out.
+LEFT_OUT = ("recording", "sensor", "left_out")
+
+
+def report(summary: Mapping[str, Any]) -> str:
+    """The rows as Markdown tables, one a sensor.
 
     Args:
-        rows: As made by `summarise`.
-        kinds: What kinds of recordings they are from.
-        sensor: The sensor that was asked for.
+        summary: What is in `summary.json`.
 
     Returns:
         The text.
     """
-
-    def show(value: float | None, digits: int = 0) -> str:
-        return "-" if value is None else f"{value:.{digits}f}"
-
+    rows, smoothing_s = summary["rows"], summary["settings"]["truth_smoothing"]
+    smoothed = f", smoothed by a centred moving average over {smoothing_s:g} s," if smoothing_s else ""
     lines = [
         "# Forecast errors",
         "",
-        f"{kinds}; sensor {sensor or 'that fits each recording'}. Distance from the true head: mean over clips with "
+        f"{summary['data_kinds'] or 'No recordings'}. Distance from the true head{smoothed}: mean over clips with "
         "its 95 % bootstrap interval over people, and percentiles over frames. To filtered: distance from the "
         "position that a constant-velocity filter has at that time. Along and across the direction of travel and "
-        "vertical: RMS. Within 68 and 95 %: share of frames inside the stated ellipsoid. NEES: 3 if the covariance "
-        "is honest. Ratio: error over that of constant_velocity. Cues: which orientations the predictor is shown.",
+        "vertical: RMS. Within 68, 90 and 95 %: share of frames inside the stated ellipsoid, which is that of a "
+        "multivariate t distribution where the forecast states its degrees of freedom, else of a normal one. NEES: 3 "
+        "if the covariance is honest. Ratio: error over that of constant_velocity on the same clips. Cues: which "
+        "orientations the predictor is shown.",
     ]
-    if seen := max(r["n_people_seen_in_fitting"] for r in rows):
+    if seen := max((r["n_people_seen_in_fitting"] for r in rows), default=0):
         lines += [
             "",
             f"walker was fitted on {_count(seen)} of those who walk here, which flatters it: for errors on people "
             "left out see --walker.fitted.",
         ]
-    lines += [
-        "",
-        "| predictor | cues | group | clips | horizon [s] | error [mm] | ratio | p50 | p95 | to filtered [mm] | along "
-        "| across | vertical | within 68 % | within 90 % | within 95 % | NEES | update [us] |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+    for sensor in sensors_of(rows):
+        lines += ["", f"## Sensor {sensor}", "", *_table([r for r in rows if r["sensor"] == sensor])]
+    lines += ["", *_left_out(summary["left_out"])] if summary["left_out"] else []
+    lines += ["", *_failures(summary["failed"])] if summary["failed"] else []
+    return "\n".join([*lines, ""])
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    def show(value: float | None, digits: int = 0) -> str:
+        return "-" if value is None else f"{value:.{digits}f}"
+
+    # Most recordings do not say of what kind they are.
+    has_kinds = any(r["kind"] != "all" for r in rows)
+    columns = [
+        *(
+            "predictor",
+            "cues",
+            "group",
+            *(["kind"] if has_kinds else []),
+            "clips",
+            "horizon [s]",
+            "error [mm]",
+            "ratio",
+        ),
+        *("p50", "p95", "to filtered [mm]", "along", "across", "vertical"),
+        *("within 68 %", "within 90 %", "within 95 %", "NEES", "update [us]"),
     ]
+    lines = [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
     for r in rows:
         interval = r["error_true_mm_ci95"]
-        error = show(r["error_true_mm"]) + (f" [{interval[0]:.0f}, {interval[1]:.0f}]" if interval else "")
-        lines.append(
-            f"| {r['predictor']} | {r['cues']} | {r['group']} | {r['n_clips']} | {r['horizon_s']:g} | {error} "
-            f"| {show(r['ratio_to_constant_velocity'], 2)} | {show(r['error_true_p50_mm'])} "
-            f"| {show(r['error_true_p95_mm'])} | {show(r['error_filtered_mm'])} "
-            f"| {show(r['error_along_rms_mm'])} | {show(r['error_across_rms_mm'])} "
-            f"| {show(r['error_vertical_rms_mm'])} "
-            f"| {show(r['coverage_68'], 2)} | {show(r['coverage_90'], 2)} | {show(r['coverage_95'], 2)} "
-            f"| {show(r['nees'], 1)} "
-            f"| {show(r['update_us'])} |"
-        )
-    return "\n".join([*lines, ""])
+        cells = [
+            *(r["predictor"], r["cues"], r["group"], *([r["kind"]] if has_kinds else [])),
+            str(r["n_clips"]),
+            f"{r['horizon_s']:g}",
+            show(r["error_true_mm"]) + (f" [{interval[0]:.0f}, {interval[1]:.0f}]" if interval else ""),
+            show(r["ratio_to_constant_velocity"], 2),
+            *(show(r[f"error_{name}_mm"]) for name in ("true_p50", "true_p95", "filtered")),
+            *(show(r[f"error_{name}_rms_mm"]) for name in ("along", "across", "vertical")),
+            *(show(r[f"coverage_{share}"], 2) for share in (68, 90, 95)),
+            show(r["nees"], 1),
+            show(r["update_us"]),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def _left_out(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    # Where no sensor was named, the recording says which one would have seen it.
+    sensors = [f", sensor {row['sensor']}" if row["sensor"] else "" for row in rows]
+    return [
+        f"- left out {Path(row['recording']).stem}{sensor}: {row['left_out']}"
+        for row, sensor in zip(rows, sensors, strict=True)
+    ]
+
+
+def _failures(failed: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Each reason once, with the predictor and the recording where it came first."""
+    where: dict[str, list[str]] = {}
+    for row in failed:
+        where.setdefault(row["failed"], []).append(f"{row['predictor']} on {Path(row['recording']).stem}")
+    return [
+        f"- failed {places[0]}{f' and {len(places) - 1} more' if len(places) > 1 else ''}: {reason}"
+        for reason, places in where.items()
+    ]
 
 
 def _count(people: int) -> str:

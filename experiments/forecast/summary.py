@@ -3,65 +3,94 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
-from experiments.aggregate import bootstrap_mean, groups_of
+from experiments.aggregate import bootstrap_mean
+from experiments.clips import clips_of
+from experiments.forecast.coverage import inside
 from experiments.forecast.errors import Cues, ForecastErrors
 from gazempc.types import FloatArray
 
 BASELINE = "constant_velocity"
-_INSIDE_68, _INSIDE_90, _INSIDE_95 = (float(chi2.ppf(share, df=3)) for share in (0.68, 0.90, 0.95))
+_SHARES = (0.68, 0.90, 0.95)
 
 
 @dataclass(frozen=True)
 class ClipResult:
-    """Errors of one predictor on one recording; `seen` if it was fitted on this person."""
+    """Errors of one predictor on one recording.
 
+    Attributes:
+        recording: Synthetic name or path.
+        sensor: Name of the sensor.
+        predictor: Name of the predictor.
+        cues: Which orientations it was shown.
+        data_kind: Where the data are from.
+        subject: Who walks.
+        group: Route group.
+        kind: What the person does, such as ``starting``; None where that is not known.
+        errors: The errors.
+        seen: Whether the predictor was fitted on this person.
+    """
+
+    recording: str
+    sensor: str
     predictor: str
     cues: Cues
-    kind: str
+    data_kind: str
     subject: str
     group: str
+    kind: str | None
     errors: ForecastErrors
     seen: bool
 
 
 def summarise(results: Sequence[ClipResult]) -> list[dict[str, Any]]:
-    """Means by predictor, group and horizon.
+    """Means by sensor, predictor, group or kind, and horizon.
 
-    Means, coverage and NEES are means over clips of the mean over frames; percentiles are over all frames.
+    Means, coverage and NEES are means over clips of the mean over frames; percentiles are over all frames. The ratio to
+    `constant_velocity` is over the clips that both have.
 
     Args:
-        results: One for each predictor, cues and recording.
+        results: One for each sensor, predictor, cues and recording.
 
     Returns:
         One row a combination; NaN is None.
     """
     rows = []
-    for predictor, cues in dict.fromkeys((r.predictor, r.cues) for r in results):
-        own = [r for r in results if (r.predictor, r.cues) == (predictor, cues)]
-        for group in groups_of({"group": r.group} for r in own):
-            chosen = [r for r in own if group in {"all", r.group}]
-            for i, horizon_s in enumerate(chosen[0].errors.horizons_s):
-                rows.append(
-                    {
-                        "predictor": predictor,
-                        "cues": cues,
-                        "group": group,
-                        "horizon_s": float(horizon_s),
-                        **_figures(chosen, i),
-                    }
-                )
-    baseline = {(r["group"], r["horizon_s"]): r["error_true_mm"] for r in reversed(rows) if r["predictor"] == BASELINE}
-    for row in rows:
-        against, own = baseline.get((row["group"], row["horizon_s"])), row["error_true_mm"]
-        row["ratio_to_constant_velocity"] = own / against if own is not None and against else None
+    for sensor in dict.fromkeys(r.sensor for r in results):
+        seen = [r for r in results if r.sensor == sensor]
+        baseline = {r.recording: r for r in reversed(seen) if r.predictor == BASELINE}
+        clips_in_order = clips_of(vars(r) for r in seen)
+        for predictor, cues in dict.fromkeys((r.predictor, r.cues) for r in seen):
+            for clips in clips_in_order:
+                named = {"sensor": sensor, "predictor": predictor, "cues": cues, **clips.labels}
+                chosen = [r for r in seen if (r.predictor, r.cues) == (predictor, cues) and clips.hold(vars(r))]
+                for i, horizon_s in enumerate(chosen[0].errors.horizons_s if chosen else ()):
+                    ratio = {"ratio_to_constant_velocity": _ratio(chosen, baseline, i)}
+                    rows.append({**named, "horizon_s": float(horizon_s), **_figures(chosen, i), **ratio})
     return rows
+
+
+def _ratio(chosen: Sequence[ClipResult], baseline: Mapping[str, ClipResult], i: int) -> float | None:
+    pairs = [(_error_m(r, i), _error_m(baseline[r.recording], i)) for r in chosen if r.recording in baseline]
+    known = np.array([pair for pair in pairs if np.isfinite(pair).all()])
+    if not known.size or not known[:, 1].any():
+        return None
+    own_m, baseline_m = known.mean(axis=0)
+    return float(own_m / baseline_m)
+
+
+def _error_m(result: ClipResult, i: int) -> float:
+    return _mean(np.linalg.norm(result.errors.difference_m[:, i], axis=-1))
+
+
+def _mean(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan
 
 
 def _figures(chosen: Sequence[ClipResult], i: int) -> dict[str, Any]:
@@ -71,25 +100,20 @@ def _figures(chosen: Sequence[ClipResult], i: int) -> dict[str, Any]:
     frames = np.concatenate(distances)
     frames = frames[np.isfinite(frames)]
 
-    def over_clips(values: Sequence[FloatArray]) -> list[float]:
-        return [float(np.mean(v[np.isfinite(v)])) if np.isfinite(v).any() else math.nan for v in values]
+    def over_clips(values: Sequence[FloatArray]) -> float:
+        return _mean(np.array([_mean(v) for v in values]))
 
-    mean, low, high = bootstrap_mean(over_clips(distances), people)
-    inside = [r.errors.nees[:, i] for r in chosen]
+    mean, low, high = bootstrap_mean([_mean(d) for d in distances], people)
     figures = {
         "error_true_mm": mean,
         "error_true_p50_mm": float(np.percentile(frames, 50)) if frames.size else math.nan,
         "error_true_p95_mm": float(np.percentile(frames, 95)) if frames.size else math.nan,
-        "error_filtered_mm": bootstrap_mean(
-            over_clips([1e3 * r.errors.error_filtered_m[:, i] for r in chosen]), people
-        )[0],
+        "error_filtered_mm": over_clips([1e3 * r.errors.error_filtered_m[:, i] for r in chosen]),
         "error_along_rms_mm": _rms(differences, 0),
         "error_across_rms_mm": _rms(differences, 1),
         "error_vertical_rms_mm": _rms(differences, 2),
-        "coverage_68": _share_inside(inside, _INSIDE_68, people),
-        "coverage_90": _share_inside(inside, _INSIDE_90, people),
-        "coverage_95": _share_inside(inside, _INSIDE_95, people),
-        "nees": bootstrap_mean(over_clips(inside), people)[0],
+        **{f"coverage_{round(100 * p)}": over_clips([_inside(r.errors, i, p) for r in chosen]) for p in _SHARES},
+        "nees": over_clips([r.errors.nees[:, i] for r in chosen]),
         "update_us": float(np.median(np.concatenate([r.errors.update_us for r in chosen]))),
         "n_clips": sum(bool(np.isfinite(d).any()) for d in distances),
         "n_people": len(set(people)),
@@ -107,6 +131,6 @@ def _rms(differences: Sequence[FloatArray], part: int) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
 
-def _share_inside(nees: Sequence[FloatArray], limit: float, people: Sequence[str]) -> float:
-    shares = [float(np.mean(v[np.isfinite(v)] <= limit)) if np.isfinite(v).any() else math.nan for v in nees]
-    return bootstrap_mean(shares, people)[0]
+def _inside(errors: ForecastErrors, i: int, share: float) -> FloatArray:
+    nees = errors.nees[:, i]
+    return np.where(np.isfinite(nees), inside(nees, errors.degrees_of_freedom, share), np.nan)

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.aggregate import bootstrap_mean, groups_of
+from experiments.aggregate import bootstrap_mean
+from experiments.clips import groups_of
 from experiments.engine.job import Row
 from experiments.sweep.designs import Point
 from experiments.sweep.plan import SweepPlan

@@ -22,10 +22,13 @@ class LookAhead:
         neck: The neck; its dead time and servo lag (2 zeta / wn) say how far to look ahead on each axis.
         smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: smoother, and later by that
             time. 0 for none.
+
+    Attributes:
+        neck: The neck.
     """
 
     def __init__(self, neck: NeckSpec, smoothing_time_s: float = 0.0) -> None:
-        self._neck = neck
+        self.neck = neck
         self._knots_s = neck.control_period_s * np.arange(round(_PLAN_S / neck.control_period_s) + 1)
         self._ahead_s = neck.dead_time_s + neck.servo_lag_s
         self._keep = math.exp(-neck.control_period_s / smoothing_time_s) if smoothing_time_s > 0 else 0.0
@@ -42,20 +45,20 @@ class LookAhead:
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
         angles = unwrap_pan(
-            look_at_rad(self._neck.geometry, situation.forecast.means_base_m),
+            look_at_rad(self.neck.geometry, situation.forecast.means_base_m),
             float(situation.command.position_rad[0]),
-            float(self._neck.command_limits.position_min_rad[0]),
-            float(self._neck.command_limits.position_max_rad[0]),
+            float(self.neck.command_limits.position_min_rad[0]),
+            float(self.neck.command_limits.position_max_rad[0]),
         )
         knots = self._knots_s.size
         wanted = np.stack([angles[:knots, 0], angles[knots:, 1]], axis=-1)
-        position = self._neck.command_limits.clip_position(self._low_pass(wanted, situation.command.position_rad))
+        position = self.neck.command_limits.clip_position(self._low_pass(wanted, situation.command.position_rad))
         # Central differences, as of numpy.gradient, which takes several times as long.
         velocity = np.empty_like(position)
-        velocity[1:-1] = (position[2:] - position[:-2]) / (2.0 * self._neck.control_period_s)
-        velocity[0] = (position[1] - position[0]) / self._neck.control_period_s
-        velocity[-1] = (position[-1] - position[-2]) / self._neck.control_period_s
-        return Plan(situation.start_s, self._neck.control_period_s, position, velocity, np.zeros_like(position))
+        velocity[1:-1] = (position[2:] - position[:-2]) / (2.0 * self.neck.control_period_s)
+        velocity[0] = (position[1] - position[0]) / self.neck.control_period_s
+        velocity[-1] = (position[-1] - position[-2]) / self.neck.control_period_s
+        return Plan(situation.start_s, self.neck.control_period_s, position, velocity, np.zeros_like(position))
 
     def _low_pass(self, wanted_rad: FloatArray, command_rad: FloatArray) -> FloatArray:
         if self._keep == 0.0:

@@ -18,10 +18,13 @@ class Reactive:
 
     Args:
         neck: The neck.
+
+    Attributes:
+        neck: The same.
     """
 
     def __init__(self, neck: NeckSpec) -> None:
-        self._neck = neck
+        self.neck = neck
 
     def reset(self) -> None:
         """Nothing to forget."""
@@ -32,8 +35,8 @@ class Reactive:
 
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
-        angles = look_at_rad(self._neck.geometry, situation.forecast.means_base_m)
-        limits = self._neck.command_limits
+        angles = look_at_rad(self.neck.geometry, situation.forecast.means_base_m)
+        limits = self.neck.command_limits
         angles = unwrap_pan(
             angles,
             float(situation.command.position_rad[0]),

@@ -9,7 +9,7 @@ from typing import Any
 
 from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
-from gazempc.loop.trial import check_controller, check_predictor
+from gazempc.loop.trial import check_controller, check_predictor, check_same_neck
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
 from gazempc.parts import CONTROLLER, PREDICTOR, is_own, name_of
@@ -90,9 +90,10 @@ def make_controller(
         The controller.
 
     Raises:
-        SettingsError: If it cannot be made, or does not do what a controller must.
+        SettingsError: If it cannot be made, does not do what a controller must, or was made for another neck.
     """
     if not isinstance(choice, str):
+        check_same_neck(choice, neck)
         if name_of(CONTROLLER, choice) not in CONTROLLER.shipped:
             return check_controller(choice, neck)
         choice.reset()

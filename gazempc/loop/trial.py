@@ -13,6 +13,8 @@ from predictors import Forecast, HeadObservation, Predictor
 
 # A person who walks past 2 m before the robot, for five frames at 30 frames a second.
 _TRIAL_FRAMES, _TRIAL_PERIOD_S = 5, 1.0 / 30.0
+# What a simulated neck does and no controller knows, see `gazempc.neck.spec.Axis`.
+_OF_SIMULATION = {"reports_joints", "encoder_noise_deg", "load_offset_deg"}
 
 
 def check_predictor(predictor: Predictor) -> Predictor:
@@ -81,6 +83,37 @@ def check_controller(controller: Controller, neck: NeckSpec) -> Controller:
     with _Trial(f"{called}: reset()"):
         controller.reset()
     return controller
+
+
+def check_same_neck(controller: object, neck: NeckSpec) -> None:
+    """Check that a controller was made for this neck, if it says by an attribute ``neck`` which one it knows.
+
+    Args:
+        controller: The controller.
+        neck: The neck that it is to steer.
+
+    Raises:
+        SettingsError: If it knows another one; names what differs.
+    """
+    known = getattr(controller, "neck", None)
+    if not isinstance(known, NeckSpec):
+        return
+    theirs, ours = _known_to_controllers(known), _known_to_controllers(neck)
+    if differs := [f"{name} {theirs[name]} instead of {ours[name]}" for name in ours if theirs[name] != ours[name]]:
+        raise SettingsError(
+            f"controller {name_of(CONTROLLER, controller)} was made for the neck {known.name!r}, and is to steer the "
+            f"neck {neck.name!r}; it knows {', '.join(differs)}; make it with the neck that it steers"
+        )
+
+
+def _known_to_controllers(neck: NeckSpec) -> dict[str, object]:
+    values: dict[str, object] = {}
+    for part, content in neck.model_dump(exclude={"name", "source", *_OF_SIMULATION}).items():
+        if isinstance(content, dict):
+            values |= {f"{part}.{name}": value for name, value in content.items() if name not in _OF_SIMULATION}
+        else:
+            values[part] = content
+    return values
 
 
 class _Trial:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import uniform_filter1d
 
 from gazempc.errors import RecordingError
 from gazempc.recordings.readers.checks import (
@@ -16,14 +15,9 @@ from gazempc.recordings.readers.checks import (
     check_times_increase,
     check_unit_quaternions,
 )
+from gazempc.recordings.readers.position_checks import check_head_travel
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.types import FloatArray
-
-# Where people say nothing of the pelvis, it is a trunk's length below the head.
-_HEAD_TO_PELVIS_M = 0.6
-# Travel is averaged over about a gait cycle, and says nothing below this speed.
-_GAIT_CYCLE_S = 1.0
-_STANDING_M_S = 0.2
 
 
 def recording_from_arrays(
@@ -42,9 +36,9 @@ def recording_from_arrays(
         name: Name of the recording; the subject is its part up to the first underscore.
         times_s: Capture times, shape (N,), seconds, increasing.
         head_position_m: The head's true positions, shape (N, 3), metres, z up.
-        head_quat_wxyz: Orientations of the head, shape (N, 4), or (4,) for all; the identity faces +x. Without them the
-            person faces where they walk.
-        pelvis_position_m: Positions of the pelvis, shape (N, 3), metres. Without them it is 0.6 m below the head.
+        head_quat_wxyz: Orientations of the head, shape (N, 4), or (4,) for all; the identity faces +x. Without
+            them they are not known, and no sensor sees them.
+        pelvis_position_m: Positions of the pelvis, shape (N, 3), metres. Optional, too.
         pelvis_quat_wxyz: Orientations of the pelvis, as those of the head.
         in_base_frame: Whether the frame's origin is the robot's sensor, x forward, y left. Without it the frame's floor
             is z = 0, and `gazempc.replay` places the robot beside the walk.
@@ -53,23 +47,23 @@ def recording_from_arrays(
         The recording.
 
     Raises:
-        RecordingError: If a shape is wrong, a value is not finite, times do not increase or are in another unit, or a
-            quaternion is not of unit length; names the array, the row and what is accepted.
+        RecordingError: If a shape is wrong, a value is not finite, times do not increase, times or positions are in
+            another unit, or a quaternion is not of unit length; names the array, the row and what is accepted.
     """
     times = _array(name, "times_s", times_s, ("N",))
     check_frame_count(Path(name), times.size)
     check_times_increase(Path(name), times, _row)
     check_frame_interval(Path(name), times)
     head_m = _array(name, "head_position_m", head_position_m, (times.size, 3))
-    pelvis_m = head_m - [0.0, 0.0, _HEAD_TO_PELVIS_M]
+    check_head_travel(Path(name), times, head_m)
+    pelvis_m = np.full_like(head_m, np.nan)
     if pelvis_position_m is not None:
         pelvis_m = _array(name, "pelvis_position_m", pelvis_position_m, (times.size, 3))
-    ahead = _travel_quat_wxyz(times, head_m)
     track = Track(
         head_position_m=head_m,
-        head_quat_wxyz=_quats(name, "head_quat_wxyz", head_quat_wxyz, ahead),
+        head_quat_wxyz=_quats(name, "head_quat_wxyz", head_quat_wxyz, times.size),
         pelvis_position_m=pelvis_m,
-        pelvis_quat_wxyz=_quats(name, "pelvis_quat_wxyz", pelvis_quat_wxyz, ahead),
+        pelvis_quat_wxyz=_quats(name, "pelvis_quat_wxyz", pelvis_quat_wxyz, times.size),
         valid=np.ones(times.size, dtype=np.bool_),
     )
     return Recording(
@@ -102,23 +96,10 @@ def _array(name: str, field: str, value: ArrayLike, shape: tuple[int | str, ...]
     return array
 
 
-def _quats(name: str, field: str, value: ArrayLike | None, ahead: FloatArray) -> FloatArray:
+def _quats(name: str, field: str, value: ArrayLike | None, frames: int) -> FloatArray:
     if value is None:
-        return ahead
+        return np.full((frames, 4), np.nan)
     quats = np.asarray(value)
-    quats = _array(name, field, np.tile(quats, (len(ahead), 1)) if quats.shape == (4,) else quats, ahead.shape)
+    quats = _array(name, field, np.tile(quats, (frames, 1)) if quats.shape == (4,) else quats, (frames, 4))
     check_unit_quaternions(Path(name), quats, field, _row)
     return np.asarray(quats / np.linalg.norm(quats, axis=1, keepdims=True), dtype=np.float64)
-
-
-def _travel_quat_wxyz(times_s: FloatArray, head_m: FloatArray) -> FloatArray:
-    """Orientation of somebody who faces where they walk, shape (N, 4); +x for one who stands all the time."""
-    frames = max(1, round(_GAIT_CYCLE_S / float(np.median(np.diff(times_s)))))
-    velocity_m_s = np.gradient(uniform_filter1d(head_m[:, :2], frames, axis=0, mode="nearest"), times_s, axis=0)
-    walks = np.hypot(*velocity_m_s.T) > _STANDING_M_S
-    yaw_rad = np.zeros(times_s.size)
-    if walks.any():
-        known_rad = np.unwrap(np.arctan2(velocity_m_s[walks, 1], velocity_m_s[walks, 0]))
-        yaw_rad = np.interp(times_s, times_s[walks], known_rad)
-    zero = np.zeros(times_s.size)
-    return np.stack([np.cos(yaw_rad / 2.0), zero, zero, np.sin(yaw_rad / 2.0)], axis=1)

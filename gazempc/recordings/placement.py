@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import PlacementError
-from gazempc.recordings.recording import Recording, Track
+from gazempc.recordings.recording import Recording, Track, turned
 from gazempc.types import FloatArray
 
 Placement = Literal["recorded", "side"]
@@ -80,9 +80,12 @@ def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArra
 
 
 def _facing(track: Track) -> FloatArray:
-    """Horizontal direction of the first face, or of the pelvis where the face looks straight up or down."""
+    """Horizontal direction of the first face; of the pelvis where that looks up or down; +x where none is known."""
     for quats in (track.head_quat_wxyz, track.pelvis_quat_wxyz):
-        forward = Rotation.from_quat(quats[track.valid][0], scalar_first=True).apply([1.0, 0.0, 0.0])
+        known = np.isfinite(quats).all(axis=1)
+        if not known.any():
+            continue
+        forward = Rotation.from_quat(quats[known][0], scalar_first=True).apply([1.0, 0.0, 0.0])
         length = float(np.linalg.norm(forward[:2]))
         if length > 1e-3:
             return np.asarray(forward[:2] / length, dtype=np.float64)
@@ -95,16 +98,10 @@ def _to_base(track: Track, base_m: FloatArray, yaw_rad: float) -> Track:
     def positions(values: FloatArray) -> FloatArray:
         return np.asarray((values - base_m) @ turn.as_matrix().T, dtype=np.float64)
 
-    def orientations(values: FloatArray) -> FloatArray:
-        turned = np.full_like(values, np.nan)
-        valid = track.valid
-        turned[valid] = (turn * Rotation.from_quat(values[valid], scalar_first=True)).as_quat(scalar_first=True)
-        return turned
-
     return Track(
         head_position_m=positions(track.head_position_m),
-        head_quat_wxyz=orientations(track.head_quat_wxyz),
+        head_quat_wxyz=turned(track.head_quat_wxyz, -yaw_rad),
         pelvis_position_m=positions(track.pelvis_position_m),
-        pelvis_quat_wxyz=orientations(track.pelvis_quat_wxyz),
+        pelvis_quat_wxyz=turned(track.pelvis_quat_wxyz, -yaw_rad),
         valid=track.valid,
     )

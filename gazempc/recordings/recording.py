@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
 from gazempc.types import BoolArray, FloatArray
 
 DataKind = Literal["synthetic", "motion capture", "body tracking"]
@@ -14,14 +18,15 @@ DataKind = Literal["synthetic", "motion capture", "body tracking"]
 class Track:
     """Poses of head and pelvis at the recording's capture times.
 
-    Rows where `valid` is False hold NaN. The frame is the recording's own: metres, z up, right-handed; the
-    identity quaternion faces +x with +y to the person's left.
+    Rows where `valid` is False hold NaN. Where the person was seen, the head's position is known. The other parts are
+    optional: a row of NaN says that this part is not known in this frame. The frame of reference is the recording's
+    own: metres, z up, right-handed; the identity quaternion faces +x with +y to the person's left.
 
     Attributes:
         head_position_m: Shape (N, 3), metres.
-        head_quat_wxyz: Shape (N, 4), unit quaternions.
-        pelvis_position_m: Shape (N, 3), metres.
-        pelvis_quat_wxyz: Shape (N, 4), unit quaternions.
+        head_quat_wxyz: Shape (N, 4), unit quaternions; NaN where not known.
+        pelvis_position_m: Shape (N, 3), metres; NaN where not known.
+        pelvis_quat_wxyz: Shape (N, 4), unit quaternions; NaN where not known.
         valid: Shape (N,); False where the person was not seen.
     """
 
@@ -30,6 +35,29 @@ class Track:
     pelvis_position_m: FloatArray
     pelvis_quat_wxyz: FloatArray
     valid: BoolArray
+
+    @property
+    def positions_only(self) -> bool:
+        """Whether no frame tells where head or pelvis is turned."""
+        return not any(np.isfinite(quats).any() for quats in (self.head_quat_wxyz, self.pelvis_quat_wxyz))
+
+
+def turned(quats_wxyz: FloatArray, yaws_rad: ArrayLike) -> FloatArray:
+    """Turn orientations about the vertical.
+
+    Args:
+        quats_wxyz: Unit quaternions, shape (N, 4); rows of NaN are not known.
+        yaws_rad: Angles, positive from +x to +y, one for all or shape (N,), radians.
+
+    Returns:
+        The turned ones, shape (N, 4); what was not known stays so.
+    """
+    known = np.isfinite(quats_wxyz).all(axis=1)
+    yaws = np.broadcast_to(np.asarray(yaws_rad, dtype=np.float64), known.shape)[known]
+    result = np.full(quats_wxyz.shape, np.nan)
+    turn = Rotation.from_euler("z", yaws[:, None])
+    result[known] = (turn * Rotation.from_quat(quats_wxyz[known], scalar_first=True)).as_quat(scalar_first=True)
+    return result
 
 
 @dataclass(frozen=True)
@@ -40,11 +68,13 @@ class Labels:
         subject: Who walks; by default the name up to the first underscore.
         group: Route group such as ``straight``, ``turn``, ``sharp``, or None where unknown.
         description: Free text for people.
+        activity: What the person does, such as ``moving``, ``starting``, ``stopping``, ``waiting``; None where unknown.
     """
 
     subject: str
     group: str | None = None
     description: str = ""
+    activity: str | None = None
 
 
 @dataclass(frozen=True)
@@ -61,7 +91,7 @@ class Recording:
         measured: What a body tracker saw of it, where the recording has that; None for motion capture.
         has_robot: True where the origin of the frame is the robot's sensor (x forward, y left, z up), so
             that the recording can be replayed where it was taken.
-        labels: Subject, group and description.
+        labels: Subject, group, description and activity.
     """
 
     name: str

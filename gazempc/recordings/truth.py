@@ -15,7 +15,7 @@ _ON_A_FRAME_S = 1e-6
 
 
 class TrueHead:
-    """Cubic spline through the valid frames; a straight line at the last velocity beyond them.
+    """Cubic spline through the head's positions in the valid frames; a straight line at the last velocity beyond them.
 
     Args:
         recording: The recording; positions are in its frame.
@@ -42,7 +42,7 @@ class TrueHead:
         gap_s = self._times_s[after] - self._times_s[after - 1]
         on_a_frame = np.minimum(self._times_s[after] - times, times - self._times_s[after - 1]) < _ON_A_FRAME_S
         inside = (times >= self._first_s - _ON_A_FRAME_S) & (times <= self._last_s + _ON_A_FRAME_S)
-        return inside & ((gap_s <= _LONGEST_GAP_S) | on_a_frame)
+        return inside & ((gap_s <= _LONGEST_GAP_S + _ON_A_FRAME_S) | on_a_frame)
 
     def __call__(self, times_s: ArrayLike) -> FloatArray:
         """Positions at times.

@@ -1,4 +1,4 @@
-"""What a run tells people: a table, one sentence, and `summary.json`."""
+"""What a run tells: its figures, the exceptions it survived, and `summary.json`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from gazempc.neck.spec import NeckSpec
 from gazempc.results.compute import ComputeMetrics
 from gazempc.results.log import Log
 from gazempc.results.metrics import Metrics, gap_closed
@@ -67,94 +66,6 @@ def make_rows(results: list[tuple[str, str, Metrics, ComputeMetrics]]) -> list[R
     ]
 
 
-def table(rows: list[Row], neck: NeckSpec) -> str:
-    """A readable table, one controller a column.
-
-    Args:
-        rows: The figures.
-        neck: Its limits stand beside the peaks.
-
-    Returns:
-        Lines of text.
-    """
-
-    def limit(values: Any) -> str:
-        low, high = min(values), max(values)
-        return f"{high:g}" if low == high else f"{low:g}/{high:g}"
-
-    lines: list[tuple[str, list[str]]] = [
-        ("", [label(row.controller) for row in rows]),
-        ("filter and forecast", [row.predictor for row in rows]),
-        ("gaze error RMS [deg]", [f"{row.metrics.gaze_error_rms_deg:.2f}" for row in rows]),
-        ("           median [deg]", [f"{row.metrics.gaze_error_median_deg:.2f}" for row in rows]),
-        ("           95 % below [deg]", [f"{row.metrics.gaze_error_p95_deg:.2f}" for row in rows]),
-        ("eye contact within 2.6 deg", [_share(row.metrics.eye_contact_2p6) for row in rows]),
-        ("            within 4 deg", [_share(row.metrics.eye_contact_4) for row in rows]),
-        ("            within 9 deg", [_share(row.metrics.eye_contact_9) for row in rows]),
-        ("gap to perfect closed", [_share(row.gap_closed) for row in rows]),
-        ("RMS acceleration [rad/s^2]", [f"{row.metrics.rms_acceleration_rad_s2:.2f}" for row in rows]),
-        (
-            f"peak velocity [rad/s], limit {limit(neck.velocity_max_rad_s)}",
-            [f"{row.metrics.peak_velocity_rad_s:.2f}" for row in rows],
-        ),
-        (
-            f"peak acceleration [rad/s^2], limit {limit(neck.acceleration_max_rad_s2)}",
-            [f"{row.metrics.peak_acceleration_rad_s2:.1f}" for row in rows],
-        ),
-        (
-            f"peak jerk [rad/s^3], limit {limit(neck.jerk_max_rad_s3)}",
-            [f"{row.metrics.peak_jerk_rad_s3:.0f}" for row in rows],
-        ),
-        ("limit violations", [str(row.metrics.limit_violations) for row in rows]),
-        ("step time, median [ms]", [f"{row.compute.step_ms_p50:.2f}" for row in rows]),
-        ("           99 % below [ms]", [f"{row.compute.step_ms_p99:.2f}" for row in rows]),
-    ]
-    first = max(len(label) for label, _ in lines)
-    widths = [max(len(cells[i]) for _, cells in lines) for i in range(len(rows))]
-    text = [
-        f"{label:<{first}}  " + "  ".join(f"{cell:>{w}}" for cell, w in zip(cells, widths, strict=True))
-        for label, cells in lines
-    ]
-    text.insert(2, "-" * len(text[0]))
-    return "\n".join(line.rstrip() for line in text)
-
-
-def sentence(rows: list[Row]) -> str:
-    """One sentence that says what the table means.
-
-    Args:
-        rows: The figures.
-
-    Returns:
-        The sentence; it compares what is there with the reactive gaze and the perfect forecast.
-    """
-    by_name = {row.controller: row for row in rows}
-    predictive = [by_name[name] for name in ("lookahead", "mpc") if name in by_name]
-    if "reactive" not in by_name or not predictive:
-        best = min(rows, key=lambda row: row.metrics.gaze_error_rms_deg)
-        return (
-            f"The {label(best.controller)} gaze is on the person's eyes (within 2.6 deg) "
-            f"{_share(best.metrics.eye_contact_2p6)} of the time."
-        )
-    reactive = by_name["reactive"].metrics
-    claims = []
-    for row in predictive:
-        ratio = reactive.gaze_error_rms_deg / row.metrics.gaze_error_rms_deg
-        change = f"{ratio:.1f} times smaller" if ratio > 1 else f"{1 / ratio:.1f} times larger"
-        claims.append(f"{label(row.controller)} {_share(row.metrics.eye_contact_2p6)} (RMS error {change})")
-    text = (
-        f"A gaze that only reacts is on the person's eyes (within 2.6 deg) "
-        f"{_share(reactive.eye_contact_2p6)} of the time, {' and '.join(claims)}"
-    )
-    if "perfect" in by_name:
-        limit = by_name["perfect"].metrics
-        text += (
-            f"; with perfect foresight the same neck could reach {_share(limit.eye_contact_2p6)} "
-            f"at {limit.gaze_error_rms_deg:.2f} deg"
-        )
-    return text + "."
-
-
 def faults(log: Log) -> list[dict[str, Any]]:
     """The exceptions that a run survived, as they stand in `summary.json`.
 
@@ -205,7 +116,3 @@ def _without_nan(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _share(value: float) -> str:
-    return "-" if math.isnan(value) else f"{100 * value:.1f} %"

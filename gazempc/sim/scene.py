@@ -16,13 +16,9 @@ from gazempc.settings import Settings
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
 
 
-class StageSettings(Settings):
-    """Settings of a scene but the neck, by names; what is None is what fits the recording."""
+class PlaceSettings(Settings):
+    """Settings of a scene but the neck and the sensor; what is None is what fits the recording."""
 
-    sensor: str | None = Field(
-        default=None,
-        description="Shipped sensor or a .toml file; without it the recording's own for body tracking, else reference",
-    )
     placement: Placement | None = Field(
         default=None,
         description="Where the robot stands; without it where the recording's sensor stood, "
@@ -35,6 +31,15 @@ class StageSettings(Settings):
         default=0.0, ge=-360, le=360, description="Pan at the start, from looking at the first observed head"
     )
     reading: ReadOptions = ReadOptions()
+
+
+class StageSettings(PlaceSettings):
+    """Settings of a scene but the neck, by names; what is None is what fits the recording."""
+
+    sensor: str | None = Field(
+        default=None,
+        description="Shipped sensor or a .toml file; without it the recording's own for body tracking, else reference",
+    )
 
 
 class SceneSettings(StageSettings):

@@ -31,12 +31,20 @@ def test_one_person_has_no_interval_and_nan_does_not_count():
     assert np.isnan(high)
 
 
-def row(recording, controller, rms, subject="s", group="turn", predictor="p"):
-    labels = {"recording": recording, "source": recording, "kind": "synthetic", "subject": subject, "group": group}
+def row(recording, controller, rms, subject="s", predictor="p", sensor="s", kind=None):
+    labels = {
+        "recording": recording,
+        "source": recording,
+        "data_kind": "synthetic",
+        "subject": subject,
+        "group": "turn",
+    }
     return labels | {
         "controller": controller,
         "predictor": predictor,
         "neck": "n",
+        "sensor": sensor,
+        "kind": kind,
         "seed": 0,
         "gaze_error_rms_deg": rms,
     }
@@ -78,3 +86,36 @@ def test_clips_without_the_figure_are_no_pair():
     for entry in rows:
         entry["overshoot_deg"] = None
     assert paired_differences(rows, "overshoot_deg", "mpc", "lookahead") == []
+
+
+def test_sensors_and_kinds_have_rows_of_their_own_by_hand():
+    """Rows by kind are of all groups and the other way round; a clip without a kind counts in `all` only."""
+    figures = {("near", "a"): 1.0, ("near", "b"): 2.0, ("near", "c"): 6.0, ("far", "a"): 10.0, ("far", "b"): 30.0}
+    kinds = {"a": "waiting", "b": "moving", "c": None}
+    rows = [row(clip, "mpc", rms, clip, sensor=s, kind=kinds[clip]) for (s, clip), rms in figures.items()]
+    others = [{**r, "controller": "lookahead", "gaze_error_rms_deg": 0.0} for r in rows]
+    expected = {
+        ("near", "turn", "all"): 3.0,
+        ("near", "all", "moving"): 2.0,
+        ("near", "all", "waiting"): 1.0,
+        ("near", "all", "all"): 3.0,
+        ("far", "turn", "all"): 20.0,
+        ("far", "all", "moving"): 30.0,
+        ("far", "all", "waiting"): 10.0,
+        ("far", "all", "all"): 20.0,
+    }
+    table = summarise(rows)
+    assert {(r["sensor"], r["group"], r["kind"]): r["gaze_error_rms_deg"] for r in table} == expected
+    assert [(r["sensor"], r["group"], r["kind"]) for r in table] == list(expected)
+    pairs = paired_differences(rows + others, "gaze_error_rms_deg", "mpc", "lookahead")
+    assert {(d["sensor"], d["group"], d["kind"]): d["difference"] for d in pairs} == expected
+
+
+def test_the_gap_is_closed_towards_the_perfect_forecast_with_the_same_sensor():
+    rows = [
+        row("a", controller, rms, sensor=sensor)
+        for sensor, errors in {"near": (10.0, 4.0, 2.0), "far": (30.0, 15.0, 10.0)}.items()
+        for controller, rms in zip(("reactive", "mpc", "perfect"), errors, strict=True)
+    ]
+    add_gap_closed(rows)
+    assert [r["gap_closed"] for r in rows if r["controller"] == "mpc"] == [0.75, 0.75]

@@ -76,6 +76,7 @@ def test_a_replay_by_names_is_the_replay_by_objects():
         ({"placement": "above"}, ["placement", "side"]),
         ({"predictor": object()}, ["predictor object lacks the method"]),
         ({"controller": gz.Reactive}, ["Reactive is a class"]),
+        ({"controller": gz.Reactive(gz.load_neck("slow"))}, ["controller reactive", "'slow'", "'reference'"]),
     ],
 )
 def test_wrong_arguments_are_named(arguments, named):

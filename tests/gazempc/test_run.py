@@ -45,9 +45,9 @@ def command(*words):
 
 @pytest.fixture(scope="module")
 def main_job(tmp_path_factory):
-    """The README's main job, without its environment."""
+    """The README's main job, without its environment, and under as many seeds on a busy machine as on another."""
     out = tmp_path_factory.mktemp("main_job")
-    done = command("--replay", "subject03_R4", "--out", str(out))
+    done = command("--replay", "subject03_R4", "--noise-seeds", "3", "--out", str(out))
     assert done.returncode == 0, done.stderr
     return out, done.stdout
 
@@ -82,6 +82,23 @@ def test_the_figures_follow_from_the_logs_alone(main_job):
         assert f"{row['gaze_error_rms_deg']:.2f}" in text
 
 
+def test_the_spread_over_the_noise_is_printed_and_saved(main_job):
+    out, text = main_job
+    summary = json.loads((out / "summary.json").read_text())
+    noise = summary["noise"]
+    assert noise["seeds"] == [0, 1, 2]
+    assert summary["settings"]["noise_seeds"] == 3
+    assert "over 3 seeds" in text
+    for row, over_seeds in zip(summary["rows"], noise["rows"], strict=True):
+        errors = over_seeds["per_seed"]["gaze_error_rms_deg"]
+        assert errors[0] == row["gaze_error_rms_deg"]
+        mean, sd = np.mean(errors), np.std(errors, ddof=1)
+        assert (over_seeds["mean"]["gaze_error_rms_deg"], over_seeds["sd"]["gaze_error_rms_deg"]) == pytest.approx(
+            (mean, sd)
+        )
+        assert f"{mean:.2f} ± {sd:.2f}" in text
+
+
 def test_prediction_is_worth_what_the_readme_says(main_job):
     """Threefold less error by both predictive gazes, at most 0.3 deg with the perfect forecast, no violation."""
     out, text = main_job
@@ -104,7 +121,7 @@ def test_the_log_is_read_in_one_line_by_numpy_and_pandas(main_job):
 def test_saved_settings_repeat_the_run(main_job, tmp_path):
     out, _ = main_job
     words = ["--config", str(out / "settings.yaml"), "--out", str(tmp_path), "--no-figures", "--controllers", "mpc"]
-    assert main(words) == 0
+    assert main([*words, "--noise-seeds", "1"]) == 0
     assert (tmp_path / "mpc.npz").read_bytes() == (out / "mpc.npz").read_bytes()
 
 
@@ -172,8 +189,8 @@ def test_a_limit_violation_is_status_1(tmp_path, monkeypatch, capsys):
     """Never seen in a real run: made by measuring against limits that are too small."""
     monkeypatch.setattr("gazempc.results.metrics.limit_violations", lambda log, neck: 3)
     words = ["--replay", "subject03_R4", "--controllers", "reactive", "--no-figures", "--out", str(tmp_path)]
-    assert main(words) == 1
-    assert "3 violations" in capsys.readouterr().err
+    assert main([*words, "--noise-seeds", "2"]) == 1
+    assert "6 violations" in capsys.readouterr().err
 
 
 def test_list_names_recordings_necks_and_sensors():

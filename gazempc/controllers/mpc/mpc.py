@@ -65,6 +65,7 @@ class Mpc:
         SettingsError: If the horizon is longer than 200 steps.
 
     Attributes:
+        neck: The neck.
         ocps: The programs of pan and of tilt, each for longer and longer smoothing times.
         catch_up_ocps: The same for a joint that is catching up.
         meeting_ocps: The same for a joint that comes up to somebody who was far off.
@@ -73,7 +74,7 @@ class Mpc:
     def __init__(
         self, neck: NeckSpec, horizon_s: float = 0.8, smoothing_time_s: float = 0.08, doubt_deg: float = 2.0
     ) -> None:
-        self._neck = neck
+        self.neck = neck
         self._steps = max(2, round(horizon_s / neck.control_period_s))
         if self._steps > _STEPS_MAX:
             raise SettingsError(
@@ -133,7 +134,7 @@ class Mpc:
         """See `gazempc.controllers.controller.Controller.plan`."""
         n, command, forecast = self._steps, situation.command, situation.forecast
         angles = unwrap_pan(
-            look_at_rad(self._neck.geometry, forecast.means_base_m),
+            look_at_rad(self.neck.geometry, forecast.means_base_m),
             float(command.position_rad[0]),
             *self._pan_reach_rad,
         )
@@ -172,9 +173,9 @@ class Mpc:
             if solution.solver not in _FIRST_SOLVERS:
                 events += ("second_solver",)
             knots[:, 1:, i] = solution.command
-        start_s = situation.start_s - self._neck.servo_period_s
+        start_s = situation.start_s - self.neck.servo_period_s
         return Plan(
-            start_s, self._neck.control_period_s, knots[0], knots[1], knots[2], events, first_parts=self._first_parts
+            start_s, self.neck.control_period_s, knots[0], knots[1], knots[2], events, first_parts=self._first_parts
         )
 
     def _deviations_rad(self, forecast: Forecast) -> FloatArray:

@@ -13,17 +13,18 @@ _INDEX_NAME = "index.csv"
 _INDEX_COLUMNS = {"clip", "subject", "group"}
 
 
-def labels_for(path: Path, times_s: FloatArray, pelvis_position_m: FloatArray) -> Labels:
+def labels_for(path: Path, times_s: FloatArray, path_m: FloatArray) -> Labels:
     """Find a recording's labels.
 
-    A file ``index.csv`` in the same folder with the columns clip, subject, group and, if it likes,
+    A file ``index.csv`` in the same folder with the columns clip, subject, group and, if it likes, kind and
     source_description wins for the clips it names. Otherwise the subject is the file's name up to the first
     underscore and the group follows from the motion.
 
     Args:
         path: The recording's file.
         times_s: Shape (N,), seconds, strictly increasing.
-        pelvis_position_m: Shape (N, 3), metres, z up; NaN where not seen.
+        path_m: Positions of the pelvis, or of the head where no pelvis is known, shape (N, 3), metres, z up; NaN
+            where not seen.
 
     Returns:
         The labels.
@@ -31,8 +32,9 @@ def labels_for(path: Path, times_s: FloatArray, pelvis_position_m: FloatArray) -
     row = _index_row(path)
     return Labels(
         subject=row.get("subject") or path.stem.split("_")[0] or path.stem,
-        group=row.get("group") or route_group(times_s, pelvis_position_m),
+        group=row.get("group") or route_group(times_s, path_m),
         description=row.get("source_description") or "",
+        activity=row.get("kind") or None,
     )
 
 

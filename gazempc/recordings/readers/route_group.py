@@ -21,34 +21,36 @@ _GRID_STEP_S = 1.0 / 30.0
 _MAX_GRID_POINTS = 100_000
 
 
-def route_group(times_s: FloatArray, pelvis_position_m: FloatArray) -> RouteGroup:
-    """Tell the group by the range of the pelvis's direction of travel.
+def route_group(times_s: FloatArray, position_m: FloatArray) -> RouteGroup:
+    """Tell the group by the range of the direction of travel.
 
     Under 20 degrees is straight, over 75 sharp, between them a turn. Moments slower than 0.2 m/s have no
     direction and do not count; a person who stands is therefore straight.
 
     Args:
         times_s: Shape (N,), seconds, strictly increasing.
-        pelvis_position_m: Shape (N, 3), metres, z up; rows with NaN are left out.
+        position_m: Of the pelvis, which sways less, or of the head; shape (N, 3), metres, z up; rows with NaN are
+            left out.
 
     Returns:
         The group's name.
     """
-    return _group_of_range(travel_direction_range_deg(times_s, pelvis_position_m))
+    return _group_of_range(travel_direction_range_deg(times_s, position_m))
 
 
-def travel_direction_range_deg(times_s: FloatArray, pelvis_position_m: FloatArray) -> float:
+def travel_direction_range_deg(times_s: FloatArray, position_m: FloatArray) -> float:
     """Range of the direction of travel after smoothing, in degrees; 0 where the person never walks.
 
     Args:
         times_s: Shape (N,), seconds, strictly increasing.
-        pelvis_position_m: Shape (N, 3), metres, z up; rows with NaN are left out.
+        position_m: Of the pelvis, which sways less, or of the head; shape (N, 3), metres, z up; rows with NaN are
+            left out.
 
     Returns:
         Largest minus smallest direction of travel (unwrapped), degrees.
     """
-    seen = np.isfinite(pelvis_position_m).all(axis=1)
-    times_s, path_m = times_s[seen], pelvis_position_m[seen, :2]
+    seen = np.isfinite(position_m).all(axis=1)
+    times_s, path_m = times_s[seen], position_m[seen, :2]
     if len(times_s) < 2:
         return 0.0
     duration_s = times_s[-1] - times_s[0]

@@ -1,8 +1,8 @@
 """Recordings as tables: CSV or Parquet with a row a frame.
 
-Columns, in any order: ``t`` (seconds), ``head_{x,y,z}`` and ``pelvis_{x,y,z}`` (metres, z up, right-handed),
-``head_q{w,x,y,z}`` and ``pelvis_q{w,x,y,z}`` (unit quaternions; the identity faces +x with +y to the left).
-Other columns are ignored.
+Columns, in any order: ``t`` (seconds) and ``head_{x,y,z}`` (metres, z up, right-handed). Optional are
+``pelvis_{x,y,z}``, ``head_q{w,x,y,z}`` and ``pelvis_q{w,x,y,z}`` (unit quaternions; the identity faces +x with +y to
+the left). Other columns are ignored.
 """
 
 from __future__ import annotations
@@ -20,24 +20,28 @@ from gazempc.recordings.readers.checks import (
     check_finite,
     check_frame_count,
     check_frame_interval,
-    check_head_to_pelvis,
     check_times_increase,
     check_unit_quaternions,
-    check_upright,
 )
 from gazempc.recordings.readers.labels import labels_for
 from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.position_checks import (
+    check_head_to_pelvis,
+    check_head_travel,
+    check_upright,
+)
 from gazempc.recordings.readers.text import read_text, shown
 from gazempc.recordings.recording import Recording, Track
 from gazempc.types import FloatArray
 
-COLUMNS = (
-    "t",
-    *(f"head_{axis}" for axis in "xyz"),
-    *(f"head_q{part}" for part in "wxyz"),
-    *(f"pelvis_{axis}" for axis in "xyz"),
-    *(f"pelvis_q{part}" for part in "wxyz"),
-)
+_NEEDED = ("t", "head_x", "head_y", "head_z")
+# Each of these is there with all of its columns, or not at all.
+_OPTIONAL = {
+    "head_q{w,x,y,z}": tuple(f"head_q{part}" for part in "wxyz"),
+    "pelvis_{x,y,z}": tuple(f"pelvis_{axis}" for axis in "xyz"),
+    "pelvis_q{w,x,y,z}": tuple(f"pelvis_q{part}" for part in "wxyz"),
+}
+COLUMNS = (*_NEEDED, *(name for names in _OPTIONAL.values() for name in names))
 
 
 def read_csv(path: Path, options: ReadOptions) -> Recording:  # all readers have the same signature
@@ -55,6 +59,7 @@ def read_csv(path: Path, options: ReadOptions) -> Recording:  # all readers have
     """
     reader = csv.reader(io.StringIO(read_text(path, "a CSV table"), newline=""))
     header: list[str] | None = None
+    columns: list[str] = []
     lines: list[int] = []
     cells: list[list[float]] = []
     picked: list[int] = []
@@ -64,7 +69,8 @@ def read_csv(path: Path, options: ReadOptions) -> Recording:  # all readers have
                 continue
             if header is None:
                 header = [name.strip() for name in row]
-                picked = _columns_in(path, header)
+                columns = _columns_in(path, header)
+                picked = [header.index(name) for name in columns]
                 continue
             if len(row) != len(header):
                 raise RecordingError(
@@ -79,7 +85,7 @@ def read_csv(path: Path, options: ReadOptions) -> Recording:  # all readers have
         raise RecordingError(path, f"row {reader.line_num}", f"{error}", "a comma-separated table") from None
     if not cells:
         raise RecordingError(path, "", "a header and no rows", "a row a frame after the header")
-    return _recording(path, np.array(cells), lambda index: f"row {lines[index]}")
+    return _recording(path, columns, np.array(cells), lambda index: f"row {lines[index]}")
 
 
 def read_parquet(path: Path, options: ReadOptions) -> Recording:
@@ -105,43 +111,45 @@ def read_parquet(path: Path, options: ReadOptions) -> Recording:
         names = list(pq.read_schema(path).names)
     except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
         raise RecordingError(path, "", _library_text(error), "a Parquet table") from None
-    _columns_in(path, names)
+    columns = _columns_in(path, names)
     try:
-        table = pq.ParquetFile(path).read(columns=list(COLUMNS))
+        table = pq.ParquetFile(path).read(columns=columns)
     except Exception as error:
         raise RecordingError(path, "", _library_text(error), "a Parquet table") from None
-    for name in COLUMNS:
+    for name in columns:
         kind = table.schema.field(name).type
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise RecordingError(path, f"column {name}", f"it holds {kind}", "floating-point numbers")
     if table.num_rows == 0:
         raise RecordingError(path, "", "a header and no rows", "a row a frame")
-    values = [table.column(name).to_numpy().astype(np.float64) for name in COLUMNS]
-    return _recording(path, np.column_stack(values), lambda index: f"row {index + 1}")
+    values = [table.column(name).to_numpy().astype(np.float64) for name in columns]
+    return _recording(path, columns, np.column_stack(values), lambda index: f"row {index + 1}")
 
 
-def _columns_in(path: Path, header: Sequence[str]) -> list[int]:
-    """Where the wanted columns stand in the header.
+def _columns_in(path: Path, header: Sequence[str]) -> list[str]:
+    """Which columns to read, in the order of COLUMNS.
 
     Raises:
-        RecordingError: If some are missing or stand there twice.
+        RecordingError: If a needed one is missing, an optional part is there in part, or one stands there twice.
     """
-    missing = [name for name in COLUMNS if name not in header]
+    begun = [names for names in _OPTIONAL.values() if any(name in header for name in names)]
+    wanted = [*_NEEDED, *(name for names in begun for name in names)]
+    missing = [name for name in wanted if name not in header]
     if missing:
         raise RecordingError(
             path,
             "header",
             f"missing column(s) {', '.join(missing)}; found {shown(', '.join(header), 200)}",
-            f"the columns {', '.join(COLUMNS)}, in any order",
+            f"the columns {', '.join(_NEEDED)}, and with all of its columns or none, each of {', '.join(_OPTIONAL)}",
         )
-    twice = [name for name in COLUMNS if header.count(name) > 1]
+    twice = [name for name in wanted if header.count(name) > 1]
     if twice:
         raise RecordingError(path, "header", f"more than one column {', '.join(twice)}", "each column once")
-    return [header.index(name) for name in COLUMNS]
+    return wanted
 
 
 def _numbers(path: Path, line: int, header: Sequence[str], row: Sequence[str], picked: Sequence[int]) -> list[float]:
-    """Numbers of a row in the order of COLUMNS.
+    """Numbers of a row, of the picked columns.
 
     Raises:
         RecordingError: Names the first cell that is not a number.
@@ -160,26 +168,37 @@ def _numbers(path: Path, line: int, header: Sequence[str], row: Sequence[str], p
     return numbers
 
 
-def _recording(path: Path, values: FloatArray, place: Place) -> Recording:
-    """Check a table of shape (N, 15), columns as COLUMNS, and make a recording of it."""
+def _recording(path: Path, columns: Sequence[str], values: FloatArray, place: Place) -> Recording:
+    """Check a table of shape (N, C) with these columns, and make a recording of it."""
     check_frame_count(path, len(values))
+    check_finite(path, values[:, 1:], columns[1:], place)
     times_s = values[:, 0].copy()
-    head_position_m, head_quat_wxyz = values[:, 1:4].copy(), values[:, 4:8]
-    pelvis_position_m, pelvis_quat_wxyz = values[:, 8:11].copy(), values[:, 11:15]
-    check_finite(path, values[:, 1:], COLUMNS[1:], place)
     check_times_increase(path, times_s, place)
-    check_unit_quaternions(path, head_quat_wxyz, "head_q{w,x,y,z}", place)
-    check_unit_quaternions(path, pelvis_quat_wxyz, "pelvis_q{w,x,y,z}", place)
-    check_frame_interval(path, times_s)
-    check_head_to_pelvis(path, head_position_m, pelvis_position_m)
-    check_upright(path, head_position_m, pelvis_position_m, "metres with z up and the person upright")
+
+    def part(names: Sequence[str]) -> FloatArray:
+        if names[0] not in columns:
+            return np.full((len(values), len(names)), np.nan)
+        return values[:, [columns.index(name) for name in names]]
+
+    def orientations(name: str) -> FloatArray:
+        quats_wxyz = part(_OPTIONAL[name])
+        check_unit_quaternions(path, quats_wxyz, name, place)
+        return np.asarray(quats_wxyz / np.linalg.norm(quats_wxyz, axis=1, keepdims=True))
+
     truth = Track(
-        head_position_m=head_position_m,
-        head_quat_wxyz=head_quat_wxyz / np.linalg.norm(head_quat_wxyz, axis=1, keepdims=True),
-        pelvis_position_m=pelvis_position_m,
-        pelvis_quat_wxyz=pelvis_quat_wxyz / np.linalg.norm(pelvis_quat_wxyz, axis=1, keepdims=True),
+        head_position_m=part(_NEEDED[1:]),
+        head_quat_wxyz=orientations("head_q{w,x,y,z}"),
+        pelvis_position_m=part(_OPTIONAL["pelvis_{x,y,z}"]),
+        pelvis_quat_wxyz=orientations("pelvis_q{w,x,y,z}"),
         valid=np.ones(len(values), dtype=np.bool_),
     )
+    check_frame_interval(path, times_s)
+    has_pelvis = "pelvis_x" in columns
+    if has_pelvis:
+        check_head_to_pelvis(path, truth.head_position_m, truth.pelvis_position_m)
+        check_upright(path, truth.head_position_m, truth.pelvis_position_m, "metres with z up and the person upright")
+    else:
+        check_head_travel(path, times_s, truth.head_position_m)
     return Recording(
         name=path.stem,
         source=str(path),
@@ -188,7 +207,7 @@ def _recording(path: Path, values: FloatArray, place: Place) -> Recording:
         truth=truth,
         measured=None,
         has_robot=False,
-        labels=labels_for(path, times_s, pelvis_position_m),
+        labels=labels_for(path, times_s, truth.pelvis_position_m if has_pelvis else truth.head_position_m),
     )
 
 

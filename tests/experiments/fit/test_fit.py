@@ -143,6 +143,15 @@ def test_a_walk_is_the_longest_stretch_without_a_gap():
         walk_of(replace(recording, truth=replace(recording.truth, valid=valid)))
 
 
+@pytest.mark.parametrize("part", ["head", "pelvis"])
+def test_a_walk_without_orientations_is_refused(part):
+    recording = load("subject01_R1")
+    name = f"{part}_quat_wxyz"
+    unknown = replace(recording.truth, **{name: np.full((recording.times_s.size, 4), np.nan)})
+    with pytest.raises(GazempcError, match=f"subject01_R1: the orientation of the {part} is not known"):
+        walk_of(replace(recording, truth=unknown))
+
+
 def test_examples_of_many_recordings_are_one_table():
     parts = [fitting_examples(name, 0, 1) for name in ("subject01_R1", "subject02_R4")]
     assert join(parts).weight.size == sum(p.weight.size for p in parts) > 100

@@ -125,7 +125,7 @@ def test_the_command_writes_the_table(tmp_path, capsys, monkeypatch):
     [
         (["--recordings", "nowhere"], "nowhere"),
         (["--recordings", "subject01_R1", "--horizons", "-1"], "positive"),
-        (["--recordings", "subject01_R1", "--sensor", "eyes"], "'eyes'"),
+        (["--recordings", "subject01_R1", "--sensors", "reference", "eyes"], "'eyes'"),
     ],
 )
 def test_bad_input(words, expected, tmp_path, capsys):
@@ -165,6 +165,10 @@ def test_a_glance_turns_the_head_and_nothing_else(from_s):
     np.testing.assert_allclose(np.array(turned)[after], 40.0, atol=1e-6)
     np.testing.assert_allclose(np.array(turned)[walk.times_s - walk.times_s[0] <= from_s - 1e-9], 0.0, atol=1e-6)
     assert turn_head(walk, 0.0, from_s) is walk
+    unknown = dataclasses.replace(
+        walk, truth=dataclasses.replace(walk.truth, head_quat_wxyz=np.full((walk.times_s.size, 4), np.nan))
+    )
+    assert np.isnan(turn_head(unknown, 40.0, from_s).truth.head_quat_wxyz).all()
 
 
 def test_cues_ratio_and_example(tmp_path):
@@ -192,10 +196,10 @@ def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name
     """With the settings of `constant_velocity` it errs as that does; with others it does not."""
     own = own_module(tmp_path, monkeypatch)
     words = {"recordings": ["subject01_R4"], "predictors": ["constant_velocity", f"{own}:Steady"], "jobs": 1}
-    plain, steady = forecast(**words, out=tmp_path / "out")
+    plain, steady = forecast(**words, out=tmp_path / "out").results
     assert (plain.predictor, steady.predictor) == ("constant_velocity", "steady")
     np.testing.assert_array_equal(plain.errors.difference_m, steady.errors.difference_m)
-    _, other = forecast(**words, options={"psd": 0.5}, out=tmp_path / "out")
+    _, other = forecast(**words, options={"psd": 0.5}, out=tmp_path / "out").results
     assert not np.array_equal(plain.errors.difference_m, other.errors.difference_m)
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 3
 
@@ -203,16 +207,37 @@ def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name
 def test_a_recording_that_cannot_be_read_is_said_and_the_others_are_kept(tmp_path, capsys):
     (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
     words = ["--recordings", str(tmp_path / "bad.csv"), "subject01_R1", "--predictors", "last_position", "--jobs", "1"]
-    assert main([*words, "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert "bad.csv" in error
-    assert "missing column" in error
-    assert len(list((tmp_path / "out" / "runs").iterdir())) == 1
+    assert main([*words, "--out", str(tmp_path / "out")]) == 1
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("- failed")]
+    assert "last_position on bad: " in line
+    assert "missing column" in line
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    (failed,) = summary["failed"]
+    assert failed["recording"].endswith("bad.csv")
+    assert {row["group"] for row in summary["rows"]} == {"straight", "all"}
 
 
 def test_a_predictor_that_fails_is_named_with_the_recordings(tmp_path, monkeypatch, capsys):
     fails = "\n\nclass Failing(Steady):\n    def forecast(self, times_s):\n        raise TypeError('no')\n"
     own = own_module(tmp_path, monkeypatch, "failing_parts", more=fails)
     words = ["--recordings", "subject01_R1", "subject01_R4", "--predictors", f"{own}:Failing", "last_position"]
-    assert main([*words, "--jobs", "1", "--out", str(tmp_path / "out")]) == 2
-    assert f"forecast: {own}:Failing on subject01_R1 and 1 more: predictor steady: " in capsys.readouterr().err
+    assert main([*words, "--jobs", "1", "--out", str(tmp_path / "out")]) == 1
+    assert f"- failed {own}:Failing on subject01_R1 and 1 more: predictor steady: " in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert {(f["recording"], f["predictor"]) for f in summary["failed"]} == {
+        (name, f"{own}:Failing") for name in ("subject01_R1", "subject01_R4")
+    }
+    assert all("no" in f["failed"] for f in summary["failed"])
+    assert {(row["predictor"], row["group"]) for row in summary["rows"]} == {
+        ("last_position", group) for group in ("straight", "turn", "all")
+    }
+
+
+def test_where_everything_fails_the_reasons_are_written_all_the_same(tmp_path, capsys):
+    (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
+    out = tmp_path / "out"
+    assert main(["--recordings", str(tmp_path / "bad.csv"), "--jobs", "1", "--out", str(out)]) == 1
+    assert "missing column" in capsys.readouterr().out
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["rows"] == []
+    assert len(summary["failed"]) == 5

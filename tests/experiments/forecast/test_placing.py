@@ -47,7 +47,7 @@ def test_forecasts_of_every_shipped_sensor(tmp_path):
     errors = {}
     for name in ("perfect", "reference", "body_tracker", "face_camera", "street"):
         words = {"recordings": ["subject01_R4"], "predictors": ["constant_velocity"], "horizons": [0.5], "jobs": 1}
-        (result,) = forecast(**words, sensor=name, out=tmp_path / name)
+        (result,) = forecast(**words, sensors=[name], out=tmp_path / name).results
         errors[name] = np.nanmean(np.linalg.norm(result.errors.difference_m, axis=-1))
     assert errors["perfect"] < errors["reference"] < min(errors["body_tracker"], errors["face_camera"])
     assert errors["perfect"] < errors["street"]

@@ -33,6 +33,23 @@ def test_every_shipped_controller_is_made_by_its_name(name):
     assert check_controller(made, NECK) is made
 
 
+@pytest.mark.parametrize("kind", [gz.Reactive, gz.LookAhead, gz.Mpc])
+def test_a_controller_that_was_made_for_another_neck_is_refused(kind):
+    slow = gz.load_neck("slow")
+    with pytest.raises(SettingsError, match=r"made for the neck 'slow'.*steer the neck 'reference'") as raised:
+        make_controller(kind(slow), NECK, SETTINGS, {})
+    for axis in ("pan", "tilt"):
+        assert f"{axis}.velocity_max_rad_s 1.0 instead of 2.5" in str(raised.value)
+    made = kind(slow)
+    assert make_controller(made, slow, SETTINGS, {}) is made
+
+
+def test_what_no_controller_knows_of_a_neck_may_differ():
+    noisy = NECK.model_copy(update={"name": "noisy", "pan": NECK.pan.model_copy(update={"encoder_noise_deg": 0.1})})
+    made = gz.Mpc(NECK)
+    assert make_controller(made, noisy, SETTINGS, {}) is made
+
+
 def test_the_settings_reach_the_predictor():
     noisy = GazeSettings(constant_velocity=ConstantVelocitySettings(position_noise_m=0.5))
     spreads = []

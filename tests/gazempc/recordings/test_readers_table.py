@@ -117,6 +117,95 @@ def test_labels_come_from_the_index_beside_the_file(tmp_path: Path) -> None:
     assert (labels.subject, labels.group, labels.description) == ("other", "straight", "")
 
 
+def test_the_column_kind_of_the_index_is_the_activity(tmp_path: Path) -> None:
+    write_rows(tmp_path / "walk7.csv", table_rows())
+    index = [["clip", "subject", "group", "kind"], ["walk7", "p3", "straight", "starting"]]
+    write_rows(tmp_path / "index.csv", index)
+    assert load(tmp_path / "walk7.csv").labels.activity == "starting"
+    assert load(write_rows(tmp_path / "other.csv", table_rows())).labels.activity is None
+
+
+# ---------------------------------------------------------------- optional parts
+
+PARTS = {"head_quat_wxyz": slice(4, 8), "pelvis_position_m": slice(8, 11), "pelvis_quat_wxyz": slice(11, 15)}
+
+
+@pytest.mark.parametrize(
+    "given", [(), ("head_quat_wxyz",), ("pelvis_position_m",), ("pelvis_quat_wxyz", "head_quat_wxyz")]
+)
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_what_a_table_does_not_hold_is_not_known(tmp_path: Path, given: tuple[str, ...], ending: str) -> None:
+    values = walk_values()
+    kept = [k for k in range(15) if k < 4 or any(k in range(15)[PARTS[name]] for name in given)]
+    path = tmp_path / f"walk.{ending}"
+    if ending == "csv":
+        write_rows(path, [[row[k] for k in kept] for row in table_rows(values)])
+    else:
+        pq.write_table(pa.table({COLUMNS[k]: values[:, k] for k in kept}), path)
+    recording = load(path)
+    np.testing.assert_array_equal(recording.truth.head_position_m, values[:, 1:4])
+    for name, columns in PARTS.items():
+        expected = values[:, columns] if name in given else np.full_like(values[:, columns], np.nan)
+        np.testing.assert_allclose(getattr(recording.truth, name), expected, atol=1e-15)
+    assert recording.truth.valid.all()
+    assert recording.labels.group == "straight"
+
+
+def heads(times_s: np.ndarray, head_m: np.ndarray) -> Rows:
+    values = np.column_stack([times_s, head_m])
+    return [list(COLUMNS[:4]), *[[repr(float(v)) for v in row] for row in values]]
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 16.0, 50.0])
+@pytest.mark.parametrize("turn_deg", [0.0, 45.0, 120.0])
+def test_the_group_follows_from_the_head_where_no_pelvis_is_known(
+    tmp_path: Path, rate_hz: float, turn_deg: float
+) -> None:
+    t = np.arange(0.0, 5.0, 1.0 / rate_hz)
+    heading = np.radians(turn_deg) * np.clip((t - 1.5) / 2.0, 0.0, 1.0)
+    steps_m = 1.2 / rate_hz * np.column_stack([np.cos(heading), np.sin(heading), 0.0 * t])
+    path_m = np.cumsum(steps_m, axis=0) + np.array([0.0, 0.0, 1.7])
+    groups = {0.0: "straight", 45.0: "turn", 120.0: "sharp"}
+    assert load(write_rows(tmp_path / "a.csv", heads(t, path_m))).labels.group == groups[turn_deg]
+
+
+@pytest.mark.parametrize(
+    ("factor", "order", "said"),
+    [
+        (1000.0, [0, 1, 2], ["1200 m/s", "looks like millimetres", "slower than 12.5 m/s"]),
+        (100.0, [0, 1, 2], ["120 m/s", "centimetres"]),
+        (1.0, [2, 1, 0], ["z does not point up", "4.72 m along z", "metres with z up"]),
+    ],
+)
+def test_heads_in_another_unit_or_with_another_axis_up_are_refused(
+    tmp_path: Path, factor: float, order: list[int], said: list[str]
+) -> None:
+    t = np.arange(60) / 15.0
+    head_m = np.column_stack([1.2 * t, 0.02 * np.sin(6.0 * t), np.full(60, 1.7)])
+    with pytest.raises(RecordingError) as caught:
+        load(write_rows(tmp_path / "a.csv", heads(t, factor * head_m[:, order])))
+    for words in said:
+        assert words in str(caught.value)
+
+
+def test_jumps_of_a_tracker_are_no_running(tmp_path: Path) -> None:
+    t = np.arange(200) / 50.0
+    head_m = np.column_stack([1.2 * t, 0.1 * (np.arange(200) % 7 > 3), np.full(200, 1.6)])  # 5 m/s from frame to frame
+    assert load(write_rows(tmp_path / "a.csv", heads(t, head_m))).times_s.size == 200
+
+
+def test_every_track_of_other_people_is_read(tracks_dir: Path) -> None:
+    """Positions only, at 16 and at 50 frames a second; subjects, groups and activities are those of the index."""
+    with (tracks_dir / "index.csv").open(encoding="utf-8") as stream:
+        index = {row["clip"]: row for row in csv.DictReader(stream)}
+    for clip, row in list(index.items())[::20]:
+        recording = load(tracks_dir / f"{clip}.csv")
+        labels = recording.labels
+        assert recording.truth.positions_only
+        assert (labels.subject, labels.group, labels.activity) == (row["subject"], row["group"], row["kind"])
+        assert recording.times_s[-1] - recording.times_s[0] == pytest.approx(float(row["duration_s"]), abs=0.011)
+
+
 def test_a_damaged_index_is_no_obstacle(tmp_path: Path) -> None:
     (tmp_path / "index.csv").write_bytes(b'clip,subject,group\nwalk\xff\x00,"')
     assert load(write_rows(tmp_path / "walk.csv", table_rows())).labels.subject == "walk"
@@ -159,8 +248,9 @@ def _drop_column(rows: Rows) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (_drop_column, ["header", "missing column(s) head_qw", "the columns t, head_x"]),
+        (_drop_column, ["header", "missing column(s) head_qw", "the columns t, head_x", "all of its columns or none"]),
         (_set(1, "head_x", "t"), ["header", "missing column(s) head_x"]),
+        (_set(1, "pelvis_y", "pelvisy"), ["header", "missing column(s) pelvis_y", "pelvis_{x,y,z}"]),
         (lambda rows: [row.append(row[3]) for row in rows], ["more than one column head_z", "once"]),
         (_set(17, "head_y", "1,5"), ["row 17", "head_y", "'1,5' is not a number", "a number"]),
         (_set(17, "head_y", ""), ["row 17", "head_y", "'' is not a number"]),

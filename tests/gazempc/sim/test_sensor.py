@@ -202,6 +202,24 @@ def test_a_sensor_that_sees_nobody_is_an_error() -> None:
         observe(standing(30), PERFECT.model_copy(update={"range_max_m": 1.0}), seed=1)
 
 
+def without(walk: Recording, part: str, rows: slice) -> Recording:
+    values = getattr(walk.truth, part).copy()
+    values[rows] = np.nan
+    return replace(walk, truth=replace(walk.truth, **{part: values}))
+
+
+@pytest.mark.parametrize("part", ["head_quat_wxyz", "pelvis_quat_wxyz"])
+def test_an_orientation_that_is_not_known_is_not_seen(part: str) -> None:
+    """All else is seen as before, with the same noise."""
+    whole = observe(standing(30), REFERENCE, seed=1)
+    for i, (other, each) in enumerate(
+        zip(observe(without(standing(30), part, slice(10, 20)), REFERENCE, seed=1), whole, strict=True)
+    ):
+        expected = replace(each.observation, **{part: None}) if 10 <= i < 20 else each.observation
+        for name in ("head_position_base_m", "head_quat_wxyz", "pelvis_quat_wxyz"):
+            np.testing.assert_array_equal(getattr(other.observation, name), getattr(expected, name))
+
+
 # ---------------------------------------------------------------- recorded
 
 
@@ -317,6 +335,24 @@ def test_a_straight_walk_passes_from_right_to_left(direction: float) -> None:
     np.testing.assert_allclose(placed.truth.head_position_m, expected, atol=1e-12)
     np.testing.assert_allclose(yaw_of(placed.truth.pelvis_quat_wxyz), np.pi / 2, atol=1e-12)
     np.testing.assert_allclose(yaw_of(placed.truth.head_quat_wxyz), np.pi / 2 + 0.2, atol=1e-12)
+
+
+def test_positions_alone_are_placed_as_they_are_with_orientations() -> None:
+    walk = curved_walk()
+    bare = replace(walk, measured=None)
+    for part in ("head_quat_wxyz", "pelvis_position_m", "pelvis_quat_wxyz"):
+        bare = without(bare, part, slice(None))
+    placed, whole = place(bare, "side", 2.5, 1.2), place(walk, "side", 2.5, 1.2)
+    np.testing.assert_array_equal(placed.truth.head_position_m, whole.truth.head_position_m)
+    assert placed.truth.positions_only
+    assert not whole.truth.positions_only
+    assert all(each.observation.head_quat_wxyz is None for each in observe(placed, REFERENCE, seed=1))
+    # Who stands and faces nowhere that is known is looked at along -x.
+    stands = without(without(standing(30), "head_quat_wxyz", slice(None)), "pelvis_quat_wxyz", slice(None))
+    head = stands.truth.head_position_m[0]
+    np.testing.assert_allclose(
+        place(stands, "side", 2.5, 1.2).truth.head_position_m[0], [2.5, 0.0, head[2] - 1.2], atol=1e-12
+    )
 
 
 def test_invalid_frames_do_not_count_for_the_placement_and_stay_invalid() -> None:

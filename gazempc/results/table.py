@@ -1,0 +1,115 @@
+"""What a run tells people: a table, and a sentence on what it means."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from gazempc.neck.spec import NeckSpec
+from gazempc.results.repeats import Repeats
+from gazempc.results.report import label
+
+
+def table(repeats: Sequence[Repeats], neck: NeckSpec) -> str:
+    """A readable table, one controller a column.
+
+    Under several seeds it has means and standard deviations over them. Peaks are the highest of all, violations the
+    sum, and times the means.
+
+    Args:
+        repeats: The figures.
+        neck: Its limits stand beside the peaks.
+
+    Returns:
+        Lines of text.
+    """
+    seeds = repeats[0].seeds
+
+    def spread(name: str, digits: int = 2, unit: str = "") -> list[str]:
+        factor = 100.0 if unit == " %" else 1.0
+        return [_spread(factor * r.mean(name), factor * r.sd(name), digits, unit) for r in repeats]
+
+    def peak(name: str, digits: int) -> list[str]:
+        return [f"{r.most(name):.{digits}f}" for r in repeats]
+
+    lines: list[tuple[str, list[str]]] = [
+        ("", [label(r.first.controller) for r in repeats]),
+        ("filter and forecast", [r.first.predictor for r in repeats]),
+        ("gaze error RMS [deg]", spread("gaze_error_rms_deg")),
+        ("           median [deg]", spread("gaze_error_median_deg")),
+        ("           95 % below [deg]", spread("gaze_error_p95_deg")),
+        ("eye contact within 2.6 deg", spread("eye_contact_2p6", 1, " %")),
+        ("            within 4 deg", spread("eye_contact_4", 1, " %")),
+        ("            within 9 deg", spread("eye_contact_9", 1, " %")),
+        ("gap to perfect closed", spread("gap_closed", 1, " %")),
+        ("RMS acceleration [rad/s^2]", spread("rms_acceleration_rad_s2")),
+        (f"peak velocity [rad/s], limit {_limit(neck.velocity_max_rad_s.tolist())}", peak("peak_velocity_rad_s", 2)),
+        (
+            f"peak acceleration [rad/s^2], limit {_limit(neck.acceleration_max_rad_s2.tolist())}",
+            peak("peak_acceleration_rad_s2", 1),
+        ),
+        (f"peak jerk [rad/s^3], limit {_limit(neck.jerk_max_rad_s3.tolist())}", peak("peak_jerk_rad_s3", 0)),
+        ("limit violations", [f"{sum(r.values('limit_violations')):.0f}" for r in repeats]),
+        ("step time, median [ms]", [f"{r.mean('step_ms_p50'):.2f}" for r in repeats]),
+        ("           99 % below [ms]", [f"{r.mean('step_ms_p99'):.2f}" for r in repeats]),
+    ]
+    if len(seeds) > 1:
+        of_first = [f"{r.first.metrics.gaze_error_rms_deg:.2f}" for r in repeats]
+        lines.insert(3, (f"           seed {seeds[0]}, as in the figures", of_first))
+    first = max(len(label) for label, _ in lines)
+    widths = [max(len(cells[i]) for _, cells in lines) for i in range(len(repeats))]
+    text = [
+        f"{label:<{first}}  " + "  ".join(f"{cell:>{w}}" for cell, w in zip(cells, widths, strict=True))
+        for label, cells in lines
+    ]
+    text.insert(2, "-" * len(text[0]))
+    return "\n".join(line.rstrip() for line in text)
+
+
+def sentence(repeats: Sequence[Repeats]) -> str:
+    """One sentence that says what the table means.
+
+    Args:
+        repeats: The figures; means over the seeds are compared.
+
+    Returns:
+        The sentence; it compares what is there with the reactive gaze and the perfect forecast.
+    """
+
+    def contact(r: Repeats) -> str:
+        return _spread(100.0 * r.mean("eye_contact_2p6"), math.nan, 1, " %")
+
+    by_name = {r.first.controller: r for r in repeats}
+    predictive = [by_name[name] for name in ("lookahead", "mpc") if name in by_name]
+    if "reactive" not in by_name or not predictive:
+        best = min(repeats, key=lambda r: r.mean("gaze_error_rms_deg"))
+        name = label(best.first.controller)
+        return f"The {name} gaze is on the person's eyes (within 2.6 deg) {contact(best)} of the time."
+    reactive = by_name["reactive"]
+    claims = []
+    for r in predictive:
+        ratio = reactive.mean("gaze_error_rms_deg") / r.mean("gaze_error_rms_deg")
+        change = f"{ratio:.1f} times smaller" if ratio > 1 else f"{1 / ratio:.1f} times larger"
+        claims.append(f"{label(r.first.controller)} {contact(r)} (RMS error {change})")
+    text = (
+        f"A gaze that only reacts is on the person's eyes (within 2.6 deg) "
+        f"{contact(reactive)} of the time, {' and '.join(claims)}"
+    )
+    if "perfect" in by_name:
+        limit = by_name["perfect"]
+        text += (
+            f"; with perfect foresight the same neck could reach {contact(limit)} "
+            f"at {limit.mean('gaze_error_rms_deg'):.2f} deg"
+        )
+    return text + "."
+
+
+def _spread(mean: float, sd: float, digits: int, unit: str) -> str:
+    if math.isnan(mean):
+        return "-"
+    return f"{mean:.{digits}f}{'' if math.isnan(sd) else f' ± {sd:.{digits}f}'}{unit}"
+
+
+def _limit(values: list[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{high:g}" if low == high else f"{low:g}/{high:g}"

@@ -1,0 +1,126 @@
+"""Replay a scene to several controllers, under one seed of the noise after the other."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gazempc.progress import Progress
+from gazempc.results.compute import measure_compute
+from gazempc.results.metrics import measure
+from gazempc.results.repeats import Repeats, by_controller
+from gazempc.results.report import Row, faults, make_rows
+from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
+from gazempc.sim.scene import Scene
+
+DEFAULT_SEEDS = 8
+# Nobody waits longer for figures that they did not ask for.
+_PATIENCE_S = 10.0
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """What came of it.
+
+    Attributes:
+        first: The replays under the first seed, by a name of the controller that fits a file and is there once.
+        repeats: The figures of each controller, in the same order.
+        faults: Exceptions that runs survived, by seed, then by the same names; only where there are some.
+        said: How often the noise was repeated, and why, for people.
+    """
+
+    first: dict[str, Replayed]
+    repeats: list[Repeats]
+    faults: dict[int, dict[str, list[dict[str, Any]]]]
+    said: str
+
+
+def replay_repeatedly(
+    scene: Scene, settings: ReplaySettings, controllers: Sequence[str], count: int | None, progress: Progress
+) -> Repeated:
+    """Replay a scene under seeds from its own on.
+
+    Args:
+        scene: Walk, neck, sensor and first seed.
+        settings: Predictor and parameters of the parts.
+        controllers: Names of the controllers.
+        count: Number of seeds; None for 8, or as many as fit into ten seconds, or one if the noise makes no difference.
+        progress: Told what is going on.
+
+    Returns:
+        Replays and figures.
+
+    Raises:
+        LeftOutError: If the recording is too short to be scored.
+        SettingsError: If a part cannot be made, or does not do what it must.
+    """
+    first: dict[str, Replayed] = {}
+    rounds: list[list[Row]] = []
+    survived: dict[int, dict[str, list[dict[str, Any]]]] = {}
+    reason = ""
+    started_s = time.monotonic()
+    for seed in range(scene.seed, scene.seed + (count or DEFAULT_SEEDS)):
+        done = len(rounds)
+        if count is None and done and (time.monotonic() - started_s) * (done + 1) / done > _PATIENCE_S:
+            reason = f"as many as fit into {_PATIENCE_S:.0f} s: --noise-seeds N for more"
+            break
+        if count is None and done == 2 and _figures(rounds[0]) == _figures(rounds[1]):
+            del rounds[1]
+            reason = "another one makes no difference"
+            break
+        progress.say(f"replaying {scene.walk.name}, noise seed {seed}")
+        replayed = _named(_replays(replace(scene, seed=seed), settings, controllers, progress))
+        rounds.append(_rows(replayed, scene.neck.control_period_s))
+        if of_seed := {name: faults(log) for name, (log, _) in replayed.items() if log.faults}:
+            survived[seed] = of_seed
+        first = first or replayed
+    seeds = tuple(range(scene.seed, scene.seed + len(rounds)))
+    return Repeated(first, by_controller(seeds, rounds), survived, _said(seeds, reason))
+
+
+def _replays(
+    scene: Scene, settings: ReplaySettings, controllers: Sequence[str], progress: Progress
+) -> Iterator[Replayed]:
+    chosen = list(dict.fromkeys(controllers))
+    for k, controller in enumerate(chosen):
+
+        def of_all(share: float, before: int = k) -> None:
+            progress.at((before + share) / len(chosen))
+
+        yield replay_scene(scene, controller, settings.predictor, settings, of_all)
+
+
+def _named(replays: Iterator[Replayed]) -> dict[str, Replayed]:
+    named: dict[str, Replayed] = {}
+    for replayed in replays:
+        # A controller's name, told apart from an earlier one of the same name.
+        plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in replayed.log.run.controller)
+        same = sum(other == plain or other.startswith(f"{plain}_") for other in named)
+        named[f"{plain}_{same + 1}" if same else plain] = replayed
+    return named
+
+
+def _rows(replayed: dict[str, Replayed], control_period_s: float) -> list[Row]:
+    return make_rows(
+        [
+            (name, log.run.predictor, measure(log), measure_compute(times, control_period_s))
+            for name, (log, times) in replayed.items()
+        ]
+    )
+
+
+def _figures(rows: Sequence[Row]) -> str:
+    # As text, in which NaN is the same as NaN.
+    return repr([(row.controller, row.metrics) for row in rows])
+
+
+def _said(seeds: Sequence[int], reason: str) -> str:
+    why = f" ({reason})" if reason else ""
+    if len(seeds) == 1:
+        return f"one seed of the noise, {seeds[0]}{why}"
+    return (
+        f"mean ± standard deviation over {len(seeds)} seeds of the noise, {seeds[0]} to {seeds[-1]}{why}; "
+        f"peaks: highest of all; logs and figures: seed {seeds[0]}"
+    )

@@ -1,0 +1,133 @@
+"""Folders of tracks, several sensors, and tables by kind: by hand."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments.forecast.command import forecast, main
+from experiments.forecast.coverage import inside
+from experiments.forecast.errors import ForecastErrors
+from experiments.forecast.summary import ClipResult, summarise
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
+SPEEDS_M_S = {"anna_1": 1.0, "anna_2": 2.0, "bert_1": 0.5, "carl_1": 1.5}
+KINDS = {"anna_1": "moving", "anna_2": "starting", "bert_1": "moving"}  # nobody says what carl does
+
+
+@pytest.fixture
+def tracks(tmp_path):
+    """Head positions only, 50 a second, of people who walk straight on; each frame is off by 20 mm, to and fro."""
+    folder = tmp_path / "tracks"
+    folder.mkdir()
+    times_s = np.arange(0, 4.0, 0.02)
+    for name, speed_m_s in SPEEDS_M_S.items():
+        off_m = 0.02 * (-1.0) ** np.arange(times_s.size)
+        rows = np.stack([times_s, speed_m_s * times_s, 3.0 + off_m, np.full_like(times_s, 1.6)], axis=1)
+        np.savetxt(folder / f"{name}.csv", rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
+    index = ["clip,subject,group,kind", *(f"{c},{c.split('_')[0]},straight,{KINDS.get(c, '')}" for c in SPEEDS_M_S)]
+    (folder / "index.csv").write_text("\n".join(index) + "\n")
+    return folder
+
+
+def test_tables_by_sensor_and_kind_in_the_files_and_in_the_text(tracks, tmp_path, capsys):
+    """The last position errs by speed times horizon: means over the clips of each kind are known."""
+    blunt = tmp_path / "blunt.toml"
+    blunt.write_text(
+        'name = "blunt"\nsource = "made here"\nrate_hz = 30.0\nlatency_s = 0.0\n'
+        "position_noise_m = 0.5\nyaw_noise_deg = 0.0\n"
+    )
+    words = ["--recordings", str(tracks), "--predictors", "last_position", "constant_velocity", "--horizons", "1.0"]
+    assert main([*words, "--sensors", "perfect", str(blunt), "--jobs", "1", "--out", str(tmp_path / "out")]) == 0
+    rows = json.loads((tmp_path / "out" / "summary.json").read_text())["rows"]
+    assert [(r["sensor"], r["predictor"], r["group"], r["kind"]) for r in rows] == [
+        (sensor, predictor, group, kind)
+        for sensor in ("perfect", "blunt")
+        for predictor in ("last_position", "constant_velocity")
+        for group, kind in (("straight", "all"), ("all", "moving"), ("all", "starting"), ("all", "all"))
+    ]
+    last = {r["kind"]: r for r in rows if (r["sensor"], r["predictor"]) == ("perfect", "last_position")}
+    for kind, (speed_m_s, clips) in {"moving": (0.75, 2), "starting": (2.0, 1), "all": (1.25, 4)}.items():
+        assert last[kind]["error_along_rms_mm"] >= 990.0 * speed_m_s
+        assert last[kind]["error_true_mm"] == pytest.approx(1000.0 * speed_m_s, rel=0.01)
+        assert last[kind]["n_clips"] == clips
+    text = capsys.readouterr().out
+    assert text.index("## Sensor perfect") < text.index("## Sensor blunt")
+    assert "| last_position | both | all | starting | 1 | 1 | 2000" in text
+    for sensor in ("perfect", "blunt"):
+        assert (tmp_path / "out" / f"forecast_error_{sensor}.png").is_file()
+
+
+def test_smoothed_truth_scores_what_the_track_hides(tracks, tmp_path):
+    """Seen raw, the last position is off by 20 mm across; against the smooth truth that is left, not 0 or 40 mm."""
+    words = {"recordings": [str(tracks / "bert_1.csv")], "predictors": ["last_position"], "jobs": 1}
+
+    def across_mm(**more):
+        (found,) = forecast(**words, horizons=[0.02], out=tmp_path / "out", **more).results
+        return found.sensor, 1e3 * found.errors.difference_m[5:-20, 0, 1]
+
+    sensor, off_mm = across_mm(truth_smoothing=0.16)
+    assert sensor == "recorded"
+    np.testing.assert_allclose(np.abs(off_mm), 20.0, atol=0.5)
+    _, raw_mm = across_mm(sensors=["perfect"])
+    assert set(np.round(np.abs(raw_mm))) == {40.0}
+    sensor, off_mm = across_mm(truth_smoothing=0.16, sensors=["perfect"])
+    assert sensor == "perfect"
+    np.testing.assert_allclose(np.abs(off_mm), 20.0, atol=0.5)
+
+
+def test_a_walk_that_comes_too_near_is_left_out_where_the_place_matters(tmp_path, capsys):
+    """A circle of 2 m about its centre: beside it at 2.5 m the head comes within 0.5 m of a camera."""
+    times_s = np.arange(0, 8.0, 0.05)
+    angle_rad = 2.0 * np.pi * times_s / 8.0
+    rows = np.stack([times_s, 2.0 * np.cos(angle_rad), 2.0 * np.sin(angle_rad), 0 * times_s + 1.6], axis=1)
+    np.savetxt(tmp_path / "round.csv", rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
+    words = ["--recordings", str(tmp_path / "round.csv"), "--sensors", "reference", "face_camera", "--jobs", "1"]
+    assert main([*words, "--predictors", "last_position", "--out", str(tmp_path / "out")]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    (left_out,) = summary["left_out"]
+    assert left_out["sensor"] == "face_camera"
+    assert summary["n_left_out"] == 1
+    assert {row["sensor"] for row in summary["rows"]} == {"reference"}
+    assert f"- left out round, sensor face_camera: {left_out['left_out']}" in capsys.readouterr().out
+
+
+def test_two_sensors_of_the_same_name_are_refused(tmp_path, capsys):
+    twin = tmp_path / "twin.toml"
+    twin.write_text(
+        'name = "reference"\nsource = "made here"\nrate_hz = 30.0\nlatency_s = 0.0\n'
+        "position_noise_m = 0.5\nyaw_noise_deg = 0.0\n"
+    )
+    words = ["--recordings", "subject01_R1", "--sensors", "reference", str(twin), "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    assert "have the same name, 'reference'" in " ".join(capsys.readouterr().err.split())
+
+
+def clip(recording, predictor, error_m, freedom=np.inf, nees=1.0):
+    """One scored frame."""
+    errors = ForecastErrors(
+        np.array([0.5]),
+        np.array([[[error_m, 0.0, 0.0]]]),
+        np.array([[0.0]]),
+        np.array([[nees]]),
+        np.array([freedom]),
+        np.array([1.0]),
+    )
+    return ClipResult(recording, "s", predictor, "both", "synthetic", recording, "turn", None, errors, False)
+
+
+def test_the_ratio_is_over_the_clips_that_both_have():
+    """On clip b the other one failed; by the means alone it would be 4 / 6, and on the same clip it is 4 / 2."""
+    results = [clip("a", "constant_velocity", 2.0), clip("b", "constant_velocity", 10.0), clip("a", "other", 4.0)]
+    ratios = {r["predictor"]: r["ratio_to_constant_velocity"] for r in summarise(results)}
+    assert ratios == {"constant_velocity": 1.0, "other": 2.0}
+
+
+def test_coverage_in_the_table_is_that_of_the_stated_tails():
+    """A NEES of 9 is beyond the 95 % of a normal distribution (7.8), and within those of t with 4 (9.9)."""
+    (_, normal) = summarise([clip("a", "normal", 1.0, np.inf, 9.0)])
+    (_, tailed) = summarise([clip("a", "tailed", 1.0, 4.0, 9.0)])
+    assert (normal["coverage_95"], tailed["coverage_95"]) == (0.0, 1.0)
+    assert inside(np.array([9.0]), np.array([4.0]), 0.90).tolist() == [False]
+    assert tailed["coverage_90"] == 0.0
