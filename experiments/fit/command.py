@@ -21,8 +21,8 @@ from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.recordings import find_recordings, in_place
 from experiments.fit.doubt import errors_on_left_out, fit_doubt
-from experiments.fit.examples import scoring_examples
-from experiments.fit.jobs import ExamplesJob, NetworksJob, model_of
+from experiments.fit.examples import Examples
+from experiments.fit.jobs import ExamplesJob, NetworksJob, examples_of, model_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
 from gazempc.results.report import versions
@@ -99,8 +99,7 @@ def _fit(settings: FitSettings) -> WalkerModel:
         raise GazempcError("people's names become file names and must not contain '/' or '\\'")
     print(f"{len(paths)} recordings of {len(names)} people: {', '.join(names)}")
     left_out: list[str | None] = [*names, None]
-    models = _networks(settings, paths, people, left_out)
-    scoring = [[scoring_examples(path, settings.seed + 1, bent) for bent in (False, True)] for path in paths]
+    models, scoring = _networks(settings, paths, people, left_out)
     found = errors_on_left_out(dict(zip(names, models, strict=False)), people, scoring)
     about = {
         "command": f"python -m experiments.fit --recordings {' '.join(Path(r).name for r in settings.recordings)}",
@@ -114,7 +113,8 @@ def _fit(settings: FitSettings) -> WalkerModel:
         # Whoever is left out of the networks is left out of the uncertainty as well.
         used = [k for k, name in enumerate(people) if name != person]
         told = {**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]}
-        fitted = replace(model, log_spread=fit_doubt([found[k] for k in used]), about=told)
+        log_spread, degrees_of_freedom = fit_doubt([found[k] for k in used])
+        fitted = replace(model, log_spread=log_spread, degrees_of_freedom=degrees_of_freedom, about=told)
         _save_whole(fitted, settings.out / MODEL_FILE if person is None else folder / f"{person}.npz")
     for path in folder.glob("*.npz"):
         if path.stem not in names:
@@ -124,17 +124,21 @@ def _fit(settings: FitSettings) -> WalkerModel:
 
 def _networks(
     settings: FitSettings, paths: Sequence[str], people: Sequence[str], left_out: Sequence[str | None]
-) -> list[WalkerModel]:
+) -> tuple[list[WalkerModel], list[Examples]]:
     folder = settings.out / "runs"
-    with Engine(folder, settings.jobs, settings.dask, unit="job", total=len(paths) + len(left_out)) as engine:
+    with Engine(folder, settings.jobs, settings.dask, unit="job", total=2 * len(paths) + len(left_out)) as engine:
         examples = [ExamplesJob(in_place(path), settings.seed, settings.variants) for path in paths]
         _check(engine.run(examples))
+        # Other chance than in the examples that networks are fitted on.
+        scoring = [ExamplesJob(in_place(path), settings.seed + 1, 0) for path in paths]
+        scored = [examples_of(row) for row in _check(engine.run(scoring))]
         files = [result_file(folder.resolve(), job.key()) for job in examples]
         jobs = []
         for person in left_out:
             used = [file for file, name in zip(files, people, strict=True) if name != person and file is not None]
             jobs.append(NetworksJob(tuple(used), settings.seed, settings.networks, settings.steps))
-        return [model_of(row, job.key()) for row, job in zip(_check(engine.run(jobs)), jobs, strict=True)]
+        models = [model_of(row, job.key()) for row, job in zip(_check(engine.run(jobs)), jobs, strict=True)]
+        return models, scored
 
 
 def _check(rows: list[Row]) -> list[Row]:

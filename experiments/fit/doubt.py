@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from experiments.fit.examples import Examples
-from experiments.fit.spread import calibrate, fit_spread
+from experiments.fit.spread import fit_spread
 from gazempc.types import FloatArray
 from predictors.walker.network import WalkerModel
 
@@ -28,41 +28,35 @@ class Found:
         return cls(doubt, departure - part.departure_m, part.weight.astype(np.float64))
 
     @classmethod
-    def join(cls, parts: Sequence[Found | None]) -> Found:
-        """All errors in one table; None is left out."""
-        known = [p for p in parts if p is not None]
-        return cls(*(np.concatenate([getattr(p, f.name) for p in known]) for f in fields(cls)))
+    def join(cls, parts: Sequence[Found]) -> Found:
+        """All errors in one table."""
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
 
 def errors_on_left_out(
-    left_out: Mapping[str, WalkerModel], people: Sequence[str], scoring: Sequence[Sequence[Examples | None]]
-) -> list[list[Found | None]]:
-    """Errors on each recording by the model that has not seen who walks in it.
+    left_out: Mapping[str, WalkerModel], people: Sequence[str], scoring: Sequence[Examples]
+) -> list[Found]:
+    """Errors on each recording by the model that has not seen the person in it.
 
     Args:
         left_out: Model by the person that it has not seen.
-        people: Who walks in each recording.
-        scoring: Examples of each recording: as it is, and bent, or None for one that is not bent.
+        people: The person in each recording.
+        scoring: Examples of each recording.
 
     Returns:
-        The errors, for each recording as it is and bent.
+        The errors, for each recording.
     """
-    return [
-        [None if part is None else Found.by(left_out[person], part) for part in parts]
-        for person, parts in zip(people, scoring, strict=True)
-    ]
+    return [Found.by(left_out[person], part) for person, part in zip(people, scoring, strict=True)]
 
 
-def fit_doubt(found: Sequence[Sequence[Found | None]]) -> FloatArray:
+def fit_doubt(found: Sequence[Found]) -> tuple[FloatArray, float]:
     """Fit the stated uncertainty to errors.
 
     Args:
-        found: Errors on each recording as it is, and bent.
+        found: Errors on each recording.
 
     Returns:
-        ``log_spread`` of a `WalkerModel`.
+        ``log_spread`` and ``degrees_of_freedom`` of a `WalkerModel`.
     """
-    plain = Found.join([parts[0] for parts in found])
-    everything = Found.join([part for parts in found for part in parts])
-    log_spread = fit_spread(everything.doubt, everything.error_m, everything.weight)
-    return calibrate(log_spread, plain.doubt, plain.error_m)
+    everything = Found.join(found)
+    return fit_spread(everything.doubt, everything.error_m, everything.weight)

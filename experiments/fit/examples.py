@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ _BENT_WEIGHT, _TURNING_WEIGHT, _STANDING_WEIGHT = 2.0, 0.5, 0.5
 # A fast tracker's frames say the same several times.
 _USUAL_HZ = 30.0
 _FEWEST_FRAMES = 20
+_SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 6, 3.0
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
 _BLANK = WalkerModel(
     (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
@@ -124,20 +126,24 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
         GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
     """
     name, walk, rng = _walk_and_chance(path, seed)
+    return _joined(_variants(walk, rng, [_PLAIN[k % len(_PLAIN)] for k in range(variants)]), name)
+
+
+def _variants(walk: GaplessWalk, rng: np.random.Generator, plain: Sequence[bool]) -> list[Examples]:
     straight = is_straight(walk)
     parts = []
-    for k in range(variants):
-        varied, bent, kind = _variant(walk, straight, _PLAIN[k % len(_PLAIN)], rng)
+    for each in plain:
+        varied, bent, kind = _variant(walk, straight, each, rng)
         if varied.times_s.size < _FEWEST_FRAMES:
             continue
-        tracker, sensor = draw_tracker(rng, "plain" if _PLAIN[k % len(_PLAIN)] else "other")
+        tracker, sensor = draw_tracker(rng, "plain" if each else "other")
         if tracker == "street":
             varied = flatten(varied)
         varied = beside(varied, rng)
         weight = _BENT_WEIGHT if bent else 1.0 if straight else _TURNING_WEIGHT
         weight *= (_STANDING_WEIGHT if kind == "stand" else 1.0) * min(1.0, _USUAL_HZ / sensor.rate_hz)
         parts.append(examples_of_walk(varied, seen_through(varied, tracker, sensor, rng), weight))
-    return _joined(parts, name)
+    return parts
 
 
 def _variant(
@@ -167,7 +173,7 @@ def scoring_sensors() -> tuple[SensorSpec, ...]:
 
 
 def scoring_examples(path: str, seed: int) -> Examples:
-    """Examples of a recording as it is, through each of `scoring_sensors`.
+    """Examples of a recording as it is, through each of `scoring_sensors`, and of other walks made of it.
 
     Args:
         path: Name or path of the recording.
@@ -180,10 +186,13 @@ def scoring_examples(path: str, seed: int) -> Examples:
         GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
     """
     name, walk, rng = _walk_and_chance(path, seed)
+    # Errors in real turns are larger than in bent walks, and real turns are rare in recordings.
+    weight = 1.0 if is_straight(walk) else _SCORED_TURNING_WEIGHT
     parts = []
     for sensor in scoring_sensors():
         placed = beside(walk, rng)
-        parts.append(examples_of_walk(placed, seen_through(placed, sensor.name, sensor, rng), 1.0))
+        parts.append(examples_of_walk(placed, seen_through(placed, sensor.name, sensor, rng), weight))
+    parts += _variants(walk, rng, [False] * _SCORED_VARIANTS)
     return _joined(parts, name)
 
 

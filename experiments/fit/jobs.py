@@ -11,7 +11,7 @@ import numpy as np
 from experiments.engine.cache import read_result
 from experiments.engine.job import Row
 from experiments.engine.keys import key_of, recording_hash
-from experiments.fit.examples import Examples, fitting_examples, join
+from experiments.fit.examples import Examples, fitting_examples, join, scoring_examples
 from experiments.fit.networks import fit_networks
 from predictors.walker.network import KNOTS_S, N_DOUBT, WalkerModel
 
@@ -20,12 +20,12 @@ LIBRARIES = ("jax", "jaxlib", "optax")
 
 @dataclass(frozen=True)
 class ExamplesJob:
-    """Examples of a recording and its variants, see `experiments.fit.examples.fitting_examples`.
+    """Examples of a recording, see `experiments.fit.examples`.
 
     Attributes:
         recording: Synthetic name or path.
         seed: Seed of all that is random.
-        variants: How many variants.
+        variants: How many variants to fit networks on; 0 for the examples that errors are measured on.
     """
 
     recording: str
@@ -39,7 +39,9 @@ class ExamplesJob:
 
     def run(self) -> Row:
         """The examples, array by array."""
-        return vars(fitting_examples(self.recording, self.seed, self.variants))
+        if self.variants:
+            return vars(fitting_examples(self.recording, self.seed, self.variants))
+        return vars(scoring_examples(self.recording, self.seed))
 
 
 @dataclass(frozen=True)
@@ -69,11 +71,15 @@ class NetworksJob:
 
     def run(self) -> Row:
         """Weights and biases, layer by layer."""
-        rows = [read_result(path) for path in self.examples]
-        examples = join([Examples(**{f.name: row[f.name] for f in fields(Examples)}) for row in rows])
+        examples = join([examples_of(read_result(path)) for path in self.examples])
         weights, biases = fit_networks(examples, self.seed, self.networks, self.steps)
         layers = range(len(weights))
         return {f"weights_{i}": weights[i] for i in layers} | {f"biases_{i}": biases[i] for i in layers}
+
+
+def examples_of(row: Row) -> Examples:
+    """The examples from the result of `ExamplesJob`."""
+    return Examples(**{f.name: row[f.name] for f in fields(Examples)})
 
 
 def model_of(networks: Row, key: str) -> WalkerModel:
@@ -88,7 +94,7 @@ def model_of(networks: Row, key: str) -> WalkerModel:
     """
     layers = range(sum(name.startswith("weights_") for name in networks))
     weights, biases = (tuple(networks[f"{what}_{i}"] for i in layers) for what in ("weights", "biases"))
-    return WalkerModel(weights, biases, np.zeros((N_DOUBT, KNOTS_S.size, 3)), {"key": key})
+    return WalkerModel(weights, biases, np.zeros((N_DOUBT, KNOTS_S.size, 3)), about={"key": key})
 
 
 def _version(library: str) -> str:
@@ -99,4 +105,7 @@ def _version(library: str) -> str:
 
 
 # Modules of the jobs.
-_PROGRAM = (__name__, "experiments.fit.examples", "experiments.fit.networks", "experiments.fit.variants")
+_PROGRAM = (
+    __name__,
+    *(f"experiments.fit.{module}" for module in ("examples", "networks", "pace", "trackers", "variants")),
+)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.stats import chi2
+from scipy.special import gammaln
+from scipy.stats import f as f_distribution
 
 from gazempc.types import FloatArray
 
@@ -12,14 +13,18 @@ from gazempc.types import FloatArray
 _PRIOR_WEIGHT = 5.0
 _SMALLEST_M = 1e-4
 _NOMINAL = np.array([0.68, 0.95])
-_CAUTIOUS = 0.72
 _SCALES = np.exp(np.linspace(np.log(0.5), np.log(2.0), 141))
+# Tails that are tried: from those of people in turns to nearly normal ones.
+_DEGREES_OF_FREEDOM = (3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0)
+# The tails are chosen at this horizon's knot, half a second.
+_KNOT = 4
 
 
-def fit_spread(doubt: FloatArray, error_m: FloatArray, weight: FloatArray) -> FloatArray:
-    """Coefficients of the logarithm of the standard deviation, by maximum likelihood.
+def fit_spread(doubt: FloatArray, error_m: FloatArray, weight: FloatArray) -> tuple[FloatArray, float]:
+    """Fit scales and tails of a t distribution to errors.
 
-    For each knot and axis: error ~ N(0, exp(2 doubt · b)), which is convex in b.
+    For each knot and axis: error ~ t(v) exp(doubt · b), by maximum likelihood; then the scales at each knot are
+    multiplied by what makes the 68 and 95 % ellipsoids hold what they say.
 
     Args:
         doubt: Reasons for doubt, shape (N, reasons), the first of them 1.
@@ -27,28 +32,32 @@ def fit_spread(doubt: FloatArray, error_m: FloatArray, weight: FloatArray) -> Fl
         weight: How much each example counts, shape (N,).
 
     Returns:
-        Shape (reasons, knots, 3).
+        Coefficients b, shape (reasons, knots, 3), and degrees of freedom v.
     """
+    known = np.isfinite(error_m[:, _KNOT]).all(axis=1)
+    chosen = min(
+        _DEGREES_OF_FREEDOM,
+        key=lambda v: sum(_fit_one(doubt[known], error_m[known, _KNOT, axis], weight[known], v)[1] for axis in range(3)),
+    )
     coefficients = np.zeros((doubt.shape[1], *error_m.shape[1:]))
     for knot in range(error_m.shape[1]):
         for axis in range(3):
             known = np.isfinite(error_m[:, knot, axis])
-            coefficients[:, knot, axis] = _fit_one(doubt[known], error_m[known, knot, axis], weight[known])
-    return coefficients
+            coefficients[:, knot, axis], _ = _fit_one(doubt[known], error_m[known, knot, axis], weight[known], chosen)
+    return calibrate(coefficients, doubt, error_m, weight, chosen), chosen
 
 
-def calibrate(coefficients: FloatArray, doubt: FloatArray, error_m: FloatArray) -> FloatArray:
-    """Scale the spread at each knot so that the stated 68 and 95 % ellipsoids hold what they say.
-
-    Errors of walkers have longer tails than a normal distribution: nobody knows beforehand who will turn. Maximum
-    likelihood then makes the 68 % ellipsoid too large and the 95 % one too small. This takes the scale at which the
-    worse of both is least wrong, or the one at which the 68 % ellipsoid holds 72 %, whichever is wider: in turns errors
-    are larger than elsewhere, and a robot that is too sure of itself is worse off than one that is not sure enough.
+def calibrate(
+    coefficients: FloatArray, doubt: FloatArray, error_m: FloatArray, weight: FloatArray, degrees_of_freedom: float
+) -> FloatArray:
+    """Scale the spread at each knot so that the worse of the 68 and 95 % ellipsoids is least wrong.
 
     Args:
-        coefficients: As made by `fit_spread`.
+        coefficients: Of the scale of each axis by itself, shape (reasons, knots, 3).
         doubt: Reasons for doubt, shape (N, reasons).
         error_m: Errors, shape (N, knots, 3), metres.
+        weight: How much each example counts, shape (N,).
+        degrees_of_freedom: Those of the t distribution.
 
     Returns:
         Coefficients of the scaled spread.
@@ -56,31 +65,35 @@ def calibrate(coefficients: FloatArray, doubt: FloatArray, error_m: FloatArray) 
     scaled = coefficients.copy()
     with np.errstate(invalid="ignore"):
         distance2 = np.sum((error_m / np.exp(np.tensordot(doubt, coefficients, axes=1))) ** 2, axis=-1)
-    limits = chi2.ppf(_NOMINAL, df=3)
+    limits = 3.0 * f_distribution.ppf(_NOMINAL, 3, degrees_of_freedom)
     for knot in range(error_m.shape[1]):
-        found = distance2[np.isfinite(distance2[:, knot]), knot]
-        if not found.size:
+        known = np.isfinite(distance2[:, knot]) & (weight > 0)
+        if not known.any():
             continue
-        held = (found[:, None, None] <= (_SCALES**2)[:, None] * limits).mean(axis=0)
-        least_wrong = np.argmin(np.max(np.abs(held - _NOMINAL), axis=1))
-        cautious = np.argmin(np.abs(held[:, 0] - _CAUTIOUS))
-        scaled[0, knot] += np.log(_SCALES[max(least_wrong, cautious)])
+        inside = distance2[known, knot][:, None, None] <= (_SCALES**2)[:, None] * limits
+        held = np.average(inside, axis=0, weights=weight[known])
+        scaled[0, knot] += np.log(_SCALES[np.argmin(np.max(np.abs(held - _NOMINAL), axis=1))])
     return scaled
 
 
-def _fit_one(u: FloatArray, e: FloatArray, weight: FloatArray) -> FloatArray:
+def _fit_one(u: FloatArray, e: FloatArray, weight: FloatArray, v: float) -> tuple[FloatArray, float]:
+    """Coefficients, and the mean negative log likelihood."""
     start = np.zeros(u.shape[1])
     total = float(weight.sum())
     if not total > 0:
-        return start
+        return start, 0.0
     start[0] = np.log(max(float(np.sqrt(np.average(e**2, weights=weight))), _SMALLEST_M))
     prior = np.full(u.shape[1], _PRIOR_WEIGHT)
     prior[0] = 0.0
+    # Of the t distribution's density: the parts that depend on v, too, so that tails can be compared.
+    constant = float(gammaln(0.5 * v) - gammaln(0.5 * (v + 1.0)) + 0.5 * np.log(v))
 
     def cost(b: FloatArray) -> tuple[float, FloatArray]:
-        log_sd = u @ b
-        squared = 0.5 * e**2 * np.exp(-2.0 * log_sd)
-        value = float(np.sum(weight * (log_sd + squared)) + 0.5 * np.sum(prior * b**2))
-        return value / total, (u.T @ (weight * (1.0 - 2.0 * squared)) + prior * b) / total
+        log_scale = u @ b
+        square = e**2 * np.exp(-2.0 * log_scale) / v
+        value = float(np.sum(weight * (log_scale + 0.5 * (v + 1.0) * np.log1p(square))) + 0.5 * np.sum(prior * b**2))
+        slope = u.T @ (weight * (1.0 - (v + 1.0) * square / (1.0 + square))) + prior * b
+        return value / total, slope / total
 
-    return np.asarray(minimize(cost, start, jac=True, method="L-BFGS-B").x)
+    found = minimize(cost, start, jac=True, method="L-BFGS-B")
+    return np.asarray(found.x), float(found.fun) + constant

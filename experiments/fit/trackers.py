@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from experiments.fit.variants import GaplessWalk
 from gazempc.recordings.recording import Labels, Recording, Track
+from gazempc.sim.sensing.processes import wander
 from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.types import FloatArray
 from predictors import HeadObservation
@@ -83,8 +84,6 @@ def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]
 
 def street_error_m(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """White error and wander of a tracker that sees no heights, shape (N, 3), metres."""
-    from gazempc.sim.sensing.processes import wander  # noqa: PLC0415
-
     slow = rng.uniform(0.005, 0.04) * wander(times_s, _log_uniform(rng, 0.08, 0.5), 3, rng)
     error = slow + rng.uniform(0.0005, 0.005) * rng.standard_normal((times_s.size, 3))
     error[:, 2] = 0.0

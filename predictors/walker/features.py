@@ -47,7 +47,7 @@ _POSITIONS = slice(0, 3 * WINDOW)
 _YAWS = slice(3 * WINDOW, 5 * WINDOW)
 _SCALARS = 5 * WINDOW
 _ODD_SCALARS = (0, 1, 2)
-_N_SCALARS = 30
+_N_SCALARS = 24
 N_INPUTS = _SCALARS + _N_SCALARS
 N_SPREAD = 30
 
@@ -242,7 +242,6 @@ class WalkerHistory:
             *log_sd,
             float(stated),
             rate,
-            *wrong,
             *self._colours,
         )
         np.minimum(np.maximum(x, -_LARGEST, out=x), _LARGEST, out=x)

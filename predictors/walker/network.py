@@ -48,8 +48,9 @@ class WalkerModel:
     Attributes:
         weights: One array a layer, shape (E, inputs, outputs): E networks side by side.
         biases: One array a layer, shape (E, 1, outputs).
-        log_spread: Coefficients of the logarithm of the standard deviation (m) at each knot along, across and up, shape
+        log_spread: Coefficients of the logarithm of the scale (m) of the errors at each knot along, across and up, shape
             (N_DOUBT, knots, 3).
+        degrees_of_freedom: Those of the t distribution of the errors, above 2.
         about: Where the numbers are from: recordings, people, command, versions, errors on people left out.
 
     Raises:
@@ -59,6 +60,7 @@ class WalkerModel:
     weights: tuple[Float32Array, ...]
     biases: tuple[Float32Array, ...]
     log_spread: FloatArray
+    degrees_of_freedom: float = 5.0
     about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -76,6 +78,8 @@ class WalkerModel:
         finite = [bool(np.isfinite(a).all()) for a in (*self.weights, *self.biases)]
         if not (all(finite) and np.isfinite(self.log_spread).all()):
             raise WalkerModelError("a number is not finite")
+        if not self.degrees_of_freedom > 2.0:  # below, a t distribution has no covariance
+            raise WalkerModelError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
 
     @cached_property
     def _first_layers(self) -> Float32Array:
@@ -121,7 +125,7 @@ class WalkerModel:
         return departure, doubt
 
     def spread_m(self, doubt: FloatArray) -> FloatArray:
-        """Standard deviation of the forecast.
+        """Standard deviation of the errors: of a t distribution, that is its scale times the root of v / (v - 2).
 
         Args:
             doubt: Reasons for doubt, shape (N, N_DOUBT).
@@ -131,7 +135,8 @@ class WalkerModel:
         """
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
         bounded = np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])
-        return np.exp(bounded).reshape(-1, KNOTS_S.size, 3)
+        tails = math.sqrt(self.degrees_of_freedom / (self.degrees_of_freedom - 2.0))
+        return tails * np.exp(bounded).reshape(-1, KNOTS_S.size, 3)
 
     def save(self, path: Path) -> None:
         """Write the model to an `.npz` file.
@@ -139,7 +144,11 @@ class WalkerModel:
         Args:
             path: The file.
         """
-        arrays: dict[str, Any] = {"log_spread": self.log_spread, "about": np.array(json.dumps(self.about))}
+        arrays: dict[str, Any] = {
+            "log_spread": self.log_spread,
+            "degrees_of_freedom": np.array(self.degrees_of_freedom),
+            "about": np.array(json.dumps(self.about)),
+        }
         for i, (w, b) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays[f"weights_{i}"], arrays[f"biases_{i}"] = w.astype(np.float32), b.astype(np.float32)
         np.savez_compressed(path, **arrays)
@@ -167,6 +176,7 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
                 tuple(data[f"weights_{i}"] for i in range(layers)),
                 tuple(data[f"biases_{i}"] for i in range(layers)),
                 data["log_spread"],
+                float(data["degrees_of_freedom"]),
                 about,
             )
     except OSError as error:

@@ -97,7 +97,7 @@ class Walker:
         covariances = (spread**2 @ squares).reshape(-1, 3, 3)
         if inputs.walking < 1.0:
             means, covariances = self._blend(inputs.walking, times, means, covariances)
-        return Forecast(times, means, covariances, inputs.time_s)
+        return Forecast(times, means, covariances, inputs.time_s, self._model.degrees_of_freedom)
 
     def _blend(
         self, walking: float, times_s: FloatArray, means: FloatArray, covariances: FloatArray
