@@ -92,9 +92,22 @@ class ConstantVelocity:
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        R = observation.position_covariance_m2
+        self.update_by(observation, self._R if R is None else R)
+
+    def update_by(self, observation: HeadObservation, R: FloatArray) -> None:
+        """Take in one observation, for others who know the covariance of its position better.
+
+        Args:
+            observation: The observation.
+            R: Covariance of its position, shape (3, 3), square metres.
+
+        Raises:
+            OutOfOrderError: If it is not newer than the last observation.
+        """
         check_newer(observation, None if self._started_at_s is None else self._time_s)
         if self._started_at_s is None:
-            self._start(observation)
+            self._start(observation, R)
             return
         dt_s = observation.capture_time_s - self._time_s
         F = transition(dt_s)
@@ -102,11 +115,10 @@ class ConstantVelocity:
         self._P = F @ self._P @ F.T + process_noise(dt_s, self._psd)
         self._time_s = observation.capture_time_s
         innovation = observation.head_position_base_m - self._x[:3]
-        R = self._R if observation.position_covariance_m2 is None else observation.position_covariance_m2
         spread = self._P[:3, :3] + R
         if self._gated and not self._gate.accepts(innovation, spread):
             if self._gate.lost:
-                self._start(observation)
+                self._start(observation, R)
             return
         self._correct(innovation, spread, R)
         self._issued_at_s = observation.capture_time_s
@@ -170,8 +182,7 @@ class ConstantVelocity:
             issued_at_s=self._issued_at_s,
         )
 
-    def _start(self, observation: HeadObservation) -> None:
-        R = self._R if observation.position_covariance_m2 is None else observation.position_covariance_m2
+    def _start(self, observation: HeadObservation, R: FloatArray) -> None:
         self._x = np.concatenate([observation.head_position_base_m, np.zeros(3)])
         self._P = np.zeros((6, 6))
         self._P[:3, :3], self._P[3:, 3:] = R, _INITIAL_SPEED_SD_M_S**2 * _EYE3

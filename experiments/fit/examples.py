@@ -21,9 +21,9 @@ from predictors.walker.features import N_INPUTS
 from predictors.walker.network import KNOTS_S, N_DOUBT, WalkerModel
 from predictors.walker.predictor import Walker
 
-# Of five variants three are of the walk as it was recorded, two at other paces and gaits: with fewer of the first,
+# Of three variants two are of the walk as it was recorded, one at another pace and gait: with fewer of the first,
 # forecasts of recorded walks lose a tenth; with fewer of the others, those of other people do.
-_PLAIN = (True, True, True, False, False)
+_PLAIN = (True, True, False)
 _PACES = dict(zip(KINDS, (0.2, 0.4, 0.15, 0.15, 0.1), strict=True))
 _LONG_S = 8.0
 # Gait of others differs in size, and many trackers do not see the height.
@@ -95,12 +95,12 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
     for observation in observations:
         walker.update(observation)
         inputs = walker.inputs()
-        if inputs.time_s != observation.capture_time_s or inputs.walking == 0.0:
+        line = inputs.line
+        if line.time_s != observation.capture_time_s or inputs.walking == 0.0:
             continue
-        ahead_s = inputs.time_s + KNOTS_S
-        c, s = np.cos(inputs.heading_rad), np.sin(inputs.heading_rad)
-        off = truth(ahead_s) - inputs.origin_base_m - KNOTS_S[:, None] * inputs.velocity_base_m_s
-        off = np.stack([c * off[:, 0] + s * off[:, 1], c * off[:, 1] - s * off[:, 0], off[:, 2]], axis=1)
+        ahead_s = line.time_s + KNOTS_S
+        off = truth(ahead_s) - line.origin_base_m - KNOTS_S[:, None] * line.velocity_base_m_s
+        off = off @ line.to_base()
         off[ahead_s > walk.times_s[-1] + 1e-6] = np.nan
         network.append(inputs.network)
         spread.append(inputs.spread)

@@ -20,9 +20,9 @@ _WHITE_M = (0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.015, 0.02)
 _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
 # Share of trackers that see walks as they were recorded by kind of error, and of those that see other walks.
 KINDS = ("white", "wander", "camera", "jumps", "street")
-_SHARES = {"plain": (0.45, 0.28, 0.22, 0.05, 0.0), "other": (0.35, 0.15, 0.10, 0.0, 0.40)}
+_SHARES = {"plain": (0.54, 0.26, 0.16, 0.04, 0.0), "other": (0.35, 0.15, 0.10, 0.0, 0.40)}
 # Both orientations, none, the head's, the pelvis's.
-_ORIENTATIONS, _ORIENTATION_SHARES = ((True, True), (False, False), (True, False), (False, True)), (0.6, 0.24, 0.08, 0.08)
+_ORIENTATIONS, _ORIENTATION_SHARES = ((True, True), (False, False), (True, False), (False, True)), (0.64, 0.22, 0.07, 0.07)
 _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 1.2, 5.0
 # Trackers above this rate, and frames that come late by parts of a period, are cut from a finer walk.

@@ -1,55 +1,60 @@
-"""How far the line's own forecasts were off: measures what a tracker does not state, and how steady a person walks."""
+"""How far the line's own forecasts were off: it tells of trackers that wander and of people who are not steady."""
 
 from __future__ import annotations
 
-import math
 from collections import deque
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from predictors.types import FloatArray
 
+if TYPE_CHECKING:
+    from predictors.walker.features import Line
+
 _HORIZONS_S = (0.2, 0.5)
-_MEMORY_S = 1.0
-# Errors of a line through walking people seen by a good tracker, metres, along, across and up.
+N_ERRORS = 3 * len(_HORIZONS_S)
+# A forecast is compared with the first frame after its time, if that comes no later than this.
+_LATE_S, _EARLY_S = 0.25, 0.017
+_MEMORY_S, _PRIOR_S = 1.0, 0.3
+# Errors of a line through people who walk, seen by the sensor `reference`: along, across and up.
 _USUAL_M = np.array([[0.025, 0.03, 0.02], [0.07, 0.09, 0.035]])
-_PRIOR_S = 0.3
+_LARGEST_RATIO2, _SMALLEST_RATIO2 = 25.0, 0.01
 
 
-class ForecastMemory:
-    """Errors of recent forecasts of the line, at 0.2 and 0.5 s, along, across and up."""
+class LineErrors:
+    """Mean squares of the errors of recent lines, 0.2 and 0.5 s ahead."""
 
     def __init__(self) -> None:
-        self._lines: deque[tuple[float, FloatArray, FloatArray]] = deque()
-        self._squares = np.ones((2, 3))
-        self._known_s = [0.0, 0.0]
-        self._last_s: float | None = None
+        self._lines: deque[Line] = deque()
+        self._ratio2 = np.ones((len(_HORIZONS_S), 3))
+        self._known_s = [0.0] * len(_HORIZONS_S)
 
-    def learn(
-        self, times_s: FloatArray, position_m: FloatArray, now_s: float, origin: FloatArray, velocity: FloatArray, to_line: FloatArray
-    ) -> FloatArray:
-        """Compare the newest position with what was forecast for it.
+    def learn(self, position_m: FloatArray, line: Line, to_line: FloatArray) -> FloatArray:
+        """Compare the newest position with the forecasts for it.
+
+        Args:
+            position_m: Smoothed position at the line's time, shape (3,), metres.
+            line: The newest line, which is kept.
+            to_line: Rotation from the base frame to the line's, shape (3, 3), to be multiplied from the right.
 
         Returns:
-            Logarithm of the errors' size over the usual one, shape (6,).
+            Logarithms of the errors' size over the usual one, shape (N_ERRORS,).
         """
-        dt_s = 0.0 if self._last_s is None else min(now_s - self._last_s, 0.2)
-        self._last_s = now_s
         lines = self._lines
+        dt_s = min(line.time_s - lines[-1].time_s, _LATE_S) if lines else 0.0
         for i, horizon_s in enumerate(_HORIZONS_S):
-            # the newest line that is at least the horizon old
-            found = None
-            for line in reversed(lines):
-                if now_s - line[0] >= horizon_s - 0.017:
-                    found = line
-                    break
-            if found is None or now_s - found[0] > horizon_s + 0.25:
+            old = next((o for o in reversed(lines) if line.time_s - o.time_s >= horizon_s - _EARLY_S), None)
+            if old is None or line.time_s - old.time_s > horizon_s + _LATE_S:
                 continue
-            off = (position_m - found[1] - (now_s - found[0]) * found[2]) @ to_line / _USUAL_M[i]
+            ahead_s = line.time_s - old.time_s
+            off = (position_m - old.origin_base_m - ahead_s * old.velocity_base_m_s) @ to_line / _USUAL_M[i]
             gain = dt_s / (dt_s + min(self._known_s[i] + _PRIOR_S, _MEMORY_S))
-            self._squares[i] += gain * (np.minimum(off**2, 25.0) - self._squares[i])
+            self._ratio2[i] += gain * (np.minimum(off * off, _LARGEST_RATIO2) - self._ratio2[i])
             self._known_s[i] += dt_s
-        lines.append((now_s, origin, velocity))
-        while now_s - lines[0][0] > _HORIZONS_S[-1] + 0.3:
+        lines.append(line)
+        while line.time_s - lines[0].time_s > _HORIZONS_S[-1] + _LATE_S:
             lines.popleft()
-        return 0.5 * np.log(self._squares.ravel() + 0.01)
+        return np.asarray(0.5 * np.log(self._ratio2.ravel() + _SMALLEST_RATIO2))
+
+

@@ -1,6 +1,8 @@
-"""How noisy a tracker is, from what it sees: the part of its error that changes from frame to frame."""
+"""How wrong a tracker is, measured while it runs: the size and direction of its error, and how fast it changes."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -8,6 +10,8 @@ from predictors.types import FloatArray
 
 _PRIOR_M, _PRIOR_FRAMES, _MEMORY_FRAMES = 0.01, 3.0, 30.0
 _LARGEST_M, _SMALLEST_M = 0.05, 0.002
+_FLOOR_M2 = _SMALLEST_M**2 * np.eye(3)
+_FRAMES = 4
 # Four frames farther apart than this bend with the walk itself, and say nothing of noise. Between the spans of four
 # frames at 15 and at 14 frames a second, so that rounding does not decide.
 _SPAN_S = 0.207
@@ -16,7 +20,7 @@ _STEP_S = 1e-3
 
 
 class MeasuredNoise:
-    """Covariance of a position's white error, measured while the tracker runs.
+    """Covariance of a position's white error.
 
     The third divided difference of a walk is next to nothing, so what is left of it is noise.
     """
@@ -29,12 +33,12 @@ class MeasuredNoise:
         """Take in the newest position.
 
         Args:
-            times_s: Times of the window, shape (N,), the newest last.
-            positions_m: Positions, shape (N, 3).
+            times_s: Times of the track, shape (N,), the newest last, seconds.
+            positions_m: Positions, shape (N, 3), metres.
         """
-        if times_s.size < 4:  # noqa: PLR2004
+        if times_s.size < _FRAMES:
             return
-        a, b, c, d = times_s[-4:].tolist()
+        a, b, c, d = times_s[-_FRAMES:].tolist()
         if d - a > _SPAN_S or min(b - a, c - b, d - c) < _STEP_S:
             return
         weights = np.array(
@@ -45,14 +49,57 @@ class MeasuredNoise:
                 1.0 / ((d - a) * (d - b) * (d - c)),
             ]
         )
-        difference = weights @ positions_m[-4:] / np.sqrt(weights @ weights)
+        difference = weights @ positions_m[-_FRAMES:] / math.sqrt(float(weights @ weights))
         size2 = float(difference @ difference)
         if size2 > 3.0 * _LARGEST_M**2:
-            difference *= np.sqrt(3.0 * _LARGEST_M**2 / size2)
+            difference *= math.sqrt(3.0 * _LARGEST_M**2 / size2)
         gain = 1.0 / min(_MEMORY_FRAMES, self._frames)
-        self._covariance_m2 += gain * (np.outer(difference, difference) - self._covariance_m2)
+        self._covariance_m2 = (1.0 - gain) * self._covariance_m2 + gain * (difference[:, None] * difference)
         self._frames += 1.0
 
     def covariance_m2(self) -> FloatArray:
-        """The covariance, shape (3, 3); never less than 2 mm in any direction."""
-        return self._covariance_m2 + _SMALLEST_M**2 * np.eye(3)
+        """The covariance, shape (3, 3), square metres; never less than 2 mm in any direction."""
+        return self._covariance_m2 + _FLOOR_M2
+
+
+_LAGS = (1, 2, 4)
+_LAG_ROWS = np.array([[1 + 3 * lag, 1 + 2 * lag, 1 + lag, 1] for lag in _LAGS])
+_THIRD = np.array([-1.0, 3.0, -3.0, 1.0]) / math.sqrt(20.0)  # of white noise as large as the noise itself
+_COLOUR_MEMORY_FRAMES, _COLOUR_PRIOR_FRAMES = 45.0, 12.0
+# Horizontal and vertical position, yaws of pelvis and head: 10 mm and 2 deg.
+_UNIT2 = np.array([0.01, 0.01, 0.035, 0.035]) ** 2
+_LARGEST_RATIO2, _SMALLEST_RATIO2 = 25.0, 0.01
+N_COLOURS = 10
+
+
+class MeasuredColour:
+    """Third differences over 1, 2 and 4 frames of a track: as large over all for white error, growing for wander."""
+
+    def __init__(self) -> None:
+        self._ratio2 = np.ones((len(_LAGS), 4))
+        self._frames = 0
+
+    def learn(self, track: FloatArray) -> FloatArray:
+        """Take in the newest frame.
+
+        Args:
+            track: Positions and yaws of pelvis and head on an even grid, shape (m, 5), the newest last.
+
+        Returns:
+            Logarithms of the differences' size over 10 mm and 2 deg, shape (N_COLOURS,): horizontal and vertical over
+            each lag, pelvis and head over the shortest and the longest.
+        """
+        lags = sum(len(track) > 3 * lag for lag in _LAGS)
+        if lags:
+            differences = np.einsum("j,ljc->lc", _THIRD, track[-_LAG_ROWS[:lags]])
+            squares = differences * differences
+            squares[:, 1] = 0.5 * (squares[:, 0] + squares[:, 1])
+            ratio2 = np.minimum(squares[:, 1:] / _UNIT2, _LARGEST_RATIO2)
+            self._frames += 1
+            known = self._ratio2[:lags]
+            known += (ratio2 - known) / min(self._frames + _COLOUR_PRIOR_FRAMES, _COLOUR_MEMORY_FRAMES)
+        logs = 0.5 * np.log(self._ratio2 + _SMALLEST_RATIO2)
+        colours = np.empty(N_COLOURS)
+        colours[:6] = logs[:, :2].T.ravel()
+        colours[6:] = logs[::2, 2:].T.ravel()
+        return colours

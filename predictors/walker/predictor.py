@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,54 +10,63 @@ from predictors.predictor import NotReadyError, as_times
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.features import WalkerHistory, WalkerInputs
 from predictors.walker.network import WalkerModel, between_knots, shipped_walker_model
+from predictors.walker.noise import MeasuredNoise
+
+# Sway and bob, to the line no more than noise of the positions: s.d. on each axis, metres.
+_GAIT_M2 = 0.02**2 * np.eye(3)
 
 
 class Walker:
-    """Forecast of a walking person from the last 1.2 s of head position, head yaw and pelvis yaw.
+    """Forecast of a person on foot from the last 1.2 s of head position, head yaw and pelvis yaw.
 
-    A straight line through the last two thirds of a second gives a direction that gait does not shake. How the walk
-    will leave that line (sway, bob, a turn that has begun) is learned from people walking: in the line's own frame, so
-    that it does not matter where and in which direction somebody walks. What is learned on line: the constant offset of
-    the person's head and pelvis yaw from their direction of travel, and the noise of the sensor.
+    A constant-velocity filter, to which gait is noise, gives a line through the walk. How people leave that line (sway,
+    bob, a turn or a stop that has begun) is learned: in the line's own frame, so that it does not matter where and in
+    which direction somebody walks. What is learned while it runs: the constant offset of the person's head and pelvis
+    yaw from their direction of travel, and the tracker's error, its size, direction and colour.
 
-    Outliers are refused by `ConstantVelocity`, whose forecast this one turns into for somebody who stands, or moves
-    faster than people walk, and at the first frames. Orientation may be missing, at any time and of either part; it
-    fades out over half a second. Frame rate, gaps and jitter are taken care of by the time stamps.
+    Stated covariances of positions are used as they are, in the filter and in the path that the network sees; without
+    them measured ones are. Outliers are refused by the filter, whose forecast this one turns into for somebody who
+    moves faster than people walk. Orientation may be missing, at any time and of either part; it fades out over half a
+    second. Frame rate, gaps and jitter are taken care of by the time stamps.
 
     Args:
         model: The fitted numbers; without them those that ship with the package.
         acceleration_psd: See `ConstantVelocity`.
-        position_noise_m: See `ConstantVelocity`; the noise that the network reckons with is measured on line.
     """
 
-    def __init__(
-        self, model: WalkerModel | None = None, acceleration_psd: float = 0.05, position_noise_m: float = 0.01
-    ) -> None:
+    def __init__(self, model: WalkerModel | None = None, acceleration_psd: float = 0.05) -> None:
         self._model = shipped_walker_model() if model is None else model
-        self._position = ConstantVelocity(acceleration_psd, position_noise_m)
-        self._history = WalkerHistory()
+        self._position = ConstantVelocity(acceleration_psd)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._history, self._noise = WalkerHistory(), MeasuredNoise()
         self._inputs: WalkerInputs | None = None
         self._knots: tuple[FloatArray, FloatArray] | None = None
-        self._axes = np.eye(3), np.zeros((3, 9))
 
     def reset(self) -> None:
         """Forget the person."""
         self._position.reset()
-        self._history, self._inputs, self._knots = WalkerHistory(), None, None
+        self._forget()
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
         started_at_s = self._position.started_at_s
-        self._position.update(observation)
+        stated = observation.position_covariance_m2
+        covariance_m2 = self._noise.covariance_m2() if stated is None else stated
+        self._position.update_by(observation, covariance_m2 + _GAIT_M2)
         if self._position.rejections_in_a_row:
             return
         if self._position.started_at_s != started_at_s:
-            self._history = WalkerHistory()
-        self._inputs = self._history.add(observation)
+            self._forget()
+        _, state, _ = self._position.state()
+        self._inputs = self._history.add(observation, state, covariance_m2)
+        window = self._history.window
+        self._noise.learn(window.times_s, window.values[:, :3])
         self._knots = None
 
     def inputs(self) -> WalkerInputs:
-        """What the network is asked, for whoever fits one.
+        """Inputs of the network, for fitting one.
 
         Returns:
             The inputs at the newest accepted observation.
@@ -83,21 +90,19 @@ class Walker:
         times = as_times(times_s)
         if self._knots is None:
             departures, doubt = self._model.answer(inputs.network[None], inputs.spread[None])
-            self._knots = departures[0], self._model.spread_m(doubt)[0]
-            c, s = math.cos(inputs.heading_rad), math.sin(inputs.heading_rad)
-            to_base = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            to_base = inputs.line.to_base()
             # Each axis of the line's frame contributes its variance times the square of its direction.
-            self._axes = to_base, (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
-        tau = times - inputs.time_s
-        to_base, squares = self._axes
+            self._squares = (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
+            self._knots = departures[0] @ to_base.T, self._model.spread_m(doubt)[0]
+        tau = times - inputs.line.time_s
         departure, spread = between_knots(tau, *self._knots)
-        means = tau[:, None] * inputs.velocity_base_m_s
-        means += inputs.origin_base_m
-        means += departure @ to_base.T
-        covariances = (spread**2 @ squares).reshape(-1, 3, 3)
+        means = tau[:, None] * inputs.line.velocity_base_m_s
+        means += inputs.line.origin_base_m
+        means += departure
+        covariances = (spread**2 @ self._squares).reshape(-1, 3, 3)
         if inputs.walking < 1.0:
             means, covariances = self._blend(inputs.walking, times, means, covariances)
-        return Forecast(times, means, covariances, inputs.time_s, self._model.degrees_of_freedom)
+        return Forecast(times, means, covariances, inputs.line.time_s, self._model.degrees_of_freedom)
 
     def _blend(
         self, walking: float, times_s: FloatArray, means: FloatArray, covariances: FloatArray
