@@ -1,0 +1,121 @@
+"""Fit errors without the jumps of a track, and say what the jumps are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gazempc.identify.tracker.fit import GroupFit, Known, fit_errors
+from gazempc.identify.tracker.likelihood import Stretches, likelihood
+from gazempc.types import BoolArray, FloatArray
+
+# A normal innovation is larger once in 150,000 frames and axes.
+_GATE = 4.5
+_ROUNDS = 3
+# The variance of third differences of white noise is this many times its own.
+_THIRD_DIFFERENCES = 20.0
+# Where third differences hold far more than the fit calls white, the person's motion hides the noise.
+_HIDDEN = 0.4
+# No tracker is better, and a logarithm needs a start.
+_LEAST = 1e-5
+
+
+@dataclass(frozen=True)
+class JumpSizes:
+    """Jumps of a track: frames far from where frames before and after put the person.
+
+    Attributes:
+        count: How many.
+        durations_s: Of each, shape (K,), seconds; 0 for a single frame.
+        sizes: Root mean square on each axis, in the unit of the values, shape (A,).
+        frames: How many frames are in jumps.
+    """
+
+    count: int
+    durations_s: FloatArray
+    sizes: FloatArray
+    frames: int
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of groups of axes.
+
+    Attributes:
+        groups: One fit a group.
+        hidden: Groups whose white error is lost in the person's motion or smoothed away by the tracker; its value is
+            then an upper bound.
+        jumps: What was left out of the fits.
+        used_s: Seconds that were used.
+    """
+
+    groups: tuple[GroupFit, ...]
+    hidden: tuple[bool, ...]
+    jumps: JumpSizes
+    used_s: float
+
+
+def measure_errors(
+    data: Stretches, groups: tuple[tuple[int, ...], ...], one_person: bool, tell: Callable[[float], None]
+) -> Errors:
+    """Fit errors, leave jumps out, and fit again.
+
+    Args:
+        data: Stretches of the track.
+        groups: Axes that share their errors.
+        one_person: Whether the person's acceleration is alike on all axes.
+        tell: Called with the share that is done, 0 to 1.
+
+    Returns:
+        Errors and jumps.
+    """
+    rough = np.array([_third_differences(data, group) for group in groups])
+    start, used = rough, data.used
+    for k in range(_ROUNDS):
+        tell(k / _ROUNDS)
+        fits, model = fit_errors(replace(data, used=used), groups, one_person, start)
+        sizes = np.abs(np.nan_to_num(likelihood(data, model, _GATE).surprise)).max(axis=1)
+        calm = data.used & (sizes <= _GATE)
+        start = np.maximum([fit.white.value for fit in fits], _LEAST)
+        if (calm == used).all():
+            break
+        used = calm
+    hidden = tuple(
+        fit.wander is None and fit.white.value < _HIDDEN * most for fit, most in zip(fits, rough, strict=True)
+    )
+    fits = tuple(
+        replace(fit, white=Known(float(most), 0.0)) if hides else fit
+        for fit, most, hides in zip(fits, rough, hidden, strict=True)
+    )
+    return Errors(fits, hidden, _jumps(data, used), float(data.intervals_s[data.used].sum()))
+
+
+def _third_differences(data: Stretches, group: tuple[int, ...]) -> float:
+    """White error, and what of the person's motion is as fast, by the median, which jumps do not move."""
+    found = []
+    for b in range(data.used.shape[1]):
+        values = data.values[data.used[:, b]][:, list(group), b]
+        found.append(np.abs(np.diff(values, 3, axis=0)).ravel())
+    return max(_LEAST, 1.4826 * float(np.median(np.concatenate(found))) / np.sqrt(_THIRD_DIFFERENCES))
+
+
+def _jumps(data: Stretches, used: BoolArray) -> JumpSizes:
+    durations_s: list[float] = []
+    aside: list[FloatArray] = []
+    for b in range(used.shape[1]):
+        frames = int(data.used[:, b].sum())
+        jumps = ~used[:frames, b]
+        if not jumps.any() or jumps.all():
+            continue
+        times_s = np.cumsum(data.intervals_s[:frames, b])
+        ends = np.flatnonzero(np.diff(np.concatenate([[0], jumps.astype(int), [0]]))).reshape(-1, 2)
+        durations_s += [float(times_s[last - 1] - times_s[first]) for first, last in ends]
+        values = data.values[:frames, :, b]
+        expected = [np.interp(times_s[jumps], times_s[~jumps], column[~jumps]) for column in values.T]
+        aside.append(values[jumps] - np.transpose(expected))
+    axes = data.values.shape[1]
+    all_aside = np.concatenate(aside) if aside else np.zeros((0, axes))
+    sizes = np.sqrt((all_aside**2).mean(axis=0)) if len(all_aside) else np.zeros(axes)
+    return JumpSizes(len(durations_s), np.array(durations_s), sizes, len(all_aside))
