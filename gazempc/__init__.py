@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from gazempc.recordings.recording import Recording
     from gazempc.results.log import Log, load_log
     from gazempc.results.metrics import Metrics, measure
-    from gazempc.sim.sensor import SensorSpec, load_sensor
+    from gazempc.sim.sensing.spec import SensorSpec
+    from gazempc.sim.sensor import load_sensor
     from gazempc.types import JointState
     from predictors import ConstantVelocity, Forecast, HeadObservation, Walker
 
@@ -47,7 +48,7 @@ _PLACES = {
     "Plan": "gazempc.controllers.controller",
     "Reactive": "gazempc.controllers.reactive",
     "Recording": "gazempc.recordings.recording",
-    "SensorSpec": "gazempc.sim.sensor",
+    "SensorSpec": "gazempc.sim.sensing.spec",
     "Situation": "gazempc.controllers.controller",
     "Walker": "predictors",
     "load_log": "gazempc.results.log",

@@ -10,6 +10,7 @@ from dataclasses import fields
 import pytest
 import yaml
 from builders.pages import DOCS, ROOT, page
+from pydantic import BaseModel
 
 import gazempc
 from gazempc.loop.events import Event
@@ -42,10 +43,20 @@ def settings_of(*models, prefix=""):
     return [f"{prefix}{name}" for model in models for name in model.model_fields]
 
 
+def setting_names(model, prefix=""):
+    """Dotted names of the fields, those of tables within."""
+    for name, field in model.model_fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from setting_names(field.annotation, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}"
+
+
 DESCRIBED = {
     "quickstart": settings_of(RunSettings),
     "recordings": [*settings_of(ReadOptions), *COLUMNS, "index.csv"],
-    "necks": [*neck_names(), *sensor_names(), *settings_of(NeckSpec, Geometry, Axis, SensorSpec)],
+    "necks": [*neck_names(), *settings_of(NeckSpec, Geometry, Axis)],
+    "trackers": [*sensor_names(), *setting_names(SensorSpec)],
     "controllers": [
         *settings_of(MpcSettings, prefix="mpc."),
         *settings_of(LookAheadSettings, prefix="lookahead."),

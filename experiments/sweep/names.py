@@ -41,7 +41,7 @@ def setting_fields() -> dict[str, FieldInfo]:
     found |= {
         f"neck.{name}": NeckSpec.model_fields[name] for name in ("control_rate_hz", "servo_rate_hz", "reports_joints")
     }
-    found |= {f"sensor.{n}": field for n, field in SensorSpec.model_fields.items() if n not in {"name", "source"}}
+    found |= {f"sensor.{n}": field for n, field in _leaves(SensorSpec).items() if n not in {"name", "source"}}
     return found
 
 

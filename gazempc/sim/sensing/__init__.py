@@ -1,0 +1,1 @@
+"""Errors of a simulated sensor, one subject a module: the fields of its file, random processes, errors, times, view."""

@@ -1,0 +1,140 @@
+"""What a sensor sees of a recording."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from gazempc.errors import SettingsError
+from gazempc.recordings.recording import Recording, Track
+from gazempc.sim.sensing.position import jump_error, sight_error, stated_covariances
+from gazempc.sim.sensing.processes import bouts, wander
+from gazempc.sim.sensing.spec import SensorSpec
+from gazempc.sim.sensing.tables import YawError
+from gazempc.sim.sensing.times import arrivals, frames_taken, stamps
+from gazempc.sim.sensing.view import in_view
+from gazempc.sim.sensing.yaw import faces_away, turned, yaw_error
+from gazempc.types import BoolArray, FloatArray, IntArray, Sighting
+from predictors import HeadObservation
+
+# Each process draws from its own stream, so that switching one on leaves the others as they are. The noise of each
+# axis and yaw and the independent loss are older than these and share the stream without a number.
+_STREAMS = ("wander", "sight", "jumps", "loss", "head", "pelvis", "frames", "latency", "stamps")
+_Streams = dict[str, np.random.Generator]
+
+
+def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting, ...]:
+    """See a recording through a sensor.
+
+    A sensor on the head sees all around here: where the neck points is known in a replay only, see
+    `gazempc.sim.replay`.
+
+    Args:
+        placed: The recording in the robot's base frame.
+        sensor: The sensor.
+        seed: Seed of all errors. The recording's name is mixed in, so that two recordings do not share
+            noise; all controllers see the same.
+
+    Returns:
+        The sightings in order of arrival.
+
+    Raises:
+        SettingsError: If the sensor is ``recorded`` but the recording has no measured track, or nothing is seen.
+    """
+    track, times_s = _track_of(placed, sensor), placed.times_s
+    entropy = [seed, zlib.crc32(placed.name.encode())]
+    streams = {name: np.random.default_rng([*entropy, k]) for k, name in enumerate(_STREAMS, 1)}
+    # Drawn for every frame of the recording, so that a frame's noise does not depend on which frames are used.
+    rng = np.random.default_rng(entropy)
+    noise_m = sensor.position_noise_m * rng.standard_normal((times_s.size, 3))
+    yaw_noise_rad = np.deg2rad(sensor.yaw_noise_deg) * rng.standard_normal((times_s.size, 2))
+    missed = rng.random(times_s.size) < sensor.dropout_probability
+
+    positions_m = track.head_position_m + noise_m + _position_error(times_s, track.head_position_m, sensor, streams)
+    missed |= bouts(times_s, sensor.loss, streams["loss"]) >= 0
+    visible = track.valid & ~missed & _within(sensor, track.head_position_m, positions_m)
+    taken = frames_taken(times_s, sensor.rate_hz, sensor.timing.frame_jitter_s, streams["frames"])
+    seen = taken[visible[taken]]
+    if not seen.size:
+        raise SettingsError(
+            f"sensor {sensor.name!r} never sees the person in {placed.name}: check its range, view and loss"
+        )
+    # All frames at once: a rotation alone takes as long.
+    head_rad, head_known = _yaw_error(times_s, track, track.head_quat_wxyz, sensor.head_yaw, streams["head"])
+    pelvis_rad, pelvis_known = _yaw_error(times_s, track, track.pelvis_quat_wxyz, sensor.pelvis_yaw, streams["pelvis"])
+    seen_as = zip(
+        stamps(times_s, sensor.timing, streams["stamps"])[seen].tolist(),
+        positions_m[seen],
+        _turned(track.head_quat_wxyz, yaw_noise_rad[:, 0] + head_rad, head_known, seen),
+        _turned(track.pelvis_quat_wxyz, yaw_noise_rad[:, 1] + pelvis_rad, pelvis_known, seen),
+        _stated_positions(sensor, positions_m[seen]),
+        _stated_yaws(sensor, sensor.head_yaw, head_known[seen]),
+        _stated_yaws(sensor, sensor.pelvis_yaw, pelvis_known[seen]),
+        strict=True,
+    )
+    arrive_s = arrivals(times_s, sensor.latency_s, sensor.timing, streams["latency"])[seen]
+    if sensor.timing.keeps_order:
+        arrive_s = np.maximum.accumulate(arrive_s)
+    sightings = [Sighting(at_s, HeadObservation(*each)) for at_s, each in zip(arrive_s.tolist(), seen_as, strict=True)]
+    return tuple(sorted(sightings, key=lambda sighting: sighting.arrival_s))
+
+
+def _track_of(placed: Recording, sensor: SensorSpec) -> Track:
+    if sensor.measures == "truth":
+        return placed.truth
+    if placed.measured is None:
+        raise SettingsError(
+            f"sensor {sensor.name!r} replays what a body tracker measured, but {placed.name} ({placed.kind}) has "
+            f"no such track; accepted: a sensor with measures = \"truth\", such as 'reference' or 'perfect'"
+        )
+    return placed.measured
+
+
+def _position_error(times_s: FloatArray, true_m: FloatArray, sensor: SensorSpec, streams: _Streams) -> FloatArray:
+    """Wander on each axis, errors along and across the line of sight, jumps: shape (N, 3), metres."""
+    slow = sensor.position_wander_m * wander(times_s, sensor.position_wander_time_s, 3, streams["wander"])
+    on_sight = sight_error(times_s, true_m, sensor.along, sensor.across, streams["sight"])
+    return slow + on_sight + jump_error(times_s, sensor.jumps, streams["jumps"])
+
+
+def _within(sensor: SensorSpec, true_m: FloatArray, measured_m: FloatArray) -> BoolArray:
+    """Where the head is in range, as far as the sensor can measure that, and in view: shape (N,)."""
+    range_m = np.linalg.norm(measured_m, axis=1)
+    in_range: BoolArray = (sensor.range_min_m <= range_m) & (range_m <= sensor.range_max_m)
+    return in_range & in_view(sensor.view, true_m) if sensor.view.on == "base" else in_range
+
+
+def _yaw_error(
+    times_s: FloatArray, track: Track, quats_wxyz: FloatArray, error: YawError, rng: np.random.Generator
+) -> tuple[FloatArray, BoolArray]:
+    """Error of a yaw, radians, and where it is known: each of shape (N,)."""
+    away = faces_away(track.head_position_m, quats_wxyz, error.away_deg)
+    turn_rad, lost = yaw_error(times_s, away, error, rng)
+    # A recording of positions alone has no orientations.
+    return turn_rad, ~lost & np.isfinite(quats_wxyz).all(axis=1)
+
+
+def _turned(
+    quats_wxyz: FloatArray, turn_rad: FloatArray, known: BoolArray, seen: IntArray
+) -> Sequence[FloatArray | None]:
+    """The orientations that are seen, None where there is none."""
+    shown: list[FloatArray | None] = [None] * len(seen)
+    kept = np.flatnonzero(known[seen])
+    if kept.size:
+        for k, quat in zip(kept, turned(quats_wxyz[seen[kept]], turn_rad[seen[kept]]), strict=True):
+            shown[k] = quat
+    return shown
+
+
+def _stated_positions(sensor: SensorSpec, measured_m: FloatArray) -> Sequence[FloatArray | None]:
+    if not sensor.states_covariance:
+        return [None] * len(measured_m)
+    return list(stated_covariances(measured_m, sensor.each_axis_sd_m, sensor.along, sensor.across))
+
+
+def _stated_yaws(sensor: SensorSpec, error: YawError, known: BoolArray) -> Sequence[float | None]:
+    sd_rad = float(np.deg2rad(np.hypot(sensor.yaw_noise_deg, np.hypot(error.noise_deg, error.wander_deg))))
+    stated = sd_rad if sensor.states_covariance and sd_rad > 0 else None
+    return [stated if one else None for one in known]

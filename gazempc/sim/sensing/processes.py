@@ -1,0 +1,73 @@
+"""Random processes that errors are made of, on the frames of a recording."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gazempc.sim.sensing.tables import Bouts
+from gazempc.types import BoolArray, FloatArray, IntArray
+
+
+def wander(times_s: FloatArray, time_s: float, axes: int, rng: np.random.Generator) -> FloatArray:
+    """Ornstein-Uhlenbeck process of unit variance, stationary from the first frame, exact for any spacing.
+
+    Args:
+        times_s: Times of the frames, shape (N,), seconds, increasing.
+        time_s: Correlation time: the autocorrelation is exp(-lag / time_s).
+        axes: How many independent ones, A.
+        rng: Source of randomness.
+
+    Returns:
+        Shape (N, A).
+    """
+    values = rng.standard_normal((times_s.size, axes))
+    keeps = np.exp(-np.diff(times_s) / time_s)
+    kicks = values[1:] * np.sqrt(1.0 - keeps**2)[:, None]
+    for i, kept in enumerate(keeps):
+        values[i + 1] = kept * values[i] + kicks[i]
+    return values
+
+
+def bouts(times_s: FloatArray, spec: Bouts, rng: np.random.Generator) -> IntArray:
+    """Which frames are in a bout, and in which.
+
+    Args:
+        times_s: Times of the frames, shape (N,), seconds, increasing.
+        spec: How often and how long.
+        rng: Source of randomness.
+
+    Returns:
+        Number of the bout at each frame, from 0, shape (N,); -1 outside.
+    """
+    number = np.full(times_s.size, -1, dtype=np.intp)
+    if spec.mean_interval_s == np.inf:
+        return number
+    count, end_s = 0, float(times_s[0])
+    while True:
+        start_s = end_s + rng.exponential(spec.mean_interval_s)
+        first = int(np.searchsorted(times_s, start_s))
+        if first == times_s.size:
+            return number
+        end_s = start_s + rng.uniform(spec.duration_min_s, spec.duration_max_s)
+        # A bout between two frames hits the next one: a spike of no duration is still a spike.
+        after = max(int(np.searchsorted(times_s, end_s)), first + 1)
+        number[first:after] = count
+        count += 1
+
+
+def held_uniform(times_s: FloatArray, hold_s: float, rng: np.random.Generator) -> FloatArray:
+    """Numbers of 0 to 1 that stay for an exponential time, then are drawn anew.
+
+    Args:
+        times_s: Times of the frames, shape (N,), seconds, increasing.
+        hold_s: Mean time between draws; 0 for a draw each frame.
+        rng: Source of randomness.
+
+    Returns:
+        Shape (N,), each uniform.
+    """
+    drawn = rng.random(times_s.size)
+    stays = np.exp(-np.diff(times_s) / hold_s) if hold_s > 0 else np.zeros(times_s.size - 1)
+    new: BoolArray = np.concatenate([[True], rng.random(times_s.size - 1) >= stays])
+    held: FloatArray = drawn[np.maximum.accumulate(np.where(new, np.arange(times_s.size), 0))]
+    return held

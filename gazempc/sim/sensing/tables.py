@@ -1,0 +1,159 @@
+"""The tables of a sensor's file: each states one kind of error, and its defaults state none."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gazempc.types import FloatArray
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class AlongError(_Table):
+    """Error of the range. What is in metres and what is a share of the range are of one process: variances add."""
+
+    noise_m: float = Field(default=0.0, ge=0, le=5, description="White error, s.d., metres")
+    noise_share: float = Field(default=0.0, ge=0, le=1, description="White error, s.d., share of the range")
+    wander_m: float = Field(default=0.0, ge=0, le=5, description="Wander, s.d., metres")
+    wander_share: float = Field(default=0.0, ge=0, le=1, description="Wander, s.d., share of the range")
+    wander_time_s: float = Field(default=1.0, gt=0, le=1000, description="Correlation time of the wander")
+
+    @property
+    def depends_on_sight(self) -> bool:
+        """Whether there is such an error."""
+        return bool(self.noise_sd_m(np.array(1.0)) + self.wander_sd_m(np.array(1.0)))
+
+    def noise_sd_m(self, range_m: FloatArray) -> FloatArray:
+        """Standard deviation of the white error at ranges, metres, in their shape."""
+        return np.asarray(np.hypot(self.noise_m, self.noise_share * range_m))
+
+    def wander_sd_m(self, range_m: FloatArray) -> FloatArray:
+        """Standard deviation of the wander at ranges, metres, in their shape."""
+        return np.asarray(np.hypot(self.wander_m, self.wander_share * range_m))
+
+
+class AcrossError(_Table):
+    """Error on each of the two axes across the line of sight. Metres and degrees are of one process, as in range."""
+
+    noise_m: float = Field(default=0.0, ge=0, le=5, description="White error, s.d., metres")
+    noise_deg: float = Field(default=0.0, ge=0, le=45, description="White error of the bearing, s.d., degrees")
+    wander_m: float = Field(default=0.0, ge=0, le=5, description="Wander, s.d., metres")
+    wander_deg: float = Field(default=0.0, ge=0, le=45, description="Wander of the bearing, s.d., degrees")
+    wander_time_s: float = Field(default=1.0, gt=0, le=1000, description="Correlation time of the wander")
+
+    @property
+    def depends_on_sight(self) -> bool:
+        """Whether there is such an error."""
+        return bool(self.noise_sd_m(np.array(1.0)) + self.wander_sd_m(np.array(1.0)))
+
+    def noise_sd_m(self, range_m: FloatArray) -> FloatArray:
+        """Standard deviation of the white error at ranges, metres, in their shape."""
+        return np.asarray(np.hypot(self.noise_m, np.deg2rad(self.noise_deg) * range_m))
+
+    def wander_sd_m(self, range_m: FloatArray) -> FloatArray:
+        """Standard deviation of the wander at ranges, metres, in their shape."""
+        return np.asarray(np.hypot(self.wander_m, np.deg2rad(self.wander_deg) * range_m))
+
+
+class Bouts(_Table):
+    """What comes in bouts: from the end of one to the start of the next, an exponential time; uniform durations."""
+
+    mean_interval_s: float = Field(
+        default=math.inf, gt=0, description="Mean time from the end of one to the start of the next; without it none"
+    )
+    duration_min_s: float = Field(default=0.0, ge=0, le=1000, description="Shortest; one frame if 0")
+    duration_max_s: float = Field(default=0.0, ge=0, le=1000, description="Longest")
+
+    @model_validator(mode="after")
+    def _durations_are_in_order(self) -> Bouts:
+        _check_order("duration", "s", self.duration_min_s, self.duration_max_s)
+        return self
+
+
+class Jumps(Bouts):
+    """The track jumps aside: by a random size, in a random direction of space, for a random time."""
+
+    size_min_m: float = Field(default=0.0, ge=0, le=10, description="Smallest, metres")
+    size_max_m: float = Field(default=0.0, ge=0, le=10, description="Largest, metres")
+    level: bool = Field(default=False, description="Jumps are horizontal, as where heights are not measured")
+
+    @model_validator(mode="after")
+    def _sizes_are_in_order(self) -> Jumps:
+        _check_order("size", "m", self.size_min_m, self.size_max_m)
+        if self.size_max_m == 0 and self.mean_interval_s < math.inf:
+            raise ValueError("size_max_m must be more than 0 where mean_interval_s is given")
+        return self
+
+
+class YawError(_Table):
+    """Error of one yaw, and what becomes of it while that part of the person faces away from the sensor."""
+
+    reported: bool = Field(default=True, description="False: the sensor does not see this orientation")
+    noise_deg: float = Field(default=0.0, ge=0, le=90, description="White error, s.d., degrees")
+    wander_deg: float = Field(default=0.0, ge=0, le=90, description="Wander, s.d., degrees")
+    wander_time_s: float = Field(default=1.0, gt=0, le=1000, description="Correlation time of the wander")
+    away_deg: float = Field(
+        default=90.0, ge=0, le=180, description="Faces away: turned from the sensor by more than this"
+    )
+    lost_share: float = Field(default=0.0, ge=0, le=1, description="Share of the time facing away without a yaw")
+    flipped_share: float = Field(
+        default=0.0, ge=0, le=1, description="Share of the time facing away with a yaw that is wrong by 180 degrees"
+    )
+    hold_s: float = Field(
+        default=0.5, ge=0, le=1000, description="Mean time for which it stays lost, flipped or right; 0: a frame"
+    )
+
+    @property
+    def depends_on_sight(self) -> bool:
+        """Whether it is worse for who faces away."""
+        return self.lost_share + self.flipped_share > 0
+
+    @model_validator(mode="after")
+    def _shares_are_of_one(self) -> YawError:
+        if self.lost_share + self.flipped_share > 1:
+            raise ValueError(
+                f"lost_share ({self.lost_share}) and flipped_share ({self.flipped_share}) must be 1 or less together"
+            )
+        return self
+
+
+class Timing(_Table):
+    """When frames are taken and arrive, and what their stamps say."""
+
+    frame_jitter_s: float = Field(
+        default=0.0, ge=0, le=10, description="Frames come later than the rate says by 0 to this, uniform"
+    )
+    latency_jitter_s: float = Field(
+        default=0.0, ge=0, le=10, description="Added to latency_s, 0 to this, uniform, independent per frame"
+    )
+    keeps_order: bool = Field(default=True, description="A frame waits for those before it; False: it overtakes them")
+    stamp_offset_s: float = Field(
+        default=0.0, ge=-1, le=1, description="Error of all stamps; positive: later than the capture"
+    )
+    stamp_noise_s: float = Field(default=0.0, ge=0, le=1, description="Error of each stamp, s.d., independent")
+
+
+class FieldOfView(_Table):
+    """Field of view, about the base's x axis or about the robot's gaze."""
+
+    on: Literal["base", "head"] = Field(
+        default="base", description="What the sensor is fixed to; with head the view turns with the neck of a replay"
+    )
+    horizontal_deg: float = Field(default=360.0, gt=0, le=360, description="Full angle, left to right")
+    vertical_deg: float = Field(default=180.0, gt=0, le=180, description="Full angle, bottom to top")
+
+    @property
+    def limited(self) -> bool:
+        """Whether anything is out of view."""
+        return self.horizontal_deg < 360.0 or self.vertical_deg < 180.0
+
+
+def _check_order(what: str, unit: str, low: float, high: float) -> None:
+    if low > high:
+        raise ValueError(f"{what}_min_{unit} ({low}) must not be more than {what}_max_{unit} ({high})")

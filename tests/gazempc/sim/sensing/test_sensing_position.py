@@ -1,0 +1,130 @@
+"""Errors of a position: their sizes, their colour and their directions are recovered from what is seen."""
+
+import numpy as np
+import pytest
+from builders.sensing import HEAD_M, correlation, position_errors, seen, sensor, standing
+
+from gazempc.sim.sensor import observe
+
+ALONG = HEAD_M / np.linalg.norm(HEAD_M)
+LEFT = np.array([-ALONG[1], ALONG[0], 0.0])
+RANGE_M = float(np.linalg.norm(HEAD_M))
+LONG = standing(1800.0)  # 54,000 frames: an s.d. of coloured noise is known to some per cent
+
+
+def on_sight(errors):
+    return errors @ ALONG, errors @ LEFT, errors[:, 2]
+
+
+def test_wander_on_each_axis_has_its_sd_and_correlation_time():
+    errors = position_errors(LONG, position_wander_m=0.025, position_wander_time_s=0.4)
+    for axis in errors.T:
+        assert axis.std() == pytest.approx(0.025, rel=0.06)
+        for lag in (3, 12, 24):
+            assert correlation(axis, lag) == pytest.approx(np.exp(-lag / 30 / 0.4), abs=0.05)
+    assert np.corrcoef(errors.T) == pytest.approx(np.eye(3), abs=0.06)
+
+
+def test_range_error_is_a_share_of_the_range_along_the_line_of_sight_only():
+    along, left, up = on_sight(
+        position_errors(LONG, along={"noise_share": 0.035, "wander_share": 0.04, "wander_time_s": 2.0})
+    )
+    assert along.std() == pytest.approx(RANGE_M * np.hypot(0.035, 0.04), rel=0.06)
+    slow = 0.04**2 / (0.035**2 + 0.04**2)
+    assert correlation(along, 1) == pytest.approx(slow * np.exp(-1 / 60), abs=0.06)
+    assert correlation(along, 60) == pytest.approx(slow * np.exp(-1.0), abs=0.06)
+    assert np.abs(left).max() < 1e-12
+    assert np.abs(up).max() < 1e-12
+
+
+def test_bearing_error_is_an_angle_on_both_axes_across():
+    along, left, up = on_sight(position_errors(LONG, across={"noise_deg": 0.08}))
+    assert np.abs(along).max() < 1e-12
+    for axis in (left, up):
+        assert np.degrees(axis.std() / RANGE_M) == pytest.approx(0.08, rel=0.02)
+        assert correlation(axis, 1) == pytest.approx(0.0, abs=0.02)
+    assert np.corrcoef(left, up)[0, 1] == pytest.approx(0.0, abs=0.02)
+
+
+def test_metres_and_shares_of_one_error_add_in_variance():
+    along, *_ = on_sight(position_errors(LONG, along={"noise_m": 0.05, "noise_share": 0.02}))
+    assert along.std() == pytest.approx(np.hypot(0.05, 0.02 * RANGE_M), rel=0.02)
+
+
+def test_wander_does_not_depend_on_the_rate_at_which_it_is_looked_at():
+    """Exact for any spacing: the same correlation at the same lag in seconds."""
+    slow = standing(3600.0, rate_hz=5.0)
+    for axis in position_errors(slow, position_wander_m=0.025, position_wander_time_s=0.4).T:
+        assert axis.std() == pytest.approx(0.025, rel=0.06)
+        assert correlation(axis, 2) == pytest.approx(np.exp(-1.0), abs=0.04)
+
+
+def test_jumps_have_their_share_of_time_their_sizes_and_one_offset_each():
+    """Each lasts 0.3 s on average and the next begins 1.7 s after its end on average: 15 % of the time."""
+    jumps = {"mean_interval_s": 1.7, "duration_min_s": 0.1, "duration_max_s": 0.5, "size_min_m": 0.05}
+    errors = position_errors(LONG, jumps=jumps | {"size_max_m": 0.12})
+    size = np.linalg.norm(errors, axis=1)
+    inside = size > 0
+    assert inside.mean() == pytest.approx(0.15, abs=0.012)
+    assert 0.05 <= size[inside].min() < 0.055
+    assert 0.115 < size[inside].max() <= 0.12
+    values, lengths = np.unique(errors[inside], axis=0, return_counts=True)
+    assert len(values) == pytest.approx(1800 / 2.0, rel=0.1)
+    assert lengths.min() >= 3
+    assert lengths.max() <= 16
+    # As many to each side of the three axes.
+    assert (values > 0).mean(axis=0) == pytest.approx(0.5, abs=0.08)
+    assert np.std(values, axis=0) == pytest.approx(0.0875 / np.sqrt(3), rel=0.12)
+
+
+def test_a_jump_of_no_duration_is_a_spike_of_one_frame():
+    errors = position_errors(LONG, jumps={"mean_interval_s": 0.3, "size_min_m": 0.1, "size_max_m": 0.1, "level": True})
+    hit = np.linalg.norm(errors, axis=1) > 0
+    assert np.linalg.norm(errors[hit], axis=1) == pytest.approx(0.1)
+    assert not errors[:, 2].any()
+    # A frame is hit unless nothing falls between it and the one before.
+    assert hit.mean() == pytest.approx(1 - np.exp(-1 / 30 / 0.3), rel=0.05)
+    assert len(np.unique(errors[hit], axis=0)) == hit.sum()
+
+
+def test_the_stated_covariance_is_that_of_the_errors_and_long_along_the_line_of_sight():
+    fields = {"along": {"noise_share": 0.035, "wander_share": 0.02, "wander_time_s": 0.1}, "states_covariance": True}
+    observations = seen(LONG, across={"noise_deg": 0.5}, **fields)
+    for each in observations[:20]:
+        values, vectors = np.linalg.eigh(each.position_covariance_m2)
+        measured = each.head_position_base_m
+        assert abs(vectors[:, 2] @ measured) == pytest.approx(np.linalg.norm(measured))
+        range_m = np.linalg.norm(measured)
+        assert values[2] == pytest.approx((range_m**2) * (0.035**2 + 0.02**2))
+        assert values[:2] == pytest.approx((range_m * np.deg2rad(0.5)) ** 2)
+    errors = np.array([o.head_position_base_m for o in observations]) - HEAD_M
+    stated = np.mean([o.position_covariance_m2 for o in observations], axis=0)
+    assert np.cov(errors.T) == pytest.approx(stated, abs=0.05 * stated.max())
+
+
+def test_a_sensor_that_states_no_covariance_states_none_and_one_without_errors_may_not():
+    assert seen(standing(1.0), position_noise_m=0.01)[0].position_covariance_m2 is None
+    each = seen(standing(1.0), position_noise_m=0.03, position_wander_m=0.04, states_covariance=True)[0]
+    assert each.position_covariance_m2 == pytest.approx(0.0025 * np.eye(3))
+    with pytest.raises(ValueError, match="states_covariance needs an error across the line of sight"):
+        sensor(states_covariance=True, along={"noise_m": 0.1})
+
+
+def test_errors_are_independent_streams():
+    """What is switched on beside it does not change an error."""
+    walk = standing(20.0)
+    alone = position_errors(walk, along={"noise_m": 0.1})
+    jumps = {"mean_interval_s": 1.0, "size_max_m": 0.1}
+    other = {"position_noise_m": 0.01, "jumps": jumps, "loss": {"mean_interval_s": 50.0}}
+    assert position_errors(walk, along={"noise_m": 0.1}, **other) - position_errors(walk, **other) == pytest.approx(
+        alone, abs=1e-12
+    )
+
+
+@pytest.mark.parametrize("head_m", [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
+def test_a_head_at_the_sensor_or_straight_above_it_has_finite_errors(head_m):
+    walk = standing(1.0, np.array(head_m))
+    spec = sensor(along={"noise_m": 0.01}, across={"noise_m": 0.01}, states_covariance=True)
+    for each in observe(walk, spec, 0):
+        assert np.isfinite(each.observation.head_position_base_m).all()
+        assert each.observation.position_covariance_m2 == pytest.approx(1e-4 * np.eye(3))

@@ -1,0 +1,99 @@
+"""When frames are taken, which are lost, when they arrive, and what their stamps say."""
+
+import numpy as np
+import pytest
+from builders.sensing import seen, sensor, standing
+
+from gazempc.sim.sensor import observe
+
+LONG = standing(1800.0)
+
+
+def captures_and_arrivals(recording, seed=1, **fields):
+    sightings = observe(recording, sensor(**fields), seed)
+    return np.array([s.observation.capture_time_s for s in sightings]), np.array([s.arrival_s for s in sightings])
+
+
+def test_jitter_of_latency_is_uniform_and_stamps_stay_right():
+    walk = standing(600.0)
+    captures, arrivals = captures_and_arrivals(
+        walk, latency_s=0.04, timing={"latency_jitter_s": 0.21, "keeps_order": False}
+    )
+    assert (np.diff(arrivals) >= 0).all()
+    assert np.sort(captures) == pytest.approx(walk.times_s)
+    assert (np.diff(captures) < 0).mean() > 0.2
+    latency = arrivals - captures
+    assert latency.min() == pytest.approx(0.04, abs=0.001)
+    assert latency.max() == pytest.approx(0.25, abs=0.001)
+    assert latency.mean() == pytest.approx(0.145, abs=0.003)
+
+
+def test_kept_order_lets_frames_wait_for_those_before():
+    walk = standing(60.0)
+    timing = {"latency_jitter_s": 0.21}
+    captures, arrivals = captures_and_arrivals(walk, timing=timing)
+    np.testing.assert_array_equal(captures, walk.times_s)
+    free_captures, free_arrivals = captures_and_arrivals(walk, timing=timing | {"keeps_order": False})
+    alone = free_arrivals[np.argsort(free_captures)]
+    for i, arrival in enumerate(arrivals):
+        assert arrival == max(alone[: i + 1])
+
+
+def test_stamps_err_by_a_constant_and_by_noise_and_arrivals_do_not():
+    walk = standing(600.0)
+    stamps, arrivals = captures_and_arrivals(walk, timing={"stamp_offset_s": 0.06, "stamp_noise_s": 0.004})
+    np.testing.assert_array_equal(arrivals, walk.times_s)
+    error = stamps - walk.times_s
+    assert error.mean() == pytest.approx(0.06, abs=0.0002)
+    assert error.std() == pytest.approx(0.004, rel=0.03)
+
+
+def test_frames_come_later_than_the_rate_says_by_their_jitter():
+    """4 to 30 frames a second, irregular, of a recording of 1000."""
+    walk = standing(120.0, rate_hz=1000.0)
+    waits = np.diff(captures_and_arrivals(walk, timing={"frame_jitter_s": 0.25 - 1 / 30})[0])
+    assert waits.min() == pytest.approx(1 / 30, abs=0.002)
+    assert waits.max() == pytest.approx(0.25, abs=0.002)
+    assert waits.mean() == pytest.approx((1 / 30 + 0.25) / 2, rel=0.05)
+
+
+def test_bursts_of_loss_have_their_durations_and_intervals():
+    captures, _ = captures_and_arrivals(
+        LONG, loss={"mean_interval_s": 2.0, "duration_min_s": 0.3, "duration_max_s": 1.0}
+    )
+    gaps = np.diff(captures)
+    gaps = gaps[gaps > 0.05]
+    assert gaps.min() >= 0.3
+    # Now and then the next one begins before a frame is taken.
+    assert (gaps > 1.0 + 2 / 30).mean() < 1.5 * (1 - np.exp(-1 / 30 / 2.0))
+    assert np.median(gaps) == pytest.approx(0.65 + 1 / 30, abs=0.04)
+    assert captures.size / LONG.times_s.size == pytest.approx(2.0 / 2.65, abs=0.02)
+    assert gaps.size == pytest.approx(1800 / 2.65, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("head_m", "visible"),
+    [
+        ([2.0, 1.5, 0.0], True),  # 36.9 deg
+        ([2.0, 1.6, 0.0], False),  # 38.7 deg
+        ([2.0, -1.6, 0.0], False),
+        ([2.0, 0.0, 1.2], True),  # 31.0 deg
+        ([2.0, 0.0, 1.4], False),  # 35.0 deg
+        ([2.0, 0.0, -1.4], False),
+        ([-2.0, 0.0, 0.0], False),
+    ],
+)
+def test_a_view_of_75_by_65_degrees(head_m, visible):
+    """Somebody in view for the first second, then here."""
+    walk = standing(2.0)
+    walk.truth.head_position_m[30:] = head_m
+    found = seen(walk, view={"horizontal_deg": 75.0, "vertical_deg": 65.0})
+    assert len(found) == (60 if visible else 30)
+
+
+def test_the_view_is_of_where_the_head_is_and_the_range_of_what_is_measured():
+    walk = standing(30.0)
+    view = {"horizontal_deg": 75.0, "vertical_deg": 65.0}
+    assert len(seen(walk, across={"noise_m": 2.0}, view=view)) == 900
+    share = len(seen(walk, along={"noise_m": 0.5}, range_max_m=2.5)) / 900
+    assert share == pytest.approx(0.5, abs=0.06)
