@@ -16,7 +16,7 @@ from gazempc.types import FloatArray
 # seconds of data outweigh them. A person who stands sways with about 0.02 m s^-1.5, one who walks moves with 1.
 _ACCELERATION = (np.log(0.2), 1.5)
 _WANDER_RATIO = (np.log(1.0), 1.5)  # to the white error
-_CORRELATION_S = (np.log(0.7), 1.0)
+_CORRELATION_S = (np.log(1.0), 1.0)
 _BOUNDS = {
     "acceleration": (1e-3, 30.0),
     "white": (1e-6, 1.0),

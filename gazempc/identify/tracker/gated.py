@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from gazempc.identify.tracker.fit import GroupFit, Known, fit_errors
 from gazempc.identify.tracker.likelihood import Stretches, likelihood
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import BoolArray, FloatArray, IntArray
 
 # A normal innovation is larger once in 150,000 frames and axes.
 _GATE = 4.5
@@ -18,25 +19,23 @@ _ROUNDS = 3
 _THIRD_DIFFERENCES = 20.0
 # Where third differences hold far more than the fit calls white, the person's motion hides the noise.
 _HIDDEN = 0.4
+# The first frame of a jump is at least this share of the way. A person who starts to move is slower.
+_STEP_SHARE = 0.5
 # No tracker is better, and a logarithm needs a start.
 _LEAST = 1e-5
 
 
 @dataclass(frozen=True)
-class JumpSizes:
+class Jumps:
     """Jumps of a track: frames far from where frames before and after put the person.
 
     Attributes:
-        count: How many.
         durations_s: Of each, shape (K,), seconds; 0 for a single frame.
-        sizes: Root mean square on each axis, in the unit of the values, shape (A,).
-        frames: How many frames are in jumps.
+        sizes: Root mean square of each on each axis, in the unit of the values, shape (K, A).
     """
 
-    count: int
     durations_s: FloatArray
     sizes: FloatArray
-    frames: int
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Errors:
 
     groups: tuple[GroupFit, ...]
     hidden: tuple[bool, ...]
-    jumps: JumpSizes
+    jumps: Jumps
     used_s: float
 
 
@@ -77,7 +76,7 @@ def measure_errors(
         tell(k / _ROUNDS)
         fits, model = fit_errors(replace(data, used=used), groups, one_person, start)
         sizes = np.abs(np.nan_to_num(likelihood(data, model, _GATE).surprise)).max(axis=1)
-        calm = data.used & (sizes <= _GATE)
+        calm = data.used & ~_jumps_in(data, data.used & (sizes > _GATE))
         start = np.maximum([fit.white.value for fit in fits], _LEAST)
         if (calm == used).all():
             break
@@ -98,24 +97,44 @@ def _third_differences(data: Stretches, group: tuple[int, ...]) -> float:
     for b in range(data.used.shape[1]):
         values = data.values[data.used[:, b]][:, list(group), b]
         found.append(np.abs(np.diff(values, 3, axis=0)).ravel())
-    return max(_LEAST, 1.4826 * float(np.median(np.concatenate(found))) / np.sqrt(_THIRD_DIFFERENCES))
+    return max(_LEAST, 1.4826 * float(np.median(np.concatenate(found))) / math.sqrt(_THIRD_DIFFERENCES))
 
 
-def _jumps(data: Stretches, used: BoolArray) -> JumpSizes:
+def _jumps_in(data: Stretches, odd: BoolArray) -> BoolArray:
+    """Which of the odd frames are in jumps: there in one step, shape (F, B). Others are the person's own motion."""
+    jumps = odd.copy()
+    for b in range(odd.shape[1]):
+        aside = np.abs(_aside(data, odd, b))
+        for first, last in _runs(odd[: len(aside), b]):
+            way = aside[first:last].max(axis=0)
+            axis = int(np.argmax(way))
+            jumps[first:last, b] = aside[first, axis] >= _STEP_SHARE * way[axis]
+    return jumps
+
+
+def _aside(data: Stretches, out: BoolArray, b: int) -> FloatArray:
+    """How far each frame of a stretch is from where the frames that are not out put it, shape (F, A)."""
+    frames = int(data.used[:, b].sum())
+    kept = ~out[:frames, b]
+    times_s, values = np.cumsum(data.intervals_s[:frames, b]), data.values[:frames, :, b]
+    if not kept.any():
+        return np.zeros_like(values)
+    expected = [np.interp(times_s, times_s[kept], column[kept]) for column in values.T]
+    return np.asarray(values - np.transpose(expected))
+
+
+def _runs(flags: BoolArray) -> IntArray:
+    """First and one past the last frame of each run of flags, shape (K, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
+
+
+def _jumps(data: Stretches, used: BoolArray) -> Jumps:
     durations_s: list[float] = []
-    aside: list[FloatArray] = []
+    sizes: list[FloatArray] = []
     for b in range(used.shape[1]):
-        frames = int(data.used[:, b].sum())
-        jumps = ~used[:frames, b]
-        if not jumps.any() or jumps.all():
-            continue
-        times_s = np.cumsum(data.intervals_s[:frames, b])
-        ends = np.flatnonzero(np.diff(np.concatenate([[0], jumps.astype(int), [0]]))).reshape(-1, 2)
-        durations_s += [float(times_s[last - 1] - times_s[first]) for first, last in ends]
-        values = data.values[:frames, :, b]
-        expected = [np.interp(times_s[jumps], times_s[~jumps], column[~jumps]) for column in values.T]
-        aside.append(values[jumps] - np.transpose(expected))
-    axes = data.values.shape[1]
-    all_aside = np.concatenate(aside) if aside else np.zeros((0, axes))
-    sizes = np.sqrt((all_aside**2).mean(axis=0)) if len(all_aside) else np.zeros(axes)
-    return JumpSizes(len(durations_s), np.array(durations_s), sizes, len(all_aside))
+        aside = _aside(data, ~used, b)
+        times_s = np.cumsum(data.intervals_s[: len(aside), b])
+        for first, last in _runs(~used[: len(aside), b]):
+            durations_s.append(float(times_s[last - 1] - times_s[first]))
+            sizes.append(np.sqrt((aside[first:last] ** 2).mean(axis=0)))
+    return Jumps(np.array(durations_s), np.reshape(sizes, (-1, data.values.shape[1])))

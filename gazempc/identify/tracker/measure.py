@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gazempc.identify.tracker.fit import GroupFit
-from gazempc.identify.tracker.gated import Errors, JumpSizes, measure_errors
+from gazempc.identify.tracker.gated import Errors, Jumps, measure_errors
 from gazempc.identify.tracker.sight import along_and_across, cut, still, still_yaw
 from gazempc.identify.tracker.timing import FrameTimes, frame_times
 from gazempc.identify.tracker.track import HeadTrack
@@ -20,6 +20,10 @@ _STILL_MIN_S = 8.0
 _CORRELATIONS = 8.0
 # A person who stands sways by up to 5 mm (s.d.; Winter 1995 reviews quiet standing): less is no error of a tracker.
 _SWAY_M = 0.005
+# Shorter delays are those of the recorder; longer ones are of another clock.
+_DELAY_MIN_S, _DELAY_MAX_S = 0.005, 5.0
+# Beyond this share of the size along the line of sight a jump goes across it as well.
+_SIDEWAYS = 0.3
 # A yaw that turns by more than this from frame to frame was flipped, not turned.
 _FLIP_RAD = np.deg2rad(150.0)
 
@@ -76,7 +80,7 @@ class TrackerErrors:
     frames: FrameTimes
     along: DirectionError
     across: DirectionError
-    jumps: JumpSizes
+    jumps: Jumps
     used_s: float
     still_s: float
     range_m: FloatArray
@@ -88,6 +92,23 @@ class TrackerErrors:
     def moved(self) -> bool:
         """Whether the person moved too much to tell the tracker's wander from their motion."""
         return self.still_s < _STILL_MIN_S
+
+    @property
+    def latency_s(self) -> float | None:
+        """Latency, as far as it is measured: a shorter delay is that of the recorder alone."""
+        return self.delay_s if self.delay_s is not None and _DELAY_MIN_S < self.delay_s < _DELAY_MAX_S else None
+
+    @property
+    def jump_sizes_m(self) -> tuple[FloatArray, FloatArray]:
+        """How far each jump goes along and across the line of sight, each of shape (K,), metres."""
+        sizes_m = self.jumps.sizes * self.range_m[1]
+        return sizes_m[:, 0], np.hypot(sizes_m[:, 1], sizes_m[:, 2])
+
+    @property
+    def jumps_across(self) -> bool:
+        """Whether jumps go across the line of sight as well as along it."""
+        along_m, across_m = self.jump_sizes_m
+        return bool(along_m.size and np.median(across_m) > _SIDEWAYS * np.median(along_m))
 
 
 def measure_tracker(track: HeadTrack, tell: Callable[[float], None]) -> TrackerErrors:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -100,7 +100,7 @@ def _choose(path: Path, tracks: Sequence[HeadTrack], person: str | None) -> Head
     if not others:
         return chosen
     note = f"also in the file: {', '.join(others)}; choose by --person"
-    return HeadTrack(**{**vars(chosen), "notes": (*chosen.notes, note)})
+    return replace(chosen, notes=(*chosen.notes, note))
 
 
 def _of_bag(track: BagTrack) -> HeadTrack:
@@ -109,9 +109,7 @@ def _of_bag(track: BagTrack) -> HeadTrack:
         notes.append(f"{track.repeated} messages with a stamp that had been there already: left out")
     yaw_rad = _facing_yaw_rad(track.position_m, track.quat_wxyz)
     unknown = np.full(track.times_s.size, np.nan)
-    return HeadTrack(
-        track.frame_id, track.times_s, track.position_m, yaw_rad, unknown, track.delays_s, tuple(notes)
-    )
+    return HeadTrack(track.frame_id, track.times_s, track.position_m, yaw_rad, unknown, track.delays_s, tuple(notes))
 
 
 def _of_recording(path: Path) -> HeadTrack:
@@ -119,8 +117,9 @@ def _of_recording(path: Path) -> HeadTrack:
     seen = recording.measured or recording.truth
     valid = seen.valid
     notes = () if valid.all() else (f"{int((~valid).sum())} frames without the person",)
-    yaws = (_forward_yaw_rad(quats[valid]) for quats in (seen.head_quat_wxyz, seen.pelvis_quat_wxyz))
-    return HeadTrack(recording.name, recording.times_s[valid], seen.head_position_m[valid], *yaws, None, notes)
+    head_rad, pelvis_rad = (_forward_yaw_rad(quats[valid]) for quats in (seen.head_quat_wxyz, seen.pelvis_quat_wxyz))
+    times_s, position_m = recording.times_s[valid], seen.head_position_m[valid]
+    return HeadTrack(recording.name, times_s, position_m, head_rad, pelvis_rad, None, notes)
 
 
 def _of_lines(path: Path) -> list[HeadTrack]:
@@ -156,8 +155,8 @@ def _of_observations(person: str, observations: Sequence[HeadObservation], notes
         for quats in ([o.head_quat_wxyz for o in kept], [o.pelvis_quat_wxyz for o in kept])
     )
     positions_m = np.array([o.head_position_base_m for o in kept])
-    yaws = (_forward_yaw_rad(heads), _forward_yaw_rad(pelvises))
-    return HeadTrack(person, times_s, positions_m, *yaws, None, tuple(said))
+    head_rad, pelvis_rad = _forward_yaw_rad(heads), _forward_yaw_rad(pelvises)
+    return HeadTrack(person, times_s, positions_m, head_rad, pelvis_rad, None, tuple(said))
 
 
 def _forward_yaw_rad(quats_wxyz: FloatArray) -> FloatArray:

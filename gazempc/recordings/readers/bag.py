@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -83,10 +84,9 @@ def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: No
             total = max(1, sum(c.msgcount for c in wanted))
             for k, (connection, received_ns, raw) in enumerate(reader.messages(wanted) if wanted else ()):
                 tell(k / total)
-                for transform in reader.deserialize(raw, connection.msgtype).transforms:
-                    parent, child = (
-                        name.lstrip("/") for name in (transform.header.frame_id, transform.child_frame_id)
-                    )
+                message: Any = reader.deserialize(raw, connection.msgtype)
+                for transform in message.transforms:
+                    parent, child = (name.lstrip("/") for name in (transform.header.frame_id, transform.child_frame_id))
                     if child.startswith(_PREFIXES):
                         rows[parent, child].append(_row(transform, received_ns))
     except (AnyReaderError, ReaderError, sqlite3.Error, OSError, KeyError, ValueError) as error:
@@ -101,9 +101,9 @@ def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: No
     return _best_tracks(path, rows)
 
 
-def _row(transform: object, received_ns: int) -> tuple[float, ...]:
+def _row(transform: Any, received_ns: int) -> tuple[float, ...]:
     """Stamp, delay, position and quaternion of one transform."""
-    header, pose = transform.header, transform.transform  # type: ignore[attr-defined]
+    header, pose = transform.header, transform.transform
     p, q = pose.translation, pose.rotation
     stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
     return (1e-9 * stamp_ns, 1e-9 * (received_ns - stamp_ns), p.x, p.y, p.z, q.w, q.x, q.y, q.z)
@@ -118,7 +118,10 @@ def _best_tracks(path: Path, rows: dict[tuple[str, str], list[tuple[float, ...]]
             return tuple(sorted(chosen, key=lambda track: -track.times_s.size))
     found = ", ".join(f"{child} in {parent}" for parent, child in rows)
     raise RecordingError(
-        path, "topic /tf", f"no person is given in the frame of a sensor; found {found}", "face_<id> in a camera's frame"
+        path,
+        "topic /tf",
+        f"no person is given in the frame of a sensor; found {found}",
+        "face_<id> in a camera's frame",
     )
 
 
