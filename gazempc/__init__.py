@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from gazempc.sim.sensing.spec import SensorSpec
     from gazempc.sim.sensor import load_sensor
     from gazempc.types import JointState
-    from predictors import ConstantVelocity, Forecast, HeadObservation, Walker
+    from predictors import ConstantVelocity, Forecast, HeadObservation, Walker, bearing_covariance
 
 _PLACES = {
     "ConstantVelocity": "predictors",
@@ -51,6 +51,7 @@ _PLACES = {
     "SensorSpec": "gazempc.sim.sensing.spec",
     "Situation": "gazempc.controllers.controller",
     "Walker": "predictors",
+    "bearing_covariance": "predictors",
     "load_log": "gazempc.results.log",
     "load_neck": "gazempc.neck.spec",
     "load_recording": "gazempc.recordings.load",
@@ -79,6 +80,7 @@ __all__ = [
     "SensorSpec",
     "Situation",
     "Walker",
+    "bearing_covariance",
     "load_log",
     "load_neck",
     "load_recording",

@@ -4,6 +4,7 @@ from predictors.baselines.constant_acceleration import ConstantAcceleration
 from predictors.baselines.coordinated_turn import CoordinatedTurn
 from predictors.baselines.interacting_models import InteractingModels
 from predictors.baselines.particle import ParticleFilter
+from predictors.bearing import bearing_covariance
 from predictors.constant_velocity import ConstantVelocity
 from predictors.head_pose import HeadPose
 from predictors.last_position import LastPosition
@@ -29,4 +30,5 @@ __all__ = [
     "Perfect",
     "Predictor",
     "Walker",
+    "bearing_covariance",
 ]

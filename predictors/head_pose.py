@@ -56,7 +56,8 @@ class HeadPose:
             range; the default 0.5 is that figure read as steps of its N = 15.
         acceleration_psd: See `ConstantVelocity`.
         position_noise_m: See `ConstantVelocity`.
-        yaw_noise_rad: Standard deviation of a measurement of the relative yaw, radians.
+        yaw_noise_rad: Standard deviation of a measurement of the relative yaw, radians, where the observation states
+            none; half of its variance is the head's, half that of what it is relative to.
         yaw_from: What the head's yaw is relative to: "waist" as in the paper, or "travel", the direction of travel;
             slower than 0.2 m/s nobody has one, and the yaw stays what it was.
         offset_removed: Take away the mean yaw since the track began, on line; not in the paper.
@@ -103,7 +104,8 @@ class HeadPose:
         zero_rad = self._zero_rad(observation)
         if observation.head_quat_wxyz is None or zero_rad is None:
             return
-        self._update_yaw(wrap_rad(yaw_rad(observation.head_quat_wxyz) - zero_rad), observation.capture_time_s)
+        relative_rad = wrap_rad(yaw_rad(observation.head_quat_wxyz) - zero_rad)
+        self._update_yaw(relative_rad, self._variance_rad2(observation) * np.eye(1), observation.capture_time_s)
 
     def relative_yaw_rad(self) -> float | None:
         """Filtered yaw of the head relative to the waist.
@@ -143,7 +145,13 @@ class HeadPose:
         known_s = self._yaw_time_s - self._yaw_since_s
         return mean_rad * known_s / (known_s + _OFFSET_PRIOR_S)
 
-    def _update_yaw(self, measured_rad: float, time_s: float) -> None:
+    def _variance_rad2(self, observation: HeadObservation) -> float:
+        half = self._yaw_variance_rad2 / 2.0
+        head_rad = observation.head_yaw_sd_rad
+        zero_rad = observation.pelvis_yaw_sd_rad if self._yaw_from == "waist" else None
+        return sum(half if sd_rad is None else sd_rad**2 for sd_rad in (head_rad, zero_rad))
+
+    def _update_yaw(self, measured_rad: float, R: FloatArray, time_s: float) -> None:
         from filterpy.kalman import KalmanFilter  # noqa: PLC0415
 
         if self._yaw is None:
@@ -156,11 +164,11 @@ class HeadPose:
             kf = KalmanFilter(dim_x=1, dim_z=1)
             kf.x = np.array([measured_rad])
             kf.F = kf.H = np.eye(1)
-            kf.P = kf.R = self._yaw_variance_rad2 * np.eye(1)
+            kf.P = R
             self._yaw = kf
         else:
             self._yaw.predict(Q=_YAW_WALK_RAD2_PER_S * (time_s - self._yaw_time_s) * np.eye(1))
-            self._yaw.update(np.array([measured_rad]))
+            self._yaw.update(np.array([measured_rad]), R=R)
         self._yaw_time_s = time_s
         # The filtered yaw is continuous, so its mean needs no wrapping.
         self._yaw_sum_rad += float(self._yaw.x[0])

@@ -75,6 +75,20 @@ def as_times(times_s: ArrayLike) -> FloatArray:
     return times
 
 
+def noise_m2(observation: HeadObservation, otherwise_m2: FloatArray) -> FloatArray:
+    """Covariance of an observed position.
+
+    Args:
+        observation: The observation.
+        otherwise_m2: What is taken where it states none, shape (3, 3), square metres.
+
+    Returns:
+        Shape (3, 3), square metres.
+    """
+    stated = observation.position_covariance_m2
+    return otherwise_m2 if stated is None else stated
+
+
 def check_newer(observation: HeadObservation, last_capture_time_s: float | None) -> None:
     """Refuse an observation that is not newer than the last one.
 

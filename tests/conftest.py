@@ -20,6 +20,7 @@ hypothesis.settings.load_profile("gazempc")
 ROOT = Path(__file__).resolve().parents[1]
 WALKS = Path(os.environ.get("GAZEMPC_WALKS", ROOT.parent / "shared" / "walks"))
 TRACKS = Path(os.environ.get("GAZEMPC_TRACKS", ROOT.parent / "shared" / "tracks"))
+BAGS = Path(os.environ.get("GAZEMPC_BAGS", ROOT.parent / "shared" / "bags"))
 
 
 @pytest.fixture(scope="session")

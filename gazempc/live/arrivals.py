@@ -5,7 +5,7 @@ from __future__ import annotations
 from gazempc.live.mount import JointHistory
 from gazempc.live.parts import LiveParts
 from gazempc.live.report import LiveReport
-from gazempc.live.sources.source import Arrived
+from gazempc.live.sources.source import Arrived, check_range
 from gazempc.loop.events import Event
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
@@ -86,5 +86,6 @@ class Arrivals:
             return False
 
     def _in_base(self, observation: HeadObservation) -> HeadObservation:
+        check_range(observation.head_position_base_m)
         angles_rad = self._joints.at(observation.capture_time_s) if self._mount.on == "head" else None
         return self._mount.to_base(observation, self._geometry, angles_rad)

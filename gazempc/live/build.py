@@ -95,7 +95,8 @@ def _make_source(settings: LiveSettings, neck: NeckSpec, clock: Clock, scene: Sc
     if not isinstance(clock, RealClock):
         raise SettingsError(f"source {settings.source!r} keeps real time")
     if kind == "ros2":
-        return Ros2Person(address, clock.now_s, clock.from_unix_s, settings.options.ros2.network)
+        ros2 = settings.options.ros2
+        return Ros2Person(address, clock.now_s, clock.from_unix_s, ros2.network, ros2.pose_type)
     if kind == "udp":
         return LineSource(UdpPort(*parse_address(settings.source, address, "127.0.0.1")), clock)
     if kind == "tcp":

@@ -6,14 +6,14 @@ import threading
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 from gazempc.controllers.controller import Controller
 from gazempc.live.gaze_parts import check_settings, make_parts
 from gazempc.live.parts import Keeping
 from gazempc.live.process import fast_switching
 from gazempc.live.run import LiveRun
-from gazempc.live.sources.pushed import check_covariance, check_person_id
+from gazempc.live.sources.pushed import Stated
 from gazempc.loop.observer import JointEstimate
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.join import join_logs
@@ -128,16 +128,7 @@ class Gaze:
             error.add_note(f"The servo thread of Gaze raised, too: {type(failure).__name__}: {failure}")
         return False
 
-    def see(
-        self,
-        time_s: float,
-        head_m: Any,
-        *,
-        head_quat_wxyz: Any = None,
-        pelvis_quat_wxyz: Any = None,
-        covariance_m2: Any = None,
-        person_id: int | str | None = None,
-    ) -> None:
+    def see(self, time_s: float, head_m: Any, **stated: Unpack[Stated]) -> None:
         """Hand over where the person was seen. Returns at once.
 
         The time of capture matters more than anything else here. A stamp that is 0.1 s late is 0.1 s of dead time
@@ -147,15 +138,20 @@ class Gaze:
             time_s: When the frame was captured (not when it was processed), seconds: Unix time as `time.time` gives it,
                 or with ``clock="monotonic"`` the time of `time.monotonic`.
             head_m: Head in the sensor's frame, shape (3,), metres: x forward, y left, z up.
-            head_quat_wxyz: Orientation of the head in the same frame, shape (4,); the identity faces +x. Optional.
-            pelvis_quat_wxyz: The same of the pelvis. Optional.
-            covariance_m2: Covariance of `head_m`, shape (3, 3), square metres. Optional. The shipped predictors do not
-                use it yet.
-            person_id: How the tracker calls the person, a whole number or a text. Optional. Not used yet: see one
-                person only.
+            **stated: What else the tracker states, all of it optional:
+
+                - ``head_quat_wxyz``: orientation of the head in the same frame, shape (4,); the identity faces +x;
+                - ``pelvis_quat_wxyz``: the same of the pelvis;
+                - ``covariance_m2``: covariance of `head_m`, shape (3, 3), square metres. For a tracker that knows the
+                  direction better than the range, `gazempc.bearing_covariance` makes it;
+                - ``head_yaw_sd_rad``, ``pelvis_yaw_sd_rad``: standard deviations of the yaw, radians;
+                - ``person_id``: how the tracker calls the person, a whole number or a text. A new name alone starts no
+                  new track: trackers rename people;
+                - ``confidence``: how sure the tracker is that this is a person, 0 to 1.
 
         Raises:
             ValueError: If a value is wrong; names the field and what is accepted. The observation is not used.
+            TypeError: If there is no such argument.
             RuntimeError: Outside of the with-block.
             BaseException: What the servo thread raised, after the neck was braked.
         """
@@ -165,11 +161,7 @@ class Gaze:
             raise self._failure
         if self._stop.is_set() or not self._thread.is_alive():
             raise RuntimeError("see() is called after the end of the with-block: the robot is closed")
-        if covariance_m2 is not None:
-            check_covariance(covariance_m2)
-        if person_id is not None:
-            check_person_id(person_id)
-        self._source.push(time_s, head_m, {"head_quat_wxyz": head_quat_wxyz, "pelvis_quat_wxyz": pelvis_quat_wxyz})
+        self._source.push(time_s, head_m, stated)
 
     @property
     def joints(self) -> JointEstimate | None:

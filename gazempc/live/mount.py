@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -44,7 +45,7 @@ class Mount(BaseModel):
                 sensor on the head.
 
         Returns:
-            The same in the base frame.
+            The same in the base frame; standard deviations of yaw are about the vertical, and stay as they are.
 
         Raises:
             ValueError: If the sensor is on the head and the angles are None.
@@ -62,11 +63,16 @@ class Mount(BaseModel):
                 return None
             return (turn * Rotation.from_quat(quat_wxyz, scalar_first=True)).as_quat(scalar_first=True)
 
-        return HeadObservation(
-            capture_time_s=observation.capture_time_s,
+        covariance = observation.position_covariance_m2
+        if covariance is not None:
+            matrix = turn.as_matrix()
+            covariance = matrix @ covariance @ matrix.T
+        return replace(
+            observation,
             head_position_base_m=shift_m + turn.apply(observation.head_position_base_m),
             head_quat_wxyz=turned(observation.head_quat_wxyz),
             pelvis_quat_wxyz=turned(observation.pelvis_quat_wxyz),
+            position_covariance_m2=covariance,
         )
 
 

@@ -149,6 +149,7 @@ class LoopRecorder:
             capture_time_s=captures,
             arrival_time_s=np.array([t for t, _, _, _ in self._observations]),
             head_observed_base_m=np.array([o.head_position_base_m for _, o, _, _ in self._observations]).reshape(-1, 3),
+            person_id=np.array([o.person_id or "" for _, o, _, _ in self._observations], dtype=np.str_),
             forecast_mean_base_m=np.array([mean for _, _, mean, _ in self._observations]).reshape(shape),
             forecast_covariance_m2=np.array([cov for _, _, _, cov in self._observations]).reshape(*shape, 3),
             forecast_true_base_m=true,

@@ -60,6 +60,7 @@ class Log:
         capture_time_s: Capture times of the observations that were used, shape (F,), seconds.
         arrival_time_s: Times of their arrival, shape (F,), seconds.
         head_observed_base_m: Observed heads, shape (F, 3), metres.
+        person_id: Whom the sensor took them for, shape (F,); empty texts where it did not say.
         forecast_mean_base_m: Forecast after each observation at each of `forecast_horizon_s` from its capture,
             shape (F, 3, 3): observation, horizon, axis; NaN where there was none.
         forecast_covariance_m2: Shape (F, 3, 3, 3), square metres.
@@ -81,6 +82,7 @@ class Log:
     capture_time_s: FloatArray
     arrival_time_s: FloatArray
     head_observed_base_m: FloatArray
+    person_id: StringArray
     forecast_mean_base_m: FloatArray
     forecast_covariance_m2: FloatArray
     forecast_true_base_m: FloatArray

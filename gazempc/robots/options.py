@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 
 from gazempc.parts import ROBOT, check_choice
-from gazempc.ros2.wire import Ros2Network
+from gazempc.ros2.wire import PoseType, Ros2Network
 from gazempc.settings import Settings, on_command_line
 
 # A shipped name, or module:Class for a robot of the user's own.
@@ -47,6 +47,7 @@ class Ros2Options(Settings):
         default=None, gt=0, description="When a trajectory's point is to be reached; without it a servo period"
     )
     silent_after_s: float = Field(default=0.5, gt=0, description="Without a joint state for so long: not answering")
+    pose_type: PoseType = Field(default="geometry_msgs/msg/PoseStamped", description="What the source's poses come as")
 
     @property
     def network(self) -> Ros2Network:

@@ -12,10 +12,12 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 from gazempc.errors import MissingOptionalDependencyError, SettingsError
 
+# What a person's poses come as.
+PoseType = Literal["geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"]
 # Who stamps with the time of a simulation, or with a clock that was never set, is off by far more than this; a sensor
 # is never so late.
 _STAMP_OFF_MAX_S = 5.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from predictors.gate import Gate
-from predictors.predictor import NotReadyError, as_times, check_newer
+from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 
 if TYPE_CHECKING:
@@ -64,14 +64,14 @@ class ConstantAcceleration:
     Args:
         jerk_psd: Power spectral density of the head's jerk on each axis, m^2/s^5. The default has the least error
             at 0.5 s over walking people at the noise below.
-        position_noise_m: Standard deviation of a position measurement on each axis, metres.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
     """
 
     def __init__(self, jerk_psd: float = 0.003, position_noise_m: float = 0.01) -> None:
         if not (jerk_psd > 0 and position_noise_m > 0):
             raise ValueError("jerk_psd and position_noise_m must be positive")
         self._psd = jerk_psd
-        self._noise_variance_m2 = position_noise_m**2
+        self._R = position_noise_m**2 * np.eye(3)
         self._gate = Gate()
         self.reset()
 
@@ -92,8 +92,9 @@ class ConstantAcceleration:
         dt_s = np.array([observation.capture_time_s - self._time_s])
         kf.predict(F=transition(dt_s)[0], Q=process_noise(dt_s, self._psd)[0])
         self._time_s = observation.capture_time_s
-        if self._gate.accepts(observation.head_position_base_m - kf.x[:3], kf.P[:3, :3] + kf.R):
-            kf.update(observation.head_position_base_m)
+        R = noise_m2(observation, self._R)
+        if self._gate.accepts(observation.head_position_base_m - kf.x[:3], kf.P[:3, :3] + R):
+            kf.update(observation.head_position_base_m, R=R)
             self._issued_at_s = observation.capture_time_s
         elif self._gate.lost:
             self._start(observation)
@@ -118,11 +119,9 @@ class ConstantAcceleration:
 
         kf = KalmanFilter(dim_x=9, dim_z=3)
         kf.x = np.concatenate([observation.head_position_base_m, np.zeros(6)])
-        kf.P = np.diag(
-            [self._noise_variance_m2] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3 + [_INITIAL_ACCELERATION_SD_M_S2**2] * 3
-        )
+        kf.P = np.diag([0.0] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3 + [_INITIAL_ACCELERATION_SD_M_S2**2] * 3)
+        kf.P[:3, :3] = noise_m2(observation, self._R)
         kf.H = np.eye(3, 9)
-        kf.R = self._noise_variance_m2 * np.eye(3)
         self._filter = kf
         self._time_s = self._issued_at_s = observation.capture_time_s
         self._gate.reset()

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from predictors.baselines.arc import NODES, WEIGHTS, arc, turned_per_rate_s
 from predictors.constant_velocity import ConstantVelocity
 from predictors.gate import Gate
+from predictors.predictor import noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.yaw import wrap_rad, yaw_rad
 
@@ -29,7 +30,9 @@ _OFFSET_SD_RAD = np.array([0.1, 0.2])
 _OFFSET_WALK_RAD2_PER_S = np.array([0.0004, 0.0004])
 # Standard deviation of the yaw about its mean, pelvis and head. It is larger than the sensor's noise: both swing with
 # the stride, which lasts many frames.
-_YAW_SD_RAD = np.array([0.15, 0.2])
+_YAW_SD_RAD = (0.15, 0.2)
+# The sensor's own share of it, where it states none: that of the reference sensor, 2 degrees.
+_SENSOR_YAW_SD_RAD = 0.035
 
 
 def transition(x: FloatArray, dt_s: FloatArray, turn_time_s: float) -> tuple[FloatArray, FloatArray]:
@@ -64,7 +67,8 @@ class CoordinatedTurn:
 
     Refused detections, the height and the start are those of a `ConstantVelocity` filter that runs beside; below
     0.2 m/s, where there is no heading, its forecast is this predictor's. Where yaw is used, it is measured as the
-    heading plus an offset of the person's, which is estimated and kept while they stand.
+    heading plus an offset of the person's, which is estimated and kept while they stand; a stated standard deviation of
+    the yaw comes on top of the body's swing.
 
     Args:
         yaw_cues: Which orientations are used; those that an observation does not have are done without.
@@ -72,7 +76,7 @@ class CoordinatedTurn:
         heading_psd: Power spectral density of the heading's own rate, rad^2/s: the head's sway, which is no turn.
         turn_psd: Power spectral density of the turn rate's derivative, rad^2/s^3.
         turn_time_s: Time constant with which the turn rate dies away, seconds; the textbook's is endless.
-        position_noise_m: Standard deviation of a position measurement on each axis, metres.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
     """
 
     def __init__(
@@ -92,8 +96,7 @@ class CoordinatedTurn:
         self._yaw_cues = yaw_cues
         self._psd = np.array(densities)
         self._turn_time_s = turn_time_s
-        self._R = position_noise_m**2 * np.eye(2)
-        self._yaw_variances_rad2 = _YAW_SD_RAD**2
+        self._R = position_noise_m**2 * np.eye(3)
         self._position = ConstantVelocity(position_noise_m=position_noise_m)
         self._filter: ExtendedKalmanFilter | None = None
         self._walks = False
@@ -182,12 +185,14 @@ class CoordinatedTurn:
         x, P = self._ahead(np.array([observation.capture_time_s - self._time_s]))
         ekf.x, ekf.P = x[0], P[0]
         seen = observation.head_position_base_m[:2]
+        R = noise_m2(observation, self._R)[:2, :2]
         spread = np.eye(3)  # the height is judged already
-        spread[:2, :2] = ekf.P[:2, :2] + self._R
+        spread[:2, :2] = ekf.P[:2, :2] + R
         if not Gate().accepts(np.append(seen - ekf.x[:2], 0.0), spread):
             return False
-        ekf.update(seen, lambda _: np.eye(2, 7), lambda x: x[:2], R=self._R)
+        ekf.update(seen, lambda _: np.eye(2, 7), lambda x: x[:2], R=R)
         cues = (observation.pelvis_quat_wxyz, observation.head_quat_wxyz)
+        stated_rad = (observation.pelvis_yaw_sd_rad, observation.head_yaw_sd_rad)
         for i, quat in enumerate(cues[: _CUES_USED[self._yaw_cues]]):
             if quat is None or ekf.x[_SPEED] < _STANDS_BELOW_M_S:
                 continue
@@ -198,6 +203,12 @@ class CoordinatedTurn:
                 np.array([off_rad]),
                 lambda _, H=H: H,
                 lambda _: np.zeros(1),
-                R=self._yaw_variances_rad2[i] * np.eye(1),
+                R=_yaw_variance_rad2(_YAW_SD_RAD[i], stated_rad[i]) * np.eye(1),
             )
         return bool(ekf.x[_SPEED] >= _STANDS_BELOW_M_S)
+
+
+def _yaw_variance_rad2(usual_sd_rad: float, stated_sd_rad: float | None) -> float:
+    if stated_sd_rad is None:
+        return usual_sd_rad**2
+    return usual_sd_rad**2 - _SENSOR_YAW_SD_RAD**2 + stated_sd_rad**2

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from predictors.constant_velocity import process_noise
 from predictors.gate import Gate
-from predictors.predictor import NotReadyError, as_times, check_newer
+from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class InteractingModels:
         turn_rate_rad_s: Rate of the turns, rad/s.
         mode_time_s: Mean time that a mode lasts, seconds.
         acceleration_psd: Power spectral density of the head's acceleration on each axis, in all modes, m^2/s^3.
-        position_noise_m: Standard deviation of a position measurement on each axis, metres.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class InteractingModels:
         self._rates_rad_s = (0.0, turn_rate_rad_s, -turn_rate_rad_s)
         self._mode_time_s = mode_time_s
         self._psd = acceleration_psd
-        self._noise_variance_m2 = position_noise_m**2
+        self._R = position_noise_m**2 * np.eye(3)
         self._gate = Gate()
         self.reset()
 
@@ -112,8 +112,10 @@ class InteractingModels:
             kf.F, kf.Q = turning_transition(dt_s, rate_rad_s), process_noise(dt_s, self._psd)
         imm.predict()
         self._time_s = observation.capture_time_s
-        spread = imm.P[:3, :3] + self._noise_variance_m2 * np.eye(3)
-        if self._gate.accepts(observation.head_position_base_m - imm.x[:3], spread):
+        R = noise_m2(observation, self._R)
+        if self._gate.accepts(observation.head_position_base_m - imm.x[:3], imm.P[:3, :3] + R):
+            for kf in imm.filters:
+                kf.R = R
             imm.update(observation.head_position_base_m)
             self._issued_at_s = observation.capture_time_s
         elif self._gate.lost:
@@ -159,9 +161,9 @@ class InteractingModels:
         for _ in self._rates_rad_s:
             kf = KalmanFilter(dim_x=6, dim_z=3)
             kf.x = np.concatenate([observation.head_position_base_m, np.zeros(3)])
-            kf.P = np.diag([self._noise_variance_m2] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3)
+            kf.P = np.diag([0.0] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3)
+            kf.P[:3, :3] = noise_m2(observation, self._R)
             kf.H = np.eye(3, 6)
-            kf.R = self._noise_variance_m2 * np.eye(3)
             filters.append(kf)
         self._imm = IMMEstimator(filters, _INITIAL_PROBABILITIES, mode_transition(0.0, self._mode_time_s))
         self._time_s = self._issued_at_s = observation.capture_time_s

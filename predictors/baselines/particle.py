@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
 from predictors.baselines.arc import arc, turned_per_rate_s
 from predictors.constant_velocity import ConstantVelocity
+from predictors.predictor import noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 
 _SEED = 0
@@ -17,7 +20,7 @@ _INITIAL_TURN_RATE_SD_RAD_S = 0.5
 _LIKELIHOOD_WIDENING = 1.5
 # Resample when the effective number of particles is below this share.
 _RESAMPLE_BELOW = 0.5
-# After resampling, places are shaken by this share of the measurement noise.
+# After resampling, places are shaken by this share of the measurement noise where it is least.
 _ROUGHENING = 0.3
 # If even the nearest particle is so improbable (99.9 %), none explains the observation.
 _UNEXPLAINED_D2 = float(chdtri(2, 1.0 - 0.999))
@@ -36,7 +39,7 @@ class ParticleFilter:
         heading_psd: Power spectral density of the heading's own rate, rad^2/s: the head's sway, which is no turn.
         turn_psd: Power spectral density of the turn rate's derivative, rad^2/s^3.
         turn_time_s: Time constant with which the turn rate dies away, seconds.
-        position_noise_m: Standard deviation of a position measurement on each axis, metres.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
     """
 
     def __init__(
@@ -56,8 +59,7 @@ class ParticleFilter:
         self._size = particles
         self._psd = np.array(densities)
         self._turn_time_s = turn_time_s
-        self._position_noise_m = position_noise_m
-        self._likelihood_variance_m2 = (_LIKELIHOOD_WIDENING * position_noise_m) ** 2
+        self._R = position_noise_m**2 * np.eye(3)
         self._position = ConstantVelocity(position_noise_m=position_noise_m)
         self.reset()
 
@@ -79,7 +81,7 @@ class ParticleFilter:
             self._draw()
         else:
             self._walk(observation.capture_time_s - self._time_s)
-            self._weigh(observation.head_position_base_m[:2])
+            self._weigh(observation.head_position_base_m[:2], noise_m2(observation, self._R)[:2, :2])
         self._time_s = observation.capture_time_s
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
@@ -137,8 +139,9 @@ class ParticleFilter:
         self._place = self._place + ((before[:, 0] + after[:, 0]) / 2.0)[:, None] * way
         self._motion = after
 
-    def _weigh(self, seen_m: FloatArray) -> None:
-        distance2 = np.sum((seen_m - self._place) ** 2, axis=1) / self._likelihood_variance_m2
+    def _weigh(self, seen_m: FloatArray, R: FloatArray) -> None:
+        off_m = seen_m - self._place
+        distance2 = np.sum(off_m @ np.linalg.inv(R) * off_m, axis=1) / _LIKELIHOOD_WIDENING**2
         if not np.min(distance2) <= _UNEXPLAINED_D2:
             self._draw()
             return
@@ -147,13 +150,13 @@ class ParticleFilter:
         weights = np.exp(logs - logs.max())
         self._weights = weights / weights.sum()
         if 1.0 / np.sum(self._weights**2) < _RESAMPLE_BELOW * self._size:
-            self._resample()
+            self._resample(math.sqrt(min(self._R[0, 0], float(np.linalg.eigvalsh(R)[0]))))
 
-    def _resample(self) -> None:
+    def _resample(self, noise_m: float) -> None:
         """Systematic resampling, with a generator of our own: filterpy's draws from numpy's global one."""
         at = (self._random.random() + np.arange(self._size)) / self._size
         chosen = np.minimum(np.searchsorted(np.cumsum(self._weights), at), self._size - 1)
         self._place, self._motion = self._place[chosen], self._motion[chosen]
         # Copies would all go the same way from the same place.
-        self._place = self._place + _ROUGHENING * self._position_noise_m * self._random.standard_normal((self._size, 2))
+        self._place = self._place + _ROUGHENING * noise_m * self._random.standard_normal((self._size, 2))
         self._weights = np.full(self._size, 1.0 / self._size)

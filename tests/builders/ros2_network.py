@@ -49,11 +49,11 @@ class Scene:
         self.opened = []
         self.start()
 
-    def start(self, commands=COMMANDS):
+    def start(self, commands=COMMANDS, poses=POSES):
         self.router = zenoh_session("router", self.port)
         self.commands = self.router.declare_subscriber(commands, zenoh.handlers.FifoChannel(1000))
         self.states = self.router.declare_publisher(STATES, congestion_control=zenoh.CongestionControl.BLOCK)
-        self.poses = self.router.declare_publisher(POSES, congestion_control=zenoh.CongestionControl.BLOCK)
+        self.poses = self.router.declare_publisher(poses, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def options(self, **fields):
         """Options of a neck of this scene."""

@@ -119,4 +119,13 @@ def pose(position, xyzw=(0.0, 0.0, 0.0, 1.0), stamp=(UNIX_START_S + 300, 250_000
     return p.done()
 
 
+def pose_with_covariance(position, covariance, **fields):
+    """A PoseWithCovarianceStamped: the same, and 36 numbers row by row."""
+    p = Packer()
+    p.data = pose(position, **fields)[4:]
+    for value in (number for row in covariance for number in row):
+        p.number("d", value)
+    return p.done()
+
+
 GOOD = joint_state([0.1, 0.2])

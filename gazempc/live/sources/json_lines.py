@@ -12,7 +12,14 @@ import numpy as np
 from gazempc.errors import suggest
 from predictors import HeadObservation
 
-FIELDS = ("capture_time_s", "age_s", "head_position_m", "head_quat_wxyz", "pelvis_quat_wxyz")
+_QUATERNIONS = ("head_quat_wxyz", "pelvis_quat_wxyz")
+_NUMBERS = ("head_yaw_sd_rad", "pelvis_yaw_sd_rad", "confidence")
+FIELDS = (
+    *("capture_time_s", "age_s", "head_position_m"),
+    *_QUATERNIONS,
+    *("position_covariance_m2", *_NUMBERS, "person_id"),
+)
+_AXES = 3
 _SHOWN = 80
 
 
@@ -24,8 +31,9 @@ def parse_line(text: str, arrival_s: float, from_unix_s: Callable[[float], float
     """Read one line.
 
     ``{"capture_time_s": 1763718300.25, "head_position_m": [2.1, 0.3, 0.4]}``, or ``age_s`` (how long ago the frame was
-    captured) in place of the Unix time; ``head_quat_wxyz`` and ``pelvis_quat_wxyz`` are optional. Positions are metres
-    in the sensor's frame, x forward, y left, z up; identity quaternions face +x.
+    captured) in place of the Unix time. All other fields are optional, and what they mean stands at `HeadObservation`;
+    ``person_id`` may be a whole number, too. Positions are metres in the sensor's frame, x forward, y left, z up;
+    identity quaternions face +x.
 
     Args:
         text: The line.
@@ -59,11 +67,25 @@ def parse_line(text: str, arrival_s: float, from_unix_s: Callable[[float], float
     else:
         capture_s = from_unix_s(_number("capture_time_s", data["capture_time_s"]))
     position_m = _numbers("head_position_m", data["head_position_m"], 3)
-    quats = {name: _numbers(name, data[name], 4) for name in FIELDS[3:] if data.get(name) is not None}
+    stated = {name: _stated(name, data[name]) for name in FIELDS[3:] if data.get(name) is not None}
     try:
-        return HeadObservation(capture_s, np.array(position_m), **{k: np.array(v) for k, v in quats.items()})
-    except ValueError as error:  # a quaternion that is not of unit length
+        return HeadObservation(capture_s, np.array(position_m), **stated)
+    except ValueError as error:  # a quaternion that is not of unit length, a covariance that is none
         raise LineError(str(error)) from None
+
+
+def _stated(name: str, value: Any) -> Any:
+    if name in _QUATERNIONS:
+        return np.array(_numbers(name, value, 4))
+    if name == "position_covariance_m2":
+        if not isinstance(value, list) or len(value) != _AXES:
+            raise LineError(f"{name} is {_short(repr(value))}: needed are 3 lists of 3 numbers")
+        return np.array([_numbers(name, row, _AXES) for row in value])
+    if name in _NUMBERS:
+        return _number(name, value)
+    if isinstance(value, bool) or not isinstance(value, int | str):
+        raise LineError(f"{name} is {_short(repr(value))}: needed is a text or a whole number")
+    return str(value)
 
 
 def _number(name: str, value: Any) -> float:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from typing import Any, Literal
+from collections.abc import Mapping
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
 from gazempc.live.clock import RealClock
-from gazempc.live.sources.source import Arrived
+from gazempc.live.sources.source import Arrived, check_range
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
@@ -21,8 +22,28 @@ _WAITING_MAX = 1024
 # A stamp this far from now is of another clock or in another unit.
 _OTHER_CLOCK_S = 3600.0
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
-_UNIT_LENGTH_TOLERANCE = 1e-3
-_SYMMETRY_TOLERANCE = 1e-6
+_QUATERNION = (4,), "a unit quaternion w, x, y, z"
+_SHAPES: dict[str, tuple[tuple[int, ...], str]] = {
+    "head_quat_wxyz": _QUATERNION,
+    "pelvis_quat_wxyz": _QUATERNION,
+    "covariance_m2": ((3, 3), "a covariance in square metres"),
+}
+
+
+class Stated(TypedDict, total=False):
+    """What `gazempc.live.gaze.Gaze.see` may be told besides time and place; see there."""
+
+    head_quat_wxyz: Any
+    pelvis_quat_wxyz: Any
+    covariance_m2: Any
+    head_yaw_sd_rad: float | None
+    pelvis_yaw_sd_rad: float | None
+    person_id: int | str | None
+    confidence: float | None
+
+
+# The field of `HeadObservation` for each of them.
+_FIELDS = {name: name for name in Stated.__annotations__} | {"covariance_m2": "position_covariance_m2"}
 
 
 class PushedSource:
@@ -40,21 +61,29 @@ class PushedSource:
         self._arrived: deque[Sighting] = deque(maxlen=_WAITING_MAX)
         self._owner = threading.current_thread()
 
-    def push(self, time_s: float, head_m: Any, quats_wxyz: dict[str, Any]) -> None:
+    def push(self, time_s: float, head_m: Any, stated: Mapping[str, Any]) -> None:
         """Hand one observation over, from any thread.
 
         Args:
             time_s: Capture time, seconds.
             head_m: Head in the sensor's frame, shape (3,), metres.
-            quats_wxyz: Orientations in the same frame by field's name, shape (4,) each; None where there is none.
+            stated: Values of `Stated` by name; None where there is none.
 
         Raises:
             ValueError: If a value is not one; names the field and what is accepted.
+            TypeError: If there is no such field.
         """
+        if unknown := [name for name in stated if name not in _FIELDS]:
+            raise TypeError(f"see() takes no argument {unknown[0]!r}; accepted are {', '.join(_FIELDS)}")
         capture_s = self._capture_s(time_s)
         head = checked("head_m", head_m, (3,), "metres in the sensor's frame, x forward, y left, z up")
-        quats = {name: _quaternion(name, quat) for name, quat in quats_wxyz.items() if quat is not None}
-        self._arrived.append(Sighting(self._clock.now_s(), HeadObservation(capture_s, head, **quats)))
+        check_range(head)
+        known = {_FIELDS[name]: _value(name, value) for name, value in stated.items() if value is not None}
+        try:
+            observation = HeadObservation(capture_s, head, **known)
+        except ValueError as error:
+            raise ValueError(str(error).replace(_FIELDS["covariance_m2"], "covariance_m2")) from None
+        self._arrived.append(Sighting(self._clock.now_s(), observation))
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; the calling thread is the one that sees."""
@@ -120,41 +149,14 @@ def checked(name: str, value: Any, shape: tuple[int, ...], what: str) -> FloatAr
     return array
 
 
-def check_covariance(covariance_m2: Any) -> None:
-    """Check a covariance of a position.
-
-    Args:
-        covariance_m2: Shape (3, 3), square metres.
-
-    Raises:
-        ValueError: If it is not symmetric, or has a negative variance.
-    """
-    covariance = checked("covariance_m2", covariance_m2, (3, 3), "a covariance in square metres")
-    scale = float(np.abs(covariance).max())
-    if float(np.abs(covariance - covariance.T).max()) > _SYMMETRY_TOLERANCE * scale:
-        raise ValueError(f"covariance_m2 is not symmetric: {covariance.tolist()}")
-    if float(np.linalg.eigvalsh(covariance).min()) < -_SYMMETRY_TOLERANCE * scale:
-        raise ValueError(f"covariance_m2 has a negative variance: {covariance.tolist()}")
-
-
-def check_person_id(person_id: Any) -> None:
-    """Check how a tracker calls a person.
-
-    Args:
-        person_id: A whole number or a text.
-
-    Raises:
-        ValueError: If it is neither.
-    """
-    if isinstance(person_id, bool) or not isinstance(person_id, int | np.integer | str):
-        raise ValueError(f"person_id is {person_id!r}: needed is a whole number or a text")
-
-
-def _quaternion(name: str, value: Any) -> FloatArray:
-    quat = checked(name, value, (4,), "a unit quaternion w, x, y, z")
-    if abs(float(np.linalg.norm(quat)) - 1.0) > _UNIT_LENGTH_TOLERANCE:
-        raise ValueError(f"{name} is not of unit length: {quat}")
-    return quat
+def _value(name: str, value: Any) -> Any:
+    if name in _SHAPES:
+        return checked(name, value, *_SHAPES[name])
+    if name == "person_id":
+        if isinstance(value, bool) or not isinstance(value, int | np.integer | str):
+            raise ValueError(f"person_id is {value!r}: needed is a whole number or a text")
+        return str(value)
+    return float(checked(name, value, (), "a number"))
 
 
 def _likely_unit(stamp: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -9,15 +10,16 @@ import numpy as np
 
 from gazempc.live.sources.source import Arrived, SourceError
 from gazempc.ros2.node import Ros2Node, Subscription
-from gazempc.ros2.wire import Ros2Network, WireError, stamp_to_loop_s, topic_name
+from gazempc.ros2.wire import PoseType, Ros2Network, WireError, stamp_to_loop_s, topic_name
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
-_POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+_COVARIANCE_SHAPE = (6, 6)  # x, y, z, and turns about x, y, z
+_YAW = 5
 
 
 class Ros2Person:
-    """Takes ``geometry_msgs/msg/PoseStamped`` in, over Zenoh as rmw_zenoh does.
+    """Takes poses in, over Zenoh as rmw_zenoh does: ``geometry_msgs/msg/PoseStamped``, or the one with covariance.
 
     Positions are metres in the sensor's frame, x forward, y left, z up; the stamp is the time of capture. When the
     router goes, that is a problem in the next `poll`, and Zenoh connects again in the background.
@@ -27,6 +29,7 @@ class Ros2Person:
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         network: Router, domain and release of ROS 2.
+        pose_type: Type of the messages. What a covariance has of zeros is taken for not known, as is usual in ROS.
         frame_id: The frame that every pose must be in; None to take any but optical frames, whose axes are others.
         use_orientation: Whether the poses' orientation is the head's (x to where the face looks); else it is left out.
         node_name: How this program is called in the graph of ROS 2.
@@ -41,6 +44,7 @@ class Ros2Person:
         clock_s: Callable[[], float],
         to_loop_s: Callable[[float], float],
         network: Ros2Network | None = None,
+        pose_type: PoseType = "geometry_msgs/msg/PoseStamped",
         frame_id: str | None = None,
         use_orientation: bool = True,
         node_name: str = "gazempc_person",
@@ -49,6 +53,7 @@ class Ros2Person:
         self._clock_s = clock_s
         self._to_loop_s = to_loop_s
         self._network = network or Ros2Network()
+        self._pose_type = pose_type
         self._frame_id = frame_id
         self._use_orientation = use_orientation
         self._node_name = node_name
@@ -62,7 +67,7 @@ class Ros2Person:
             return
         try:
             self._node = Ros2Node(self._node_name, self._network)
-            self._poses = self._node.subscription(self._topic, _POSE_TYPE)
+            self._poses = self._node.subscription(self._topic, self._pose_type)
         except WireError as error:
             self.close()
             raise SourceError(f"ROS 2 topic {self._topic}: {error}") from None
@@ -108,11 +113,20 @@ class Ros2Person:
             raise WireError(f"a pose is in the frame {frame_id!r}, expected is {self._frame_id!r}")
         if self._frame_id is None and frame_id.endswith("optical_frame"):
             raise WireError(f"a pose is in the frame {frame_id!r}, whose z points forward: needed is x forward, z up")
-        position, turn = message.pose.position, message.pose.orientation
+        pose, covariance = message.pose, np.zeros(_COVARIANCE_SHAPE)
+        if self._pose_type == "geometry_msgs/msg/PoseWithCovarianceStamped":
+            pose, covariance = pose.pose, np.asarray(pose.covariance).reshape(_COVARIANCE_SHAPE)
+        position, turn = pose.position, pose.orientation
         quat_wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
+        # All zeros is how ROS says that there is none.
+        oriented = self._use_orientation and bool(quat_wxyz.any())
+        yaw_variance_rad2 = float(covariance[_YAW, _YAW])
+        if oriented and not 0.0 <= yaw_variance_rad2 < np.inf:
+            raise WireError(f"the variance of a pose's yaw is {yaw_variance_rad2}: needed is 0 (not known) or more")
         return HeadObservation(
             capture_time_s=stamp_to_loop_s(message.header.stamp, self._to_loop_s, now_s),
             head_position_base_m=np.array([position.x, position.y, position.z]),
-            # All zeros is how ROS says that there is none.
-            head_quat_wxyz=quat_wxyz if self._use_orientation and quat_wxyz.any() else None,
+            head_quat_wxyz=quat_wxyz if oriented else None,
+            position_covariance_m2=covariance[:3, :3] if covariance[:3, :3].any() else None,
+            head_yaw_sd_rad=math.sqrt(yaw_variance_rad2) if oriented and yaw_variance_rad2 else None,
         )

@@ -5,12 +5,33 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
+
 from gazempc.errors import GazempcError
-from gazempc.types import Sighting
+from gazempc.types import FloatArray, Sighting
+
+# A head is ten times as wide: nobody's is so near to a sensor.
+_NEAREST_M = 0.01
 
 
 class SourceError(GazempcError):
     """A source cannot be opened: names it, and what to check."""
+
+
+def check_range(position_m: FloatArray) -> None:
+    """Refuse a head at the sensor itself, by which some trackers say that they see nobody.
+
+    Args:
+        position_m: In the sensor's frame, shape (3,), metres.
+
+    Raises:
+        ValueError: If it is within 1 cm of the sensor.
+    """
+    if np.linalg.norm(position_m) < _NEAREST_M:
+        raise ValueError(
+            f"the head is at the sensor itself ({position_m.tolist()}), where nobody can be: a tracker that sees "
+            "nobody must send nothing"
+        )
 
 
 @dataclass(frozen=True)

@@ -279,7 +279,12 @@ def test_a_wrong_time_is_refused_at_the_call(clock, time_s, named, monkeypatch):
         ("pelvis_quat_wxyz", [1, 0, 0], "pelvis_quat_wxyz has shape (3,)"),
         ("covariance_m2", [1, 1, 1], "covariance_m2 has shape (3,)"),
         ("covariance_m2", [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]], "covariance_m2 is not symmetric"),
-        ("covariance_m2", np.diag([1.0, 1.0, -1.0]), "covariance_m2 has a negative variance"),
+        ("covariance_m2", np.diag([1.0, 1.0, -1.0]), "covariance_m2 is not positive definite"),
+        ("covariance_m2", np.diag([1.0, np.inf, 1.0]), "covariance_m2 is not finite"),
+        ("head_m", [0.0, 0.0, 0.0], "sensor itself"),
+        ("head_yaw_sd_rad", 0.0, "head_yaw_sd_rad is 0.0"),
+        ("pelvis_yaw_sd_rad", "small", "pelvis_yaw_sd_rad is 'small'"),
+        ("confidence", 2.0, "confidence is 2.0, expected 0 to 1"),
         ("person_id", 1.5, "person_id is 1.5"),
     ],
 )
@@ -287,11 +292,39 @@ def test_a_wrong_observation_is_refused_at_the_call(field, value, named):
     with gaze(Robot()) as opened:
         good = {"head_m": [2.0, 0.0, 0.3], "head_quat_wxyz": [1, 0, 0, 0], "covariance_m2": 1e-4 * np.eye(3)}
         opened.see(time.time(), **good, person_id=7)
-        with pytest.raises(ValueError, match=field) as raised:
+        with pytest.raises(ValueError) as raised:  # noqa: PT011  (its text is compared below)
             opened.see(time.time(), **{**good, field: value})
         assert named in str(raised.value)
         time.sleep(0.1)
     assert opened.log().capture_time_s.size == 1
+
+
+def test_all_that_is_stated_reaches_predictor_and_log():
+    taken = []
+
+    class Keeps(gz.ConstantVelocity):
+        def update(self, observation):
+            taken.append(observation)
+            super().update(observation)
+
+    covariance = gz.bearing_covariance([2.0, 0.1, 0.3], 0.002, 1.0)
+    stated = {"head_yaw_sd_rad": 0.1, "pelvis_yaw_sd_rad": 0.2, "confidence": 0.7}
+    with gz.Gaze(NECK, Robot(), predictor=Keeps()) as opened:
+        taken.clear()  # what it was warmed up with
+        quats = {"head_quat_wxyz": [1, 0, 0, 0], "pelvis_quat_wxyz": [0, 0, 0, 1]}
+        opened.see(time.time(), [2.0, 0.1, 0.3], covariance_m2=covariance, person_id=7, **quats, **stated)
+        time.sleep(0.05)
+        opened.see(time.time(), [2.0, 0.1, 0.3], person_id=None)
+        time.sleep(0.1)
+        with pytest.raises(TypeError, match=r"'covariance'; accepted are head_quat_wxyz.*confidence"):
+            opened.see(time.time(), [2.0, 0.1, 0.3], covariance=covariance)
+    first, second = taken
+    np.testing.assert_allclose(first.position_covariance_m2, covariance)
+    assert {name: getattr(first, name) for name in stated} == stated
+    assert (first.person_id, second.person_id) == ("7", None)
+    np.testing.assert_allclose(first.pelvis_quat_wxyz, [0, 0, 0, 1])
+    assert second.position_covariance_m2 is None
+    assert opened.log().person_id.tolist() == ["7", ""]
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,22 @@ def test_what_is_written_is_read(position, stamp, turns, indent):
 
 
 GOOD = {"age_s": 0.05, "head_position_m": HEAD}
+COVARIANCE = [[0.25, 0.005, 0.0], [0.005, 0.0004, 0.0], [0.0, 0.0, 0.0004]]
+
+
+@given(
+    yaw_sds=st.tuples(*[st.none() | st.floats(1e-3, 3.0)] * 2),
+    confidence=st.none() | st.floats(0.0, 1.0) | st.sampled_from([0, 1]),
+    person=st.none() | st.text() | st.integers(),
+    covariance=st.sampled_from([None, COVARIANCE]),
+)
+def test_what_a_tracker_states_is_read(yaw_sds, confidence, person, covariance):
+    data = {"head_yaw_sd_rad": yaw_sds[0], "pelvis_yaw_sd_rad": yaw_sds[1], "confidence": confidence}
+    found = parse(GOOD | data | {"person_id": person, "position_covariance_m2": covariance})
+    assert {name: getattr(found, name) for name in data} == data
+    assert found.person_id == (None if person is None else str(person))
+    stated = found.position_covariance_m2
+    assert (None if stated is None else stated.tolist()) == covariance
 
 
 @pytest.mark.parametrize(
@@ -94,6 +110,21 @@ GOOD = {"age_s": 0.05, "head_position_m": HEAD}
         (GOOD | {"pelvis_quat_wxyz": [1, 1, 0, 0]}, "pelvis_quat_wxyz", "unit length"),
         (GOOD | {"pelvis_quat_wxyz": "upright"}, "pelvis_quat_wxyz", ""),
         (GOOD | {"pelvis_quat_wxyz": {"w": 1}}, "pelvis_quat_wxyz", ""),
+        (GOOD | {"position_covariance_m2": [1, 1, 1]}, "position_covariance_m2", "list of 3 numbers"),
+        (GOOD | {"position_covariance_m2": 0.1}, "position_covariance_m2", "3 lists of 3 numbers"),
+        (GOOD | {"position_covariance_m2": [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]}, "position_covariance_m2", "symmetric"),
+        (GOOD | {"position_covariance_m2": [[1, 0, 0], [0, 0, 0], [0, 0, 1]]}, "position_covariance_m2", "positive"),
+        (GOOD | {"position_covariance_m2": [[1, 2, 0], [2, 1, 0], [0, 0, 1]]}, "position_covariance_m2", "positive"),
+        (
+            '{"age_s": 0, "head_position_m": [2, 0, 0], "position_covariance_m2": [[NaN, 0, 0], [0, 1, 0], [0, 0, 1]]}',
+            "position_covariance_m2",
+            "finite",
+        ),
+        (GOOD | {"head_yaw_sd_rad": 0}, "head_yaw_sd_rad", "positive"),
+        (GOOD | {"pelvis_yaw_sd_rad": "wide"}, "pelvis_yaw_sd_rad", "number"),
+        (GOOD | {"confidence": 80}, "confidence", "0 to 1"),
+        (GOOD | {"person_id": 1.5}, "person_id", "whole number"),
+        (GOOD | {"person_id": True}, "person_id", "text"),
         ('{"age_s": 0.1, "head_position_m": [2, 0, 0], "head_quat_wxyz": [NaN, 0, 0, 1]}', "head_quat_wxyz", "finite"),
     ],
 )
@@ -110,7 +141,14 @@ def test_every_complaint_names_the_field_and_what_is_accepted(line, named, accep
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), lambda inner: st.lists(inner)
        | st.dictionaries(st.sampled_from(FIELDS) | st.text(), inner), max_leaves=12))  # fmt: skip
 def test_whatever_json_comes_it_is_an_observation_or_a_complaint(data):
-    for line in (data, GOOD | {"head_position_m": data}, GOOD | {"head_quat_wxyz": data}, GOOD | {"age_s": data}):
+    for line in (
+        data,
+        GOOD | {"head_position_m": data},
+        GOOD | {"head_quat_wxyz": data},
+        GOOD | {"age_s": data},
+        GOOD | {"position_covariance_m2": data},
+        GOOD | {"person_id": data},
+    ):
         with contextlib.suppress(LineError):
             found = parse(json.dumps(line))
             assert np.all(np.isfinite(found.head_position_base_m))

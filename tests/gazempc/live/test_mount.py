@@ -123,6 +123,26 @@ def test_orientations_turn_as_positions_do(face_deg, roll_pitch_yaw_deg, on, pan
             assert np.linalg.norm(quat) == pytest.approx(1.0)
 
 
+@given(turns, st.sampled_from(["base", "head"]), st.floats(-1.4, 1.4), st.floats(-0.8, 0.8))
+def test_a_covariance_turns_with_the_sensor(roll_pitch_yaw_deg, on, pan_rad, tilt_rad):
+    """Points scattered about the head have it before the transform; the same points have the other one after it."""
+    mount = Mount(on=on, position_m=(0.1, -0.2, 0.3), roll_pitch_yaw_deg=roll_pitch_yaw_deg)
+    angles_rad = np.array([pan_rad, tilt_rad])
+    points = np.random.default_rng(0).standard_normal((10, 3)) * [1.0, 0.1, 0.02] + [3.0, 0.0, 0.0]
+    observation = dataclasses.replace(seen(points[0]), position_covariance_m2=np.cov(points.T))
+    after = [mount.to_base(seen(point), GEOMETRY, angles_rad).head_position_base_m for point in points]
+    found = mount.to_base(observation, GEOMETRY, angles_rad)
+    np.testing.assert_allclose(found.position_covariance_m2, np.cov(np.transpose(after)), atol=1e-12)
+
+
+def test_what_else_a_sensor_states_stays_as_it_is():
+    stated = {"head_yaw_sd_rad": 0.1, "pelvis_yaw_sd_rad": 0.2, "person_id": "ann", "confidence": 0.5}
+    observation = HeadObservation(1.0, [2.0, 0.3, 0.4], **stated)
+    found = Mount(on="head", roll_pitch_yaw_deg=(10, 20, 30)).to_base(observation, GEOMETRY, np.zeros(2))
+    assert {name: getattr(found, name) for name in stated} == stated
+    assert found.position_covariance_m2 is None
+
+
 def test_orientations_that_were_not_seen_stay_unknown():
     found = Mount(on="head", roll_pitch_yaw_deg=(10, 20, 30)).to_base(seen([2, 0, 0]), GEOMETRY, np.zeros(2))
     assert found.head_quat_wxyz is None

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from builders.ports import free_port
 from builders.ros2_network import wait_for
-from builders.ros2_wire import NOW_S, UNIX_START_S, pose
+from builders.ros2_wire import NOW_S, UNIX_START_S, key, pose, pose_with_covariance
 
 from gazempc.live.sources.ros2 import Ros2Person
 from gazempc.live.sources.source import SourceError
-from gazempc.ros2.wire import Ros2Network
+from gazempc.ros2.wire import Ros2Network, type_hash
 
 
 def polled(person, n):
@@ -69,6 +69,35 @@ def test_a_pose_that_cannot_be_used_is_a_problem_and_no_more(scene, payload, rea
     assert problem.startswith("/person/head: ")
     assert reason in problem
     assert [list(s.observation.head_position_base_m) for s in sightings] == [[2.0, 0.0, 0.4]]
+
+
+WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+
+def test_a_covariance_of_position_and_yaw_is_used_and_zeros_are_not_known(scene):
+    scene.router.close()
+    # That the hashes of types are right is known from those in the builder.
+    hashed = type_hash(WITH_COVARIANCE, humble=False)
+    scene.start(poses=key(0, "person/head", WITH_COVARIANCE, hashed))
+    person = scene.person(pose_type=WITH_COVARIANCE)
+    full, position_only, bad = np.diag([0.25, 0.04, 0.01, 0.0, 0.0, 0.09]), np.zeros((6, 6)), np.zeros((6, 6))
+    full[0, 1] = full[1, 0] = 0.05
+    position_only[:3, :3] = np.eye(3)
+    bad[5, 5] = -1.0
+    at = [2.0, 0.1, 0.4]
+    for k, covariance in enumerate((full, position_only, np.zeros((6, 6)), bad)):
+        scene.poses.put(pose_with_covariance(at, covariance, stamp=(UNIX_START_S + 299, k)))
+    scene.poses.put(pose_with_covariance(at, full, xyzw=(0.0, 0.0, 0.0, 0.0), stamp=(UNIX_START_S + 299, 9)))
+    sightings, (problem,) = polled(person, 5)
+    assert "yaw is -1.0" in problem
+    first, second, third, blind = [s.observation for s in sightings]
+    assert list(first.head_position_base_m) == at
+    np.testing.assert_array_equal(first.position_covariance_m2, full[:3, :3])
+    assert first.head_yaw_sd_rad == pytest.approx(0.3)
+    np.testing.assert_array_equal(second.position_covariance_m2, np.eye(3))
+    assert (second.head_yaw_sd_rad, third.position_covariance_m2, third.head_yaw_sd_rad) == (None, None, None)
+    assert (blind.head_quat_wxyz, blind.head_yaw_sd_rad) == (None, None)
+    np.testing.assert_array_equal(blind.position_covariance_m2, full[:3, :3])
 
 
 def test_a_pose_in_another_frame(scene):

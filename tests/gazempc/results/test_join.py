@@ -11,7 +11,15 @@ from gazempc.results.log import Fault
 
 ROWS = {
     "time_s": ("time_s", "head_true", "joint_", "command_"),
-    "capture_time_s": ("capture_", "arrival_", "head_observed", "forecast_mean", "forecast_cov", "forecast_true"),
+    "capture_time_s": (
+        "capture_",
+        "arrival_",
+        "head_observed",
+        "person_id",
+        "forecast_mean",
+        "forecast_cov",
+        "forecast_true",
+    ),
     "event_time_s": ("event_",),
 }
 
