@@ -21,6 +21,7 @@ from experiments.engine.replays import sensors_by_name
 from experiments.forecast.errors import RUN_IN_S, Cues
 from experiments.forecast.glance import turn_head
 from experiments.forecast.jobs import ForecastJob, View, clip_result
+from experiments.forecast.placing import placed_for
 from experiments.forecast.report import report
 from experiments.forecast.summary import ClipResult, summarise
 from gazempc.errors import GazempcError
@@ -170,8 +171,9 @@ def _draw(settings: ForecastSettings, rows: list[Row], kinds: str) -> None:
 def _draw_example(settings: ForecastSettings, name: str, horizon_s: float) -> None:
     from experiments.forecast.example import draw_example  # noqa: PLC0415  (slow to import)
 
-    recording = turn_head(load(name), settings.glance, settings.glance_from)
-    sensor = sensors_by_name(settings.sensor or default_sensor(recording)).popitem()[1]
+    walk = turn_head(load(name), settings.glance, settings.glance_from)
+    sensor = sensors_by_name(settings.sensor or default_sensor(walk)).popitem()[1]
+    recording = placed_for(walk, sensor)
     person = Person(recording.labels.subject, TrueHead(recording))
     shown: dict[str, Predictor] = {}
     for choice in dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors):

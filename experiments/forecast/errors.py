@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from experiments.forecast.placing import observations_of
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
-from gazempc.sim.sensor import SensorSpec, observe
+from gazempc.sim.sensor import SensorSpec
 from gazempc.types import FloatArray
 from predictors import ConstantVelocity, HeadObservation, Predictor
 
@@ -54,7 +55,7 @@ def forecast_errors(
     linearly interpolated; it is the same for all predictors.
 
     Args:
-        recording: The recording, in any level frame.
+        recording: The recording, in the frame in which the sensor sees it.
         predictor: The predictor; reset first.
         sensor: What it sees of the recording.
         horizons_s: Horizons from capture, shape (H,), seconds.
@@ -68,7 +69,7 @@ def forecast_errors(
     reference = ConstantVelocity()
     true_head = TrueHead(recording)
     end_s = float(recording.times_s[-1])
-    observations = [_shown(sighting.observation, cues) for sighting in observe(recording, sensor, seed)]
+    observations = [_shown(observation, cues) for observation in observations_of(recording, sensor, seed)]
     captures, filtered, means, covariances, update_us = [], [], [], [], []
     for observation in observations:
         reference.update(observation)

@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from experiments.colours import COLOURS
+from experiments.forecast.placing import observations_of
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
-from gazempc.sim.sensor import SensorSpec, observe
+from gazempc.sim.sensor import SensorSpec
 from predictors import Predictor
 
 _EVERY = 6  # frames between drawn forecasts
@@ -47,10 +48,10 @@ def draw_example(
         predictor.reset()
         off = []
         ax.plot(walked[:, 0], walked[:, 1], color="0.6", linewidth=2, label="true head")
-        for i, sighting in enumerate(observe(recording, sensor, seed)):
-            predictor.update(sighting.observation)
-            at_s = sighting.observation.capture_time_s + horizon_s
-            if sighting.observation.capture_time_s < _AFTER_S or at_s > end_s:
+        for i, observation in enumerate(observations_of(recording, sensor, seed)):
+            predictor.update(observation)
+            at_s = observation.capture_time_s + horizon_s
+            if observation.capture_time_s < _AFTER_S or at_s > end_s:
                 continue
             forecast = predictor.forecast([at_s])
             mean, true = forecast.means_base_m[0], truth([at_s])[0]

@@ -14,6 +14,7 @@ from experiments.engine.own_parts import parts_hash
 from experiments.engine.replays import load_once
 from experiments.forecast.errors import Cues, ForecastErrors, forecast_errors
 from experiments.forecast.glance import turn_head
+from experiments.forecast.placing import placed_for
 from experiments.forecast.summary import ClipResult
 from gazempc.loop.build import Person, make_predictor
 from gazempc.parts import PREDICTOR, name_of
@@ -78,14 +79,15 @@ class ForecastJob:
             "sensors": {name: sensor.model_dump(mode="json") for name, sensor in self.view.sensors.items()},
             "own parts": parts_hash("", self.predictor),
         }
-        return key_of(content, __name__, "experiments.forecast.errors", "experiments.forecast.glance")
+        names = ("errors", "glance", "placing")
+        return key_of(content, __name__, *(f"experiments.forecast.{name}" for name in names))
 
     def run(self) -> Row:
         """Labels, the predictor's name, whether it was fitted on this person, and arrays of `ForecastErrors`."""
-        # Errors do not depend on where a robot stands, so the recording's own frame serves.
-        recording = turn_head(load_once(self.recording), self.view.glance_deg, self.view.glance_from_s)
+        walk = turn_head(load_once(self.recording), self.view.glance_deg, self.view.glance_from_s)
+        sensor = self.view.sensors[self.view.sensor or default_sensor(walk)]
+        recording = placed_for(walk, sensor)
         subject = recording.labels.subject
-        sensor = self.view.sensors[self.view.sensor or default_sensor(recording)]
         person = Person(subject, TrueHead(recording))
         predictor = make_predictor(self.predictor, self.settings, person, dict(self.options))
         errors = forecast_errors(recording, predictor, sensor, np.array(self.horizons_s), self.view.seed, self.cues)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any, NamedTuple
 
@@ -27,9 +27,10 @@ from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.run_info import RunInfo
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
 from gazempc.sim.scene import Scene, SceneSettings
+from gazempc.sim.sensing.view import in_view, seen_from_head
 from gazempc.sim.sensor import observe
 from gazempc.sim.simulated import SimulatedNeck
-from gazempc.types import FloatArray
+from gazempc.types import FloatArray, JointState, Sighting
 from predictors import Predictor
 
 
@@ -96,6 +97,7 @@ def replay_scene(
     start[0] += np.deg2rad(scene.start_offset_deg)
     smoother = Smoother(neck, start)
 
+    turns_with_neck = scene.sensor.view.on == "head" and scene.sensor.view.limited
     now_s = 0.0
     robot = SimulatedNeck(scene.robot_neck or neck, smoother.command.position_rad, lambda: now_s, scene.seed)
     true_joints = []
@@ -106,10 +108,12 @@ def replay_scene(
     with _without_collection():
         for index in range(int(end_s * neck.servo_rate_hz + 1e-6) + 1):
             now_s = index * period_s
+            true_joints.append(robot.true_state())
             arrived = []
             while sightings and sightings[0].arrival_s <= now_s + 1e-9:
-                arrived.append(sightings.popleft())
-            true_joints.append(robot.true_state())
+                sighting = sightings.popleft()
+                if not turns_with_neck or _in_turned_view(scene, sighting, true_head, true_joints):
+                    arrived.append(sighting)
             loop.tick(index, now_s, arrived)
             if on_tick is not None:
                 on_tick(now_s / end_s)
@@ -131,6 +135,15 @@ def replay_scene(
         settings=_settings_of(scene, predictor, settings),
     )
     return Replayed(*recorder.finish(run, where_known, true_joints))
+
+
+def _in_turned_view(scene: Scene, sighting: Sighting, true_head: TrueHead, true_joints: Sequence[JointState]) -> bool:
+    """Whether a sensor on the head, as that stood at the stamp, had the person in view."""
+    captured_s = sighting.observation.capture_time_s
+    neck = scene.robot_neck or scene.neck
+    tick = min(max(round(captured_s * neck.servo_rate_hz), 0), len(true_joints) - 1)
+    head_m = seen_from_head(neck.geometry, true_joints[tick].position_rad, true_head([captured_s])[0])
+    return bool(in_view(scene.sensor.view, head_m[None])[0])
 
 
 @contextmanager

@@ -147,7 +147,10 @@ def test_wrong_config_files_are_refused_with_all_errors(tmp_path, text, expected
         (["--replay", "nothing.csv"], "nothing.csv"),
         ([], "nothing to replay"),
         (["--replay", "subject03_R4", "--neck", "referense"], "perhaps you meant 'reference'"),
-        (["--replay", "subject03_R4", "--sensor", "x"], "accepted: perfect, recorded, reference"),
+        (
+            ["--replay", "subject03_R4", "--sensor", "x"],
+            "accepted: azure_kinect, body_tracker, face_camera, perfect, recorded, reference, street",
+        ),
         (["--replay", "subject03_R4", "--config", "absent.yaml"], "absent.yaml"),
         (["--replay", "subject03_R4", "--predicter", "perfect"], "--predictor"),
         (["--replay", "subject03_R4", "--mpc.horizon-s", "0.01"], "horizon_s"),

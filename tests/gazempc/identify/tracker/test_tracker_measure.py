@@ -18,9 +18,9 @@ def mean_of(found, pick):
     return float(np.mean([pick(one) for one in found]))
 
 
-def measured(seed, walks=False, **errors):
+def measured(seed, walks=False, times_s=TIMES_S, **errors):
     rng = np.random.default_rng(seed)
-    return measure_tracker(track_of(TIMES_S, seen_m(rng, person_m(rng, TIMES_S, walks), TIMES_S, **errors)), quiet)
+    return measure_tracker(track_of(times_s, seen_m(rng, person_m(rng, times_s, walks), times_s, **errors)), quiet)
 
 
 def test_a_face_camera_with_a_person_who_stands():
@@ -38,12 +38,14 @@ def test_a_face_camera_with_a_person_who_stands():
 
 
 def test_stated_spread_is_that_over_recordings():
-    found = [measured(seed, along=(0.035, 0.0, 1.0), across_deg=(0.08, 0.0, 1.0)) for seed in range(10)]
+    times_s = np.arange(0.0, 16.0, 1.0 / 20.0)
+    errors = {"along": (0.035, 0.0, 1.0), "across_deg": (0.08, 0.0, 1.0)}
+    found = [measured(seed, times_s=times_s, **errors) for seed in range(8)]
     for pick in (lambda one: one.along.fit.white, lambda one: one.across.fit.white):
         stated = np.median([pick(one).sd for one in found])
         happens = np.std([pick(one).value for one in found])
         assert 0.5 * stated < happens < 2.0 * stated
-    assert sum(one.along.wander == "none" for one in found) >= 9
+    assert sum(one.along.wander == "none" for one in found) >= 7
 
 
 def test_a_body_tracker_wanders_alike_on_all_axes():

@@ -27,11 +27,11 @@ def test_late_frames_are_not_lost():
 
 def test_single_losses_and_gaps_are_told_apart():
     lost = np.zeros(600, dtype=bool)
-    lost[20:580:40] = True
+    lost[[20, 60, 200, 250, 400, 450, 500, 550]] = True
     lost[101:113] = lost[301:307] = True
     rng = np.random.default_rng(0)
     found = frame_times((GRID_S + 0.002 * rng.standard_normal(600))[~lost])
-    assert found.single_share == pytest.approx(14 / 600)
+    assert found.single_share == pytest.approx(8 / 600)
     assert found.gaps_s == pytest.approx([12 / 30, 6 / 30], rel=1e-3)
     assert found.rate_hz == pytest.approx(30.0, rel=1e-3)
     assert found.gap_interval_s == pytest.approx((GRID_S[-1] - 18 / 30) / 2, rel=1e-2)
@@ -43,5 +43,5 @@ def test_an_irregular_tracker_loses_nothing():
     found = frame_times(np.cumsum(intervals_s))
     assert not found.regular
     assert found.single_share == 0.0
-    assert found.gaps_s == pytest.approx([2.0 - np.median(intervals_s)])
+    assert found.gaps_s == pytest.approx([2.0 - np.median(intervals_s)], rel=1e-4)
     assert found.rate_hz == pytest.approx(1.0 / np.delete(intervals_s, 200).mean())

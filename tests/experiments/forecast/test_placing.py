@@ -1,0 +1,53 @@
+"""Where the robot stands in a comparison of forecasts."""
+
+import numpy as np
+import pytest
+from builders.sensing import sensor, standing
+
+from experiments.forecast.command import forecast
+from experiments.forecast.placing import observations_of, placed_for
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.recordings.recording import Recording
+from gazempc.sim.sensor import load_sensor
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
+
+def elsewhere():
+    """A synthetic walk as motion capture gives it: nobody says where a robot stood."""
+    walk = load("subject01_R4")
+    return Recording(**vars(walk) | {"has_robot": False})
+
+
+def test_the_recordings_own_frame_serves_where_nothing_depends_on_the_place():
+    walk = elsewhere()
+    for name in ("perfect", "reference", "body_tracker", "street"):
+        assert placed_for(walk, load_sensor(name)) is walk
+
+
+def test_a_sensor_with_a_line_of_sight_stands_beside_the_walk_or_where_one_stood():
+    camera = load_sensor("face_camera")
+    walk = elsewhere()
+    expected = place(walk, "side", 2.5, 1.2).truth.head_position_m
+    np.testing.assert_array_equal(placed_for(walk, camera).truth.head_position_m, expected)
+    own = load("subject01_R4")
+    np.testing.assert_array_equal(placed_for(own, camera).truth.head_position_m, own.truth.head_position_m)
+
+
+def test_overtaken_frames_are_dropped_as_in_the_loop():
+    late = sensor(timing={"latency_jitter_s": 0.2, "keeps_order": False})
+    captures = [o.capture_time_s for o in observations_of(standing(20.0), late, 0)]
+    assert (np.diff(captures) > 0).all()
+    assert 0.2 * 600 < len(captures) < 0.9 * 600
+
+
+def test_forecasts_of_every_shipped_sensor(tmp_path):
+    """With constant velocity: the worse the sensor, the worse the forecast."""
+    errors = {}
+    for name in ("perfect", "reference", "body_tracker", "face_camera", "street"):
+        words = {"recordings": ["subject01_R4"], "predictors": ["constant_velocity"], "horizons": [0.5], "jobs": 1}
+        (result,) = forecast(**words, sensor=name, out=tmp_path / name)
+        errors[name] = np.nanmean(np.linalg.norm(result.errors.difference_m, axis=-1))
+    assert errors["perfect"] < errors["reference"] < min(errors["body_tracker"], errors["face_camera"])
+    assert errors["perfect"] < errors["street"]
