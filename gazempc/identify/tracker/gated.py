@@ -19,15 +19,15 @@ _ROUNDS = 3
 _THIRD_DIFFERENCES = 20.0
 # Where third differences hold far more than the fit calls white, the person's motion hides the noise.
 _HIDDEN = 0.4
-# The first frame of a jump is at least this share of the way. A person who starts to move is slower.
+# All frames of a jump are at least this share of its size away, also the first: a person who starts to move is slower.
 _STEP_SHARE = 0.5
 # No tracker is better, and a logarithm needs a start.
 _LEAST = 1e-5
 
 
 @dataclass(frozen=True)
-class Jumps:
-    """Jumps of a track: frames far from where frames before and after put the person.
+class TrackJumps:
+    """TrackJumps of a track: frames far from where frames before and after put the person.
 
     Attributes:
         durations_s: Of each, shape (K,), seconds; 0 for a single frame.
@@ -52,7 +52,7 @@ class Errors:
 
     groups: tuple[GroupFit, ...]
     hidden: tuple[bool, ...]
-    jumps: Jumps
+    jumps: TrackJumps
     used_s: float
 
 
@@ -108,7 +108,9 @@ def _jumps_in(data: Stretches, odd: BoolArray) -> BoolArray:
         for first, last in _runs(odd[: len(aside), b]):
             way = aside[first:last].max(axis=0)
             axis = int(np.argmax(way))
-            jumps[first:last, b] = aside[first, axis] >= _STEP_SHARE * way[axis]
+            # The filter needs a while to trust the track again: frames that are back are no part of the jump.
+            there = aside[first:last, axis] >= _STEP_SHARE * way[axis]
+            jumps[first:last, b] = there & there[0]
     return jumps
 
 
@@ -128,7 +130,7 @@ def _runs(flags: BoolArray) -> IntArray:
     return np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
 
 
-def _jumps(data: Stretches, used: BoolArray) -> Jumps:
+def _jumps(data: Stretches, used: BoolArray) -> TrackJumps:
     durations_s: list[float] = []
     sizes: list[FloatArray] = []
     for b in range(used.shape[1]):
@@ -137,4 +139,4 @@ def _jumps(data: Stretches, used: BoolArray) -> Jumps:
         for first, last in _runs(~used[: len(aside), b]):
             durations_s.append(float(times_s[last - 1] - times_s[first]))
             sizes.append(np.sqrt((aside[first:last] ** 2).mean(axis=0)))
-    return Jumps(np.array(durations_s), np.reshape(sizes, (-1, data.values.shape[1])))
+    return TrackJumps(np.array(durations_s), np.reshape(sizes, (-1, data.values.shape[1])))

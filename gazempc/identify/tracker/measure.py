@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gazempc.identify.tracker.fit import GroupFit
-from gazempc.identify.tracker.gated import Errors, Jumps, measure_errors
+from gazempc.identify.tracker.gated import Errors, TrackJumps, measure_errors
 from gazempc.identify.tracker.sight import along_and_across, cut, still, still_yaw
 from gazempc.identify.tracker.timing import FrameTimes, frame_times
 from gazempc.identify.tracker.track import HeadTrack
@@ -68,7 +68,7 @@ class TrackerErrors:
         frames: Rate, jitter and losses.
         along: Error of the range, shares of it.
         across: Error of the bearing on each of its two axes, radians.
-        jumps: Jumps of the track; sizes are shares of the range and radians.
+        jumps: TrackJumps of the track; sizes are shares of the range and radians.
         used_s: Seconds that position errors are from.
         still_s: Seconds in which the person stood or sat still.
         range_m: Least, median and largest range, shape (3,), metres.
@@ -80,7 +80,7 @@ class TrackerErrors:
     frames: FrameTimes
     along: DirectionError
     across: DirectionError
-    jumps: Jumps
+    jumps: TrackJumps
     used_s: float
     still_s: float
     range_m: FloatArray

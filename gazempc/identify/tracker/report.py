@@ -95,8 +95,9 @@ def warnings(errors: TrackerErrors) -> list[str]:
     found = []
     if errors.moved:
         found.append(
-            f"the person moved too much: still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s. Wander is "
-            "unknown and left out, so the file is a better tracker than yours; record 30 s of somebody who stands still"
+            f"the person moved too much: still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s. Wander "
+            "is unknown and left out, so the file is a better tracker than yours; record 30 s of somebody who stands "
+            "still"
         )
     elif errors.used_s < _GOOD_S:
         found.append(f"only {errors.used_s:.0f} s of a person who is still; 30 s are surer, for wander above all")

@@ -24,6 +24,8 @@ ACCEPTED = (
 )
 # Some lines are cut off when a recording ends; more than this share is another format.
 _BAD_LINES = 0.1
+# No camera sees a head nearer than this; where one is, the origin is not the sensor.
+_LEAST_RANGE_M = 0.1
 # Below these nothing can be said of a tracker.
 MIN_FRAMES, MIN_DURATION_S = 60, 3.0
 
@@ -84,6 +86,15 @@ def read_track(path: Path, person: str | None, tell: Callable[[float], None]) ->
             f"{chosen.times_s.size} frames in {duration_s:.1f} s",
             f"at least {MIN_FRAMES} frames in {MIN_DURATION_S:g} s; 30 s of somebody who stands still are good",
         )
+    if (np.ptp(chosen.position_m, axis=0) == 0.0).all():
+        raise RecordingError(path, f"person {chosen.person}", "the position never changes", "a tracker that measures")
+    if (np.linalg.norm(chosen.position_m, axis=1) < _LEAST_RANGE_M).any():
+        raise RecordingError(
+            path,
+            f"person {chosen.person}",
+            f"a head within {_LEAST_RANGE_M:g} m of the origin",
+            "positions in the sensor's own frame, x forward, y left, z up, the sensor at the origin",
+        )
     return chosen
 
 
@@ -107,6 +118,8 @@ def _of_bag(track: BagTrack) -> HeadTrack:
     notes = [f"frame {track.parent_id}" + (", optical axes turned to x forward, y left, z up" if track.optical else "")]
     if track.repeated:
         notes.append(f"{track.repeated} messages with a stamp that had been there already: left out")
+    if track.unusable:
+        notes.append(f"{track.unusable} messages without finite numbers: left out")
     yaw_rad = _facing_yaw_rad(track.position_m, track.quat_wxyz)
     unknown = np.full(track.times_s.size, np.nan)
     return HeadTrack(track.frame_id, track.times_s, track.position_m, yaw_rad, unknown, track.delays_s, tuple(notes))

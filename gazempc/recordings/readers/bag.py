@@ -40,6 +40,7 @@ class BagTrack:
         position_m: Shape (N, 3), metres, in the sensor's frame, x forward, y left, z up.
         quat_wxyz: Orientation of the person's frame in that frame, shape (N, 4).
         repeated: Messages with a stamp that had been there already; left out.
+        unusable: Messages with a number that is not finite, or no orientation; left out.
     """
 
     frame_id: str
@@ -50,6 +51,7 @@ class BagTrack:
     position_m: FloatArray
     quat_wxyz: FloatArray
     repeated: int
+    unusable: int
 
 
 def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: None) -> tuple[BagTrack, ...]:
@@ -126,7 +128,8 @@ def _best_tracks(path: Path, rows: dict[tuple[str, str], list[tuple[float, ...]]
 
 
 def _track(parent: str, child: str, rows: FloatArray) -> BagTrack:
-    rows = rows[np.isfinite(rows).all(axis=1) & (np.linalg.norm(rows[:, 5:9], axis=1) > 0.5)]
+    usable = np.isfinite(rows).all(axis=1) & (np.linalg.norm(rows[:, 5:9], axis=1) > 0.5)
+    unusable, rows = int((~usable).sum()), rows[usable]
     times_s, first = np.unique(rows[:, 0], return_index=True)
     repeated, rows = len(rows) - len(first), rows[first]
     position_m, turn = rows[:, 2:5], Rotation.from_quat(rows[:, 5:9], scalar_first=True) if len(rows) else None
@@ -135,7 +138,7 @@ def _track(parent: str, child: str, rows: FloatArray) -> BagTrack:
     if optical and turn is not None:
         position_m, turn = _FROM_OPTICAL.apply(position_m), _FROM_OPTICAL * turn
     quats = turn.as_quat(scalar_first=True) if turn is not None else np.zeros((0, 4))
-    return BagTrack(child, parent, optical, times_s, rows[:, 1], position_m, quats, repeated)
+    return BagTrack(child, parent, optical, times_s, rows[:, 1], position_m, quats, repeated, unusable)
 
 
 def _first_line(error: Exception) -> str:

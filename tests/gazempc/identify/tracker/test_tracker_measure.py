@@ -38,14 +38,14 @@ def test_a_face_camera_with_a_person_who_stands():
 
 
 def test_stated_spread_is_that_over_recordings():
-    times_s = np.arange(0.0, 16.0, 1.0 / 20.0)
+    times_s = np.arange(0.0, 16.0, 1.0 / 15.0)
     errors = {"along": (0.035, 0.0, 1.0), "across_deg": (0.08, 0.0, 1.0)}
-    found = [measured(seed, times_s=times_s, **errors) for seed in range(8)]
+    found = [measured(seed, times_s=times_s, **errors) for seed in range(6)]
     for pick in (lambda one: one.along.fit.white, lambda one: one.across.fit.white):
         stated = np.median([pick(one).sd for one in found])
         happens = np.std([pick(one).value for one in found])
         assert 0.5 * stated < happens < 2.0 * stated
-    assert sum(one.along.wander == "none" for one in found) >= 7
+    assert sum(one.along.wander == "none" for one in found) >= 5
 
 
 def test_a_body_tracker_wanders_alike_on_all_axes():
@@ -73,11 +73,11 @@ def test_wander_is_unknown_while_the_person_walks():
 def test_jumps_are_found_and_leave_the_rest_as_it_is():
     rng = np.random.default_rng(4)
     position_m = seen_m(rng, person_m(rng, TIMES_S), TIMES_S, along=(0.01, 0.0, 1.0), across_deg=(0.1, 0.0, 1.0))
-    for start in range(100, 1100, 100):
+    for start in range(50, 1050, 100):
         position_m[start : start + 6, 1] += 0.15
     one = measure_tracker(track_of(TIMES_S, position_m), quiet)
     assert one.jumps.durations_s == pytest.approx(np.full(10, 5.0 / 30.0), abs=0.05)
-    along_m, across_m = one.jump_sizes_m
+    _, across_m = one.jump_sizes_m
     assert across_m == pytest.approx(np.full(10, 0.15), rel=0.15)
     assert one.jumps_across
     assert one.across.fit.white.value == pytest.approx(np.deg2rad(0.1), rel=0.1)
