@@ -67,7 +67,11 @@ def _direction_rows(
     else:
         yield f"{name}: white ({unit})", shown(fit.white, factor, 3), used
     if error.wander == "unknown":
-        yield f"{name}: wander ({unit})", "unknown", "cannot be told from the person's motion; not in the file"
+        yield (
+            f"{name}: wander ({unit})",
+            "unknown",
+            "hidden by the person's motion, or too slow for this record; not in the file",
+        )
     elif error.wander == "none" or fit.wander is None or fit.correlation_s is None:
         yield f"{name}: wander ({unit})", "none", "none seen, or no more than a person's sway"
     else:

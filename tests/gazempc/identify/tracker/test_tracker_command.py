@@ -9,7 +9,8 @@ from builders.trackers import person_m, seen_m
 from scipy.spatial.transform import Rotation
 
 from gazempc.identify.command import main
-from gazempc.sim.sensor import load_sensor
+from gazempc.recordings.arrays import recording_from_arrays
+from gazempc.sim.sensor import load_sensor, observe
 
 TIMES_S = np.arange(0.0, 12.0, 1.0 / 20.0)
 RNG = np.random.default_rng(0)
@@ -125,3 +126,20 @@ def test_what_is_refused(tmp_path, capsys):
 def test_a_tracker_that_stands_on_one_position_is_refused(tmp_path, capsys):
     frozen = write_table(tmp_path / "frozen.csv", position_m=np.tile([2.0, 0.0, 0.0], (TIMES_S.size, 1)))
     assert "never changes" in refused(capsys, "--tracker", str(frozen), "--out", str(tmp_path / "mine.toml"))
+
+
+def test_a_sensor_file_comes_back_from_what_it_sees(tmp_path):
+    times_s = np.arange(0.0, 40.0, 1.0 / 30.0)
+    standing_m = person_m(np.random.default_rng(2), times_s)
+    recording = recording_from_arrays("standing", times_s, standing_m, in_base_frame=True)
+    seen = [sighting.observation for sighting in observe(recording, load_sensor("face_camera"), seed=1)]
+    path = write_table(
+        tmp_path / "standing.csv",
+        np.array([o.capture_time_s for o in seen]),
+        np.array([o.head_position_base_m for o in seen]),
+    )
+    found, true = identify(path, tmp_path), load_sensor("face_camera")
+    assert found.rate_hz == pytest.approx(true.rate_hz, rel=1e-3)
+    assert found.along.noise_share == pytest.approx(true.along.noise_share, rel=0.1)
+    assert found.along.wander_share == pytest.approx(true.along.wander_share, rel=0.4)
+    assert found.across.noise_deg == pytest.approx(true.across.noise_deg, rel=0.1)
