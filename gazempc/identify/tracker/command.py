@@ -6,9 +6,9 @@ import datetime
 from pathlib import Path
 
 from gazempc.identify.tracker.measure import measure_tracker
+from gazempc.identify.tracker.read import read_track
 from gazempc.identify.tracker.report import table, warnings
 from gazempc.identify.tracker.sensor_file import sensor_toml
-from gazempc.identify.tracker.track import read_track
 from gazempc.progress import Progress
 
 

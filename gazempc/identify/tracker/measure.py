@@ -18,8 +18,8 @@ from gazempc.types import BoolArray, FloatArray
 _STILL_MIN_S = 8.0
 # A wander is known from this many of its correlation times on.
 _CORRELATIONS = 8.0
-# A person who stands sways by up to 5 mm (s.d.; Winter 1995 reviews quiet standing): less is no error of a tracker.
-_SWAY_M = 0.005
+# Heads of people who stand sway by 5 to 10 mm (s.d.; assumed): less is no error of a tracker.
+_SWAY_M = 0.01
 # Shorter delays are those of the recorder; longer ones are of another clock.
 _DELAY_MIN_S, _DELAY_MAX_S = 0.005, 5.0
 # Beyond this share of the size along the line of sight a jump goes across it as well.

@@ -1,33 +1,24 @@
-"""Read what a tracker saw of one person, from any of the files that people have."""
+"""What a tracker saw of one person, made of what the readers of files give."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from gazempc.errors import RecordingError, SettingsError, suggest
+from gazempc.errors import RecordingError
 from gazempc.live.sources.json_lines import LineError, parse_line
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.bag import BagTrack, read_bag_tracks
+from gazempc.recordings.readers.bag import BagTrack
 from gazempc.recordings.readers.text import read_text
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
-_LINES = (".jsonl", ".ndjson")
-ACCEPTED = (
-    "a table (.csv, .parquet) with t, head_x, head_y, head_z; lines of JSON as a live source takes them "
-    f"({', '.join(_LINES)}); or the folder of a ROS 2 bag"
-)
 # Some lines are cut off when a recording ends; more than this share is another format.
 _BAD_LINES = 0.1
-# No camera sees a head nearer than this; where one is, the origin is not the sensor.
-_LEAST_RANGE_M = 0.1
-# Below these nothing can be said of a tracker.
-MIN_FRAMES, MIN_DURATION_S = 60, 3.0
 
 
 @dataclass(frozen=True)
@@ -53,68 +44,15 @@ class HeadTrack:
     notes: tuple[str, ...] = ()
 
 
-def read_track(path: Path, person: str | None, tell: Callable[[float], None]) -> HeadTrack:
-    """Read the longest track of a file, or that of one person.
+def of_bag(track: BagTrack) -> HeadTrack:
+    """The track of a person's frame in a bag.
 
     Args:
-        path: File or folder.
-        person: The tracker's name of the person; None: who has the longest track.
-        tell: Called with the share that is read, 0 to 1.
+        track: As the reader gives it.
 
     Returns:
-        The track.
-
-    Raises:
-        RecordingError: If the file cannot be read, or the track is too short.
-        SettingsError: If there is no such person.
-        MissingOptionalDependencyError: If the format needs a package that is not installed.
+        The same, with the yaw of the face's axis that points to the camera.
     """
-    if path.is_dir():
-        tracks: Sequence[HeadTrack] = [_of_bag(track) for track in read_bag_tracks(path, tell)]
-    elif path.suffix.lower() in _LINES:
-        tracks = _of_lines(path)
-    elif not path.exists() or path.suffix.lower() not in (".csv", ".parquet", ".json"):
-        raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown kind of file", ACCEPTED)
-    else:
-        tracks = [_of_recording(path)]
-    chosen = _choose(path, tracks, person)
-    duration_s = float(np.ptp(chosen.times_s)) if chosen.times_s.size else 0.0
-    if chosen.times_s.size < MIN_FRAMES or duration_s < MIN_DURATION_S:
-        raise RecordingError(
-            path,
-            f"person {chosen.person}",
-            f"{chosen.times_s.size} frames in {duration_s:.1f} s",
-            f"at least {MIN_FRAMES} frames in {MIN_DURATION_S:g} s; 30 s of somebody who stands still are good",
-        )
-    if (np.ptp(chosen.position_m, axis=0) == 0.0).all():
-        raise RecordingError(path, f"person {chosen.person}", "the position never changes", "a tracker that measures")
-    if (np.linalg.norm(chosen.position_m, axis=1) < _LEAST_RANGE_M).any():
-        raise RecordingError(
-            path,
-            f"person {chosen.person}",
-            f"a head within {_LEAST_RANGE_M:g} m of the origin",
-            "positions in the sensor's own frame, x forward, y left, z up, the sensor at the origin",
-        )
-    return chosen
-
-
-def _choose(path: Path, tracks: Sequence[HeadTrack], person: str | None) -> HeadTrack:
-    tracks = sorted(tracks, key=lambda track: -track.times_s.size)
-    if person is None:
-        chosen = tracks[0]
-    else:
-        named = [t for t in tracks if person in (t.person, t.person.partition("_")[2])]
-        if not named:
-            raise SettingsError(f"--person {person}: not in {path}; {suggest(person, [t.person for t in tracks])}")
-        chosen = named[0]
-    others = [f"{t.person} ({t.times_s.size} frames)" for t in tracks if t is not chosen]
-    if not others:
-        return chosen
-    note = f"also in the file: {', '.join(others)}; choose by --person"
-    return replace(chosen, notes=(*chosen.notes, note))
-
-
-def _of_bag(track: BagTrack) -> HeadTrack:
     notes = [f"frame {track.parent_id}" + (", optical axes turned to x forward, y left, z up" if track.optical else "")]
     if track.repeated:
         notes.append(f"{track.repeated} messages with a stamp that had been there already: left out")
@@ -125,7 +63,19 @@ def _of_bag(track: BagTrack) -> HeadTrack:
     return HeadTrack(track.frame_id, track.times_s, track.position_m, yaw_rad, unknown, track.delays_s, tuple(notes))
 
 
-def _of_recording(path: Path) -> HeadTrack:
+def of_recording(path: Path) -> HeadTrack:
+    """The track of a recording; of a body tracker, what it measured.
+
+    Args:
+        path: File of the recording, its origin the sensor.
+
+    Returns:
+        The track.
+
+    Raises:
+        RecordingError: If the file cannot be read.
+        MissingOptionalDependencyError: If the format needs a package that is not installed.
+    """
     recording = load(path)
     seen = recording.measured or recording.truth
     valid = seen.valid
@@ -135,7 +85,18 @@ def _of_recording(path: Path) -> HeadTrack:
     return HeadTrack(recording.name, times_s, position_m, head_rad, pelvis_rad, None, notes)
 
 
-def _of_lines(path: Path) -> list[HeadTrack]:
+def of_lines(path: Path) -> list[HeadTrack]:
+    """The tracks of all people in lines of JSON.
+
+    Args:
+        path: File with a line an observation, in the order of arrival.
+
+    Returns:
+        One track a person.
+
+    Raises:
+        RecordingError: If more than one line in ten is no observation; names the first.
+    """
     found: dict[str, list[HeadObservation]] = defaultdict(list)
     bad: list[str] = []
     count = 0

@@ -50,6 +50,12 @@ def test_a_table_of_heads(tmp_path, capsys):
         assert words in said
 
 
+def test_frames_that_repeat_the_one_before_are_left_out(tmp_path, capsys):
+    held = write_table(tmp_path / "held.csv", np.arange(2 * TIMES_S.size) / 40.0, np.repeat(SEEN_M, 2, axis=0))
+    assert as_expected(identify(held, tmp_path))
+    assert "240 of 480 frames repeat the position before" in capsys.readouterr().out
+
+
 def test_lines_of_json(tmp_path, capsys):
     path = tmp_path / "seen.jsonl"
     lines = [
