@@ -47,14 +47,18 @@ class ConstantVelocitySettings(Settings):
     """Predictor `constant_velocity`."""
 
     acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
-    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
+    position_noise_m: float = Field(
+        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+    )
 
 
 class HeadPoseSettings(ConstantVelocitySettings):
     """Predictor `head_pose` (Tamaru et al. 2021)."""
 
     weight: float = Field(default=0.5, ge=0, le=1, description="w in equation 4")
-    yaw_noise_rad: float = Field(default=0.05, gt=0, description="Standard deviation of a measurement")
+    yaw_noise_rad: float = Field(
+        default=0.05, gt=0, description="Standard deviation of a measurement, where none is stated"
+    )
     yaw_from: Literal["waist", "travel"] = Field(
         default="waist", description="What the head's yaw is relative to: the waist, or the direction of travel"
     )
@@ -77,14 +81,18 @@ class PelvisPursuitSettings(Settings):
     gain: float = Field(default=0.75, ge=0, le=1, description="Share of the angle to the pelvis that is turned")
     turn_time_s: float = Field(default=0.11, gt=0, description="Time constant of the turn")
     acceleration_psd: float = Field(default=0.02, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
-    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
+    position_noise_m: float = Field(
+        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+    )
 
 
 class ConstantAccelerationSettings(Settings):
     """Predictor `constant_acceleration`."""
 
     jerk_psd: float = Field(default=0.003, gt=0, description="Noise density of the head's jerk, m^2/s^5")
-    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
+    position_noise_m: float = Field(
+        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+    )
 
 
 class _TurningSettings(Settings):
@@ -94,7 +102,9 @@ class _TurningSettings(Settings):
     heading_psd: float = Field(default=0.1, gt=0, description="Noise density of the heading's rate, rad^2/s")
     turn_psd: float = Field(default=0.1, gt=0, description="Noise density of the turn rate's change, rad^2/s^3")
     turn_time_s: float = Field(default=1.0, gt=0, description="Time constant with which a turn dies away")
-    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
+    position_noise_m: float = Field(
+        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+    )
 
 
 class CoordinatedTurnSettings(_TurningSettings):
@@ -118,7 +128,9 @@ class InteractingModelsSettings(Settings):
     turn_rate_rad_s: float = Field(default=0.5, gt=0, description="Rate of the turns to the left and to the right")
     mode_time_s: float = Field(default=10.0, gt=0, description="Mean time that straight or turning lasts")
     acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
-    position_noise_m: float = Field(default=0.01, gt=0, description="Standard deviation of a measurement")
+    position_noise_m: float = Field(
+        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+    )
 
 
 class PredictorSettings(Settings):

@@ -38,7 +38,10 @@ class Sighting:
     Attributes:
         arrival_s: Time at which the loop can first use it, seconds.
         observation: The observation with its capture time.
+        head_position_sensor_m: The same head in the frame of a sensor that moves, shape (3,), metres; None for one that
+            is fixed to the base.
     """
 
     arrival_s: float
     observation: HeadObservation
+    head_position_sensor_m: FloatArray | None = None

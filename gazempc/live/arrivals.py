@@ -10,7 +10,6 @@ from gazempc.loop.events import Event
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.types import Sighting
-from predictors import HeadObservation
 
 # What has piled up beyond this is old. Taking it in holds up the tick.
 _NEWEST = 16
@@ -60,7 +59,7 @@ class Arrivals:
             recorder.event(now_s, Event.OBSERVATIONS_DROPPED)
         for sighting in arrived.sightings[-_NEWEST:]:
             try:
-                found.append(Sighting(sighting.arrival_s, self._in_base(sighting.observation)))
+                found.append(self._in_base(sighting))
             except (ValueError, AttributeError, TypeError) as error:
                 problems.append(str(error))
         self._report.observations += len(arrived.sightings)
@@ -85,7 +84,10 @@ class Arrivals:
             recorder.event(now_s, Event.SOURCE_FAILED, error)
             return False
 
-    def _in_base(self, observation: HeadObservation) -> HeadObservation:
+    def _in_base(self, sighting: Sighting) -> Sighting:
+        observation = sighting.observation
         check_range(observation.head_position_base_m)
-        angles_rad = self._joints.at(observation.capture_time_s) if self._mount.on == "head" else None
-        return self._mount.to_base(observation, self._geometry, angles_rad)
+        moves = self._mount.on == "head"
+        angles_rad = self._joints.at(observation.capture_time_s) if moves else None
+        in_base = self._mount.to_base(observation, self._geometry, angles_rad)
+        return Sighting(sighting.arrival_s, in_base, observation.head_position_base_m if moves else None)

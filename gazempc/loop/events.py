@@ -24,6 +24,14 @@ class Event(StrEnum):
         "future_observation",
         "an observation was captured later than now, so a clock is wrong; dropped",
     )
+    TRACKER_FROZEN = (
+        "tracker_frozen",
+        "a tracker repeated the position of somebody who was walking for 0.5 s; its frames count as not seen",
+    )
+    ORIENTATION_JUMPED = (
+        "orientation_jumped",
+        "head or pelvis turned by more than 90 degrees from one frame to the next; that orientation is not used",
+    )
     FORECAST_FAILED = "forecast_failed", "the predictor raised, or its forecast has a NaN; the last plan goes on"
     CONTROLLER_FAILED = "controller_failed", "the controller raised; the last plan goes on"
     SOLVER_FAILED = "solver_failed", "no solver found a plan; the last one goes on"

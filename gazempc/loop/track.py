@@ -8,6 +8,7 @@ import numpy as np
 
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.tracker_faults import FrozenTracker, OrientationJumps
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, Sighting
@@ -34,6 +35,8 @@ class PersonTrack:
         self.predictor = predictor
         self.newest_capture_s: float | None = None
         self._settings = settings
+        self._tracker = FrozenTracker()
+        self._jumps = OrientationJumps()
 
     def take_in(self, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> None:
         """Take in an observation.
@@ -51,11 +54,21 @@ class PersonTrack:
         if time_s - observation.capture_time_s > self._settings.stale_after_s:
             recorder.event(time_s, Event.STALE_OBSERVATION)
             return
+        was_frozen = self._tracker.frozen
+        if self._tracker.see(sighting):
+            if not was_frozen:
+                recorder.event(time_s, Event.TRACKER_FROZEN)
+            return
+        observation, jumped = self._jumps.without(observation)
+        if jumped:
+            recorder.event(time_s, Event.ORIENTATION_JUMPED)
         newest_s = self.newest_capture_s
         started = time.perf_counter()
         try:
-            if newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s:
-                # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile.
+            lost = newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s
+            if lost or was_frozen:
+                # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile. One
+                # that was frozen ends with half a second of somebody who only seemed to stand.
                 self.predictor.reset()
             self.predictor.update(observation)
         except OutOfOrderError:

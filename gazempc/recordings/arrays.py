@@ -15,6 +15,7 @@ from gazempc.recordings.readers.checks import (
     check_times_increase,
     check_unit_quaternions,
 )
+from gazempc.recordings.readers.position_checks import check_head_travel
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.types import FloatArray
 
@@ -46,14 +47,15 @@ def recording_from_arrays(
         The recording.
 
     Raises:
-        RecordingError: If a shape is wrong, a value is not finite, times do not increase or are in another unit, or a
-            quaternion is not of unit length; names the array, the row and what is accepted.
+        RecordingError: If a shape is wrong, a value is not finite, times do not increase, times or positions are in
+            another unit, or a quaternion is not of unit length; names the array, the row and what is accepted.
     """
     times = _array(name, "times_s", times_s, ("N",))
     check_frame_count(Path(name), times.size)
     check_times_increase(Path(name), times, _row)
     check_frame_interval(Path(name), times)
     head_m = _array(name, "head_position_m", head_position_m, (times.size, 3))
+    check_head_travel(Path(name), times, head_m)
     pelvis_m = np.full_like(head_m, np.nan)
     if pelvis_position_m is not None:
         pelvis_m = _array(name, "pelvis_position_m", pelvis_position_m, (times.size, 3))

@@ -23,14 +23,16 @@ from gazempc.recordings.readers.bvh_skeleton import (
     rest_positions,
 )
 from gazempc.recordings.readers.checks import (
-    HEAD_TO_PELVIS_RANGE_M,
     check_frame_count,
     check_frame_interval,
-    check_upright,
-    median_head_to_pelvis_m,
 )
 from gazempc.recordings.readers.labels import labels_for
 from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.position_checks import (
+    HEAD_TO_PELVIS_RANGE_M,
+    check_upright,
+    median_head_to_pelvis_m,
+)
 from gazempc.recordings.recording import Recording, Track
 from gazempc.types import FloatArray
 

@@ -17,12 +17,14 @@ from gazempc.errors import RecordingError
 from gazempc.recordings.readers.checks import (
     check_frame_count,
     check_frame_interval,
-    check_head_to_pelvis,
-    check_upright,
 )
 from gazempc.recordings.readers.kinect_json import BodyTrack, read_body
 from gazempc.recordings.readers.labels import labels_for
 from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.position_checks import (
+    check_head_to_pelvis,
+    check_upright,
+)
 from gazempc.recordings.recording import Recording, Track
 from gazempc.types import BoolArray, FloatArray
 

@@ -20,14 +20,16 @@ from gazempc.recordings.readers.checks import (
     check_finite,
     check_frame_count,
     check_frame_interval,
-    check_head_to_pelvis,
-    check_head_travel,
     check_times_increase,
     check_unit_quaternions,
-    check_upright,
 )
 from gazempc.recordings.readers.labels import labels_for
 from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.position_checks import (
+    check_head_to_pelvis,
+    check_head_travel,
+    check_upright,
+)
 from gazempc.recordings.readers.text import read_text, shown
 from gazempc.recordings.recording import Recording, Track
 from gazempc.types import FloatArray

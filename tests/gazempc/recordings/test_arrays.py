@@ -78,6 +78,7 @@ def spoilt(array, row, value):
         ({"times_s": "now"}, "times_s: these are no numbers"),
         ({"head_position_m": HEAD_M[:, :2]}, "head_position_m: its shape is (120, 2)"),
         ({"head_position_m": spoilt(HEAD_M, 5, np.nan)}, "row 5"),
+        ({"head_position_m": 1e3 * HEAD_M}, "looks like millimetres"),
         ({"head_quat_wxyz": [1.0, 1.0, 0.0, 0.0]}, "head_quat_wxyz: not a unit quaternion"),
         ({"pelvis_quat_wxyz": np.zeros((3, 4))}, "pelvis_quat_wxyz: its shape is (3, 4)"),
         ({"pelvis_position_m": HEAD_M[1:]}, "pelvis_position_m: its shape is (119, 3)"),

@@ -1,0 +1,112 @@
+"""What trackers report and people cannot do: stand frozen in mid-walk, face backwards from one frame to the next."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+
+from gazempc.types import FloatArray, Sighting
+from predictors import HeadObservation
+from predictors.yaw import wrap_rad, yaw_rad
+
+_FROZEN_AFTER_S = 0.5
+# Nobody who walked so fast over the last quarter of a second stands still to the last bit in the next frame: braking
+# takes a person half a second. Who slows down first, as simulated people without noise do, is believed to stand.
+_WALKED_M_S = 0.5
+_WALKED_OVER_S = 0.25
+_LONGEST_STEP_S = 1.0
+# Heads turn at up to some 600 degrees a second. At lower frame rates nothing can be told.
+_JUMP_RAD = math.radians(90.0)
+_JUMP_WITHIN_S = 0.15
+_JUMPS_ARE_ONE_WITHIN_S = 1.0
+
+
+class FrozenTracker:
+    """Notices that a tracker repeats one position, with new stamps, of somebody who was walking.
+
+    Attributes:
+        frozen: Whether it does so at present.
+    """
+
+    def __init__(self) -> None:
+        self.frozen = False
+        self._walked = False
+        self._position: list[float] | None = None
+        self._since_s = self._newest_s = -math.inf
+        self._path: deque[tuple[float, FloatArray]] = deque()
+
+    def see(self, sighting: Sighting) -> bool:
+        """Take note of a sighting.
+
+        Args:
+            sighting: The sighting.
+
+        Returns:
+            Whether it says nothing: the same position for more than 0.5 s, to the last bit, and a walk before it.
+        """
+        observation = sighting.observation
+        time_s = observation.capture_time_s
+        if time_s <= self._newest_s:
+            return False  # out of order, which the predictor tells
+        seen_m = sighting.head_position_sensor_m
+        position = (observation.head_position_base_m if seen_m is None else seen_m).tolist()
+        if position == self._position:
+            self._newest_s = time_s
+            self.frozen = self.frozen or (self._walked and time_s - self._since_s > _FROZEN_AFTER_S)
+            return self.frozen
+        if self.frozen or time_s - self._newest_s > _LONGEST_STEP_S:
+            self._path.clear()
+        self.frozen = False
+        self._position, self._since_s, self._newest_s = position, time_s, time_s
+        self._walked = self._speed_m_s(time_s, observation.head_position_base_m) > _WALKED_M_S
+        return False
+
+    def _speed_m_s(self, time_s: float, head_base_m: FloatArray) -> float:
+        """Mean speed over the last quarter of a second, or since the frame before where that is longer ago."""
+        while len(self._path) > 1 and self._path[1][0] <= time_s - _WALKED_OVER_S:
+            self._path.popleft()
+        self._path.append((time_s, head_base_m))
+        first_s, first_m = self._path[0]
+        return math.dist(head_base_m, first_m) / (time_s - first_s) if first_s < time_s else 0.0
+
+
+class OrientationJumps:
+    """Leaves out orientations that no body can have turned to since the frame before."""
+
+    def __init__(self) -> None:
+        self._time_s = self._jumped_s = -math.inf
+        self._yaws_rad: dict[str, float] = {}
+
+    def without(self, observation: HeadObservation) -> tuple[HeadObservation, bool]:
+        """Judge the yaws of head and pelvis, each by that of the frame before, whether that one was used or not.
+
+        So one frame is left out where a tracker turns somebody round for good, and all where it does so at every frame.
+
+        Args:
+            observation: The observation.
+
+        Returns:
+            The observation without the orientations that jumped by more than 90 degrees within 0.15 s, and whether
+            it is the first such frame for a second.
+        """
+        time_s = observation.capture_time_s
+        if time_s <= self._time_s:
+            return observation, False  # out of order, which the predictor tells
+        seen = {"head_quat_wxyz": observation.head_quat_wxyz, "pelvis_quat_wxyz": observation.pelvis_quat_wxyz}
+        yaws_rad = {name: yaw_rad(quat) for name, quat in seen.items() if quat is not None}
+        jumped: list[str] = []
+        if time_s - self._time_s <= _JUMP_WITHIN_S:
+            before_rad = self._yaws_rad
+            jumped = [name for name in yaws_rad if abs(_turn_rad(before_rad.get(name), yaws_rad[name])) > _JUMP_RAD]
+        self._time_s, self._yaws_rad = time_s, yaws_rad
+        if not jumped:
+            return observation, False
+        first = time_s - self._jumped_s > _JUMPS_ARE_ONE_WITHIN_S
+        self._jumped_s = time_s
+        head, pelvis = (None if name in jumped else quat for name, quat in seen.items())
+        return replace(observation, head_quat_wxyz=head, pelvis_quat_wxyz=pelvis), first
+
+
+def _turn_rad(from_rad: float | None, to_rad: float) -> float:
+    return 0.0 if from_rad is None else wrap_rad(to_rad - from_rad)

@@ -1,0 +1,166 @@
+"""Trackers that misbehave in a live run: ids, yaws, covariances, ranges and positions that make no sense."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from builders.checks import assert_recovered, assert_same_commands, assert_sound
+from builders.faults import between
+from builders.live import TS, run_live
+
+import gazempc as gz
+from gazempc.types import Sighting
+from predictors import CoordinatedTurn, HeadPose, PelvisPursuit, Walker
+
+ORIENTATIONS = ("head_quat_wxyz", "pelvis_quat_wxyz")
+PREDICTORS = {
+    "walker": Walker,
+    "head_pose": HeadPose,
+    "pelvis_pursuit": PelvisPursuit,
+    "coordinated_turn": lambda: CoordinatedTurn(yaw_cues="both"),
+}
+every_predictor = pytest.mark.parametrize("make", PREDICTORS.values(), ids=PREDICTORS.keys())
+
+
+def changed(sighting, **fields):
+    return dataclasses.replace(sighting, observation=dataclasses.replace(sighting.observation, **fields))
+
+
+def forged(sighting, **fields):
+    """Past the check of `HeadObservation`, as a source in another language might."""
+    seen = dataclasses.replace(sighting.observation)
+    for name, value in fields.items():
+        object.__setattr__(seen, name, value)
+    return Sighting(sighting.arrival_s, seen)
+
+
+def half_turn(quat_wxyz):
+    """The quaternion (0, 0, 0, 1) times it: half a turn about the vertical."""
+    w, x, y, z = quat_wxyz
+    return np.array([-z, -y, x, w])
+
+
+def rms_deg(result, from_s):
+    now = result.joined("time_s")
+    return np.sqrt(np.mean(result.error_deg[(now > from_s) & (now < result.ended_s)] ** 2))
+
+
+def test_a_person_whose_id_changes_at_every_frame_is_one_person():
+    result = run_live(change=lambda now, s: [changed(s, person_id=f"track {now:.3f}")])
+    assert_sound(result)
+    assert result.events == {"no_observation_yet"}
+    assert_same_commands(result, within_rad=1e-12)
+    ids = result.joined("person_id")
+    assert len(set(ids)) == len(ids) > 100
+
+
+@every_predictor
+def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none(make):
+    frames = {"flips": 0, "none": 0}
+
+    def flips(now_s, sighting):
+        frames["flips"] += 1
+        if frames["flips"] % 2:
+            return [sighting]
+        return [changed(sighting, **{name: half_turn(getattr(sighting.observation, name)) for name in ORIENTATIONS})]
+
+    def none(now_s, sighting):
+        frames["none"] += 1
+        return [sighting if frames["none"] == 1 else changed(sighting, **dict.fromkeys(ORIENTATIONS))]
+
+    flipping, without = run_live(change=flips, predictor=make()), run_live(change=none, predictor=make())
+    assert_sound(flipping)
+    assert flipping.events == {"no_observation_yet", "orientation_jumped"}
+    assert flipping.event_s("orientation_jumped").size == 1
+    assert without.events == {"no_observation_yet"}
+    sent, usual = (each.joined("command_position_rad") for each in (flipping, without))
+    np.testing.assert_allclose(sent, usual, atol=1e-9)
+
+
+@every_predictor
+def test_orientations_that_are_lost_in_mid_walk_are_done_without(make):
+    def lost(now_s, sighting):
+        return [sighting if now_s < 3.0 else changed(sighting, **dict.fromkeys(ORIENTATIONS))]
+
+    whole, without = run_live(predictor=make()), run_live(change=lost, predictor=make())
+    assert_sound(without)
+    assert without.events == {"no_observation_yet"}
+    assert rms_deg(without, 3.0) < 1.5 * rms_deg(whole, 3.0) + 0.5
+
+
+BAD_COVARIANCES = {
+    "not symmetric": [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    "not positive": np.diag([1.0, 1.0, -1.0]),
+    "singular": np.zeros((3, 3)),
+    "not finite": np.diag([1.0, np.nan, 1.0]),
+    "not square": np.ones(3),
+}
+
+
+@pytest.mark.parametrize("bad", BAD_COVARIANCES.values(), ids=BAD_COVARIANCES.keys())
+def test_an_observation_with_a_covariance_that_is_none_is_not_used(bad):
+    spoilt = between(2.0, 2.5)
+    covariance = np.array(bad)
+    result = run_live(change=lambda now, s: [forged(s, position_covariance_m2=covariance) if spoilt(now) else s])
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", "bad_observation"}
+    assert "position_covariance_m2" in result.report.problems[0]
+    assert result.report.n_problems > 10
+    assert_recovered(result, 2.5 + 1.2)
+
+
+def test_a_head_at_the_sensor_itself_is_nobody():
+    """By zeros some trackers say that they see nobody."""
+    nobody = between(2.0, 4.0)
+    result = run_live(
+        change=lambda now, s: [changed(s, head_position_base_m=np.zeros(3)) if nobody(now) else s], duration_s=7.5
+    )
+    assert_sound(result)
+    assert result.events == {"no_observation_yet", "bad_observation", "target_lost"}
+    assert "at the sensor itself" in result.report.problems[0]
+    assert np.linalg.norm(result.joined("head_observed_base_m"), axis=1).min() > 0.5
+    assert_recovered(result, 4.0 + 2.0, within_deg=1.0)
+
+
+@pytest.mark.parametrize("until_s", [2.4, 5.0])
+def test_a_tracker_that_is_frozen_in_mid_walk_is_not_believed(until_s):
+    """After half a second its frames are not seen any more: one event, the neck brakes, and then a new track."""
+    frozen, held = between(2.0, until_s), []
+
+    def freeze(now_s, sighting):
+        if not frozen(now_s):
+            return [sighting]
+        held.append(sighting.observation.head_position_base_m)
+        return [changed(sighting, head_position_base_m=held[0])]
+
+    result = run_live(change=freeze, duration_s=8.5)
+    assert_sound(result)
+    if until_s == 2.4:  # shorter than people may stand
+        assert result.events == {"no_observation_yet"}
+        return
+    assert result.events == {"no_observation_yet", "tracker_frozen", "target_lost"}
+    (noticed_s,) = result.event_s("tracker_frozen")
+    assert noticed_s == pytest.approx(2.0 + 0.5, abs=0.05)
+    captures_s = result.joined("capture_time_s")
+    last_s = captures_s[captures_s < 3.5].max()
+    assert last_s < noticed_s
+    assert result.event_s("target_lost") == pytest.approx([last_s + 1.0], abs=2 * TS)
+    now = result.joined("time_s")
+    still = result.joined("command_velocity_rad_s")[(now > last_s + 1.7) & (now < until_s)]
+    assert np.abs(still).max() < 1e-9
+    assert_recovered(result, until_s + 1.5, within_deg=1.0)
+
+
+def test_who_is_followed_by_bearings_alone_is_looked_at():
+    """A face camera that takes every head for 2.5 m away, and says that it does not know."""
+
+    def bearing(now_s, sighting):
+        head_m = sighting.observation.head_position_base_m
+        seen_m = 2.5 * head_m / np.linalg.norm(head_m)
+        covariance = gz.bearing_covariance(seen_m, 0.005, 1.0)
+        return [changed(sighting, head_position_base_m=seen_m, position_covariance_m2=covariance)]
+
+    result = run_live(change=bearing)
+    assert_sound(result)
+    assert result.events == {"no_observation_yet"}
+    assert rms_deg(result, 1.0) < rms_deg(run_live(), 1.0) + 0.5
