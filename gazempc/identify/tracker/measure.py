@@ -106,9 +106,9 @@ class TrackerErrors:
 
     @property
     def jumps_across(self) -> bool:
-        """Whether jumps go across the line of sight as well as along it."""
+        """Whether jumps go across the line of sight as well as along it, farther than a person sways."""
         along_m, across_m = self.jump_sizes_m
-        return bool(along_m.size and np.median(across_m) > _SIDEWAYS * np.median(along_m))
+        return bool(along_m.size and np.median(across_m) > max(_SWAY_M, _SIDEWAYS * np.median(along_m)))
 
 
 def measure_tracker(track: HeadTrack, tell: Callable[[float], None]) -> TrackerErrors:

@@ -110,7 +110,9 @@ def warnings(errors: TrackerErrors) -> list[str]:
             "no white error can be seen: the tracker smooths its track, or the person moved. The file has upper bounds"
         )
     if errors.jumps.durations_s.size and not errors.jumps_across:
-        found.append("jumps are along the line of sight only, which a sensor file cannot state: they are left out")
+        found.append(
+            "jumps are small, or along the line of sight only, which a sensor file cannot state: they are left out"
+        )
     if errors.latency_s is None:
         found.append(f"latency is not measured: the file has {1e3 * ASSUMED_LATENCY_S:.0f} ms, as the sensor reference")
     return found

@@ -28,8 +28,8 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
     """
     frames, wait_s = errors.frames, errors.latency_s
     found = (
-        f"range white {shown(errors.along.fit.white, 100.0, 2)} %, bearing white "
-        f"{shown(errors.across.fit.white, DEG, 3)} deg (± s.d.) on {errors.used_s:.0f} s at {errors.range_m[1]:.2f} m"
+        f"range white {_white(errors.along, 100.0, 2)} %, bearing white "
+        f"{_white(errors.across, DEG, 3)} deg (± s.d.) on {errors.used_s:.0f} s at {errors.range_m[1]:.2f} m"
     )
     unknown = [
         name for name, error in (("range", errors.along), ("bearing", errors.across)) if error.wander == "unknown"
@@ -61,6 +61,11 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
         values["rate_hz"] = _rounded(1.0 / max(1.0 / frames.rate_hz - 0.5 * jitter_s, 1e-3))
         values["timing"] = {"frame_jitter_s": _rounded(jitter_s)}
     return as_toml(values)
+
+
+def _white(error: DirectionError, factor: float, digits: int) -> str:
+    white = error.fit.white
+    return f"at most {factor * white.value:.{digits}f}" if error.hidden else shown(white, factor, digits)
 
 
 def _direction_table(error: DirectionError, factor: float, unit: str) -> dict[str, object]:
