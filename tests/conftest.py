@@ -20,6 +20,7 @@ hypothesis.settings.load_profile("gazempc")
 ROOT = Path(__file__).resolve().parents[1]
 WALKS = Path(os.environ.get("GAZEMPC_WALKS", ROOT.parent / "shared" / "walks"))
 TRACKS = Path(os.environ.get("GAZEMPC_TRACKS", ROOT.parent / "shared" / "tracks"))
+BAGS = Path(os.environ.get("GAZEMPC_BAGS", ROOT.parent / "shared" / "bags"))
 
 
 @pytest.fixture(scope="session")
@@ -34,8 +35,14 @@ def tracks_dir() -> Path:
     return _there("the head tracks", TRACKS, "GAZEMPC_TRACKS")
 
 
-def _there(what: str, folder: Path, variable: str) -> Path:
-    if not (folder / "index.csv").is_file():
+@pytest.fixture(scope="session")
+def bags_dir() -> Path:
+    """Folder with ROS 2 bags of a real face tracker, which are not part of the project."""
+    return _there("the real bags", BAGS, "GAZEMPC_BAGS", "README.md")
+
+
+def _there(what: str, folder: Path, variable: str, sign: str = "index.csv") -> Path:
+    if not (folder / sign).is_file():
         reason = f"{what} are not at {folder} (set {variable})"
         if os.environ.get("CI"):
             pytest.fail(f"{reason}, and CI must not skip this")

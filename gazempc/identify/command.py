@@ -1,8 +1,14 @@
-"""Measure a neck: excite it within its limits and write its dead time and servo to a neck file.
+"""Measure a neck or a tracker, and write its file.
+
+A neck is excited within its limits; its dead time and servo go to a neck file.
 
 Example: python -m gazempc.identify --robot simulated --out my_neck.toml
 
 Without a robot, from a log already recorded: python -m gazempc.identify --from-log log.npz --out my_neck.toml
+
+A tracker is measured from a recording, best of somebody who stands still for 30 s; its errors go to a sensor file.
+
+Example: python -m gazempc.identify --tracker my_bag --out my_tracker.toml
 """
 
 from __future__ import annotations
@@ -54,12 +60,20 @@ class IdentifySettings(ExcitationSettings):
         default=None,
         description="Instead of a robot: a record of this command, or a log of gazempc.run, with the axes that moved",
     )
+    tracker: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = Field(
+        default=None,
+        description="Measure a tracker instead, from a table, lines of JSON (.jsonl) or the folder of a ROS 2 bag",
+    )
+    person: str | None = Field(
+        default=None, description="Of --tracker: whose track, by the tracker's own id; default: the longest"
+    )
     neck: str | None = Field(
         default=None,
         description="Neck (name or .toml file) whose limits are kept and copied; default: reference, or the log's own",
     )
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")] = Field(
-        default=Path("identified.toml"), description="Neck file to write; a figure and the record go beside it"
+        default=Path("identified.toml"),
+        description="File to write: a sensor with --tracker, else a neck, with a figure and the record beside it",
     )
     dead_time_max_s: float = Field(default=1.5, ge=0.1, le=5, description="Largest dead time that is looked for")
     read_delay_s: float = Field(
@@ -118,13 +132,21 @@ def parse(words: Sequence[str]) -> IdentifySettings:
 def _run(settings: IdentifySettings) -> None:
     if settings.out.suffix != ".toml":
         raise SettingsError(f"--out {settings.out}: must end in .toml")
-    if (settings.robot is None) == (settings.from_log is None):
-        raise SettingsError("give either --robot NAME or --from-log FILE")
+    if [settings.robot, settings.from_log, settings.tracker].count(None) != 2:
+        raise SettingsError("give one of --robot NAME, --from-log FILE and --tracker FILE")
+    if settings.person is not None and settings.tracker is None:
+        raise SettingsError("--person: chooses a track of --tracker FILE, which is not given")
     progress = Progress()
     try:
         settings.out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GazempcError(f"--out {settings.out}: cannot make its folder: {error.strerror}") from None
+    if settings.tracker is not None:
+        # Only here: the other ways need neither readers nor the fit.
+        from gazempc.identify.tracker.command import identify_tracker  # noqa: PLC0415
+
+        identify_tracker(settings.tracker, settings.person, settings.out, progress)
+        return
     written = []
     if settings.from_log is not None:
         taken = load_record(settings.from_log)

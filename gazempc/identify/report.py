@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 
 from gazempc.identify.estimate import AxisEstimate, Interval
 from gazempc.identify.record import NeckRecord
+from gazempc.identify.toml import as_toml
 from gazempc.neck.spec import NeckSpec
 
 _MEASURED, _MODEL = "#E69F00", "#00405F"
@@ -88,12 +88,7 @@ def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, orig
             for name in ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
         }
     values |= {"name": name, "source": source}
-    top = [f"{key} = {_toml(value)}" for key, value in values.items() if not isinstance(value, dict)]
-    lines = [*top]
-    for key, fields in values.items():
-        if isinstance(fields, dict):
-            lines += ["", f"[{key}]", *(f"{field} = {_toml(value)}" for field, value in fields.items())]
-    return "\n".join(lines) + "\n"
+    return as_toml(values)
 
 
 def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path: Path) -> None:
@@ -161,14 +156,3 @@ def _shown(interval: Interval, factor: float, digits: int) -> str:
 def _beside(cells: Sequence[str]) -> list[str]:
     # The neck file has no such figure.
     return [text for cell in cells for text in (cell, "")]
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        # JSON's escapes are TOML's, but for one character that JSON leaves as it is.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return repr(value)

@@ -74,8 +74,8 @@ def test_command_line_refuses_and_says_why(clean, tmp_path, capsys):
     still = altered(clean, command_rad=np.column_stack([clean.command_rad[:, 0], np.zeros(len(clean.command_rad))]))
     still.save(tmp_path / "still.npz")
     for words, problem in (
-        ([], "either --robot NAME or --from-log FILE"),
-        (["--robot", "simulated", "--from-log", "x.npz"], "either --robot NAME or --from-log FILE"),
+        ([], "one of --robot NAME, --from-log FILE and --tracker FILE"),
+        (["--robot", "simulated", "--from-log", "x.npz"], "one of --robot NAME, --from-log FILE and --tracker FILE"),
         (["--from-log", str(tmp_path / "none.npz")], "not a log that can be read"),
         (["--robot", "simulated", "--neck", "nock"], "no neck file 'nock'"),
         (["--from-log", str(tmp_path / "still.npz")], "tilt: its command never changes"),

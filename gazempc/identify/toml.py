@@ -1,0 +1,33 @@
+"""Write specifications as TOML."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+
+def as_toml(values: Mapping[str, object]) -> str:
+    """Text that `gazempc.specfiles` reads.
+
+    Args:
+        values: Numbers, texts, truths and lists; a mapping is a table.
+
+    Returns:
+        TOML, tables last.
+    """
+    lines = [f"{key} = {_toml(value)}" for key, value in values.items() if not isinstance(value, Mapping)]
+    for key, fields in values.items():
+        if isinstance(fields, Mapping):
+            lines += ["", f"[{key}]", *(f"{field} = {_toml(value)}" for field, value in fields.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # JSON's escapes are TOML's, but for one character that JSON leaves as it is.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value)

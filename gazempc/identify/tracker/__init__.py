@@ -1,0 +1,1 @@
+"""Errors of a tracker, measured from a recording of it."""

@@ -1,0 +1,142 @@
+"""Fit errors without the jumps of a track, and say what the jumps are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gazempc.identify.tracker.fit import GroupFit, Known, fit_errors
+from gazempc.identify.tracker.likelihood import Stretches, likelihood
+from gazempc.types import BoolArray, FloatArray, IntArray
+
+# A normal innovation is larger once in 150,000 frames and axes.
+_GATE = 4.5
+_ROUNDS = 3
+# The variance of third differences of white noise is this many times its own.
+_THIRD_DIFFERENCES = 20.0
+# Where third differences hold far more than the fit calls white, the person's motion hides the noise.
+_HIDDEN = 0.4
+# All frames of a jump are at least this share of its size away, also the first: a person who starts to move is slower.
+_STEP_SHARE = 0.5
+# No tracker is better, and a logarithm needs a start.
+_LEAST = 1e-5
+
+
+@dataclass(frozen=True)
+class TrackJumps:
+    """TrackJumps of a track: frames far from where frames before and after put the person.
+
+    Attributes:
+        durations_s: Of each, shape (K,), seconds; 0 for a single frame.
+        sizes: Root mean square of each on each axis, in the unit of the values, shape (K, A).
+    """
+
+    durations_s: FloatArray
+    sizes: FloatArray
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of groups of axes.
+
+    Attributes:
+        groups: One fit a group.
+        hidden: Groups whose white error is lost in the person's motion or smoothed away by the tracker; its value is
+            then an upper bound.
+        jumps: What was left out of the fits.
+        used_s: Seconds that were used.
+    """
+
+    groups: tuple[GroupFit, ...]
+    hidden: tuple[bool, ...]
+    jumps: TrackJumps
+    used_s: float
+
+
+def measure_errors(
+    data: Stretches, groups: tuple[tuple[int, ...], ...], one_person: bool, tell: Callable[[float], None]
+) -> Errors:
+    """Fit errors, leave jumps out, and fit again.
+
+    Args:
+        data: Stretches of the track.
+        groups: Axes that share their errors.
+        one_person: Whether the person's acceleration is alike on all axes.
+        tell: Called with the share that is done, 0 to 1.
+
+    Returns:
+        Errors and jumps.
+    """
+    rough = np.array([_third_differences(data, group) for group in groups])
+    start, used = rough, data.used
+    for k in range(_ROUNDS):
+        tell(k / _ROUNDS)
+        fits, model = fit_errors(replace(data, used=used), groups, one_person, start)
+        sizes = np.abs(np.nan_to_num(likelihood(data, model, _GATE).surprise)).max(axis=1)
+        calm = data.used & ~_jumps_in(data, data.used & (sizes > _GATE))
+        start = np.maximum([fit.white.value for fit in fits], _LEAST)
+        if (calm == used).all():
+            break
+        used = calm
+    hidden = tuple(
+        fit.wander is None and fit.white.value < _HIDDEN * most for fit, most in zip(fits, rough, strict=True)
+    )
+    fits = tuple(
+        replace(fit, white=Known(float(most), 0.0)) if hides else fit
+        for fit, most, hides in zip(fits, rough, hidden, strict=True)
+    )
+    return Errors(fits, hidden, _jumps(data, used), float(data.intervals_s[data.used].sum()))
+
+
+def _third_differences(data: Stretches, group: tuple[int, ...]) -> float:
+    """White error, and what of the person's motion is as fast, by the median, which jumps do not move."""
+    found = []
+    for b in range(data.used.shape[1]):
+        values = data.values[data.used[:, b]][:, list(group), b]
+        found.append(np.abs(np.diff(values, 3, axis=0)).ravel())
+    return max(_LEAST, 1.4826 * float(np.median(np.concatenate(found))) / math.sqrt(_THIRD_DIFFERENCES))
+
+
+def _jumps_in(data: Stretches, odd: BoolArray) -> BoolArray:
+    """Which of the odd frames are in jumps: there in one step, shape (F, B). Others are the person's own motion."""
+    jumps = odd.copy()
+    for b in range(odd.shape[1]):
+        aside = np.abs(_aside(data, odd, b))
+        for first, last in _runs(odd[: len(aside), b]):
+            way = aside[first:last].max(axis=0)
+            axis = int(np.argmax(way))
+            # The filter needs a while to trust the track again: frames that are back are no part of the jump.
+            there = aside[first:last, axis] >= _STEP_SHARE * way[axis]
+            jumps[first:last, b] = there & there[0]
+    return jumps
+
+
+def _aside(data: Stretches, out: BoolArray, b: int) -> FloatArray:
+    """How far each frame of a stretch is from where the frames that are not out put it, shape (F, A)."""
+    frames = int(data.used[:, b].sum())
+    kept = ~out[:frames, b]
+    times_s, values = np.cumsum(data.intervals_s[:frames, b]), data.values[:frames, :, b]
+    if not kept.any():
+        return np.zeros_like(values)
+    expected = [np.interp(times_s, times_s[kept], column[kept]) for column in values.T]
+    return np.asarray(values - np.transpose(expected))
+
+
+def _runs(flags: BoolArray) -> IntArray:
+    """First and one past the last frame of each run of flags, shape (K, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
+
+
+def _jumps(data: Stretches, used: BoolArray) -> TrackJumps:
+    durations_s: list[float] = []
+    sizes: list[FloatArray] = []
+    for b in range(used.shape[1]):
+        aside = _aside(data, ~used, b)
+        times_s = np.cumsum(data.intervals_s[: len(aside), b])
+        for first, last in _runs(~used[: len(aside), b]):
+            durations_s.append(float(times_s[last - 1] - times_s[first]))
+            sizes.append(np.sqrt((aside[first:last] ** 2).mean(axis=0)))
+    return TrackJumps(np.array(durations_s), np.reshape(sizes, (-1, data.values.shape[1])))

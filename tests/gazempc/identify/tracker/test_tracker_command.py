@@ -1,0 +1,151 @@
+"""The command: from a recording to a sensor file, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+from builders.bags import face_rows, write_bag
+from builders.trackers import person_m, seen_m
+from scipy.spatial.transform import Rotation
+
+from gazempc.identify.command import main
+from gazempc.recordings.arrays import recording_from_arrays
+from gazempc.sim.sensor import load_sensor, observe
+
+TIMES_S = np.arange(0.0, 12.0, 1.0 / 20.0)
+RNG = np.random.default_rng(0)
+SEEN_M = seen_m(RNG, person_m(RNG, TIMES_S), TIMES_S, along=(0.02, 0.0, 1.0), across_deg=(0.1, 0.0, 1.0))
+
+
+def identify(path, tmp_path, *more):
+    out = tmp_path / "mine.toml"
+    assert main(["--tracker", str(path), "--out", str(out), *more]) == 0
+    return load_sensor(out)
+
+
+def as_expected(sensor):
+    return (sensor.along.noise_share, sensor.across.noise_deg, sensor.rate_hz) == (
+        pytest.approx(0.02, rel=0.15),
+        pytest.approx(0.1, rel=0.15),
+        pytest.approx(20.0, rel=1e-3),
+    )
+
+
+def write_table(path, times_s=TIMES_S, position_m=SEEN_M):
+    rows = np.column_stack([times_s, position_m])
+    path.write_text("t,head_x,head_y,head_z\n" + "\n".join(",".join(map(repr, row)) for row in rows.tolist()))
+    return path
+
+
+def test_a_table_of_heads(tmp_path, capsys):
+    sensor = identify(write_table(tmp_path / "anna.csv"), tmp_path)
+    said = capsys.readouterr().out
+    assert as_expected(sensor)
+    assert sensor.name == "mine"
+    assert (sensor.head_yaw.reported, sensor.pelvis_yaw.reported) == (False, False)
+    assert (sensor.along.wander_share, sensor.dropout_probability) == (0.0, 0.0)
+    assert "from anna.csv" in sensor.source
+    assert "latency assumed" in sensor.source
+    for words in ("range: white (% of the range)", "bearing: white (deg", "latency is not measured", "only 12 s"):
+        assert words in said
+
+
+def test_frames_that_repeat_the_one_before_are_left_out(tmp_path, capsys):
+    held = write_table(tmp_path / "held.csv", np.arange(2 * TIMES_S.size) / 40.0, np.repeat(SEEN_M, 2, axis=0))
+    assert as_expected(identify(held, tmp_path))
+    assert "240 of 480 frames repeat the position before" in capsys.readouterr().out
+
+
+def test_lines_of_json(tmp_path, capsys):
+    path = tmp_path / "seen.jsonl"
+    lines = [
+        json.dumps({"capture_time_s": 1.7e9 + t, "head_position_m": p, "person_id": "anna"})
+        for t, p in zip(TIMES_S.tolist(), SEEN_M.tolist(), strict=True)
+    ]
+    bob = [
+        json.dumps({"capture_time_s": 1.7e9 + t, "head_position_m": [1, 0, 0], "person_id": "bob"}) for t in range(9)
+    ]
+    path.write_text("\n".join([*lines, *bob, '{"capture_time_s": 17']))
+    assert as_expected(identify(path, tmp_path))
+    said = capsys.readouterr().out
+    assert "also in the file: bob (9 frames)" in said
+    assert "1 of 250 lines are no observations (line 250: not JSON" in said
+
+
+def test_a_bag_with_its_latency_and_losses(tmp_path, capsys):
+    # Camera's axes, a face whose z axis looks at the camera, and turns by 3 deg from frame to frame.
+    optical_m = SEEN_M @ np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    turns_rad = np.pi + np.deg2rad(3.0) * RNG.standard_normal(TIMES_S.size)
+    quats = Rotation.from_euler("y", turns_rad[:, None]).as_quat(scalar_first=True)
+    kept = np.ones(TIMES_S.size, dtype=bool)
+    kept[50:60] = kept[150:170] = kept[200] = False
+    rows = [face_rows("face_a", [t], p, quat_wxyz=q)[0] for t, p, q in zip(TIMES_S, optical_m, quats, strict=True)]
+    bag = write_bag(tmp_path / "bag", [row for row, keeps in zip(rows, kept, strict=True) if keeps], delay_s=0.12)
+    sensor = identify(bag, tmp_path)
+    assert as_expected(sensor)
+    assert sensor.latency_s == pytest.approx(0.12, abs=1e-4)
+    assert sensor.head_yaw.noise_deg == pytest.approx(3.0, rel=0.15)
+    assert (sensor.loss.duration_min_s, sensor.loss.duration_max_s) == pytest.approx((0.5, 1.0), rel=1e-3)
+    assert sensor.dropout_probability == pytest.approx(1 / 240, rel=0.01)
+    assert "optical axes turned" in capsys.readouterr().out
+
+
+def test_a_person_is_chosen_by_id(tmp_path, capsys):
+    times_s = TIMES_S[:100]
+    rows = face_rows("face_a", TIMES_S, SEEN_M, "lidar") + face_rows("face_b", times_s, 1.5 * SEEN_M[:100], "lidar")
+    bag = write_bag(tmp_path / "bag", rows)
+    assert "face_b" in identify(bag, tmp_path, "--person", "b").source
+    assert main(["--tracker", str(bag), "--person", "c", "--out", str(tmp_path / "m.toml")]) == 2
+    assert "--person c: not in" in capsys.readouterr().err
+
+
+def test_wander_of_a_person_who_walks_is_left_out_with_a_warning(tmp_path, capsys):
+    walk_m = seen_m(RNG, person_m(RNG, TIMES_S, walks=True), TIMES_S, along=(0.02, 0.05, 1.0), across_deg=(0.1, 0, 1))
+    sensor = identify(write_table(tmp_path / "walk.csv", position_m=walk_m), tmp_path)
+    said = capsys.readouterr().out
+    assert "Warning: the person moved too much" in said
+    assert "unknown" in said
+    assert (sensor.along.wander_share, sensor.across.wander_deg) == (0.0, 0.0)
+    assert "wander of range and bearing unknown" in sensor.source
+
+
+def refused(capsys, *words):
+    assert main(list(words)) == 2
+    return capsys.readouterr().err
+
+
+def test_what_is_refused(tmp_path, capsys):
+    out = ("--out", str(tmp_path / "mine.toml"))
+    assert "no such recording" in refused(capsys, "--tracker", "nowhere.csv", *out)
+    (tmp_path / "notes.txt").write_text("hello")
+    assert "unknown kind of file" in refused(capsys, "--tracker", str(tmp_path / "notes.txt"), *out)
+    short = write_table(tmp_path / "short.csv", TIMES_S[:30], SEEN_M[:30])
+    assert "at least 60 frames in 3 s" in refused(capsys, "--tracker", str(short), *out)
+    assert "give one of --robot" in refused(capsys, "--tracker", str(short), "--robot", "simulated", *out)
+    assert "--person" in refused(capsys, "--robot", "simulated", "--person", "anna", *out)
+    aged = tmp_path / "aged.jsonl"
+    aged.write_text("\n".join(json.dumps({"age_s": 0.1, "head_position_m": [1, 0, 0]}) for _ in range(90)))
+    assert "line 1: age_s says no time of capture" in refused(capsys, "--tracker", str(aged), *out)
+    assert not (tmp_path / "mine.toml").exists()
+
+
+def test_a_tracker_that_stands_on_one_position_is_refused(tmp_path, capsys):
+    frozen = write_table(tmp_path / "frozen.csv", position_m=np.tile([2.0, 0.0, 0.0], (TIMES_S.size, 1)))
+    assert "never changes" in refused(capsys, "--tracker", str(frozen), "--out", str(tmp_path / "mine.toml"))
+
+
+def test_a_sensor_file_comes_back_from_what_it_sees(tmp_path):
+    times_s = np.arange(0.0, 40.0, 1.0 / 30.0)
+    standing_m = person_m(np.random.default_rng(2), times_s)
+    recording = recording_from_arrays("standing", times_s, standing_m, in_base_frame=True)
+    seen = [sighting.observation for sighting in observe(recording, load_sensor("face_camera"), seed=1)]
+    path = write_table(
+        tmp_path / "standing.csv",
+        np.array([o.capture_time_s for o in seen]),
+        np.array([o.head_position_base_m for o in seen]),
+    )
+    found, true = identify(path, tmp_path), load_sensor("face_camera")
+    assert found.rate_hz == pytest.approx(true.rate_hz, rel=1e-3)
+    assert found.along.noise_share == pytest.approx(true.along.noise_share, rel=0.1)
+    assert found.along.wander_share == pytest.approx(true.along.wander_share, rel=0.4)
+    assert found.across.noise_deg == pytest.approx(true.across.noise_deg, rel=0.1)

@@ -1,0 +1,75 @@
+"""Tracks of people in ROS 2 bags: what was written is read, in the sensor's frame."""
+
+import numpy as np
+import pytest
+from builders.bags import face_rows, write_bag
+
+from gazempc.errors import RecordingError
+from gazempc.recordings.readers.bag import read_bag_tracks
+
+TIMES_S = 1000.0 + np.arange(5) / 30.0
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_optical_axes_are_turned(tmp_path, storage):
+    # The identity in optical axes: x right, y down, z forward.
+    bag = write_bag(tmp_path / "bag", face_rows("face_a", TIMES_S, [0.2, 0.3, 1.5]), storage, delay_s=0.04)
+    (track,) = read_bag_tracks(bag)
+    assert (track.frame_id, track.parent_id, track.optical) == ("face_a", "camera_color_optical_frame", True)
+    assert track.times_s == pytest.approx(TIMES_S, abs=1e-6)
+    assert track.delays_s == pytest.approx(0.04, abs=1e-6)
+    assert track.position_m == pytest.approx(np.tile([1.5, -0.2, -0.3], (5, 1)))
+    w, x, y, z = track.quat_wxyz[0]
+    forward = [1 - 2 * (y**2 + z**2), 2 * (x * y + w * z), 2 * (x * z - w * y)]
+    assert forward == pytest.approx([0.0, -1.0, 0.0])  # the face's x axis points to the right of the camera
+
+
+def test_a_camera_without_the_name_is_told_by_where_people_are(tmp_path):
+    rows = face_rows("face_a", TIMES_S, [0.1, 0.0, 1.0], "default_cam")
+    rows += face_rows("face_b", TIMES_S[:4], [2.0, 0.1, 0.0], "lidar")
+    optical, level = read_bag_tracks(write_bag(tmp_path / "bag", rows))
+    assert (optical.optical, level.optical) == (True, False)
+    assert level.position_m[0] == pytest.approx([2.0, 0.1, 0.0])
+
+
+def test_faces_come_before_persons_and_long_tracks_first(tmp_path):
+    rows = face_rows("face_a", TIMES_S[:3], [0.0, 0.0, 1.0]) + face_rows("face_b", TIMES_S, [0.3, 0.0, 1.0])
+    rows += face_rows("person_c", TIMES_S, [1.0, 0.0, 0.0], "map") + face_rows("gaze_b", TIMES_S, [0, 0, 0], "face_b")
+    assert [track.frame_id for track in read_bag_tracks(write_bag(tmp_path / "bag", rows))] == ["face_b", "face_a"]
+
+
+def test_repeated_stamps_are_counted_and_bad_rows_left_out(tmp_path):
+    rows = face_rows("face_a", TIMES_S, [0.0, 0.0, 1.0])
+    rows += [rows[2], (1001.0, rows[0][1], "face_a", [0, 0, np.nan], (1, 0, 0, 0))]
+    rows += [(1002.0, rows[0][1], "face_a", [0, 0, 1.0], (0, 0, 0, 0))]
+    (track,) = read_bag_tracks(write_bag(tmp_path / "bag", rows))
+    assert (track.times_s.size, track.repeated, track.unusable) == (5, 1, 2)
+
+
+def test_bags_that_have_nobody_are_refused(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RecordingError, match=r"metadata\.yaml"):
+        read_bag_tracks(tmp_path / "empty")
+    nobody = write_bag(tmp_path / "nobody", face_rows("wheel_left", TIMES_S, [0.0, 0.0, 1.0]))
+    with pytest.raises(RecordingError, match=r"topics are /humans/faces/tracked, /tf.*face_<id>"):
+        read_bag_tracks(nobody)
+    mapped = write_bag(tmp_path / "mapped", face_rows("person_a", TIMES_S, [0.0, 0.0, 1.0], "map"))
+    with pytest.raises(RecordingError, match="person_a in map"):
+        read_bag_tracks(mapped)
+
+
+def test_damaged_bags_are_refused(tmp_path):
+    bag = write_bag(tmp_path / "bag", face_rows("face_a", TIMES_S, [0.0, 0.0, 1.0]))
+    (database,) = bag.glob("*.db3")
+    database.write_bytes(b"not a database" * 100)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        read_bag_tracks(bag)
+
+
+def test_real_bags_have_their_people(bags_dir):
+    for folder in sorted(bags_dir.iterdir()):
+        if folder.is_dir():
+            longest = read_bag_tracks(folder)[0]
+            assert longest.times_s.size > 100
+            assert 0.5 < np.median(longest.position_m[:, 0]) < 2.5
+            assert np.abs(np.median(longest.position_m[:, 2])) < 0.5
