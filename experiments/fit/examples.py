@@ -74,7 +74,9 @@ def join(parts: list[Examples]) -> Examples:
 def _joined(parts: list[Examples], name: str) -> Examples:
     known = [p for p in parts if p.weight.size]
     if not known:
-        raise GazempcError(f"{name}: nobody is seen in it at less than 3 m/s, so nothing can be fitted on it: leave it out")
+        raise GazempcError(
+            f"{name}: nobody is seen in it at less than 3 m/s, so nothing can be fitted on it: leave it out"
+        )
     return join(known)
 
 
@@ -146,9 +148,7 @@ def _variants(walk: GaplessWalk, rng: np.random.Generator, plain: Sequence[bool]
     return parts
 
 
-def _variant(
-    walk: GaplessWalk, straight: bool, plain: bool, rng: np.random.Generator
-) -> tuple[GaplessWalk, bool, str]:
+def _variant(walk: GaplessWalk, straight: bool, plain: bool, rng: np.random.Generator) -> tuple[GaplessWalk, bool, str]:
     """A variant, whether it is bent, and its pace."""
     kind = "own" if plain else str(rng.choice(list(_PACES), p=list(_PACES.values())))
     bent = bool(straight and kind != "stand" and rng.random() < _BENT_SHARE)

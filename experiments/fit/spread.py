@@ -37,7 +37,9 @@ def fit_spread(doubt: FloatArray, error_m: FloatArray, weight: FloatArray) -> tu
     known = np.isfinite(error_m[:, _KNOT]).all(axis=1)
     chosen = min(
         _DEGREES_OF_FREEDOM,
-        key=lambda v: sum(_fit_one(doubt[known], error_m[known, _KNOT, axis], weight[known], v)[1] for axis in range(3)),
+        key=lambda v: sum(
+            _fit_one(doubt[known], error_m[known, _KNOT, axis], weight[known], v)[1] for axis in range(3)
+        ),
     )
     coefficients = np.zeros((doubt.shape[1], *error_m.shape[1:]))
     for knot in range(error_m.shape[1]):

@@ -22,7 +22,10 @@ _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
 KINDS = ("white", "wander", "camera", "jumps", "street")
 _SHARES = {"plain": (0.54, 0.26, 0.16, 0.04, 0.0), "other": (0.35, 0.15, 0.10, 0.0, 0.40)}
 # Both orientations, none, the head's, the pelvis's.
-_ORIENTATIONS, _ORIENTATION_SHARES = ((True, True), (False, False), (True, False), (False, True)), (0.64, 0.22, 0.07, 0.07)
+_ORIENTATIONS, _ORIENTATION_SHARES = (
+    ((True, True), (False, False), (True, False), (False, True)),
+    (0.64, 0.22, 0.07, 0.07),
+)
 _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 1.2, 5.0
 # Trackers above this rate, and frames that come late by parts of a period, are cut from a finer walk.
@@ -129,7 +132,7 @@ def _finer(walk: GaplessWalk) -> GaplessWalk:
 
 
 def _on_usual_grid(rate_hz: float) -> bool:
-    return abs(_USUAL_HZ / rate_hz - round(_USUAL_HZ / rate_hz)) < 1e-9  # noqa: PLR2004
+    return abs(_USUAL_HZ / rate_hz - round(_USUAL_HZ / rate_hz)) < 1e-9
 
 
 def _draw_rate_hz(rng: np.random.Generator) -> float:

@@ -212,5 +212,6 @@ def _draw_turn(rng: np.random.Generator) -> tuple[float, float]:
 
 
 def smooth_step(share: FloatArray) -> FloatArray:
+    """From 0 to 1 as the share goes from 0 to 1, with no velocity and no acceleration at both ends."""
     u = np.clip(share, 0.0, 1.0)
     return np.asarray(u**3 * (10.0 - 15.0 * u + 6.0 * u**2))

@@ -56,5 +56,3 @@ class LineErrors:
         while line.time_s - lines[0].time_s > _HORIZONS_S[-1] + _LATE_S:
             lines.popleft()
         return np.asarray(0.5 * np.log(self._ratio2.ravel() + _SMALLEST_RATIO2))
-
-

@@ -1,4 +1,4 @@
-"""What `Walker` reads of the last second: how body and head depart from a line through the walk, and how sure that is."""
+"""What `Walker` reads of the last second: how body and head depart from a line through the walk."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class WalkerModel:
     Attributes:
         weights: One array a layer, shape (E, inputs, outputs): E networks side by side.
         biases: One array a layer, shape (E, 1, outputs).
-        log_spread: Coefficients of the logarithm of the scale (m) of the errors at each knot along, across and up, shape
+        log_spread: Coefficients of the logarithm of the errors' scale (m) at each knot along, across and up, shape
             (N_DOUBT, knots, 3).
         degrees_of_freedom: Those of the t distribution of the errors, above 2.
         about: Where the numbers are from: recordings, people, command, versions, errors on people left out.

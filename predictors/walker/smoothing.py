@@ -17,7 +17,9 @@ _SPEED_SD_M_S = 1.0
 _BAND = 7
 
 
-def smooth_path(at: FloatArray, positions_m: FloatArray, information: FloatArray, nodes: int, step_s: float) -> FloatArray:
+def smooth_path(
+    at: FloatArray, positions_m: FloatArray, information: FloatArray, nodes: int, step_s: float
+) -> FloatArray:
     """The most probable path of a body whose acceleration is white noise: the Kalman smoother of constant velocity.
 
     It solves (sum of H' W H + D' D / (q h^3)) p = sum of H' W y, with D the second difference. The matrix is banded, so
@@ -69,7 +71,8 @@ def _stiffness(nodes: int, step_s: float) -> FloatArray:
     """Lower band of the matrix of second differences and of the prior of the first velocity, shape (7, 3 nodes)."""
     difference = np.diff(np.eye(nodes), 2, axis=0)
     first = np.diff(np.eye(nodes)[:2], axis=0)
-    matrix = difference.T @ difference / (_ACCELERATION_PSD * step_s**3) + first.T @ first / (step_s * _SPEED_SD_M_S) ** 2
+    matrix = difference.T @ difference / (_ACCELERATION_PSD * step_s**3)
+    matrix += first.T @ first / (step_s * _SPEED_SD_M_S) ** 2
     band = np.zeros((_BAND, 3 * nodes), order="F")
     for apart in range(min(3, nodes)):
         diagonal = np.diagonal(matrix, -apart)
