@@ -51,12 +51,11 @@ class Walker:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
         started_at_s = self._position.started_at_s
         self._position.update(observation)
-        if self._position.rejections_in_a_row:
-            return
         if self._position.started_at_s != started_at_s:
             self._history = WalkerHistory()
-        self._inputs = self._history.add(observation)
-        self._knots = None
+        for taken in self._position.taken_in:
+            self._inputs = self._history.add(taken)
+            self._knots = None
 
     def inputs(self) -> WalkerInputs:
         """What the network is asked, for whoever fits one.
