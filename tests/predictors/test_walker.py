@@ -184,10 +184,11 @@ def test_a_track_that_starts_elsewhere_begins_anew():
     walker = Walker()
     for k in range(60):
         walker.update(HeadObservation(k / 30, np.array([1.2 * k / 30, 0.0, 0.4])))
-    for k in range(60, 75):
+    for k in range(60, 84):  # after 0.75 s, with the velocity of that time
         walker.update(HeadObservation(k / 30, np.array([-3.0, 2.0 - 1.2 * (k - 60) / 30, 0.5])))
-    at = walker.forecast([74 / 30]).means_base_m[0]
-    np.testing.assert_allclose(at, [-3.0, 2.0 - 1.2 * 14 / 30, 0.5], atol=0.08)
+    at = walker.forecast([83 / 30, 98 / 30]).means_base_m
+    np.testing.assert_allclose(at[0], [-3.0, 2.0 - 1.2 * 23 / 30, 0.5], atol=0.03)
+    np.testing.assert_allclose(at[1], [-3.0, 2.0 - 1.2 * 38 / 30, 0.5], atol=0.15)
 
 
 @pytest.mark.parametrize("gap_s", [0.2, 0.5, 1.0])
