@@ -10,6 +10,7 @@ import numpy as np
 
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker.errors import N_ERRORS, LineErrors
+from predictors.walker.line import Line
 from predictors.walker.noise import N_COLOURS, MeasuredColour
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 from predictors.yaw import wrap_rad
@@ -29,6 +30,7 @@ _NOT_FORWARD_RAD = (1.4, 1.9)
 _POSITION_SCALE_M, _PELVIS_SCALE_RAD, _HEAD_SCALE_RAD, _OFFSET_SCALE_RAD = 0.04, 0.15, 0.2, 0.1
 _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, _NOISE_SCALE_M = 1.1, 0.3, 0.01
 _LARGEST, _SMALLEST_NOISE = 4.0, 0.1
+_ROUNDING_M2 = 1e-12  # a stated covariance may be next to singular
 
 _POSITIONS = slice(0, 3 * WINDOW)
 _YAWS = slice(3 * WINDOW, 5 * WINDOW)
@@ -48,28 +50,6 @@ def _mirror() -> FloatArray:
 
 # The network's inputs for the same walk with left and right exchanged: these signs times the inputs.
 MIRROR = _mirror()
-
-
-@dataclass(frozen=True)
-class Line:
-    """A straight line through the recent walk.
-
-    Attributes:
-        time_s: Capture time of the newest observation.
-        origin_base_m: Point of the line at that time, shape (3,).
-        velocity_base_m_s: Its slope, shape (3,).
-        heading_rad: Horizontal direction of the slope, about the vertical from +x.
-    """
-
-    time_s: float
-    origin_base_m: FloatArray
-    velocity_base_m_s: FloatArray
-    heading_rad: float
-
-    def to_base(self) -> FloatArray:
-        """Rotation from the line's frame (along, across, up) to the base frame, shape (3, 3)."""
-        c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True)
@@ -138,7 +118,7 @@ class WalkerHistory:
         np.multiply(relative, scales, out=yaws[WINDOW - m :])
 
         noise = to_line.T @ covariance_m2 @ to_line
-        sd_m = np.sqrt(noise.diagonal())
+        sd_m = np.sqrt(np.maximum(noise.diagonal(), _ROUNDING_M2))
         log_sd = np.log(np.maximum(sd_m / _NOISE_SCALE_M, _SMALLEST_NOISE)).tolist()
         frames = math.log(max(window.times_s.size - 1, 1) / max(m - 1, 1))
         colours = self._colour.learn(seen)
