@@ -113,7 +113,7 @@ class ForecastJob:
         content = {
             "recording": recording_hash(self.recording),
             "predictor": [self.predictor, self.cues, dict(self.options)],
-            # `last_position` and `walker` use settings of the filter, too.
+            # `last_position` uses settings of the filter, too.
             "settings": [s.model_dump(mode="json", exclude={"fitted"}) for s in (own, self.settings.constant_velocity)],
             "models": models_hash(self.settings.walker.fitted) if self.predictor == "walker" else "",
             "horizons": self.horizons_s,

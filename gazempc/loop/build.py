@@ -64,7 +64,6 @@ def make_predictor(
         own: Predictor = make(PREDICTOR, choice, given, options_for(PREDICTOR, choice, options))
         return check_predictor(own)
     if choice == "walker":
-        given |= settings.constant_velocity.model_dump()
         given["model"] = walker_model(settings.walker.fitted, person.name)
     elif choice == "last_position":
         given["position_noise_m"] = settings.constant_velocity.position_noise_m

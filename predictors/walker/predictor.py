@@ -31,12 +31,11 @@ class Walker:
 
     Args:
         model: The fitted numbers; without them those that ship with the package.
-        acceleration_psd: See `ConstantVelocity`.
     """
 
-    def __init__(self, model: WalkerModel | None = None, acceleration_psd: float = 0.05) -> None:
+    def __init__(self, model: WalkerModel | None = None) -> None:
         self._model = shipped_walker_model() if model is None else model
-        self._position = ConstantVelocity(acceleration_psd)
+        self._position = ConstantVelocity()
         self._forget()
 
     def _forget(self) -> None:
