@@ -17,6 +17,8 @@ from predictors.yaw import wrap_rad
 
 # Below the first speed a direction of travel means nothing; from the second on it is trusted.
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
+# Below rounding, as at a first frame, not even the line has a direction.
+_NO_DIRECTION_M_S = 1e-6
 # Nobody walks that fast; what was learned of walkers fades out for runners and riders.
 _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S = 2.2, 3.0
 _YAW_FADES_IN_S = 0.5
@@ -58,7 +60,8 @@ class WalkerInputs:
 
     Attributes:
         line: The line.
-        walking: 0 for somebody who runs, 1 for somebody who walks or stands, between the two at the limits.
+        walking: 0 for somebody who runs and at a first frame, 1 for somebody who walks or stands, between the two at the
+            limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
     """
@@ -154,7 +157,8 @@ class WalkerHistory:
         )
         spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, to_line)
         spread[-N_COLOURS:] = colours
-        return WalkerInputs(line, 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S), x, spread)
+        walking = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
+        return WalkerInputs(line, walking, x, spread)
 
     def _take_offsets_off(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float
