@@ -60,8 +60,7 @@ class WalkerInputs:
 
     Attributes:
         line: The line.
-        walking: 0 for somebody who runs and at a first frame, 1 for somebody who walks or stands, between the two at the
-            limits.
+        walking: 0 for who runs and at a first frame, 1 for who walks or stands, between the two at the limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
     """

@@ -13,8 +13,8 @@ from predictors.types import FloatArray
 _ACCELERATION_PSD = 1.0
 # Standard deviation of the velocity before anything is known, as in `ConstantVelocity`.
 _SPEED_SD_M_S = 1.0
-# Standard deviation of the positions before anything is known, about the newest: keeps the matrix positive definite where
-# hardly anything is known of a direction.
+# Standard deviation of the positions before anything is known, about the newest: keeps the matrix positive definite
+# where hardly anything is known of a direction.
 _FARTHEST_M = 100.0
 # Share of a covariance's trace that is added to it: no direction is known a million times as well as another.
 _ROUNDING = 1e-12
@@ -42,8 +42,8 @@ def smooth_path(
 ) -> FloatArray:
     """The most probable path of a body whose acceleration is white noise: the Kalman smoother of constant velocity.
 
-    It solves (sum of H' W H + D' D / (q h^3)) p = sum of H' W y, with D the second difference, and priors of position and
-    first velocity. The matrix is banded, so
+    It solves (sum of H' W H + D' D / (q h^3)) p = sum of H' W y, with D the second difference, and with priors of
+    position and first velocity. The matrix is banded, so
     this takes time in proportion to the number of nodes. Reinsch (1967), Smoothing by spline functions.
 
     Args:
@@ -85,7 +85,7 @@ def smooth_path(
     _, path, failed = dpbsv(band, sums[:, 9:].reshape(-1, 1), lower=1, overwrite_ab=1, overwrite_b=1)
     if failed:
         raise FloatingPointError("an information matrix is not positive definite")
-    return np.asarray(path).reshape(nodes, 3) + newest_m
+    return np.asarray(path.reshape(nodes, 3) + newest_m)
 
 
 @cache

@@ -111,7 +111,7 @@ def test_where_each_known_number_stands():
     covariance = np.diag(sds**2)
     covariance[0, 1] = covariance[1, 0] = 0.5 * sds[0] * sds[1]
     for k in range(120):
-        state = STATE + [1.2 * k / 60, 0, 0, 0, 0, 0]
+        state = STATE + np.array([1.2 * k / 60, 0, 0, 0, 0, 0])
         stated = HeadObservation(k / 60, state[:3], position_covariance_m2=covariance)
         inputs = history.add(stated, state, covariance)
     scalars = inputs.network[5 * WINDOW : -N_COLOURS]
