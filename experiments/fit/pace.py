@@ -51,7 +51,9 @@ def at_pace(walk: GaplessWalk, kind: str, rng: np.random.Generator) -> GaplessWa
             n = k
             break
     played = played[:n]
-    head = CubicSpline(t, walk.head_m)(played) + _sway(n, step_s, rng) * (speed[:n] < 2 * _SPEED_M_S[0])[:, None]
+    # Who stands sways; from 0.3 to 0.6 m/s gait takes its place, without a jump.
+    sways = smooth_step(2.0 - speed[:n, None] / _SPEED_M_S[0])
+    head = CubicSpline(t, walk.head_m)(played) + sways * _sway(n, step_s, rng)
     return GaplessWalk(
         walk.times_s[0] + new_s[:n],
         head,
@@ -129,7 +131,7 @@ def prolong(walk: GaplessWalk, duration_s: float) -> GaplessWalk:
 
 
 def sway(walk: GaplessWalk, factor: float) -> GaplessWalk:
-    """The walk with more or less gait: what departs from the path of a stride is multiplied, in the horizontal plane."""
+    """The walk with more or less gait: what departs from the path of a stride is multiplied, horizontally."""
     step_s = float(np.median(np.diff(walk.times_s)))
     path = gaussian_filter1d(walk.head_m[:, :2], _STRIDE_SD_S / step_s, axis=0, mode="nearest")
     head = walk.head_m.copy()

@@ -14,7 +14,7 @@ _PRIOR_WEIGHT = 5.0
 _SMALLEST_M = 1e-4
 _NOMINAL = np.array([0.68, 0.95])
 _SCALES = np.exp(np.linspace(np.log(0.5), np.log(2.0), 141))
-# Tails that are tried. With fewer than 5, the rarest errors alone would make the covariance, which controllers weigh by.
+# Tails that are tried. With fewer than 5 degrees, the rarest errors alone would make the covariance.
 _DEGREES_OF_FREEDOM = (5.0, 6.0, 8.0, 12.0, 20.0)
 # Frames in a row err alike; so many rows, evenly spaced, tell as much as all.
 _ENOUGH_ROWS = 12_000

@@ -27,7 +27,7 @@ _ORIENTATIONS, _ORIENTATION_SHARES = (
     ((True, True), (False, False), (True, False), (False, True)),
     (0.64, 0.22, 0.07, 0.07),
 )
-# Wander of tracks in streets, and white error; what is left of wander in a track that has been smoothed over 0.16 s.
+# Wander of tracks in streets, and white error; smoothing of a wander that counts as the path itself.
 _WANDER_M, _WANDER_TIME_S, _STREET_WHITE_M, _WOBBLE_SD_S = (0.005, 0.04), (0.08, 0.5), (0.0005, 0.005), 0.05
 _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 1.2, 5.0
@@ -85,7 +85,7 @@ def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]
     else:
         fields["rate_hz"] = _draw_rate_hz(rng)
     fields["head_yaw"], fields["pelvis_yaw"] = ({"reported": r, **y} for r, y in zip((head, pelvis), yaws, strict=True))
-    return kind, SensorSpec(name=kind, source="drawn at random", latency_s=0.0, **fields, **_faults(rng, fields))
+    return kind, SensorSpec(name=kind, source="drawn at random", latency_s=0.0, **fields, **_faults(rng, kind, fields))
 
 
 def wobble(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
@@ -153,7 +153,7 @@ def _draw_rate_hz(rng: np.random.Generator) -> float:
     return float(rng.choice((50.0, 60.0))) if chance < 0.2 else _USUAL_HZ
 
 
-def _faults(rng: np.random.Generator, fields: dict[str, Any]) -> dict[str, Any]:
+def _faults(rng: np.random.Generator, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
     faults: dict[str, Any] = {}
     if rng.random() < 0.1:
         faults["dropout_probability"] = rng.uniform(0.05, 0.5)
@@ -162,6 +162,7 @@ def _faults(rng: np.random.Generator, fields: dict[str, Any]) -> dict[str, Any]:
         faults["loss"] = {"mean_interval_s": 2.0, "duration_min_s": 0.2, "duration_max_s": longest}
     if "jumps" not in fields and rng.random() < 0.06:
         faults["jumps"] = {"mean_interval_s": rng.uniform(0.3, 2.0), "size_min_m": 0.1, "size_max_m": 0.5}
+        faults["jumps"]["level"] = kind == "street"
     if rng.random() < 0.1:
         faults["timing"] = {"frame_jitter_s": rng.uniform(0.1, 0.5) / fields["rate_hz"]}
     return faults

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from predictors.types import FloatArray
-
-if TYPE_CHECKING:
-    from predictors.walker.features import Line
+from predictors.walker.line import Line
 
 _HORIZONS_S = (0.2, 0.5)
 N_ERRORS = 3 * len(_HORIZONS_S)

@@ -10,12 +10,15 @@ import numpy as np
 
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker.errors import N_ERRORS, LineErrors
+from predictors.walker.line import Line
 from predictors.walker.noise import N_COLOURS, MeasuredColour
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 from predictors.yaw import wrap_rad
 
 # Below the first speed a direction of travel means nothing; from the second on it is trusted.
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
+# Below rounding, as at a first frame, not even the line has a direction.
+_NO_DIRECTION_M_S = 1e-6
 # Nobody walks that fast; what was learned of walkers fades out for runners and riders.
 _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S = 2.2, 3.0
 _YAW_FADES_IN_S = 0.5
@@ -29,6 +32,7 @@ _NOT_FORWARD_RAD = (1.4, 1.9)
 _POSITION_SCALE_M, _PELVIS_SCALE_RAD, _HEAD_SCALE_RAD, _OFFSET_SCALE_RAD = 0.04, 0.15, 0.2, 0.1
 _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, _NOISE_SCALE_M = 1.1, 0.3, 0.01
 _LARGEST, _SMALLEST_NOISE = 4.0, 0.1
+_ROUNDING_M2 = 1e-12  # a stated covariance may be next to singular
 
 _POSITIONS = slice(0, 3 * WINDOW)
 _YAWS = slice(3 * WINDOW, 5 * WINDOW)
@@ -51,34 +55,12 @@ MIRROR = _mirror()
 
 
 @dataclass(frozen=True)
-class Line:
-    """A straight line through the recent walk.
-
-    Attributes:
-        time_s: Capture time of the newest observation.
-        origin_base_m: Point of the line at that time, shape (3,).
-        velocity_base_m_s: Its slope, shape (3,).
-        heading_rad: Horizontal direction of the slope, about the vertical from +x.
-    """
-
-    time_s: float
-    origin_base_m: FloatArray
-    velocity_base_m_s: FloatArray
-    heading_rad: float
-
-    def to_base(self) -> FloatArray:
-        """Rotation from the line's frame (along, across, up) to the base frame, shape (3, 3)."""
-        c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-@dataclass(frozen=True)
 class WalkerInputs:
     """A line through the recent walk, and the inputs of the network in the line's frame.
 
     Attributes:
         line: The line.
-        walking: 0 for somebody who runs, 1 for somebody who walks or stands, between the two at the limits.
+        walking: 0 for who runs and at a first frame, 1 for who walks or stands, between the two at the limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
     """
@@ -138,7 +120,7 @@ class WalkerHistory:
         np.multiply(relative, scales, out=yaws[WINDOW - m :])
 
         noise = to_line.T @ covariance_m2 @ to_line
-        sd_m = np.sqrt(noise.diagonal())
+        sd_m = np.sqrt(np.maximum(noise.diagonal(), _ROUNDING_M2))
         log_sd = np.log(np.maximum(sd_m / _NOISE_SCALE_M, _SMALLEST_NOISE)).tolist()
         frames = math.log(max(window.times_s.size - 1, 1) / max(m - 1, 1))
         colours = self._colour.learn(seen)
@@ -174,7 +156,8 @@ class WalkerHistory:
         )
         spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, to_line)
         spread[-N_COLOURS:] = colours
-        return WalkerInputs(line, 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S), x, spread)
+        walking = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
+        return WalkerInputs(line, walking, x, spread)
 
     def _take_offsets_off(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float

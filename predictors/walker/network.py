@@ -135,7 +135,7 @@ class WalkerModel:
         """
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
         bounded = np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])
-        tails = math.sqrt(self.degrees_of_freedom / (self.degrees_of_freedom - 2.0))
+        tails = 1.0 / math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # of infinitely many, too
         return tails * np.exp(bounded).reshape(-1, KNOTS_S.size, 3)
 
     def save(self, path: Path) -> None:
@@ -239,16 +239,16 @@ def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArr
         growing as that of a velocity which wanders at random; as large for the past as for the same time ahead.
     """
     past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
-    beyond = bool(np.maximum.reduce(tau_s, initial=0.0) > _LAST_KNOT_S)
+    away_s = np.abs(tau_s) if past else tau_s
+    beyond = bool(np.maximum.reduce(away_s, initial=0.0) > _LAST_KNOT_S)
     weights = _weights(np.maximum(tau_s, 0.0) if past else tau_s)
     departure = weights[:, : KNOTS_S.size] @ departure_m
     if past:
-        weights = _weights(np.abs(tau_s))
+        weights = _weights(away_s)
     spread = weights[:, KNOTS_S.size :] @ np.maximum.accumulate(spread_m, axis=0)
     if beyond:
-        beyond_s = np.maximum(tau_s - KNOTS_S[-1], 0.0)[:, None]
-        departure = departure + beyond_s * (_END_SLOPE @ departure_m)
-        spread = spread * (1.0 + beyond_s / KNOTS_S[-1]) ** _GROWTH
+        departure = departure + np.maximum(tau_s - _LAST_KNOT_S, 0.0)[:, None] * (_END_SLOPE @ departure_m)
+        spread = spread * np.maximum(away_s / _LAST_KNOT_S, 1.0)[:, None] ** _GROWTH
     return departure, spread
 
 

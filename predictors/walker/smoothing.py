@@ -13,8 +13,28 @@ from predictors.types import FloatArray
 _ACCELERATION_PSD = 1.0
 # Standard deviation of the velocity before anything is known, as in `ConstantVelocity`.
 _SPEED_SD_M_S = 1.0
+# Standard deviation of the positions before anything is known, about the newest: keeps the matrix positive definite
+# where hardly anything is known of a direction.
+_FARTHEST_M = 100.0
+# Share of a covariance's trace that is added to it: no direction is known a million times as well as another.
+_ROUNDING = 1e-12
 # Diagonals of a symmetric matrix whose 3x3 blocks reach to the second neighbour, from the main one down.
 _BAND = 7
+_EYE3 = np.eye(3)
+
+
+def information_of(covariance_m2: FloatArray) -> FloatArray:
+    """The inverse of a covariance; positive definite even if hardly anything is known of a direction.
+
+    Args:
+        covariance_m2: Covariance of a position, shape (3, 3), square metres.
+
+    Returns:
+        Its inverse, shape (9,), row by row, 1/m^2.
+    """
+    floor_m2 = _ROUNDING * float(covariance_m2.trace())
+    root = np.linalg.inv(np.linalg.cholesky(covariance_m2 + floor_m2 * _EYE3))
+    return np.asarray(root.T @ root).reshape(9)
 
 
 def smooth_path(
@@ -22,7 +42,8 @@ def smooth_path(
 ) -> FloatArray:
     """The most probable path of a body whose acceleration is white noise: the Kalman smoother of constant velocity.
 
-    It solves (sum of H' W H + D' D / (q h^3)) p = sum of H' W y, with D the second difference. The matrix is banded, so
+    It solves (sum of H' W H + D' D / (q h^3)) p = sum of H' W y, with D the second difference, and with priors of
+    position and first velocity. The matrix is banded, so
     this takes time in proportion to the number of nodes. Reinsch (1967), Smoothing by spline functions.
 
     Args:
@@ -42,7 +63,8 @@ def smooth_path(
     left = np.minimum(at.astype(np.intp), nodes - 2)
     share = (at - left)[:, None]
     rest = 1.0 - share
-    seen = (information.reshape(n, 3, 3) @ positions_m[:, :, None])[:, :, 0]
+    newest_m = positions_m[-1]
+    seen = (information.reshape(n, 3, 3) @ (positions_m - newest_m)[:, :, None])[:, :, 0]
     # Sums over the positions at each node, as one product.
     table = np.empty((2 * n, 12))
     np.multiply(rest * rest, information, out=table[:n, :9])
@@ -63,16 +85,17 @@ def smooth_path(
     _, path, failed = dpbsv(band, sums[:, 9:].reshape(-1, 1), lower=1, overwrite_ab=1, overwrite_b=1)
     if failed:
         raise FloatingPointError("an information matrix is not positive definite")
-    return np.asarray(path).reshape(nodes, 3)
+    return np.asarray(path.reshape(nodes, 3) + newest_m)
 
 
 @cache
 def _stiffness(nodes: int, step_s: float) -> FloatArray:
-    """Lower band of the matrix of second differences and of the prior of the first velocity, shape (7, 3 nodes)."""
+    """Lower band of the matrix of second differences and of the priors, shape (7, 3 nodes)."""
     difference = np.diff(np.eye(nodes), 2, axis=0)
     first = np.diff(np.eye(nodes)[:2], axis=0)
     matrix = difference.T @ difference / (_ACCELERATION_PSD * step_s**3)
     matrix += first.T @ first / (step_s * _SPEED_SD_M_S) ** 2
+    matrix += np.eye(nodes) / _FARTHEST_M**2
     band = np.zeros((_BAND, 3 * nodes), order="F")
     for apart in range(min(3, nodes)):
         diagonal = np.diagonal(matrix, -apart)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from predictors.types import FloatArray, HeadObservation
-from predictors.walker.smoothing import smooth_path
+from predictors.walker.smoothing import information_of, smooth_path
 from predictors.yaw import wrap_rad, yaw_rad
 
 STEP_S = 1.0 / 30.0
@@ -53,7 +53,7 @@ class TrackWindow:
         row = [*observation.head_position_base_m.tolist(), *yaws_rad]
         self.times_s = np.concatenate([self.times_s[old:], [time_s]])
         self.values = np.concatenate([self.values[old:], [row]])
-        self._information = np.concatenate([self._information[old:], np.linalg.inv(covariance_m2).reshape(1, 9)])
+        self._information = np.concatenate([self._information[old:], information_of(covariance_m2)[None]])
         return fresh
 
     def _bridge(self, column: int, seen_s: float, value: float, time_s: float) -> None:

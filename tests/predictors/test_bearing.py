@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from predictors import ConstantVelocity, HeadObservation, LastPosition, bearing_covariance
+from predictors import ConstantVelocity, HeadObservation, LastPosition, Walker, bearing_covariance
 from predictors.bearing import bearing_covariance as defined
 
 metres = st.floats(-5.0, 5.0)
@@ -76,7 +76,7 @@ def direction_errors_deg(predictor, seen_range_m, stated):
 @pytest.mark.parametrize("seen_range_m", [always_3_m, too_far_and_noisy])
 @pytest.mark.parametrize(
     ("make", "within_deg"),
-    [(ConstantVelocity, 2.0)],
+    [(ConstantVelocity, 2.0), (Walker, 2.5)],
 )
 def test_a_walker_is_followed_by_bearings_alone(make, within_deg, seen_range_m):
     """The range is wrong by some 20 %. Half a second ahead the walker is 10 degrees further on; the forecast, near."""

@@ -11,6 +11,7 @@ from contextlib import redirect_stdout
 import numpy as np
 import pytest
 from builders.fits import toy
+from builders.walkers import straight_model
 
 from experiments.engine.cache import Cache
 from experiments.fit.command import fit, main
@@ -49,6 +50,7 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
     assert without.about["people"] == ["subject02"]
     assert not np.array_equal(without.weights[0], everybody.weights[0])
     assert np.any(without.log_spread != everybody.log_spread)
+    assert everybody.degrees_of_freedom > 2.0
     assert sorted(p.name for p in finished.iterdir()) == ["left_out", "runs", "walker.npz"]
 
 
@@ -67,9 +69,8 @@ def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeyp
 @pytest.fixture
 def no_doubt(monkeypatch):
     """Fits state no doubt: what is used again does not depend on it."""
-    monkeypatch.setattr("experiments.fit.command.scoring_examples", lambda *_: None)
     monkeypatch.setattr("experiments.fit.command.errors_on_left_out", lambda models, people, _: people)
-    monkeypatch.setattr("experiments.fit.command.fit_doubt", lambda _: load_walker_model().log_spread)
+    monkeypatch.setattr("experiments.fit.command.fit_doubt", lambda _: (straight_model().log_spread, 5.0))
 
 
 def networks_in(folder):
@@ -112,20 +113,20 @@ def constant_model(value):
     return WalkerModel(
         (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
         (bias.reshape(1, 1, -1),),
-        load_walker_model().log_spread,
+        straight_model().log_spread,
     )
 
 
 def test_errors_are_by_the_model_that_has_not_seen_the_person():
     """With two clips a person, and models that can be told apart by what they say."""
     people = ["ann", "bob", "ann", "bob"]
-    scoring = [[toy(5, k), None] for k in range(4)]
+    scoring = [toy(5, k) for k in range(4)]
     found = errors_on_left_out({"ann": constant_model(1.0), "bob": constant_model(2.0)}, people, scoring)
-    for person, parts, examples in zip(people, found, scoring, strict=True):
-        said = parts[0].error_m + examples[0].departure_m
+    for person, errors, examples in zip(people, found, scoring, strict=True):
+        said = errors.error_m + examples.departure_m
         expected = {"ann": 1.0, "bob": 2.0}[person] * DEPARTURE_SCALE_M
-        np.testing.assert_allclose(said[0, :5, 0], expected[:5], rtol=1e-5)
-        assert parts[1] is None
+        np.testing.assert_allclose(said[1, :, 0], expected, rtol=1e-5)
+        np.testing.assert_array_equal(errors.weight, examples.weight)
 
 
 def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
@@ -134,7 +135,7 @@ def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
 
     def spy(engine, jobs):
         asked.append(jobs)
-        return [{"failed": None, "left_out": None} for _ in jobs]
+        return [{"failed": None, "left_out": None, **vars(toy(5, 0))} for _ in jobs]
 
     people = {"subject01_R1": "subject01", "subject02_R4": "subject02", "subject01_R4": "subject01"}
     monkeypatch.setattr("experiments.fit.command.Engine.run", spy)
@@ -142,8 +143,10 @@ def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.fit.command.model_of", lambda *_: (_ for _ in ()).throw(StopIteration))
     with pytest.raises((StopIteration, RuntimeError)):
         fit(**settings(tmp_path, recordings=tuple(people)))
-    examples, fits = asked
+    examples, scoring, fits = asked
     person_of = {job.key(): people[job.recording] for job in examples}
+    # Errors are measured on other chance than networks are fitted on.
+    assert [(job.recording, job.seed, job.variants) for job in scoring] == [(name, 1, 0) for name in people]
     read = [[person_of[path.stem] for path in job.examples] for job in fits]
     assert read == [["subject02"], ["subject01"] * 2, ["subject01", "subject02", "subject01"]]
 
@@ -172,7 +175,7 @@ def test_a_fit_reads_the_examples_it_is_given(tmp_path, monkeypatch):
 def test_people_who_are_no_more_leave_no_model_behind(tmp_path, finished):
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     stale = tmp_path / "left_out" / "nobody.npz"
-    load_walker_model().save(stale)
+    straight_model().save(stale)
     next(iter(networks_in(tmp_path))).write_bytes(b"cut off")
     fit(**settings(tmp_path))
     assert not stale.exists()

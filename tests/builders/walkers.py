@@ -1,0 +1,82 @@
+"""People who are seen walking, and models of `Walker` that need no fit."""
+
+from functools import cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gazempc.recordings.load import load
+from gazempc.sim.sensor import load_sensor, observe
+from predictors import HeadObservation, Walker
+from predictors.walker.features import N_INPUTS
+from predictors.walker.network import KNOTS_S, N_DOUBT, WalkerModel
+
+AHEAD_S = np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.4])
+
+
+@cache
+def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
+    """Weights at random: what holds of any weights can be tried with these."""
+    rng = np.random.default_rng(seed)
+    sizes = ((N_INPUTS, 7), (7, 7), (7, 3 * KNOTS_S.size))
+    weights = tuple(size * rng.standard_normal((2, *shape)).astype(np.float32) for shape in sizes)
+    biases = tuple(size * rng.standard_normal((2, 1, shape[1])).astype(np.float32) for shape in sizes)
+    log_spread = 0.1 * size * rng.standard_normal((N_DOUBT, KNOTS_S.size, 3))
+    log_spread[0] = np.log(0.05) + np.linspace(0.0, 1.0, KNOTS_S.size)[:, None]
+    return WalkerModel(weights, biases, log_spread, degrees_of_freedom)
+
+
+def straight_model(spread_m=0.1, degrees_of_freedom=5.0):
+    """A model that says that people keep to the line, and errs by a scale of `spread_m` at all horizons."""
+    log_spread = np.zeros((N_DOUBT, KNOTS_S.size, 3))
+    log_spread[0] = np.log(spread_m)
+    return WalkerModel(
+        (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
+        (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
+        log_spread,
+        degrees_of_freedom,
+    )
+
+
+def seen_of(name, sensor="reference", seed=0):
+    """What a sensor sees of a recording."""
+    return [s.observation for s in observe(load(name), load_sensor(sensor), seed)]
+
+
+def moved(observation, angle_rad, shift_m, mirror=False):
+    """The same sighting by a robot that stands elsewhere; with `mirror`, of the mirrored person."""
+    side = np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
+    turn = Rotation.from_euler("z", angle_rad)
+    change = turn.as_matrix() @ side
+
+    def quat(q):
+        if q is None:
+            return None
+        w, x, y, z = q
+        return (turn * Rotation.from_quat([-x, y, -z, w] if mirror else [x, y, z, w])).as_quat(scalar_first=True)
+
+    covariance = observation.position_covariance_m2
+    return HeadObservation(
+        observation.capture_time_s,
+        change @ observation.head_position_base_m + shift_m,
+        quat(observation.head_quat_wxyz),
+        quat(observation.pelvis_quat_wxyz),
+        None if covariance is None else change @ covariance @ change.T,
+    )
+
+
+def forecasts(observations, ahead_s=AHEAD_S, walker=None):
+    """Means and covariances after each observation."""
+    walker = walker or Walker()
+    found = []
+    for observation in observations:
+        walker.update(observation)
+        found.append(walker.forecast(observation.capture_time_s + ahead_s))
+    return np.array([f.means_base_m for f in found]), np.array([f.covariances_m2 for f in found])
+
+
+def random_covariance(rng, sds_m):
+    """A covariance whose axes point anywhere."""
+    turn = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
+    covariance = turn @ np.diag(np.square(sds_m)) @ turn.T
+    return 0.5 * (covariance + covariance.T)

@@ -1,0 +1,158 @@
+"""Examples on which the predictor `walker` is fitted: where they lead, what they are of, and that chance is seeded."""
+
+import subprocess
+import sys
+from collections import Counter
+
+import numpy as np
+import pytest
+from builders.fits import standing, straight_walk
+from builders.walkers import straight_model
+
+from experiments.fit.examples import (
+    _joined,
+    _variant,
+    examples_of_walk,
+    fitting_examples,
+    is_straight,
+    join,
+    scoring_examples,
+    scoring_sensors,
+)
+from experiments.fit.trackers import seen_through
+from experiments.fit.variants import bend, walk_of
+from gazempc.errors import GazempcError
+from gazempc.recordings.load import load
+from gazempc.sim.sensor import load_sensor
+from predictors import Walker
+from predictors.walker.features import N_INPUTS, N_SPREAD
+from predictors.walker.network import KNOTS_S
+
+SAME = """
+import hashlib
+from experiments.fit.examples import fitting_examples, scoring_examples
+parts = (fitting_examples("subject02_R4", 3, 3), scoring_examples("subject02_R4", 3))
+print(hashlib.sha256(b"".join(a.tobytes() for p in parts for a in vars(p).values())).hexdigest())
+"""
+
+
+def seen(walk, sensor, seed=0):
+    return seen_through(walk, "white", load_sensor(sensor), np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("sensor", ["perfect", "reference", "body_tracker"])
+def test_examples_lead_to_where_the_walk_went(sensor):
+    """Line plus departure, back in the room, is the true position at each knot, whatever the tracker saw."""
+    walk = walk_of(load("subject03_R1"))
+    observations = seen(walk, sensor)
+    examples = examples_of_walk(walk, observations, 0.7)
+    walker, k, compared = Walker(straight_model()), 0, 0
+    for observation in observations:
+        walker.update(observation)
+        inputs = walker.inputs()
+        if inputs.walking == 0.0 or inputs.line.time_s != observation.capture_time_s:
+            continue
+        np.testing.assert_allclose(examples.network[k], inputs.network, rtol=1e-6)
+        np.testing.assert_allclose(examples.spread[k], inputs.spread, rtol=1e-6)
+        c, s = np.cos(inputs.line.heading_rad), np.sin(inputs.line.heading_rad)
+        for horizon_s, (along, across, up) in zip(KNOTS_S, examples.departure_m[k], strict=True):
+            at = inputs.line.origin_base_m + horizon_s * inputs.line.velocity_base_m_s
+            at = at + np.array([c * along - s * across, s * along + c * across, up])
+            frame = int(np.argmin(np.abs(walk.times_s - observation.capture_time_s - horizon_s)))
+            apart_s = walk.times_s[frame] - observation.capture_time_s - horizon_s
+            if observation.capture_time_s + horizon_s > walk.times_s[-1] + 1e-6:
+                assert np.isnan(along)
+            elif abs(apart_s) < 1e-6:
+                np.testing.assert_allclose(at, walk.head_m[frame], atol=1e-5)
+                compared += 1
+        k += 1
+    assert k == examples.weight.size
+    assert compared > 100
+    np.testing.assert_allclose(examples.weight, 0.7)
+
+
+def test_examples_of_many_recordings_are_one_table():
+    parts = [fitting_examples(name, 0, 3) for name in ("subject01_R1", "subject02_R4")]
+    table = join(parts)
+    n = sum(p.weight.size for p in parts)
+    assert n > 200
+    assert table.network.shape == (n, N_INPUTS)
+    assert table.spread.shape == (n, N_SPREAD)
+    assert table.departure_m.shape == (n, KNOTS_S.size, 3)
+    assert np.isfinite(table.network).all()
+    assert np.isfinite(table.spread).all()
+    assert (table.weight > 0).all()
+
+
+@pytest.mark.parametrize(
+    "examples",
+    [lambda seed: fitting_examples("subject05_R3", seed, 3), lambda seed: scoring_examples("subject05_R3", seed)],
+    ids=["fitting", "scoring"],
+)
+def test_the_same_seed_gives_the_same_examples_and_another_others(examples):
+    a, b, other = examples(7), examples(7), examples(8)
+    for name, value in vars(a).items():
+        np.testing.assert_array_equal(value, getattr(b, name))
+    assert a.network.shape != other.network.shape or not np.array_equal(a.network, other.network)
+
+
+@pytest.mark.slow
+def test_two_processes_make_the_same_examples():
+    said = [
+        subprocess.run([sys.executable, "-c", SAME], capture_output=True, text=True, check=True).stdout
+        for _ in range(2)
+    ]
+    assert said[0] == said[1] != ""
+
+
+def test_who_stands_gives_examples_and_who_runs_none():
+    """Standing people are the networks' business; nobody runs there."""
+    still = standing()
+    rng = np.random.default_rng(0)
+    noisy = seen_through(still, "white", load_sensor("reference"), rng)
+    examples = examples_of_walk(still, noisy, 1.0)
+    assert examples.weight.size >= len(noisy) - 1
+    off_m = np.abs(examples.departure_m[30:, :4])
+    assert np.nanmedian(off_m) < 0.05
+    runs = straight_walk(3.0, speed_m_s=4.0)
+    running = examples_of_walk(runs, seen(runs, "perfect")[20:], 1.0)
+    late = running.weight[20:]
+    assert late.size == 0 or late.max() < 0.2
+
+
+def test_a_recording_of_which_nothing_is_left_is_named():
+    still = standing()
+    nothing = examples_of_walk(still, seen(still, "perfect"), 1.0)  # not even sway, so no direction
+    assert nothing.weight.size == 0
+    with pytest.raises(GazempcError, match="ann_stands: nobody is seen"):
+        _joined([nothing, nothing], "ann_stands")
+
+
+def test_variants_of_straight_walks_are_of_all_paces_and_bent_and_those_of_turns_are_not_bent_again():
+    walk, drawn = straight_walk(4.0), Counter()
+    for seed in range(120):
+        varied, bent, kind = _variant(walk, True, False, np.random.default_rng(seed))
+        assert varied.times_s.size == varied.head_m.shape[0] == varied.head_yaw_rad.size
+        assert np.isfinite(varied.head_m).all()
+        assert not (bent and kind == "stand")
+        drawn[kind] += 1
+        drawn["bent"] += bent
+    assert min(drawn[kind] for kind in ("own", "steady", "start", "stop", "stand")) >= 5
+    assert 40 < drawn["bent"] < 90
+    turning = [_variant(walk, False, plain, np.random.default_rng(s)) for s in range(20) for plain in (True, False)]
+    assert not any(bent for _, bent, _ in turning)
+    assert {kind for _, _, kind in turning[::2]} == {"own"}
+
+
+def test_straight_is_what_keeps_its_direction():
+    assert is_straight(straight_walk(sway_m=0.04))
+    assert is_straight(straight_walk(0.5))
+    bent = [bend(straight_walk(6.0), np.random.default_rng(seed)) for seed in range(20)]
+    assert np.mean([is_straight(walk) for walk in bent]) < 0.5
+
+
+def test_scoring_sees_people_through_the_trackers_that_claims_are_made_on():
+    assert [s.name for s in scoring_sensors()] == ["perfect", "reference", "positions", "body_tracker", "face_camera"]
+    positions = scoring_sensors()[2]
+    assert not positions.head_yaw.reported
+    assert not positions.pelvis_yaw.reported

@@ -1,0 +1,117 @@
+"""Trackers through which walks are seen in a fit: drawn as they are said to be, and seen through as they are."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from builders.fits import straight_walk
+
+from experiments.fit.trackers import KINDS, beside, draw_tracker, seen_through, street_error_m
+from gazempc.sim.sensor import SensorSpec
+
+
+def drawn(walks, n=400):
+    return [draw_tracker(np.random.default_rng(seed), walks) for seed in range(n)]
+
+
+def plain_sensor(**fields):
+    return SensorSpec.model_validate({"name": "here", "source": "test", "rate_hz": 30.0, "latency_s": 0.0} | fields)
+
+
+def test_every_kind_is_drawn_as_often_as_is_said():
+    plain, other = (Counter(kind for kind, _ in drawn(walks)) for walks in ("plain", "other"))
+    assert set(plain) == set(KINDS) - {"street"}
+    assert set(other) == set(KINDS) - {"jumps"}
+    assert plain["white"] == pytest.approx(0.54 * 400, rel=0.25)
+    assert other["street"] == pytest.approx(0.40 * 400, rel=0.25)
+
+
+def test_rates_orientations_and_faults_vary():
+    sensors = [sensor for walks in ("plain", "other") for _, sensor in drawn(walks)]
+    rates = Counter(sensor.rate_hz for sensor in sensors)
+    assert min(rates) == 5.0
+    assert max(rates) == 60.0
+    assert 0.6 < rates[30.0] / len(sensors) < 0.95
+    told = Counter((s.head_yaw.reported, s.pelvis_yaw.reported) for s in sensors)
+    assert len(told) == 4
+    assert told[True, True] > told[False, False] > told[False, True]
+    assert 0.03 < np.mean([s.dropout_probability > 0 for s in sensors]) < 0.2
+    assert 0.03 < np.mean([s.timing.frame_jitter_s > 0 for s in sensors]) < 0.2
+    assert all(s.latency_s == 0.0 for s in sensors)
+
+
+@pytest.mark.parametrize("kind", ["wander", "camera"])
+def test_covariances_are_stated_if_and_only_if_the_tracker_is_one_that_does(kind):
+    walk, told = straight_walk(1.0), Counter()
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        found, sensor = draw_tracker(rng, "plain")
+        if found == kind:
+            seen = seen_through(beside(walk, rng), found, sensor, rng)
+            assert all((o.position_covariance_m2 is not None) == sensor.states_covariance for o in seen)
+            told[sensor.states_covariance] += 1
+    assert min(told[True], told[False]) >= 2
+    assert (told[True] > told[False]) == (kind == "camera")
+
+
+def test_a_camera_s_covariance_is_long_along_the_line_of_sight():
+    sensor = plain_sensor(along={"noise_share": 0.05}, across={"noise_deg": 0.1}, states_covariance=True)
+    rng = np.random.default_rng(0)
+    for o in seen_through(beside(straight_walk(1.0), rng), "camera", sensor, rng):
+        variances, axes = np.linalg.eigh(o.position_covariance_m2)
+        sight = o.head_position_base_m / np.linalg.norm(o.head_position_base_m)
+        assert abs(axes[:, 2] @ sight) > 0.99
+        assert variances[2] > 100.0 * variances[1]
+
+
+def test_the_street_sees_no_heights_and_no_orientations():
+    kinds = [draw_tracker(np.random.default_rng(seed), "other") for seed in range(60)]
+    streets = [sensor for kind, sensor in kinds if kind == "street"]
+    assert len(streets) > 10
+    walk = straight_walk(2.0, sway_m=0.0)
+    walk.head_m[:, 2] = 1.6
+    for seed, sensor in enumerate(streets[:10]):
+        seen = seen_through(walk, "street", sensor, np.random.default_rng(seed))
+        assert all(o.head_quat_wxyz is None and o.pelvis_quat_wxyz is None for o in seen)
+        np.testing.assert_allclose([o.head_position_base_m[2] for o in seen], 1.6, atol=1e-9)
+    error = street_error_m(np.arange(300) / 30, np.random.default_rng(0))
+    assert np.all(error[:, 2] == 0.0)
+    assert 0.004 < error[:, :2].std() < 0.06
+
+
+@pytest.mark.parametrize("rate_hz", [7.5, 15.0, 25.0, 30.0, 50.0, 60.0])
+def test_a_tracker_without_errors_sees_the_walk_at_its_rate(rate_hz):
+    walk = straight_walk(3.0)
+    seen = seen_through(walk, "white", plain_sensor(rate_hz=rate_hz), np.random.default_rng(0))
+    times_s = np.array([o.capture_time_s for o in seen])
+    assert np.median(np.diff(times_s)) == pytest.approx(1.0 / rate_hz, rel=0.25)
+    assert len(seen) == pytest.approx(3.0 * rate_hz, abs=2.0 + 0.05 * rate_hz)
+    expected = np.stack([np.interp(times_s, walk.times_s, axis) for axis in walk.head_m.T], axis=1)
+    np.testing.assert_allclose([o.head_position_base_m for o in seen], expected, atol=0.002)
+    yaws = [2.0 * np.arctan2(o.head_quat_wxyz[3], o.head_quat_wxyz[0]) for o in seen]
+    np.testing.assert_allclose(yaws, np.interp(times_s, walk.times_s, walk.head_yaw_rad), atol=1e-3)
+
+
+def test_the_robot_stands_beside_the_walk_and_nobody_walks_through_it():
+    walk, bearings = straight_walk(4.0), []
+    for seed in range(50):
+        moved = beside(walk, np.random.default_rng(seed))
+        away = np.linalg.norm(moved.head_m[:, :2], axis=1)
+        assert away.min() > 1.2 - 1e-9
+        np.testing.assert_allclose(np.diff(moved.head_m, axis=0), np.diff(walk.head_m, axis=0), atol=1e-12)
+        np.testing.assert_allclose(moved.head_m[:, 2], walk.head_m[:, 2] - 1.2)
+        bearings.append(np.arctan2(*moved.head_m[60, 1::-1]))
+    assert np.ptp(bearings) > 5.0
+
+
+def test_the_same_seed_sees_the_same():
+    walk = straight_walk(2.0)
+
+    def look(seed):
+        rng = np.random.default_rng(seed)
+        kind, sensor = draw_tracker(rng, "plain")
+        return [(o.capture_time_s, *o.head_position_base_m) for o in seen_through(beside(walk, rng), kind, sensor, rng)]
+
+    for seed in range(20):
+        assert look(seed) == look(seed)
+    assert look(0) != look(1)

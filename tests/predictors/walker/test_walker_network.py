@@ -1,0 +1,113 @@
+"""The numbers of `Walker`: what the layers answer, departures between knots, and what is refused."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from builders.walkers import random_model
+from scipy.interpolate import CubicSpline
+
+from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD
+from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, WalkerModel, WalkerModelError, between_knots
+
+
+def rows(n, seed=3):
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((n, N_INPUTS)), rng.standard_normal((n, N_SPREAD))
+
+
+def layers(model, inputs):
+    """Each network's answer, layer by layer, shape (E, N, knots, 3)."""
+    found = []
+    for k in range(model.weights[0].shape[0]):
+        h = inputs
+        for i, (w, b) in enumerate(zip(model.weights, model.biases, strict=True)):
+            h = h @ w[k].astype(float) + b[k]
+            h = np.tanh(h) if i < len(model.weights) - 1 else h
+        found.append(h.reshape(len(inputs), KNOTS_S.size, 3))
+    return np.array(found) * DEPARTURE_SCALE_M[:, None]
+
+
+def test_departure_is_the_mean_over_networks_walk_and_mirror_image():
+    model, (x, spread) = random_model(), rows(5)
+    answers = np.concatenate([layers(model, x), layers(model, x * MIRROR) * [1, -1, 1]])
+    departure, doubt = model.answer(x, spread)
+    np.testing.assert_allclose(departure, answers.mean(axis=0), atol=1e-6)
+    np.testing.assert_array_equal(doubt[:, :N_SPREAD], spread)
+    knots = [int(np.flatnonzero(h == KNOTS_S)[0]) for h in (0.5, 1.0)]
+    size = [
+        np.abs(departure[:, knots[0], 1]) / 0.06,
+        np.abs(departure[:, knots[1], 1]) / 0.2,
+        np.abs(departure[:, knots[1], 0]) / 0.2,
+    ]
+    np.testing.assert_allclose(doubt[:, N_SPREAD:-1], np.minimum(size, 4.0).T, atol=1e-5)
+    off = (answers - answers.mean(axis=0))[:, :, knots[1], :2]
+    apart = np.sqrt(np.mean(np.sum(off**2, axis=-1), axis=0))
+    np.testing.assert_allclose(doubt[:, -1], np.log1p(apart / 0.02), atol=1e-5)
+
+
+def test_a_mirrored_question_has_the_mirrored_answer_and_as_much_doubt():
+    model, (x, spread) = random_model(), rows(4)
+    (a, doubt_a), (b, doubt_b) = model.answer(x, spread), model.answer(x * MIRROR, spread)
+    np.testing.assert_allclose(b, a * [1, -1, 1], atol=1e-6)
+    np.testing.assert_allclose(doubt_b, doubt_a, atol=1e-5)
+
+
+@pytest.mark.parametrize("v", [3.0, 5.0, math.inf])
+def test_spread_is_the_standard_deviation_of_the_t_distribution(v):
+    model = dataclasses.replace(random_model(), degrees_of_freedom=v)
+    doubt = np.random.default_rng(0).uniform(0.0, 1.0, (3, N_DOUBT))
+    scale = np.exp(np.tensordot(doubt, model.log_spread, axes=1))
+    factor = 1.0 if v == math.inf else math.sqrt(v / (v - 2.0))
+    np.testing.assert_allclose(model.spread_m(doubt), factor * scale)
+    sure, unsure = np.zeros((1, N_DOUBT)), np.zeros((1, N_DOUBT))
+    sure[0, 0], unsure[0, 0] = 1e3, -1e3  # log_spread[0] is negative
+    np.testing.assert_allclose(model.spread_m(sure), factor * 0.002)
+    np.testing.assert_allclose(model.spread_m(unsure), factor * 5.0)
+
+
+def test_departures_and_spread_at_the_knots_between_and_beyond():
+    rng = np.random.default_rng(0)
+    departure, spread = rng.standard_normal((8, 3)), np.sort(rng.uniform(0.01, 0.5, (8, 3)), axis=0)
+    at, sd = between_knots(KNOTS_S, departure, spread)
+    np.testing.assert_allclose(at, departure, atol=1e-9)
+    np.testing.assert_allclose(sd, spread, atol=1e-9)
+    fine = np.linspace(-0.2, 1.5, 400)
+    expected = CubicSpline(KNOTS_S, departure)(np.clip(fine, 0.0, 1.5))
+    np.testing.assert_allclose(between_knots(fine, departure, spread)[0], expected, atol=1e-4)
+    beyond, wide = between_knots(np.array([1.5, 2.0, 2.5]), departure, spread)
+    np.testing.assert_allclose(beyond[2] - beyond[1], departure[7] - departure[6], atol=1e-9)
+    np.testing.assert_allclose(beyond[1] - beyond[0], departure[7] - departure[6], atol=1e-9)
+    np.testing.assert_allclose(wide[1], spread[7] * (2.0 / 1.5) ** 1.5, atol=1e-9)
+    falling = between_knots(np.linspace(0, 3, 100), departure, spread[::-1])[1]
+    assert np.all(np.diff(falling, axis=0) >= -1e-12)
+
+
+def test_the_past_is_doubted_as_the_future_is():
+    departure, spread = np.zeros((8, 3)), np.sort(np.random.default_rng(0).uniform(0.01, 0.5, (8, 3)), axis=0)
+    ahead_s = np.array([0.1, 0.5, 2.0])
+    past, future = (between_knots(tau, departure, spread)[1] for tau in (-ahead_s, ahead_s))
+    np.testing.assert_allclose(past, future)
+
+
+GOOD = random_model()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"weights": (GOOD.weights[0][:, :-1], *GOOD.weights[1:])}, "does not take"),
+        ({"biases": GOOD.biases[:-1]}, "one bias a layer"),
+        ({"weights": (), "biases": ()}, "one bias a layer"),
+        ({"log_spread": GOOD.log_spread[:-1]}, "do not fit"),
+        ({"log_spread": np.full_like(GOOD.log_spread, np.nan)}, "not finite"),
+        ({"biases": (GOOD.biases[0] * np.inf, *GOOD.biases[1:])}, "not finite"),
+        ({"degrees_of_freedom": 2.0}, "expected more than 2"),
+        ({"degrees_of_freedom": math.nan}, "expected more than 2"),
+    ],
+)
+def test_wrong_numbers_are_refused(change, said):
+    with pytest.raises(WalkerModelError, match=said):
+        dataclasses.replace(GOOD, **change)
+    assert isinstance(GOOD, WalkerModel)

@@ -1,0 +1,155 @@
+"""Noise and its colour as `Walker` measures them, and how far its own lines were off."""
+
+import numpy as np
+import pytest
+from builders.trackers import wander
+from builders.walkers import random_covariance, seen_of, straight_model
+
+from predictors import Walker
+from predictors.walker.errors import N_ERRORS, LineErrors
+from predictors.walker.line import Line
+from predictors.walker.noise import N_COLOURS, MeasuredColour, MeasuredNoise
+
+FRAME_S = 1.0 / 30.0
+
+
+def walk_m(times_s):
+    """A walk with sway and bob."""
+    bob, sway = 0.02 * np.sin(2 * np.pi * 1.9 * times_s), 0.02 * np.sin(2 * np.pi * 0.95 * times_s)
+    return np.stack([1.2 * times_s, sway, 0.4 + bob], axis=1)
+
+
+def measured(times_s, positions_m):
+    """Mean of what is measured over the second half of a track."""
+    noise, found = MeasuredNoise(), []
+    for k in range(1, times_s.size + 1):
+        noise.learn(times_s[:k], positions_m[:k])
+        found.append(noise.covariance_m2())
+    return np.mean(found[times_s.size // 2 :], axis=0)
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 30.0, 60.0])
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_size_and_direction_of_a_white_error_are_measured(rate_hz, jitter):
+    """Frames come regularly or not; the walk's own motion is not taken for noise."""
+    rng = np.random.default_rng(3)
+    times_s = (np.arange(600) + jitter * rng.uniform(-0.5, 0.5, 600)) / rate_hz
+    true = random_covariance(rng, (0.03, 0.01, 0.005))
+    found = measured(times_s, walk_m(times_s) + rng.multivariate_normal(np.zeros(3), true, 600))
+    sds, axes = np.linalg.eigh(found)
+    true_sds, true_axes = np.linalg.eigh(true)
+    assert abs(axes[:, 2] @ true_axes[:, 2]) > np.cos(np.radians(6.0))
+    np.testing.assert_allclose(np.sqrt(sds), np.sqrt(true_sds), rtol=0.15, atol=0.0015)
+
+
+def test_without_noise_the_floor_is_left_and_a_spike_does_not_blow_it_up():
+    times_s = np.arange(300) * FRAME_S
+    np.testing.assert_allclose(np.sqrt(measured(times_s, walk_m(times_s)).diagonal()), 0.002, atol=0.001)
+    shaken = walk_m(times_s)
+    shaken[200] += [5.0, 0.0, 0.0]
+    assert np.sqrt(measured(times_s, shaken)[0, 0]) < 0.05
+
+
+@pytest.mark.parametrize("step_s", [0.1, 2.0, 1e-6])
+def test_frames_that_say_nothing_of_noise_leave_what_was_known(step_s):
+    """Too far apart, the walk bends; too close together, a clock was set."""
+    rng, times_s = np.random.default_rng(0), np.arange(100) * step_s
+    found = measured(times_s, 0.03 * rng.standard_normal((100, 3)))
+    np.testing.assert_allclose(found, MeasuredNoise().covariance_m2(), rtol=1e-12)
+
+
+def colour_of(track):
+    """What is known of the colour in the end; columns: horizontal, vertical at three lags, pelvis, head at two."""
+    colour = MeasuredColour()
+    for k in range(1, len(track) + 1):
+        logs = colour.learn(track[max(0, k - 36) : k])
+    return logs
+
+
+def mean_colour(error_of, n=20):
+    found = [colour_of(error_of(np.random.default_rng(seed))) for seed in range(n)]
+    return np.mean(found, axis=0)
+
+
+def test_colour_tells_white_error_from_wander():
+    """White error is as large at all lags. Wander grows with the lag as its correlation says."""
+    times_s = np.arange(150) * FRAME_S
+    still = np.zeros((150, 5))
+
+    def white(rng):
+        return still + 0.02 * rng.standard_normal((150, 5)) * [1, 1, 1, 3.5, 3.5]
+
+    def slow(rng):
+        return still + wander(rng, times_s, 0.02, 0.4, 5) * [1, 1, 1, 3.5, 3.5]
+
+    ratios = np.exp(mean_colour(white))
+    # 20 mm over the unit of 10 mm, 4 deg over 2 deg; a mean of logarithms is a little less.
+    np.testing.assert_allclose(ratios, 2.0, rtol=0.15)
+    found = np.exp(mean_colour(slow))
+    # Variance of (-1, 3, -3, 1) of an autocorrelation r: (20 - 30 r + 12 r^2 - 2 r^3) / 20.
+    r = np.exp(-np.array([1, 2, 4]) * FRAME_S / 0.4)
+    expected = 2.0 * np.sqrt((20 - 30 * r + 12 * r**2 - 2 * r**3) / 20)
+    for columns, lags in (((0, 1, 2), (0, 1, 2)), ((3, 4, 5), (0, 1, 2)), ((6, 7), (0, 2)), ((8, 9), (0, 2))):
+        np.testing.assert_allclose(found[list(columns)], expected[list(lags)], rtol=0.25)
+    assert found[2] / found[0] > 1.6 * ratios[2] / ratios[0]
+
+
+def test_colour_begins_with_what_is_usual_and_needs_frames():
+    usual = colour_of(np.zeros((1, 5)))
+    assert usual.shape == (N_COLOURS,)
+    np.testing.assert_allclose(usual, 0.0, atol=0.01)
+    after = colour_of(np.zeros((4, 5)))  # four frames: the shortest lag alone
+    assert np.all(after[[0, 3, 6, 8]] < usual[0])
+    np.testing.assert_array_equal(after[[1, 2, 4, 5, 7, 9]], usual[0])
+
+
+def errors_of(times_s, positions_m, velocity_m_s, to_line=None):
+    """The last of what is known of lines through these positions with a constant slope."""
+    errors = LineErrors()
+    for t, p in zip(times_s, positions_m, strict=True):
+        found = errors.learn(p, Line(t, p, velocity_m_s, 0.0), np.eye(3) if to_line is None else to_line)
+    return found
+
+
+def test_errors_of_lines_grow_for_a_track_that_wanders_and_shrink_for_a_steady_one():
+    times_s, velocity = np.arange(90) * FRAME_S, np.array([1.2, 0.0, 0.0])
+    steady = np.outer(times_s, velocity)
+    calm = errors_of(times_s, steady, velocity)
+    assert calm.shape == (N_ERRORS,)
+    assert np.all(calm < -1.2)
+    found = [
+        errors_of(times_s, steady + wander(np.random.default_rng(s), times_s, 0.08, 0.4, 3), velocity)
+        for s in range(20)
+    ]
+    assert np.all(np.mean(found, axis=0) > 0.0)
+
+
+def test_an_error_is_known_at_its_horizon_and_on_its_axis():
+    """A line that always runs 0.2 m/s too far along: off by 40 mm after 0.2 s and by 100 mm after 0.5 s."""
+    times_s = np.arange(300) * FRAME_S
+    found = errors_of(times_s, np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0])).reshape(2, 3)
+    usual = np.array([0.025, 0.07])
+    np.testing.assert_allclose(np.exp(2.0 * found[:, 0]), ([0.04, 0.1] / usual) ** 2 + 0.01, rtol=0.05)
+    np.testing.assert_allclose(found[:, 1:], 0.5 * np.log(0.01), atol=0.1)
+    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    aside = errors_of(times_s, np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0]), turn).reshape(2, 3)
+    assert np.all(aside[:, 1] > 0.0)
+    assert np.all(aside[:, 0] < -2.0)
+
+
+@pytest.mark.parametrize("step_s", [0.8, 3.0])
+def test_frames_too_far_apart_compare_nothing(step_s):
+    times_s = np.arange(20) * step_s
+    found = errors_of(times_s, np.random.default_rng(0).standard_normal((20, 3)), np.zeros(3))
+    np.testing.assert_allclose(found, 0.5 * np.log(1.01))
+
+
+def test_walkers_through_the_usual_sensor_have_the_usual_errors():
+    """What is called usual is so: the ratios are about one."""
+    found = []
+    for name in ("subject01_R1", "subject05_R3", "subject09_R5"):
+        walker = Walker(straight_model())
+        for observation in seen_of(name):
+            walker.update(observation)
+            found.append(walker.inputs().spread[-N_ERRORS - N_COLOURS : -N_COLOURS])
+    assert np.all(np.abs(np.median(found, axis=0)) < 1.0)

@@ -1,0 +1,153 @@
+"""The predictor `walker`, whatever its numbers are: symmetries, who it is for, what it takes from the filter."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from builders.people import yaw_quat
+from builders.walkers import AHEAD_S, forecasts, moved, random_model, seen_of, straight_model
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from predictors import ConstantVelocity, HeadObservation, NotReadyError, Walker
+from predictors.walker.network import between_knots
+
+GAIT_M2 = 0.02**2 * np.eye(3)
+STATED_M2 = np.diag([0.012, 0.01, 0.008]) ** 2
+
+
+def walking_at(speed_m_s, frames=45, noise_m=0.0, seed=0):
+    """Somebody who goes straight on, and says how sure the position is."""
+    rng = np.random.default_rng(seed)
+    for k in range(frames):
+        position = np.array([speed_m_s * k / 30, 1.0, 0.4]) + noise_m * rng.standard_normal(3)
+        yield HeadObservation(k / 30, position, yaw_quat(0.3), yaw_quat(0.1), position_covariance_m2=STATED_M2)
+
+
+def shown(observations, *predictors):
+    for observation in observations:
+        for predictor in predictors:
+            if isinstance(predictor, Walker):
+                predictor.update(observation)
+            else:  # the filter of the line: gait is noise to it
+                predictor.update_by(observation, observation.position_covariance_m2 + GAIT_M2)
+    return observation.capture_time_s
+
+
+@settings(max_examples=15)
+@given(
+    angle_rad=st.floats(-np.pi, np.pi),
+    shift_m=st.tuples(*[st.floats(-5, 5)] * 3).map(np.array),
+    mirror=st.booleans(),
+    sensor=st.sampled_from(["reference", "face_camera", "street"]),
+)
+def test_where_and_which_way_somebody_walks_does_not_matter(angle_rad, shift_m, mirror, sensor):
+    """The forecast moves, turns and is mirrored with the walk, covariance and all, from the first frame on."""
+    observations = seen_of("subject02_R5", sensor)[20:45]
+    model = random_model()
+    means, covariances = forecasts(observations, walker=Walker(model))
+    others = [moved(o, angle_rad, shift_m, mirror) for o in observations]
+    other_means, other_covariances = forecasts(others, walker=Walker(model))
+    turn = Rotation.from_euler("z", angle_rad).as_matrix() @ np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
+    np.testing.assert_allclose(other_means, means @ turn.T + shift_m, atol=1e-5)
+    np.testing.assert_allclose(other_covariances, turn @ covariances @ turn.T, atol=1e-5)
+
+
+def test_clock_zero_does_not_matter():
+    observations = seen_of("subject02_R5")
+    later = [dataclasses.replace(o, capture_time_s=o.capture_time_s + 1000.0) for o in observations]
+    at, then = (forecasts(each, walker=Walker(random_model()))[0] for each in (observations, later))
+    np.testing.assert_allclose(then, at, atol=1e-5)
+
+
+def test_nobody_seen():
+    walker = Walker(random_model())
+    for call in (walker.inputs, lambda: walker.forecast([1.0])):
+        with pytest.raises(NotReadyError):
+            call()
+
+
+@pytest.mark.parametrize(("speed_m_s", "frames"), [(4.0, 60), (0.0, 1), (1.2, 1)])
+def test_who_runs_and_whose_direction_is_not_known_is_forecast_by_the_filter(speed_m_s, frames):
+    walker, cv = Walker(random_model()), ConstantVelocity()
+    end_s = shown(walking_at(speed_m_s, frames), walker, cv)
+    ours, plain = walker.forecast(end_s + AHEAD_S), cv.forecast(end_s + AHEAD_S)
+    np.testing.assert_array_equal(ours.means_base_m, plain.means_base_m)
+    np.testing.assert_array_equal(ours.covariances_m2, plain.covariances_m2)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.05, 0.3, 1.2, 2.0])
+def test_who_keeps_to_the_line_is_forecast_on_the_filter_s_line(speed_m_s):
+    """With networks that say nothing; standing people included."""
+    walker, cv = Walker(straight_model(0.1, 4.0)), ConstantVelocity()
+    end_s = shown(walking_at(speed_m_s, noise_m=0.01), walker, cv)
+    ours, plain = walker.forecast(end_s + AHEAD_S), cv.forecast(end_s + AHEAD_S)
+    np.testing.assert_allclose(ours.means_base_m, plain.means_base_m, atol=1e-12)
+    # The variance of a t distribution with 4 degrees of freedom is twice its scale's square.
+    np.testing.assert_allclose(ours.covariances_m2, np.tile(2 * 0.1**2 * np.eye(3), (AHEAD_S.size, 1, 1)), atol=1e-9)
+    assert ours.degrees_of_freedom == 4.0
+    assert ours.issued_at_s == end_s
+
+
+def test_without_a_stated_covariance_the_measured_one_is_the_filter_s():
+    """Errors of 50 mm along x: as soon as they are measured, the line's velocity is shaken by them less."""
+    rng = np.random.default_rng(0)
+    told, untold, sure = (Walker(straight_model()) for _ in range(3))
+    off = {id(w): [] for w in (told, untold, sure)}
+    for k in range(300):
+        seen = HeadObservation(k / 30, np.array([1.2 * k / 30, 0, 0.4]) + rng.standard_normal(3) * [0.05, 0.002, 0.002])
+        big, small = np.diag([0.05, 0.003, 0.003]) ** 2, 0.003**2 * np.eye(3)
+        for walker, stated in ((told, big), (untold, None), (sure, small)):
+            walker.update(dataclasses.replace(seen, position_covariance_m2=stated))
+            if k > 60:
+                off[id(walker)].append(walker.inputs().line.velocity_base_m_s[0] - 1.2)
+    rms = [np.sqrt(np.mean(np.square(off[id(w)]))) for w in (told, untold, sure)]
+    assert rms[1] < 1.15 * rms[0]
+    assert rms[2] > 1.5 * rms[0]
+
+
+def test_from_walking_to_running_nothing_jumps():
+    ends = []
+    for speed_m_s in np.arange(2.1, 3.1, 0.02):
+        walker = Walker(random_model())
+        end_s = shown(walking_at(speed_m_s, frames=20), walker)
+        ends.append(walker.forecast([end_s + 0.5]).means_base_m[0])
+    assert np.linalg.norm(np.diff(ends, axis=0), axis=1).max() < 0.06  # the walk itself changes by 0.04 m
+
+
+def test_blend_is_the_mixture_of_both_forecasts():
+    """Mean and covariance of a two-part mixture, from moments."""
+    walker, cv, model = Walker(random_model()), ConstantVelocity(), random_model()
+    end_s = shown(walking_at(2.6), walker, cv)
+    inputs = walker.inputs()
+    share = inputs.walking
+    assert 0.2 < share < 0.8
+    mixed, plain = walker.forecast([end_s + 0.5]), cv.forecast([end_s + 0.5])
+    departures, doubt = model.answer(inputs.network[None], inputs.spread[None])
+    departure, sd = between_knots(np.array([0.5]), departures[0], model.spread_m(doubt)[0])
+    turn = inputs.line.to_base()
+    own = inputs.line.origin_base_m + 0.5 * inputs.line.velocity_base_m_s + turn @ departure[0]
+    mean = share * own + (1 - share) * plain.means_base_m[0]
+    second = share * (turn @ np.diag(sd[0] ** 2) @ turn.T + np.outer(own, own))
+    second += (1 - share) * (plain.covariances_m2[0] + np.outer(plain.means_base_m[0], plain.means_base_m[0]))
+    np.testing.assert_allclose(mixed.means_base_m[0], mean, atol=1e-9)
+    np.testing.assert_allclose(mixed.covariances_m2[0], second - np.outer(mean, mean), atol=1e-9)
+
+
+def test_a_track_that_starts_elsewhere_begins_anew():
+    """As if it had been the first, noise that was measured and person included."""
+    walker, fresh = Walker(random_model()), Walker(random_model())
+    for k in range(60):
+        walker.update(HeadObservation(k / 30, np.array([1.2 * k / 30, 0.0, 0.4]), yaw_quat(1.0), yaw_quat(1.0)))
+    begun = False
+    for k in range(60, 90):
+        observation = HeadObservation(k / 30, [-3.0, 3.0 - k / 30, 0.5], position_covariance_m2=STATED_M2)
+        walker.update(observation)
+        begun = begun or walker.forecast([3.0]).issued_at_s == k / 30
+        if begun:
+            fresh.update(observation)
+    ours, theirs = (w.forecast(89 / 30 + AHEAD_S) for w in (walker, fresh))
+    np.testing.assert_allclose(ours.means_base_m, theirs.means_base_m, atol=1e-9)
+    np.testing.assert_allclose(ours.covariances_m2, theirs.covariances_m2, atol=1e-9)
+    np.testing.assert_allclose(ours.means_base_m[0], [-3.0, 3.0 - 89 / 30, 0.5], atol=0.1)

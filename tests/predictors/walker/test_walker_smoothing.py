@@ -1,0 +1,167 @@
+"""The smooth path of `Walker`, against a dense solution, a Kalman smoother and a Kalman filter."""
+
+import numpy as np
+import pytest
+from builders.walkers import random_covariance
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from predictors import ConstantVelocity, HeadObservation
+from predictors.walker.smoothing import information_of, smooth_path
+
+STEP_S = 1.0 / 30.0
+PSD, SPEED_SD_M_S, FARTHEST_M = 1.0, 1.0, 100.0
+
+
+def track(seed, n=30, nodes=36, sds_m=(0.005, 0.02, 0.3)):
+    """Places in order, positions with the errors that their covariances say, and those covariances."""
+    rng = np.random.default_rng(seed)
+    at = np.sort(rng.uniform(0.0, nodes - 1, n))
+    at[-1] = nodes - 1
+    covariances = np.array([random_covariance(rng, np.array(sds_m) * rng.uniform(0.3, 3.0)) for _ in range(n)])
+    path = np.stack([1.2 * at * STEP_S, 0.1 * np.sin(at * STEP_S), 0.0 * at + 0.3], axis=1)
+    seen = np.array([rng.multivariate_normal(p, c) for p, c in zip(path, covariances, strict=True)])
+    return at, seen, covariances
+
+
+def smoothed(at, seen, covariances, nodes=36):
+    return smooth_path(at, seen, np.array([information_of(c) for c in covariances]), nodes, STEP_S)
+
+
+def dense(at, seen, covariances, nodes):
+    """Least squares, every row written out: what was seen, second differences, first velocity, and a wide prior."""
+    rows, values = [], []
+
+    def add(weights, value, root):
+        block = np.kron(weights, np.eye(3))
+        rows.append(root @ block)
+        values.append(root @ value)
+
+    for a, y, c in zip(at, seen, covariances, strict=True):
+        left = min(int(a), nodes - 2)
+        weights = np.zeros((1, nodes))
+        weights[0, left], weights[0, left + 1] = left + 1 - a, a - left
+        add(weights, y, np.linalg.cholesky(np.linalg.inv(c)).T)
+    for k in range(nodes - 2):
+        weights = np.zeros((1, nodes))
+        weights[0, k : k + 3] = 1.0, -2.0, 1.0
+        add(weights, np.zeros(3), np.eye(3) / np.sqrt(PSD * STEP_S**3))
+    first = np.zeros((1, nodes))
+    first[0, :2] = -1.0, 1.0
+    add(first, np.zeros(3), np.eye(3) / (STEP_S * SPEED_SD_M_S))
+    for k in range(nodes):
+        add(np.eye(nodes)[k : k + 1], seen[-1], np.eye(3) / FARTHEST_M)
+    return np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0].reshape(nodes, 3)
+
+
+def kalman_smoother(at, seen, covariances, nodes):
+    """Rauch, Tung and Striebel (1965) of the same process: its state is the newest two nodes."""
+    eye, zero = np.eye(3), np.zeros((3, 3))
+    F = np.block([[2.0 * eye, -eye], [eye, zero]])
+    Q = np.block([[PSD * STEP_S**3 * eye, zero], [zero, zero]])
+    # Before anything is seen: the first node anywhere, the second a step of the prior speed from it.
+    wide, step = 1e6 * eye, (STEP_S * SPEED_SD_M_S) ** 2 * eye
+    x, P = np.tile(seen[-1], 2), np.block([[wide + step, wide], [wide, wide]])
+    filtered, predicted = [], []
+    for node in range(1, nodes):
+        if node > 1:
+            x, P = F @ x, F @ P @ F.T + Q
+        predicted.append((x, P))
+        for a, y, c in zip(at, seen, covariances, strict=True):
+            if min(int(a), nodes - 2) == node - 1:
+                share = a - (node - 1)
+                H = np.hstack([share * eye, (1.0 - share) * eye])
+                K = np.linalg.solve(H @ P @ H.T + c, H @ P).T
+                x, left = x + K @ (y - H @ x), np.eye(6) - K @ H
+                P = left @ P @ left.T + K @ c @ K.T
+        filtered.append((x, P))
+    path = [filtered[-1][0][:3]]
+    x = filtered[-1][0]
+    for (mean, cov), (mean_next, cov_next) in zip(filtered[-2::-1], predicted[:0:-1], strict=True):
+        x = mean + cov @ F.T @ np.linalg.solve(cov_next, x - mean_next)
+        path.append(x[:3])
+    path.append(x[3:])
+    return np.array(path[::-1])
+
+
+@pytest.mark.parametrize("nodes", [2, 3, 5, 36])
+@pytest.mark.parametrize("n", [2, 4, 30, 80])
+def test_it_is_the_least_squares_solution(nodes, n):
+    """For few and many frames, also several between two nodes."""
+    at, seen, covariances = track(n, n, nodes)
+    np.testing.assert_allclose(smoothed(at, seen, covariances, nodes), dense(at, seen, covariances, nodes), atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_is_the_kalman_smoother(seed):
+    at, seen, covariances = track(seed)
+    np.testing.assert_allclose(smoothed(at, seen, covariances), kalman_smoother(at, seen, covariances, 36), atol=1e-4)
+
+
+@pytest.mark.parametrize("sds_m", [(0.01, 0.01, 0.01), (0.003, 0.003, 0.3), (0.03, 0.03, 0.03)])
+def test_its_last_node_is_the_position_of_the_filter(sds_m):
+    """Up to how a grid approximates continuous time: a small part of the positions' own error."""
+    rng = np.random.default_rng(1)
+    at = np.arange(36.0)
+    covariances = np.array([random_covariance(rng, sds_m) for _ in at])
+    truth = np.stack([1.1 * at * STEP_S, 0.3 * at * STEP_S, 0.3 + 0.0 * at], axis=1)
+    seen = np.array([rng.multivariate_normal(p, c) for p, c in zip(truth, covariances, strict=True)])
+    cv = ConstantVelocity(acceleration_psd=PSD, gated=False)
+    for a, y, c in zip(at, seen, covariances, strict=True):
+        cv.update(HeadObservation(a * STEP_S, y, position_covariance_m2=c))
+    _, state, P = cv.state()
+    off = smoothed(at, seen, covariances)[-1] - state[:3]
+    assert np.sqrt(off @ np.linalg.solve(P[:3, :3], off)) < 0.05  # in standard deviations of the estimate
+
+
+def test_a_line_without_error_is_kept_whatever_the_covariances():
+    at, _, covariances = track(7)
+    line = np.array([2.0, 1.0, 0.3]) + np.outer(at * STEP_S, [0.05, -0.02, 0.0])
+    expected = np.array([2.0, 1.0, 0.3]) + np.outer(np.arange(36) * STEP_S, [0.05, -0.02, 0.0])
+    np.testing.assert_allclose(smoothed(at, line, covariances), expected, atol=5e-4)
+
+
+@given(
+    angles=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    shift_m=st.tuples(*[st.floats(-50.0, 50.0)] * 3).map(np.array),
+    mirror=st.booleans(),
+)
+def test_it_turns_moves_and_is_mirrored_with_what_is_seen(angles, shift_m, mirror):
+    at, seen, covariances = track(3)
+    change = Rotation.from_euler("xyz", angles).as_matrix() @ np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
+    other = smoothed(at, seen @ change.T + shift_m, change @ covariances @ change.T)
+    np.testing.assert_allclose(other, smoothed(at, seen, covariances) @ change.T + shift_m, atol=1e-6)
+
+
+def test_what_is_hardly_known_is_left_to_the_others():
+    """Ten frames that hardly know x: the path's x is that of the rest, its y and z are better for them."""
+    at = np.arange(36.0)
+    seen = np.stack([at * STEP_S, 0.0 * at, 0.0 * at], axis=1)
+    covariances = np.tile(np.diag([1e-4, 1e-4, 1e-4]), (36, 1, 1))
+    seen[10:20] += [0.5, 0.05, 0.0]
+    covariances[10:20] = np.diag([1e4, 1e-4, 1e-4])
+    off = smoothed(at, seen, covariances) - np.stack([at * STEP_S, 0.0 * at, 0.0 * at], axis=1)
+    assert np.abs(off[:, 0]).max() < 0.02
+    assert off[15, 1] > 0.03
+
+
+@pytest.mark.parametrize("sds_m", [(100.0, 1e-3, 1e-3), (100.0, 100.0, 1e-3), (1e4, 1e-5, 1.0), (1e-7, 1e-7, 1e-7)])
+def test_information_is_the_inverse_and_positive_definite_to_the_limit(sds_m):
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        covariance = random_covariance(rng, sds_m)
+        information = information_of(covariance).reshape(3, 3)
+        np.testing.assert_array_equal(information, information.T)
+        assert np.linalg.eigvalsh(information / information.max()).min() > -1e-15
+        sight = np.linalg.eigh(covariance)[1][:, 0]  # best known direction: its share is that of the smallest variance
+        floor_m2 = 1e-12 * np.trace(covariance)
+        expected = 1.0 / (np.square(min(sds_m)) + floor_m2)
+        assert sight @ information @ sight == pytest.approx(expected, rel=1e-3 if max(sds_m) < 1e3 else 0.2)
+
+
+def test_no_information_is_said():
+    at, seen, covariances = track(0)
+    information = np.array([information_of(c) for c in covariances])
+    with pytest.raises(FloatingPointError, match="not positive definite"):
+        smooth_path(at, seen, -information, 36, STEP_S)

@@ -1,0 +1,109 @@
+"""The shipped `walker` on walks: how far it errs, through each sensor, and whether it knows how far.
+
+Synthetic walks were not fitted on. Real ones were, so there the tests guard the code, not the claim.
+"""
+
+import dataclasses
+import zlib
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import f as f_distribution
+
+from experiments.engine.recordings import find_recordings
+from experiments.forecast.errors import forecast_errors
+from experiments.forecast.glance import turn_head
+from gazempc.recordings.load import load
+from gazempc.sim.sensor import load_sensor
+from predictors import ConstantVelocity, Walker
+from predictors.walker.network import shipped_walker_model
+
+SYNTHETIC = [f"subject{k:02d}_R{k % 6 + 1}" for k in range(1, 15)]
+AHEAD_S = np.array([0.25, 0.5, 1.0])
+
+
+def errors(recording, predictor, sensor="reference", ahead_s=(0.5,)):
+    """Distances of forecast and truth, and squared Mahalanobis distances, shape (N, horizons)."""
+    found = forecast_errors(recording, predictor, load_sensor(sensor), np.array(ahead_s), 0)
+    return np.linalg.norm(found.difference_m, axis=-1), found.nees
+
+
+def mean_errors(recordings, make, sensor="reference", ahead_s=(0.5,)):
+    return np.mean([np.nanmean(errors(r, make(), sensor, ahead_s)[0], axis=0) for r in recordings], axis=0)
+
+
+def limits(shares):
+    """Squared Mahalanobis distances that hold these shares of a t distribution with the model's tails."""
+    v = shipped_walker_model().degrees_of_freedom
+    return 3.0 * f_distribution.ppf(shares, 3, v) * (v - 2.0) / v
+
+
+# Errors over those of constant velocity at 0.25, 0.5 and 1 s: what the model as it ships has, and 0.05 of room.
+SYNTHETIC_RATIOS = {
+    "reference": (0.54, 0.49, 0.51),
+    "body_tracker": (0.75, 0.64, 0.60),
+    "face_camera": (0.92, 0.82, 0.72),
+    "street": (0.84, 0.87, 0.93),
+}
+# Goals on people left out are .53 .53 .60 and .70 .62 .65.
+REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.83, 0.75, 0.73)}
+# Points by which 68 and 95 % may be missed on walks that are not those of the fit.
+MISSED = {"reference": (0.22, 0.05), "body_tracker": (0.12, 0.05), "face_camera": (0.12, 0.05)}
+
+
+@pytest.mark.parametrize(("sensor", "ratios"), SYNTHETIC_RATIOS.items())
+def test_synthetic_walkers_are_forecast_better_than_by_constant_velocity(sensor, ratios):
+    recordings = [load(name) for name in SYNTHETIC[::2]]
+    ours, plain = (mean_errors(recordings, make, sensor, AHEAD_S) for make in (Walker, ConstantVelocity))
+    np.testing.assert_array_less(ours / plain, ratios)
+
+
+@pytest.mark.parametrize(("sensor", "missed"), MISSED.items())
+def test_the_stated_ellipsoids_hold_what_they_say(sensor, missed):
+    """68 and 95 % by the t distribution that is stated."""
+    nees = np.concatenate([errors(load(name), Walker(), sensor)[1][:, 0] for name in SYNTHETIC])
+    held = np.mean(nees[np.isfinite(nees)][:, None] <= limits([0.68, 0.95]), axis=0)
+    np.testing.assert_array_less(np.abs(held - [0.68, 0.95]), missed)
+
+
+@pytest.mark.parametrize("angle_deg", [20.0, 90.0, 180.0])
+def test_a_mounting_of_any_angle_is_found_out(angle_deg):
+    """Orientations by a sensor whose forward axis is not the person's: half a second later it hardly matters."""
+    turn = Rotation.from_euler("z", angle_deg, degrees=True)
+
+    def mounted(q):
+        return (Rotation.from_quat(q, scalar_first=True) * turn).as_quat(scalar_first=True)
+
+    wrong, plain = [], []
+    for name in ("subject08_R1", "subject03_R2", "subject11_R1"):
+        recording = load(name)
+        truth = recording.truth
+        turned = dataclasses.replace(
+            truth, head_quat_wxyz=mounted(truth.head_quat_wxyz), pelvis_quat_wxyz=mounted(truth.pelvis_quat_wxyz)
+        )
+        for found, each in ((wrong, dataclasses.replace(recording, truth=turned, measured=None)), (plain, recording)):
+            found.append(np.nanmean(errors(each, Walker())[0][10:]))
+    assert np.mean(wrong) < 1.5 * np.mean(plain)
+
+
+def test_a_glance_does_not_mislead(walks_dir):
+    """Heads turned 40 degrees aside, throughout or from one second on, on straight walks of real people."""
+    found = {case: [] for case in (None, 0.0, 1.0)}
+    for path in find_recordings([str(walks_dir)]):
+        recording = load(path)
+        if recording.labels.group != "straight" or zlib.crc32(recording.name.encode()) % 4:
+            continue
+        for case, errors_m in found.items():
+            seen = recording if case is None else turn_head(recording, 40.0, case)
+            errors_m.append(np.nanmean(errors(seen, Walker())[0]))
+    assert len(found[None]) >= 5
+    for case in (0.0, 1.0):
+        assert np.mean(found[case]) < 1.2 * np.mean(found[None])
+
+
+@pytest.mark.parametrize(("sensor", "ratios"), REAL_RATIOS.items())
+def test_real_walkers_are_forecast_far_better_than_by_constant_velocity(walks_dir, sensor, ratios):
+    recordings = [load(path) for path in find_recordings([str(walks_dir)])[::4]]
+    ours, plain = (mean_errors(recordings, make, sensor, AHEAD_S) for make in (Walker, ConstantVelocity))
+    np.testing.assert_array_less(ours / plain, ratios)
