@@ -89,7 +89,7 @@ def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]
 
 
 def wobble(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
-    """The walk with a wander on its path that no gait explains, as people in a crowd have it, and tracks of trackers."""
+    """The walk with a wander on its path that no gait explains: as in a crowd, or in the track of a tracker."""
     slow = rng.uniform(*_WANDER_M) * wander(walk.times_s, _log_uniform(rng, *_WANDER_TIME_S), 3, rng)
     slow[:, 2] = 0.0
     step_s = float(np.median(np.diff(walk.times_s)))
