@@ -113,8 +113,7 @@ def _fit(settings: FitSettings) -> WalkerModel:
         # Whoever is left out of the networks is left out of the uncertainty as well.
         used = [k for k, name in enumerate(people) if name != person]
         told = {**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]}
-        log_spread, degrees_of_freedom = fit_doubt([found[k] for k in used])
-        fitted = replace(model, log_spread=log_spread, degrees_of_freedom=degrees_of_freedom, about=told)
+        fitted = replace(model, **vars(fit_doubt([found[k] for k in used])), about=told)
         _save_whole(fitted, settings.out / MODEL_FILE if person is None else folder / f"{person}.npz")
     for path in folder.glob("*.npz"):
         if path.stem not in names:

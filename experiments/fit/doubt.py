@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from experiments.fit.examples import Examples
-from experiments.fit.spread import fit_spread
+from experiments.fit.spread import Spread, fit_spread
 from gazempc.types import FloatArray
 from predictors.walker.network import WalkerModel
 
@@ -18,6 +18,7 @@ class Found:
     """How far forecasts erred."""
 
     doubt: FloatArray
+    noise_m: FloatArray
     error_m: FloatArray
     weight: FloatArray
 
@@ -25,7 +26,8 @@ class Found:
     def by(cls, model: WalkerModel, part: Examples) -> Found:
         """Errors of a model on examples."""
         departure, doubt = model.answer(part.network.astype(np.float64), part.spread.astype(np.float64))
-        return cls(doubt, departure - part.departure_m, part.weight.astype(np.float64))
+        noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)
+        return cls(doubt, noise_m, departure - part.departure_m, weight)
 
     @classmethod
     def join(cls, parts: Sequence[Found]) -> Found:
@@ -49,14 +51,14 @@ def errors_on_left_out(
     return [Found.by(left_out[person], part) for person, part in zip(people, scoring, strict=True)]
 
 
-def fit_doubt(found: Sequence[Found]) -> tuple[FloatArray, float]:
+def fit_doubt(found: Sequence[Found]) -> Spread:
     """Fit the stated uncertainty to errors.
 
     Args:
         found: Errors on each recording.
 
     Returns:
-        ``log_spread`` and ``degrees_of_freedom`` of a `WalkerModel`.
+        The uncertainty's part of a `WalkerModel`.
     """
     everything = Found.join(found)
-    return fit_spread(everything.doubt, everything.error_m, everything.weight)
+    return fit_spread(everything.doubt, everything.noise_m, everything.error_m, everything.weight)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,24 +52,21 @@ class Examples:
     Attributes:
         network: Inputs of the network, shape (N, N_INPUTS).
         spread: Inputs of the stated uncertainty, shape (N, N_SPREAD).
+        noise_m: Standard deviation of the observed position along, across and up, shape (N, 3).
         departure_m: How the walk left its line, shape (N, knots, 3), along, across, up; NaN after its end.
         weight: How much each counts, shape (N,).
     """
 
     network: NDArray[np.float32]
     spread: NDArray[np.float32]
+    noise_m: NDArray[np.float32]
     departure_m: NDArray[np.float32]
     weight: NDArray[np.float32]
 
 
 def join(parts: list[Examples]) -> Examples:
     """Examples of many recordings in one table."""
-    return Examples(
-        np.concatenate([p.network for p in parts]),
-        np.concatenate([p.spread for p in parts]),
-        np.concatenate([p.departure_m for p in parts]),
-        np.concatenate([p.weight for p in parts]),
-    )
+    return Examples(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Examples)))
 
 
 def _joined(parts: list[Examples], name: str) -> Examples:
@@ -94,7 +91,7 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
     """
     truth = CubicSpline(walk.times_s, walk.head_m)
     walker = Walker(_BLANK)
-    network, spread, departure, weights = [], [], [], []
+    network, spread, noise, departure, weights = [], [], [], [], []
     for observation in observations:
         walker.update(observation)
         inputs = walker.inputs()
@@ -107,10 +104,11 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
         off[ahead_s > walk.times_s[-1] + 1e-6] = np.nan
         network.append(inputs.network)
         spread.append(inputs.spread)
+        noise.append(inputs.noise_sd_m)
         departure.append(off)
         weights.append(weight * inputs.walking)
     return Examples(
-        *(np.array(a, dtype=np.float32) for a in (network, spread, departure, weights)),
+        *(np.array(a, dtype=np.float32) for a in (network, spread, noise, departure, weights)),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import gammaln
@@ -20,87 +22,105 @@ _DEGREES_OF_FREEDOM = (5.0, 6.0, 8.0, 12.0, 20.0)
 _ENOUGH_ROWS = 12_000
 # The tails are chosen at this horizon's knot, half a second.
 _KNOT = 4
+# Share of an observation's error in a forecast, before it is fitted.
+_FIRST_SHARE = 0.5
 
 
-def fit_spread(doubt: FloatArray, error_m: FloatArray, weight: FloatArray) -> tuple[FloatArray, float]:
+@dataclass(frozen=True)
+class Spread:
+    """The stated uncertainty of a `WalkerModel`, field by field."""
+
+    log_spread: FloatArray
+    noise_share: FloatArray
+    degrees_of_freedom: float
+
+
+def fit_spread(doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, weight: FloatArray) -> Spread:
     """Fit scales and tails of a t distribution to errors.
 
-    For each knot and axis: error ~ t(v) exp(doubt · b), by maximum likelihood; then the scales at each knot are
-    multiplied by what makes the 68 and 95 % ellipsoids hold what they say.
+    At each knot: error on axis i ~ t(v) times the root of (exp(2 doubt · b_i) + (share noise_i)^2), by maximum
+    likelihood; then the scales are multiplied by what makes the 68 and 95 % ellipsoids hold what they say.
 
     Args:
         doubt: Reasons for doubt, shape (N, reasons), the first of them 1.
+        noise_m: Standard deviation of the observed position on each axis, shape (N, 3), metres.
         error_m: Errors on people left out, shape (N, knots, 3), metres; NaN where there is none.
         weight: How much each example counts, shape (N,).
 
     Returns:
-        Coefficients b, shape (reasons, knots, 3), and degrees of freedom v.
+        The fitted numbers.
     """
     rows = slice(None, None, max(1, len(doubt) // _ENOUGH_ROWS))
-    everything = doubt, error_m, weight
-    doubt, error_m, weight = doubt[rows], error_m[rows], weight[rows]
-    known = np.isfinite(error_m[:, _KNOT]).all(axis=1)
-    chosen = min(
-        _DEGREES_OF_FREEDOM,
-        key=lambda v: sum(
-            _fit_one(doubt[known], error_m[known, _KNOT, axis], weight[known], v)[1] for axis in range(3)
-        ),
-    )
-    coefficients = np.zeros((doubt.shape[1], *error_m.shape[1:]))
-    for knot in range(error_m.shape[1]):
-        for axis in range(3):
-            known = np.isfinite(error_m[:, knot, axis])
-            coefficients[:, knot, axis], _ = _fit_one(doubt[known], error_m[known, knot, axis], weight[known], chosen)
-    return calibrate(coefficients, *everything, chosen), chosen
+    thin = doubt[rows], noise_m[rows], error_m[rows], weight[rows]
+    tails = {v: _fit_knot(*thin, _KNOT, v)[2] for v in _DEGREES_OF_FREEDOM}
+    v = min(tails, key=lambda tail: tails[tail])
+    knots = [_fit_knot(*thin, knot, v)[:2] for knot in range(error_m.shape[1])]
+    spread = Spread(np.stack([b for b, _ in knots], axis=1), np.array([share for _, share in knots]), v)
+    return calibrate(spread, doubt, noise_m, error_m, weight)
 
 
 def calibrate(
-    coefficients: FloatArray, doubt: FloatArray, error_m: FloatArray, weight: FloatArray, degrees_of_freedom: float
-) -> FloatArray:
+    spread: Spread, doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, weight: FloatArray
+) -> Spread:
     """Scale the spread at each knot so that the worse of the 68 and 95 % ellipsoids is least wrong.
 
     Args:
-        coefficients: Of the scale of each axis by itself, shape (reasons, knots, 3).
+        spread: As fitted.
         doubt: Reasons for doubt, shape (N, reasons).
+        noise_m: Standard deviation of the observed position, shape (N, 3), metres.
         error_m: Errors, shape (N, knots, 3), metres.
         weight: How much each example counts, shape (N,).
-        degrees_of_freedom: Those of the t distribution.
 
     Returns:
-        Coefficients of the scaled spread.
+        The scaled spread.
     """
-    scaled = coefficients.copy()
+    variance = np.exp(2.0 * np.tensordot(doubt, spread.log_spread, axes=1))
+    variance += (spread.noise_share[:, None] * noise_m[:, None, :]) ** 2
     with np.errstate(invalid="ignore"):
-        distance2 = np.sum((error_m / np.exp(np.tensordot(doubt, coefficients, axes=1))) ** 2, axis=-1)
-    limits = 3.0 * f_distribution.ppf(_NOMINAL, 3, degrees_of_freedom)
+        distance2 = np.sum(error_m**2 / variance, axis=-1)
+    limits = 3.0 * f_distribution.ppf(_NOMINAL, 3, spread.degrees_of_freedom)
+    log_spread, noise_share = spread.log_spread.copy(), spread.noise_share.copy()
     for knot in range(error_m.shape[1]):
         known = np.isfinite(distance2[:, knot]) & (weight > 0)
         if not known.any():
             continue
         inside = distance2[known, knot][:, None, None] <= (_SCALES**2)[:, None] * limits
         held = np.average(inside, axis=0, weights=weight[known])
-        scaled[0, knot] += np.log(_SCALES[np.argmin(np.max(np.abs(held - _NOMINAL), axis=1))])
-    return scaled
+        scale = _SCALES[np.argmin(np.max(np.abs(held - _NOMINAL), axis=1))]
+        log_spread[0, knot] += np.log(scale)
+        noise_share[knot] *= scale
+    return Spread(log_spread, noise_share, spread.degrees_of_freedom)
 
 
-def _fit_one(u: FloatArray, e: FloatArray, weight: FloatArray, v: float) -> tuple[FloatArray, float]:
-    """Coefficients, and the mean negative log likelihood."""
-    start = np.zeros(u.shape[1])
-    total = float(weight.sum())
-    if not total > 0:
-        return start, 0.0
-    start[0] = np.log(max(float(np.sqrt(np.average(e**2, weights=weight))), _SMALLEST_M))
-    prior = np.full(u.shape[1], _PRIOR_WEIGHT)
-    prior[0] = 0.0
+def _fit_knot(
+    doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, weight: FloatArray, knot: int, v: float
+) -> tuple[FloatArray, float, float]:
+    """Coefficients, shape (reasons, 3), share of the noise, and the mean negative log likelihood."""
+    known = np.isfinite(error_m[:, knot]).all(axis=1) & (weight > 0)
+    u, w, e2, n2 = doubt[known], weight[known, None], error_m[known, knot] ** 2, noise_m[known] ** 2
+    reasons = u.shape[1]
+    start = np.zeros(3 * reasons + 1)
+    if not known.any():
+        return start[:-1].reshape(reasons, 3), 0.0, 0.0
+    start[:3] = 0.5 * np.log(np.maximum(np.average(e2, axis=0, weights=w[:, 0]), _SMALLEST_M**2))
+    start[-1] = np.log(_FIRST_SHARE)
+    prior = np.full(3 * reasons, _PRIOR_WEIGHT)
+    prior[:3] = 0.0
+    total = float(w.sum())
     # Of the t distribution's density: the parts that depend on v, too, so that tails can be compared.
-    constant = float(gammaln(0.5 * v) - gammaln(0.5 * (v + 1.0)) + 0.5 * np.log(v))
+    constant = 3.0 * float(gammaln(0.5 * v) - gammaln(0.5 * (v + 1.0)) + 0.5 * np.log(v))
 
-    def cost(b: FloatArray) -> tuple[float, FloatArray]:
-        log_scale = u @ b
-        square = e**2 * np.exp(-2.0 * log_scale) / v
-        value = float(np.sum(weight * (log_scale + 0.5 * (v + 1.0) * np.log1p(square))) + 0.5 * np.sum(prior * b**2))
-        slope = u.T @ (weight * (1.0 - (v + 1.0) * square / (1.0 + square))) + prior * b
-        return value / total, slope / total
+    def cost(x: FloatArray) -> tuple[float, FloatArray]:
+        own, share2 = np.exp(2.0 * (u @ x[:-1].reshape(reasons, 3))), np.exp(2.0 * x[-1])
+        variance = own + share2 * n2
+        square = e2 / variance / v
+        value = float(np.sum(w * (0.5 * np.log(variance) + 0.5 * (v + 1.0) * np.log1p(square))))
+        # Slope by the logarithm of the variance.
+        slope = 0.5 * w * (1.0 - (v + 1.0) * square / (1.0 + square)) / variance
+        value += 0.5 * float(np.sum(prior * x[:-1] ** 2))
+        gradient = np.append((u.T @ (2.0 * slope * own)).ravel() + prior * x[:-1], np.sum(2.0 * slope * share2 * n2))
+        return value / total, gradient / total
 
-    found = minimize(cost, start, jac=True, method="L-BFGS-B")
-    return np.asarray(found.x), float(found.fun) + constant
+    bounds = [(None, None)] * (3 * reasons) + [(-10.0, 3.0)]
+    found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
+    return found.x[:-1].reshape(reasons, 3), float(np.exp(found.x[-1])), float(found.fun) + constant

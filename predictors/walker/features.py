@@ -39,7 +39,7 @@ _YAWS = slice(3 * WINDOW, 5 * WINDOW)
 _SCALARS = 5 * WINDOW
 _ODD_SCALARS = 3  # the first of the scalars change their sign from left to right
 N_INPUTS = _SCALARS + 14 + N_COLOURS
-N_SPREAD = 14 + N_ERRORS + N_COLOURS
+N_SPREAD = 11 + N_ERRORS + N_COLOURS
 
 
 def _mirror() -> FloatArray:
@@ -63,12 +63,16 @@ class WalkerInputs:
         walking: 0 for who runs and at a first frame, 1 for who walks or stands, between the two at the limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
+        noise_sd_m: Standard deviation of the observed position along, across and up, shape (3,), metres.
+        noise_base_m2: Its covariance in the base frame, shape (3, 3), square metres.
     """
 
     line: Line
     walking: float
     network: FloatArray
     spread: FloatArray
+    noise_sd_m: FloatArray
+    noise_base_m2: FloatArray
 
 
 class WalkerHistory:
@@ -145,7 +149,6 @@ class WalkerHistory:
             1.0,
             *(known[i] * walks * min(abs(wrap_rad(newest[i] - offsets[i])), 1.0) for i in range(2)),
             min(abs(float(positions[-1, 1])), _LARGEST),
-            *log_sd,
             1.0 - m / WINDOW,
             1.0 / m,
             1.0 - known[0],
@@ -157,7 +160,7 @@ class WalkerHistory:
         spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, to_line)
         spread[-N_COLOURS:] = colours
         walking = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
-        return WalkerInputs(line, walking, x, spread)
+        return WalkerInputs(line, walking, x, spread, sd_m, covariance_m2)
 
     def _take_offsets_off(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float

@@ -49,7 +49,9 @@ class WalkerModel:
         weights: One array a layer, shape (E, inputs, outputs): E networks side by side.
         biases: One array a layer, shape (E, 1, outputs).
         log_spread: Coefficients of the logarithm of the errors' scale (m) at each knot along, across and up, shape
-            (N_DOUBT, knots, 3).
+            (N_DOUBT, knots, 3); the error of the observation is not in it.
+        noise_share: How much of one observation's error is in the forecast at each knot, shape (knots,): a factor of
+            its standard deviation, whatever its direction.
         degrees_of_freedom: Those of the t distribution of the errors, above 2.
         about: Where the numbers are from: recordings, people, command, versions, errors on people left out.
 
@@ -60,6 +62,7 @@ class WalkerModel:
     weights: tuple[Float32Array, ...]
     biases: tuple[Float32Array, ...]
     log_spread: FloatArray
+    noise_share: FloatArray = field(default_factory=lambda: np.zeros(KNOTS_S.size))
     degrees_of_freedom: float = 5.0
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -73,10 +76,11 @@ class WalkerModel:
             if w.ndim != 3 or w.shape[:2] != (ensemble, n) or b.shape != (ensemble, 1, w.shape[2]):
                 raise WalkerModelError(f"layer of shape {w.shape} with bias {b.shape} does not take {n} inputs")
             n = w.shape[2]
-        if n != n_out or self.log_spread.shape != (N_DOUBT, KNOTS_S.size, 3):
-            raise WalkerModelError(f"{n} outputs and spread {self.log_spread.shape} do not fit {KNOTS_S.size} knots")
+        spreads = self.log_spread.shape, self.noise_share.shape
+        if n != n_out or spreads != ((N_DOUBT, KNOTS_S.size, 3), (KNOTS_S.size,)):
+            raise WalkerModelError(f"{n} outputs and spread {spreads} do not fit {KNOTS_S.size} knots")
         finite = [bool(np.isfinite(a).all()) for a in (*self.weights, *self.biases)]
-        if not (all(finite) and np.isfinite(self.log_spread).all()):
+        if not (all(finite) and np.isfinite(self.log_spread).all() and np.isfinite(self.noise_share).all()):
             raise WalkerModelError("a number is not finite")
         if not self.degrees_of_freedom > 2.0:  # below, a t distribution has no covariance
             raise WalkerModelError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
@@ -131,12 +135,15 @@ class WalkerModel:
             doubt: Reasons for doubt, shape (N, N_DOUBT).
 
         Returns:
-            Shape (N, knots, 3), metres along, across and up.
+            Shape (N, knots, 4): metres along, across and up without the observations' error; the factor of that error.
         """
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
         bounded = np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])
-        tails = 1.0 / math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # of infinitely many, too
-        return tails * np.exp(bounded).reshape(-1, KNOTS_S.size, 3)
+        spread = np.empty((len(doubt), KNOTS_S.size, 4))
+        np.exp(bounded.reshape(-1, KNOTS_S.size, 3), out=spread[..., :3])
+        spread[..., 3] = self.noise_share
+        spread *= math.sqrt(self.degrees_of_freedom / (self.degrees_of_freedom - 2.0))
+        return spread
 
     def save(self, path: Path) -> None:
         """Write the model to an `.npz` file.
@@ -146,6 +153,7 @@ class WalkerModel:
         """
         arrays: dict[str, Any] = {
             "log_spread": self.log_spread,
+            "noise_share": self.noise_share,
             "degrees_of_freedom": np.array(self.degrees_of_freedom),
             "about": np.array(json.dumps(self.about)),
         }
@@ -176,6 +184,7 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
                 tuple(data[f"weights_{i}"] for i in range(layers)),
                 tuple(data[f"biases_{i}"] for i in range(layers)),
                 data["log_spread"],
+                data["noise_share"],
                 float(data["degrees_of_freedom"]),
                 about,
             )
@@ -231,12 +240,12 @@ def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArr
     Args:
         tau_s: Horizons, shape (H,), seconds.
         departure_m: Departures at the knots, shape (knots, 3).
-        spread_m: Standard deviations at the knots, shape (knots, 3).
+        spread_m: Standard deviations at the knots, shape (knots, columns), such as `WalkerModel.spread_m` gives.
 
     Returns:
         Departures, shape (H, 3): a cubic spline between the knots, held before the first, straight on after the last.
-        Standard deviations, shape (H, 3): linear between the knots, never falling with the horizon, and after the last
-        growing as that of a velocity which wanders at random; as large for the past as for the same time ahead.
+        Standard deviations, shape (H, columns): linear between the knots, never falling with the horizon, and after the
+        last growing as that of a velocity which wanders at random; as large for the past as for the same time ahead.
     """
     past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
     away_s = np.abs(tau_s) if past else tau_s
