@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders.fits import straight_walk
 
-from experiments.fit.trackers import KINDS, beside, draw_tracker, seen_through, street_error_m
+from experiments.fit.trackers import KINDS, beside, draw_tracker, seen_through
 from gazempc.sim.sensor import SensorSpec
 
 
@@ -74,9 +74,13 @@ def test_the_street_sees_no_heights_and_no_orientations():
         seen = seen_through(walk, "street", sensor, np.random.default_rng(seed))
         assert all(o.head_quat_wxyz is None and o.pelvis_quat_wxyz is None for o in seen)
         np.testing.assert_allclose([o.head_position_base_m[2] for o in seen], 1.6, atol=1e-9)
-    error = street_error_m(np.arange(300) / 30, np.random.default_rng(0))
-    assert np.all(error[:, 2] == 0.0)
-    assert 0.004 < error[:, :2].std() < 0.06
+    own = [seen_through(walk, "street", plain_sensor(), np.random.default_rng(seed)) for seed in range(20)]
+    error = np.array([[o.head_position_base_m for o in each] for each in own]) - walk.head_m
+    sizes = error[:, :, :2].std(axis=(1, 2))
+    assert 0.003 < sizes.min() < 0.02
+    assert 0.02 < sizes.max() < 0.06
+    # It wanders: errors of two frames in a row are alike.
+    assert np.mean(error[:, 1:, :2] * error[:, :-1, :2]) > 0.5 * np.mean(error[:, :, :2] ** 2)
 
 
 @pytest.mark.parametrize("rate_hz", [7.5, 15.0, 25.0, 30.0, 50.0, 60.0])
