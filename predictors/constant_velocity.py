@@ -52,9 +52,10 @@ def process_noise(dt_s: float, acceleration_psd: float) -> FloatArray:
 class ConstantVelocity:
     """Constant-velocity Kalman filter driven by the time stamps of the observations.
 
-    Observations that the filter finds improbable at the 99.9 % level, with an allowance for turning, are refused;
-    after ten refusals in a row the track starts anew from the latest one. A gap needs no special case: the state is
-    carried over it and its covariance grows. A stated covariance of the position is used as it is.
+    Observations that the filter finds improbable at the 99.9 % level, with an allowance for turning, are refused. Where
+    those agree with each other for 0.75 s, the track starts anew from them; see `predictors.gate.Gate`. A gap needs no
+    special case: the state is carried over it and its covariance grows. A stated covariance of the position is used as
+    it is.
 
     Args:
         acceleration_psd: Power spectral density of the head's acceleration on each axis, m^2/s^3. The default
@@ -68,7 +69,6 @@ class ConstantVelocity:
             raise ValueError("acceleration_psd and position_noise_m must be positive")
         self._psd = acceleration_psd
         self._R = position_noise_m**2 * _EYE3
-        self._gate = Gate()
         self._gated = gated
         self.reset()
 
@@ -78,12 +78,18 @@ class ConstantVelocity:
         self._time_s = -np.inf
         self._issued_at_s = -np.inf
         self._started_at_s: float | None = None
-        self._gate.reset()
+        self._taken_in: tuple[HeadObservation, ...] = ()
+        self._gate = Gate()
 
     @property
     def started_at_s(self) -> float | None:
         """Capture time of the observation that the track began with, None before the first one."""
         return self._started_at_s
+
+    @property
+    def taken_in(self) -> tuple[HeadObservation, ...]:
+        """Observations that the last update used: none if it was refused; where a track begins anew, all of its own."""
+        return self._taken_in
 
     @property
     def rejections_in_a_row(self) -> int:
@@ -114,14 +120,19 @@ class ConstantVelocity:
         self._x = F @ self._x
         self._P = F @ self._P @ F.T + process_noise(dt_s, self._psd)
         self._time_s = observation.capture_time_s
-        innovation = observation.head_position_base_m - self._x[:3]
         spread = self._P[:3, :3] + R
-        if self._gated and not self._gate.accepts(innovation, spread):
+        if self._gated and not self._gate.accepts(observation, self._x[:3], spread):
+            self._taken_in = ()
             if self._gate.lost:
-                self._start(observation, R)
+                candidate = self._gate.candidate
+                self._start(candidate[0], R)
+                for other in candidate[1:]:
+                    self.update_by(other, R)
+                self._taken_in = candidate
             return
-        self._correct(innovation, spread, R)
+        self._correct(observation.head_position_base_m - self._x[:3], spread, R)
         self._issued_at_s = observation.capture_time_s
+        self._taken_in = (observation,)
 
     def _correct(self, innovation_m: FloatArray, spread_m2: FloatArray, R: FloatArray) -> None:
         # The position is measured, so H = [I 0], and products with H are parts of a matrix. Joseph's form keeps the
@@ -187,4 +198,5 @@ class ConstantVelocity:
         self._P = np.zeros((6, 6))
         self._P[:3, :3], self._P[3:, 3:] = R, _INITIAL_SPEED_SD_M_S**2 * _EYE3
         self._time_s = self._issued_at_s = self._started_at_s = observation.capture_time_s
-        self._gate.reset()
+        self._taken_in = (observation,)
+        self._gate.begin(observation)

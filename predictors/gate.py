@@ -1,28 +1,56 @@
-"""Which detections a track refuses, and when it is given up: the same for all filters."""
+"""Which detections a track refuses, and when it is given to somebody else: the same for all filters."""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 from scipy.special import chdtri
 
-from predictors.types import FloatArray
+from predictors.types import FloatArray, HeadObservation
 
 # An innovation this improbable is a mistaken detection (another person, a reflection), not a step of a walk.
 _GATE_PROBABILITY = 0.999
 # Quantile of chi-square with 3 degrees of freedom; `scipy.stats` has it, too, and takes half a second to import.
 _GATE_D2 = float(chdtri(3, 1.0 - _GATE_PROBABILITY))
-# A person who turns leaves the forecast of a steady walk by more than the filter's own spread tells; without this
-# allowance the gate would refuse people in sharp turns. A false detection half a metre away is still refused.
-_MANOEUVRE_SD_M = 0.08
-# Real detectors fail in bursts; a track is given up only after this many refusals in a row, about a third of
-# a second at 30 fps.
-_REJECTIONS_BEFORE_RESTART = 10
+# Who turns or brakes leaves the forecast of a steady walk by more than the filter's own spread tells. At the edge of
+# the gate, four standard deviations, this is 5 m/s^2: a turn of 0.5 m radius at 1.6 m/s, or a stop within 0.3 s. The
+# filter lags behind the velocity by some 0.2 s, as if the turn had begun so long before the last accepted frame. With
+# less, real jumps of 0.1 m of street trackers were refused, and forecasts at 0.25 s were 1 % worse.
+_MANOEUVRE_SD_M_S2, _FILTER_LAG_S = 1.25, 0.2
+# The spread of the innovations follows their mean square over this time; at low rates over some frames.
+_LEARNS_IN_S, _LARGEST_GAIN = 0.3, 0.2
+# Weights of a t distribution keep rare false detections out of that mean (Lange, Little & Taylor 1989): what is far
+# beyond the spread counts no more than `_DEGREES + 3` innovations of ordinary size.
+_DEGREES = 3.0
+# Refused detections are of one person if that one need not have run from one to the next: this fast, and with this
+# error of the tracker.
+_OTHERS_SPEED_M_S, _OTHERS_ERROR_M = 2.0, 0.1
+# Trackers jump to a passer-by for some 0.7 s, so the track stays where it was for longer than that. A single
+# detection is no candidate. A track is given up sooner if it was itself shorter: it may have begun with a mistake.
+_GIVEN_UP_AFTER_S, _CANDIDATE_FRAMES = 0.75, 2
+# So that a time that is a whole number of frames is not decided by the last bit.
+_ROUNDING_S = 1e-6
+# Where the tracker says that it is somebody else, the person may still come back.
+_GIVEN_UP_BY_ID_S = 1.5
 
 
 class Gate:
-    """Refuses positions that are improbable at the 99.9 % level, with an allowance for turning, and counts them."""
+    """Refuses positions that are improbable at the 99.9 % level, and notices where they show somebody else.
+
+    The width is that of the filter's spread, of the innovations' own, as measured lately, and of what a person can do
+    since the last accepted frame. Refused detections that agree with each other are a candidate: another person, or
+    this one at another place. What is nearer to it than to the track is refused too. After 0.75 s
+    of refusals the track is the candidate's; after 1.5 s if that has another name; sooner if the track is younger.
+    """
 
     def __init__(self) -> None:
         self._rejections = 0
+        self._began_s = self._accepted_s = self._refused_s = -math.inf
+        self._person_id: str | None = None
+        self._measured_m2 = np.zeros((3, 3))
+        self._judged_s = -math.inf
+        self._candidate: list[HeadObservation] = []
 
     @property
     def rejections_in_a_row(self) -> int:
@@ -30,28 +58,101 @@ class Gate:
         return self._rejections
 
     @property
-    def lost(self) -> bool:
-        """Whether so many were refused in a row that the track should start anew."""
-        return self._rejections >= _REJECTIONS_BEFORE_RESTART
+    def candidate(self) -> tuple[HeadObservation, ...]:
+        """The latest refused observations that agree with each other, oldest first."""
+        return tuple(self._candidate)
 
-    def accepts(self, innovation_m: FloatArray, spread_m2: FloatArray) -> bool:
-        """Judge one observation.
+    @property
+    def lost(self) -> bool:
+        """Whether the track should start anew, from the candidate."""
+        if len(self._candidate) < _CANDIDATE_FRAMES:
+            return False
+        newest = self._candidate[-1]
+        age_s = self._accepted_s - self._began_s
+        wait_s = _GIVEN_UP_BY_ID_S if self._is_named_otherwise(newest) else min(_GIVEN_UP_AFTER_S, age_s)
+        return newest.capture_time_s - self._refused_s >= wait_s - _ROUNDING_S
+
+    def begin(self, observation: HeadObservation) -> None:
+        """Begin a track. What was measured of the tracker stays.
 
         Args:
-            innovation_m: Observed minus predicted position, shape (3,), metres.
-            spread_m2: Its covariance as the filter has it, shape (3, 3), square metres.
+            observation: The first observation.
+        """
+        self._person_id = None
+        self._began_s = observation.capture_time_s
+        self._accept(observation)
+
+    def accepts(self, observation: HeadObservation, expected_m: FloatArray, spread_m2: FloatArray) -> bool:
+        """Judge one observation of a track that has begun.
+
+        Args:
+            observation: The observation, newer than all before it.
+            expected_m: Position that the filter predicts for it, shape (3,), metres, base frame.
+            spread_m2: Covariance of the difference as the filter has it, shape (3, 3), square metres.
 
         Returns:
             Whether the observation is to be used.
         """
-        distance2 = _distance2(innovation_m, spread_m2, _MANOEUVRE_SD_M**2)
-        accepted = distance2 <= _GATE_D2  # a NaN, from a position of absurd size, is refused too
-        self._rejections = 0 if accepted else self._rejections + 1
-        return accepted
+        innovation_m = observation.head_position_base_m - expected_m
+        # Who has another name and is where the person may have gone meanwhile is more probably somebody else.
+        since_s = 0.0 if self._is_named_otherwise(observation) else observation.capture_time_s - self._accepted_s
+        near = is_near(innovation_m, spread_m2 + self._measured_m2, since_s)
+        of_candidate = bool(self._candidate) and _of_one_person(self._candidate[-1], observation)
+        if near and of_candidate:
+            near = _apart_m(self._candidate[-1], observation) > math.hypot(*innovation_m.tolist())
+        if not (of_candidate and len(self._candidate) >= _CANDIDATE_FRAMES):
+            # What agrees with two others is somebody at that place, and tells nothing of the tracker's error.
+            self._learn(innovation_m, spread_m2, observation.capture_time_s)
+        if near:
+            self._accept(observation)
+        else:
+            if not self._rejections:
+                self._refused_s = observation.capture_time_s
+            self._rejections += 1
+            self._candidate = [*self._candidate, observation] if of_candidate else [observation]
+        return near
 
-    def reset(self) -> None:
-        """Forget the refusals, for a track that starts anew."""
+    def _accept(self, observation: HeadObservation) -> None:
         self._rejections = 0
+        self._candidate = []
+        self._accepted_s = self._judged_s = observation.capture_time_s
+        # Who is where the person is expected is the person, whatever the tracker calls them.
+        self._person_id = observation.person_id or self._person_id
+
+    def _is_named_otherwise(self, observation: HeadObservation) -> bool:
+        return None not in (self._person_id, observation.person_id) and observation.person_id != self._person_id
+
+    def _learn(self, innovation_m: FloatArray, spread_m2: FloatArray, time_s: float) -> None:
+        gain = min((time_s - self._judged_s) / _LEARNS_IN_S, _LARGEST_GAIN)
+        self._judged_s = time_s
+        known_m2 = spread_m2 + self._measured_m2
+        weight = (_DEGREES + 3.0) / (_DEGREES + _distance2(innovation_m, known_m2, 0.0))
+        if math.isfinite(weight):
+            self._measured_m2 += gain * (weight * np.outer(innovation_m, innovation_m) - self._measured_m2)
+
+
+def is_near(innovation_m: FloatArray, spread_m2: FloatArray, since_s: float) -> bool:
+    """Whether a detection may be the person.
+
+    Args:
+        innovation_m: Observed minus predicted position, shape (3,), metres.
+        spread_m2: Its covariance, shape (3, 3), square metres.
+        since_s: Time since the last frame that was used, seconds.
+
+    Returns:
+        Whether it is within the gate. A NaN, from a position of absurd size, is not.
+    """
+    allowance_m = 0.5 * _MANOEUVRE_SD_M_S2 * (since_s + _FILTER_LAG_S) ** 2
+    return _distance2(innovation_m, spread_m2, allowance_m**2) <= _GATE_D2
+
+
+def _apart_m(one: HeadObservation, other: HeadObservation) -> float:
+    return math.dist(one.head_position_base_m, other.head_position_base_m)
+
+
+def _of_one_person(one: HeadObservation, other: HeadObservation) -> bool:
+    since_s = other.capture_time_s - one.capture_time_s
+    return _apart_m(one, other) <= _OTHERS_ERROR_M + _OTHERS_SPEED_M_S * since_s
 
 
 def _distance2(innovation_m: FloatArray, spread_m2: FloatArray, allowance_m2: float) -> float:

@@ -94,18 +94,13 @@ class HeadPose:
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
         self._position.update(observation)
-        if self._position.rejections_in_a_row:
-            # Whoever was detected there is not the person; their head says nothing either.
-            return
         if self._position.started_at_s != self._started_at_s:
             # Another track may be another person.
             self._started_at_s = self._position.started_at_s
             self._forget_yaw()
-        zero_rad = self._zero_rad(observation)
-        if observation.head_quat_wxyz is None or zero_rad is None:
-            return
-        relative_rad = wrap_rad(yaw_rad(observation.head_quat_wxyz) - zero_rad)
-        self._update_yaw(relative_rad, self._variance_rad2(observation) * np.eye(1), observation.capture_time_s)
+        # Whoever was detected where an observation is refused is not the person; their head says nothing either.
+        for taken in self._position.taken_in:
+            self._take_in_yaw(taken)
 
     def relative_yaw_rad(self) -> float | None:
         """Filtered yaw of the head relative to the waist.
@@ -124,6 +119,13 @@ class HeadPose:
             return self._position.forecast(times_s)
         R = rotation_about_vertical(angle_rad)
         return self._position.forecast_turned(times_s, (1.0 - self._weight) * np.eye(3) + self._weight * R)
+
+    def _take_in_yaw(self, observation: HeadObservation) -> None:
+        zero_rad = self._zero_rad(observation)
+        if observation.head_quat_wxyz is None or zero_rad is None:
+            return
+        relative_rad = wrap_rad(yaw_rad(observation.head_quat_wxyz) - zero_rad)
+        self._update_yaw(relative_rad, self._variance_rad2(observation) * np.eye(1), observation.capture_time_s)
 
     def _forget_yaw(self) -> None:
         self._yaw: KalmanFilter | None = None

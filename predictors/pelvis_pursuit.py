@@ -57,8 +57,9 @@ class PelvisPursuit:
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        started_at_s = self._position.started_at_s
         self._position.update(observation)
-        if self._position.started_at_s == observation.capture_time_s:
+        if self._position.started_at_s != started_at_s:
             self._pelvis_time_s = -np.inf  # a new track: maybe another person
         # Whoever was detected where an observation is refused is not the person; nor is that pelvis theirs.
         if observation.pelvis_quat_wxyz is not None and not self._position.rejections_in_a_row:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from experiments.fit.pace import KINDS, at_pace, flatten, prolong, sway
-from experiments.fit.trackers import beside, draw_tracker, seen_through
+from experiments.fit.trackers import beside, draw_tracker, seen_through, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
@@ -29,13 +29,14 @@ _LONG_S = 8.0
 # Gait of others differs in size, and many trackers do not see the height.
 _SWAY_SHARE, _SWAY_FACTOR, _FLAT_SHARE = 0.5, (0.6, 2.0), 0.5
 _BENT_SHARE = 0.6
+_WOBBLE_SHARE = 0.5
 # Bent walks outnumber the others: with less weight, turns of people left out are forecast worse, and straight walks no
 # better. Turns that were recorded are of few people; with more weight, straight walks of others get worse.
 _BENT_WEIGHT, _TURNING_WEIGHT, _STANDING_WEIGHT = 2.0, 0.5, 0.5
 # A fast tracker's frames say the same several times.
 _USUAL_HZ = 30.0
 _FEWEST_FRAMES = 20
-_SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 6, 3.0
+_SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 12, 2.0
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
 _BLANK = WalkerModel(
     (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
@@ -141,6 +142,8 @@ def _variants(walk: GaplessWalk, rng: np.random.Generator, plain: Sequence[bool]
         tracker, sensor = draw_tracker(rng, "plain" if each else "other")
         if tracker == "street":
             varied = flatten(varied)
+            if rng.random() < _WOBBLE_SHARE:
+                varied = wobble(varied, rng)
         varied = beside(varied, rng)
         weight = _BENT_WEIGHT if bent else 1.0 if straight else _TURNING_WEIGHT
         weight *= (_STANDING_WEIGHT if kind == "stand" else 1.0) * min(1.0, _USUAL_HZ / sensor.rate_hz)

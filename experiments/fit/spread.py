@@ -14,8 +14,8 @@ _PRIOR_WEIGHT = 5.0
 _SMALLEST_M = 1e-4
 _NOMINAL = np.array([0.68, 0.95])
 _SCALES = np.exp(np.linspace(np.log(0.5), np.log(2.0), 141))
-# Tails that are tried: from those of people in turns to nearly normal ones.
-_DEGREES_OF_FREEDOM = (3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0)
+# Tails that are tried. With fewer than 5 degrees, the rarest errors alone would make the covariance.
+_DEGREES_OF_FREEDOM = (5.0, 6.0, 8.0, 12.0, 20.0)
 # Frames in a row err alike; so many rows, evenly spaced, tell as much as all.
 _ENOUGH_ROWS = 12_000
 # The tails are chosen at this horizon's knot, half a second.

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
 
 from experiments.fit.variants import GaplessWalk
 from gazempc.recordings.recording import Labels, Recording, Track
@@ -26,6 +27,8 @@ _ORIENTATIONS, _ORIENTATION_SHARES = (
     ((True, True), (False, False), (True, False), (False, True)),
     (0.64, 0.22, 0.07, 0.07),
 )
+# Wander of tracks in streets, and white error; smoothing of a wander that counts as the path itself.
+_WANDER_M, _WANDER_TIME_S, _STREET_WHITE_M, _WOBBLE_SD_S = (0.005, 0.04), (0.08, 0.5), (0.0005, 0.005), 0.05
 _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 1.2, 5.0
 # Trackers above this rate, and frames that come late by parts of a period, are cut from a finer walk.
@@ -85,10 +88,18 @@ def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]
     return kind, SensorSpec(name=kind, source="drawn at random", latency_s=0.0, **fields, **_faults(rng, kind, fields))
 
 
-def street_error_m(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+def wobble(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
+    """The walk with a wander on its path that no gait explains: as in a crowd, or in the track of a tracker."""
+    slow = rng.uniform(*_WANDER_M) * wander(walk.times_s, _log_uniform(rng, *_WANDER_TIME_S), 3, rng)
+    slow[:, 2] = 0.0
+    step_s = float(np.median(np.diff(walk.times_s)))
+    return replace(walk, head_m=walk.head_m + gaussian_filter1d(slow, _WOBBLE_SD_S / step_s, axis=0))
+
+
+def _street_error_m(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """White error and wander of a tracker that sees no heights, shape (N, 3), metres."""
-    slow = rng.uniform(0.005, 0.04) * wander(times_s, _log_uniform(rng, 0.08, 0.5), 3, rng)
-    error = slow + rng.uniform(0.0005, 0.005) * rng.standard_normal((times_s.size, 3))
+    slow = rng.uniform(*_WANDER_M) * wander(times_s, _log_uniform(rng, *_WANDER_TIME_S), 3, rng)
+    error = slow + rng.uniform(*_STREET_WHITE_M) * rng.standard_normal((times_s.size, 3))
     error[:, 2] = 0.0
     return np.asarray(error)
 
@@ -117,7 +128,7 @@ def seen_through(walk: GaplessWalk, kind: str, sensor: SensorSpec, rng: np.rando
     """
     if sensor.rate_hz > _USUAL_HZ or sensor.timing.frame_jitter_s > 0 or not _on_usual_grid(sensor.rate_hz):
         walk = _finer(walk)
-    positions = walk.head_m + street_error_m(walk.times_s, rng) if kind == "street" else walk.head_m
+    positions = walk.head_m + _street_error_m(walk.times_s, rng) if kind == "street" else walk.head_m
     head, pelvis = (_quats(yaw) for yaw in (walk.head_yaw_rad, walk.pelvis_yaw_rad))
     n = walk.times_s.size
     track = Track(positions, head, np.full((n, 3), np.nan), pelvis, np.ones(n, dtype=np.bool_))

@@ -72,7 +72,6 @@ class ConstantAcceleration:
             raise ValueError("jerk_psd and position_noise_m must be positive")
         self._psd = jerk_psd
         self._R = position_noise_m**2 * np.eye(3)
-        self._gate = Gate()
         self.reset()
 
     def reset(self) -> None:
@@ -80,7 +79,7 @@ class ConstantAcceleration:
         self._filter: KalmanFilter | None = None
         self._time_s = -np.inf
         self._issued_at_s = -np.inf
-        self._gate.reset()
+        self._gate = Gate()
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
@@ -93,11 +92,14 @@ class ConstantAcceleration:
         kf.predict(F=transition(dt_s)[0], Q=process_noise(dt_s, self._psd)[0])
         self._time_s = observation.capture_time_s
         R = noise_m2(observation, self._R)
-        if self._gate.accepts(observation.head_position_base_m - kf.x[:3], kf.P[:3, :3] + R):
+        if self._gate.accepts(observation, kf.x[:3], kf.P[:3, :3] + R):
             kf.update(observation.head_position_base_m, R=R)
             self._issued_at_s = observation.capture_time_s
         elif self._gate.lost:
-            self._start(observation)
+            first, *others = self._gate.candidate
+            self._start(first)
+            for other in others:
+                self.update(other)
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
@@ -124,4 +126,4 @@ class ConstantAcceleration:
         kf.H = np.eye(3, 9)
         self._filter = kf
         self._time_s = self._issued_at_s = observation.capture_time_s
-        self._gate.reset()
+        self._gate.begin(observation)

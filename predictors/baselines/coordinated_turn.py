@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from predictors.baselines.arc import NODES, WEIGHTS, arc, turned_per_rate_s
 from predictors.constant_velocity import ConstantVelocity
-from predictors.gate import Gate
+from predictors.gate import is_near
 from predictors.predictor import noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.yaw import wrap_rad, yaw_rad
@@ -109,8 +109,9 @@ class CoordinatedTurn:
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        started_at_s = self._position.started_at_s
         self._position.update(observation)
-        if self._position.started_at_s == observation.capture_time_s:
+        if self._position.started_at_s != started_at_s:
             self._forget()
         if self._position.rejections_in_a_row:
             return
@@ -182,13 +183,14 @@ class CoordinatedTurn:
         """Update the walk; False if it does not look like one, so that it has to begin anew."""
         ekf = self._filter
         assert ekf is not None
-        x, P = self._ahead(np.array([observation.capture_time_s - self._time_s]))
+        since_s = observation.capture_time_s - self._time_s
+        x, P = self._ahead(np.array([since_s]))
         ekf.x, ekf.P = x[0], P[0]
         seen = observation.head_position_base_m[:2]
         R = noise_m2(observation, self._R)[:2, :2]
         spread = np.eye(3)  # the height is judged already
         spread[:2, :2] = ekf.P[:2, :2] + R
-        if not Gate().accepts(np.append(seen - ekf.x[:2], 0.0), spread):
+        if not is_near(np.append(seen - ekf.x[:2], 0.0), spread, since_s):
             return False
         ekf.update(seen, lambda _: np.eye(2, 7), lambda x: x[:2], R=R)
         cues = (observation.pelvis_quat_wxyz, observation.head_quat_wxyz)

@@ -84,7 +84,6 @@ class InteractingModels:
         self._mode_time_s = mode_time_s
         self._psd = acceleration_psd
         self._R = position_noise_m**2 * np.eye(3)
-        self._gate = Gate()
         self.reset()
 
     def reset(self) -> None:
@@ -92,7 +91,7 @@ class InteractingModels:
         self._imm: IMMEstimator | None = None
         self._time_s = -np.inf
         self._issued_at_s = -np.inf
-        self._gate.reset()
+        self._gate = Gate()
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
@@ -113,13 +112,16 @@ class InteractingModels:
         imm.predict()
         self._time_s = observation.capture_time_s
         R = noise_m2(observation, self._R)
-        if self._gate.accepts(observation.head_position_base_m - imm.x[:3], imm.P[:3, :3] + R):
+        if self._gate.accepts(observation, imm.x[:3], imm.P[:3, :3] + R):
             for kf in imm.filters:
                 kf.R = R
             imm.update(observation.head_position_base_m)
             self._issued_at_s = observation.capture_time_s
         elif self._gate.lost:
-            self._start(observation)
+            first, *others = self._gate.candidate
+            self._start(first)
+            for other in others:
+                self.update(other)
 
     def probabilities(self) -> FloatArray:
         """How probable the modes are.
@@ -167,4 +169,4 @@ class InteractingModels:
             filters.append(kf)
         self._imm = IMMEstimator(filters, _INITIAL_PROBABILITIES, mode_transition(0.0, self._mode_time_s))
         self._time_s = self._issued_at_s = observation.capture_time_s
-        self._gate.reset()
+        self._gate.begin(observation)

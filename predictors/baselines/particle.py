@@ -74,10 +74,11 @@ class ParticleFilter:
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        started_at_s = self._position.started_at_s
         self._position.update(observation)
         if self._position.rejections_in_a_row:
             return
-        if self._position.started_at_s == observation.capture_time_s:
+        if self._position.started_at_s != started_at_s:
             self._draw()
         else:
             self._walk(observation.capture_time_s - self._time_s)

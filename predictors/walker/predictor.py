@@ -54,13 +54,16 @@ class Walker:
         stated = observation.position_covariance_m2
         covariance_m2 = self._noise.covariance_m2() if stated is None else stated
         self._position.update_by(observation, covariance_m2 + _GAIT_M2)
-        if self._position.rejections_in_a_row:
+        taken = self._position.taken_in
+        if not taken:
             return
         if self._position.started_at_s != started_at_s:
             self._forget()
-        _, state, _ = self._position.state()
-        self._inputs = self._history.add(observation, state, covariance_m2)
         window = self._history.window
+        for earlier in taken[:-1]:  # of a candidate, to whom the track was given just now
+            window.add(earlier, covariance_m2)
+        _, state, _ = self._position.state()
+        self._inputs = self._history.add(taken[-1], state, covariance_m2)
         self._noise.learn(window.times_s, window.values[:, :3])
         self._knots = None
 

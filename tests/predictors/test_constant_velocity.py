@@ -117,7 +117,7 @@ def show_jumps(cv: ConstantVelocity, count: int) -> tuple[float, FloatArray]:
     return end_s + count * FRAME_S, jump + 0.001 * count
 
 
-@pytest.mark.parametrize("count", [5, 9])
+@pytest.mark.parametrize("count", [5, 23])
 def test_burst_of_false_detections_does_not_move_the_track(count: int) -> None:
     cv, spared = ConstantVelocity(), ConstantVelocity()
     end_s, _ = show_jumps(cv, count)
@@ -126,13 +126,17 @@ def test_burst_of_false_detections_does_not_move_the_track(count: int) -> None:
     np.testing.assert_allclose(cv.forecast(end_s).means_base_m, spared.forecast(end_s).means_base_m, atol=1e-12)
 
 
-def test_ten_refusals_in_a_row_restart_the_track() -> None:
+def test_after_0_75_s_of_refusals_the_track_is_that_of_what_was_refused() -> None:
+    """With all of its history: as a filter that saw nothing else."""
     cv, fresh = ConstantVelocity(), ConstantVelocity()
-    end_s, place_m = show_jumps(cv, 10)
-    fresh.update(seen(end_s, place_m))
+    end_s, place_m = show_jumps(cv, 24)
+    for i in range(1, 25):
+        fresh.update(seen(end_s - (24 - i) * FRAME_S, place_m - 0.001 * (24 - i)))
     for mine, expected in zip(cv.state(), fresh.state(), strict=True):
-        np.testing.assert_array_equal(mine, expected)
+        np.testing.assert_allclose(mine, expected, rtol=0, atol=1e-12)
     assert cv.forecast(end_s).issued_at_s == end_s
+    assert cv.started_at_s == pytest.approx(end_s - 23 * FRAME_S)
+    assert len(cv.taken_in) == 24
     assert cv.rejections_in_a_row == 0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.recordings.recording import Recording, Track
-from gazempc.sim.sensing.position import jump_error, sight_error, stated_covariances
+from gazempc.sim.sensing.position import jump_error, other_offset, shows_other, sight_error, stated_covariances
 from gazempc.sim.sensing.processes import bouts, wander
 from gazempc.sim.sensing.spec import SensorSpec
 from gazempc.sim.sensing.tables import YawError
@@ -22,6 +22,8 @@ from predictors import HeadObservation
 # Each process draws from its own stream, so that switching one on leaves the others as they are. The noise of each
 # axis and yaw and the independent loss are older than these and share the stream without a number.
 _STREAMS = ("wander", "sight", "jumps", "loss", "head", "pelvis", "frames", "latency", "stamps")
+# Of the recording's person and of the other one.
+_NAMES = ("1", "2")
 _Streams = dict[str, np.random.Generator]
 
 
@@ -52,9 +54,12 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
     yaw_noise_rad = np.deg2rad(sensor.yaw_noise_deg) * rng.standard_normal((times_s.size, 2))
     missed = rng.random(times_s.size) < sensor.dropout_probability
 
-    positions_m = track.head_position_m + noise_m + _position_error(times_s, track.head_position_m, sensor, streams)
+    # Errors and visibility are those of the person who is shown.
+    shows_the_other = shows_other(times_s, sensor.other_person)
+    shown_m = track.head_position_m + other_offset(track.head_position_m, shows_the_other, sensor.other_person)
+    positions_m = shown_m + noise_m + _position_error(times_s, shown_m, sensor, streams)
     missed |= bouts(times_s, sensor.loss, streams["loss"]) >= 0
-    visible = track.valid & ~missed & _within(sensor, track.head_position_m, positions_m)
+    visible = track.valid & ~missed & _within(sensor, shown_m, positions_m)
     taken = frames_taken(times_s, sensor.rate_hz, sensor.timing.frame_jitter_s, streams["frames"])
     seen = taken[visible[taken]]
     if not seen.size:
@@ -72,6 +77,7 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
         _stated_positions(sensor, positions_m[seen]),
         _stated_yaws(sensor, sensor.head_yaw, head_known[seen]),
         _stated_yaws(sensor, sensor.pelvis_yaw, pelvis_known[seen]),
+        [_NAMES[shows] if sensor.other_person.ids else None for shows in shows_the_other[seen].tolist()],
         strict=True,
     )
     arrive_s = arrivals(times_s, sensor.latency_s, sensor.timing, streams["latency"])[seen]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gazempc.sim.sensing.processes import bouts, wander
-from gazempc.sim.sensing.tables import AcrossError, AlongError, Jumps
-from gazempc.types import FloatArray
+from gazempc.sim.sensing.tables import AcrossError, AlongError, Jumps, OtherPerson
+from gazempc.types import BoolArray, FloatArray
 
 # Straight above or below the sensor "left" has no meaning; any direction serves.
 _VERTICAL = 1e-9
@@ -87,6 +87,40 @@ def jump_error(times_s: FloatArray, jumps: Jumps, rng: np.random.Generator) -> F
     error = np.zeros((times_s.size, 3))
     error[number >= 0] = aside[number[number >= 0]]
     return error
+
+
+def shows_other(times_s: FloatArray, other: OtherPerson) -> BoolArray:
+    """Which frames show the other person: at the end of each period from the first frame on.
+
+    Args:
+        times_s: Times of the frames, shape (N,), seconds.
+        other: How often and how long.
+
+    Returns:
+        Shape (N,).
+    """
+    if not other.is_there:
+        return np.zeros(times_s.size, dtype=np.bool_)
+    # A frame on the edge is not decided by rounding.
+    in_period_s = (times_s - times_s[0] + 1e-6) % other.every_s
+    return np.asarray(in_period_s >= other.every_s - other.shown_s)
+
+
+def other_offset(positions_m: FloatArray, shown: BoolArray, other: OtherPerson) -> FloatArray:
+    """From the first person to the other one, at the frames that show the other.
+
+    Args:
+        positions_m: True positions of the first person, shape (N, 3), metres, base frame; NaN where nobody is.
+        shown: Which frames show the other person, shape (N,).
+        other: How far apart they are.
+
+    Returns:
+        Shape (N, 3), metres; 0 at the other frames.
+    """
+    offset = np.zeros_like(positions_m)
+    if shown.any():
+        offset[shown] = other.aside_m * sight_axes(positions_m[shown])[:, 1]
+    return offset
 
 
 def stated_covariances(

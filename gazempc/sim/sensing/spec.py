@@ -7,7 +7,16 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gazempc.sim.sensing.tables import AcrossError, AlongError, Bouts, FieldOfView, Jumps, Timing, YawError
+from gazempc.sim.sensing.tables import (
+    AcrossError,
+    AlongError,
+    Bouts,
+    FieldOfView,
+    Jumps,
+    OtherPerson,
+    Timing,
+    YawError,
+)
 
 
 class SensorSpec(BaseModel):
@@ -36,6 +45,7 @@ class SensorSpec(BaseModel):
     along: AlongError = AlongError()
     across: AcrossError = AcrossError()
     jumps: Jumps = Jumps()
+    other_person: OtherPerson = OtherPerson()
     head_yaw: YawError = YawError()
     pelvis_yaw: YawError = YawError()
     loss: Bouts = Bouts()
@@ -73,4 +83,4 @@ class SensorSpec(BaseModel):
             self.head_yaw,
             self.pelvis_yaw,
         )
-        return limited or any(error.depends_on_sight for error in errors)
+        return limited or self.other_person.is_there or any(error.depends_on_sight for error in errors)

@@ -91,6 +91,28 @@ class Jumps(Bouts):
         return self
 
 
+class OtherPerson(_Table):
+    """Now and then the track shows another person, who keeps to the left of the first as the sensor sees them."""
+
+    aside_m: float = Field(default=1.0, gt=0, le=10, description="Level distance of the two, across the line of sight")
+    every_s: float = Field(
+        default=math.inf, gt=0, description="Period; the other person is shown at its end. Without it there is none"
+    )
+    shown_s: float = Field(default=0.0, ge=0, le=1000, description="How much of each period shows the other person")
+    ids: bool = Field(default=False, description="Observations name the person that they show")
+
+    @model_validator(mode="after")
+    def _first_person_is_shown(self) -> OtherPerson:
+        if self.shown_s >= self.every_s:
+            raise ValueError(f"shown_s ({self.shown_s}) must be less than every_s ({self.every_s})")
+        return self
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the other person is ever shown."""
+        return self.shown_s > 0 and self.every_s < math.inf
+
+
 class YawError(_Table):
     """Error of one yaw, and what becomes of it while that part of the person faces away from the sensor."""
 

@@ -87,6 +87,24 @@ def test_a_jump_of_no_duration_is_a_spike_of_one_frame():
     assert len(np.unique(errors[hit], axis=0)) == hit.sum()
 
 
+@pytest.mark.parametrize("ids", [False, True])
+def test_the_other_person_is_shown_at_the_end_of_each_period_and_to_the_left(ids):
+    """0.7 s of every 1.8 s, 0.8 m aside: 21 of 54 frames, with the errors of the sensor on top."""
+    other = {"every_s": 1.8, "shown_s": 0.7, "aside_m": 0.8, "ids": ids}
+    walk = standing(18.0)
+    along, left, up = on_sight(position_errors(walk, other_person=other))
+    shown = np.arange(540) % 54 >= 33
+    assert left == pytest.approx(np.where(shown, 0.8, 0.0), abs=1e-9)
+    assert np.abs(along).max() < 1e-9
+    assert np.abs(up).max() < 1e-9
+    names = [o.person_id for o in seen(walk, other_person=other)]
+    assert names == [("2" if one else "1") if ids else None for one in shown]
+    noisy = position_errors(walk, position_noise_m=0.01, other_person=other)
+    assert noisy - position_errors(walk, position_noise_m=0.01) == pytest.approx(
+        0.8 * shown[:, None] * LEFT / np.linalg.norm(LEFT), abs=1e-9
+    )
+
+
 def test_the_stated_covariance_is_that_of_the_errors_and_long_along_the_line_of_sight():
     fields = {"along": {"noise_share": 0.035, "wander_share": 0.02, "wander_time_s": 0.1}, "states_covariance": True}
     observations = seen(LONG, across={"noise_deg": 0.5}, **fields)

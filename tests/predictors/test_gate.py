@@ -1,0 +1,167 @@
+"""The gate: what it refuses, and when the track is somebody else's. The filter is that of constant velocity."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from predictors import ConstantVelocity, HeadObservation
+from predictors.gate import is_near
+from predictors.types import FloatArray
+
+SPEED_M_S = np.array([1.2, 0.0, 0.0])
+ASIDE_M = np.array([0.0, 1.0, 0.0])
+RATES_HZ = [4.0, 10.0, 30.0, 60.0]
+
+
+def person(time_s: float) -> FloatArray:
+    return np.array([-2.0, 2.5, 0.4]) + time_s * SPEED_M_S
+
+
+def show(
+    cv: ConstantVelocity, at: Callable[[float], FloatArray], since_s: float, until_s: float, rate_hz: float = 30.0
+) -> list[HeadObservation]:
+    """Show somebody with 5 mm of noise; gives the observations."""
+    rng = np.random.default_rng(7)
+    shown = []
+    for k in range(round(since_s * rate_hz), round(until_s * rate_hz)):
+        shown.append(HeadObservation(k / rate_hz, at(k / rate_hz) + 0.005 * rng.standard_normal(3)))
+        cv.update(shown[-1])
+    return shown
+
+
+def off_m(cv: ConstantVelocity, at: Callable[[float], FloatArray]) -> float:
+    time_s, state, _ = cv.state()
+    return float(np.linalg.norm(state[:3] - at(time_s)))
+
+
+@pytest.mark.parametrize("since_s", [1 / 30, 0.25, 1.0])
+def test_the_edge_is_the_quantile_with_an_allowance_that_grows_with_the_gap(since_s: float) -> None:
+    """16.266 is the 99.9 % quantile of chi-square with 3 degrees of freedom in printed tables."""
+    edge_m = np.sqrt(16.266 * (0.02**2 + (0.5 * 1.25 * (since_s + 0.2) ** 2) ** 2))
+    for factor, near in ((0.999, True), (1.001, False)):
+        assert is_near(np.array([0.0, factor * edge_m, 0.0]), 0.02**2 * np.eye(3), since_s) is near
+    assert not is_near(np.array([np.nan, 0.0, 0.0]), np.eye(3), since_s)
+
+
+def test_a_spike_within_a_frame_is_refused_and_the_same_step_after_a_gap_is_not() -> None:
+    def aside(time_s: float) -> FloatArray:
+        return person(time_s) + 0.2 * ASIDE_M
+
+    for gap_s, refused in ((0.0, 1), (0.4, 0)):
+        cv = ConstantVelocity()
+        show(cv, person, 0.0, 2.0)
+        show(cv, aside, 2.0 + gap_s, 2.0 + gap_s + 1 / 30)
+        assert cv.rejections_in_a_row == refused
+
+
+def test_spikes_are_refused_and_nothing_else() -> None:
+    """10 % of the frames of a minute, 0.2 to 0.5 m."""
+    rng, cv, wrong, good = np.random.default_rng(1), ConstantVelocity(), [], []
+    for k in range(1800):
+        spike = k > 10 and rng.random() < 0.1
+        aside = rng.standard_normal(3)
+        aside *= rng.uniform(0.2, 0.5) / np.linalg.norm(aside)
+        seen_m = person(k / 30) + 0.01 * rng.standard_normal(3) + spike * aside
+        cv.update(HeadObservation(k / 30, seen_m))
+        (wrong if spike else good).append(cv.rejections_in_a_row > 0)
+    assert np.mean(wrong) > 0.97
+    assert np.mean(good) < 0.01
+
+
+def test_a_tracker_that_is_noisier_than_it_says_is_not_refused_for_long() -> None:
+    """A range that is wrong by 15 % in each frame, and 10 mm stated: after a second nearly all is used."""
+    rng, cv, refused = np.random.default_rng(2), ConstantVelocity(), []
+    for k in range(150):
+        cv.update(HeadObservation(k / 30, person(k / 30) * (1.0 + 0.15 * rng.standard_normal())))
+        refused.append(cv.rejections_in_a_row > 0)
+    assert np.mean(refused[30:]) < 0.1
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_a_track_rides_through_a_passer_by_of_0_7_s(rate_hz: float) -> None:
+    """Also where the gate has grown over the other person meanwhile."""
+    cv = ConstantVelocity()
+    for period in range(4):
+        begin_s = 1.8 * period
+        show(cv, person, begin_s, begin_s + 1.1, rate_hz)
+        show(cv, lambda t: person(t) + ASIDE_M, begin_s + 1.1, begin_s + 1.8, rate_hz)
+        assert off_m(cv, person) < 0.15
+    assert cv.started_at_s == 0.0
+
+
+@pytest.mark.parametrize("rate_hz", [2.5, *RATES_HZ])
+def test_who_is_elsewhere_for_good_is_followed_within_about_a_second(rate_hz: float) -> None:
+    """And goes on with the velocity that was seen meanwhile."""
+
+    def elsewhere(time_s: float) -> FloatArray:
+        return np.array([2.0, -1.0 - time_s, 0.4])
+
+    cv = ConstantVelocity()
+    show(cv, person, 0.0, 2.4, rate_hz)
+    show(cv, elsewhere, 2.4, 3.0, rate_hz)
+    assert off_m(cv, elsewhere) > 1.0
+    show(cv, elsewhere, 3.0, 2.4 + 1.01, rate_hz)
+    assert off_m(cv, elsewhere) < 0.03
+    np.testing.assert_allclose(cv.state()[1][3:], [0.0, -1.0, 0.0], atol=0.1)
+
+
+def test_refused_positions_that_do_not_agree_are_no_track() -> None:
+    cv, rng = ConstantVelocity(), np.random.default_rng(3)
+    show(cv, person, 0.0, 2.0)
+    for k in range(60, 90):
+        cv.update(HeadObservation(k / 30, rng.uniform(30.0, 60.0, 3)))
+    assert cv.started_at_s == 0.0
+    assert off_m(cv, person) < 0.2
+
+
+def test_a_track_that_began_with_a_mistake_is_given_up_at_once() -> None:
+    cv = ConstantVelocity()
+    cv.update(HeadObservation(0.0, person(0.0) + 3.0 * ASIDE_M))
+    show(cv, person, 1 / 30, 0.1)
+    assert off_m(cv, person) < 0.02
+
+
+def named(cv: ConstantVelocity, at: Callable[[float], FloatArray], since_s: float, until_s: float, name: str) -> None:
+    for k in range(round(30 * since_s), round(30 * until_s)):
+        cv.update(HeadObservation(k / 30, at(k / 30), person_id=name))
+
+
+def aside_of_person(time_s: float) -> FloatArray:
+    return person(time_s) + ASIDE_M
+
+
+def test_who_has_another_name_is_waited_out_for_longer() -> None:
+    cv = ConstantVelocity()
+    named(cv, person, 0.0, 2.0, "ann")
+    named(cv, aside_of_person, 2.0, 3.2, "bob")
+    assert off_m(cv, person) < 0.05
+    named(cv, person, 3.2, 4.0, "ann")
+    assert cv.rejections_in_a_row == 0
+    named(cv, aside_of_person, 4.0, 5.6, "bob")
+    assert off_m(cv, aside_of_person) < 0.02
+    named(cv, person, 5.6, 6.8, "ann")  # now she is the other one
+    assert off_m(cv, aside_of_person) < 0.05
+
+
+def test_a_new_name_at_the_expected_place_is_the_same_person() -> None:
+    cv = ConstantVelocity()
+    for k in range(60):
+        named(cv, person, k / 30, (k + 1) / 30, f"track {k}")
+        assert cv.rejections_in_a_row == 0
+    assert cv.started_at_s == 0.0
+    named(cv, aside_of_person, 2.0, 2.9, "track 59")  # that name is the person's: after 0.75 s they are there
+    assert off_m(cv, aside_of_person) < 0.02
+
+
+def test_after_a_gap_another_name_needs_to_be_where_the_person_is_expected() -> None:
+    """0.4 m aside after 0.4 s may be the person who turned, but not under another name."""
+
+    def turned(time_s: float) -> FloatArray:
+        return person(time_s) + 0.4 * ASIDE_M
+
+    for name, refused in (("ann", 0), ("bob", 1)):
+        cv = ConstantVelocity()
+        named(cv, person, 0.0, 2.0, "ann")
+        named(cv, turned, 2.4, 2.4 + 1 / 30, name)
+        assert cv.rejections_in_a_row == refused
