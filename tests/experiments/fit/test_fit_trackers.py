@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders.fits import straight_walk
 
-from experiments.fit.trackers import KINDS, beside, draw_tracker, seen_through, street_error_m
+from experiments.fit.trackers import KINDS, beside, draw_tracker, seen_through, wobble
 from gazempc.sim.sensor import SensorSpec
 
 
@@ -74,9 +74,27 @@ def test_the_street_sees_no_heights_and_no_orientations():
         seen = seen_through(walk, "street", sensor, np.random.default_rng(seed))
         assert all(o.head_quat_wxyz is None and o.pelvis_quat_wxyz is None for o in seen)
         np.testing.assert_allclose([o.head_position_base_m[2] for o in seen], 1.6, atol=1e-9)
-    error = street_error_m(np.arange(300) / 30, np.random.default_rng(0))
-    assert np.all(error[:, 2] == 0.0)
-    assert 0.004 < error[:, :2].std() < 0.06
+    own = [seen_through(walk, "street", plain_sensor(), np.random.default_rng(seed)) for seed in range(20)]
+    error = np.array([[o.head_position_base_m for o in each] for each in own]) - walk.head_m
+    sizes = error[:, :, :2].std(axis=(1, 2))
+    assert 0.003 < sizes.min() < 0.02
+    assert 0.02 < sizes.max() < 0.06
+    # It wanders: errors of two frames in a row are alike.
+    assert np.mean(error[:, 1:, :2] * error[:, :-1, :2]) > 0.5 * np.mean(error[:, :, :2] ** 2)
+
+
+def test_a_wobble_is_of_the_path_and_smooth():
+    """It has no height, leaves times and yaws as they are, and has no steps as a tracker's white error has."""
+    walk, sizes = straight_walk(6.0), []
+    for seed in range(20):
+        found = wobble(walk, np.random.default_rng(seed))
+        off = (found.head_m - walk.head_m)[:, :2]
+        np.testing.assert_array_equal(found.head_m[:, 2], walk.head_m[:, 2])
+        np.testing.assert_array_equal(found.pelvis_yaw_rad, walk.pelvis_yaw_rad)
+        assert np.diff(off, axis=0).std() < 0.5 * off.std()
+        sizes.append(off.std())
+    assert 0.001 < min(sizes) < 0.01
+    assert 0.015 < max(sizes) < 0.06
 
 
 @pytest.mark.parametrize("rate_hz", [7.5, 15.0, 25.0, 30.0, 50.0, 60.0])
