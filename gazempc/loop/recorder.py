@@ -19,8 +19,8 @@ from predictors import Forecast, HeadObservation
 _LOGGER = logging.getLogger("gazempc.loop")
 _NOWHERE = np.full(2, np.nan)
 _NO_PAIR = np.empty(0)
-_NO_MEAN = np.full((len(FORECAST_HORIZONS_S), 3), np.nan)
-_NO_COVARIANCE = np.full((len(FORECAST_HORIZONS_S), 3, 3), np.nan)
+_HORIZONS = len(FORECAST_HORIZONS_S)
+_NO_FORECAST = (np.full((_HORIZONS, 3), np.nan), np.full((_HORIZONS, 3, 3), np.nan), np.nan)
 
 
 class LoopRecorder:
@@ -35,7 +35,8 @@ class LoopRecorder:
     def __init__(self, control_period_s: float) -> None:
         self._control_period_s = control_period_s
         self._ticks: list[tuple[float, JointState | None, FloatArray, tuple[AxisMotion, AxisMotion]]] = []
-        self._observations: list[tuple[float, HeadObservation, FloatArray, FloatArray]] = []
+        self._observations: list[tuple[float, HeadObservation]] = []
+        self._forecasts: list[tuple[FloatArray, FloatArray, float]] = []
         self._events: list[tuple[float, str]] = []
         self._event_last_s: dict[str, float] = {}
         self._faults: dict[str, Fault] = {}
@@ -75,10 +76,12 @@ class LoopRecorder:
             forecast: Forecast at `FORECAST_HORIZONS_S` from its capture; None if there is none.
             update_ms: Duration of the predictor's update, milliseconds.
         """
-        mean, covariance = (
-            (_NO_MEAN, _NO_COVARIANCE) if forecast is None else (forecast.means_base_m, forecast.covariances_m2)
+        self._observations.append((time_s, observation))
+        self._forecasts.append(
+            _NO_FORECAST
+            if forecast is None
+            else (forecast.means_base_m, forecast.covariances_m2, forecast.degrees_of_freedom)
         )
-        self._observations.append((time_s, observation, mean, covariance))
         self._update_ms.append(update_ms)
 
     def step(self, step_ms: float) -> None:
@@ -132,7 +135,7 @@ class LoopRecorder:
         time_s = np.array([t for t, _, _, _ in self._ticks])
         states = true_joints or [s for _, s, _, _ in self._ticks]
         motions = np.array([m for _, _, _, m in self._ticks]).reshape(-1, 2, 3)
-        captures = np.array([o.capture_time_s for _, o, _, _ in self._observations])
+        captures = np.array([o.capture_time_s for _, o in self._observations])
         horizons = np.array(FORECAST_HORIZONS_S)
         shape = (captures.size, horizons.size, 3)
         ahead = captures[:, None] + horizons
@@ -147,11 +150,12 @@ class LoopRecorder:
             command_velocity_rad_s=motions[:, :, 1].copy(),
             command_acceleration_rad_s2=motions[:, :, 2].copy(),
             capture_time_s=captures,
-            arrival_time_s=np.array([t for t, _, _, _ in self._observations]),
-            head_observed_base_m=np.array([o.head_position_base_m for _, o, _, _ in self._observations]).reshape(-1, 3),
-            person_id=np.array([o.person_id or "" for _, o, _, _ in self._observations], dtype=np.str_),
-            forecast_mean_base_m=np.array([mean for _, _, mean, _ in self._observations]).reshape(shape),
-            forecast_covariance_m2=np.array([cov for _, _, _, cov in self._observations]).reshape(*shape, 3),
+            arrival_time_s=np.array([t for t, _ in self._observations]),
+            head_observed_base_m=np.array([o.head_position_base_m for _, o in self._observations]).reshape(-1, 3),
+            person_id=np.array([o.person_id or "" for _, o in self._observations], dtype=np.str_),
+            forecast_mean_base_m=np.array([mean for mean, _, _ in self._forecasts]).reshape(shape),
+            forecast_covariance_m2=np.array([cov for _, cov, _ in self._forecasts]).reshape(*shape, 3),
+            forecast_degrees_of_freedom=np.array([freedom for _, _, freedom in self._forecasts]),
             forecast_true_base_m=true,
             forecast_horizon_s=horizons,
             event_time_s=np.array([t for t, _ in self._events]),

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from gazempc.results.coverage import inside
 from gazempc.results.log import Log
 from gazempc.types import FloatArray
 
-# Quantiles of chi-square with 3 degrees of freedom: the stated 68 and 95 % ellipsoids. As numbers, because
-# `scipy.stats` takes half a second to import; a test compares them with it.
-INSIDE_68, INSIDE_95 = 3.5058823558, 7.8147279033
-
 
 def forecast_metrics(log: Log) -> dict[str, float]:
-    """Mean error at each horizon; at 0.5 s coverage and NEES of the stated covariance.
+    """Mean error at each horizon; at 0.5 s coverage and NEES of what is stated: covariance and degrees of freedom.
 
     Args:
         log: The run.
@@ -35,8 +32,10 @@ def forecast_metrics(log: Log) -> dict[str, float]:
     if len(differences) and np.all(np.linalg.det(covariances) > 0):
         nees = np.einsum("fi,fi->f", differences, np.linalg.solve(covariances, differences[..., None])[..., 0])
     certain = np.isfinite(nees).all() and nees.size > 0
-    found["forecast_coverage_68_500"] = float(np.mean(nees <= INSIDE_68)) if certain else float("nan")
-    found["forecast_coverage_95_500"] = float(np.mean(nees <= INSIDE_95)) if certain else float("nan")
+    freedom = log.forecast_degrees_of_freedom[known]
+    for percent in (68, 95):
+        held = float(np.mean(inside(nees, freedom, percent / 100))) if certain else float("nan")
+        found[f"forecast_coverage_{percent}_500"] = held
     found["forecast_nees_500"] = float(np.mean(nees)) if certain else float("nan")
     return found
 

@@ -64,6 +64,8 @@ class Log:
         forecast_mean_base_m: Forecast after each observation at each of `forecast_horizon_s` from its capture,
             shape (F, 3, 3): observation, horizon, axis; NaN where there was none.
         forecast_covariance_m2: Shape (F, 3, 3, 3), square metres.
+        forecast_degrees_of_freedom: Those of the t distribution that each forecast states, shape (F,); infinite for a
+            normal one, NaN where there was no forecast.
         forecast_true_base_m: True head at these times, NaN past the end of the recording, shape (F, 3, 3), metres.
         forecast_horizon_s: Shape (3,), seconds.
         event_time_s: Beginning of each event, shape (E,), seconds.
@@ -85,6 +87,7 @@ class Log:
     person_id: StringArray
     forecast_mean_base_m: FloatArray
     forecast_covariance_m2: FloatArray
+    forecast_degrees_of_freedom: FloatArray
     forecast_true_base_m: FloatArray
     forecast_horizon_s: FloatArray
     event_time_s: FloatArray

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from experiments.forecast.command import forecast, main
-from experiments.forecast.coverage import inside
 from experiments.forecast.errors import ForecastErrors
 from experiments.forecast.summary import ClipResult, summarise
+from gazempc.results.coverage import inside
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

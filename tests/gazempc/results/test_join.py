@@ -18,6 +18,7 @@ ROWS = {
         "person_id",
         "forecast_mean",
         "forecast_cov",
+        "forecast_degrees",
         "forecast_true",
     ),
     "event_time_s": ("event_",),

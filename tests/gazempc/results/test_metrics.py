@@ -8,15 +8,19 @@ from builders.recordings import synthetic
 from builders.replays import replayed
 from monalysa.quality import smoothness as reference_smoothness
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_t
 
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import load_neck
-from gazempc.results.forecast_metrics import INSIDE_68, INSIDE_95
+from gazempc.results.forecast_metrics import forecast_metrics
 from gazempc.results.limits import limit_violations
 from gazempc.results.log import Log, load_log
 from gazempc.results.metrics import gap_closed, measure
 from gazempc.results.smoothness import log_dimensionless_jerk, sparc
+from gazempc.sim.replay import replay_scene
+from gazempc.sim.scene import Scene
+from gazempc.sim.sensor import load_sensor
+from predictors import ConstantVelocity
 
 NECK = load_neck("fetch")
 
@@ -150,6 +154,43 @@ def test_forecast_figures(log):
     assert m.forecast_coverage_95_500 == pytest.approx(np.mean(np.array(nees) < chi2.ppf(0.95, 3)))
 
 
+def test_coverage_takes_the_stated_tails(log):
+    """Errors drawn from a t distribution with 3 degrees of freedom: as stated they are covered, as normal ones not."""
+    draws, freedom = 20_000, 3.0
+    spread = np.array([[0.02, 0.01, 0.0], [0.01, 0.03, 0.0], [0.0, 0.0, 0.001]])
+    scale = spread * (freedom - 2.0) / freedom
+    errors_m = multivariate_t(np.zeros(3), scale, df=freedom, seed=np.random.default_rng(0)).rvs(draws)
+    tailed = dataclasses.replace(
+        log,
+        forecast_true_base_m=np.zeros((draws, 3, 3)),
+        forecast_mean_base_m=np.tile(errors_m[:, None], (1, 3, 1)),
+        forecast_covariance_m2=np.tile(spread, (draws, 3, 1, 1)),
+        forecast_degrees_of_freedom=np.full(draws, freedom),
+    )
+    found = forecast_metrics(tailed)
+    assert found["forecast_coverage_68_500"] == pytest.approx(0.68, abs=0.01)
+    assert found["forecast_coverage_95_500"] == pytest.approx(0.95, abs=0.01)
+    normal = dataclasses.replace(tailed, forecast_degrees_of_freedom=np.full(draws, np.inf))
+    assert forecast_metrics(normal)["forecast_coverage_68_500"] > 0.78
+
+
+def test_the_log_holds_what_each_forecast_states():
+    class Tailed(ConstantVelocity):
+        """Has longer tails from 1 s on, and none before half a second."""
+
+        def forecast(self, times_s):
+            forecast = super().forecast(times_s)
+            if forecast.issued_at_s < 0.5:
+                raise ValueError("not yet")
+            return dataclasses.replace(forecast, degrees_of_freedom=5.0 if forecast.issued_at_s > 1.0 else np.inf)
+
+    scene = Scene(synthetic("subject02_R4"), load_neck("reference"), load_sensor("reference"))
+    tailed = replay_scene(scene, "reactive", Tailed()).log
+    expected = np.select([tailed.capture_time_s < 0.5, tailed.capture_time_s > 1.0], [np.nan, 5.0], np.inf)
+    np.testing.assert_array_equal(tailed.forecast_degrees_of_freedom, expected)
+    np.testing.assert_array_equal(np.isnan(expected), np.isnan(tailed.forecast_mean_base_m[:, 0, 0]))
+
+
 def test_smoothness_is_that_of_its_authors():
     t = np.arange(0, 2, 0.005)
     bell = t**2 * (2 - t) ** 2 + 0.05 * np.sin(25 * t) ** 2
@@ -204,8 +245,3 @@ def test_another_npz_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", a=1)
     with pytest.raises(SettingsError, match="lacks"):
         load_log(tmp_path / "other.npz")
-
-
-def test_the_quantiles_of_the_stated_ellipsoids_are_those_of_chi_square():
-    for share, limit in ((0.68, INSIDE_68), (0.95, INSIDE_95)):
-        assert chi2.ppf(share, df=3) == pytest.approx(limit, rel=1e-9)

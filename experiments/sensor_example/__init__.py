@@ -1,0 +1,1 @@
+"""Pictures of what sensors see of a walk."""

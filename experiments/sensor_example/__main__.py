@@ -1,0 +1,11 @@
+"""Start of `python -m experiments.sensor_example`."""
+
+import sys
+
+from experiments.engine.signals import end_during_imports
+
+if __name__ == "__main__":
+    end_during_imports("sensor_example")
+    from experiments.sensor_example.command import main
+
+    sys.exit(main())
