@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from predictors.gate import Gate
 from predictors.predictor import NotReadyError, as_times, check_newer
+from predictors.symmetric import inverse
 from predictors.types import FloatArray, Forecast, HeadObservation
 
 _INITIAL_SPEED_SD_M_S = 1.0
@@ -137,7 +138,7 @@ class ConstantVelocity:
     def _correct(self, innovation_m: FloatArray, spread_m2: FloatArray, R: FloatArray) -> None:
         # The position is measured, so H = [I 0], and products with H are parts of a matrix. Joseph's form keeps the
         # covariance positive definite: Bar-Shalom, Li & Kirubarajan (2001), eq. 5.2.3-18.
-        K = np.linalg.solve(spread_m2, self._P[:3, :]).T
+        K = self._P[:, :3] @ inverse(spread_m2)
         self._x = self._x + K @ innovation_m
         left = _EYE6.copy()
         left[:, :3] -= K

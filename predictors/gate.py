@@ -7,6 +7,7 @@ import math
 import numpy as np
 from scipy.special import chdtri
 
+from predictors.symmetric import mahalanobis2
 from predictors.types import FloatArray, HeadObservation
 
 # An innovation this improbable is a mistaken detection (another person, a reflection), not a step of a walk.
@@ -126,9 +127,9 @@ class Gate:
         gain = min((time_s - self._judged_s) / _LEARNS_IN_S, _LARGEST_GAIN)
         self._judged_s = time_s
         known_m2 = spread_m2 + self._measured_m2
-        weight = (_DEGREES + 3.0) / (_DEGREES + _distance2(innovation_m, known_m2, 0.0))
+        weight = (_DEGREES + 3.0) / (_DEGREES + mahalanobis2(innovation_m, known_m2))
         if math.isfinite(weight):
-            self._measured_m2 += gain * (weight * np.outer(innovation_m, innovation_m) - self._measured_m2)
+            self._measured_m2 += gain * (weight * (innovation_m[:, None] * innovation_m) - self._measured_m2)
 
 
 def is_near(innovation_m: FloatArray, spread_m2: FloatArray, since_s: float) -> bool:
@@ -143,7 +144,7 @@ def is_near(innovation_m: FloatArray, spread_m2: FloatArray, since_s: float) -> 
         Whether it is within the gate. A NaN, from a position of absurd size, is not.
     """
     allowance_m = 0.5 * _MANOEUVRE_SD_M_S2 * (since_s + _FILTER_LAG_S) ** 2
-    return _distance2(innovation_m, spread_m2, allowance_m**2) <= _GATE_D2
+    return mahalanobis2(innovation_m, spread_m2, allowance_m**2) <= _GATE_D2
 
 
 def _apart_m(one: HeadObservation, other: HeadObservation) -> float:
@@ -153,19 +154,3 @@ def _apart_m(one: HeadObservation, other: HeadObservation) -> float:
 def _of_one_person(one: HeadObservation, other: HeadObservation) -> bool:
     since_s = other.capture_time_s - one.capture_time_s
     return _apart_m(one, other) <= _OTHERS_ERROR_M + _OTHERS_SPEED_M_S * since_s
-
-
-def _distance2(innovation_m: FloatArray, spread_m2: FloatArray, allowance_m2: float) -> float:
-    # Squared Mahalanobis distance by the L D L' factors of the matrix, in plain numbers: numpy's solver takes several
-    # times as long for three of them.
-    x, y, z = innovation_m.tolist()
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = spread_m2.tolist()
-    d_x = xx + allowance_m2
-    l_yx, l_zx = xy / d_x, xz / d_x
-    d_y = yy + allowance_m2 - l_yx * xy
-    l_zy = (yz - l_zx * xy) / d_y
-    d_z = zz + allowance_m2 - l_zx * xz - l_zy * (yz - l_zx * xy)
-    y -= l_yx * x
-    z -= l_zx * x + l_zy * y
-    distance2: float = x * x / d_x + y * y / d_y + z * z / d_z
-    return distance2

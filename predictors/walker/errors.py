@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from bisect import bisect_left, bisect_right
 
 import numpy as np
 
@@ -23,7 +23,8 @@ class LineErrors:
     """Mean squares of the errors of recent lines, 0.2 and 0.5 s ahead."""
 
     def __init__(self) -> None:
-        self._lines: deque[Line] = deque()
+        self._lines: list[Line] = []
+        self._times_s: list[float] = []
         self._ratio2 = np.ones((len(_HORIZONS_S), 3))
         self._known_s = [0.0] * len(_HORIZONS_S)
 
@@ -38,18 +39,18 @@ class LineErrors:
         Returns:
             Logarithms of the errors' size over the usual one, shape (N_ERRORS,).
         """
-        lines = self._lines
-        dt_s = min(line.time_s - lines[-1].time_s, _LATE_S) if lines else 0.0
+        lines, times_s = self._lines, self._times_s
+        dt_s = min(line.time_s - times_s[-1], _LATE_S) if lines else 0.0
         for i, horizon_s in enumerate(_HORIZONS_S):
-            old = next((o for o in reversed(lines) if line.time_s - o.time_s >= horizon_s - _EARLY_S), None)
-            if old is None or line.time_s - old.time_s > horizon_s + _LATE_S:
+            until = bisect_right(times_s, line.time_s - horizon_s + _EARLY_S)
+            if not until or line.time_s - times_s[until - 1] > horizon_s + _LATE_S:
                 continue
+            old = lines[until - 1]
             ahead_s = line.time_s - old.time_s
             off = (position_m - old.origin_base_m - ahead_s * old.velocity_base_m_s) @ to_line / _USUAL_M[i]
             gain = dt_s / (dt_s + min(self._known_s[i] + _PRIOR_S, _MEMORY_S))
             self._ratio2[i] += gain * (np.minimum(off * off, _LARGEST_RATIO2) - self._ratio2[i])
             self._known_s[i] += dt_s
-        lines.append(line)
-        while line.time_s - lines[0].time_s > _HORIZONS_S[-1] + _LATE_S:
-            lines.popleft()
+        gone = bisect_left(times_s, line.time_s - _HORIZONS_S[-1] - _LATE_S)
+        self._lines, self._times_s = [*lines[gone:], line], [*times_s[gone:], line.time_s]
         return np.asarray(0.5 * np.log(self._ratio2.ravel() + _SMALLEST_RATIO2))

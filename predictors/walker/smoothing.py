@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 from scipy.linalg.lapack import dpbsv
 
+from predictors.symmetric import inverse
 from predictors.types import FloatArray
 
 # Acceleration of the path, m^2/s^3: lets gait through (1.2 m/s^2 of sway at 1 Hz). Forecasts are the same with 5.
@@ -20,7 +21,11 @@ _FARTHEST_M = 100.0
 _ROUNDING = 1e-12
 # Diagonals of a symmetric matrix whose 3x3 blocks reach to the second neighbour, from the main one down.
 _BAND = 7
-_EYE3 = np.eye(3)
+# Where element (row, column) of a node's block stands in its part of the band, which has for each column the seven
+# elements from the diagonal down. Of the block on the diagonal, the lower triangle, and its places in the block.
+_LOWER = [(row, column) for row in range(3) for column in range(row + 1)]
+_ON_DIAGONAL = [_BAND * c + r - c for r, c in _LOWER], [3 * r + c for r, c in _LOWER]
+_BESIDE = [_BAND * c + 3 + r - c for r in range(3) for c in range(3)]
 
 
 def information_of(covariance_m2: FloatArray) -> FloatArray:
@@ -32,9 +37,7 @@ def information_of(covariance_m2: FloatArray) -> FloatArray:
     Returns:
         Its inverse, shape (9,), row by row, 1/m^2.
     """
-    floor_m2 = _ROUNDING * float(covariance_m2.trace())
-    root = np.linalg.inv(np.linalg.cholesky(covariance_m2 + floor_m2 * _EYE3))
-    return np.asarray(root.T @ root).reshape(9)
+    return inverse(covariance_m2, _ROUNDING * float(covariance_m2.trace())).reshape(9)
 
 
 def smooth_path(
@@ -43,8 +46,8 @@ def smooth_path(
     """The most probable path of a body whose acceleration is white noise: the Kalman smoother of constant velocity.
 
     It solves (sum of H' W H + D' D / (q h^3)) p = sum of H' W y, with D the second difference, and with priors of
-    position and first velocity. The matrix is banded, so
-    this takes time in proportion to the number of nodes. Reinsch (1967), Smoothing by spline functions.
+    position and first velocity. The matrix is banded, so this takes time in proportion to the number of nodes. Reinsch
+    (1967), Smoothing by spline functions.
 
     Args:
         at: Places of the positions on the grid, shape (N,), in [0, nodes - 1]; between nodes the path is straight.
@@ -77,12 +80,11 @@ def smooth_path(
     sums = choose @ table
     beside = choose[:-1, :n] @ (rest * share * information)
     band = _stiffness(nodes, step_s).copy()
-    for row in range(3):
-        for column in range(3):
-            if row >= column:
-                band[row - column, column::3] += sums[:, 3 * row + column]
-            band[3 + row - column, column : 3 * nodes - 3 : 3] += beside[:, 3 * row + column]
-    _, path, failed = dpbsv(band, sums[:, 9:].reshape(-1, 1), lower=1, overwrite_ab=1, overwrite_b=1)
+    band[:, _ON_DIAGONAL[0]] += sums[:, _ON_DIAGONAL[1]]
+    band[:-1, _BESIDE] += beside
+    _, path, failed = dpbsv(
+        band.reshape(3 * nodes, _BAND).T, sums[:, 9:].reshape(-1, 1), lower=1, overwrite_ab=1, overwrite_b=1
+    )
     if failed:
         raise FloatingPointError("an information matrix is not positive definite")
     return np.asarray(path.reshape(nodes, 3) + newest_m)
@@ -90,14 +92,14 @@ def smooth_path(
 
 @cache
 def _stiffness(nodes: int, step_s: float) -> FloatArray:
-    """Lower band of the matrix of second differences and of the priors, shape (7, 3 nodes)."""
+    """Lower band of the matrix of second differences and of the priors, node by node, shape (nodes, 21)."""
     difference = np.diff(np.eye(nodes), 2, axis=0)
     first = np.diff(np.eye(nodes)[:2], axis=0)
     matrix = difference.T @ difference / (_ACCELERATION_PSD * step_s**3)
     matrix += first.T @ first / (step_s * _SPEED_SD_M_S) ** 2
     matrix += np.eye(nodes) / _FARTHEST_M**2
-    band = np.zeros((_BAND, 3 * nodes), order="F")
+    band = np.zeros((3 * nodes, _BAND))
     for apart in range(min(3, nodes)):
         diagonal = np.diagonal(matrix, -apart)
-        band[3 * apart, : 3 * diagonal.size] = np.repeat(diagonal, 3)
-    return band
+        band[: 3 * diagonal.size, 3 * apart] = np.repeat(diagonal, 3)
+    return band.reshape(nodes, 3 * _BAND)
