@@ -173,7 +173,7 @@ def watched(monkeypatch):
 
     def shake(walk, rng):
         wobbled.append(walk)
-        return dataclasses.replace(walk, head_m=walk.head_m + [0.0, 0.0, 7.0])
+        return dataclasses.replace(walk, head_m=walk.head_m + np.array([0.0, 0.0, 7.0]))
 
     monkeypatch.setattr("experiments.fit.examples.seen_through", look)
     monkeypatch.setattr("experiments.fit.examples.examples_of_walk", lambda *_: toy(2, 0))
