@@ -14,7 +14,7 @@ for controller in ("reactive", "lookahead", "mpc", "perfect"):
     print(f"{controller:<9} {shown}  mean {np.mean(errors_deg):5.2f} deg, eye contact {contact:4.0%}")
 
 # It prints:
-# reactive   9.89, 11.38, 10.67  mean 10.65 deg, eye contact  14%
-# lookahead  0.44,  2.21,  1.68  mean  1.44 deg, eye contact  91%
-# mpc        0.42,  2.53,  1.69  mean  1.55 deg, eye contact  90%
+# reactive   9.89, 11.40, 10.70  mean 10.66 deg, eye contact  14%
+# lookahead  0.42,  2.42,  1.91  mean  1.58 deg, eye contact  90%
+# mpc        0.43,  2.33,  1.94  mean  1.57 deg, eye contact  90%
 # perfect    0.02,  0.03,  0.04  mean  0.03 deg, eye contact 100%

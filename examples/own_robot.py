@@ -61,7 +61,7 @@ if __name__ == "__main__":
 # 944 ticks, 0 skipped; later than due by 0.00 ms (p50), 0.00 ms (p99), 0.00 ms (max)
 # 138 observations, 0 could not be used
 # from capture to command: 90 ms (p50), 103 ms (p99)
-# gaze error 2.96 deg RMS, eye contact (2.6 deg) 60 %, against the recording's true head
+# gaze error 3.04 deg RMS, eye contact (2.6 deg) 60 %, against the recording's true head
 # limit violations: 0
 #   no_observation_yet 1 x
 # Written to out/live/: summary.json, log_000.npz

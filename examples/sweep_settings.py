@@ -13,6 +13,6 @@ for smoothing_time_s in (0.04, 0.08, 0.16):
 
 # It prints:
 # smoothing  gaze error  acceleration
-#    0.04 s    1.16 deg   1.77 rad/s^2
-#    0.08 s    1.28 deg   0.97 rad/s^2
-#    0.16 s    1.77 deg   0.46 rad/s^2
+#    0.04 s    1.16 deg   1.82 rad/s^2
+#    0.08 s    1.30 deg   0.87 rad/s^2
+#    0.16 s    1.87 deg   0.41 rad/s^2

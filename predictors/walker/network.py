@@ -143,7 +143,7 @@ class WalkerModel:
         spread = np.empty((len(doubt), KNOTS_S.size, 5))
         np.exp(bounded.reshape(-1, KNOTS_S.size, 3), out=spread[..., :3])
         spread[..., 3:] = self.noise_share.T
-        spread *= math.sqrt(self.degrees_of_freedom / (self.degrees_of_freedom - 2.0))
+        spread /= math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # so written, it holds of a normal distribution, too
         return spread
 
     def save(self, path: Path) -> None:

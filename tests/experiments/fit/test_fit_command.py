@@ -17,6 +17,7 @@ from experiments.engine.cache import Cache
 from experiments.fit.command import fit, main
 from experiments.fit.doubt import errors_on_left_out
 from experiments.fit.jobs import NetworksJob, model_of
+from experiments.fit.spread import Spread
 from experiments.forecast.command import main as forecast
 from predictors.walker.features import N_INPUTS
 from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, WalkerModel, load_walker_model
@@ -50,7 +51,9 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
     assert without.about["people"] == ["subject02"]
     assert not np.array_equal(without.weights[0], everybody.weights[0])
     assert np.any(without.log_spread != everybody.log_spread)
-    assert everybody.degrees_of_freedom > 2.0
+    assert np.any(without.noise_share != everybody.noise_share)
+    assert np.all(everybody.noise_share > 0.0)
+    assert everybody.degrees_of_freedom >= 5.0
     assert sorted(p.name for p in finished.iterdir()) == ["left_out", "runs", "walker.npz"]
 
 
@@ -70,7 +73,9 @@ def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeyp
 def no_doubt(monkeypatch):
     """Fits state no doubt: what is used again does not depend on it."""
     monkeypatch.setattr("experiments.fit.command.errors_on_left_out", lambda models, people, _: people)
-    monkeypatch.setattr("experiments.fit.command.fit_doubt", lambda _: (straight_model().log_spread, 5.0))
+    monkeypatch.setattr(
+        "experiments.fit.command.fit_doubt", lambda _: Spread(straight_model().log_spread, np.zeros(KNOTS_S.size), 5.0)
+    )
 
 
 def networks_in(folder):

@@ -1,17 +1,19 @@
 """Examples on which the predictor `walker` is fitted: where they lead, what they are of, and that chance is seeded."""
 
+import dataclasses
 import subprocess
 import sys
 from collections import Counter
 
 import numpy as np
 import pytest
-from builders.fits import standing, straight_walk
+from builders.fits import standing, straight_walk, toy
 from builders.walkers import straight_model
 
 from experiments.fit.examples import (
     _joined,
     _variant,
+    _variants,
     examples_of_walk,
     fitting_examples,
     is_straight,
@@ -19,7 +21,7 @@ from experiments.fit.examples import (
     scoring_examples,
     scoring_sensors,
 )
-from experiments.fit.trackers import seen_through
+from experiments.fit.trackers import KINDS, seen_through
 from experiments.fit.variants import bend, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
@@ -54,6 +56,7 @@ def test_examples_lead_to_where_the_walk_went(sensor):
             continue
         np.testing.assert_allclose(examples.network[k], inputs.network, rtol=1e-6)
         np.testing.assert_allclose(examples.spread[k], inputs.spread, rtol=1e-6)
+        np.testing.assert_allclose(examples.noise_m[k], inputs.noise_sd_m, rtol=1e-6)
         c, s = np.cos(inputs.line.heading_rad), np.sin(inputs.line.heading_rad)
         for horizon_s, (along, across, up) in zip(KNOTS_S, examples.departure_m[k], strict=True):
             at = inputs.line.origin_base_m + horizon_s * inputs.line.velocity_base_m_s
@@ -78,10 +81,12 @@ def test_examples_of_many_recordings_are_one_table():
     assert n > 200
     assert table.network.shape == (n, N_INPUTS)
     assert table.spread.shape == (n, N_SPREAD)
+    assert table.noise_m.shape == (n, 3)
     assert table.departure_m.shape == (n, KNOTS_S.size, 3)
     assert np.isfinite(table.network).all()
     assert np.isfinite(table.spread).all()
     assert (table.weight > 0).all()
+    assert (table.noise_m > 0).all()
 
 
 @pytest.mark.parametrize(
@@ -156,3 +161,50 @@ def test_scoring_sees_people_through_the_trackers_that_claims_are_made_on():
     positions = scoring_sensors()[2]
     assert not positions.head_yaw.reported
     assert not positions.pelvis_yaw.reported
+
+
+def watched(monkeypatch):
+    """Notes each variant's tracker and walk, and how often a walk was made to wobble."""
+    seen, wobbled = [], []
+
+    def look(walk, tracker, sensor, rng):
+        seen.append((tracker, sensor.name, walk))
+        return []
+
+    def shake(walk, rng):
+        wobbled.append(walk)
+        return dataclasses.replace(walk, head_m=walk.head_m + np.array([0.0, 0.0, 7.0]))
+
+    monkeypatch.setattr("experiments.fit.examples.seen_through", look)
+    monkeypatch.setattr("experiments.fit.examples.examples_of_walk", lambda *_: toy(2, 0))
+    monkeypatch.setattr("experiments.fit.examples.wobble", shake)
+    return seen, wobbled
+
+
+def test_half_of_the_walks_in_streets_wobble_and_no_others(monkeypatch):
+    """Marked by a height that nobody has; those in streets are flat, with their wobble or without."""
+    seen, wobbled = watched(monkeypatch)
+    parts = _variants(straight_walk(3.0), np.random.default_rng(0), [False] * 200 + [True] * 100)
+    assert len(parts) == len(seen)
+    shaken = {kind: [walk.head_m[:, 2].min() > 5.0 for k, _, walk in seen if k == kind] for kind in KINDS}
+    street = shaken.pop("street")
+    assert len(street) > 50
+    assert np.mean(street) == pytest.approx(0.5, abs=0.15)
+    assert sum(street) == len(wobbled)
+    assert not any(any(each) for each in shaken.values())
+    assert all(np.ptp(walk.head_m[:, 2]) < 1e-9 for kind, _, walk in seen if kind == "street")
+
+
+def test_scoring_sees_other_walks_of_the_person_as_well(monkeypatch):
+    """The walk as it is through each tracker of the claims, then twelve variants through trackers of all kinds."""
+    seen, _ = watched(monkeypatch)
+    scoring_examples("subject03_R1", 0)
+    walk = walk_of(load("subject03_R1"))
+    own, others = seen[: len(scoring_sensors())], seen[len(scoring_sensors()) :]
+    assert [name for _, name, _ in own] == [s.name for s in scoring_sensors()]
+    for _, _, as_it_is in own:
+        np.testing.assert_allclose(np.diff(as_it_is.head_m, axis=0), np.diff(walk.head_m, axis=0), atol=1e-9)
+    assert len(others) == 12
+    assert {kind for kind, _, _ in others} >= {"street", "white"}
+    sizes = [np.linalg.norm(np.diff(other.head_m, axis=0), axis=1).sum() for _, _, other in others]
+    assert np.ptp(sizes) > 1.0

@@ -7,7 +7,7 @@ from builders.walkers import random_model
 from scipy.stats import f as f_distribution
 
 from experiments.fit.doubt import Found, errors_on_left_out, fit_doubt
-from experiments.fit.spread import calibrate, fit_spread
+from experiments.fit.spread import Spread, calibrate, fit_spread
 from predictors.walker.network import KNOTS_S, N_DOUBT
 
 KNOTS = KNOTS_S.size
@@ -27,31 +27,70 @@ def held(error, scale, v):
     return [float(np.mean(distance2 <= 3 * f_distribution.ppf(share, 3, v))) for share in (0.68, 0.95)]
 
 
+def no_noise(n):
+    return np.zeros((n, 3))
+
+
+def stated(found, u, noise_m):
+    """Scales by what was fitted, shape (N, knots, 3)."""
+    own2 = np.exp(2.0 * np.tensordot(u, found.log_spread, axes=1))
+    return np.sqrt(own2 + (found.noise_share[:, None] * noise_m[:, None]) ** 2)
+
+
 @pytest.mark.parametrize(("true_v", "chosen"), [(5.0, {5.0, 6.0}), (8.0, {6.0, 8.0, 12.0}), (np.inf, {20.0})])
 def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v, chosen):
-    """Errors drawn with a known dependence of their scale on the reasons for doubt."""
+    """Errors drawn with a known dependence of their scale on the reasons for doubt, through a tracker without error."""
     rng, n = np.random.default_rng(0), 12000
     u = np.column_stack([np.ones(n), rng.uniform(0, 2, (n, 2))])
     true = np.array([np.log(0.05), 0.8, -0.3])
     scale = np.exp(u @ true)[:, None, None]
     error = t_errors(rng, n, scale, true_v)
     error[::7, 6:] = np.nan
-    found, v = fit_spread(u, error, np.ones(n))
-    assert v in chosen
-    assert found.shape == (3, KNOTS, 3)
-    np.testing.assert_allclose(found[1:], np.broadcast_to(true[1:, None, None], (2, KNOTS, 3)), atol=0.06)
+    found = fit_spread(u, no_noise(n), error, np.ones(n))
+    assert found.degrees_of_freedom in chosen
+    assert found.log_spread.shape == (3, KNOTS, 3)
+    slopes = np.broadcast_to(true[1:, None, None], (2, KNOTS, 3))
+    np.testing.assert_allclose(found.log_spread[1:], slopes, atol=0.06)
     # A scale of other tails than the true ones is another number; what counts is what it holds.
-    np.testing.assert_allclose(found[0], true[0], atol=0.06 if true_v < np.inf else 0.12)
+    np.testing.assert_allclose(found.log_spread[0], true[0], atol=0.06 if true_v < np.inf else 0.12)
     fresh = t_errors(rng, n, scale, true_v)
-    np.testing.assert_allclose(held(fresh, np.exp(np.tensordot(u, found, axes=1)), v), (0.68, 0.95), atol=0.02)
+    inside = held(fresh, stated(found, u, no_noise(n)), found.degrees_of_freedom)
+    np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.02)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.8, 1.5])
+def test_the_share_of_the_noise_is_recovered_at_each_knot(share):
+    """Of noise that is 1 to 100 mm, other on each axis and each frame; it falls with the horizon."""
+    rng, n = np.random.default_rng(0), 12000
+    u = np.column_stack([np.ones(n), rng.uniform(0, 2, n)])
+    noise_m = np.exp(rng.uniform(np.log(0.001), np.log(0.1), (n, 3)))
+    shares = share * np.linspace(1.0, 0.5, KNOTS)
+    own = np.exp(u @ [np.log(0.01), 0.5])[:, None, None] * np.ones((1, KNOTS, 3))
+    scale = np.sqrt(own**2 + (shares[:, None] * noise_m[:, None]) ** 2)
+    found = fit_spread(u, noise_m, t_errors(rng, n, scale, 6.0), np.ones(n))
+    assert found.degrees_of_freedom in {5.0, 6.0, 8.0}
+    np.testing.assert_allclose(found.noise_share, shares, rtol=0.08, atol=0.01)
+    np.testing.assert_allclose(found.log_spread[0], np.log(0.01), atol=0.12)
+    np.testing.assert_allclose(found.log_spread[1], 0.5, atol=0.1)
+    inside = held(t_errors(rng, n, scale, 6.0), stated(found, u, noise_m), found.degrees_of_freedom)
+    np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.02)
+
+
+def test_noise_that_is_in_no_error_has_no_share():
+    """Errors of 10 cm, whatever the noise: what a share adds to the scale is next to nothing."""
+    rng, n = np.random.default_rng(0), 12000
+    noise_m = np.exp(rng.uniform(np.log(0.001), np.log(0.1), (n, 3)))
+    found = fit_spread(np.ones((n, 1)), noise_m, t_errors(rng, n, 0.1, 6.0), np.ones(n))
+    assert found.noise_share.max() < 0.25
+    np.testing.assert_allclose(np.exp(found.log_spread[0]), 0.1, rtol=0.08)
 
 
 def test_longer_tails_than_are_tried_still_hold_95_percent():
     """With three degrees of freedom the covariance would be made of the rarest errors; five are stated, and wider."""
     rng, u = np.random.default_rng(0), np.ones((12000, 1))
-    found, v = fit_spread(u, t_errors(rng, 12000, 0.05, 3.0), np.ones(12000))
-    assert v == 5.0
-    inside = held(t_errors(rng, 12000, 0.05, 3.0), np.exp(found[0]), v)
+    found = fit_spread(u, no_noise(12000), t_errors(rng, 12000, 0.05, 3.0), np.ones(12000))
+    assert found.degrees_of_freedom == 5.0
+    inside = held(t_errors(rng, 12000, 0.05, 3.0), np.exp(found.log_spread[0]), 5.0)
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.035)
 
 
@@ -60,10 +99,10 @@ def test_of_many_rows_those_in_between_tell_the_same():
     rng, n = np.random.default_rng(2), 36000
     u = np.column_stack([np.ones(n), rng.uniform(0, 2, n)])
     scale = np.exp(u @ [np.log(0.05), 0.5])[:, None, None]
-    found, v = fit_spread(u, t_errors(rng, n, scale, 6.0), np.ones(n))
-    assert v in {5.0, 6.0, 8.0}
-    np.testing.assert_allclose(found[1], 0.5, atol=0.06)
-    inside = held(t_errors(rng, n, scale, 6.0), np.exp(np.tensordot(u, found, axes=1)), v)
+    found = fit_spread(u, no_noise(n), t_errors(rng, n, scale, 6.0), np.ones(n))
+    assert found.degrees_of_freedom in {5.0, 6.0, 8.0}
+    np.testing.assert_allclose(found.log_spread[1], 0.5, atol=0.06)
+    inside = held(t_errors(rng, n, scale, 6.0), stated(found, u, no_noise(n)), found.degrees_of_freedom)
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.015)
 
 
@@ -74,28 +113,47 @@ def test_weights_count():
     weight = np.repeat([1.0, 1e-6], n)
     u = np.ones((2 * n, 1))
     for order, scale in ((1, 0.05), (-1, 0.1)):
-        found, _ = fit_spread(u, error, weight[::order])
-        np.testing.assert_allclose(np.exp(found), scale, rtol=0.12)
+        found = fit_spread(u, no_noise(2 * n), error, weight[::order])
+        np.testing.assert_allclose(np.exp(found.log_spread), scale, rtol=0.12)
 
 
-@pytest.mark.parametrize("stated", [0.07, 0.1, 0.16])
+def same_for_all(scale_m, v, share=0.0):
+    return Spread(np.full((1, KNOTS, 3), np.log(scale_m)), np.full(KNOTS, share), v)
+
+
+@pytest.mark.parametrize("said", [0.07, 0.1, 0.16])
 @pytest.mark.parametrize("v", [4.0, 20.0])
-def test_calibration_scales_what_is_stated_too_small_or_too_large(stated, v):
+def test_calibration_scales_what_is_stated_too_small_or_too_large(said, v):
     rng = np.random.default_rng(0)
     u, error = np.ones((20000, 1)), t_errors(rng, 20000, 0.1, v)
-    coefficients = np.full((1, KNOTS, 3), np.log(stated))
-    found = np.exp(calibrate(coefficients, u, error, np.ones(20000), v))
-    np.testing.assert_allclose(found, 0.1, rtol=0.03)
-    np.testing.assert_array_equal(coefficients, np.log(stated))
+    before = same_for_all(said, v)
+    found = calibrate(before, u, no_noise(20000), error, np.ones(20000))
+    np.testing.assert_allclose(np.exp(found.log_spread), 0.1, rtol=0.03)
+    assert found.degrees_of_freedom == v
+    np.testing.assert_array_equal(before.log_spread, np.log(said))
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0, 1.6])
+def test_calibration_scales_the_share_of_the_noise_as_well(factor):
+    """So that long and short axes of the ellipsoid keep their ratio."""
+    rng, n = np.random.default_rng(0), 20000
+    noise_m = np.tile([0.2, 0.01, 0.01], (n, 1))
+    error = t_errors(rng, n, np.sqrt(0.05**2 + (0.5 * noise_m[:, None]) ** 2), 6.0)
+    before = same_for_all(0.05 * factor, 6.0, 0.5 * factor)
+    found = calibrate(before, np.ones((n, 1)), noise_m, error, np.ones(n))
+    np.testing.assert_allclose(np.exp(found.log_spread), 0.05, rtol=0.03)
+    np.testing.assert_allclose(found.noise_share, 0.5, rtol=0.03)
+    np.testing.assert_array_equal(before.noise_share, 0.5 * factor)
 
 
 def test_calibration_is_bounded_and_where_nothing_is_known_it_changes_nothing():
     rng = np.random.default_rng(0)
     error = t_errors(rng, 2000, 1.0, 5.0)
     error[:, 7] = np.nan
-    found = np.exp(calibrate(np.full((1, KNOTS, 3), np.log(0.1)), np.ones((2000, 1)), error, np.ones(2000), 5.0))
-    np.testing.assert_allclose(found[0, :7], 0.2)
-    np.testing.assert_allclose(found[0, 7], 0.1)
+    found = calibrate(same_for_all(0.1, 5.0, 0.3), np.ones((2000, 1)), no_noise(2000), error, np.ones(2000))
+    np.testing.assert_allclose(np.exp(found.log_spread[0, :7]), 0.2)
+    np.testing.assert_allclose(np.exp(found.log_spread[0, 7]), 0.1)
+    np.testing.assert_allclose(found.noise_share, [*7 * [0.6], 0.3])
 
 
 def test_with_tails_that_are_not_the_true_ones_the_worse_of_both_shares_is_least_wrong():
@@ -104,8 +162,8 @@ def test_with_tails_that_are_not_the_true_ones_the_worse_of_both_shares_is_least
     wide = rng.random((40000, 1, 1)) < 0.2
     error = np.where(wide, 0.4, 0.1) * rng.standard_normal((40000, KNOTS, 3))
     u = np.ones((40000, 1))
-    found = calibrate(np.full((1, KNOTS, 3), np.log(0.1)), u, error, np.ones(40000), 20.0)
-    inside68, inside95 = held(error, np.exp(found[0]), 20.0)
+    found = calibrate(same_for_all(0.1, 20.0), u, no_noise(40000), error, np.ones(40000))
+    inside68, inside95 = held(error, np.exp(found.log_spread[0]), 20.0)
     assert inside68 > 0.68
     assert inside95 < 0.95
     assert inside68 - 0.68 == pytest.approx(0.95 - inside95, abs=0.01)
@@ -120,9 +178,11 @@ def test_doubt_is_fitted_to_all_errors_that_were_found():
     said = model.answer(examples[1].network.astype(float), examples[1].spread.astype(float))
     np.testing.assert_allclose(found[1].doubt, said[1])
     np.testing.assert_allclose(found[1].error_m, said[0] - examples[1].departure_m)
-    log_spread, v = fit_doubt(found)
-    assert log_spread.shape == (N_DOUBT, KNOTS, 3)
-    assert v > 2.0
+    np.testing.assert_array_equal(found[1].noise_m, examples[1].noise_m)
+    fitted = fit_doubt(found)
+    assert fitted.log_spread.shape == (N_DOUBT, KNOTS, 3)
+    assert fitted.noise_share.shape == (KNOTS,)
+    assert fitted.degrees_of_freedom > 2.0
     table = Found.join(found)
-    scale = np.exp(np.tensordot(table.doubt, log_spread, axes=1))
-    np.testing.assert_allclose(held(table.error_m, scale, v), (0.68, 0.95), atol=0.06)
+    scale = stated(fitted, table.doubt, table.noise_m)
+    np.testing.assert_allclose(held(table.error_m, scale, fitted.degrees_of_freedom), (0.68, 0.95), atol=0.06)

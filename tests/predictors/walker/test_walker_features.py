@@ -123,9 +123,33 @@ def test_where_each_known_number_stands():
     assert scalars[-1] == pytest.approx(np.log(2.0), abs=0.03)
     # No yaw was seen; a walk on its line, by whatever the line's own errors say.
     assert inputs.spread[0] == 1.0
-    np.testing.assert_array_equal(inputs.spread[9:11], 1.0)
-    np.testing.assert_allclose(inputs.spread[4:7], np.log(sds / 0.01))
+    np.testing.assert_array_equal(inputs.spread[6:8], 1.0)
+    assert inputs.spread[8] == pytest.approx(0.1)
+    assert inputs.spread[10] == scalars[-1]
     assert np.all(inputs.spread[-N_ERRORS - N_COLOURS : -N_COLOURS] < -0.9)
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 0.7, np.pi / 2])
+def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
+    """20 mm along, 10 across and 5 up, wherever the walk leads; so large noise is told in full, unlike the inputs'."""
+    turn = Rotation.from_euler("z", heading_rad).as_matrix()
+    for sds in (np.array([0.02, 0.01, 0.005]), np.array([30.0, 0.01, 1e-5])):
+        covariance = turn @ np.diag(sds**2) @ turn.T
+        state = np.concatenate([np.zeros(3), turn @ [1.2, 0.0, 0.0]])
+        inputs = WalkerHistory().add(HeadObservation(0.0, state[:3]), state, covariance)
+        np.testing.assert_allclose(inputs.noise_sd_m, sds, rtol=1e-3, atol=1e-6)
+        np.testing.assert_array_equal(inputs.noise_base_m2, covariance)
+        assert np.abs(inputs.network).max() <= 4.0
+
+
+def test_the_stated_uncertainty_reads_no_size_of_the_noise():
+    """That has its own term; what is read of a walk is the same through noise of any stated size."""
+    found = []
+    for sd_m in (0.001, 0.05):
+        history = WalkerHistory()
+        state = STATE.copy()
+        found.append(history.add(HeadObservation(0.0, state[:3]), state, sd_m**2 * np.eye(3)).spread)
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ def test_a_saved_model_is_the_same(tmp_path):
     for one, other in ((model.weights, again.weights), (model.biases, again.biases)):
         assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
     np.testing.assert_array_equal(again.log_spread, model.log_spread)
+    np.testing.assert_array_equal(again.noise_share, model.noise_share)
     assert again.degrees_of_freedom == 3.5
 
 
@@ -34,15 +35,15 @@ def test_the_shipped_numbers_say_where_they_are_from():
     assert model.degrees_of_freedom < 30.0  # people who turn err with long tails
 
 
-@pytest.mark.parametrize("content", [b"", b"no archive", None, "without tails"])
+@pytest.mark.parametrize("content", [b"", b"no archive", None, "degrees_of_freedom", "noise_share"])
 def test_a_wrong_file_is_named(tmp_path, content):
     path = tmp_path / "walker.npz"
     if content is None:
         np.savez(path, something=np.zeros(3))
-    elif content == "without tails":  # as before the tails were fitted
+    elif isinstance(content, str):  # as before this was fitted
         random_model().save(path)
         with np.load(path) as data:
-            np.savez(path, **{k: v for k, v in data.items() if k != "degrees_of_freedom"})
+            np.savez(path, **{k: v for k, v in data.items() if k != content})
     else:
         path.write_bytes(content)
     with pytest.raises(WalkerModelError, match=r"walker\.npz"):

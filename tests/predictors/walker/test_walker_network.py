@@ -60,11 +60,14 @@ def test_spread_is_the_standard_deviation_of_the_t_distribution(v):
     doubt = np.random.default_rng(0).uniform(0.0, 1.0, (3, N_DOUBT))
     scale = np.exp(np.tensordot(doubt, model.log_spread, axes=1))
     factor = 1.0 if v == math.inf else math.sqrt(v / (v - 2.0))
-    np.testing.assert_allclose(model.spread_m(doubt), factor * scale)
+    stated = model.spread_m(doubt)
+    assert stated.shape == (3, KNOTS_S.size, 4)
+    np.testing.assert_allclose(stated[..., :3], factor * scale)
+    np.testing.assert_allclose(stated[..., 3], np.tile(factor * model.noise_share, (3, 1)))
     sure, unsure = np.zeros((1, N_DOUBT)), np.zeros((1, N_DOUBT))
     sure[0, 0], unsure[0, 0] = 1e3, -1e3  # log_spread[0] is negative
-    np.testing.assert_allclose(model.spread_m(sure), factor * 0.002)
-    np.testing.assert_allclose(model.spread_m(unsure), factor * 5.0)
+    np.testing.assert_allclose(model.spread_m(sure)[..., :3], factor * 0.002)
+    np.testing.assert_allclose(model.spread_m(unsure)[..., :3], factor * 5.0)
 
 
 def test_departures_and_spread_at_the_knots_between_and_beyond():
@@ -101,7 +104,9 @@ GOOD = random_model()
         ({"biases": GOOD.biases[:-1]}, "one bias a layer"),
         ({"weights": (), "biases": ()}, "one bias a layer"),
         ({"log_spread": GOOD.log_spread[:-1]}, "do not fit"),
+        ({"noise_share": GOOD.noise_share[:-1]}, "do not fit"),
         ({"log_spread": np.full_like(GOOD.log_spread, np.nan)}, "not finite"),
+        ({"noise_share": GOOD.noise_share * np.nan}, "not finite"),
         ({"biases": (GOOD.biases[0] * np.inf, *GOOD.biases[1:])}, "not finite"),
         ({"degrees_of_freedom": 2.0}, "expected more than 2"),
         ({"degrees_of_freedom": math.nan}, "expected more than 2"),

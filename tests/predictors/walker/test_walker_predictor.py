@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from builders.people import yaw_quat
-from builders.walkers import AHEAD_S, forecasts, moved, random_model, seen_of, straight_model
+from builders.walkers import AHEAD_S, forecasts, moved, random_covariance, random_model, seen_of, straight_model
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -91,6 +91,41 @@ def test_who_keeps_to_the_line_is_forecast_on_the_filter_s_line(speed_m_s):
     assert ours.issued_at_s == end_s
 
 
+@pytest.mark.parametrize("heading_rad", [0.0, 1.1, 3.0])
+@pytest.mark.parametrize("v", [4.0, np.inf])
+def test_the_noise_of_the_observations_keeps_its_own_directions(heading_rad, v):
+    """A share of it is added to the scale in the line's frame, whichever way somebody walks; beyond 1.5 s both grow."""
+    noise_m2 = random_covariance(np.random.default_rng(1), [0.3, 0.02, 0.01])
+    model = straight_model(0.1, v, 0.8)
+    model.log_spread[0] += np.log([0.5, 1.0, 2.0])
+    walker, turn = Walker(model), Rotation.from_euler("z", heading_rad).as_matrix()
+    for k in range(45):
+        at = turn @ [1.2 * k / 30, 1.0, 0.4]
+        walker.update(HeadObservation(k / 30, at, position_covariance_m2=noise_m2))
+    line = walker.inputs().line  # near the walk's direction: through such noise it is not known at once
+    assert line.heading_rad == pytest.approx(heading_rad, abs=0.2)
+    own_m2 = line.to_base() @ np.diag([0.05, 0.1, 0.2]) ** 2 @ line.to_base().T
+    factor = v / (v - 2.0) if v < np.inf else 1.0
+    expected = factor * (own_m2 + 0.8**2 * noise_m2)
+    forecast = walker.forecast(44 / 30 + np.array([0.0, 0.3, 1.5, 3.0]))
+    expected = expected * np.array([1.0, 1.0, 1.0, 2.0**3])[:, None, None]
+    np.testing.assert_allclose(forecast.covariances_m2, expected, rtol=1e-6, atol=1e-9)
+    longest = np.linalg.eigh(forecast.covariances_m2[1])[1][:, 2]
+    assert abs(longest @ np.linalg.eigh(noise_m2)[1][:, 2]) > 0.95
+
+
+def test_measured_noise_is_shared_as_stated_noise_is():
+    """Without a stated covariance, that which was measured until then."""
+    rng, walker = np.random.default_rng(0), Walker(straight_model(0.002, np.inf, 1.0))
+    for k in range(120):
+        error = rng.standard_normal(3) * [0.005, 0.06, 0.005]
+        walker.update(HeadObservation(k / 30, np.array([1.2 * k / 30, 0.0, 0.4]) + error))
+    noise_m2 = walker.inputs().noise_base_m2
+    assert 0.04 < np.sqrt(noise_m2[1, 1]) < 0.08
+    stated = walker.forecast([119 / 30 + 0.5]).covariances_m2[0]
+    np.testing.assert_allclose(stated, noise_m2 + 0.002**2 * np.eye(3), atol=1e-9)
+
+
 def test_without_a_stated_covariance_the_measured_one_is_the_filter_s():
     """Errors of 50 mm along x: as soon as they are measured, the line's velocity is shaken by them less."""
     rng = np.random.default_rng(0)
@@ -130,7 +165,8 @@ def test_blend_is_the_mixture_of_both_forecasts():
     turn = inputs.line.to_base()
     own = inputs.line.origin_base_m + 0.5 * inputs.line.velocity_base_m_s + turn @ departure[0]
     mean = share * own + (1 - share) * plain.means_base_m[0]
-    second = share * (turn @ np.diag(sd[0] ** 2) @ turn.T + np.outer(own, own))
+    own_m2 = turn @ np.diag(sd[0, :3] ** 2) @ turn.T + sd[0, 3] ** 2 * STATED_M2
+    second = share * (own_m2 + np.outer(own, own))
     second += (1 - share) * (plain.covariances_m2[0] + np.outer(plain.means_base_m[0], plain.means_base_m[0]))
     np.testing.assert_allclose(mixed.means_base_m[0], mean, atol=1e-9)
     np.testing.assert_allclose(mixed.covariances_m2[0], second - np.outer(mean, mean), atol=1e-9)

@@ -39,17 +39,17 @@ def limits(shares):
     return 3.0 * f_distribution.ppf(shares, 3, v) * (v - 2.0) / v
 
 
-# Errors over those of constant velocity at 0.25, 0.5 and 1 s: what the model as it ships has, and 0.05 of room.
+# Errors over those of constant velocity at 0.25, 0.5 and 1 s: what the model as it ships has, and up to 0.06 of room.
 SYNTHETIC_RATIOS = {
-    "reference": (0.54, 0.49, 0.51),
+    "reference": (0.52, 0.47, 0.51),
     "body_tracker": (0.75, 0.64, 0.60),
     "face_camera": (0.92, 0.82, 0.72),
     "street": (0.84, 0.87, 0.93),
 }
 # Goals on people left out are .53 .53 .60 and .70 .62 .65.
-REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.83, 0.75, 0.73)}
+REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.82, 0.74, 0.72)}
 # Points by which 68 and 95 % may be missed on walks that are not those of the fit.
-MISSED = {"reference": (0.22, 0.05), "body_tracker": (0.12, 0.05), "face_camera": (0.12, 0.05)}
+MISSED = {"reference": (0.21, 0.04), "body_tracker": (0.10, 0.03), "face_camera": (0.10, 0.04)}
 
 
 @pytest.mark.parametrize(("sensor", "ratios"), SYNTHETIC_RATIOS.items())
