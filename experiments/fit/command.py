@@ -41,10 +41,10 @@ class FitSettings(WorkSettings):
         min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names; of two people at least"
     )
     variants: int = Field(
-        default=40, ge=1, le=1000, description="Variants of each recording: bent, mirrored, noisy ..."
+        default=60, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
     )
     networks: int = Field(default=4, ge=1, le=20, description="Networks in the ensemble")
-    steps: int = Field(default=6000, ge=1, description="Steps of gradient descent for each network")
+    steps: int = Field(default=8000, ge=1, description="Steps of gradient descent for each network")
     seed: int = Field(default=0, ge=0, description="Seed of all that is random")
     out: Path = Field(default=Path("out/fit"), description="Where to write; an interrupted fit goes on there")
 

@@ -52,7 +52,7 @@ class Examples:
     Attributes:
         network: Inputs of the network, shape (N, N_INPUTS).
         spread: Inputs of the stated uncertainty, shape (N, N_SPREAD).
-        noise_m: Standard deviation of the observed position along, across and up, shape (N, 3).
+        noise_m: Standard deviation of the observed position, as measured and as stated, shape (N, 2, 3).
         departure_m: How the walk left its line, shape (N, knots, 3), along, across, up; NaN after its end.
         weight: How much each counts, shape (N,).
     """

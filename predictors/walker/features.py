@@ -11,7 +11,7 @@ import numpy as np
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker.errors import N_ERRORS, LineErrors
 from predictors.walker.line import Line
-from predictors.walker.noise import N_COLOURS, MeasuredColour
+from predictors.walker.noise import N_COLOURS, MeasuredColour, without_stated
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 from predictors.yaw import wrap_rad
 
@@ -63,8 +63,9 @@ class WalkerInputs:
         walking: 0 for who runs and at a first frame, 1 for who walks or stands, between the two at the limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
-        noise_sd_m: Standard deviation of the observed position along, across and up, shape (3,), metres.
-        noise_base_m2: Its covariance in the base frame, shape (3, 3), square metres.
+        noise_sd_m: Standard deviation of the observed position along, across and up, shape (2, 3), metres: as measured
+            and as stated; one of them is zero.
+        noise_base_m2: Its covariances in the base frame, shape (2, 3, 3), square metres.
     """
 
     line: Line
@@ -128,6 +129,7 @@ class WalkerHistory:
         log_sd = np.log(np.maximum(sd_m / _NOISE_SCALE_M, _SMALLEST_NOISE)).tolist()
         frames = math.log(max(window.times_s.size - 1, 1) / max(m - 1, 1))
         colours = self._colour.learn(seen)
+        stated = observation.position_covariance_m2 is not None
         x[_SCALARS:-N_COLOURS] = (
             known[0] * offsets[0] / _OFFSET_SCALE_RAD,
             known[1] * offsets[1] / _OFFSET_SCALE_RAD,
@@ -138,7 +140,7 @@ class WalkerHistory:
             walks,
             *known,
             *log_sd,
-            float(observation.position_covariance_m2 is not None),
+            float(stated),
             frames,
         )
         x[-N_COLOURS:] = colours
@@ -157,10 +159,14 @@ class WalkerHistory:
             1.0 - walks,
             frames,
         )
-        spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, to_line)
-        spread[-N_COLOURS:] = colours
+        # What is stated of the tracker's error is in the forecast's covariance by itself, with its own directions.
+        stated_m2 = noise if stated else np.zeros((3, 3))
+        spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, to_line, stated_m2.diagonal())
+        spread[-N_COLOURS:] = without_stated(colours, stated_m2.diagonal())
+        noises_m, noises_m2 = np.zeros((2, 3)), np.zeros((2, 3, 3))
+        noises_m[int(stated)], noises_m2[int(stated)] = sd_m, covariance_m2
         walking = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
-        return WalkerInputs(line, walking, x, spread, sd_m, covariance_m2)
+        return WalkerInputs(line, walking, x, spread, noises_m, noises_m2)
 
     def _take_offsets_off(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float

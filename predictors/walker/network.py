@@ -50,8 +50,8 @@ class WalkerModel:
         biases: One array a layer, shape (E, 1, outputs).
         log_spread: Coefficients of the logarithm of the errors' scale (m) at each knot along, across and up, shape
             (N_DOUBT, knots, 3); the error of the observation is not in it.
-        noise_share: How much of one observation's error is in the forecast at each knot, shape (knots,): a factor of
-            its standard deviation, whatever its direction.
+        noise_share: How much of one observation's error is in the forecast at each knot, shape (2, knots): a factor of
+            its standard deviation, whatever its direction, as measured and as stated.
         degrees_of_freedom: Those of the t distribution of the errors, above 2.
         about: Where the numbers are from: recordings, people, command, versions, errors on people left out.
 
@@ -62,7 +62,7 @@ class WalkerModel:
     weights: tuple[Float32Array, ...]
     biases: tuple[Float32Array, ...]
     log_spread: FloatArray
-    noise_share: FloatArray = field(default_factory=lambda: np.zeros(KNOTS_S.size))
+    noise_share: FloatArray = field(default_factory=lambda: np.zeros((2, KNOTS_S.size)))
     degrees_of_freedom: float = 5.0
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -77,7 +77,7 @@ class WalkerModel:
                 raise WalkerModelError(f"layer of shape {w.shape} with bias {b.shape} does not take {n} inputs")
             n = w.shape[2]
         spreads = self.log_spread.shape, self.noise_share.shape
-        if n != n_out or spreads != ((N_DOUBT, KNOTS_S.size, 3), (KNOTS_S.size,)):
+        if n != n_out or spreads != ((N_DOUBT, KNOTS_S.size, 3), (2, KNOTS_S.size)):
             raise WalkerModelError(f"{n} outputs and spread {spreads} do not fit {KNOTS_S.size} knots")
         finite = [bool(np.isfinite(a).all()) for a in (*self.weights, *self.biases)]
         if not (all(finite) and np.isfinite(self.log_spread).all() and np.isfinite(self.noise_share).all()):
@@ -135,13 +135,14 @@ class WalkerModel:
             doubt: Reasons for doubt, shape (N, N_DOUBT).
 
         Returns:
-            Shape (N, knots, 4): metres along, across and up without the observations' error; the factor of that error.
+            Shape (N, knots, 5): metres along, across and up without the observations' error; the factors of that error,
+            as measured and as stated.
         """
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
         bounded = np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])
-        spread = np.empty((len(doubt), KNOTS_S.size, 4))
+        spread = np.empty((len(doubt), KNOTS_S.size, 5))
         np.exp(bounded.reshape(-1, KNOTS_S.size, 3), out=spread[..., :3])
-        spread[..., 3] = self.noise_share
+        spread[..., 3:] = self.noise_share.T
         spread /= math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # so written, it holds of a normal distribution, too
         return spread
 

@@ -103,3 +103,20 @@ class MeasuredColour:
         colours[:6] = logs[:, :2].T.ravel()
         colours[6:] = logs[::2, 2:].T.ravel()
         return colours
+
+
+def without_stated(colours: FloatArray, stated_m2: FloatArray) -> FloatArray:
+    """Colours relative to what the tracker states of its error.
+
+    Args:
+        colours: As given by `MeasuredColour.learn`.
+        stated_m2: Stated variances along, across and up, shape (3,), square metres; zeros where none are stated.
+
+    Returns:
+        The colours, with the part of the stated error taken off those of the positions.
+    """
+    along, across, up = stated_m2.tolist()
+    relative = colours.copy()
+    relative[:3] -= 0.5 * math.log1p(0.5 * (along + across) / float(_UNIT2[0]))
+    relative[3:6] -= 0.5 * math.log1p(up / float(_UNIT2[1]))
+    return relative
