@@ -17,7 +17,8 @@ def toy(n, seed):
     y = np.zeros((n, KNOTS_S.size, 3), dtype=np.float32)
     y[..., 1] = 0.1 * KNOTS_S * np.tanh(x[:, 1:2] + 0.5 * x[:, 4:5])
     y[::5, 6:] = np.nan
-    noise_m = np.full((n, 3), 0.01, dtype=np.float32)
+    noise_m = np.zeros((n, 2, 3), dtype=np.float32)
+    noise_m[np.arange(n), np.arange(n) % 2] = 0.01  # of every other tracker that states it
     return Examples(x, np.ones((n, N_SPREAD), dtype=np.float32), noise_m, y, np.ones(n, dtype=np.float32))
 
 

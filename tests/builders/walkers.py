@@ -23,14 +23,14 @@ def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
     biases = tuple(size * rng.standard_normal((2, 1, shape[1])).astype(np.float32) for shape in sizes)
     log_spread = 0.1 * size * rng.standard_normal((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(0.05) + np.linspace(0.0, 1.0, KNOTS_S.size)[:, None]
-    noise_share = np.linspace(0.3, 1.0, KNOTS_S.size)
+    noise_share = np.linspace([0.3, 0.5], [1.0, 0.8], KNOTS_S.size).T
     return WalkerModel(weights, biases, log_spread, noise_share, degrees_of_freedom)
 
 
-def straight_model(spread_m=0.1, degrees_of_freedom=5.0, noise_share=0.0):
+def straight_model(spread_m=0.1, degrees_of_freedom=5.0, measured_share=0.0, stated_share=0.0):
     """A model that says that people keep to the line, and errs alike at all horizons.
 
-    By a scale of `spread_m`, and by a share of the observations' own error.
+    By a scale of `spread_m`, and by shares of the observations' own error, as measured and as stated.
     """
     log_spread = np.zeros((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(spread_m)
@@ -38,7 +38,7 @@ def straight_model(spread_m=0.1, degrees_of_freedom=5.0, noise_share=0.0):
         (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
         (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
         log_spread,
-        np.full(KNOTS_S.size, noise_share),
+        np.tile([[measured_share], [stated_share]], KNOTS_S.size),
         degrees_of_freedom,
     )
 

@@ -53,6 +53,7 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
     assert np.any(without.log_spread != everybody.log_spread)
     assert np.any(without.noise_share != everybody.noise_share)
     assert np.all(everybody.noise_share > 0.0)
+    assert everybody.noise_share.shape == (2, KNOTS_S.size)
     assert everybody.degrees_of_freedom >= 5.0
     assert sorted(p.name for p in finished.iterdir()) == ["left_out", "runs", "walker.npz"]
 
@@ -74,7 +75,7 @@ def no_doubt(monkeypatch):
     """Fits state no doubt: what is used again does not depend on it."""
     monkeypatch.setattr("experiments.fit.command.errors_on_left_out", lambda models, people, _: people)
     monkeypatch.setattr(
-        "experiments.fit.command.fit_doubt", lambda _: Spread(straight_model().log_spread, np.zeros(KNOTS_S.size), 5.0)
+        "experiments.fit.command.fit_doubt", lambda _: Spread(straight_model().log_spread, np.zeros((2, KNOTS_S.size)), 5.0)
     )
 
 

@@ -81,12 +81,12 @@ def test_examples_of_many_recordings_are_one_table():
     assert n > 200
     assert table.network.shape == (n, N_INPUTS)
     assert table.spread.shape == (n, N_SPREAD)
-    assert table.noise_m.shape == (n, 3)
+    assert table.noise_m.shape == (n, 2, 3)
     assert table.departure_m.shape == (n, KNOTS_S.size, 3)
     assert np.isfinite(table.network).all()
     assert np.isfinite(table.spread).all()
     assert (table.weight > 0).all()
-    assert (table.noise_m > 0).all()
+    assert ((table.noise_m > 0).all(axis=2).sum(axis=1) == 1).all()  # either measured or stated
 
 
 @pytest.mark.parametrize(

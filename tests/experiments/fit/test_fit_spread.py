@@ -28,13 +28,25 @@ def held(error, scale, v):
 
 
 def no_noise(n):
-    return np.zeros((n, 3))
+    return np.zeros((n, 2, 3))
+
+
+def shared2(shares, noise_m):
+    """Variances by shares of the noise, as measured and as stated, shape (N, knots, 3)."""
+    return sum((shares[k][:, None] * noise_m[:, k, None]) ** 2 for k in range(2))
+
+
+def some_noise(rng, n):
+    """From 1 to 100 mm, other on each axis and each frame; every third tracker states it, the others do not."""
+    noise_m = no_noise(n)
+    noise_m[np.arange(n), (np.arange(n) % 3 == 0).astype(int)] = np.exp(rng.uniform(np.log(0.001), np.log(0.1), (n, 3)))
+    return noise_m
 
 
 def stated(found, u, noise_m):
     """Scales by what was fitted, shape (N, knots, 3)."""
     own2 = np.exp(2.0 * np.tensordot(u, found.log_spread, axes=1))
-    return np.sqrt(own2 + (found.noise_share[:, None] * noise_m[:, None]) ** 2)
+    return np.sqrt(own2 + shared2(found.noise_share, noise_m))
 
 
 @pytest.mark.parametrize(("true_v", "chosen"), [(5.0, {5.0, 6.0}), (8.0, {6.0, 8.0, 12.0}), (np.inf, {20.0})])
@@ -58,15 +70,15 @@ def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.02)
 
 
-@pytest.mark.parametrize("share", [0.3, 0.8, 1.5])
-def test_the_share_of_the_noise_is_recovered_at_each_knot(share):
-    """Of noise that is 1 to 100 mm, other on each axis and each frame; it falls with the horizon."""
+@pytest.mark.parametrize("share", [(0.3, 0.9), (0.8, 0.4), (1.5, 1.5)])
+def test_the_shares_of_the_noise_are_recovered_at_each_knot(share):
+    """Of measured and of stated noise, each its own; they fall with the horizon."""
     rng, n = np.random.default_rng(0), 12000
     u = np.column_stack([np.ones(n), rng.uniform(0, 2, n)])
-    noise_m = np.exp(rng.uniform(np.log(0.001), np.log(0.1), (n, 3)))
-    shares = share * np.linspace(1.0, 0.5, KNOTS)
+    noise_m = some_noise(rng, n)
+    shares = np.outer(share, np.linspace(1.0, 0.5, KNOTS))
     own = np.exp(u @ [np.log(0.01), 0.5])[:, None, None] * np.ones((1, KNOTS, 3))
-    scale = np.sqrt(own**2 + (shares[:, None] * noise_m[:, None]) ** 2)
+    scale = np.sqrt(own**2 + shared2(shares, noise_m))
     found = fit_spread(u, noise_m, t_errors(rng, n, scale, 6.0), np.ones(n))
     assert found.degrees_of_freedom in {5.0, 6.0, 8.0}
     np.testing.assert_allclose(found.noise_share, shares, rtol=0.08, atol=0.01)
@@ -79,7 +91,7 @@ def test_the_share_of_the_noise_is_recovered_at_each_knot(share):
 def test_noise_that_is_in_no_error_has_no_share():
     """Errors of 10 cm, whatever the noise: what a share adds to the scale is next to nothing."""
     rng, n = np.random.default_rng(0), 12000
-    noise_m = np.exp(rng.uniform(np.log(0.001), np.log(0.1), (n, 3)))
+    noise_m = some_noise(rng, n)
     found = fit_spread(np.ones((n, 1)), noise_m, t_errors(rng, n, 0.1, 6.0), np.ones(n))
     assert found.noise_share.max() < 0.25
     np.testing.assert_allclose(np.exp(found.log_spread[0]), 0.1, rtol=0.08)
@@ -118,7 +130,7 @@ def test_weights_count():
 
 
 def same_for_all(scale_m, v, share=0.0):
-    return Spread(np.full((1, KNOTS, 3), np.log(scale_m)), np.full(KNOTS, share), v)
+    return Spread(np.full((1, KNOTS, 3), np.log(scale_m)), np.full((2, KNOTS), share), v)
 
 
 @pytest.mark.parametrize("said", [0.07, 0.1, 0.16])
@@ -137,8 +149,9 @@ def test_calibration_scales_what_is_stated_too_small_or_too_large(said, v):
 def test_calibration_scales_the_share_of_the_noise_as_well(factor):
     """So that long and short axes of the ellipsoid keep their ratio."""
     rng, n = np.random.default_rng(0), 20000
-    noise_m = np.tile([0.2, 0.01, 0.01], (n, 1))
-    error = t_errors(rng, n, np.sqrt(0.05**2 + (0.5 * noise_m[:, None]) ** 2), 6.0)
+    noise_m = no_noise(n)
+    noise_m[: n // 2, 0] = noise_m[n // 2 :, 1] = [0.2, 0.01, 0.01]
+    error = t_errors(rng, n, np.sqrt(0.05**2 + shared2(np.full((2, KNOTS), 0.5), noise_m)), 6.0)
     before = same_for_all(0.05 * factor, 6.0, 0.5 * factor)
     found = calibrate(before, np.ones((n, 1)), noise_m, error, np.ones(n))
     np.testing.assert_allclose(np.exp(found.log_spread), 0.05, rtol=0.03)
@@ -153,7 +166,7 @@ def test_calibration_is_bounded_and_where_nothing_is_known_it_changes_nothing():
     found = calibrate(same_for_all(0.1, 5.0, 0.3), np.ones((2000, 1)), no_noise(2000), error, np.ones(2000))
     np.testing.assert_allclose(np.exp(found.log_spread[0, :7]), 0.2)
     np.testing.assert_allclose(np.exp(found.log_spread[0, 7]), 0.1)
-    np.testing.assert_allclose(found.noise_share, [*7 * [0.6], 0.3])
+    np.testing.assert_allclose(found.noise_share, 2 * [[*7 * [0.6], 0.3]])
 
 
 def test_with_tails_that_are_not_the_true_ones_the_worse_of_both_shares_is_least_wrong():
@@ -181,7 +194,7 @@ def test_doubt_is_fitted_to_all_errors_that_were_found():
     np.testing.assert_array_equal(found[1].noise_m, examples[1].noise_m)
     fitted = fit_doubt(found)
     assert fitted.log_spread.shape == (N_DOUBT, KNOTS, 3)
-    assert fitted.noise_share.shape == (KNOTS,)
+    assert fitted.noise_share.shape == (2, KNOTS)
     assert fitted.degrees_of_freedom > 2.0
     table = Found.join(found)
     scale = stated(fitted, table.doubt, table.noise_m)

@@ -136,20 +136,35 @@ def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
     for sds in (np.array([0.02, 0.01, 0.005]), np.array([30.0, 0.01, 1e-5])):
         covariance = turn @ np.diag(sds**2) @ turn.T
         state = np.concatenate([np.zeros(3), turn @ [1.2, 0.0, 0.0]])
-        inputs = WalkerHistory().add(HeadObservation(0.0, state[:3]), state, covariance)
-        np.testing.assert_allclose(inputs.noise_sd_m, sds, rtol=1e-3, atol=1e-6)
-        np.testing.assert_array_equal(inputs.noise_base_m2, covariance)
-        assert np.abs(inputs.network).max() <= 4.0
+        for stated, told in enumerate((None, covariance)):
+            seen = HeadObservation(0.0, state[:3], position_covariance_m2=told)
+            inputs = WalkerHistory().add(seen, state, covariance)
+            np.testing.assert_allclose(inputs.noise_sd_m[stated], sds, rtol=1e-3, atol=1e-6)
+            np.testing.assert_array_equal(inputs.noise_base_m2[stated], covariance)
+            assert not inputs.noise_sd_m[1 - stated].any()
+            assert not inputs.noise_base_m2[1 - stated].any()
+            assert np.abs(inputs.network).max() <= 4.0
 
 
-def test_the_stated_uncertainty_reads_no_size_of_the_noise():
-    """That has its own term; what is read of a walk is the same through noise of any stated size."""
-    found = []
-    for sd_m in (0.001, 0.05):
-        history = WalkerHistory()
-        state = STATE.copy()
-        found.append(history.add(HeadObservation(0.0, state[:3]), state, sd_m**2 * np.eye(3)).spread)
-    np.testing.assert_array_equal(found[0], found[1])
+@pytest.mark.parametrize("sds", [(0.02, 0.02, 0.02), (0.3, 0.02, 0.01)])
+def test_errors_are_doubted_relative_to_what_the_tracker_states(sds):
+    """White errors of a known size: stated, they leave less doubt than unsaid, because they are told by themselves."""
+    rng, histories, found = np.random.default_rng(0), (WalkerHistory(), WalkerHistory()), []
+    covariance = np.diag(np.square(sds))
+    for k in range(120):
+        state = STATE + np.array([1.2 * k / 30, 0, 0, 0, 0, 0])
+        at = state[:3] + rng.standard_normal(3) * sds
+        told = (None, covariance)
+        found = [
+            history.add(HeadObservation(k / 30, at, position_covariance_m2=each), state, covariance).spread
+            for history, each in zip(histories, told, strict=True)
+        ]
+    untold, stated = found
+    np.testing.assert_array_equal(stated[: -N_ERRORS - N_COLOURS], untold[: -N_ERRORS - N_COLOURS])
+    assert np.all(stated[-N_ERRORS - N_COLOURS : -N_COLOURS] < untold[-N_ERRORS - N_COLOURS : -N_COLOURS])
+    positions = slice(-N_COLOURS, -N_COLOURS + 6)
+    assert np.all(stated[positions] < untold[positions])
+    np.testing.assert_array_equal(stated[-N_COLOURS + 6 :], untold[-N_COLOURS + 6 :])  # of the yaws nothing is stated
 
 
 @pytest.mark.parametrize(

@@ -61,9 +61,10 @@ def test_spread_is_the_standard_deviation_of_the_t_distribution(v):
     scale = np.exp(np.tensordot(doubt, model.log_spread, axes=1))
     factor = 1.0 if v == math.inf else math.sqrt(v / (v - 2.0))
     stated = model.spread_m(doubt)
-    assert stated.shape == (3, KNOTS_S.size, 4)
+    assert stated.shape == (3, KNOTS_S.size, 5)
     np.testing.assert_allclose(stated[..., :3], factor * scale)
-    np.testing.assert_allclose(stated[..., 3], np.tile(factor * model.noise_share, (3, 1)))
+    for k in range(2):
+        np.testing.assert_allclose(stated[..., 3 + k], np.tile(factor * model.noise_share[k], (3, 1)))
     sure, unsure = np.zeros((1, N_DOUBT)), np.zeros((1, N_DOUBT))
     sure[0, 0], unsure[0, 0] = 1e3, -1e3  # log_spread[0] is negative
     np.testing.assert_allclose(model.spread_m(sure)[..., :3], factor * 0.002)
@@ -104,7 +105,7 @@ GOOD = random_model()
         ({"biases": GOOD.biases[:-1]}, "one bias a layer"),
         ({"weights": (), "biases": ()}, "one bias a layer"),
         ({"log_spread": GOOD.log_spread[:-1]}, "do not fit"),
-        ({"noise_share": GOOD.noise_share[:-1]}, "do not fit"),
+        ({"noise_share": GOOD.noise_share[0]}, "do not fit"),
         ({"log_spread": np.full_like(GOOD.log_spread, np.nan)}, "not finite"),
         ({"noise_share": GOOD.noise_share * np.nan}, "not finite"),
         ({"biases": (GOOD.biases[0] * np.inf, *GOOD.biases[1:])}, "not finite"),
