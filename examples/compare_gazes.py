@@ -16,5 +16,5 @@ for controller in ("reactive", "lookahead", "mpc", "perfect"):
 # It prints:
 # reactive   9.89, 11.40, 10.70  mean 10.66 deg, eye contact  14%
 # lookahead  0.42,  2.42,  1.91  mean  1.58 deg, eye contact  90%
-# mpc        0.43,  2.33,  1.94  mean  1.57 deg, eye contact  90%
+# mpc        0.43,  2.34,  1.94  mean  1.57 deg, eye contact  90%
 # perfect    0.02,  0.03,  0.04  mean  0.03 deg, eye contact 100%

@@ -15,4 +15,4 @@ for smoothing_time_s in (0.04, 0.08, 0.16):
 # smoothing  gaze error  acceleration
 #    0.04 s    1.16 deg   1.82 rad/s^2
 #    0.08 s    1.30 deg   0.87 rad/s^2
-#    0.16 s    1.87 deg   0.41 rad/s^2
+#    0.16 s    1.89 deg   0.41 rad/s^2

@@ -27,6 +27,7 @@ def own_folder(tmp_path, monkeypatch):
     """A working directory whose modules are forgotten after the test."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_parts", raising=False)  # of another test, under the pages' name
     yield tmp_path
     for name in [n for n, m in sys.modules.items() if str(getattr(m, "__file__", "")).startswith(str(tmp_path))]:
         del sys.modules[name]

@@ -75,7 +75,8 @@ def no_doubt(monkeypatch):
     """Fits state no doubt: what is used again does not depend on it."""
     monkeypatch.setattr("experiments.fit.command.errors_on_left_out", lambda models, people, _: people)
     monkeypatch.setattr(
-        "experiments.fit.command.fit_doubt", lambda _: Spread(straight_model().log_spread, np.zeros((2, KNOTS_S.size)), 5.0)
+        "experiments.fit.command.fit_doubt",
+        lambda _: Spread(straight_model().log_spread, np.zeros((2, KNOTS_S.size)), 5.0),
     )
 
 

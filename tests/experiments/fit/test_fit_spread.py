@@ -89,11 +89,12 @@ def test_the_shares_of_the_noise_are_recovered_at_each_knot(share):
 
 
 def test_noise_that_is_in_no_error_has_no_share():
-    """Errors of 10 cm, whatever the noise: what a share adds to the scale is next to nothing."""
+    """Errors of 10 cm, whatever the noise up to 10 cm: a share adds next to nothing to the scale, at the worst 6 %."""
     rng, n = np.random.default_rng(0), 12000
     noise_m = some_noise(rng, n)
     found = fit_spread(np.ones((n, 1)), noise_m, t_errors(rng, n, 0.1, 6.0), np.ones(n))
-    assert found.noise_share.max() < 0.25
+    assert found.noise_share.max() < 0.35
+    assert np.median(found.noise_share) < 0.1
     np.testing.assert_allclose(np.exp(found.log_spread[0]), 0.1, rtol=0.08)
 
 

@@ -9,6 +9,7 @@ from builders.replays import replayed
 from monalysa.quality import smoothness as reference_smoothness
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, multivariate_t
+from scipy.stats import f as f_distribution
 
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import load_neck
@@ -100,7 +101,7 @@ def test_motion_figures(log):
     assert m.peak_velocity_rad_s == pytest.approx(np.abs(velocity).max(), rel=0.01)
     assert m.peak_velocity_rad_s == pytest.approx(np.abs(log.joint_velocity_rad_s).max(), rel=0.01)
     by_velocity = np.diff(log.joint_velocity_rad_s, axis=0) / dt
-    assert m.peak_acceleration_rad_s2 == pytest.approx(np.abs(by_velocity).max(), rel=0.02)
+    assert m.peak_acceleration_rad_s2 == pytest.approx(np.abs(by_velocity).max(), rel=0.03)
     assert m.rms_acceleration_rad_s2 == pytest.approx(np.sqrt(np.mean(np.sum(by_velocity[200:] ** 2, 1))), rel=0.01)
     assert m.peak_jerk_rad_s3 == pytest.approx(np.abs(np.diff(by_velocity, axis=0)).max() / dt, rel=0.1)
     assert m.limit_violations == 0
@@ -150,8 +151,14 @@ def test_forecast_figures(log):
         )
     ]
     assert m.forecast_nees_500 == pytest.approx(np.mean(nees))
-    assert m.forecast_coverage_68_500 == pytest.approx(np.mean(np.array(nees) < chi2.ppf(0.68, 3)))
-    assert m.forecast_coverage_95_500 == pytest.approx(np.mean(np.array(nees) < chi2.ppf(0.95, 3)))
+    v = log.forecast_degrees_of_freedom[known]
+    assert np.median(v) < 100.0  # of the first frame, by the filter, it is infinite
+    for share, told in ((0.68, m.forecast_coverage_68_500), (0.95, m.forecast_coverage_95_500)):
+        # Of a t distribution with this covariance, or of a normal one.
+        tailed = np.isfinite(v)
+        limits = np.full(v.size, chi2.ppf(share, 3))
+        limits[tailed] = 3.0 * (v[tailed] - 2.0) / v[tailed] * f_distribution.ppf(share, 3, v[tailed])
+        assert told == pytest.approx(np.mean(np.array(nees) < limits))
 
 
 def test_coverage_takes_the_stated_tails(log):

@@ -8,7 +8,7 @@ from builders.walkers import random_covariance, seen_of, straight_model
 from predictors import Walker
 from predictors.walker.errors import N_ERRORS, LineErrors
 from predictors.walker.line import Line
-from predictors.walker.noise import N_COLOURS, MeasuredColour, MeasuredNoise
+from predictors.walker.noise import N_COLOURS, MeasuredColour, MeasuredNoise, without_stated
 
 FRAME_S = 1.0 / 30.0
 
@@ -103,11 +103,12 @@ def test_colour_begins_with_what_is_usual_and_needs_frames():
     np.testing.assert_array_equal(after[[1, 2, 4, 5, 7, 9]], usual[0])
 
 
-def errors_of(times_s, positions_m, velocity_m_s, to_line=None):
+def errors_of(times_s, positions_m, velocity_m_s, to_line=None, stated_m2=(0.0, 0.0, 0.0)):
     """The last of what is known of lines through these positions with a constant slope."""
     errors = LineErrors()
     for t, p in zip(times_s, positions_m, strict=True):
-        found = errors.learn(p, Line(t, p, velocity_m_s, 0.0), np.eye(3) if to_line is None else to_line)
+        turn = np.eye(3) if to_line is None else to_line
+        found = errors.learn(p, Line(t, p, velocity_m_s, 0.0), turn, np.array(stated_m2))
     return found
 
 
@@ -135,6 +136,22 @@ def test_an_error_is_known_at_its_horizon_and_on_its_axis():
     aside = errors_of(times_s, np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0]), turn).reshape(2, 3)
     assert np.all(aside[:, 1] > 0.0)
     assert np.all(aside[:, 0] < -2.0)
+    walked_m, too_fast_m_s = np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0])
+    stated = errors_of(times_s, walked_m, too_fast_m_s, None, (0.01, 4.0, 4.0))
+    expected = np.square([0.04, 0.1]) / (usual**2 + 0.01) + 0.01
+    np.testing.assert_allclose(np.exp(2.0 * stated.reshape(2, 3)[:, 0]), expected, rtol=0.05)
+
+
+@pytest.mark.parametrize("sd_m", [0.0, 0.01, 0.3])
+def test_what_is_stated_is_taken_off_the_colours_of_positions(sd_m):
+    """White error of the stated size looks like that of unit and statement together; yaws stay as they are."""
+    colours = np.linspace(-1.0, 2.0, N_COLOURS)
+    found = without_stated(colours, np.array([2.0 * sd_m**2, 0.0, 4.0 * sd_m**2]))
+    expected = colours.copy()
+    expected[:3] -= np.log(np.hypot(0.01, sd_m) / 0.01)
+    expected[3:6] -= np.log(np.hypot(0.01, 2.0 * sd_m) / 0.01)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_array_equal(colours, np.linspace(-1.0, 2.0, N_COLOURS))
 
 
 @pytest.mark.parametrize("step_s", [0.8, 3.0])
