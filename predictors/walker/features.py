@@ -32,6 +32,7 @@ _NOT_FORWARD_RAD = (1.4, 1.9)
 _POSITION_SCALE_M, _PELVIS_SCALE_RAD, _HEAD_SCALE_RAD, _OFFSET_SCALE_RAD = 0.04, 0.15, 0.2, 0.1
 _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, _NOISE_SCALE_M = 1.1, 0.3, 0.01
 _LARGEST, _SMALLEST_NOISE = 4.0, 0.1
+_NOTHING_STATED_M2 = np.zeros(3)
 _ROUNDING_M2 = 1e-12  # a stated covariance may be next to singular
 
 _POSITIONS = slice(0, 3 * WINDOW)
@@ -126,7 +127,7 @@ class WalkerHistory:
 
         noise = to_line.T @ covariance_m2 @ to_line
         sd_m = np.sqrt(np.maximum(noise.diagonal(), _ROUNDING_M2))
-        log_sd = np.log(np.maximum(sd_m / _NOISE_SCALE_M, _SMALLEST_NOISE)).tolist()
+        log_sd = [math.log(max(sd / _NOISE_SCALE_M, _SMALLEST_NOISE)) for sd in sd_m.tolist()]
         frames = math.log(max(window.times_s.size - 1, 1) / max(m - 1, 1))
         colours = self._colour.learn(seen)
         stated = observation.position_covariance_m2 is not None
@@ -160,9 +161,9 @@ class WalkerHistory:
             frames,
         )
         # What is stated of the tracker's error is in the forecast's covariance by itself, with its own directions.
-        stated_m2 = noise if stated else np.zeros((3, 3))
-        spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, to_line, stated_m2.diagonal())
-        spread[-N_COLOURS:] = without_stated(colours, stated_m2.diagonal())
+        stated_m2 = noise.diagonal() if stated else _NOTHING_STATED_M2
+        spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, to_line, stated_m2)
+        spread[-N_COLOURS:] = without_stated(colours, stated_m2) if stated else colours
         noises_m, noises_m2 = np.zeros((2, 3)), np.zeros((2, 3, 3))
         noises_m[int(stated)], noises_m2[int(stated)] = sd_m, covariance_m2
         walking = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0

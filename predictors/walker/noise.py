@@ -63,7 +63,8 @@ class MeasuredNoise:
 
 
 _LAGS = (1, 2, 4)
-_LAG_ROWS = np.array([[1 + 3 * lag, 1 + 2 * lag, 1 + lag, 1] for lag in _LAGS])
+# Rows of the track, counted from its end.
+_LAG_ROWS = -np.array([[1 + 3 * lag, 1 + 2 * lag, 1 + lag, 1] for lag in _LAGS])
 _THIRD = np.array([-1.0, 3.0, -3.0, 1.0]) / math.sqrt(20.0)  # of white noise as large as the noise itself
 _COLOUR_MEMORY_FRAMES, _COLOUR_PRIOR_FRAMES = 45.0, 12.0
 # Horizontal and vertical position, yaws of pelvis and head: 10 mm and 2 deg.
@@ -91,7 +92,7 @@ class MeasuredColour:
         """
         lags = sum(len(track) > 3 * lag for lag in _LAGS)
         if lags:
-            differences = np.einsum("j,ljc->lc", _THIRD, track[-_LAG_ROWS[:lags]])
+            differences = _THIRD @ track[_LAG_ROWS[:lags]]
             squares = differences * differences
             squares[:, 1] = 0.5 * (squares[:, 0] + squares[:, 1])
             ratio2 = np.minimum(squares[:, 1:] / _UNIT2, _LARGEST_RATIO2)
