@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from predictors.gate import Gate
-from predictors.predictor import NotReadyError, as_times, check_newer
+from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.symmetric import inverse
 from predictors.types import FloatArray, Forecast, HeadObservation
 
@@ -15,6 +15,7 @@ _INITIAL_SPEED_SD_M_S = 1.0
 _POSITION, _VELOCITY = np.array([0, 7, 14]), np.array([21, 28, 35])
 _POSITION_BY_VELOCITY, _VELOCITY_BY_POSITION = np.array([3, 10, 17]), np.array([18, 25, 32])
 _EYE3, _EYE6 = np.eye(3), np.eye(6)
+_NOTHING_M2 = np.zeros((3, 3))
 
 
 def transition(dt_s: float) -> FloatArray:
@@ -99,20 +100,21 @@ class ConstantVelocity:
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
-        R = observation.position_covariance_m2
-        self.update_by(observation, self._R if R is None else R)
+        self.update_with(observation, self._R, _NOTHING_M2)
 
-    def update_by(self, observation: HeadObservation, R: FloatArray) -> None:
-        """Take in one observation, for others who know the covariance of its position better.
+    def update_with(self, observation: HeadObservation, unstated_m2: FloatArray, extra_m2: FloatArray) -> None:
+        """Take in one observation, for a predictor that measures the noise itself.
 
         Args:
             observation: The observation.
-            R: Covariance of its position, shape (3, 3), square metres.
+            unstated_m2: Covariance of a position that states none, shape (3, 3), square metres.
+            extra_m2: Covariance that is added to every position's, shape (3, 3), square metres.
 
         Raises:
             OutOfOrderError: If it is not newer than the last observation.
         """
         check_newer(observation, None if self._started_at_s is None else self._time_s)
+        R = noise_m2(observation, unstated_m2) + extra_m2
         if self._started_at_s is None:
             self._start(observation, R)
             return
@@ -128,7 +130,7 @@ class ConstantVelocity:
                 candidate = self._gate.candidate
                 self._start(candidate[0], R)
                 for other in candidate[1:]:
-                    self.update_by(other, R)
+                    self.update_with(other, unstated_m2, extra_m2)
                 self._taken_in = candidate
             return
         self._correct(observation.head_position_base_m - self._x[:3], spread, R)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from predictors.constant_velocity import ConstantVelocity
-from predictors.predictor import NotReadyError, as_times
+from predictors.predictor import NotReadyError, as_times, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.features import WalkerHistory, WalkerInputs
 from predictors.walker.network import WalkerModel, between_knots, shipped_walker_model
@@ -51,9 +51,8 @@ class Walker:
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
         started_at_s = self._position.started_at_s
-        stated = observation.position_covariance_m2
-        covariance_m2 = self._noise.covariance_m2() if stated is None else stated
-        self._position.update_by(observation, covariance_m2 + _GAIT_M2)
+        measured_m2 = self._noise.covariance_m2()
+        self._position.update_with(observation, measured_m2, _GAIT_M2)
         taken = self._position.taken_in
         if not taken:
             return
@@ -61,9 +60,9 @@ class Walker:
             self._forget()
         window = self._history.window
         for earlier in taken[:-1]:  # of a candidate, to whom the track was given just now
-            window.add(earlier, covariance_m2)
+            window.add(earlier, noise_m2(earlier, measured_m2))
         _, state, _ = self._position.state()
-        self._inputs = self._history.add(taken[-1], state, covariance_m2)
+        self._inputs = self._history.add(taken[-1], state, noise_m2(taken[-1], measured_m2))
         self._noise.learn(window.times_s, window.values[:, :3])
         self._knots = None
 

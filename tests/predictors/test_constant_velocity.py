@@ -217,3 +217,28 @@ def test_not_gated_never_refuses_nor_starts_anew() -> None:
         assert cv.started_at_s == 0.0
     assert cv.forecast(2.0).issued_at_s == 59 * FRAME_S
     np.testing.assert_allclose(cv.state()[1][:3], [9.0, 9.0, 0.4], atol=0.05)
+
+
+def test_a_track_begun_anew_is_that_of_a_filter_that_saw_the_candidate_alone():
+    """Each of its frames with its own stated covariance: here they differ tenfold."""
+    cv = ConstantVelocity()
+    for k in range(30):
+        cv.update(HeadObservation(k / 30, np.array([2.0 + 0.03 * k, 1.0, 0.4])))
+    others = [
+        HeadObservation(
+            1.0 + k / 30,
+            np.array([4.0, -1.0 + 0.02 * k, 0.5]),
+            position_covariance_m2=np.diag([0.01, 0.02, 0.03]) ** 2 * (100.0 if k % 2 else 1.0),
+        )
+        for k in range(60)
+    ]
+    for other in others:
+        cv.update(other)
+        if len(cv.taken_in) > 1:
+            break
+    alone = ConstantVelocity(gated=False)
+    for other in cv.taken_in:
+        alone.update(other)
+    assert len(cv.taken_in) > 10
+    for found, expected in zip(cv.state(), alone.state(), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

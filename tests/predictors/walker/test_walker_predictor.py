@@ -32,7 +32,7 @@ def shown(observations, *predictors):
             if isinstance(predictor, Walker):
                 predictor.update(observation)
             else:  # the filter of the line: gait is noise to it
-                predictor.update_by(observation, observation.position_covariance_m2 + GAIT_M2)
+                predictor.update_with(observation, GAIT_M2, GAIT_M2)
     return observation.capture_time_s
 
 
