@@ -128,7 +128,7 @@ class ConstantVelocity:
             self._taken_in = ()
             if self._gate.lost:
                 candidate = self._gate.candidate
-                self._start(candidate[0], R)
+                self._start(candidate[0], noise_m2(candidate[0], unstated_m2) + extra_m2)
                 for other in candidate[1:]:
                     self.update_with(other, unstated_m2, extra_m2)
                 self._taken_in = candidate
