@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -112,7 +111,6 @@ def fit_errors(
     groups: tuple[tuple[int, ...], ...],
     one_person: bool,
     white_start: FloatArray,
-    tell: Callable[[], None] = lambda: None,
 ) -> tuple[tuple[GroupFit, ...], ErrorModel]:
     """Fit person, wander and white error.
 
@@ -122,16 +120,15 @@ def fit_errors(
         one_person: True where the person's acceleration is one for all groups (who stands still sways alike in all
             directions); False where each group has its own.
         white_start: First guess of the white error of each group.
-        tell: Called now and then, for progress.
 
     Returns:
         One fit a group, and the model in the form that `likelihood` takes.
     """
     layout = _Layout(groups, (True,) * len(groups), one_person)
-    theta, log = _maximum(data, layout, white_start, tell)
+    theta, log = _maximum(data, layout, white_start)
     for g in range(len(groups)):
         less = _Layout(groups, tuple(w and k != g for k, w in enumerate(layout.wanders)), one_person)
-        theta_less, log_less = _maximum(data, less, white_start, tell)
+        theta_less, log_less = _maximum(data, less, white_start)
         if log - log_less < _WANDER_GAIN:
             layout, theta, log = less, theta_less, log_less
     sds = _spread(data, layout, theta)
@@ -154,9 +151,7 @@ def fit_errors(
     return fits, layout.model(theta[None])
 
 
-def _maximum(
-    data: Stretches, layout: _Layout, white_start: FloatArray, tell: Callable[[], None]
-) -> tuple[FloatArray, float]:
+def _maximum(data: Stretches, layout: _Layout, white_start: FloatArray) -> tuple[FloatArray, float]:
     names = layout.names
     bounds = [tuple(np.log(_BOUNDS[name])) for name, _ in names]
     starts = {"acceleration": np.log(0.3), "correlation": np.log(0.5)}
@@ -164,7 +159,6 @@ def _maximum(
     steps = _STEP * np.vstack([np.zeros(len(names)), np.eye(len(names)), -np.eye(len(names))])
 
     def cost(theta: FloatArray) -> tuple[float, FloatArray]:
-        tell()
         values = _log_posterior(data, layout, theta + steps)
         n = len(names)
         return -values[0], -(values[1 : n + 1] - values[n + 1 :]) / (2.0 * _STEP)

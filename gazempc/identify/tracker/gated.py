@@ -10,7 +10,8 @@ import numpy as np
 
 from gazempc.identify.tracker.fit import GroupFit, Known, fit_errors
 from gazempc.identify.tracker.likelihood import Stretches, likelihood
-from gazempc.types import BoolArray, FloatArray, IntArray
+from gazempc.identify.tracker.sight import runs
+from gazempc.types import BoolArray, FloatArray
 
 # A normal innovation is larger once in 150,000 frames and axes.
 _GATE = 4.5
@@ -27,7 +28,7 @@ _LEAST = 1e-5
 
 @dataclass(frozen=True)
 class TrackJumps:
-    """TrackJumps of a track: frames far from where frames before and after put the person.
+    """Jumps of a track: frames far from where frames before and after put the person.
 
     Attributes:
         durations_s: Of each, shape (K,), seconds; 0 for a single frame.
@@ -105,7 +106,7 @@ def _jumps_in(data: Stretches, odd: BoolArray) -> BoolArray:
     jumps = odd.copy()
     for b in range(odd.shape[1]):
         aside = np.abs(_aside(data, odd, b))
-        for first, last in _runs(odd[: len(aside), b]):
+        for first, last in runs(odd[: len(aside), b]):
             way = aside[first:last].max(axis=0)
             axis = int(np.argmax(way))
             # The filter needs a while to trust the track again: frames that are back are no part of the jump.
@@ -125,18 +126,13 @@ def _aside(data: Stretches, out: BoolArray, b: int) -> FloatArray:
     return np.asarray(values - np.transpose(expected))
 
 
-def _runs(flags: BoolArray) -> IntArray:
-    """First and one past the last frame of each run of flags, shape (K, 2)."""
-    return np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
-
-
 def _jumps(data: Stretches, used: BoolArray) -> TrackJumps:
     durations_s: list[float] = []
     sizes: list[FloatArray] = []
     for b in range(used.shape[1]):
         aside = _aside(data, ~used, b)
         times_s = np.cumsum(data.intervals_s[: len(aside), b])
-        for first, last in _runs(~used[: len(aside), b]):
+        for first, last in runs(~used[: len(aside), b]):
             durations_s.append(float(times_s[last - 1] - times_s[first]))
             sizes.append(np.sqrt((aside[first:last] ** 2).mean(axis=0)))
     return TrackJumps(np.array(durations_s), np.reshape(sizes, (-1, data.values.shape[1])))

@@ -15,6 +15,8 @@ from gazempc.types import BoolArray, FloatArray
 # In the first frame of a stretch nothing is known of the person: 1 rad or a share of 1, and 1 m/s.
 _START_VARIANCE = 1.0
 _START_SPEED_M_S = 1.0
+# A person may have gone anywhere meanwhile.
+_PATIENCE_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -64,14 +66,15 @@ class Likelihood:
     surprise: FloatArray
 
 
-def likelihood(data: Stretches, model: ErrorModel, gate: float = np.inf, patience_s: float = 1.0) -> Likelihood:
+def likelihood(data: Stretches, model: ErrorModel, gate: float = np.inf) -> Likelihood:
     """Filter all stretches with all trials at once.
+
+    After a second without a frame that was used, the filter starts anew at the next one.
 
     Args:
         data: F frames of B stretches on A axes.
         model: G trials.
         gate: A frame whose innovation is larger than so many standard deviations on any axis is not used.
-        patience_s: After so long without a frame that was used, the filter starts anew at the next one.
 
     Returns:
         Likelihood and innovations.
@@ -102,7 +105,7 @@ def likelihood(data: Stretches, model: ErrorModel, gate: float = np.inf, patienc
         pvv = pvv + q * dt
         pvw = pvw * decay
         pww = pww * decay**2 + w2 * (1.0 - decay**2)
-        lost = silent_s > patience_s
+        lost = silent_s > _PATIENCE_S
         if lost.any():
             x = np.where(lost, data.values[k], x)
             v = np.where(lost, 0.0, v)

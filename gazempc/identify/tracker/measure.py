@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -40,7 +41,7 @@ class DirectionError:
 
     fit: GroupFit
     hidden: bool
-    wander: str
+    wander: Literal["known", "none", "unknown"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class TrackerErrors:
         frames: Rate, jitter and losses.
         along: Error of the range, shares of it.
         across: Error of the bearing on each of its two axes, radians.
-        jumps: TrackJumps of the track; sizes are shares of the range and radians.
+        jumps: Jumps of the track; sizes are shares of the range and radians.
         used_s: Seconds that position errors are from.
         still_s: Seconds in which the person stood or sat still.
         range_m: Least, median and largest range, shape (3,), metres.
@@ -150,7 +151,7 @@ def measure_tracker(track: HeadTrack, tell: Callable[[float], None]) -> TrackerE
 
 def _direction(errors: Errors, group: int, moved: bool, sway: float) -> DirectionError:
     fit = errors.groups[group]
-    wander = "known"
+    wander: Literal["known", "none", "unknown"] = "known"
     if moved or (fit.correlation_s is not None and errors.used_s < _CORRELATIONS * fit.correlation_s.value):
         wander = "unknown"
     elif fit.wander is None or fit.wander.value < sway:

@@ -13,7 +13,7 @@ from gazempc.identify.tracker.track import HeadTrack, of_bag, of_lines, of_recor
 from gazempc.recordings.readers.bag import read_bag_tracks
 
 _LINES = (".jsonl", ".ndjson")
-ACCEPTED = (
+_ACCEPTED = (
     "a table (.csv, .parquet) with t, head_x, head_y, head_z; lines of JSON as a live source takes them "
     f"({', '.join(_LINES)}); or the folder of a ROS 2 bag"
 )
@@ -22,7 +22,7 @@ _REPEATED = 0.1
 # No camera sees a head nearer than this; where one is, the origin is not the sensor.
 _LEAST_RANGE_M = 0.1
 # Below these nothing can be said of a tracker.
-MIN_FRAMES, MIN_DURATION_S = 60, 3.0
+_MIN_FRAMES, _MIN_DURATION_S = 60, 3.0
 
 
 def read_track(path: Path, person: str | None, tell: Callable[[float], None]) -> HeadTrack:
@@ -46,7 +46,7 @@ def read_track(path: Path, person: str | None, tell: Callable[[float], None]) ->
     elif path.suffix.lower() in _LINES:
         tracks = of_lines(path)
     elif not path.exists() or path.suffix.lower() not in (".csv", ".parquet", ".json"):
-        raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown kind of file", ACCEPTED)
+        raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown kind of file", _ACCEPTED)
     else:
         tracks = [of_recording(path)]
     chosen = _choose(path, tracks, person)
@@ -73,12 +73,12 @@ def _choose(path: Path, tracks: Sequence[HeadTrack], person: str | None) -> Head
 def _check(path: Path, track: HeadTrack) -> None:
     place, frames = f"person {track.person}", track.times_s.size
     duration_s = float(np.ptp(track.times_s)) if frames else 0.0
-    if frames < MIN_FRAMES or duration_s < MIN_DURATION_S:
+    if frames < _MIN_FRAMES or duration_s < _MIN_DURATION_S:
         raise RecordingError(
             path,
             place,
             f"{frames} frames in {duration_s:.1f} s",
-            f"at least {MIN_FRAMES} frames in {MIN_DURATION_S:g} s; 30 s of somebody who stands still are good",
+            f"at least {_MIN_FRAMES} frames in {_MIN_DURATION_S:g} s; 30 s of somebody who stands still are good",
         )
     if (np.ptp(track.position_m, axis=0) == 0.0).all():
         raise RecordingError(path, place, "the position never changes", "a tracker that measures")

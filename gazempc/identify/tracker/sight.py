@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from gazempc.identify.tracker.likelihood import Stretches
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import BoolArray, FloatArray, IntArray
 
 # Who stays within these for this long stands or sits still. A tracker that wanders by 30 mm across the line of sight,
 # or by 5 % of the range, stays within them as well.
@@ -75,6 +75,18 @@ def _stays(times_s: FloatArray, values: FloatArray, limits: FloatArray) -> BoolA
     return np.asarray(around[np.clip(np.rint((times_s - grid_s[0]) / period_s).astype(int), 0, grid_s.size - 1)])
 
 
+def runs(flags: BoolArray) -> IntArray:
+    """First and one past the last frame of each run of true flags.
+
+    Args:
+        flags: Shape (N,).
+
+    Returns:
+        Shape (K, 2).
+    """
+    return np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
+
+
 def cut(times_s: FloatArray, values: FloatArray, scales_m: FloatArray, wanted: BoolArray) -> Stretches:
     """Cut what is wanted of a track into stretches.
 
@@ -87,12 +99,11 @@ def cut(times_s: FloatArray, values: FloatArray, scales_m: FloatArray, wanted: B
     Returns:
         The stretches; of B = 0 where nothing is long enough.
     """
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], wanted.astype(int), [0]])))
-    runs = [np.arange(a, b) for a, b in ends.reshape(-1, 2) if times_s[b - 1] - times_s[a] >= _PIECE_MIN_S]
-    total_s = sum(float(times_s[run[-1]] - times_s[run[0]]) for run in runs)
+    long = [np.arange(a, b) for a, b in runs(wanted) if times_s[b - 1] - times_s[a] >= _PIECE_MIN_S]
+    total_s = sum(float(times_s[run[-1]] - times_s[run[0]]) for run in long)
     length_s = float(np.clip(total_s / _STRETCHES, *_STRETCH_S))
     pieces = []
-    for run in runs:
+    for run in long:
         count = max(1, int((times_s[run[-1]] - times_s[run[0]]) / length_s))
         pieces += np.array_split(run, count)
     frames = max((piece.size for piece in pieces), default=0)

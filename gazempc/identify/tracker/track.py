@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError
 from gazempc.live.sources.json_lines import LineError, parse_line
@@ -141,14 +142,7 @@ def _forward_yaw_rad(quats_wxyz: FloatArray) -> FloatArray:
 
 def _facing_yaw_rad(position_m: FloatArray, quats_wxyz: FloatArray) -> FloatArray:
     """Yaw of whichever axis of a face points to the camera, shape (N,): conventions differ, also in the sign."""
-    w, x, y, z = quats_wxyz.T
-    axes = np.stack(
-        [
-            np.stack([1 - 2 * (y**2 + z**2), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1),
-            np.stack([2 * (x * y - w * z), 1 - 2 * (x**2 + z**2), 2 * (y * z + w * x)], axis=1),
-            np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)], axis=1),
-        ]
-    )
+    axes = np.moveaxis(Rotation.from_quat(quats_wxyz, scalar_first=True).as_matrix(), 2, 0)
     sight = -position_m / np.linalg.norm(position_m, axis=1, keepdims=True)
     facing = np.median(np.einsum("kni,ni->kn", axes, sight), axis=1)
     best = int(np.argmax(np.abs(facing)))

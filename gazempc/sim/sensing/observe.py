@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from gazempc.errors import SettingsError
-from gazempc.recordings.recording import Recording, Track
+from gazempc.recordings.recording import Recording, Track, turned
 from gazempc.sim.sensing.position import jump_error, other_offset, shows_other, sight_error, stated_covariances
 from gazempc.sim.sensing.processes import bouts, wander
 from gazempc.sim.sensing.spec import SensorSpec
 from gazempc.sim.sensing.tables import YawError
 from gazempc.sim.sensing.times import arrivals, frames_taken, stamps
 from gazempc.sim.sensing.view import in_view
-from gazempc.sim.sensing.yaw import faces_away, turned, yaw_error
+from gazempc.sim.sensing.yaw import faces_away, yaw_error
 from gazempc.types import BoolArray, FloatArray, IntArray, Sighting
 from predictors import HeadObservation
 
@@ -126,12 +126,8 @@ def _turned(
     quats_wxyz: FloatArray, turn_rad: FloatArray, known: BoolArray, seen: IntArray
 ) -> Sequence[FloatArray | None]:
     """The orientations that are seen, None where there is none."""
-    shown: list[FloatArray | None] = [None] * len(seen)
-    kept = np.flatnonzero(known[seen])
-    if kept.size:
-        for k, quat in zip(kept, turned(quats_wxyz[seen[kept]], turn_rad[seen[kept]]), strict=True):
-            shown[k] = quat
-    return shown
+    shown = turned(quats_wxyz[seen], turn_rad[seen])
+    return [quat if is_known else None for quat, is_known in zip(shown, known[seen].tolist(), strict=True)]
 
 
 def _stated_positions(sensor: SensorSpec, measured_m: FloatArray) -> Sequence[FloatArray | None]:

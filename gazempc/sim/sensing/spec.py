@@ -14,6 +14,7 @@ from gazempc.sim.sensing.tables import (
     FieldOfView,
     Jumps,
     OtherPerson,
+    SightError,
     Timing,
     YawError,
 )
@@ -60,7 +61,7 @@ class SensorSpec(BaseModel):
 
     @model_validator(mode="after")
     def _what_is_stated_is_not_zero(self) -> SensorSpec:
-        errors: dict[str, AlongError | AcrossError] = {"along": self.along, "across": self.across}
+        errors: dict[str, SightError] = {"along": self.along, "across": self.across}
         certain = [name for name, error in errors.items() if not (self.each_axis_sd_m or error.depends_on_sight)]
         if self.states_covariance and certain:
             raise ValueError(
@@ -77,10 +78,5 @@ class SensorSpec(BaseModel):
     def depends_on_place(self) -> bool:
         """Whether what it sees depends on where the robot stands."""
         limited = self.view.limited or self.range_min_m > 0 or self.range_max_m < math.inf
-        errors: tuple[AlongError | AcrossError | YawError, ...] = (
-            self.along,
-            self.across,
-            self.head_yaw,
-            self.pelvis_yaw,
-        )
+        errors: tuple[SightError | YawError, ...] = (self.along, self.across, self.head_yaw, self.pelvis_yaw)
         return limited or self.other_person.is_there or any(error.depends_on_sight for error in errors)

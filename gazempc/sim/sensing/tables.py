@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import Literal
 
 import numpy as np
@@ -15,50 +16,55 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class AlongError(_Table):
-    """Error of the range. What is in metres and what is a share of the range are of one process: variances add."""
+class SightError(_Table):
+    """White error and wander on an axis of the line of sight.
+
+    What is in metres and what grows with the range are of one process: variances add.
+    """
 
     noise_m: float = Field(default=0.0, ge=0, le=5, description="White error, s.d., metres")
+    wander_m: float = Field(default=0.0, ge=0, le=5, description="Wander, s.d., metres")
+    wander_time_s: float = Field(default=1.0, gt=0, le=1000, description="Correlation time of the wander")
+
+    @property
+    @abstractmethod
+    def _shares(self) -> tuple[float, float]:
+        """White error and wander, s.d., as shares of the range."""
+
+    @property
+    def depends_on_sight(self) -> bool:
+        """Whether there is such an error."""
+        return any((self.noise_m, self.wander_m, *self._shares))
+
+    def noise_sd_m(self, range_m: FloatArray) -> FloatArray:
+        """Standard deviation of the white error at ranges, metres, in their shape."""
+        return np.asarray(np.hypot(self.noise_m, self._shares[0] * range_m))
+
+    def wander_sd_m(self, range_m: FloatArray) -> FloatArray:
+        """Standard deviation of the wander at ranges, metres, in their shape."""
+        return np.asarray(np.hypot(self.wander_m, self._shares[1] * range_m))
+
+
+class AlongError(SightError):
+    """Error of the range."""
+
     noise_share: float = Field(default=0.0, ge=0, le=1, description="White error, s.d., share of the range")
-    wander_m: float = Field(default=0.0, ge=0, le=5, description="Wander, s.d., metres")
     wander_share: float = Field(default=0.0, ge=0, le=1, description="Wander, s.d., share of the range")
-    wander_time_s: float = Field(default=1.0, gt=0, le=1000, description="Correlation time of the wander")
 
     @property
-    def depends_on_sight(self) -> bool:
-        """Whether there is such an error."""
-        return bool(self.noise_sd_m(np.array(1.0)) + self.wander_sd_m(np.array(1.0)))
-
-    def noise_sd_m(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation of the white error at ranges, metres, in their shape."""
-        return np.asarray(np.hypot(self.noise_m, self.noise_share * range_m))
-
-    def wander_sd_m(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation of the wander at ranges, metres, in their shape."""
-        return np.asarray(np.hypot(self.wander_m, self.wander_share * range_m))
+    def _shares(self) -> tuple[float, float]:
+        return self.noise_share, self.wander_share
 
 
-class AcrossError(_Table):
-    """Error on each of the two axes across the line of sight. Metres and degrees are of one process, as in range."""
+class AcrossError(SightError):
+    """Error on each of the two axes across the line of sight."""
 
-    noise_m: float = Field(default=0.0, ge=0, le=5, description="White error, s.d., metres")
     noise_deg: float = Field(default=0.0, ge=0, le=45, description="White error of the bearing, s.d., degrees")
-    wander_m: float = Field(default=0.0, ge=0, le=5, description="Wander, s.d., metres")
     wander_deg: float = Field(default=0.0, ge=0, le=45, description="Wander of the bearing, s.d., degrees")
-    wander_time_s: float = Field(default=1.0, gt=0, le=1000, description="Correlation time of the wander")
 
     @property
-    def depends_on_sight(self) -> bool:
-        """Whether there is such an error."""
-        return bool(self.noise_sd_m(np.array(1.0)) + self.wander_sd_m(np.array(1.0)))
-
-    def noise_sd_m(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation of the white error at ranges, metres, in their shape."""
-        return np.asarray(np.hypot(self.noise_m, np.deg2rad(self.noise_deg) * range_m))
-
-    def wander_sd_m(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation of the wander at ranges, metres, in their shape."""
-        return np.asarray(np.hypot(self.wander_m, np.deg2rad(self.wander_deg) * range_m))
+    def _shares(self) -> tuple[float, float]:
+        return float(np.deg2rad(self.noise_deg)), float(np.deg2rad(self.wander_deg))
 
 
 class Bouts(_Table):

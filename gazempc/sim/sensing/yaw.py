@@ -52,17 +52,3 @@ def faces_away(positions_m: FloatArray, quats_wxyz: FloatArray, away_deg: float)
         dot = np.sum(forward * to_sensor, axis=1)
         away[known] = np.abs(np.arctan2(cross, dot)) > np.deg2rad(away_deg)
     return away
-
-
-def turned(quats_wxyz: FloatArray, yaws_rad: FloatArray) -> FloatArray:
-    """Orientations turned about the vertical.
-
-    Args:
-        quats_wxyz: Shape (N, 4).
-        yaws_rad: Angles, shape (N,), radians.
-
-    Returns:
-        Shape (N, 4).
-    """
-    after = Rotation.from_euler("z", yaws_rad[:, None]) * Rotation.from_quat(quats_wxyz, scalar_first=True)
-    return np.asarray(after.as_quat(scalar_first=True), dtype=np.float64)
