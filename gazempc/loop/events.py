@@ -1,4 +1,4 @@
-"""What can be out of the ordinary in a run: one name each, as it stands in the log."""
+"""Unusual events of a run: each has one name, as in the log."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ class Event(StrEnum):
         member.meaning = meaning
         return member
 
-    NO_OBSERVATION_YET = "no_observation_yet", "nobody has been seen; the neck holds still"
+    NO_OBSERVATION_YET = "no_observation_yet", "no person has been observed yet; the neck holds still"
     OUT_OF_ORDER = "out_of_order", "an observation was not newer than the last one; dropped"
-    STALE_OBSERVATION = "stale_observation", "an observation was older than `stale_after_s` when it came; dropped"
+    STALE_OBSERVATION = "stale_observation", "an observation was older than `stale_after_s` on arrival; dropped"
     FUTURE_OBSERVATION = (
         "future_observation",
         "an observation was captured later than now, so a clock is wrong; dropped",
     )
     TRACKER_FROZEN = (
         "tracker_frozen",
-        "a tracker repeated the position of somebody who was walking for 0.5 s; its frames count as not seen",
+        "a tracker repeated one position for 0.5 s although the person was walking; its frames are not used",
     )
     ORIENTATION_JUMPED = (
         "orientation_jumped",
-        "head or pelvis turned by more than 90 degrees from one frame to the next; that orientation is not used",
+        "the yaw of head or pelvis changed by more than 90 degrees from one frame to the next; it is not used",
     )
     FORECAST_FAILED = "forecast_failed", "the predictor raised, or its forecast has a NaN; the last plan goes on"
     CONTROLLER_FAILED = "controller_failed", "the controller raised; the last plan goes on"
@@ -45,7 +45,7 @@ class Event(StrEnum):
     SECOND_SOLVER = "second_solver", "the first solver gave up, the second found this plan"
     LIMITS_SOFTENED = (
         "limits_softened",
-        "no plan keeps all limits (a start outside them, say); this one leaves them the least",
+        "no plan keeps all limits (for example, the start is outside them); this plan violates them least",
     )
     STALE_PLAN = "stale_plan", "the last plan has ended; the smoother stops the command"
     LIMIT_GUARD = "limit_guard", "the smoother refused a motion that could not stop inside the position limits"
@@ -53,17 +53,17 @@ class Event(StrEnum):
     RETURN_TO_REST = "return_to_rest", "no observation for `rest_after_s`; the neck returns to rest, slowly"
     JOINT_READING_REFUSED = (
         "joint_reading_refused",
-        "a reading of the joints was NaN, too old or far from where they can be; not used",
+        "a reading of the joints was NaN, too old or far from any possible position; not used",
     )
     ROBOT_NOT_ANSWERING = (
         "robot_not_answering",
         "the joints could not be read (the plan then relies on the commands sent), or a command did not get through "
         "(the robot stands by the last one; no plan until one does)",
     )
-    BAD_OBSERVATION = "bad_observation", "what a source received is no observation; dropped"
-    SOURCE_FAILED = "source_failed", "the source of observations raised; what it had is lost, it is asked again"
+    BAD_OBSERVATION = "bad_observation", "a source received data that are not an observation; dropped"
+    SOURCE_FAILED = "source_failed", "the source of observations raised; its data are lost, and it is read again"
     OBSERVATIONS_DROPPED = (
         "observations_dropped",
-        "more observations had piled up than a tick takes; the oldest dropped",
+        "more observations were waiting than one tick can take; the oldest are dropped",
     )
     CLOCK_STEPPED = "clock_stepped", "the computer's Unix clock was set to another time"

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from gazempc.identify.tracker.likelihood import ErrorModel, Stretches, likelihood
 from gazempc.types import FloatArray
 
-# Weak beliefs, as centre and s.d. of the logarithm. They keep what the data cannot tell from running away; ten
+# Weak beliefs, as centre and s.d. of the logarithm. They bound parameters that the data do not determine; ten
 # seconds of data outweigh them. A person who stands sways with about 0.02 m s^-1.5, one who walks moves with 1.
 _ACCELERATION = (np.log(0.2), 1.5)
 _WANDER_RATIO = (np.log(1.0), 1.5)  # to the white error
@@ -173,7 +173,7 @@ def _log_posterior(data: Stretches, layout: _Layout, theta: FloatArray) -> Float
 
 
 def _spread(data: Stretches, layout: _Layout, theta: FloatArray) -> FloatArray:
-    """Standard deviations of the logarithms, shape (P,): the larger of what the curvature and the stretches say."""
+    """Standard deviations of the logarithms, shape (P,): the larger of two estimates, by curvature and by stretches."""
     n, h = len(theta), 0.03
     e = h * np.eye(n)
     points = [np.zeros(n), *e, *-e]

@@ -1,4 +1,4 @@
-"""Fit errors without the jumps of a track, and say what the jumps are."""
+"""Fit errors without the jumps of a track, and measure the jumps."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ _GATE = 4.5
 _ROUNDS = 3
 # The variance of third differences of white noise is this many times its own.
 _THIRD_DIFFERENCES = 20.0
-# Where third differences hold far more than the fit calls white, the person's motion hides the noise.
+# If the fitted white error is below this share of the third differences, the person's motion hides it.
 _HIDDEN = 0.4
-# All frames of a jump are at least this share of its size away, also the first: a person who starts to move is slower.
+# Each frame of a jump, also the first, is at least this share of its size away. A person starts to move more slowly.
 _STEP_SHARE = 0.5
-# No tracker is better, and a logarithm needs a start.
+# No tracker has less error; the fit of a logarithm needs a positive start.
 _LEAST = 1e-5
 
 
 @dataclass(frozen=True)
 class TrackJumps:
-    """Jumps of a track: frames far from where frames before and after put the person.
+    """Jumps of a track: frames far from the position interpolated between frames before and after.
 
     Attributes:
         durations_s: Of each, shape (K,), seconds; 0 for a single frame.
@@ -93,7 +93,7 @@ def measure_errors(
 
 
 def _third_differences(data: Stretches, group: tuple[int, ...]) -> float:
-    """White error, and what of the person's motion is as fast, by the median, which jumps do not move."""
+    """White error plus the fast part of the person's motion. The median ignores jumps."""
     found = []
     for b in range(data.used.shape[1]):
         values = data.values[data.used[:, b]][:, list(group), b]
@@ -102,21 +102,21 @@ def _third_differences(data: Stretches, group: tuple[int, ...]) -> float:
 
 
 def _jumps_in(data: Stretches, odd: BoolArray) -> BoolArray:
-    """Which of the odd frames are in jumps: there in one step, shape (F, B). Others are the person's own motion."""
+    """Which odd frames are in jumps, reached in one step, shape (F, B). The others are the person's motion."""
     jumps = odd.copy()
     for b in range(odd.shape[1]):
         aside = np.abs(_aside(data, odd, b))
         for first, last in runs(odd[: len(aside), b]):
             way = aside[first:last].max(axis=0)
             axis = int(np.argmax(way))
-            # The filter needs a while to trust the track again: frames that are back are no part of the jump.
+            # After a jump the filter needs time to accept the track again. Frames back on the track are no part of it.
             there = aside[first:last, axis] >= _STEP_SHARE * way[axis]
             jumps[first:last, b] = there & there[0]
     return jumps
 
 
 def _aside(data: Stretches, out: BoolArray, b: int) -> FloatArray:
-    """How far each frame of a stretch is from where the frames that are not out put it, shape (F, A)."""
+    """Distance of each frame of a stretch from the path interpolated between the kept frames, shape (F, A)."""
     frames = int(data.used[:, b].sum())
     kept = ~out[:frames, b]
     times_s, values = np.cumsum(data.intervals_s[:frames, b]), data.values[:frames, :, b]

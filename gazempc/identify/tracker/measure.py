@@ -15,15 +15,15 @@ from gazempc.identify.tracker.timing import FrameTimes, frame_times
 from gazempc.identify.tracker.track import HeadTrack
 from gazempc.types import BoolArray, FloatArray
 
-# Less tells nothing of a wander of one second.
+# A shorter time is too short to estimate a wander of one second.
 _STILL_MIN_S = 8.0
 # A wander is known from this many of its correlation times on.
 _CORRELATIONS = 8.0
 # Heads of people who stand sway by 5 to 10 mm (s.d.; assumed): less is no error of a tracker.
 _SWAY_M = 0.01
-# Shorter delays are those of the recorder; longer ones are of another clock.
+# A shorter delay comes from the recorder. A longer one means that the clocks differ.
 _DELAY_MIN_S, _DELAY_MAX_S = 0.005, 5.0
-# Beyond this share of the size along the line of sight a jump goes across it as well.
+# A jump counts as across the line of sight if its size there is beyond this share of its size along it.
 _SIDEWAYS = 0.3
 # A yaw that turns by more than this from frame to frame was flipped, not turned.
 _FLIP_RAD = np.deg2rad(150.0)
@@ -34,7 +34,7 @@ class DirectionError:
     """Error in one direction, or of a yaw.
 
     Attributes:
-        fit: What the data say, as a share of the range or in radians.
+        fit: The fit, as a share of the range or in radians.
         hidden: Whether the white error is an upper bound.
         wander: `known`, `none` (the data show none, or no more than a person's sway), or `unknown` (the person moved).
     """
@@ -70,7 +70,7 @@ class TrackerErrors:
         along: Error of the range, shares of it.
         across: Error of the bearing on each of its two axes, radians.
         jumps: Jumps of the track; sizes are shares of the range and radians.
-        used_s: Seconds that position errors are from.
+        used_s: Seconds of data used for the position errors.
         still_s: Seconds in which the person stood or sat still.
         range_m: Least, median and largest range, shape (3,), metres.
         head_yaw: None where it is not known.
@@ -168,7 +168,7 @@ def _yaw(
     at_s, angle_rad = times_s[known], np.unwrap(yaw_rad[known])
     turns = np.abs(np.angle(np.exp(1j * np.diff(angle_rad)))) > _FLIP_RAD
     if turns.any():
-        # Twice the angle does not know of half turns.
+        # In twice the angle, half turns disappear.
         angle_rad = np.unwrap(2.0 * angle_rad) / 2.0
     ones = np.ones(at_s.size)
     data = cut(at_s, angle_rad[:, None], ones, stands[known] & still_yaw(at_s, angle_rad))

@@ -1,4 +1,4 @@
-"""Read the track that a tracker is measured on, from any of the files that people have."""
+"""Read a track from a table, lines of JSON or a bag, to measure its tracker."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _ACCEPTED = (
 )
 # Fewer repeats are chance, of coordinates with few digits.
 _REPEATED = 0.1
-# No camera sees a head nearer than this; where one is, the origin is not the sensor.
+# No camera sees a head nearer than this. If a head is nearer, the origin is not the sensor.
 _LEAST_RANGE_M = 0.1
-# Below these nothing can be said of a tracker.
+# With less data no error can be estimated.
 _MIN_FRAMES, _MIN_DURATION_S = 60, 3.0
 
 
@@ -78,7 +78,7 @@ def _check(path: Path, track: HeadTrack) -> None:
             path,
             place,
             f"{frames} frames in {duration_s:.1f} s",
-            f"at least {_MIN_FRAMES} frames in {_MIN_DURATION_S:g} s; 30 s of somebody who stands still are good",
+            f"at least {_MIN_FRAMES} frames in {_MIN_DURATION_S:g} s; better 30 s of a person who stands still",
         )
     if (np.ptp(track.position_m, axis=0) == 0.0).all():
         raise RecordingError(path, place, "the position never changes", "a tracker that measures")
@@ -92,11 +92,11 @@ def _check(path: Path, track: HeadTrack) -> None:
 
 
 def _without_repeats(track: HeadTrack) -> HeadTrack:
-    """The track without frames that only repeat the one before, where a tracker is slower than its stamps."""
+    """The track without repeated frames: a tracker may publish faster than it measures."""
     new = np.concatenate([[True], (np.diff(track.position_m, axis=0) != 0.0).any(axis=1)])
     if new.mean() > 1.0 - _REPEATED:
         return track
-    note = f"{int((~new).sum())} of {new.size} frames repeat the position before to the last digit: left out"
+    note = f"{int((~new).sum())} of {new.size} frames repeat the position before exactly: left out"
     return HeadTrack(
         track.person,
         track.times_s[new],

@@ -1,4 +1,4 @@
-"""What was measured of a tracker, as a table for people."""
+"""The measured errors of a tracker, as a printed table."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _GOOD_S = 20.0
 
 
 def table(errors: TrackerErrors) -> str:
-    """Rows with value, its standard deviation, and from how many seconds it is."""
+    """Rows with value, standard deviation, and seconds of data used."""
     rows = list(_rows(errors))
     widths = [max(len(row[column]) for row in rows) for column in range(3)]
     return "\n".join(
@@ -70,7 +70,7 @@ def _direction_rows(
         yield (
             f"{name}: wander ({unit})",
             "unknown",
-            "hidden by the person's motion, or too slow for this record; not in the file",
+            "hidden by the person's motion, or too slow for this recording; not in the file",
         )
     elif error.wander == "none" or fit.wander is None or fit.correlation_s is None:
         yield f"{name}: wander ({unit})", "none", "none seen, or no more than a person's sway"
@@ -95,24 +95,26 @@ def shown(known: Known, factor: float, digits: int) -> str:
 
 
 def warnings(errors: TrackerErrors) -> list[str]:
-    """What the user should know before they trust the file."""
+    """Warnings about the file: unknown, bounded or assumed values."""
     found = []
     if errors.moved:
         found.append(
             f"the person moved too much: still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s. Wander "
-            "is unknown and left out, so the file is a better tracker than yours; record 30 s of somebody who stands "
-            "still"
+            "is unknown and left out, so the file describes a tracker with less error than yours; record 30 s of a "
+            "person who stands still"
         )
     elif errors.used_s < _GOOD_S:
-        found.append(f"only {errors.used_s:.0f} s of a person who is still; 30 s are surer, for wander above all")
+        found.append(
+            f"only {errors.used_s:.0f} s of a person who is still; 30 s give a better estimate, mainly of wander"
+        )
     if errors.along.hidden or errors.across.hidden:
         found.append(
-            "no white error can be seen: the tracker smooths its track, or the person moved. The file has upper bounds"
+            "white error cannot be measured: the tracker smooths, or the person moved. The file has upper bounds"
         )
     if errors.jumps.durations_s.size and not errors.jumps_across:
-        found.append(
-            "jumps are small, or along the line of sight only, which a sensor file cannot state: they are left out"
-        )
+        found.append("jumps are small or along the line of sight only; a sensor file has no field for them; left out")
     if errors.latency_s is None:
-        found.append(f"latency is not measured: the file has {1e3 * ASSUMED_LATENCY_S:.0f} ms, as the sensor reference")
+        found.append(
+            f"latency is not measured: the file assumes {1e3 * ASSUMED_LATENCY_S:.0f} ms, as the sensor reference"
+        )
     return found

@@ -1,4 +1,4 @@
-"""What was measured of a tracker, as a sensor file."""
+"""The measured errors of a tracker, as a sensor file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gazempc.identify.tracker.track import HeadTrack
 
 
 def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str, day: datetime.date) -> str:
-    """A sensor file with what was measured.
+    """Write the measured errors as a sensor file.
 
     Args:
         errors: Of the tracker.

@@ -1,4 +1,4 @@
-"""A track as errors lie in it: along and across the line of sight; and where the person stands still."""
+"""A track along and across the line of sight, and the frames in which the person is still."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from gazempc.identify.tracker.likelihood import Stretches
 from gazempc.types import BoolArray, FloatArray, IntArray
 
-# Who stays within these for this long stands or sits still. A tracker that wanders by 30 mm across the line of sight,
-# or by 5 % of the range, stays within them as well.
+# A person within these limits for this long stands or sits still. A wander of 30 mm across the line of sight, or of
+# 5 % of the range, stays within them, too.
 _STILL_S = 4.0
 _ACROSS_M, _ALONG_SHARE, _ALONG_M = 0.12, 0.2, 0.3
 _YAW_RAD = np.deg2rad(40.0)
 _SMOOTH_S = 0.7
-# Long enough for a wander of two seconds; many enough that they tell how sure a figure is.
+# Long enough for a wander of two seconds; enough stretches to estimate a standard deviation.
 _STRETCH_S = (8.0, 20.0)
 _STRETCHES = 8
 _PIECE_MIN_S = 3.0
@@ -23,7 +23,7 @@ _PIECE_MIN_S = 3.0
 def along_and_across(position_m: FloatArray) -> FloatArray:
     """Logarithm of the range, and both angles of the bearing.
 
-    Small changes of the first are shares of the range; of the others, angles as the sensor sees them, radians.
+    Small changes of the first value are shares of the range. Those of the others are angles at the sensor, radians.
 
     Args:
         position_m: Shape (N, 3), metres, the sensor at the origin.
@@ -34,7 +34,7 @@ def along_and_across(position_m: FloatArray) -> FloatArray:
     x, y, z = position_m.T
     up = np.arctan2(z, np.hypot(x, y))
     middle = np.median(up)
-    # A turn about the vertical is a smaller angle for what is above the sensor.
+    # A change of azimuth is a smaller angle at the sensor if the elevation is large.
     return np.stack([np.log(np.linalg.norm(position_m, axis=1)), np.unwrap(np.arctan2(y, x)) * np.cos(middle), up], 1)
 
 
@@ -53,7 +53,7 @@ def still(times_s: FloatArray, position_m: FloatArray) -> BoolArray:
 
 
 def still_yaw(times_s: FloatArray, yaw_rad: FloatArray) -> BoolArray:
-    """Where the person keeps looking one way, shape (N,); `yaw_rad` unwrapped, finite."""
+    """Where the person keeps looking in one direction, shape (N,); `yaw_rad` unwrapped, finite."""
     return _stays(times_s, yaw_rad[:, None], np.array([_YAW_RAD]))
 
 
@@ -68,7 +68,7 @@ def _stays(times_s: FloatArray, values: FloatArray, limits: FloatArray) -> BoolA
     for column, limit in zip(values.T, limits, strict=True):
         path = uniform_filter1d(np.interp(grid_s, times_s, column), smooth, mode="nearest")
         quiet &= maximum_filter1d(path, window) - minimum_filter1d(path, window) < limit
-    # Windows that hang over an end hold less than their length.
+    # Windows at the ends contain less than their length.
     quiet[: window // 2] = quiet[window // 2]
     quiet[-(window // 2) :] = quiet[-(window // 2) - 1]
     around = maximum_filter1d(quiet.astype(np.uint8), window // 2) > 0
@@ -88,7 +88,7 @@ def runs(flags: BoolArray) -> IntArray:
 
 
 def cut(times_s: FloatArray, values: FloatArray, scales_m: FloatArray, wanted: BoolArray) -> Stretches:
-    """Cut what is wanted of a track into stretches.
+    """Cut the wanted frames of a track into stretches.
 
     Args:
         times_s: Shape (N,), seconds.

@@ -10,8 +10,8 @@ from gazempc.types import BoolArray, FloatArray, IntArray
 
 # A shorter interval has lost no frame.
 _LOSS_PERIODS = 1.5
-# A tracker whose intervals vary by more than this share, and do not make up for each other, keeps no rate. Only an
-# interval of so many usual ones is then a gap.
+# A tracker has no steady rate if its intervals vary by more than this share and late frames are not made up for. Then
+# only an interval of this many periods is a gap.
 _IRREGULAR, _IRREGULAR_GAP = 0.25, 3.0
 # Correlation of successive intervals where each late frame makes the next interval shorter: -0.5.
 _MAKES_UP = -0.25
@@ -19,12 +19,12 @@ _MAKES_UP = -0.25
 
 @dataclass(frozen=True)
 class FrameTimes:
-    """What the stamps say.
+    """Rate, jitter and losses, from the stamps.
 
     Attributes:
         rate_hz: Frames a second where none is lost.
         jitter_s: Standard deviation of the intervals where none is lost.
-        regular: Whether frames keep to a rate: what one is late, the next is not.
+        regular: Whether the rate is steady: a late frame makes the next interval shorter.
         single_share: Share of frames that are missing one by one.
         gaps_s: How long the person was lost where two frames or more are missing, shape (K,), seconds.
         duration_s: From the first frame to the last.

@@ -1,4 +1,4 @@
-"""What a tracker saw of one person, made of what the readers of files give."""
+"""The track of one person, made from the output of the file readers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BAD_LINES = 0.1
 
 @dataclass(frozen=True)
 class HeadTrack:
-    """What a tracker saw of one person, the sensor at the origin (x forward, y left, z up).
+    """The track of one person. The sensor is at the origin (x forward, y left, z up).
 
     Attributes:
         person: The tracker's name of the person, or the file's.
@@ -33,7 +33,7 @@ class HeadTrack:
         head_yaw_rad: Shape (N,); NaN where not known.
         pelvis_yaw_rad: Shape (N,); NaN where not known.
         delays_s: From the stamp to arrival, shape (N,), seconds; None where the file does not say.
-        notes: What was left out or decided while reading.
+        notes: Omissions and decisions of the reader.
     """
 
     person: str
@@ -56,7 +56,7 @@ def of_bag(track: BagTrack) -> HeadTrack:
     """
     notes = [f"frame {track.parent_id}" + (", optical axes turned to x forward, y left, z up" if track.optical else "")]
     if track.repeated:
-        notes.append(f"{track.repeated} messages with a stamp that had been there already: left out")
+        notes.append(f"{track.repeated} messages repeat an earlier stamp: left out")
     if track.unusable:
         notes.append(f"{track.unusable} messages without finite numbers: left out")
     yaw_rad = _facing_yaw_rad(track.position_m, track.quat_wxyz)
@@ -108,7 +108,9 @@ def of_lines(path: Path) -> list[HeadTrack]:
         try:
             observation = parse_line(text, np.nan, lambda unix_s: unix_s)
         except LineError as error:
-            problem = "age_s says no time of capture; give capture_time_s" if '"age_s"' in text else str(error)
+            problem = (
+                "age_s says no time of capture in a file; give capture_time_s" if '"age_s"' in text else str(error)
+            )
             bad.append(f"line {number}: {problem}")
             continue
         found[observation.person_id or path.stem].append(observation)
@@ -123,7 +125,7 @@ def _of_observations(person: str, observations: Sequence[HeadObservation], notes
     times_s, first = np.unique([o.capture_time_s for o in observations], return_index=True)
     kept = [observations[k] for k in first]
     repeated = len(observations) - len(kept)
-    said = [*notes, *([f"{repeated} lines with a time that had been there already: left out"] if repeated else [])]
+    said = [*notes, *([f"{repeated} lines repeat an earlier capture time: left out"] if repeated else [])]
     unknown = np.full(4, np.nan)
     heads, pelvises = (
         np.array([unknown if quat is None else quat for quat in quats])

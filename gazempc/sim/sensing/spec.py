@@ -1,4 +1,4 @@
-"""What a sensor's file states."""
+"""The fields of a sensor file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class SensorSpec(BaseModel):
     source: str = Field(description="Where the figures are from; printed with results")
     measures: Literal["truth", "recorded"] = Field(
         default="truth",
-        description="truth: the true motion plus the errors below; recorded: what the recording's tracker measured",
+        description="truth: the true motion plus the errors below; recorded: the recording's measurements plus them",
     )
     rate_hz: float = Field(gt=0, le=1000)
     latency_s: float = Field(ge=0, le=5, description="From capture to arrival")
@@ -41,7 +41,7 @@ class SensorSpec(BaseModel):
     range_max_m: float = Field(default=float("inf"), gt=0)
     dropout_probability: float = Field(default=0.0, ge=0, lt=1, description="Share of frames without the person")
     states_covariance: bool = Field(
-        default=False, description="Observations state variances of white error and wander, of position and yaws"
+        default=False, description="Observations state their covariance: white error plus wander, of position and yaws"
     )
     along: AlongError = AlongError()
     across: AcrossError = AcrossError()
@@ -76,7 +76,7 @@ class SensorSpec(BaseModel):
 
     @property
     def depends_on_place(self) -> bool:
-        """Whether what it sees depends on where the robot stands."""
+        """Whether the observations depend on the position of the robot."""
         limited = self.view.limited or self.range_min_m > 0 or self.range_max_m < math.inf
         errors: tuple[SightError | YawError, ...] = (self.along, self.across, self.head_yaw, self.pelvis_yaw)
         return limited or self.other_person.is_there or any(error.depends_on_sight for error in errors)

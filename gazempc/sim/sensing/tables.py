@@ -1,4 +1,4 @@
-"""The tables of a sensor's file: each states one kind of error, and its defaults state none."""
+"""The tables of a sensor file: each states one kind of error; the defaults mean no error."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class _Table(BaseModel):
 class SightError(_Table):
     """White error and wander on an axis of the line of sight.
 
-    What is in metres and what grows with the range are of one process: variances add.
+    The part in metres and the part that grows with the range are one process: their variances add.
     """
 
     noise_m: float = Field(default=0.0, ge=0, le=5, description="White error, s.d., metres")
@@ -68,13 +68,15 @@ class AcrossError(SightError):
 
 
 class Bouts(_Table):
-    """What comes in bouts: from the end of one to the start of the next, an exponential time; uniform durations."""
+    """Bouts of an error: the time between two bouts is exponential, the duration of each is uniform."""
 
     mean_interval_s: float = Field(
-        default=math.inf, gt=0, description="Mean time from the end of one to the start of the next; without it none"
+        default=math.inf,
+        gt=0,
+        description="Mean time from the end of one bout to the start of the next; without it no bouts",
     )
-    duration_min_s: float = Field(default=0.0, ge=0, le=1000, description="Shortest; one frame if 0")
-    duration_max_s: float = Field(default=0.0, ge=0, le=1000, description="Longest")
+    duration_min_s: float = Field(default=0.0, ge=0, le=1000, description="Shortest duration; 0: one frame")
+    duration_max_s: float = Field(default=0.0, ge=0, le=1000, description="Longest duration")
 
     @model_validator(mode="after")
     def _durations_are_in_order(self) -> Bouts:
@@ -85,9 +87,9 @@ class Bouts(_Table):
 class Jumps(Bouts):
     """The track jumps aside: by a random size, in a random direction of space, for a random time."""
 
-    size_min_m: float = Field(default=0.0, ge=0, le=10, description="Smallest, metres")
-    size_max_m: float = Field(default=0.0, ge=0, le=10, description="Largest, metres")
-    level: bool = Field(default=False, description="Jumps are horizontal, as where heights are not measured")
+    size_min_m: float = Field(default=0.0, ge=0, le=10, description="Smallest jump, metres")
+    size_max_m: float = Field(default=0.0, ge=0, le=10, description="Largest jump, metres")
+    level: bool = Field(default=False, description="True: all jumps are horizontal")
 
     @model_validator(mode="after")
     def _sizes_are_in_order(self) -> Jumps:
@@ -98,14 +100,18 @@ class Jumps(Bouts):
 
 
 class OtherPerson(_Table):
-    """Now and then the track shows another person, who keeps to the left of the first as the sensor sees them."""
+    """From time to time the track switches to another person, who stays to the left as the sensor sees it."""
 
-    aside_m: float = Field(default=1.0, gt=0, le=10, description="Level distance of the two, across the line of sight")
-    every_s: float = Field(
-        default=math.inf, gt=0, description="Period; the other person is shown at its end. Without it there is none"
+    aside_m: float = Field(
+        default=1.0, gt=0, le=10, description="Horizontal distance of the two, across the line of sight"
     )
-    shown_s: float = Field(default=0.0, ge=0, le=1000, description="How much of each period shows the other person")
-    ids: bool = Field(default=False, description="Observations name the person that they show")
+    every_s: float = Field(
+        default=math.inf,
+        gt=0,
+        description="Period; the end of it shows the other person. Without it there is no other person",
+    )
+    shown_s: float = Field(default=0.0, ge=0, le=1000, description="Time in each period that shows the other person")
+    ids: bool = Field(default=False, description="Observations have the id of the person shown")
 
     @model_validator(mode="after")
     def _first_person_is_shown(self) -> OtherPerson:
@@ -120,26 +126,26 @@ class OtherPerson(_Table):
 
 
 class YawError(_Table):
-    """Error of one yaw, and what becomes of it while that part of the person faces away from the sensor."""
+    """Error of one yaw, also while that part of the person faces away from the sensor."""
 
     reported: bool = Field(default=True, description="False: the sensor does not see this orientation")
     noise_deg: float = Field(default=0.0, ge=0, le=90, description="White error, s.d., degrees")
     wander_deg: float = Field(default=0.0, ge=0, le=90, description="Wander, s.d., degrees")
     wander_time_s: float = Field(default=1.0, gt=0, le=1000, description="Correlation time of the wander")
     away_deg: float = Field(
-        default=90.0, ge=0, le=180, description="Faces away: turned from the sensor by more than this"
+        default=90.0, ge=0, le=180, description="Faces away: yaw off the direction to the sensor by more than this"
     )
     lost_share: float = Field(default=0.0, ge=0, le=1, description="Share of the time facing away without a yaw")
     flipped_share: float = Field(
         default=0.0, ge=0, le=1, description="Share of the time facing away with a yaw that is wrong by 180 degrees"
     )
     hold_s: float = Field(
-        default=0.5, ge=0, le=1000, description="Mean time for which it stays lost, flipped or right; 0: a frame"
+        default=0.5, ge=0, le=1000, description="Mean time for which the yaw stays lost, flipped or right; 0: one frame"
     )
 
     @property
     def depends_on_sight(self) -> bool:
-        """Whether it is worse for who faces away."""
+        """Whether the error depends on facing away."""
         return self.lost_share + self.flipped_share > 0
 
     @model_validator(mode="after")
@@ -152,17 +158,17 @@ class YawError(_Table):
 
 
 class Timing(_Table):
-    """When frames are taken and arrive, and what their stamps say."""
+    """Times of capture and arrival of frames, and errors of their stamps."""
 
     frame_jitter_s: float = Field(
-        default=0.0, ge=0, le=10, description="Frames come later than the rate says by 0 to this, uniform"
+        default=0.0, ge=0, le=10, description="Delay of each capture relative to the rate, uniform from 0 to this"
     )
     latency_jitter_s: float = Field(
-        default=0.0, ge=0, le=10, description="Added to latency_s, 0 to this, uniform, independent per frame"
+        default=0.0, ge=0, le=10, description="Added to latency_s, uniform from 0 to this, independent per frame"
     )
-    keeps_order: bool = Field(default=True, description="A frame waits for those before it; False: it overtakes them")
+    keeps_order: bool = Field(default=True, description="A frame waits for earlier frames; False: it may overtake them")
     stamp_offset_s: float = Field(
-        default=0.0, ge=-1, le=1, description="Error of all stamps; positive: later than the capture"
+        default=0.0, ge=-1, le=1, description="Constant error of all stamps; positive: later than the capture"
     )
     stamp_noise_s: float = Field(default=0.0, ge=0, le=1, description="Error of each stamp, s.d., independent")
 
@@ -171,7 +177,7 @@ class FieldOfView(_Table):
     """Field of view, about the base's x axis or about the robot's gaze."""
 
     on: Literal["base", "head"] = Field(
-        default="base", description="What the sensor is fixed to; with head the view turns with the neck of a replay"
+        default="base", description="Mount of the sensor; head: the view turns with the neck in a replay"
     )
     horizontal_deg: float = Field(default=360.0, gt=0, le=360, description="Full angle, left to right")
     vertical_deg: float = Field(default=180.0, gt=0, le=180, description="Full angle, bottom to top")

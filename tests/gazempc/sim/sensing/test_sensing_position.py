@@ -145,9 +145,7 @@ def test_errors_of_different_kinds_and_of_different_recordings_share_no_noise():
     walk = standing(60.0)
     on_sight = position_errors(walk, along={"noise_m": 0.1}) @ ALONG
     on_axes = position_errors(walk, position_wander_m=0.1, position_wander_time_s=1e-3)
-    turns = {
-        part: yaw_errors(walk, part=part, **{f"{part}_yaw": {"noise_deg": 5.0}}) for part in ("head", "pelvis")
-    }
+    turns = {part: yaw_errors(walk, part=part, **{f"{part}_yaw": {"noise_deg": 5.0}}) for part in ("head", "pelvis")}
     other = position_errors(replace(walk, name="another"), along={"noise_m": 0.1}) @ ALONG
     # Independent ones of 1800 frames correlate by 0.024 (s.d.).
     draws = np.stack([on_sight, other, *on_axes.T, *turns.values()])
