@@ -115,7 +115,7 @@ class GazeLoop:
         self._take_answers(index, time_s)
         if plans and self._gets_through and not self._stopping:
             self._ask_for_plan(index, time_s, due_s, self._observer.estimate)
-        self._take_answers(index, time_s)
+            self._take_answers(index, time_s)
         while self._waiting and self._waiting[0][0] <= index:
             _, self._plan, capture_s = self._waiting.popleft()
             self._recorder.latency(1e3 * (time_s - capture_s))

@@ -55,6 +55,22 @@ class Replayed(NamedTuple):
     times: ComputeTimes
 
 
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """No search for garbage while a log grows: it would take a tenth of the CPU time, and there are no cycles.
+
+    It goes on when all that grew is gone: each search goes through everything made since the last one.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+@_without_collection()
 def replay_scene(
     scene: Scene,
     controller: Controller | str,
@@ -105,18 +121,17 @@ def replay_scene(
     loop = GazeLoop(neck, ready, ImmediatePlanner(planning), smoother, robot, recorder, settings.loop)
     robot.connect()
     period_s = neck.servo_period_s
-    with _without_collection():
-        for index in range(int(end_s * neck.servo_rate_hz + 1e-6) + 1):
-            now_s = index * period_s
-            true_joints.append(robot.true_state())
-            arrived = []
-            while sightings and sightings[0].arrival_s <= now_s + 1e-9:
-                sighting = sightings.popleft()
-                if not turns_with_neck or _in_turned_view(scene, sighting, true_head, true_joints):
-                    arrived.append(sighting)
-            loop.tick(index, now_s, arrived)
-            if on_tick is not None:
-                on_tick(now_s / end_s)
+    for index in range(int(end_s * neck.servo_rate_hz + 1e-6) + 1):
+        now_s = index * period_s
+        true_joints.append(robot.true_state())
+        arrived = []
+        while sightings and sightings[0].arrival_s <= now_s + 1e-9:
+            sighting = sightings.popleft()
+            if not turns_with_neck or _in_turned_view(scene, sighting, true_head, true_joints):
+                arrived.append(sighting)
+        loop.tick(index, now_s, arrived)
+        if on_tick is not None:
+            on_tick(now_s / end_s)
     robot.close()
 
     def where_known(times_s: FloatArray) -> FloatArray:
@@ -144,18 +159,6 @@ def _in_turned_view(scene: Scene, sighting: Sighting, true_head: TrueHead, true_
     tick = min(max(round(captured_s * neck.servo_rate_hz), 0), len(true_joints) - 1)
     head_m = seen_from_head(neck.geometry, true_joints[tick].position_rad, true_head([captured_s])[0])
     return bool(in_view(scene.sensor.view, head_m[None])[0])
-
-
-@contextmanager
-def _without_collection() -> Iterator[None]:
-    """No search for garbage while a log grows: it would take a tenth of the CPU time, and there are no cycles."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def _settings_of(scene: Scene, predictor: Predictor | str, settings: ReplaySettings) -> dict[str, Any]:

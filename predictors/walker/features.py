@@ -126,15 +126,16 @@ class WalkerHistory:
         np.multiply(relative, scales, out=yaws[WINDOW - m :])
 
         noise = to_line.T @ covariance_m2 @ to_line
-        sd_m = np.sqrt(np.maximum(noise.diagonal(), _ROUNDING_M2))
-        log_sd = [math.log(max(sd / _NOISE_SCALE_M, _SMALLEST_NOISE)) for sd in sd_m.tolist()]
+        noise_m2 = noise.diagonal().tolist()
+        sd_m = [math.sqrt(max(m2, _ROUNDING_M2)) for m2 in noise_m2]
+        log_sd = [math.log(max(sd / _NOISE_SCALE_M, _SMALLEST_NOISE)) for sd in sd_m]
         frames = math.log(max(window.times_s.size - 1, 1) / max(m - 1, 1))
         colours = self._colour.learn(seen)
         stated = observation.position_covariance_m2 is not None
         x[_SCALARS:-N_COLOURS] = (
             known[0] * offsets[0] / _OFFSET_SCALE_RAD,
             known[1] * offsets[1] / _OFFSET_SCALE_RAD,
-            float(noise[0, 1]) / float(sd_m[0] * sd_m[1]),
+            float(noise[0, 1]) / (sd_m[0] * sd_m[1]),
             (speed - _USUAL_SPEED_M_S) / _SPEED_SCALE_M_S,
             m / WINDOW,
             min(m, 10) / 10,
@@ -162,7 +163,7 @@ class WalkerHistory:
         )
         # What is stated of the tracker's error is in the forecast's covariance by itself, with its own directions.
         stated_m2 = noise.diagonal() if stated else _NOTHING_STATED_M2
-        spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, to_line, stated_m2)
+        spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, stated_m2)
         spread[-N_COLOURS:] = without_stated(colours, stated_m2) if stated else colours
         noises_m, noises_m2 = np.zeros((2, 3)), np.zeros((2, 3, 3))
         noises_m[int(stated)], noises_m2[int(stated)] = sd_m, covariance_m2

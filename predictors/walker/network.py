@@ -235,31 +235,43 @@ _TABLE = np.hstack(
 _TABLE_CHANGE = np.diff(_TABLE, axis=0)
 
 
-def between_knots(tau_s: FloatArray, departure_m: FloatArray, spread_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+class BetweenKnots:
     """Departures and standard deviations at any horizon.
 
     Args:
-        tau_s: Horizons, shape (H,), seconds.
         departure_m: Departures at the knots, shape (knots, 3).
         spread_m: Standard deviations at the knots, shape (knots, columns), such as `WalkerModel.spread_m` gives.
-
-    Returns:
-        Departures, shape (H, 3): a cubic spline between the knots, held before the first, straight on after the last.
-        Standard deviations, shape (H, columns): linear between the knots, never falling with the horizon, and after the
-        last growing as that of a velocity which wanders at random; as large for the past as for the same time ahead.
     """
-    past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
-    away_s = np.abs(tau_s) if past else tau_s
-    beyond = bool(np.maximum.reduce(away_s, initial=0.0) > _LAST_KNOT_S)
-    weights = _weights(np.maximum(tau_s, 0.0) if past else tau_s)
-    departure = weights[:, : KNOTS_S.size] @ departure_m
-    if past:
-        weights = _weights(away_s)
-    spread = weights[:, KNOTS_S.size :] @ np.maximum.accumulate(spread_m, axis=0)
-    if beyond:
-        departure = departure + np.maximum(tau_s - _LAST_KNOT_S, 0.0)[:, None] * (_END_SLOPE @ departure_m)
-        spread = spread * np.maximum(away_s / _LAST_KNOT_S, 1.0)[:, None] ** _GROWTH
-    return departure, spread
+
+    def __init__(self, departure_m: FloatArray, spread_m: FloatArray) -> None:
+        # Side by side, so that one product with both sets of weights gives both.
+        self._values = np.zeros((2 * KNOTS_S.size, 3 + spread_m.shape[1]))
+        self._values[: KNOTS_S.size, :3] = departure_m
+        np.maximum.accumulate(spread_m, axis=0, out=self._values[KNOTS_S.size :, 3:])
+
+    def __call__(self, tau_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Look up horizons.
+
+        Args:
+            tau_s: Horizons, shape (H,), seconds.
+
+        Returns:
+            Departures, shape (H, 3): a cubic spline between the knots, held before the first, straight on after the
+            last. Standard deviations, shape (H, columns): linear between the knots, never falling with the horizon, and
+            after the last growing as that of a velocity which wanders at random; as large for the past as for the same
+            time ahead.
+        """
+        past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
+        away_s = np.abs(tau_s) if past else tau_s
+        found = _weights(np.maximum(tau_s, 0.0) if past else tau_s) @ self._values
+        departure, spread = found[:, :3], found[:, 3:]
+        if past:
+            spread = _weights(away_s)[:, KNOTS_S.size :] @ self._values[KNOTS_S.size :, 3:]
+        if np.maximum.reduce(away_s, initial=0.0) > _LAST_KNOT_S:
+            slope_m_s = _END_SLOPE @ self._values[: KNOTS_S.size, :3]
+            departure = departure + np.maximum(tau_s - _LAST_KNOT_S, 0.0)[:, None] * slope_m_s
+            spread = spread * np.maximum(away_s / _LAST_KNOT_S, 1.0)[:, None] ** _GROWTH
+        return departure, spread
 
 
 def _weights(tau_s: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from predictors.types import FloatArray
 
 _PRIOR_M, _PRIOR_FRAMES, _MEMORY_FRAMES = 0.01, 3.0, 30.0
 _LARGEST_M, _SMALLEST_M = 0.05, 0.002
-_FLOOR_M2 = _SMALLEST_M**2 * np.eye(3)
+_FLOOR_M2 = _SMALLEST_M**2
 _FRAMES = 4
 # Four frames farther apart than this bend with the walk itself, and say nothing of noise. Between the spans of four
 # frames at 15 and at 14 frames a second, so that rounding does not decide.
@@ -22,11 +22,13 @@ _STEP_S = 1e-3
 class MeasuredNoise:
     """Covariance of a position's white error.
 
-    The third divided difference of a walk is next to nothing, so what is left of it is noise.
+    The third divided difference of a walk is next to nothing, so what is left of it is noise. Plain numbers: on so few of
+    them numpy takes several times as long.
     """
 
     def __init__(self) -> None:
-        self._covariance_m2 = _PRIOR_M**2 * np.eye(3)
+        # xx, xy, xz, yy, yz, zz
+        self._covariance_m2 = [_PRIOR_M**2, 0.0, 0.0, _PRIOR_M**2, 0.0, _PRIOR_M**2]
         self._frames = _PRIOR_FRAMES
 
     def learn(self, times_s: FloatArray, positions_m: FloatArray) -> None:
@@ -41,25 +43,26 @@ class MeasuredNoise:
         a, b, c, d = times_s[-_FRAMES:].tolist()
         if d - a > _SPAN_S or min(b - a, c - b, d - c) < _STEP_S:
             return
-        weights = np.array(
-            [
-                1.0 / ((a - b) * (a - c) * (a - d)),
-                1.0 / ((b - a) * (b - c) * (b - d)),
-                1.0 / ((c - a) * (c - b) * (c - d)),
-                1.0 / ((d - a) * (d - b) * (d - c)),
-            ]
-        )
-        difference = weights @ positions_m[-_FRAMES:] / math.sqrt(float(weights @ weights))
-        size2 = float(difference @ difference)
-        if size2 > 3.0 * _LARGEST_M**2:
-            difference *= math.sqrt(3.0 * _LARGEST_M**2 / size2)
+        of_a = 1.0 / ((a - b) * (a - c) * (a - d))
+        of_b = 1.0 / ((b - a) * (b - c) * (b - d))
+        of_c = 1.0 / ((c - a) * (c - b) * (c - d))
+        of_d = 1.0 / ((d - a) * (d - b) * (d - c))
+        norm = math.hypot(of_a, of_b, of_c, of_d)
+        p, q, r, s = positions_m[-_FRAMES:].tolist()
+        x, y, z = ((of_a * p[i] + of_b * q[i] + of_c * r[i] + of_d * s[i]) / norm for i in range(3))
+        size2 = x * x + y * y + z * z
         gain = 1.0 / min(_MEMORY_FRAMES, self._frames)
-        self._covariance_m2 = (1.0 - gain) * self._covariance_m2 + gain * (difference[:, None] * difference)
+        share = gain if size2 <= 3.0 * _LARGEST_M**2 else gain * 3.0 * _LARGEST_M**2 / size2
+        squares = (x * x, x * y, x * z, y * y, y * z, z * z)
+        self._covariance_m2 = [
+            (1.0 - gain) * known + share * new for known, new in zip(self._covariance_m2, squares, strict=True)
+        ]
         self._frames += 1.0
 
     def covariance_m2(self) -> FloatArray:
         """The covariance, shape (3, 3), square metres; never less than 2 mm in any direction."""
-        return self._covariance_m2 + _FLOOR_M2
+        xx, xy, xz, yy, yz, zz = self._covariance_m2
+        return np.array([[xx + _FLOOR_M2, xy, xz], [xy, yy + _FLOOR_M2, yz], [xz, yz, zz + _FLOOR_M2]])
 
 
 _LAGS = (1, 2, 4)

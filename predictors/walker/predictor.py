@@ -9,7 +9,7 @@ from predictors.constant_velocity import ConstantVelocity
 from predictors.predictor import NotReadyError, as_times, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.features import WalkerHistory, WalkerInputs
-from predictors.walker.network import WalkerModel, between_knots, shipped_walker_model
+from predictors.walker.network import BetweenKnots, WalkerModel, shipped_walker_model
 from predictors.walker.noise import MeasuredNoise
 
 # Sway and bob, to the line no more than noise of the positions: s.d. on each axis, metres.
@@ -41,7 +41,7 @@ class Walker:
     def _forget(self) -> None:
         self._history, self._noise = WalkerHistory(), MeasuredNoise()
         self._inputs: WalkerInputs | None = None
-        self._knots: tuple[FloatArray, FloatArray] | None = None
+        self._knots: BetweenKnots | None = None
 
     def reset(self) -> None:
         """Forget the person."""
@@ -97,9 +97,9 @@ class Walker:
             self._squares[:3] = (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
             # The error of the observations keeps its own directions: of a camera's, the line of sight.
             self._squares[3:] = inputs.noise_base_m2.reshape(2, 9)
-            self._knots = departures[0] @ to_base.T, self._model.spread_m(doubt)[0]
+            self._knots = BetweenKnots(departures[0] @ to_base.T, self._model.spread_m(doubt)[0])
         tau = times - inputs.line.time_s
-        departure, spread = between_knots(tau, *self._knots)
+        departure, spread = self._knots(tau)
         means = tau[:, None] * inputs.line.velocity_base_m_s
         means += inputs.line.origin_base_m
         means += departure

@@ -18,17 +18,28 @@ _FIRST_LAG_S = float(LAGS_S[0])
 _ROUNDING_S = 1e-6
 # A track that is this much of a step too short for a node has it all the same.
 _NEARLY = 0.03
+# Rows that arrays begin with: some windows at 30 frames a second.
+_ROWS = 256
 
 
 class TrackWindow:
-    """Frames of the last 1.2 s."""
+    """Frames of the last 1.2 s.
+
+    Attributes:
+        times_s: Times of the frames, shape (N,), seconds.
+        values: x, y, z, pelvis yaw, head yaw, shape (N, 5); the yaws unwrapped, the last known one held.
+        yaw_seen_s: Times of the newest yaw of the pelvis, and of the head.
+    """
 
     def __init__(self) -> None:
-        self.times_s = np.empty(0)
-        # x, y, z, pelvis yaw, head yaw; the yaws unwrapped, the last known one held.
-        self.values = np.empty((0, 5))
-        self._information = np.empty((0, 9))
+        # Time, values and information of each frame; what is older than 1.2 s stays until the rows are used up.
+        self._arrays = np.empty(_ROWS), np.empty((_ROWS, 5)), np.empty((_ROWS, 9))
+        self._rows = slice(0, 0)
         self.yaw_seen_s = [-np.inf, -np.inf]
+        self._see()
+
+    def _see(self) -> None:
+        self.times_s, self.values, self._information = [array[self._rows] for array in self._arrays]
 
     def add(self, observation: HeadObservation, covariance_m2: FloatArray) -> list[bool]:
         """Take in an observation that is newer than all before it.
@@ -49,12 +60,26 @@ class TrackWindow:
                 self._bridge(3 + i, self.yaw_seen_s[i], yaws_rad[i], time_s)
                 self.yaw_seen_s[i] = time_s
                 fresh[i] = True
-        old = int(self.times_s.searchsorted(time_s + _FIRST_LAG_S - _ROUNDING_S))
-        row = [*observation.head_position_base_m.tolist(), *yaws_rad]
-        self.times_s = np.concatenate([self.times_s[old:], [time_s]])
-        self.values = np.concatenate([self.values[old:], [row]])
-        self._information = np.concatenate([self._information[old:], information_of(covariance_m2)[None]])
+        first = self._rows.start + int(self.times_s.searchsorted(time_s + _FIRST_LAG_S - _ROUNDING_S))
+        end = self._rows.stop
+        if end == len(self._arrays[0]):
+            first, end = self._move(slice(first, end))
+        times_s, values, information = self._arrays
+        times_s[end] = time_s
+        values[end] = (*observation.head_position_base_m.tolist(), *yaws_rad)
+        information[end] = information_of(covariance_m2)
+        self._rows = slice(first, end + 1)
+        self._see()
         return fresh
+
+    def _move(self, rows: slice) -> tuple[int, int]:
+        # New arrays, as views of the old ones may still be read.
+        count = rows.stop - rows.start
+        arrays = [np.empty((max(_ROWS, 2 * count), *array.shape[1:])) for array in self._arrays]
+        for array, old in zip(arrays, self._arrays, strict=True):
+            array[:count] = old[rows]
+        self._arrays = arrays[0], arrays[1], arrays[2]
+        return 0, count
 
     def _bridge(self, column: int, seen_s: float, value: float, time_s: float) -> None:
         # Where an orientation was missing it was held; now that it is back, the way between is known better.

@@ -9,7 +9,7 @@ from builders.walkers import random_model
 from scipy.interpolate import CubicSpline
 
 from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD
-from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, WalkerModel, WalkerModelError, between_knots
+from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, BetweenKnots, WalkerModel, WalkerModelError
 
 
 def rows(n, seed=3):
@@ -74,24 +74,24 @@ def test_spread_is_the_standard_deviation_of_the_t_distribution(v):
 def test_departures_and_spread_at_the_knots_between_and_beyond():
     rng = np.random.default_rng(0)
     departure, spread = rng.standard_normal((8, 3)), np.sort(rng.uniform(0.01, 0.5, (8, 3)), axis=0)
-    at, sd = between_knots(KNOTS_S, departure, spread)
+    at, sd = BetweenKnots(departure, spread)(KNOTS_S)
     np.testing.assert_allclose(at, departure, atol=1e-9)
     np.testing.assert_allclose(sd, spread, atol=1e-9)
     fine = np.linspace(-0.2, 1.5, 400)
     expected = CubicSpline(KNOTS_S, departure)(np.clip(fine, 0.0, 1.5))
-    np.testing.assert_allclose(between_knots(fine, departure, spread)[0], expected, atol=1e-4)
-    beyond, wide = between_knots(np.array([1.5, 2.0, 2.5]), departure, spread)
+    np.testing.assert_allclose(BetweenKnots(departure, spread)(fine)[0], expected, atol=1e-4)
+    beyond, wide = BetweenKnots(departure, spread)(np.array([1.5, 2.0, 2.5]))
     np.testing.assert_allclose(beyond[2] - beyond[1], departure[7] - departure[6], atol=1e-9)
     np.testing.assert_allclose(beyond[1] - beyond[0], departure[7] - departure[6], atol=1e-9)
     np.testing.assert_allclose(wide[1], spread[7] * (2.0 / 1.5) ** 1.5, atol=1e-9)
-    falling = between_knots(np.linspace(0, 3, 100), departure, spread[::-1])[1]
+    falling = BetweenKnots(departure, spread[::-1])(np.linspace(0, 3, 100))[1]
     assert np.all(np.diff(falling, axis=0) >= -1e-12)
 
 
 def test_the_past_is_doubted_as_the_future_is():
     departure, spread = np.zeros((8, 3)), np.sort(np.random.default_rng(0).uniform(0.01, 0.5, (8, 3)), axis=0)
     ahead_s = np.array([0.1, 0.5, 2.0])
-    past, future = (between_knots(tau, departure, spread)[1] for tau in (-ahead_s, ahead_s))
+    past, future = (BetweenKnots(departure, spread)(tau)[1] for tau in (-ahead_s, ahead_s))
     np.testing.assert_allclose(past, future)
 
 

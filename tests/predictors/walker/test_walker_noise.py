@@ -103,13 +103,12 @@ def test_colour_begins_with_what_is_usual_and_needs_frames():
     np.testing.assert_array_equal(after[[1, 2, 4, 5, 7, 9]], usual[0])
 
 
-def errors_of(times_s, positions_m, velocity_m_s, to_line=None, stated_m2=(0.0, 0.0, 0.0)):
+def errors_of(times_s, positions_m, velocity_m_s, heading_rad=0.0, stated_m2=(0.0, 0.0, 0.0)):
     """The last of what is known of lines through these positions with a constant slope."""
     errors = LineErrors()
     for t, p in zip(times_s, positions_m, strict=True):
-        turn = np.eye(3) if to_line is None else to_line
-        found = errors.learn(p, Line(t, p, velocity_m_s, 0.0), turn, np.array(stated_m2))
-    return found
+        found = errors.learn(p, Line(t, p, velocity_m_s, heading_rad), np.array(stated_m2))
+    return np.array(found)
 
 
 def test_errors_of_lines_grow_for_a_track_that_wanders_and_shrink_for_a_steady_one():
@@ -132,12 +131,11 @@ def test_an_error_is_known_at_its_horizon_and_on_its_axis():
     usual = np.array([0.025, 0.07])
     np.testing.assert_allclose(np.exp(2.0 * found[:, 0]), ([0.04, 0.1] / usual) ** 2 + 0.01, rtol=0.05)
     np.testing.assert_allclose(found[:, 1:], 0.5 * np.log(0.01), atol=0.1)
-    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    aside = errors_of(times_s, np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0]), turn).reshape(2, 3)
+    aside = errors_of(times_s, np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0]), -0.5 * np.pi).reshape(2, 3)
     assert np.all(aside[:, 1] > 0.0)
     assert np.all(aside[:, 0] < -2.0)
     walked_m, too_fast_m_s = np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0])
-    stated = errors_of(times_s, walked_m, too_fast_m_s, None, (0.01, 4.0, 4.0))
+    stated = errors_of(times_s, walked_m, too_fast_m_s, 0.0, (0.01, 4.0, 4.0))
     expected = np.square([0.04, 0.1]) / (usual**2 + 0.01) + 0.01
     np.testing.assert_allclose(np.exp(2.0 * stated.reshape(2, 3)[:, 0]), expected, rtol=0.05)
 

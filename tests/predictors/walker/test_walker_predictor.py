@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from predictors import ConstantVelocity, HeadObservation, NotReadyError, Walker
-from predictors.walker.network import between_knots
+from predictors.walker.network import BetweenKnots
 from predictors.walker.window import WINDOW
 
 GAIT_M2 = 0.02**2 * np.eye(3)
@@ -161,7 +161,7 @@ def test_blend_is_the_mixture_of_both_forecasts():
     assert 0.2 < share < 0.8
     mixed, plain = walker.forecast([end_s + 0.5]), cv.forecast([end_s + 0.5])
     departures, doubt = model.answer(inputs.network[None], inputs.spread[None])
-    departure, sd = between_knots(np.array([0.5]), departures[0], model.spread_m(doubt)[0])
+    departure, sd = BetweenKnots(departures[0], model.spread_m(doubt)[0])(np.array([0.5]))
     turn = inputs.line.to_base()
     own = inputs.line.origin_base_m + 0.5 * inputs.line.velocity_base_m_s + turn @ departure[0]
     mean = share * own + (1 - share) * plain.means_base_m[0]
