@@ -22,8 +22,8 @@ _STEP_S = 1e-3
 class MeasuredNoise:
     """Covariance of a position's white error.
 
-    The third divided difference of a walk is next to nothing, so what is left of it is noise. Plain numbers: on so few of
-    them numpy takes several times as long.
+    The third divided difference of a walk is next to nothing, so what is left of it is noise. In plain numbers: on so
+    few of them numpy takes several times as long.
     """
 
     def __init__(self) -> None:

@@ -131,10 +131,10 @@ def test_an_error_is_known_at_its_horizon_and_on_its_axis():
     usual = np.array([0.025, 0.07])
     np.testing.assert_allclose(np.exp(2.0 * found[:, 0]), ([0.04, 0.1] / usual) ** 2 + 0.01, rtol=0.05)
     np.testing.assert_allclose(found[:, 1:], 0.5 * np.log(0.01), atol=0.1)
-    aside = errors_of(times_s, np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0]), -0.5 * np.pi).reshape(2, 3)
+    walked_m, too_fast_m_s = np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0])
+    aside = errors_of(times_s, walked_m, too_fast_m_s, -0.5 * np.pi).reshape(2, 3)
     assert np.all(aside[:, 1] > 0.0)
     assert np.all(aside[:, 0] < -2.0)
-    walked_m, too_fast_m_s = np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0])
     stated = errors_of(times_s, walked_m, too_fast_m_s, 0.0, (0.01, 4.0, 4.0))
     expected = np.square([0.04, 0.1]) / (usual**2 + 0.01) + 0.01
     np.testing.assert_allclose(np.exp(2.0 * stated.reshape(2, 3)[:, 0]), expected, rtol=0.05)
