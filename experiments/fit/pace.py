@@ -12,7 +12,7 @@ from gazempc.types import FloatArray
 # Of these the target speeds are drawn; slower is a start or a stop, faster is no walk.
 _SPEED_M_S = (0.3, 2.0)
 _RAMP_S = (0.4, 1.3)
-_STANDS_S = (0.6, 2.5)
+_CHANGES_AT_S = (0.6, 2.5)
 _LONGEST_S = 5.0
 # A walk is slowed down and sped up by less than this: beyond it, gait is no gait.
 _RATE = (0.0, 2.2)
@@ -20,6 +20,8 @@ _SLOWEST_OWN_M_S = 0.4
 _STRIDE_SD_S = 0.3  # of the bell over which a walk's own speed is averaged: a stride, so that gait stays
 # Sway of who stands: s.d. and correlation time.
 _SWAY_M, _SWAY_TIME_S = (0.002, 0.012), (0.5, 1.5)
+# Over this time two stretches of gait are matched, and faded into each other.
+_JOIN_S = 0.3
 KINDS = ("own", "steady", "start", "stop", "stand")
 
 
@@ -36,11 +38,10 @@ def at_pace(walk: GaplessWalk, kind: str, rng: np.random.Generator) -> GaplessWa
     """
     t = walk.times_s - walk.times_s[0]
     step_s = float(np.median(np.diff(t)))
-    own = np.linalg.norm(np.gradient(walk.head_m[:, :2], t, axis=0), axis=1)
     velocity = gaussian_filter1d(np.gradient(walk.head_m[:, :2], t, axis=0), _STRIDE_SD_S / step_s, axis=0)
     own = np.maximum(np.linalg.norm(velocity, axis=1), _SLOWEST_OWN_M_S)
     new_s = np.arange(0.0, _LONGEST_S, step_s)
-    speed = _profile(kind, new_s, t[-1], rng)
+    speed = _profile(kind, new_s, rng)
     played = np.empty(new_s.size)
     played[0] = rng.uniform(0.0, 0.3) * t[-1] if kind in {"start", "stand"} else 0.0
     n = new_s.size
@@ -62,7 +63,7 @@ def at_pace(walk: GaplessWalk, kind: str, rng: np.random.Generator) -> GaplessWa
     )
 
 
-def _profile(kind: str, t: FloatArray, own_s: float, rng: np.random.Generator) -> FloatArray:
+def _profile(kind: str, t: FloatArray, rng: np.random.Generator) -> FloatArray:
     speed = rng.uniform(*_SPEED_M_S)
     wave = np.sin(2 * np.pi * (t / rng.uniform(2.0, 6.0) + rng.random()))
     steady = np.asarray(speed * np.exp(rng.uniform(0.0, 0.1) * wave))
@@ -70,7 +71,7 @@ def _profile(kind: str, t: FloatArray, own_s: float, rng: np.random.Generator) -
         return steady
     if kind == "stand":
         return np.zeros(t.size)
-    at_s = rng.uniform(*_STANDS_S) if kind == "start" else rng.uniform(0.6, 2.5)
+    at_s = rng.uniform(*_CHANGES_AT_S)
     moved = smooth_step((t - at_s) / rng.uniform(*_RAMP_S))
     return steady * (moved if kind == "start" else 1.0 - moved)
 
@@ -81,10 +82,6 @@ def _sway(n: int, step_s: float, rng: np.random.Generator) -> FloatArray:
     sway *= sd_m / max(float(sway.std()), 1e-9)
     sway[:, 2] *= 0.2
     return np.asarray(sway)
-
-
-# Over this time two stretches of gait are matched, and faded into each other.
-_JOIN_S = 0.3
 
 
 def prolong(walk: GaplessWalk, duration_s: float) -> GaplessWalk:

@@ -29,6 +29,21 @@ _ORIENTATIONS, _ORIENTATION_SHARES = (
 )
 # Wander of tracks in streets, and white error; smoothing of a wander that counts as the path itself.
 _WANDER_M, _WANDER_TIME_S, _STREET_WHITE_M, _WOBBLE_SD_S = (0.005, 0.04), (0.08, 0.5), (0.0005, 0.005), 0.05
+# Body trackers: white error, wander with its correlation time; yaws of head and pelvis. Around `body_tracker`.
+_BODY_WHITE_M, _BODY_WANDER_M, _BODY_TIME_S = (0.002, 0.012), (0.008, 0.035), (0.2, 1.0)
+_BODY_YAW_DEG, _BODY_YAW_WANDER_DEG, _BODY_YAW_TIME_S = (1.0, 3.0), ((2.0, 11.0), (2.0, 8.0)), (0.4, 1.5)
+# Cameras: range error as shares of the range, bearing error; around what bags of a real one show.
+_RANGE_NOISE, _RANGE_WANDER, _RANGE_TIME_S = (0.01, 0.05), (0.0, 0.06), (0.5, 3.0)
+_BEARING_DEG, _CAMERA_YAW_DEG = (0.04, 0.3), (2.0, 6.0)
+# Jumps of tracks that last, in all kinds but the camera's; single frames far off, in any.
+_JUMPS = {"duration_min_s": 0.1, "duration_max_s": 0.5, "size_min_m": 0.02}
+_SPIKES = {"size_min_m": 0.1, "size_max_m": 0.5}
+_JUMP_INTERVAL_S, _JUMP_SIZE_M, _SPIKE_INTERVAL_S = (1.0, 5.0), (0.04, 0.2), (0.3, 2.0)
+# How many trackers of a kind have such a fault: often enough to be learned, seldom enough to stay the exception.
+_WITH_JUMPS, _WITH_SPIKES, _WITH_FAULT = 0.3, 0.06, 0.1
+_BODY_STATES, _CAMERA_STATES, _CAMERA_SEES_YAW = 0.2, 0.8, 0.7
+_STREET_HZ, _SLOW_HZ, _FAST_HZ = (16.0, 25.0, 30.0, 50.0), (5.0, 7.5, 10.0, 15.0), (50.0, 60.0)
+_DROPOUT, _LOSS_S, _JITTER_PERIODS = (0.05, 0.5), (0.2, 1.0), (0.1, 0.5)
 _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 1.2, 5.0
 # Trackers above this rate, and frames that come late by parts of a period, are cut from a finer walk.
@@ -53,35 +68,36 @@ def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]
     if kind in {"white", "jumps"}:
         fields["position_noise_m"] = white_m = float(rng.choice(_WHITE_M))
         fields["yaw_noise_deg"] = white_m * _YAW_DEG_PER_M * float(rng.choice(_YAW_FACTORS))
-    if kind == "jumps" or (kind in {"wander", "street"} and rng.random() < 0.3):
+    if kind == "jumps" or (kind in {"wander", "street"} and rng.random() < _WITH_JUMPS):
         fields["jumps"] = {
-            "mean_interval_s": rng.uniform(1.0, 5.0),
-            "duration_min_s": 0.1,
-            "duration_max_s": 0.5,
-            "size_min_m": 0.02,
-            "size_max_m": rng.uniform(0.04, 0.2),
+            **_JUMPS,
+            "mean_interval_s": rng.uniform(*_JUMP_INTERVAL_S),
+            "size_max_m": rng.uniform(*_JUMP_SIZE_M),
             "level": kind == "street",
         }
     if kind == "wander":
-        fields["position_noise_m"] = rng.uniform(0.002, 0.012)
-        fields["position_wander_m"] = rng.uniform(0.008, 0.035)
-        fields["position_wander_time_s"] = _log_uniform(rng, 0.2, 1.0)
-        fields["yaw_noise_deg"] = rng.uniform(1.0, 3.0)
-        fields["states_covariance"] = bool(rng.random() < 0.2)
-        yaws = [{"wander_deg": rng.uniform(2.0, most), "wander_time_s": rng.uniform(0.4, 1.5)} for most in (11.0, 8.0)]
+        fields["position_noise_m"] = rng.uniform(*_BODY_WHITE_M)
+        fields["position_wander_m"] = rng.uniform(*_BODY_WANDER_M)
+        fields["position_wander_time_s"] = _log_uniform(rng, *_BODY_TIME_S)
+        fields["yaw_noise_deg"] = rng.uniform(*_BODY_YAW_DEG)
+        fields["states_covariance"] = bool(rng.random() < _BODY_STATES)
+        yaws = [
+            {"wander_deg": rng.uniform(*wander_deg), "wander_time_s": rng.uniform(*_BODY_YAW_TIME_S)}
+            for wander_deg in _BODY_YAW_WANDER_DEG
+        ]
     if kind == "camera":
         fields["along"] = {
-            "noise_share": rng.uniform(0.01, 0.05),
-            "wander_share": rng.uniform(0.0, 0.06),
-            "wander_time_s": rng.uniform(0.5, 3.0),
+            "noise_share": rng.uniform(*_RANGE_NOISE),
+            "wander_share": rng.uniform(*_RANGE_WANDER),
+            "wander_time_s": rng.uniform(*_RANGE_TIME_S),
         }
-        fields["across"] = {"noise_deg": rng.uniform(0.04, 0.3)}
-        fields["yaw_noise_deg"] = rng.uniform(2.0, 6.0)
-        fields["states_covariance"] = bool(rng.random() < 0.8)
-        head, pelvis = bool(rng.random() < 0.7), False
+        fields["across"] = {"noise_deg": rng.uniform(*_BEARING_DEG)}
+        fields["yaw_noise_deg"] = rng.uniform(*_CAMERA_YAW_DEG)
+        fields["states_covariance"] = bool(rng.random() < _CAMERA_STATES)
+        head, pelvis = bool(rng.random() < _CAMERA_SEES_YAW), False
     if kind == "street":
         head = pelvis = False
-        fields["rate_hz"] = float(rng.choice((16.0, 25.0, 30.0, 50.0)))
+        fields["rate_hz"] = float(rng.choice(_STREET_HZ))
     else:
         fields["rate_hz"] = _draw_rate_hz(rng)
     fields["head_yaw"], fields["pelvis_yaw"] = ({"reported": r, **y} for r, y in zip((head, pelvis), yaws, strict=True))
@@ -148,23 +164,22 @@ def _on_usual_grid(rate_hz: float) -> bool:
 
 def _draw_rate_hz(rng: np.random.Generator) -> float:
     chance = rng.random()
-    if chance < 0.1:
-        return float(rng.choice((5.0, 7.5, 10.0, 15.0)))
-    return float(rng.choice((50.0, 60.0))) if chance < 0.2 else _USUAL_HZ
+    if chance < _WITH_FAULT:
+        return float(rng.choice(_SLOW_HZ))
+    return float(rng.choice(_FAST_HZ)) if chance < 2.0 * _WITH_FAULT else _USUAL_HZ
 
 
 def _faults(rng: np.random.Generator, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
     faults: dict[str, Any] = {}
-    if rng.random() < 0.1:
-        faults["dropout_probability"] = rng.uniform(0.05, 0.5)
-    if rng.random() < 0.1:
-        longest = rng.uniform(0.2, 1.0)
-        faults["loss"] = {"mean_interval_s": 2.0, "duration_min_s": 0.2, "duration_max_s": longest}
-    if "jumps" not in fields and rng.random() < 0.06:
-        faults["jumps"] = {"mean_interval_s": rng.uniform(0.3, 2.0), "size_min_m": 0.1, "size_max_m": 0.5}
-        faults["jumps"]["level"] = kind == "street"
-    if rng.random() < 0.1:
-        faults["timing"] = {"frame_jitter_s": rng.uniform(0.1, 0.5) / fields["rate_hz"]}
+    if rng.random() < _WITH_FAULT:
+        faults["dropout_probability"] = rng.uniform(*_DROPOUT)
+    if rng.random() < _WITH_FAULT:
+        longest_s = rng.uniform(*_LOSS_S)
+        faults["loss"] = {"mean_interval_s": 2.0, "duration_min_s": _LOSS_S[0], "duration_max_s": longest_s}
+    if "jumps" not in fields and rng.random() < _WITH_SPIKES:
+        faults["jumps"] = {"mean_interval_s": rng.uniform(*_SPIKE_INTERVAL_S), **_SPIKES, "level": kind == "street"}
+    if rng.random() < _WITH_FAULT:
+        faults["timing"] = {"frame_jitter_s": rng.uniform(*_JITTER_PERIODS) / fields["rate_hz"]}
     return faults
 
 
