@@ -11,7 +11,7 @@ from gazempc.recordings.load import load
 
 
 def profiles(monkeypatch, speed_of):
-    monkeypatch.setattr(pace, "_profile", lambda kind, t, own_s, rng: speed_of(t))
+    monkeypatch.setattr(pace, "_profile", lambda kind, t, rng: speed_of(t))
 
 
 def smooth_paths(walk):
