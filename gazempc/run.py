@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 import yaml
@@ -25,18 +25,27 @@ if TYPE_CHECKING:
     from gazempc.sim.scene import Scene
 
 
+# What `--replay` measures again instead of replaying it.
+LOG_ENDINGS = (".npz", ".mcap")
+
+
 class RunSettings(ReplaySettings):
     """Settings of `python -m gazempc.run`."""
 
     replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
         default=None,
-        description="Recording: subject03_R4 (synthetic) or a .csv, .parquet, .json or .bvh file",
+        description="Recording: subject03_R4 (synthetic) or a .csv, .parquet, .json or .bvh file; a log "
+        "(.npz, .mcap) is measured again",
     )
     list: bool = Field(default=False, description="Print what can be replayed, and the necks and sensors")
     controllers: tuple[ControllerChoice, ...] = Field(
         default=("reactive", "lookahead", "mpc", "perfect"),
         min_length=1,
         description="What to compare; perfect is the mpc with the true future; module:Class for your own",
+    )
+    log: Literal["npz", "mcap"] = Field(
+        default="npz",
+        description="Format of the logs; mcap: beside .npz, one that Foxglove, rerun and PlotJuggler open",
     )
     noise_seeds: int | None = Field(
         default=None,
@@ -71,7 +80,10 @@ def _work(settings: RunSettings) -> int:
         return 0
     if settings.replay is None:
         raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
-    _run(settings)
+    if Path(settings.replay).suffix in LOG_ENDINGS:
+        _measure(Path(settings.replay), settings)
+    else:
+        _run(settings)
     return 0
 
 
@@ -141,6 +153,7 @@ def _config_path(words: Sequence[str]) -> Path | None:
 def _run(settings: RunSettings) -> None:
     progress = Progress()
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
+    from gazempc.export import export  # noqa: PLC0415
     from gazempc.results.report import faults, label, write_summary  # noqa: PLC0415
     from gazempc.results.table import sentence, table  # noqa: PLC0415
     from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
@@ -162,6 +175,8 @@ def _run(settings: RunSettings) -> None:
     for name, (log, times) in done.first.items():
         log.save(out / f"{name}.npz")
         times.save(out / f"{name}_compute.npz")
+        if settings.log == "mcap":
+            export(log, "mcap", out / name)
     shown = resolved.model_dump(mode="json") | {"noise_seeds": len(seeds)}
     (out / "settings.yaml").write_text(yaml.safe_dump(shown, sort_keys=False), encoding="utf-8")
     survived = {name: faults(log) for name, log in logs.items()}
@@ -185,6 +200,26 @@ def _run(settings: RunSettings) -> None:
     violations = sum(int(sum(r.values("limit_violations"))) for r in repeats)
     if violations:
         raise LimitViolationError(f"{violations} violations of the limits of neck {neck.name}: see {out}/summary.json")
+
+
+def _measure(path: Path, settings: RunSettings) -> None:
+    from gazempc.results.log import load_log  # noqa: PLC0415
+    from gazempc.results.measured import measured_again  # noqa: PLC0415
+    from gazempc.results.report import write_summary  # noqa: PLC0415
+    from gazempc.results.table import table  # noqa: PLC0415
+
+    log = load_log(path)
+    out = settings.out or Path("out") / path.stem
+    out.mkdir(parents=True, exist_ok=True)
+    repeats = measured_again(log)
+    about = {"recording": log.run.recording, "kind": log.run.kind, "log": str(path), "settings": log.run.settings}
+    write_summary(out / "summary.json", about, list(repeats.rows))
+    print(f"{path}: log of {log.run.recording} ({log.run.mode}), measured again: nothing is replayed")
+    print(f"\n{table([repeats], log.neck)}\n")
+    for line in _events(log):
+        print(f"  {line}")
+    drawn = ", " + ", ".join(_draw({log.run.controller: log}, out)) if settings.figures else ""
+    print(f"Written to {out}/: summary.json{drawn}")
 
 
 def _heading(settings: RunSettings, scene: Scene) -> str:

@@ -24,7 +24,8 @@ GAZEMPC = (
     ("sim",),
     ("live", "listing"),
     ("identify",),
-    ("front", "run"),
+    ("front", "export"),
+    ("run",),
     ("__init__",),
 )
 EXPERIMENTS = (

@@ -6,14 +6,16 @@ import json
 import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from pydantic import ValidationError
 
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import NeckSpec
+from gazempc.results.mcap_read import MAGIC, attached_log
 from gazempc.results.run_info import RunInfo
+from gazempc.results.tables import LogFrames, frames_of
 from gazempc.types import FloatArray, StringArray
 
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
@@ -99,11 +101,11 @@ class Log:
         """The neck that moved."""
         return self.run.neck
 
-    def save(self, path: Path | str) -> None:
+    def save(self, path: Path | str | BinaryIO) -> None:
         """Write the log; equal logs give equal files to the last bit.
 
         Args:
-            path: File to write, ending in ``.npz``.
+            path: File to write, ending in ``.npz``, or an open one.
         """
         arrays: dict[str, Any] = {
             f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in _TEXT
@@ -111,6 +113,17 @@ class Log:
         arrays["run"] = np.asarray(self.run.as_json())
         arrays["faults"] = np.asarray(json.dumps([vars(fault) for fault in self.faults]))
         np.savez_compressed(path, **arrays)
+
+    def to_pandas(self) -> LogFrames:
+        """The log as pandas tables of ticks, observations, forecasts and events.
+
+        Returns:
+            The tables; `run` and `faults` are not in them.
+
+        Raises:
+            ImportError: If pandas is not installed (extra ``pandas``).
+        """
+        return frames_of(vars(self))
 
 
 _TEXT = ("run", "faults")
@@ -144,7 +157,7 @@ def load_log(path: Path | str) -> Log:
     """Read a log.
 
     Args:
-        path: File written by `Log.save`.
+        path: File written by `Log.save`, or an MCAP file (extra ``view``).
 
     Returns:
         The log.
@@ -153,8 +166,11 @@ def load_log(path: Path | str) -> Log:
         SettingsError: If the file is missing or not a log.
     """
     try:
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
-            values = {name: data[name] for name in data.files}
+        with Path(path).open("rb") as file:
+            is_mcap = file.read(len(MAGIC)) == MAGIC
+            file.seek(0)
+            with np.load(attached_log(Path(path)) if is_mcap else file, allow_pickle=False) as data:
+                values = {name: data[name] for name in data.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise SettingsError(f"{path}: not a log that can be read: {error}") from None
     wanted = {f.name for f in fields(Log)}

@@ -32,6 +32,9 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec) -> str:
     def peak(name: str, digits: int) -> list[str]:
         return [f"{r.most(name):.{digits}f}" for r in repeats]
 
+    def time(name: str) -> list[str]:
+        return [_spread(r.mean(name), math.nan, 2, "") for r in repeats]
+
     lines: list[tuple[str, list[str]]] = [
         ("", [label(r.first.controller) for r in repeats]),
         ("filter and forecast", [r.first.predictor for r in repeats]),
@@ -50,8 +53,8 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec) -> str:
         ),
         (f"peak jerk [rad/s^3], limit {_limit(neck.jerk_max_rad_s3.tolist())}", peak("peak_jerk_rad_s3", 0)),
         ("limit violations", [f"{sum(r.values('limit_violations')):.0f}" for r in repeats]),
-        ("step time, median [ms]", [f"{r.mean('step_ms_p50'):.2f}" for r in repeats]),
-        ("           99 % below [ms]", [f"{r.mean('step_ms_p99'):.2f}" for r in repeats]),
+        ("step time, median [ms]", time("step_ms_p50")),
+        ("           99 % below [ms]", time("step_ms_p99")),
     ]
     if len(seeds) > 1:
         of_first = [f"{r.first.metrics.gaze_error_rms_deg:.2f}" for r in repeats]

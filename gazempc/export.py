@@ -1,0 +1,105 @@
+"""Write a log in a format that others read: `python -m gazempc.export out/walk/mpc.npz --to csv`.
+
+csv and parquet: one file each for ticks, observations, forecasts and events. mcap: one file for Foxglove, rerun and
+PlotJuggler, which is also a log that gazempc reads.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from pydantic import BaseModel, Field
+
+from gazempc.command import run_command
+from gazempc.errors import SettingsError
+from gazempc.results.log import Log, load_log
+from gazempc.results.tables import Columns, log_tables
+
+
+class ExportSettings(BaseModel):
+    """Settings of `python -m gazempc.export`."""
+
+    log: tyro.conf.Positional[Path] = Field(description="A log: .npz or .mcap")
+    to: Literal["csv", "parquet", "mcap"] = Field(description="Format")
+    out: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = Field(
+        default=None, description="Where to write, without the ending; without it beside the log, under its name"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Command line without the program's name; default: the process's.
+
+    Returns:
+        Exit status: 0, or 2 on bad input.
+    """
+    settings = tyro.cli(ExportSettings, args=arguments, prog="python -m gazempc.export", description=__doc__)
+    return run_command("gazempc.export", lambda: _work(settings))
+
+
+def _work(settings: ExportSettings) -> int:
+    stem = settings.out or settings.log.with_suffix("")
+    for path in export(load_log(settings.log), settings.to, stem):
+        print(path)
+    return 0
+
+
+def export(log: Log, to: Literal["csv", "parquet", "mcap"], stem: Path) -> list[Path]:
+    """Write a log in another format.
+
+    Args:
+        log: The log.
+        to: The format.
+        stem: Path without ending; tables add ``_ticks``, ``_observations``, ``_forecasts`` and ``_events``.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        SettingsError: If a package is missing.
+        OSError: If a file cannot be written.
+    """
+    if to == "mcap":
+        from gazempc.results.mcap_file import write_mcap  # noqa: PLC0415  (optional packages)
+
+        path = stem.with_name(f"{stem.name}.mcap")
+        write_mcap(log, path)
+        return [path]
+    write = _write_csv if to == "csv" else _write_parquet
+    paths = []
+    for name, columns in log_tables(vars(log)).items():
+        paths.append(stem.with_name(f"{stem.name}_{name}.{to}"))
+        write(columns, paths[-1])
+    return paths
+
+
+def _write_csv(columns: Columns, path: Path) -> None:
+    # Numbers as Python writes them, so that they are read back to the last bit; an empty cell for NaN.
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(
+            [["" if isinstance(value, float) and math.isnan(value) else value for value in row] for row in rows]
+        )
+
+
+def _write_parquet(columns: Columns, path: Path) -> None:
+    try:
+        import pyarrow as pa  # noqa: PLC0415  (optional)
+        import pyarrow.parquet as pq  # noqa: PLC0415
+    except ImportError:
+        raise SettingsError('parquet needs pyarrow: pip install "gazempc[parquet]"') from None
+    pq.write_table(pa.table(dict(columns)), path)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

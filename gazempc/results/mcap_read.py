@@ -1,0 +1,41 @@
+"""The log that is attached to an MCAP file of `gazempc.results.mcap_file`."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import BinaryIO
+
+from gazempc.errors import SettingsError
+
+# The first bytes of every MCAP file.
+MAGIC = b"\x89MCAP0\r\n"
+ATTACHMENT = "log.npz"
+NEEDS_VIEW = 'MCAP files need more packages: pip install "gazempc[view]"'
+
+
+def attached_log(path: Path) -> BinaryIO:
+    """The log in an MCAP file, as it was saved.
+
+    Args:
+        path: The file.
+
+    Returns:
+        What `gazempc.results.log.Log.save` wrote.
+
+    Raises:
+        SettingsError: If a package is missing, the file cannot be read, or no log is in it.
+    """
+    try:
+        from mcap.exceptions import McapError  # noqa: PLC0415  (optional)
+        from mcap.reader import make_reader  # noqa: PLC0415
+    except ImportError:
+        raise SettingsError(NEEDS_VIEW) from None
+    try:
+        with path.open("rb") as file:
+            found = [each.data for each in make_reader(file).iter_attachments() if each.name == ATTACHMENT]
+    except (McapError, ValueError, OSError) as error:
+        raise SettingsError(f"{path}: not an MCAP file that can be read: {error}") from None
+    if not found:
+        raise SettingsError(f"{path}: no log of gazempc is in this MCAP file")
+    return io.BytesIO(found[0])

@@ -1,0 +1,160 @@
+"""What viewers draw of a run: frames, the person, the forecast with its ellipsoids, the gaze."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from foxglove.messages import (
+    Color,
+    Duration,
+    FrameTransform,
+    FrameTransforms,
+    LinePrimitive,
+    LinePrimitiveLineType,
+    Point3,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SpherePrimitive,
+    Timestamp,
+    Vector3,
+)
+from scipy.spatial.transform import Rotation
+
+from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.spec import Geometry
+from gazempc.types import FloatArray
+
+BASE = "base"
+# A head is some 0.2 m wide; what was observed is drawn smaller, so that both can be seen.
+_HEAD_M, _OBSERVED_M = 0.2, 0.1
+# Axes of an ellipsoid of two standard deviations are four of them long.
+_AXIS_SDS = 4.0
+_GAZE_LENGTH_M = 4.0
+# Okabe & Ito (2008): told apart by colour-blind people, too.
+_TRUE, _SEEN = Color(r=0.0, g=0.62, b=0.45, a=0.8), Color(r=0.9, g=0.62, b=0.0, a=0.9)
+_FORECAST, _CLOUD = Color(r=0.0, g=0.45, b=0.7, a=1.0), Color(r=0.34, g=0.71, b=0.91, a=0.25)
+_GAZE = Color(r=0.84, g=0.37, b=0.0, a=1.0)
+
+
+def stamp(time_s: float) -> Timestamp:
+    """A time as messages have it; none before zero."""
+    nanoseconds = max(0, round(1e9 * time_s))
+    return Timestamp(sec=nanoseconds // 10**9, nsec=nanoseconds % 10**9)
+
+
+def transforms(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> FrameTransforms:
+    """Frames of the neck: base, pan, tilt, eye.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Pan and tilt, shape (2,), radians.
+        time_s: The time, seconds.
+
+    Returns:
+        The transforms; ``eye`` looks along its x axis.
+    """
+    pan_rad, tilt_rad = angles_rad.tolist()
+    turns = (
+        ("base", "pan", (0.0, 0.0, 0.0), (math.cos(pan_rad / 2), 0.0, 0.0, math.sin(pan_rad / 2))),
+        # Tilting up turns +x towards +z: about -y.
+        ("pan", "tilt", geometry.tilt_axis_in_pan_m, (math.cos(tilt_rad / 2), 0.0, -math.sin(tilt_rad / 2), 0.0)),
+        ("tilt", "eye", geometry.eye_in_tilt_m, (1.0, 0.0, 0.0, 0.0)),
+    )
+    return FrameTransforms(
+        transforms=[
+            FrameTransform(
+                timestamp=stamp(time_s),
+                parent_frame_id=parent,
+                child_frame_id=child,
+                translation=Vector3(x=at[0], y=at[1], z=at[2]),
+                rotation=Quaternion(w=turn[0], x=turn[1], y=turn[2], z=turn[3]),
+            )
+            for parent, child, at, turn in turns
+        ]
+    )
+
+
+def person_entity(name: str, head_base_m: FloatArray, time_s: float) -> SceneEntity:
+    """A head: ``person`` where it is, ``observed`` where the sensor saw it.
+
+    Args:
+        name: ``person`` or ``observed``.
+        head_base_m: Position, shape (3,), metres.
+        time_s: The time, seconds.
+
+    Returns:
+        A sphere.
+    """
+    size_m, colour = (_HEAD_M, _TRUE) if name == "person" else (_OBSERVED_M, _SEEN)
+    sphere = SpherePrimitive(pose=_pose(head_base_m), size=Vector3(x=size_m, y=size_m, z=size_m), color=colour)
+    return _entity(name, time_s, spheres=[sphere])
+
+
+def forecast_entity(means_base_m: FloatArray, covariances_m2: FloatArray, time_s: float) -> SceneEntity:
+    """A forecast as a line, with ellipsoids of two standard deviations.
+
+    Args:
+        means_base_m: Positions, shape (H, 3), metres.
+        covariances_m2: Their covariances, shape (H, 3, 3), square metres.
+        time_s: The time, seconds.
+
+    Returns:
+        The line and its ellipsoids.
+    """
+    spheres = [_ellipsoid(mean, cov) for mean, cov in zip(means_base_m, covariances_m2, strict=True)]
+    return _entity("forecast", time_s, lines=[_line(means_base_m, _FORECAST)], spheres=spheres)
+
+
+def gaze_entity(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> SceneEntity:
+    """The gaze as a ray of 4 m.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Pan and tilt, shape (2,), radians.
+        time_s: The time, seconds.
+
+    Returns:
+        A line from the eye.
+    """
+    eye, direction = gaze_ray(geometry, angles_rad)
+    return _entity("gaze", time_s, lines=[_line(np.stack([eye, eye + _GAZE_LENGTH_M * direction]), _GAZE)])
+
+
+def _ellipsoid(mean_m: FloatArray, covariance_m2: FloatArray) -> SpherePrimitive:
+    finite = np.isfinite(covariance_m2).all()
+    variances, axes = np.linalg.eigh(covariance_m2) if finite else (np.zeros(3), np.eye(3))
+    if np.linalg.det(axes) < 0:
+        axes = -axes
+    x, y, z, w = Rotation.from_matrix(axes).as_quat().tolist()
+    size = (_AXIS_SDS * np.sqrt(np.maximum(variances, 0.0))).tolist()
+    return SpherePrimitive(
+        pose=_pose(mean_m, Quaternion(w=w, x=x, y=y, z=z)),
+        size=Vector3(x=size[0], y=size[1], z=size[2]),
+        color=_CLOUD,
+    )
+
+
+def _entity(
+    name: str,
+    time_s: float,
+    lines: list[LinePrimitive] | None = None,
+    spheres: list[SpherePrimitive] | None = None,
+) -> SceneEntity:
+    # Each replaces the one before it of the same name.
+    return SceneEntity(
+        timestamp=stamp(time_s), frame_id=BASE, id=name, lifetime=Duration(sec=0), lines=lines, spheres=spheres
+    )
+
+
+def _line(points_m: FloatArray, colour: Color) -> LinePrimitive:
+    points = [Point3(x=x, y=y, z=z) for x, y, z in points_m.tolist()]
+    return LinePrimitive(
+        type=LinePrimitiveLineType.LineStrip, thickness=2.0, scale_invariant=True, points=points, color=colour
+    )
+
+
+def _pose(position_m: FloatArray, turn: Quaternion | None = None) -> Pose:
+    x, y, z = position_m.tolist()
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=turn or Quaternion(w=1.0, x=0.0, y=0.0, z=0.0))
