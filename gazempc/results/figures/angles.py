@@ -1,20 +1,26 @@
-"""Pan and tilt over time: target, command and joint."""
+"""Pan and tilt over time: true and observed head, command and joint."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from gazempc.neck.kinematics import look_at, unwrap_pan
 from gazempc.results.figures.style import DPI, Logs, finish, shade_unscored, style
+from gazempc.results.log import Log
+from gazempc.types import FloatArray
 
 _LIMIT_NEAR_DEG = 10.0
+_OBSERVED: dict[str, Any] = {"color": "k", "ls": "", "marker": ".", "ms": 2.5, "mew": 0.0, "alpha": 0.6}
 
 
 def angles(logs: Logs, path: Path) -> None:
-    """Draw pan and tilt over time: target, command and joint, one column for each controller.
+    """Draw pan and tilt over time: true and observed head, command and joint, one column for each controller.
+
+    The observed heads stand at their capture times. Nothing is drawn for the true head where nobody knows it.
 
     Args:
         logs: The runs.
@@ -26,21 +32,19 @@ def angles(logs: Logs, path: Path) -> None:
     for column, (name, log) in zip(axes.T, logs.items(), strict=True):
         time_s = log.time_s - log.time_s[0]
         neck, look = log.neck, style(name)
-        targets = unwrap_pan(
-            look_at(neck.geometry, log.head_true_base_m).angles_rad,
-            float(log.joint_position_rad[0, 0]),
-            float(neck.position_min_rad[0]),
-            float(neck.position_max_rad[0]),
-        )
+        targets, seen = _toward(log, log.head_true_base_m), _toward(log, log.head_observed_base_m)
+        seen_s = log.capture_time_s - log.time_s[0]
         limits_deg = np.rad2deg([neck.position_min_rad, neck.position_max_rad])
         for axis, ax in enumerate(column):
             curves = np.rad2deg([targets[:, axis], log.command_position_rad[:, axis], log.joint_position_rad[:, axis]])
             shade_unscored(ax, float(time_s[-1]))
-            ax.plot(time_s, curves[0], color="k", lw=2.6, alpha=0.35)
+            ax.plot(seen_s, np.rad2deg(seen[:, axis]), **_OBSERVED)
+            if log.run.knows_true_head:
+                ax.plot(time_s, curves[0], color="k", lw=2.6, alpha=0.35)
             ax.plot(time_s, curves[1], color=look.colour, lw=1.3, ls=(0, (4, 1.5)))
             ax.plot(time_s, curves[2], color=look.colour, lw=1.8)
             for limit in limits_deg[:, axis]:
-                if curves.min() - _LIMIT_NEAR_DEG <= limit <= curves.max() + _LIMIT_NEAR_DEG:
+                if np.nanmin(curves) - _LIMIT_NEAR_DEG <= limit <= np.nanmax(curves) + _LIMIT_NEAR_DEG:
                     ax.axhline(limit, color="k", lw=1.2, ls=":")
                     limits_shown = True
             ax.grid(color="0.9", lw=0.6)
@@ -50,7 +54,9 @@ def angles(logs: Logs, path: Path) -> None:
     axes[1, 0].set_ylabel("tilt, up + (deg)")
     # The legend shows kinds of line in a neutral colour, because the colour says which controller it is.
     key = axes[0, 0]
-    key.plot([], [], color="k", lw=2.6, alpha=0.35, label="target: true head")
+    if any(log.run.knows_true_head for log in logs.values()):
+        key.plot([], [], color="k", lw=2.6, alpha=0.35, label="true head")
+    key.plot([], [], **_OBSERVED, label="observed head")
     key.plot([], [], color="0.3", lw=1.3, ls=(0, (4, 1.5)), label="command sent")
     key.plot([], [], color="0.3", lw=1.8, label="joint")
     if limits_shown:
@@ -59,3 +65,13 @@ def angles(logs: Logs, path: Path) -> None:
         *key.get_legend_handles_labels(), loc="outside lower center", ncols=5 if len(logs) > 2 else 3, frameon=False
     )
     finish(figure, logs, path)
+
+
+def _toward(log: Log, head_base_m: FloatArray) -> FloatArray:
+    neck = log.neck
+    return unwrap_pan(
+        look_at(neck.geometry, head_base_m).angles_rad,
+        float(log.joint_position_rad[0, 0]),
+        float(neck.position_min_rad[0]),
+        float(neck.position_max_rad[0]),
+    )
