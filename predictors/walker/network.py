@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from predictors.types import FloatArray
 from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD
+from predictors.walker.optional import compiled
 
 Float32Array = NDArray[np.float32]
 
@@ -263,11 +264,15 @@ class BetweenKnots:
         """
         past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
         away_s = np.abs(tau_s) if past else tau_s
-        found = _weights(np.maximum(tau_s, 0.0) if past else tau_s) @ self._values
-        departure, spread = found[:, :3], found[:, 3:]
+        beyond = bool(np.maximum.reduce(away_s, initial=0.0) > _LAST_KNOT_S)
+        if compiled is not None and not (past or beyond):
+            found: tuple[FloatArray, FloatArray] = compiled.between_knots(tau_s, _TABLE, _TABLE_STEP_S, self._values)
+            return found
+        both = _weights(np.maximum(tau_s, 0.0) if past else tau_s) @ self._values
+        departure, spread = both[:, :3], both[:, 3:]
         if past:
             spread = _weights(away_s)[:, KNOTS_S.size :] @ self._values[KNOTS_S.size :, 3:]
-        if np.maximum.reduce(away_s, initial=0.0) > _LAST_KNOT_S:
+        if beyond:
             slope_m_s = _END_SLOPE @ self._values[: KNOTS_S.size, :3]
             departure = departure + np.maximum(tau_s - _LAST_KNOT_S, 0.0)[:, None] * slope_m_s
             spread = spread * np.maximum(away_s / _LAST_KNOT_S, 1.0)[:, None] ** _GROWTH

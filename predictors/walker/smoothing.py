@@ -79,7 +79,7 @@ def smooth_path(
     choose[left, columns] = choose[left + 1, n + columns] = 1.0
     sums = choose @ table
     beside = choose[:-1, :n] @ (rest * share * information)
-    band = _stiffness(nodes, step_s).copy()
+    band = stiffness(nodes, step_s).copy()
     band[:, _ON_DIAGONAL[0]] += sums[:, _ON_DIAGONAL[1]]
     band[:-1, _BESIDE] += beside
     _, path, failed = dpbsv(
@@ -91,7 +91,7 @@ def smooth_path(
 
 
 @cache
-def _stiffness(nodes: int, step_s: float) -> FloatArray:
+def stiffness(nodes: int, step_s: float) -> FloatArray:
     """Lower band of the matrix of second differences and of the priors, node by node, shape (nodes, 21)."""
     difference = np.diff(np.eye(nodes), 2, axis=0)
     first = np.diff(np.eye(nodes)[:2], axis=0)
