@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from gazempc.sim.scene import Scene
 
 
+# A true head that is known for less of the time is worth a note: so much of it figures do not tell.
+_MOSTLY = 0.9
 # What `--replay` measures again instead of replaying it.
 LOG_ENDINGS = (".npz", ".mcap")
 
@@ -181,10 +183,20 @@ def _run(settings: RunSettings) -> None:
     (out / "settings.yaml").write_text(yaml.safe_dump(shown, sort_keys=False), encoding="utf-8")
     survived = {name: faults(log) for name, log in logs.items()}
     noise = {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults}
-    about = {"recording": walk.name, "kind": walk.kind, "settings": shown, "faults": survived, "noise": noise}
+    notes = _notes(next(iter(logs.values())))
+    about = {
+        "recording": walk.name,
+        "kind": walk.kind,
+        "notes": notes,
+        "settings": shown,
+        "faults": survived,
+        "noise": noise,
+    }
     write_summary(out / "summary.json", about, [r.first for r in repeats])
 
     print(f"{_heading(settings, scene)}\n{done.said}")
+    for note in notes:
+        print(f"Note: {note}")
     print(f"\n{table(repeats, neck)}\n\n{sentence(repeats)}\n")
     for name, log in logs.items():
         for line in _events(log):
@@ -233,11 +245,30 @@ def _heading(settings: RunSettings, scene: Scene) -> str:
         if scene.stands_at_sensor
         else "at the origin of the recording"
     )
+    view = scene.sensor.view
+    sees = f", sees {view.horizontal_deg:g} x {view.vertical_deg:g} deg from its {view.on}" if view.limited else ""
     return (
         f"{walk.name}: {', '.join(part for part in parts if part)}\n"
-        f"neck {scene.neck.name}, sensor {scene.sensor.name} ({1e3 * scene.sensor.latency_s:.0f} ms late), robot "
+        f"neck {scene.neck.name}, sensor {scene.sensor.name} ({1e3 * scene.sensor.latency_s:.0f} ms late{sees}), robot "
         f"{stands}; scored from 1.0 s to the end"
     )
+
+
+def _notes(log: Log) -> list[str]:
+    """What a reader of the table must know."""
+    import numpy as np  # noqa: PLC0415
+
+    notes = []
+    if "low_frame_rate" in log.event_name:
+        rate_hz = 1.0 / float(np.median(np.diff(np.unique(log.capture_time_s))))
+        notes.append(f"{rate_hz:.1f} frames a second: below 6 the gaze trails everybody who walks")
+    known = np.isfinite(log.head_true_base_m).all(axis=1)
+    if known.mean() < _MOSTLY:
+        notes.append(
+            f"the true head is known at {known.sum()} of {known.size} ticks, not in gaps of more than 0.2 s between "
+            "frames: the gaze is scored there only"
+        )
+    return notes
 
 
 def _events(log: Log) -> list[str]:
@@ -247,8 +278,8 @@ def _events(log: Log) -> list[str]:
     lines = [
         f"{event} {int((log.event_name == event).sum())} x"
         for event in dict.fromkeys(log.event_name.tolist())
-        # Every run begins with no_observation_yet.
-        if event != "no_observation_yet" and event not in with_text
+        # Every run begins with no_observation_yet; the rate is a note of the whole.
+        if event not in ("no_observation_yet", "low_frame_rate", *with_text)
     ]
     return lines + fault_lines(log)
 

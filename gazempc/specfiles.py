@@ -11,6 +11,9 @@ from pydantic import BaseModel, ValidationError
 
 from gazempc.errors import SettingsError, suggest
 
+# A field may state, in `json_schema_extra`, what to write where nobody knows better.
+RULE_OF_THUMB = "rule_of_thumb"
+
 Spec = TypeVar("Spec", bound=BaseModel)
 
 
@@ -100,16 +103,31 @@ def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
         if item["type"] == "extra_forbidden":
             siblings = _fields_at(model, item["loc"][:-1])
             message = f"unknown field; {suggest(str(item['loc'][-1]), siblings)}"
-        elif item["type"] not in {"missing", "value_error"}:
+        elif item["type"] == "missing":
+            rule = _rule_at(model, item["loc"])
+            message += f"; rule of thumb: {rule}" if rule else ""
+        elif item["type"] != "value_error":
             message += f" (given: {item['input']!r})"
         lines.append(f"{source}: {field}: {message}")
     return "\n".join(lines)
 
 
+def _rule_at(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
+    inner = _model_at(model, location[:-1])
+    field = None if inner is None else inner.model_fields.get(str(location[-1]))
+    extra = None if field is None else field.json_schema_extra
+    return str(extra.get(RULE_OF_THUMB, "")) if isinstance(extra, dict) else ""
+
+
 def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    inner = _model_at(model, location)
+    return [] if inner is None else list(inner.model_fields)
+
+
+def _model_at(model: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel] | None:
     for part in location:
         info = model.model_fields.get(str(part))
         if info is None or not (isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel)):
-            return []
+            return None
         model = info.annotation
-    return list(model.model_fields)
+    return model

@@ -1,5 +1,7 @@
 """Measure a neck or a tracker, and write its file.
 
+A new neck's file, from range and top speed of its data sheet: python -m gazempc.identify --new my_neck.toml
+
 A neck is excited within its limits; its dead time and servo go to a neck file.
 
 Example: python -m gazempc.identify --robot simulated --out my_neck.toml
@@ -28,6 +30,7 @@ from pydantic import Field
 from gazempc.command import run_command
 from gazempc.errors import GazempcError, RobotError, SettingsError
 from gazempc.identify.excitation import ExcitationSettings, excite
+from gazempc.identify.new_neck import DataSheet, new_neck
 from gazempc.identify.record import IdentificationError, NeckRecord, load_record, read, record
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.robots import keeps_any_clock, make_robot
@@ -60,6 +63,11 @@ class IdentifySettings(ExcitationSettings):
         default=None,
         description="Instead of a robot: a record of this command, or a log of gazempc.run, with the axes that moved",
     )
+    new: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = Field(
+        default=None,
+        description="Instead of measuring: write a first neck file from a data sheet; asks what --sheet.* leaves open",
+    )
+    sheet: DataSheet = DataSheet()
     tracker: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = Field(
         default=None,
         description="Measure a tracker instead, from a table, lines of JSON (.jsonl) or the folder of a ROS 2 bag",
@@ -130,17 +138,11 @@ def parse(words: Sequence[str]) -> IdentifySettings:
 
 
 def _run(settings: IdentifySettings) -> None:
-    if settings.out.suffix != ".toml":
-        raise SettingsError(f"--out {settings.out}: must end in .toml")
-    if [settings.robot, settings.from_log, settings.tracker].count(None) != 2:
-        raise SettingsError("give one of --robot NAME, --from-log FILE and --tracker FILE")
-    if settings.person is not None and settings.tracker is None:
-        raise SettingsError("--person: chooses a track of --tracker FILE, which is not given")
+    _check(settings)
+    if settings.new is not None:
+        _write_new(settings.new, settings.sheet)
+        return
     progress = Progress()
-    try:
-        settings.out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise GazempcError(f"--out {settings.out}: cannot make its folder: {error.strerror}") from None
     if settings.tracker is not None:
         # Only here: the other ways need neither readers nor the fit.
         from gazempc.identify.tracker.command import identify_tracker  # noqa: PLC0415
@@ -186,6 +188,35 @@ def _run(settings: IdentifySettings) -> None:
     settings.out.write_text(text, encoding="utf-8")
     print(f"\nWritten: {', '.join(map(str, [settings.out, *written]))}")
     print(f"Use it: python -m gazempc.run --replay subject03_R4 --neck {settings.out}")
+
+
+def _check(settings: IdentifySettings) -> None:
+    option, path = ("--out", settings.out) if settings.new is None else ("--new", settings.new)
+    if path.suffix != ".toml":
+        raise SettingsError(f"{option} {path}: must end in .toml")
+    if [settings.robot, settings.from_log, settings.tracker, settings.new].count(None) != 3:
+        raise SettingsError("give one of --robot NAME, --from-log FILE, --tracker FILE and --new FILE")
+    if settings.person is not None and settings.tracker is None:
+        raise SettingsError("--person: chooses a track of --tracker FILE, which is not given")
+    if settings.sheet != DataSheet() and settings.new is None:
+        raise SettingsError("--sheet: what a data sheet says is for --new FILE, which is not given")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GazempcError(f"{option} {path}: cannot make its folder: {error.strerror}") from None
+
+
+def _write_new(path: Path, sheet: DataSheet) -> None:
+    neck = new_neck(path, sheet)
+    for name, axis in zip(AXES, neck.axes, strict=True):
+        print(
+            f"{name}: {axis.position_min_deg:g} to {axis.position_max_deg:g} deg, {axis.velocity_max_rad_s:g} rad/s, "
+            f"{axis.acceleration_max_rad_s2:g} rad/s^2, {axis.jerk_max_rad_s3:g} rad/s^3; dead time "
+            f"{axis.dead_time_s:g} s"
+        )
+    print(f"Written: {path}; what is assumed is marked there")
+    print(f"Try it: python -m gazempc.run --replay subject03_R4 --neck {path}")
+    print(f"Measure it: python -m gazempc.identify --robot ROBOT --neck {path} --amplitude-deg 8 --out measured.toml")
 
 
 def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> NeckRecord:

@@ -81,7 +81,7 @@ def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, orig
     source = f"identified by gazempc on {day.isoformat()} from {origin} (95 % intervals): {found}; "
     source += "".join(f"{axis} not identified, as in {neck.name}; " for axis in kept)
     source += f"limits and geometry of {neck.name}: {neck.source}"
-    values = neck.model_dump()
+    values = neck.model_dump(exclude_none=True)
     for e in estimates:
         values[e.axis] |= {
             name: float(f"{getattr(e, name).value:.6g}")

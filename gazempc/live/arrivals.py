@@ -1,16 +1,22 @@
-"""What arrives at a tick of a live run: asked for, brought into the base frame, and counted."""
+"""What arrives at a tick of a live run: asked for, brought into the base frame, counted and watched."""
 
 from __future__ import annotations
+
+import logging
+from dataclasses import replace
 
 from gazempc.live.mount import JointHistory
 from gazempc.live.parts import LiveParts
 from gazempc.live.report import LiveReport
 from gazempc.live.sources.source import Arrived, check_range
+from gazempc.live.watch.frame import Frame
+from gazempc.live.watch.watch import Watch
 from gazempc.loop.events import Event
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.types import Sighting
 
+_LOGGER = logging.getLogger("gazempc.live")
 # What has piled up beyond this is old. Taking it in holds up the tick.
 _NEWEST = 16
 
@@ -26,6 +32,8 @@ class Arrivals:
     def __init__(self, parts: LiveParts, report: LiveReport) -> None:
         self._source, self._mount, self._geometry = parts.source, parts.mount, parts.neck.geometry
         self._report = report
+        self._use_ids = parts.use_ids
+        self._watch = Watch(parts.clock, parts.stamps, parts.mount, parts.settings, parts.mends)
         self._joints = JointHistory()
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
@@ -55,17 +63,26 @@ class Arrivals:
             recorder.event(now_s, Event.SOURCE_FAILED, error)
             return []
         found, problems = [], list(arrived.problems)
-        if len(arrived.sightings) > _NEWEST:
+        self._report.observations += len(arrived.sightings) + len(problems)
+        too_many = len(arrived.sightings) - _NEWEST
+        if too_many > 0:
+            recorder.refused(Event.OBSERVATIONS_DROPPED, too_many)
             recorder.event(now_s, Event.OBSERVATIONS_DROPPED)
         for sighting in arrived.sightings[-_NEWEST:]:
             try:
                 found.append(self._in_base(sighting))
             except (ValueError, AttributeError, TypeError) as error:
                 problems.append(str(error))
-        self._report.observations += len(arrived.sightings)
         for problem in problems:
+            recorder.refused(Event.BAD_OBSERVATION)
             recorder.event(now_s, Event.BAD_OBSERVATION)
+            if not self._report.n_problems:
+                _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, problem)
             self._report.problem(problem)
+        for event, text in self._watch.findings(now_s):
+            recorder.event(now_s, event)
+            self._report.warnings.append(f"{event}: {text}")
+            _LOGGER.warning("%s: %s", event, text)
         return found
 
     def finished(self, now_s: float, recorder: LoopRecorder) -> bool:
@@ -85,9 +102,18 @@ class Arrivals:
             return False
 
     def _in_base(self, sighting: Sighting) -> Sighting:
-        observation = sighting.observation
-        check_range(observation.head_position_base_m)
+        seen = self._mount.in_sensor(sighting.observation)
+        if not self._use_ids:
+            seen = replace(seen, person_id=None)
+        head_m = seen.head_position_base_m
+        check_range(head_m)
         moves = self._mount.on == "head"
-        angles_rad = self._joints.at(observation.capture_time_s) if moves else None
-        in_base = self._mount.to_base(observation, self._geometry, angles_rad)
-        return Sighting(sighting.arrival_s, in_base, observation.head_position_base_m if moves else None)
+        angles_rad = self._joints.at(seen.capture_time_s) if moves else None
+        known = angles_rad is not None or not moves
+        in_base = self._mount.to_base(seen, self._geometry, angles_rad) if known else None
+        # Where a wrong stamp does not let it be placed, too: the watch finds out why.
+        base_m = None if in_base is None else in_base.head_position_base_m
+        self._watch.see(Frame(sighting.arrival_s, seen.capture_time_s, head_m, base_m, seen.person_id))
+        if in_base is None:
+            raise ValueError("the sensor moves with the head, and where the head was at the capture time is not known")
+        return Sighting(sighting.arrival_s, in_base, head_m if moves else None)

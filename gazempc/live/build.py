@@ -11,11 +11,13 @@ from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.parts import LiveParts
 from gazempc.live.robots import make_robot, true_state_of
-from gazempc.live.settings import LiveSettings
+from gazempc.live.settings import STAMPED, LiveSettings
 from gazempc.live.sources.replay import ReplaySource
-from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Person
 from gazempc.live.sources.source import Source
 from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, parse_address
+from gazempc.live.stamps import StampReader
+from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner
 from gazempc.neck.kinematics import look_at
@@ -61,7 +63,10 @@ def build(settings: LiveSettings) -> Built:
     neck = load_neck(settings.scene.neck)
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
     scene = make_scene(settings.replay, settings.scene, neck) if settings.source_kind == "replay" else None
-    source = _make_source(settings, neck, clock, scene)
+    stamps = None
+    if isinstance(clock, RealClock) and settings.source_kind in STAMPED:
+        stamps = StampReader(settings.stamps, clock)
+    source = _make_source(settings, neck, clock, scene, stamps)
     true_head = None if scene is None else TrueHead(scene.walk)
     person = Person() if scene is None else Person(scene.walk.labels.subject, true_head)
     own = settings.options.own
@@ -70,7 +75,20 @@ def build(settings: LiveSettings) -> Built:
     start_rad = neck.rest_rad if scene is None else _facing(scene)
     robot = make_robot(settings.robot, settings.options, neck, clock, start_rad, settings.seed)
     planner = ImmediatePlanner(controller) if settings.simulated_clock else BackgroundPlanner(controller)
-    parts = LiveParts(neck, predictor, planner, robot, source, clock, settings.mount, settings.loop)
+    mends = Mends(own_source=stamps is None)
+    parts = LiveParts(
+        neck,
+        predictor,
+        planner,
+        robot,
+        source,
+        clock,
+        settings.mount,
+        settings.loop,
+        stamps=stamps,
+        use_ids=settings.use_ids,
+        mends=mends,
+    )
     known = None if true_head is None else _on_loop_clock(true_head, source)
     names = {
         "controller": name_of(CONTROLLER, controller),
@@ -84,7 +102,9 @@ def build(settings: LiveSettings) -> Built:
     return Built(parts, about, known)
 
 
-def _make_source(settings: LiveSettings, neck: NeckSpec, clock: Clock, scene: Scene | None) -> Source:
+def _make_source(
+    settings: LiveSettings, neck: NeckSpec, clock: Clock, scene: Scene | None, stamps: StampReader | None
+) -> Source:
     kind, address = settings.source_kind, settings.source.partition(":")[2]
     if scene is not None:
         return ReplaySource(scene.walk, scene.sensor, scene.seed, clock)
@@ -92,16 +112,17 @@ def _make_source(settings: LiveSettings, neck: NeckSpec, clock: Clock, scene: Sc
         given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
         own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))
         return own
-    if not isinstance(clock, RealClock):
+    if not isinstance(clock, RealClock) or stamps is None:
         raise SettingsError(f"source {settings.source!r} keeps real time")
     if kind == "ros2":
         ros2 = settings.options.ros2
-        return Ros2Person(address, clock.now_s, clock.from_unix_s, ros2.network, ros2.pose_type)
+        frame_id = None if settings.mount.axes == "flu" else ANY_FRAME
+        return Ros2Person(address, clock.now_s, stamps.now_loop_s, ros2.network, ros2.pose_type, frame_id)
     if kind == "udp":
-        return LineSource(UdpPort(*parse_address(settings.source, address, "127.0.0.1")), clock)
+        return LineSource(UdpPort(*parse_address(settings.source, address, "127.0.0.1")), clock, stamps)
     if kind == "tcp":
-        return LineSource(TcpClient(*parse_address(settings.source, address, "127.0.0.1")), clock)
-    return LineSource(StandardInput(), clock)
+        return LineSource(TcpClient(*parse_address(settings.source, address, "127.0.0.1")), clock, stamps)
+    return LineSource(StandardInput(), clock, stamps)
 
 
 def _facing(scene: Scene) -> FloatArray:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import tyro
 
@@ -74,7 +76,7 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
     run = LiveRun(parts, keeping)
     print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}", flush=True)
     try:
-        with fast_switching(), without_collection():
+        with fast_switching(), without_collection(), _warnings_said():
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
     finally:
         summary = kept.write(run)
@@ -85,3 +87,16 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
         raise LimitViolationError(
             f"{kept.violations} violations of the limits of neck {neck.name}, see {settings.out}/summary.json"
         )
+
+
+@contextmanager
+def _warnings_said() -> Iterator[None]:
+    """What looks wrong is said at once, not only at the end."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("gazempc.live: WARNING %(message)s"))
+    logger = logging.getLogger("gazempc.live")
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)

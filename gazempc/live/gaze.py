@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -72,6 +73,7 @@ class Gaze:
         self._thread: threading.Thread | None = None
         self._failure: BaseException | None = None
         self._process = ExitStack()
+        self._warned = 0
 
     def __enter__(self) -> Gaze:
         """Connect the robot, read its joints, begin to send commands.
@@ -136,7 +138,8 @@ class Gaze:
 
         Args:
             time_s: When the frame was captured (not when it was processed), seconds: Unix time as `time.time` gives it,
-                or with ``clock="monotonic"`` the time of `time.monotonic`.
+                or with ``clock="monotonic"`` the time of `time.monotonic`. With ``clock="other"`` any clock that runs
+                steadily, such as another computer's: the frames that come soonest, 0.05 s after their capture, set it.
             head_m: Head in the sensor's frame, shape (3,), metres: x forward, y left, z up.
             **stated: What else the tracker states, all of it optional:
 
@@ -161,6 +164,9 @@ class Gaze:
             raise self._failure
         if self._stop.is_set() or not self._thread.is_alive():
             raise RuntimeError("see() is called after the end of the with-block: the robot is closed")
+        for text in self.warnings[self._warned :]:
+            self._warned += 1
+            warnings.warn(text, UserWarning, stacklevel=2)
         self._source.push(time_s, head_m, stated)
 
     @property
@@ -172,6 +178,16 @@ class Gaze:
     def events(self) -> dict[str, int]:
         """How often each event of `gazempc.loop.events` began, over the whole run."""
         return {} if self._run is None else self._run.logs.events
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is probably wrong with clock, unit, axes, rate or names, and what mends it; `see` warns of each once."""
+        return () if self._run is None else tuple(self._run.report.warnings)
+
+    @property
+    def observations(self) -> dict[str, int]:
+        """How many observations arrived, by what became of them: ``used``, or the event that says why not."""
+        return {} if self._run is None else {"used": self._run.logs.used, **self._run.logs.refused}
 
     @property
     def faults(self) -> tuple[Fault, ...]:

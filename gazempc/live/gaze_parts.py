@@ -15,7 +15,9 @@ from gazempc.live.parts import Keeping, LiveParts
 from gazempc.live.robots import make_robot, true_state_of
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import MountedSettings
-from gazempc.live.sources.pushed import PushedSource, StampClock
+from gazempc.live.sources.pushed import PushedSource
+from gazempc.live.stamps import StampClock, StampReader, Stamps
+from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner
 from gazempc.neck.spec import NeckSpec, load_neck
@@ -31,7 +33,9 @@ from predictors import Predictor
 class LiveGazeSettings(MountedSettings):
     """Settings of `gazempc.live.gaze.Gaze`."""
 
-    clock: StampClock = Field(default="unix", description="Clock of the capture times that `see` is given")
+    clock: StampClock = Field(
+        default="unix", description="Clock of the capture times that `see` is given: unix, monotonic, other or arrival"
+    )
     keep_minutes: float = Field(default=10.0, gt=0, le=600, description="How much of the run the log holds")
 
 
@@ -76,6 +80,7 @@ class GazeParts:
         robot: Executes the commands.
         source: Takes observations from the program.
         clock: The loop's clock.
+        stamps: How the times that `see` is given are read.
         settings: The settings.
     """
 
@@ -86,6 +91,7 @@ class GazeParts:
     robot: Robot
     source: PushedSource
     clock: RealClock
+    stamps: StampReader
     settings: LiveGazeSettings
 
     def run(self, keeping: Keeping) -> LiveRun:
@@ -106,6 +112,9 @@ class GazeParts:
             self.clock,
             self.settings.mount,
             self.settings.loop,
+            stamps=self.stamps,
+            use_ids=self.settings.use_ids,
+            mends=Mends(python=True),
         )
         return LiveRun(parts, replace(keeping, true_state=true_state_of(self.robot)))
 
@@ -178,5 +187,6 @@ def make_parts(
         joints="measured",
         settings=settings.model_dump(mode="json"),
     )
-    source = PushedSource(clock, settings.clock)
-    return GazeParts(about, spec, forecasting, planning, ready, source, clock, settings)
+    stamps = StampReader(Stamps(clock=settings.clock), clock)
+    source = PushedSource(clock, stamps)
+    return GazeParts(about, spec, forecasting, planning, ready, source, clock, stamps, settings)

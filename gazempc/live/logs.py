@@ -17,7 +17,7 @@ from gazempc.types import JointState
 class LiveLogs:
     """Cuts what is recorded into logs and hands each one over.
 
-    The thread of the run records and cuts. Any thread may call `snapshot`, `events` and `faults`.
+    The thread of the run records and cuts. Any thread may call `snapshot` and read the properties.
 
     Args:
         parts: The parts of the run.
@@ -42,6 +42,8 @@ class LiveLogs:
         self._asked: list[Future[None]] = []
         self._closed = False
         self._events: Counter[str] = Counter()
+        self._used = 0
+        self._refused: Counter[str] = Counter()
         self._faults: tuple[Fault, ...] = ()
 
     def note_true_joints(self) -> None:
@@ -61,6 +63,8 @@ class LiveLogs:
             recorder, self.recorder = self.recorder, LoopRecorder(self._control_period_s)
             asked, self._asked = self._asked, []
             self._events.update(recorder.events)
+            self._used += recorder.used
+            self._refused.update(recorder.refusals)
             self._faults = merge_faults((*self._faults, *recorder.faults))
         if recorder.ticks:
             self._written.append(self._writer.submit(self._write, recorder, true_joints))
@@ -89,6 +93,18 @@ class LiveLogs:
         """How often each event began, over all logs."""
         with self._lock:
             return dict(sorted((self._events + Counter(self.recorder.events)).items()))
+
+    @property
+    def used(self) -> int:
+        """How many observations the predictor was given, over all logs."""
+        with self._lock:
+            return self._used + self.recorder.used
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """How many observations were not used, by the name of the event, over all logs; most first."""
+        with self._lock:
+            return dict((self._refused + Counter(self.recorder.refusals)).most_common())
 
     @property
     def faults(self) -> tuple[Fault, ...]:

@@ -14,6 +14,14 @@ from gazempc.neck.spec import Geometry
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
+Axes = Literal["flu", "optical", "opengl", "unity"]
+# Rows: the package's x forward, y left, z up, each as a combination of the axes that the tracker has.
+_AXES: dict[Axes, tuple[tuple[int, int, int], ...]] = {
+    "flu": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "optical": ((0, 0, 1), (-1, 0, 0), (0, -1, 0)),
+    "opengl": ((0, 0, -1), (-1, 0, 0), (0, 1, 0)),
+    "unity": ((0, 0, 1), (-1, 0, 0), (0, 1, 0)),
+}
 # Observations older than this have no place in a live loop.
 _MEMORY_S = 2.0
 
@@ -32,6 +40,39 @@ class Mount(BaseModel):
     roll_pitch_yaw_deg: tuple[float, float, float] = Field(
         default=(0.0, 0.0, 0.0), description="About x, y, z of that frame: pitch positive looks down, yaw to the left"
     )
+    unit_m: float = Field(default=1.0, gt=0, description="Metres per unit of the tracker's positions")
+    axes: Axes = Field(
+        default="flu",
+        description="The tracker's axes: flu is x forward, y left, z up; optical x right, y down, z forward; opengl "
+        "x right, y up, z backward; unity x right, y up, z forward",
+    )
+
+    @property
+    def turn(self) -> Rotation:
+        """From the sensor's frame to the one that it is fixed to."""
+        return Rotation.from_euler("xyz", self.roll_pitch_yaw_deg, degrees=True)
+
+    def in_sensor(self, observation: HeadObservation) -> HeadObservation:
+        """An observation in metres, x forward, y left, z up of the sensor.
+
+        Args:
+            observation: In the tracker's unit and axes. Orientations are those of a head whose own axes are named
+                alike, so the identity faces where the sensor does.
+
+        Returns:
+            The same in the sensor's frame.
+        """
+        if self.unit_m == 1.0 and self.axes == "flu":
+            return observation
+        to_flu = np.array(_AXES[self.axes], dtype=np.float64)
+        covariance = observation.position_covariance_m2
+        return replace(
+            observation,
+            head_position_base_m=self.unit_m * (to_flu @ observation.head_position_base_m),
+            head_quat_wxyz=_renamed(observation.head_quat_wxyz, to_flu),
+            pelvis_quat_wxyz=_renamed(observation.pelvis_quat_wxyz, to_flu),
+            position_covariance_m2=None if covariance is None else self.unit_m**2 * (to_flu @ covariance @ to_flu.T),
+        )
 
     def to_base(
         self, observation: HeadObservation, geometry: Geometry, angles_rad: FloatArray | None
@@ -39,7 +80,7 @@ class Mount(BaseModel):
         """An observation in the base frame.
 
         Args:
-            observation: In the sensor's frame.
+            observation: In the sensor's frame, see `in_sensor`.
             geometry: The neck's geometry.
             angles_rad: Pan and tilt of the joints when the frame was captured, shape (2,), radians; only needed for a
                 sensor on the head.
@@ -50,7 +91,7 @@ class Mount(BaseModel):
         Raises:
             ValueError: If the sensor is on the head and the angles are None.
         """
-        turn = Rotation.from_euler("xyz", self.roll_pitch_yaw_deg, degrees=True)
+        turn = self.turn
         shift_m = np.array(self.position_m)
         if self.on == "head":
             if angles_rad is None:
@@ -74,6 +115,14 @@ class Mount(BaseModel):
             pelvis_quat_wxyz=turned(observation.pelvis_quat_wxyz),
             position_covariance_m2=covariance,
         )
+
+
+def _renamed(quat_wxyz: FloatArray | None, to_flu: FloatArray) -> FloatArray | None:
+    """A rotation between frames whose axes are renamed both; of left-handed ones, too."""
+    if quat_wxyz is None:
+        return None
+    matrix = to_flu @ Rotation.from_quat(quat_wxyz, scalar_first=True).as_matrix() @ to_flu.T
+    return Rotation.from_matrix(matrix).as_quat(scalar_first=True)
 
 
 def head_in_base(geometry: Geometry, angles_rad: FloatArray) -> tuple[Rotation, FloatArray]:

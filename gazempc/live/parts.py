@@ -10,6 +10,8 @@ import numpy as np
 from gazempc.live.clock import Clock
 from gazempc.live.mount import Mount
 from gazempc.live.sources.source import Source
+from gazempc.live.stamps import StampReader
+from gazempc.live.watch.mends import Mends
 from gazempc.loop.planner import Planner
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.log import ComputeTimes, Log
@@ -35,6 +37,9 @@ class LiveParts:
         clock: The clock of all of these.
         mount: Where the sensor is.
         settings: When the loop gives up on something.
+        stamps: How the source's time stamps are read; None if it gives the loop's times.
+        use_ids: Whether the tracker's names of people count.
+        mends: How settings are named to the user.
     """
 
     neck: NeckSpec
@@ -45,6 +50,9 @@ class LiveParts:
     clock: Clock
     mount: Mount = field(default_factory=Mount)
     settings: LoopSettings = field(default_factory=LoopSettings)
+    stamps: StampReader | None = None
+    use_ids: bool = True
+    mends: Mends = field(default_factory=Mends)
 
 
 def _unknown(times_s: FloatArray) -> FloatArray:

@@ -17,9 +17,10 @@ class LiveReport:
         ticks: Number of ticks done.
         skipped_ticks: Ticks left out, as the one before took too long.
         lateness: How much later than due the ticks began.
-        observations: Number of observations that arrived.
+        observations: Number of observations that arrived, readable or not.
         problems: What arrived and could not be used, the first 20.
         n_problems: How many there were.
+        warnings: What is probably wrong with the set-up: each kind's event, what it looks like, and what mends it.
         stopped_by: Why the run ended.
     """
 
@@ -29,6 +30,7 @@ class LiveReport:
     observations: int = 0
     problems: list[str] = field(default_factory=list)
     n_problems: int = 0
+    warnings: list[str] = field(default_factory=list)
     stopped_by: str = ""
 
     def problem(self, text: str) -> None:

@@ -10,12 +10,15 @@ from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.live.robots import keeps_any_clock
 from gazempc.live.sources.source import SourceError
+from gazempc.live.stamps import Stamps
 from gazempc.part_options import check_options
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own
 from gazempc.robots.options import RobotChoice, RobotOptions
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
 from gazempc.sim.scene import SceneSettings, StageSettings
 
+# Sources that read time stamps of somebody else.
+STAMPED = ("stdin", "udp", "tcp", "ros2")
 SOURCES = "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, ros2:TOPIC, module:Class for a source of your own"
 
 
@@ -23,6 +26,7 @@ class MountedSettings(GazeSettings):
     """Settings of a live run from Python and from the command line."""
 
     mount: Mount = Mount()
+    use_ids: bool = Field(default=True, description="Tell people apart by the names that the tracker gives them")
     # A plan that is made in the background is there a little later.
     loop: LoopSettings = LoopSettings(compute_delay_s=0.01)
     options: RobotOptions = RobotOptions()
@@ -40,6 +44,7 @@ class LiveSettings(MountedSettings, StageSettings):
     predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     replay: str = Field(default="subject03_R4", description="Recording of the source replay")
     duration_s: float | None = Field(default=None, gt=0, description="Longest time; without it until told to stop")
+    stamps: Stamps = Stamps()
     simulated_clock: bool = Field(
         default=False, description="Run as fast as the computer can: source replay and a simulated robot only"
     )
@@ -100,6 +105,11 @@ def check(settings: LiveSettings) -> None:
     for option, choice in (("predictor", settings.predictor), ("controller", settings.controller)):
         if choice == "perfect":
             raise SettingsError(f"--{option} perfect: nobody knows the true future of a live run")
+    if settings.stamps != Stamps() and source not in STAMPED:
+        raise SettingsError(
+            f"--stamps: source {settings.source!r} gives the loop's own times; accepted with sources "
+            f"{', '.join(STAMPED)}"
+        )
     if settings.mount.on == "head" and source == "replay":
         raise SettingsError(
             "--mount.on head: a replay is seen from the robot's base; accepted with source replay: mount.on base"

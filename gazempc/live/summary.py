@@ -78,7 +78,9 @@ class Kept:
                 "p99": latency.percentile_ms(99) if known else None,
             },
             "observations": report.observations,
-            "bad_observations": report.n_problems,
+            "used": run.logs.used,
+            "refused": run.logs.refused,
+            "warnings": report.warnings,
             "problems": report.problems,
             "events": run.logs.events,
             "faults": [asdict(fault) for fault in run.logs.faults],
@@ -133,7 +135,7 @@ def text(summary: dict[str, Any]) -> str:
         f"stopped by: {summary['stopped_by']}",
         f"{summary['ticks']} ticks, {summary['skipped_ticks']} skipped; later than due by {late['p50']:.2f} ms (p50), "
         f"{late['p99']:.2f} ms (p99), {late['max']:.2f} ms (max)",
-        f"{summary['observations']} observations, {summary['bad_observations']} could not be used",
+        _counts(summary),
     ]
     if latency["p50"] is not None:
         lines.append(f"from capture to command: {latency['p50']:.0f} ms (p50), {latency['p99']:.0f} ms (p99)")
@@ -143,6 +145,7 @@ def text(summary: dict[str, Any]) -> str:
             f"gaze error {metrics['gaze_error_rms_deg']:.2f} deg RMS, eye contact (2.6 deg) "
             f"{100 * metrics['eye_contact_2p6']:.0f} %, against the recording's true head"
         )
+    lines += [f"WARNING {warning}" for warning in summary["warnings"]]
     lines.append(f"limit violations: {summary['limit_violations']}")
     faults = [Fault(**fault) for fault in summary["faults"]]
     with_text = {fault.event for fault in faults}
@@ -150,6 +153,14 @@ def text(summary: dict[str, Any]) -> str:
     lines += [f"  {fault.line}" for fault in faults]
     lines += [f"  {problem}" for problem in summary["problems"][:_SHOWN_PROBLEMS]]
     return "\n".join(lines)
+
+
+def _counts(summary: dict[str, Any]) -> str:
+    """How many observations came and were used, and why the others were not."""
+    said = f"{summary['observations']} observations: {summary['used'] or 'none'} used"
+    refused = summary["refused"]
+    reasons = ", ".join(f"{count} {name}" for name, count in refused.items())
+    return f"{said}, {sum(refused.values())} refused" + (f" ({reasons})" if reasons else "")
 
 
 def _without_nan(metrics: dict[str, Any]) -> dict[str, Any]:

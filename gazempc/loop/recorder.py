@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import traceback
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -40,6 +41,7 @@ class LoopRecorder:
         self._events: list[tuple[float, str]] = []
         self._event_last_s: dict[str, float] = {}
         self._faults: dict[str, Fault] = {}
+        self._refused: Counter[str] = Counter()
         self._update_ms: list[float] = []
         self._step_ms: list[float] = []
         self._latency_ms: list[float] = []
@@ -58,6 +60,16 @@ class LoopRecorder:
     def faults(self) -> tuple[Fault, ...]:
         """The exceptions that were survived so far; may be read while another thread records."""
         return tuple(self._faults.values())
+
+    @property
+    def used(self) -> int:
+        """Number of observations that the predictor was given."""
+        return len(self._observations)
+
+    @property
+    def refusals(self) -> dict[str, int]:
+        """Number of observations that were not used, by the name of the event; may be read as `events`."""
+        return dict(self._refused)
 
     def tick(
         self, time_s: float, state: JointState | None, sent_rad: FloatArray, motions: tuple[AxisMotion, AxisMotion]
@@ -91,6 +103,15 @@ class LoopRecorder:
     def latency(self, latency_ms: float) -> None:
         """Record how old a plan's newest observation was when its first command was sent, milliseconds."""
         self._latency_ms.append(latency_ms)
+
+    def refused(self, name: str, count: int = 1) -> None:
+        """Count observations that are not used. Their event, which may last, is recorded beside.
+
+        Args:
+            name: Name of the event.
+            count: How many.
+        """
+        self._refused[str(name)] += count
 
     def event(self, time_s: float, name: str, error: Exception | None = None) -> None:
         """Record something out of the ordinary.

@@ -49,13 +49,14 @@ class PersonTrack:
         observation = sighting.observation
         if observation.capture_time_s > time_s + _CLOCK_TOLERANCE_S:
             # Taken in, it would make all later ones out of order.
-            recorder.event(time_s, Event.FUTURE_OBSERVATION)
+            self._refuse(Event.FUTURE_OBSERVATION, time_s, recorder)
             return
         if time_s - observation.capture_time_s > self._settings.stale_after_s:
-            recorder.event(time_s, Event.STALE_OBSERVATION)
+            self._refuse(Event.STALE_OBSERVATION, time_s, recorder)
             return
         was_frozen = self._tracker.frozen
         if self._tracker.see(sighting):
+            recorder.refused(Event.TRACKER_FROZEN)
             if not was_frozen:
                 recorder.event(time_s, Event.TRACKER_FROZEN)
             return
@@ -72,15 +73,20 @@ class PersonTrack:
                 self.predictor.reset()
             self.predictor.update(observation)
         except OutOfOrderError:
-            recorder.event(time_s, Event.OUT_OF_ORDER)
+            self._refuse(Event.OUT_OF_ORDER, time_s, recorder)
             return
         except Exception as error:
-            recorder.event(time_s, Event.FORECAST_FAILED, error)
+            self._refuse(Event.FORECAST_FAILED, time_s, recorder, error)
             return
         update_ms = 1e3 * (time.perf_counter() - started)
         self.newest_capture_s = observation.capture_time_s
         forecast = self.forecast(observation.capture_time_s + _RECORDED_HORIZONS_S, time_s, recorder)
         recorder.observation(time_s, observation, forecast, update_ms)
+
+    @staticmethod
+    def _refuse(event: Event, time_s: float, recorder: LoopRecorder, error: Exception | None = None) -> None:
+        recorder.refused(event)
+        recorder.event(time_s, event, error)
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
         """Ask for a forecast.

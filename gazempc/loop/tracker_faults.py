@@ -6,6 +6,8 @@ import math
 from collections import deque
 from dataclasses import replace
 
+import numpy as np
+
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 from predictors.yaw import wrap_rad, yaw_rad
@@ -19,7 +21,23 @@ _LONGEST_STEP_S = 1.0
 # Heads turn at up to some 600 degrees a second. At lower frame rates nothing can be told.
 _JUMP_RAD = math.radians(90.0)
 _JUMP_WITHIN_S = 0.15
+# Below this rate frames are farther apart than a jump can be told, and a walking head moves by 0.2 m between them.
+LOW_RATE_HZ = 6.0
+_RATE_INTERVALS, _ROUNDING = 2, 1e-6
 _JUMPS_ARE_ONE_WITHIN_S = 1.0
+
+
+def is_low_rate(times_s: FloatArray) -> bool:
+    """Whether frames come less often than six times a second.
+
+    Args:
+        times_s: Times of frames, shape (F,), seconds, in any order; several people of a frame may share one.
+
+    Returns:
+        True if more than half of the intervals are longer than a sixth of a second; False of fewer than three frames.
+    """
+    apart_s = np.diff(np.unique(times_s))
+    return apart_s.size >= _RATE_INTERVALS and float(np.median(apart_s)) * LOW_RATE_HZ > 1.0 + _ROUNDING
 
 
 class FrozenTracker:

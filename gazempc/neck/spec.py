@@ -6,15 +6,18 @@ import math
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic.config import JsonDict
 
-from gazempc.specfiles import load_spec, shipped_names
+from gazempc.neck.rules import RULES
+from gazempc.specfiles import RULE_OF_THUMB, load_spec, shipped_names
 from gazempc.types import FloatArray
 
 AXES = ("pan", "tilt")
+_View = Annotated[float, Field(gt=0, le=180)]
 
 
 class Geometry(BaseModel):
@@ -33,19 +36,24 @@ class Geometry(BaseModel):
     )
 
 
+def _rule(field: str) -> JsonDict:
+    """What a message says where the field is missing."""
+    return {RULE_OF_THUMB: RULES[field]}
+
+
 class Axis(BaseModel):
     """One joint: its limits and its servo ``q'' = wn^2 (u(t - dead time) - q) - 2 zeta wn q'``."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    position_min_deg: float = Field(ge=-360, le=360)
-    position_max_deg: float = Field(ge=-360, le=360)
-    velocity_max_rad_s: float = Field(ge=0.01)
-    acceleration_max_rad_s2: float = Field(ge=0.01)
-    jerk_max_rad_s3: float = Field(ge=0.1)
-    natural_frequency_rad_s: float = Field(gt=0)
-    damping_ratio: float = Field(gt=0.1, le=10)
-    dead_time_s: float = Field(ge=0, le=5)
+    position_min_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_min_deg"))
+    position_max_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_max_deg"))
+    velocity_max_rad_s: float = Field(ge=0.01, json_schema_extra=_rule("velocity_max_rad_s"))
+    acceleration_max_rad_s2: float = Field(ge=0.01, json_schema_extra=_rule("acceleration_max_rad_s2"))
+    jerk_max_rad_s3: float = Field(ge=0.1, json_schema_extra=_rule("jerk_max_rad_s3"))
+    natural_frequency_rad_s: float = Field(gt=0, json_schema_extra=_rule("natural_frequency_rad_s"))
+    damping_ratio: float = Field(gt=0.1, le=10, json_schema_extra=_rule("damping_ratio"))
+    dead_time_s: float = Field(ge=0, le=5, json_schema_extra=_rule("dead_time_s"))
     encoder_noise_deg: float = Field(
         default=0.0, ge=0, le=5, description="Standard deviation of the angle that a simulated joint reports"
     )
@@ -99,6 +107,11 @@ class NeckSpec(BaseModel):
     pan: Axis
     tilt: Axis
     reports_joints: bool = Field(default=True, description="False for a neck without encoders: it is driven open loop")
+    head_view_deg: tuple[_View, _View] | None = Field(
+        default=None,
+        description="Field of view of the camera on the head that sees people, horizontal and vertical, full angles; "
+        "None for a sensor elsewhere, or one that sees all around",
+    )
     control_rate_hz: float = Field(default=50.0, ge=5, le=1000)
     servo_rate_hz: float = Field(default=200.0, gt=0, le=5000)
 

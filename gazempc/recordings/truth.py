@@ -11,7 +11,9 @@ from gazempc.types import BoolArray, FloatArray
 
 # Over a longer gap a person may do anything: it is bridged for the robot's sake, but nothing is scored against it.
 _LONGEST_GAP_S = 0.2
-_ON_A_FRAME_S = 1e-6
+# Half a servo period, in which a head moves by 4 mm at most: each frame has its tick, whatever its rate.
+_ON_A_FRAME_S = 0.0025
+_ROUNDING_S = 1e-6
 
 
 class TrueHead:
@@ -41,8 +43,8 @@ class TrueHead:
         after = np.clip(np.searchsorted(self._times_s, times), 1, self._times_s.size - 1)
         gap_s = self._times_s[after] - self._times_s[after - 1]
         on_a_frame = np.minimum(self._times_s[after] - times, times - self._times_s[after - 1]) < _ON_A_FRAME_S
-        inside = (times >= self._first_s - _ON_A_FRAME_S) & (times <= self._last_s + _ON_A_FRAME_S)
-        return inside & ((gap_s <= _LONGEST_GAP_S + _ON_A_FRAME_S) | on_a_frame)
+        inside = (times >= self._first_s - _ROUNDING_S) & (times <= self._last_s + _ROUNDING_S)
+        return inside & ((gap_s <= _LONGEST_GAP_S + _ROUNDING_S) | on_a_frame)
 
     def __call__(self, times_s: ArrayLike) -> FloatArray:
         """Positions at times.

@@ -92,6 +92,13 @@ def measure(log: Log) -> Metrics:
     knows_head = log.run.knows_true_head
     judged = error if knows_head else log.joint_position_rad.sum(axis=1)
     scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(judged)
+    long_enough = log.time_s[-1] - log.time_s[0] >= MIN_DURATION_S
+    if scored.sum() < _FEWEST_SCORED and knows_head and long_enough:
+        raise LeftOutError(
+            f"{log.run.recording}: the true head and the joints are known at {scored.sum()} ticks from "
+            f"{SCORED_FROM_S} s on, at least {_FEWEST_SCORED} are needed; the true head is not known in gaps of more "
+            "than 0.2 s between frames"
+        )
     if scored.sum() < _FEWEST_SCORED:
         raise LeftOutError(
             f"{log.run.recording}: {log.time_s[-1] - log.time_s[0]:.2f} s is too short: gaze is "

@@ -15,10 +15,12 @@ from pydantic import Field
 from gazempc.controllers.controller import Controller
 from gazempc.errors import LeftOutError
 from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
+from gazempc.loop.tracker_faults import is_low_rate
 from gazempc.neck.kinematics import look_at
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.recordings.truth import TrueHead
@@ -118,6 +120,8 @@ def replay_scene(
     robot = SimulatedNeck(scene.robot_neck or neck, smoother.command.position_rad, lambda: now_s, scene.seed)
     true_joints = []
     recorder = LoopRecorder(neck.control_period_s)
+    if is_low_rate(np.array([sighting.observation.capture_time_s for sighting in sightings])):
+        recorder.event(0.0, Event.LOW_FRAME_RATE)
     loop = GazeLoop(neck, ready, ImmediatePlanner(planning), smoother, robot, recorder, settings.loop)
     robot.connect()
     period_s = neck.servo_period_s

@@ -13,6 +13,7 @@ from gazempc.recordings.placement import Placement, place
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
 from gazempc.settings import Settings
+from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
 
 
@@ -95,15 +96,25 @@ def make_scene(
     """
     walk = recording if isinstance(recording, Recording) else load(recording, settings.reading)
     placement = settings.placement or natural_placement(walk)
+    neck = neck or load_neck(settings.neck)
     return Scene(
         walk=place(walk, placement, settings.distance_m, settings.height_m),
-        neck=neck or load_neck(settings.neck),
-        sensor=sensor or load_sensor(settings.sensor or default_sensor(walk)),
+        neck=neck,
+        sensor=_on_robot(sensor or load_sensor(settings.sensor or default_sensor(walk)), neck),
         placement=placement,
         stands_at_sensor=placement == "recorded" and walk.has_robot,
         seed=settings.seed,
         start_offset_deg=settings.start_offset_deg,
     )
+
+
+def _on_robot(sensor: SensorSpec, neck: NeckSpec) -> SensorSpec:
+    """A sensor whose own file leaves its view open sees what the camera on the robot's head sees."""
+    if neck.head_view_deg is None or sensor.view.limited:
+        return sensor
+    horizontal_deg, vertical_deg = neck.head_view_deg
+    view = FieldOfView(on="head", horizontal_deg=horizontal_deg, vertical_deg=vertical_deg)
+    return sensor.model_copy(update={"view": view})
 
 
 def natural_placement(recording: Recording) -> Placement:

@@ -39,6 +39,8 @@ def assert_sound(result, start_rad=None):
     received = np.array([position for _, position in result.robot.received])
     assert np.array_equal(received, sent)
     assert_within_limits(sent, start_rad, ends=True)
+    # Each observation was used, or refused for one reason.
+    assert result.used + sum(result.refused.values()) == result.report.observations
     assert result.robot.calls[-1] == "close"
     assert result.source.calls[-1] == "close"
 

@@ -71,6 +71,8 @@ class Result:
     robot: Spied
     source: Faulty
     duration_s: float | None
+    used: int = 0
+    refused: dict = dataclasses.field(default_factory=dict)
 
     def joined(self, name):
         return np.concatenate([getattr(log, name) for log, _ in self.logs])
@@ -144,6 +146,7 @@ def run_live(
     keep=None,
     loop=None,
     source=None,
+    mount=None,
 ):
     """Run live on a simulated clock, with faults.
 
@@ -175,6 +178,7 @@ def run_live(
         controller=controller,
         planner=planner,
         predictor=predictor,
+        mount=mount,
         loop=loop,
         log_s=log_s,
         true_head_base_m=known,
@@ -186,4 +190,6 @@ def run_live(
     except Exception as error:
         error.result = result
         raise
+    finally:
+        result.used, result.refused = run.logs.used, run.logs.refused
     return result

@@ -20,6 +20,8 @@ FIELDS = (
     *("position_covariance_m2", *_NUMBERS, "person_id"),
 )
 _AXES = 3
+# What is older is of no use to anybody who looks at a person.
+_OLDEST_S = 10.0
 _SHOWN = 80
 
 
@@ -27,7 +29,7 @@ class LineError(ValueError):
     """A line is not an observation; says which field is wrong and what is accepted."""
 
 
-def parse_line(text: str, arrival_s: float, from_unix_s: Callable[[float], float]) -> HeadObservation:
+def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float]) -> HeadObservation:
     """Read one line.
 
     ``{"capture_time_s": 1763718300.25, "head_position_m": [2.1, 0.3, 0.4]}``, or ``age_s`` (how long ago the frame was
@@ -38,7 +40,7 @@ def parse_line(text: str, arrival_s: float, from_unix_s: Callable[[float], float
     Args:
         text: The line.
         arrival_s: When it came, on the loop's clock.
-        from_unix_s: Converts Unix time to the loop's clock.
+        to_loop_s: Puts a capture time as stated (in the format: Unix time) on the loop's clock.
 
     Returns:
         The observation in the sensor's frame.
@@ -63,9 +65,13 @@ def parse_line(text: str, arrival_s: float, from_unix_s: Callable[[float], float
         age_s = _number("age_s", data["age_s"])
         if age_s < 0:
             raise LineError(f"age_s is {age_s:g}: needed are 0 or more seconds")
+        if age_s > _OLDEST_S:
+            raise LineError(
+                f"age_s is {age_s:g}: looks like milliseconds, or is no age; needed are seconds since capture"
+            )
         capture_s = arrival_s - age_s
     else:
-        capture_s = from_unix_s(_number("capture_time_s", data["capture_time_s"]))
+        capture_s = to_loop_s(_number("capture_time_s", data["capture_time_s"]))
     position_m = _numbers("head_position_m", data["head_position_m"], 3)
     stated = {name: _stated(name, data[name]) for name in FIELDS[3:] if data.get(name) is not None}
     try:

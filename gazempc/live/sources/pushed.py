@@ -6,16 +6,15 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
-from typing import Any, Literal, TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.source import Arrived, check_range
+from gazempc.live.stamps import StampReader
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
-
-StampClock = Literal["unix", "monotonic"]
 
 # More than a second of a fast tracker.
 _WAITING_MAX = 1024
@@ -53,10 +52,10 @@ class PushedSource:
 
     Args:
         clock: The loop's clock.
-        stamps: The clock of the capture times: Unix time or `time.monotonic`.
+        stamps: How the capture times are read.
     """
 
-    def __init__(self, clock: RealClock, stamps: StampClock) -> None:
+    def __init__(self, clock: RealClock, stamps: StampReader) -> None:
         self._clock, self._stamps = clock, stamps
         self._arrived: deque[Sighting] = deque(maxlen=_WAITING_MAX)
         self._owner = threading.current_thread()
@@ -75,7 +74,8 @@ class PushedSource:
         """
         if unknown := [name for name in stated if name not in _FIELDS]:
             raise TypeError(f"see() takes no argument {unknown[0]!r}; accepted are {', '.join(_FIELDS)}")
-        capture_s = self._capture_s(time_s)
+        arrival_s = self._clock.now_s()
+        capture_s = self._capture_s(time_s, arrival_s)
         head = checked("head_m", head_m, (3,), "metres in the sensor's frame, x forward, y left, z up")
         check_range(head)
         known = {_FIELDS[name]: _value(name, value) for name, value in stated.items() if value is not None}
@@ -83,7 +83,7 @@ class PushedSource:
             observation = HeadObservation(capture_s, head, **known)
         except ValueError as error:
             raise ValueError(str(error).replace(_FIELDS["covariance_m2"], "covariance_m2")) from None
-        self._arrived.append(Sighting(self._clock.now_s(), observation))
+        self._arrived.append(Sighting(arrival_s, observation))
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; the calling thread is the one that sees."""
@@ -102,16 +102,15 @@ class PushedSource:
         """See `gazempc.live.sources.source.Source.close`."""
         self._arrived.clear()
 
-    def _capture_s(self, time_s: Any) -> float:
+    def _capture_s(self, time_s: Any, arrival_s: float) -> float:
         stamp_s = float(checked("time_s", time_s, (), "a time in seconds"))
-        unix = self._stamps == "unix"
-        now_s = time.time() if unix else time.monotonic()
-        if abs(stamp_s - now_s) > _OTHER_CLOCK_S:
+        known = {"unix": time.time, "monotonic": time.monotonic}.get(self._stamps.stamps.clock)
+        if known is not None and abs(stamp_s - (now_s := known())) > _OTHER_CLOCK_S:
             raise ValueError(f"time_s is {stamp_s:.6g}{_likely_unit(stamp_s)}, {self._needed(now_s)}")
-        return self._clock.from_unix_s(stamp_s) if unix else self._clock.from_monotonic_s(stamp_s)
+        return self._stamps.loop_s(stamp_s, arrival_s)
 
     def _needed(self, now_s: float) -> str:
-        if self._stamps == "unix":
+        if self._stamps.stamps.clock == "unix":
             return (
                 f"needed is the capture time in seconds of Unix time, as time.time() gives it (now {now_s:.1f}); "
                 'for times of time.monotonic() say clock="monotonic"'

@@ -14,6 +14,8 @@ from gazempc.ros2.wire import PoseType, Ros2Network, WireError, stamp_to_loop_s,
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
+# Any frame, also an optical one: the axes of its positions are known.
+ANY_FRAME = "*"
 _COVARIANCE_SHAPE = (6, 6)  # x, y, z, and turns about x, y, z
 _YAW = 5
 
@@ -30,7 +32,8 @@ class Ros2Person:
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         network: Router, domain and release of ROS 2.
         pose_type: Type of the messages. What a covariance has of zeros is taken for not known, as is usual in ROS.
-        frame_id: The frame that every pose must be in; None to take any but optical frames, whose axes are others.
+        frame_id: The frame that every pose must be in; None to take any but optical frames, whose axes are others;
+            `ANY_FRAME` to take these, too.
         use_orientation: Whether the poses' orientation is the head's (x to where the face looks); else it is left out.
         node_name: How this program is called in the graph of ROS 2.
 
@@ -109,10 +112,13 @@ class Ros2Person:
         if isinstance(message, WireError):
             raise message
         frame_id = message.header.frame_id
-        if self._frame_id is not None and frame_id != self._frame_id:
+        if self._frame_id not in (None, ANY_FRAME, frame_id):
             raise WireError(f"a pose is in the frame {frame_id!r}, expected is {self._frame_id!r}")
         if self._frame_id is None and frame_id.endswith("optical_frame"):
-            raise WireError(f"a pose is in the frame {frame_id!r}, whose z points forward: needed is x forward, z up")
+            raise WireError(
+                f"a pose is in the frame {frame_id!r}, whose z points forward: needed is x forward, z up; for "
+                "optical axes say --mount.axes optical"
+            )
         pose, covariance = message.pose, np.zeros(_COVARIANCE_SHAPE)
         if self._pose_type == "geometry_msgs/msg/PoseWithCovarianceStamped":
             pose, covariance = pose.pose, np.asarray(pose.covariance).reshape(_COVARIANCE_SHAPE)

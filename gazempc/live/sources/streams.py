@@ -14,6 +14,7 @@ from typing import Protocol
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.json_lines import LineError, parse_line
 from gazempc.live.sources.source import Arrived, SourceError
+from gazempc.live.stamps import StampReader, Stamps
 from gazempc.types import Sighting
 
 _CHUNK = 65536
@@ -142,11 +143,15 @@ class LineSource:
     Args:
         wire: Where the lines come from.
         clock: The loop's clock.
+        stamps: How capture times are read; default: Unix time in seconds.
     """
 
-    def __init__(self, wire: StandardInput | UdpPort | TcpClient, clock: RealClock) -> None:
+    def __init__(
+        self, wire: StandardInput | UdpPort | TcpClient, clock: RealClock, stamps: StampReader | None = None
+    ) -> None:
         self._wire = wire
         self._clock = clock
+        self._stamps = stamps or StampReader(Stamps(), clock)
         self._arrived: queue.Queue[Sighting | str] = queue.Queue(_WAITING_MAX)
         self._ended = threading.Event()
         self._closing = threading.Event()
@@ -219,7 +224,7 @@ class LineSource:
     def _parsed(self, line: bytes, number: int, arrival_s: float) -> Sighting | str:
         text = line.decode("utf-8", errors="replace")
         try:
-            return Sighting(arrival_s, parse_line(text, arrival_s, self._clock.from_unix_s))
+            return Sighting(arrival_s, parse_line(text, arrival_s, lambda stamp: self._stamps.loop_s(stamp, arrival_s)))
         except LineError as error:
             return f"{self._wire.name}, line {number}: {error}"
 

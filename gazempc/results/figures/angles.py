@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gazempc.neck.kinematics import look_at, unwrap_pan
-from gazempc.results.figures.style import DPI, Logs, finish, shade_unscored, style
+from gazempc.results.figures.known import draw_known, finish, shown_head
+from gazempc.results.figures.style import DPI, Logs, shade_unscored, style
 from gazempc.results.log import Log
 from gazempc.types import FloatArray
 
@@ -31,16 +32,16 @@ def angles(logs: Logs, path: Path) -> None:
     limits_shown = False
     for column, (name, log) in zip(axes.T, logs.items(), strict=True):
         time_s = log.time_s - log.time_s[0]
-        neck, look = log.neck, style(name)
-        targets, seen = _toward(log, log.head_true_base_m), _toward(log, log.head_observed_base_m)
+        neck, look, head = log.neck, style(name), shown_head(log)
+        targets, seen = _toward(log, head.log.head_true_base_m), _toward(log, log.head_observed_base_m)
         seen_s = log.capture_time_s - log.time_s[0]
         limits_deg = np.rad2deg([neck.position_min_rad, neck.position_max_rad])
         for axis, ax in enumerate(column):
             curves = np.rad2deg([targets[:, axis], log.command_position_rad[:, axis], log.joint_position_rad[:, axis]])
             shade_unscored(ax, float(time_s[-1]))
             ax.plot(seen_s, np.rad2deg(seen[:, axis]), **_OBSERVED)
-            if log.run.knows_true_head:
-                ax.plot(time_s, curves[0], color="k", lw=2.6, alpha=0.35)
+            if head.known.any():
+                draw_known(ax, time_s, curves[0], head, color="k", lw=2.6, alpha=0.35)
             ax.plot(time_s, curves[1], color=look.colour, lw=1.3, ls=(0, (4, 1.5)))
             ax.plot(time_s, curves[2], color=look.colour, lw=1.8)
             for limit in limits_deg[:, axis]:
@@ -54,7 +55,7 @@ def angles(logs: Logs, path: Path) -> None:
     axes[1, 0].set_ylabel("tilt, up + (deg)")
     # The legend shows kinds of line in a neutral colour, because the colour says which controller it is.
     key = axes[0, 0]
-    if any(log.run.knows_true_head for log in logs.values()):
+    if any(shown_head(log).known.any() for log in logs.values()):
         key.plot([], [], color="k", lw=2.6, alpha=0.35, label="true head")
     key.plot([], [], **_OBSERVED, label="observed head")
     key.plot([], [], color="0.3", lw=1.3, ls=(0, (4, 1.5)), label="command sent")

@@ -15,6 +15,7 @@ from PIL import Image
 
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.figures.known import shown_head
 from gazempc.results.figures.style import CONTACT_COLOUR, Logs, recording_title, style
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
@@ -64,10 +65,11 @@ def running_contact(log: Log) -> FloatArray:
     Returns:
         Shares, shape (M,); NaN before the window begins. The last one is the eye contact of `measure`.
     """
-    scored = log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9
+    error_deg = gaze_error_deg(log)
+    scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(error_deg)
     if not scored.any():
         scored[-1] = True
-    contact = scored & (gaze_error_deg(log) <= CONTACT_DEG[0])
+    contact = scored & (error_deg <= CONTACT_DEG[0])
     ticks = np.cumsum(scored)
     return np.where(ticks > 0, np.cumsum(contact) / np.maximum(ticks, 1), np.nan)
 
@@ -103,9 +105,10 @@ class _Panel:
         label_box = {"fc": look.colour, "alpha": 0.4, "ec": "none", "pad": 1.5}
         ax.set_title(look.label, fontsize=9.5, pad=6, bbox=label_box)
         self._time_s = log.time_s - log.time_s[0]
+        self._share = running_contact(log)
+        log = shown_head(log).log
         self._offset_deg = head_offset_deg(log)
         self._contact = gaze_error_deg(log) <= CONTACT_DEG[0]
-        self._share = running_contact(log)
         eye, _ = gaze_ray(log.neck.geometry, log.joint_position_rad)
         self._distance_m = np.linalg.norm(log.head_true_base_m - eye, axis=1)
 
@@ -166,10 +169,13 @@ def animate(logs: Logs, path: Path) -> None:
     edge = _SIDE_PX / width_px
     figure.text(edge, 0.975, recording_title(logs), va="top", fontsize=9.5)
     clock = figure.text(1 - edge, 0.975, "", va="top", ha="right", fontsize=9.5)
+    view = f"The robot's view, ±{_FIELD_DEG:g}°. Circle: eye contact, ±{CONTACT_DEG[0]:g}°."
+    if any(shown_head(log).rare for log in logs.values()):
+        view = f"View ±{_FIELD_DEG:g}°, circle ±{CONTACT_DEG[0]:g}°. Between the rare frames the head is on a line."
     figure.text(
         0.5,
         0.015,
-        f"The robot's view, ±{_FIELD_DEG:g}°. Circle: eye contact, ±{CONTACT_DEG[0]:g}°.",
+        view,
         ha="center",
         va="bottom",
         fontsize=8.5,

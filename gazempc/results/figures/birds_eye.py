@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from gazempc.neck.kinematics import gaze_ray
-from gazempc.results.figures.style import DPI, Logs, finish, style
+from gazempc.results.figures.known import draw_known, finish, shown_head
+from gazempc.results.figures.style import DPI, Logs, style
 from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.types import FloatArray
 
@@ -45,11 +46,12 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> None:
         ax: Axes to draw on.
         logs: The runs.
     """
-    first = next(iter(logs.values()))
-    time_s, head = first.time_s - first.time_s[0], first.head_true_base_m
+    heads = {name: shown_head(log) for name, log in logs.items()}
+    shown = next(iter(heads.values()))
+    time_s, head = shown.log.time_s - shown.log.time_s[0], shown.log.head_true_base_m
     end_s = float(time_s[-1])
     ax.set_aspect("equal", adjustable="datalim")
-    ax.plot(head[:, 1], head[:, 0], color="0.25", lw=1.5, zorder=4, label="true head")
+    draw_known(ax, head[:, 1], head[:, 0], shown, color="0.25", lw=1.5, zorder=4, label=shown.label)
     marks_s = np.arange(0.0, end_s + 1e-6)
     at = np.searchsorted(time_s, marks_s - 1e-6)
     # Rings, because the tip of a good gaze lies on the head and would hide a dot.
@@ -57,8 +59,8 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> None:
 
     rays_s = marks_s[marks_s >= SCORED_FROM_S] if end_s >= SCORED_FROM_S else np.array([end_s])
     chosen = np.linspace(0, len(rays_s) - 1, min(len(rays_s), _RAYS_AT_MOST)).round().astype(int)
-    for name, log in logs.items():
-        look = style(name)
+    for name, each in heads.items():
+        look, log = style(name), each.log
         tick = np.searchsorted(log.time_s, log.time_s[0] + rays_s[chosen] - 1e-6)
         eye, direction = gaze_ray(log.neck.geometry, log.joint_position_rad[tick])
         reach = np.linalg.norm(log.head_true_base_m[tick] - eye, axis=1, keepdims=True)

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gazempc.results.contact import CONTACT_DEG
-from gazempc.results.figures.style import CONTACT_COLOUR, DPI, Logs, finish, shade_unscored, style
+from gazempc.results.figures.known import draw_known, finish, shown_head
+from gazempc.results.figures.style import CONTACT_COLOUR, DPI, Logs, shade_unscored, style
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
 
@@ -45,9 +46,13 @@ def draw_gaze_error(ax: Axes, logs: Logs, *, detailed: bool) -> None:
         ax.text(1.01, outer, f"{outer:g}°", transform=ax.get_yaxis_transform(), va="center", color="#00664B")
     top, end_s = 0.0, 0.0
     for name, log in logs.items():
-        look, error = style(name), gaze_error_deg(log)
-        ax.plot(log.time_s - log.time_s[0], error, color=look.colour, lw=look.width, label=_shares(name, log))
-        top, end_s = max(top, float(error.max())), max(end_s, float(log.time_s[-1] - log.time_s[0]))
+        look, head = style(name), shown_head(log)
+        error = gaze_error_deg(head.log if head.rare else log)
+        time_s = log.time_s - log.time_s[0]
+        draw_known(ax, time_s, error, head, color=look.colour, lw=look.width, label=_shares(name, log))
+        top, end_s = max(top, float(np.nanmax(error, initial=0.0))), max(end_s, float(time_s[-1]))
+    if not any(np.isfinite(log.head_true_base_m).any() for log in logs.values()):
+        ax.text(0.5, 0.5, "no gaze error: nobody knows the true head", transform=ax.transAxes, ha="center")
     shade_unscored(ax, end_s)
     ax.set(xlim=(0.0, end_s), ylim=(0.0, max(1.05 * top, 8.0)), xlabel="time (s)", ylabel="gaze error (deg)")
     if detailed:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.gaze_error import draw_gaze_error
+from gazempc.results.figures.known import known_title
 from gazempc.results.figures.style import Logs, recording_title, setup_title, style
 from gazempc.results.metrics import measure
 
@@ -24,7 +26,8 @@ def draw_contact_bars(ax: Axes, logs: Logs) -> None:
     for row, (name, log) in enumerate(logs.items()):
         look, percent = style(name), 100.0 * measure(log).eye_contact_2p6
         ax.barh(row, percent, color=look.colour, height=0.72)
-        ax.text(percent + 1.5, row, f"{percent:.0f} %", va="center", fontsize="large", fontweight="bold")
+        said = f"{percent:.0f} %" if np.isfinite(percent) else "not known"
+        ax.text(np.nan_to_num(percent) + 1.5, row, said, va="center", fontsize="large", fontweight="bold")
     ax.set_yticks(range(len(logs)), [style(name).label.replace(" with ", "\nwith ") for name in logs])
     ax.set_ylim(len(logs) - 0.4, -0.6)
     # Room for the figure beside a full bar.
@@ -51,7 +54,7 @@ def overview(logs: Logs, path: Path) -> None:
     draw_gaze_error(axes["error"], logs, detailed=False)
     axes["error"].set_title(f"green: eye contact (within {CONTACT_DEG[0]:g}°); grey: not scored")
     draw_contact_bars(axes["bars"], logs)
-    figure.suptitle(
-        f"Does the robot keep eye contact with a walking person?\n{recording_title(logs)}; {setup_title(logs)}"
-    )
+    about = f"{recording_title(logs)}; {setup_title(logs)}"
+    lines = filter(None, ("Does the robot keep eye contact with a walking person?", about, known_title(logs)))
+    figure.suptitle("\n".join(lines))
     figure.savefig(path, dpi=150)

@@ -8,10 +8,8 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
@@ -69,18 +67,6 @@ def setup_title(logs: Logs) -> str:
     predictors = dict.fromkeys(run.predictor for run in runs if run.controller != "perfect")
     neck, sensor, seed = runs[0].neck.name, runs[0].sensor["name"], runs[0].seed
     return f"predictor {', '.join(predictors) or 'perfect'}; neck {neck}; sensor {sensor}; seed {seed}"
-
-
-def finish(figure: Figure, logs: Logs, path: Path) -> None:
-    """Title a figure by its runs, and write it.
-
-    Args:
-        figure: The figure.
-        logs: The runs.
-        path: Picture to write.
-    """
-    figure.suptitle(f"{recording_title(logs)}\n{setup_title(logs)}", fontsize="medium")
-    figure.savefig(path, dpi=DPI)
 
 
 def shade_unscored(ax: Axes, end_s: float) -> None:

@@ -73,9 +73,13 @@ def test_command_line_refuses_and_says_why(clean, tmp_path, capsys):
     out = str(tmp_path / "n.toml")
     still = altered(clean, command_rad=np.column_stack([clean.command_rad[:, 0], np.zeros(len(clean.command_rad))]))
     still.save(tmp_path / "still.npz")
+    one_of = "give one of --robot NAME, --from-log FILE, --tracker FILE and --new FILE"
     for words, problem in (
-        ([], "one of --robot NAME, --from-log FILE and --tracker FILE"),
-        (["--robot", "simulated", "--from-log", "x.npz"], "one of --robot NAME, --from-log FILE and --tracker FILE"),
+        ([], one_of),
+        (
+            ["--robot", "simulated", "--from-log", "x.npz"],
+            "one of --robot NAME, --from-log FILE, --tracker FILE and --new FILE",
+        ),
         (["--from-log", str(tmp_path / "none.npz")], "not a log that can be read"),
         (["--robot", "simulated", "--neck", "nock"], "no neck file 'nock'"),
         (["--from-log", str(tmp_path / "still.npz")], "tilt: its command never changes"),

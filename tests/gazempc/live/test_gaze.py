@@ -4,6 +4,7 @@ import math
 import sys
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -348,3 +349,27 @@ def test_wrong_arguments_are_named_before_anything_moves(arguments, named):
         gz.Gaze(**{"neck": NECK, "robot": "simulated", **arguments})
     for word in named:
         assert word in str(raised.value)
+
+
+def test_what_looks_wrong_is_a_warning_of_the_next_see_and_counts_say_what_was_used():
+    robot = Robot()
+    with warnings.catch_warnings(record=True) as caught, gaze(robot) as opened:
+        warnings.simplefilter("always")
+        for _ in range(36):
+            opened.see(time.time() - 0.03, [2000.0, 100.0, 300.0])
+            time.sleep(1 / 30)
+    (warned,) = caught
+    assert 'mount={"unit_m": 0.001}' in str(warned.message)
+    (text,) = opened.warnings
+    assert text.startswith("wrong_unit")
+    assert opened.observations["used"] > 30
+    assert opened.events["wrong_unit"] == 1
+    with gaze(robot, mount={"unit_m": 0.001}, clock="other") as opened:
+        for k in range(36):
+            opened.see(k / 30, [2000.0, 100.0, 300.0])  # a clock that begins with the tracker
+            time.sleep(1 / 30)
+    assert opened.warnings == ()
+    assert opened.observations["used"] > 30
+    assert opened.log().head_observed_base_m == pytest.approx(
+        np.tile([2.0, 0.1, 0.3], (opened.observations["used"], 1))
+    )

@@ -48,7 +48,7 @@ def rms_deg(result, from_s):
 def test_a_person_whose_id_changes_at_every_frame_is_one_person():
     result = run_live(change=lambda now, s: [changed(s, person_id=f"track {now:.3f}")])
     assert_sound(result)
-    assert result.events == {"no_observation_yet"}
+    assert result.events == {"no_observation_yet", "new_id_each_frame"}
     assert_same_commands(result, within_rad=1e-12)
     ids = result.joined("person_id")
     assert len(set(ids)) == len(ids) > 100

@@ -47,12 +47,12 @@ class Program:
             assert chunk, self.process.stderr.read().decode()
             self.said += chunk
 
-    def walk(self, seconds, rate_hz=30):
+    def walk(self, seconds, rate_hz=30, stamp=lambda: time.time() - 0.03, unit_m=1.0):
         """Somebody walks by, in real time."""
         for k in range(int(seconds * rate_hz)):
             t = k / rate_hz
-            head_m = [2.5, 1.2 * math.sin(1.2 * t), 0.4]
-            observation = {"capture_time_s": time.time() - 0.03, "head_position_m": head_m, "head_quat_wxyz": QUAT}
+            head = [2.5 / unit_m, 1.2 * math.sin(1.2 * t) / unit_m, 0.4 / unit_m]
+            observation = {"capture_time_s": stamp(), "head_position_m": head, "head_quat_wxyz": QUAT}
             self.process.stdin.write(json.dumps(observation).encode() + b"\n")
             self.process.stdin.flush()
             time.sleep(1.0 / rate_hz)
@@ -109,8 +109,10 @@ def test_a_run_from_standard_input(how, tmp_path):
     assert summary["stopped_by"] == ("end of the source" if how == "end of the source" else "signal")
     assert summary["observations"] >= 5
     if how == "end of the source":
-        assert summary["observations"] == 42
-        assert summary["bad_observations"] == 1
+        assert (summary["observations"], summary["used"], summary["refused"]) == (43, 42, {"bad_observation": 1})
+        assert "43 observations: 42 used, 1 refused (1 bad_observation)" in said
+        assert summary["warnings"] == []
+        assert "bad_observation: standard input, line 37" in complained
         assert "standard input, line 37: not JSON" in summary["problems"][0]
         assert "bad_observation" in summary["events"]
         # The figures of the log are those of the metrics; what nobody can know of a live run is left open.
@@ -122,6 +124,39 @@ def test_a_run_from_standard_input(how, tmp_path):
     assert np.ptp(log.command_position_rad[:, 0]) > 1e-3
     # Nobody told it where the head is but the lines: the forecast is of what they say.
     assert log.head_observed_base_m[:, 0] == pytest.approx(2.5)
+
+
+@pytest.mark.slow
+def test_a_wrong_clock_and_unit_are_said_while_it_runs_and_the_options_that_it_names_mend_them(tmp_path):
+    def stamp():
+        return 1e3 * (time.monotonic() - 0.03)
+
+    options = ["--source", "stdin", "--robot", "simulated", "--predictor", "constant_velocity"]
+    with Program(*options, "--out", tmp_path / "wrong") as program:
+        program.until_it_runs()
+        program.walk(1.0, stamp=stamp, unit_m=0.001)
+        # It runs on: nothing but the loud lines is on standard error.
+        lines = [program.process.stderr.readline().decode() for _ in range(2)]
+        program.walk(0.1, stamp=stamp, unit_m=0.001)
+        _, complained = program.end()
+    assert complained == ""
+    assert "gazempc.live: WARNING wrong_clock: capture times look like this computer's monotonic clock" in lines[0]
+    assert "gazempc.live: WARNING wrong_unit" in lines[1]
+    named = [word.strip("():;") for word in " ".join(lines).split()]
+    mends = [each for k, word in enumerate(named) if word.startswith("--") for each in (word, named[k + 1])]
+    assert mends == ["--stamps.clock", "monotonic", "--stamps.unit", "ms", "--mount.unit-m", "0.001"]
+    wrong = strict(tmp_path / "wrong" / "summary.json")
+    assert (wrong["observations"], wrong["used"]) == (33, 0)
+    assert set(wrong["events"]) >= {"wrong_clock", "wrong_unit"}
+
+    with Program(*options, *mends, "--out", tmp_path / "mended") as program:
+        program.until_it_runs()
+        program.walk(1.1, stamp=stamp, unit_m=0.001)
+        _, complained = program.end()
+    assert complained == ""
+    mended = strict(tmp_path / "mended" / "summary.json")
+    assert (mended["used"], mended["refused"], mended["warnings"]) == (mended["observations"], {}, [])
+    assert load_log(tmp_path / "mended" / "log_000.npz").head_observed_base_m[:, 0] == pytest.approx(2.5)
 
 
 def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_log(tmp_path):
@@ -147,6 +182,7 @@ def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_l
         (["--source", "tcp:nobody"], ["tcp:nobody", "tcp:HOST:PORT"]),
         (["--source", "udp:5005", "--simulated-clock"], ["--simulated-clock", "replay"]),
         (["--source", "replay", "--mount.on", "head"], ["--mount.on", "base"]),
+        (["--source", "replay", "--stamps.unit", "ms"], ["--stamps", "stdin, udp, tcp, ros2"]),
         (["--source", "replay", "--neck", "no/such.toml"], ["no/such.toml"]),
         (["--source", "replay", "--neck", "refrence"], ["refrence", "reference"]),
         (["--source", "replay", "--replay", "subject99_R9"], ["subject99_R9"]),

@@ -93,7 +93,8 @@ def test_the_sensor_s_clock_jumps_and_comes_back(jump_s, event):
 
     result = run_live(change=jumped, duration_s=7.5)
     assert_sound(result)
-    assert result.events == {"no_observation_yet", event, "target_lost"}
+    assert result.events == {"no_observation_yet", event, "target_lost", "wrong_clock"}
+    assert result.refused == {event: pytest.approx(45, abs=2)}
     assert result.event_s(event)[0] == pytest.approx(3.0, abs=0.05)
     assert_recovered(result, 4.5 + 1.5)
 

@@ -313,3 +313,32 @@ def test_a_wrong_mount_is_refused(wrong):
 def test_a_mount_is_a_value():
     assert Mount() == Mount(on="base")
     assert dataclasses.asdict(seen([1, 2, 3]))["capture_time_s"] == 1.0
+
+
+# The unit vectors of forward, left and up as each kind of axes writes them, from its documentation.
+NAMED = {
+    "flu": np.eye(3),
+    "optical": np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]),
+    "opengl": np.array([[0, 0, -1], [-1, 0, 0], [0, 1, 0]]),
+    "unity": np.array([[0, 0, 1], [-1, 0, 0], [0, 1, 0]]),
+}
+
+
+@pytest.mark.parametrize("axes", NAMED)
+@given(point=points, yaw_deg=st.floats(-170.0, 170.0))
+def test_other_axes_and_units_are_the_same_person(axes, point, yaw_deg):
+    """Position, covariance and where the face looks, written by hand in the other axes, in millimetres."""
+    forward, left, up = NAMED[axes]
+    written = 1e3 * (point[0] * forward + point[1] * left + point[2] * up)
+    yaw = np.deg2rad(yaw_deg)
+    # A face turned to the left by the yaw: in its own axes, named alike, its forward is where the sensor's would be.
+    columns = np.stack([forward, left, up]).T
+    turn = columns @ about_z(yaw) @ np.linalg.inv(columns)
+    quat = Rotation.from_matrix(turn).as_quat(scalar_first=True)
+    covariance = columns @ np.diag([4.0, 1.0, 0.25]) @ columns.T
+    observation = HeadObservation(1.0, written, quat, None, position_covariance_m2=covariance)
+    seen_so = Mount(unit_m=0.001, axes=axes).in_sensor(observation)
+    assert seen_so.head_position_base_m == pytest.approx(point, abs=1e-9)
+    face = Rotation.from_quat(seen_so.head_quat_wxyz, scalar_first=True).apply([1.0, 0.0, 0.0])
+    assert face == pytest.approx([np.cos(yaw), np.sin(yaw), 0.0], abs=1e-9)
+    assert seen_so.position_covariance_m2 == pytest.approx(1e-6 * np.diag([4.0, 1.0, 0.25]), abs=1e-15)

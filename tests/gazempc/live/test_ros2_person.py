@@ -6,7 +6,8 @@ from builders.ports import free_port
 from builders.ros2_network import wait_for
 from builders.ros2_wire import NOW_S, UNIX_START_S, key, pose, pose_with_covariance
 
-from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.live.mount import Mount
+from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Person
 from gazempc.live.sources.source import SourceError
 from gazempc.ros2.wire import Ros2Network, type_hash
 
@@ -69,6 +70,15 @@ def test_a_pose_that_cannot_be_used_is_a_problem_and_no_more(scene, payload, rea
     assert problem.startswith("/person/head: ")
     assert reason in problem
     assert [list(s.observation.head_position_base_m) for s in sightings] == [[2.0, 0.0, 0.4]]
+
+
+def test_a_pose_in_an_optical_frame_is_taken_where_its_axes_are_known(scene):
+    person = scene.person(frame_id=ANY_FRAME)
+    scene.poses.put(pose([-0.3, 0.1, 2.0], frame_id="camera_color_optical_frame"))
+    (sighting,), problems = polled(person, 1)
+    assert problems == []
+    in_sensor = Mount(axes="optical").in_sensor(sighting.observation)
+    assert in_sensor.head_position_base_m == pytest.approx([2.0, 0.3, -0.1])
 
 
 WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"

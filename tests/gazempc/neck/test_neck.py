@@ -217,7 +217,16 @@ def test_a_misspelt_key_is_named_with_the_nearest_one(tmp_path: Path) -> None:
     unknown = next(line for line in lines if "unknown" in line)
     assert unknown.startswith("pan.deadtime_s: unknown field; perhaps you meant 'dead_time_s'; accepted: ")
     assert "natural_frequency_rad_s" in unknown
-    assert "pan.dead_time_s: Field required" in lines
+    assert any(line.startswith("pan.dead_time_s: Field required; rule of thumb: 0.1") for line in lines)
+
+
+@pytest.mark.parametrize("field", Axis.model_fields)
+def test_a_missing_figure_names_a_rule_of_thumb(tmp_path: Path, field: str) -> None:
+    text = re.sub(rf"^{field} = .*\n", "", REFERENCE_TOML, count=1, flags=re.MULTILINE)
+    if not Axis.model_fields[field].is_required():
+        return
+    (line,) = refusal(tmp_path, text)
+    assert re.match(rf"pan\.{field}: Field required; rule of thumb: \S", line)
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ from gazempc.results.figures.animation import (
 )
 from gazempc.results.figures.birds_eye import birds_eye, draw_birds_eye
 from gazempc.results.figures.gaze_error import draw_gaze_error, gaze_error
+from gazempc.results.figures.known import known_title, shown_head
 from gazempc.results.figures.overview import draw_contact_bars, overview
 from gazempc.results.figures.style import recording_title, style
 from gazempc.results.log import Log
@@ -208,3 +209,61 @@ def test_short_recordings_and_a_head_behind_the_robot(frames: int, behind: bool,
         path = tmp_path / f"{draw.__name__}.{'gif' if draw is animate else 'png'}"
         draw(logs, path)
         assert _pixels(path).var() > 50
+
+
+def _known_at(logs: Logs, every: int) -> Logs:
+    """The true head at every so-manieth tick only; 0 for never."""
+    some = {}
+    for name, log in logs.items():
+        known = np.arange(log.time_s.size) % every == 0 if every else np.zeros(log.time_s.size, dtype=bool)
+        some[name] = replace(log, head_true_base_m=np.where(known[:, None], log.head_true_base_m, np.nan))
+    return some
+
+
+def test_a_head_that_is_known_at_rare_frames_is_drawn_as_points_and_said(logs: Logs) -> None:
+    rare = _known_at({"mpc": logs["mpc"]}, 24)
+    head = shown_head(rare["mpc"])
+    assert head.rare
+    assert "0.12 s apart" in known_title(rare)
+    # On a straight walk the line from frame to frame is near the head.
+    inside = np.isfinite(head.log.head_true_base_m).all(axis=1)
+    assert inside.sum() > 400
+    off_m = np.linalg.norm(head.log.head_true_base_m - logs["mpc"].head_true_base_m, axis=1)[inside]
+    assert off_m.max() < 0.05
+    for draw in (draw_birds_eye, lambda ax, some: draw_gaze_error(ax, some, detailed=True)):
+        ax = Figure().subplots()
+        draw(ax, rare)
+        points = [line for line in ax.lines if line.get_marker() == "o" and len(line.get_xdata()) == head.known.sum()]
+        assert len(points) == 1
+        assert np.isfinite(points[0].get_ydata()).all()
+    error_deg = gaze_error_deg(rare["mpc"])
+    assert np.nanmax(np.abs(running_contact(rare["mpc"])[-1] - measure(rare["mpc"]).eye_contact_2p6)) < 1e-12
+    assert np.isfinite(error_deg).sum() == head.known.sum()
+
+
+def test_a_head_that_is_known_throughout_is_drawn_as_it_is(logs: Logs) -> None:
+    assert known_title(logs) == ""
+    head = shown_head(logs["mpc"])
+    assert head.log is logs["mpc"]
+    assert head.label == "true head"
+
+
+def test_a_head_that_nobody_knows_is_drawn_as_it_was_observed_and_said(logs: Logs, tmp_path: Path) -> None:
+    log = logs["mpc"]
+    live = {"mpc": replace(log, run=log.run.model_copy(update={"kind": "live"}))}
+    unknown = _known_at(live, 0)
+    head = shown_head(unknown["mpc"])
+    assert head.label == "head as observed"
+    at = np.searchsorted(log.time_s, log.capture_time_s)
+    drawn_m = head.log.head_true_base_m[np.minimum(at, log.time_s.size - 1)]
+    assert np.nanmedian(np.linalg.norm(drawn_m - log.head_observed_base_m, axis=1)) < 0.02
+    assert "nobody knows the true head" in known_title(unknown)
+    ax = Figure().subplots()
+    draw_gaze_error(ax, unknown, detailed=False)
+    assert any("nobody knows the true head" in text.get_text() for text in ax.texts)
+    ax = Figure().subplots()
+    draw_contact_bars(ax, unknown)
+    assert [text.get_text() for text in ax.texts] == ["not known"]
+    for draw in (angles, birds_eye, gaze_error, overview):
+        draw(unknown, tmp_path / "live.png")
+        assert np.ptp(_pixels(tmp_path / "live.png")) > 0

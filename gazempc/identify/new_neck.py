@@ -1,0 +1,217 @@
+"""A neck file from what a data sheet says; the rest by rules of thumb, marked as assumed."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import Field
+
+from gazempc.errors import SettingsError
+from gazempc.neck import rules
+from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.settings import Settings
+from gazempc.specfiles import parse_spec
+
+_DEG = math.pi / 180.0
+# Radians a second in one of the unit. A servo's data sheet says how long it takes for 60 degrees.
+_SPEEDS = {"deg/s": _DEG, "rad/s": 1.0, "rpm": 2.0 * math.pi / 60.0}
+_SECONDS_FOR_60_DEG = "s/60deg"
+_SPEED_UNITS = f"{', '.join(_SPEEDS)} or {_SECONDS_FOR_60_DEG}"
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
+
+Answer = TypeVar("Answer")
+
+
+class DataSheet(Settings):
+    """What a data sheet says of a neck; what is not given is asked for."""
+
+    pan_deg: tuple[float, float] | None = Field(
+        default=None, description="Range of pan, degrees: right end (negative) and left end; straight ahead is 0"
+    )
+    tilt_deg: tuple[float, float] | None = Field(
+        default=None, description="Range of tilt, degrees: lowest (negative) and highest; level is 0"
+    )
+    speed: str | None = Field(default=None, description=f"Top speed of pan with its unit: {_SPEED_UNITS}")
+    head_view_deg: tuple[float, float] | None = Field(
+        default=None,
+        description="Field of view of a camera on the head, horizontal and vertical, full angles in degrees; without "
+        "it the sensor is elsewhere. Never asked for",
+    )
+    tilt_speed: str | None = Field(
+        default=None, description="The same of tilt; without it that of pan, where --sheet.speed is given"
+    )
+
+
+@dataclass(frozen=True)
+class _Axis:
+    low_deg: float
+    high_deg: float
+    speed_rad_s: float
+    sheet_speed: str
+
+
+def new_neck(path: Path, sheet: DataSheet) -> NeckSpec:
+    """Ask for what is missing, and write a neck file.
+
+    Args:
+        path: TOML file to write; must not exist.
+        sheet: What is known.
+
+    Returns:
+        The neck that the file holds.
+
+    Raises:
+        SettingsError: If the file exists, a value is wrong, or nobody answers.
+    """
+    if path.exists():
+        raise SettingsError(f"--new {path}: exists already; give another name, or delete it first")
+    axes = {name: _axis(name, sheet) for name in AXES}
+    text = neck_file(path.stem, axes, sheet.head_view_deg, datetime.date.today())
+    neck = parse_spec(NeckSpec, text, str(path))
+    path.write_text(text, encoding="utf-8")
+    return neck
+
+
+def neck_file(
+    name: str, axes: dict[str, _Axis], head_view_deg: tuple[float, float] | None, today: datetime.date
+) -> str:
+    """The text of the file.
+
+    Args:
+        name: Name of the neck.
+        axes: Pan and tilt.
+        head_view_deg: Field of view of a camera on the head.
+        today: Date for its source.
+
+    Returns:
+        TOML with comments.
+    """
+    source = (
+        f"data sheet: range and top speed (gazempc identify --new, {today.isoformat()}). Limits of speed, acceleration "
+        "and jerk, servo and dead time by rules of thumb: assumed, not measured"
+    )
+    lines = [
+        f"name = {json.dumps(name, ensure_ascii=False)}",
+        f"source = {json.dumps(source)}",
+        "control_rate_hz = 50.0              # plans a second",
+        "servo_rate_hz = 200.0               # commands a second; lower it if the robot takes fewer",
+        *([] if head_view_deg is None else [f"head_view_deg = {list(head_view_deg)}        # data sheet"]),
+        "",
+        "# assumed: both axes and the eye in one point. Measure with a ruler: x forward, y left, z up.",
+        "[geometry]",
+        "tilt_axis_in_pan_m = [0.0, 0.0, 0.0]",
+        "eye_in_tilt_m = [0.0, 0.0, 0.0]",
+    ]
+    for axis_name, axis in axes.items():
+        lines += ["", *_table(axis_name, axis)]
+    return "\n".join(lines) + "\n"
+
+
+def _table(name: str, axis: _Axis) -> list[str]:
+    velocity = rules.SPEED_SHARE * axis.speed_rad_s
+    acceleration = rules.ACCELERATION_PER_SPEED_1_S * velocity
+    jerk = rules.JERK_PER_ACCELERATION_1_S * acceleration
+    rows = [
+        ("position_min_deg", axis.low_deg, "data sheet"),
+        ("position_max_deg", axis.high_deg, "data sheet"),
+        ("velocity_max_rad_s", velocity, f"assumed: {rules.SPEED_SHARE:g} of the top speed, {axis.sheet_speed}"),
+        ("acceleration_max_rad_s2", acceleration, f"assumed: {rules.RULES['acceleration_max_rad_s2']}"),
+        ("jerk_max_rad_s3", jerk, f"assumed: {rules.RULES['jerk_max_rad_s3']}"),
+        ("natural_frequency_rad_s", rules.NATURAL_FREQUENCY_RAD_S, "assumed, until it is measured"),
+        ("damping_ratio", rules.DAMPING_RATIO, "assumed, until it is measured"),
+        ("dead_time_s", rules.DEAD_TIME_S, "assumed, until it is measured"),
+    ]
+    texts = [(f"{field} = {float(format(value, '.4g'))}", why) for field, value, why in rows]
+    return [f"[{name}]", *(f"{text:<35} # {why}" for text, why in texts)]
+
+
+def _axis(name: str, sheet: DataSheet) -> _Axis:
+    ends = "right and left end" if name == "pan" else "lowest and highest"
+    given = sheet.pan_deg if name == "pan" else sheet.tilt_deg
+    low, high = _answer(
+        None if given is None else f"{given[0]} {given[1]}",
+        f"--sheet.{name}-deg",
+        f"Range of {name} in degrees, {ends}, straight ahead is 0 (such as -80 80): ",
+        read_range,
+    )
+    option, told = "--sheet.speed", sheet.speed
+    if name == "tilt" and (sheet.tilt_speed or told is None):
+        option, told = "--sheet.tilt-speed", sheet.tilt_speed
+    said, speed_rad_s = _answer(
+        told,
+        option,
+        f"Top speed of {name} with its unit (such as 300 deg/s, 55 rpm or 0.16 s/60deg): ",
+        lambda text: (text.strip(), read_speed(text)),
+    )
+    return _Axis(low, high, speed_rad_s, said)
+
+
+def _answer(given: str | None, option: str, question: str, read: Callable[[str], Answer]) -> Answer:
+    """What an option says, or a person; asked again until it can be read."""
+    if given is not None:
+        try:
+            return read(given)
+        except ValueError as error:
+            raise SettingsError(f"{option}: {error}") from None
+    while True:
+        try:
+            said = input(question)
+        except EOFError:
+            raise SettingsError(f"nobody answers: give {option}, or call this in a terminal") from None
+        try:
+            return read(said)
+        except ValueError as error:
+            print(f"  {error}")
+
+
+def read_range(text: str) -> tuple[float, float]:
+    """Both ends of a joint's range.
+
+    Args:
+        text: Two numbers, degrees.
+
+    Returns:
+        Lower and upper end, degrees.
+
+    Raises:
+        ValueError: If it is none, or does not hold 0.
+    """
+    found = re.fullmatch(rf"\s*({_NUMBER})[\s,;]+({_NUMBER})\s*(?:deg|°)?\s*", text)
+    if found is None:
+        raise ValueError(f"{text!r} is no range: needed are two numbers of degrees, such as -80 80")
+    low, high = sorted(float(end) for end in found.groups())
+    if not low <= 0.0 <= high or low == high:
+        raise ValueError(
+            f"{text!r} does not hold 0, which is straight ahead: give the ends as seen from there (0 to 180 about 90 "
+            "is -90 90)"
+        )
+    return low, high
+
+
+def read_speed(text: str) -> float:
+    """A speed with its unit.
+
+    Args:
+        text: A number and deg/s, rad/s, rpm or s/60deg.
+
+    Returns:
+        Rad/s.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    found = re.fullmatch(rf"\s*({_NUMBER})\s*([a-zA-Z°/\d]+)\s*", text)
+    unit = "" if found is None else found[2].lower().replace("°", "deg")
+    number = 0.0 if found is None else float(found[1])
+    if number > 0 and unit in _SPEEDS:
+        return number * _SPEEDS[unit]
+    if number > 0 and unit == _SECONDS_FOR_60_DEG:
+        return 60.0 * _DEG / number
+    raise ValueError(f"{text!r} is no speed: needed is a number with its unit, {_SPEED_UNITS}")

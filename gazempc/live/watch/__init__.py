@@ -1,0 +1,1 @@
+"""What arrives in a live run, looked at each second: clock, unit, axes, plausibility, rate and ids."""

@@ -1,0 +1,122 @@
+"""A neck file from a data sheet: what it says, what is assumed, and what is asked for."""
+
+import datetime
+import math
+
+import pytest
+
+from gazempc.identify import command as identify
+from gazempc.identify.new_neck import read_range, read_speed
+from gazempc.neck.spec import load_neck
+from gazempc.sim.replay import ReplaySettings, replay_scene
+from gazempc.sim.scene import SceneSettings, make_scene
+
+SHEET = ["--sheet.pan-deg", "-70", "80", "--sheet.tilt-deg", "-30", "40", "--sheet.speed", "60 rpm"]
+
+
+def test_options_alone_make_a_file_that_marks_what_is_assumed(tmp_path, capsys):
+    path = tmp_path / "sub" / "mine.toml"
+    words = [*SHEET, "--sheet.tilt-speed", "90 deg/s", "--sheet.head-view-deg", "69", "42"]
+    assert identify.main(["--new", str(path), *words]) == 0
+    said = capsys.readouterr().out
+    assert str(path) in said
+    neck = load_neck(path)
+    assert neck.name == "mine"
+    assert datetime.date.today().isoformat() in neck.source
+    assert "assumed" in neck.source
+    assert (neck.pan.position_min_deg, neck.pan.position_max_deg) == (-70.0, 80.0)
+    assert (neck.tilt.position_min_deg, neck.tilt.position_max_deg) == (-30.0, 40.0)
+    assert neck.head_view_deg == (69.0, 42.0)
+    # The rules: 0.8 of the top speed, reached in 0.2 s, its acceleration in 0.05 s.
+    for axis, top_rad_s in ((neck.pan, 2 * math.pi), (neck.tilt, math.pi / 2)):
+        assert axis.velocity_max_rad_s == pytest.approx(0.8 * top_rad_s, rel=1e-3)
+        assert axis.velocity_max_rad_s / axis.acceleration_max_rad_s2 == pytest.approx(0.2, rel=1e-3)
+        assert axis.acceleration_max_rad_s2 / axis.jerk_max_rad_s3 == pytest.approx(0.05, rel=1e-3)
+        assert (axis.natural_frequency_rad_s, axis.damping_ratio, axis.dead_time_s) == (12.0, 0.9, 0.1)
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if line.startswith(("velocity", "acceleration", "jerk", "natural", "damping", "dead")):
+            assert "# assumed" in line
+        if line.startswith("position"):
+            assert "# data sheet" in line
+
+
+def test_the_file_works_at_once(tmp_path):
+    path = tmp_path / "mine.toml"
+    assert identify.main(["--new", str(path), *SHEET]) == 0
+    scene = make_scene("subject03_R4", SceneSettings(neck=str(path)))
+    log, _ = replay_scene(scene, "lookahead", "constant_velocity", ReplaySettings())
+    assert log.neck == load_neck(path)
+
+
+def test_what_is_not_given_is_asked_for_until_it_can_be_read(tmp_path, monkeypatch, capsys):
+    answers = iter(["-70, 80", "fast", "0.2 s/60deg", "10 50", "40 -30", "5.2 rad/s"])
+    asked = []
+
+    def answer(question):
+        asked.append(question)
+        return next(answers)
+
+    monkeypatch.setattr("builtins.input", answer)
+    assert identify.main(["--new", str(tmp_path / "asked.toml")]) == 0
+    said = capsys.readouterr().out
+    assert "'fast' is no speed" in said
+    assert "'10 50' does not hold 0" in said
+    assert len(asked) == 6
+    neck = load_neck(tmp_path / "asked.toml")
+    assert (neck.pan.position_min_deg, neck.pan.position_max_deg) == (-70.0, 80.0)
+    assert (neck.tilt.position_min_deg, neck.tilt.position_max_deg) == (-30.0, 40.0)
+    assert neck.velocity_max_rad_s == pytest.approx([0.8 * (math.pi / 3) / 0.2, 0.8 * 5.2], rel=1e-3)
+
+
+def test_what_cannot_be_written_is_refused(tmp_path, monkeypatch, capsys):
+    def nobody(question):
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", nobody)
+    new = str(tmp_path / "n.toml")
+    for words, problem in (
+        (["--new", new], "give --sheet.pan-deg"),
+        (["--new", new, *SHEET[:6]], "give --sheet.speed"),
+        (["--new", new, *SHEET[:7], "60"], "--sheet.speed: '60' is no speed: needed is a number with its unit"),
+        (["--new", new, "--sheet.pan-deg", "10", "80"], "--sheet.pan-deg: '10.0 80.0' does not hold 0"),
+        (["--new", str(tmp_path / "n.yaml"), *SHEET], "must end in .toml"),
+        (["--new", new, "--robot", "simulated"], "give one of"),
+        (["--robot", "simulated", *SHEET, "--out", new], "--sheet"),
+    ):
+        assert identify.main(words) == 2
+        assert problem in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    assert identify.main(["--new", new, *SHEET]) == 0
+    before = (tmp_path / "n.toml").read_text()
+    assert identify.main(["--new", new, *SHEET]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (tmp_path / "n.toml").read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("text", "rad_s"),
+    [
+        ("300 deg/s", 5.23599),
+        ("300°/s", 5.23599),
+        ("5.2 rad/s", 5.2),
+        ("55RPM", 5.75959),
+        (" .16 s/60deg", 6.54498),
+        ("0.16 s/60°", 6.54498),
+    ],
+)
+def test_speeds_have_units(text, rad_s):
+    assert read_speed(text) == pytest.approx(rad_s, rel=1e-5)
+
+
+@pytest.mark.parametrize("text", ["", "5", "-5 rpm", "0 rpm", "5 furlongs", "rpm"])
+def test_what_is_no_speed_is_refused(text):
+    with pytest.raises(ValueError, match="deg/s, rad/s, rpm or s/60deg"):
+        read_speed(text)
+
+
+def test_ranges_are_two_numbers_around_straight_ahead():
+    assert read_range("-80 80") == read_range("80;-80 deg") == (-80.0, 80.0)
+    assert read_range("-30.5, 0") == (-30.5, 0.0)
+    for text in ("80", "a b", "0 0", "5 80", "-80 80 3"):
+        with pytest.raises(ValueError, match=r"no range|does not hold 0"):
+            read_range(text)
