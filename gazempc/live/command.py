@@ -82,7 +82,7 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
         summary = kept.write(run)
     print(text(summary))
     drawn = kept.draw() if settings.figures else []
-    print(f"Written to {settings.out}/: {', '.join(['summary.json', *kept.names, *drawn])}")
+    print(f"Written to {settings.out}/: {', '.join(['summary.json', *kept.names, *kept.export(), *drawn])}")
     if kept.violations:
         raise LimitViolationError(
             f"{kept.violations} violations of the limits of neck {neck.name}, see {settings.out}/summary.json"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 
@@ -50,6 +51,11 @@ class LiveSettings(MountedSettings, StageSettings):
     )
     log_s: float = Field(default=300.0, ge=1, description="A log is written each time so many seconds have passed")
     out: Path = Field(default=Path("out/live"), description="Where to write")
+    log: Literal["npz", "mcap"] | None = Field(
+        default=None,
+        description="Format of the logs; mcap: beside .npz, after the run, for Foxglove, rerun and PlotJuggler. "
+        "Without it mcap if the extra view is installed",
+    )
     figures: bool = Field(default=True, description="Draw figures of the last log")
 
     @property

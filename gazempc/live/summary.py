@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gazempc.errors import LeftOutError
+from gazempc.export import export
 from gazempc.live.lateness import Lateness
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.compute import measure_compute
 from gazempc.results.limits import limit_violations
-from gazempc.results.log import ComputeTimes, Fault, Log
+from gazempc.results.log import ComputeTimes, Fault, Log, load_log
 from gazempc.results.metrics import measure
 from gazempc.results.report import versions
 
@@ -53,6 +56,19 @@ class Kept:
             self._latency.add(float(latency_ms))
         if log.time_s.size > 3:
             self.violations += limit_violations(log, self._neck)
+
+    def export(self) -> list[str]:
+        """Write the logs as MCAP, too, where that is wanted; not during the run, as it takes a core for a while.
+
+        Returns:
+            Names of the files.
+        """
+        wanted = self._settings.log or ("mcap" if find_spec("foxglove") else "npz")
+        if wanted == "npz":
+            return []
+        out = self._settings.out
+        stems = [Path(name).stem for name in self.names]
+        return [path.name for stem in stems for path in export(load_log(out / f"{stem}.npz"), "mcap", out / stem)]
 
     def write(self, run: LiveRun) -> dict[str, Any]:
         """Write `summary.json`.
