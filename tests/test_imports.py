@@ -33,7 +33,7 @@ EXPERIMENTS = (
     ("clips", "colours"),
     ("engine", "aggregate"),
     ("compare_figures", "compare_report", "least_error"),
-    ("compare", "bound", "fronts", "sweep", "forecast", "fit", "paper", "plan_example", "sensor_example"),
+    ("compare", "bound", "fronts", "sweep", "forecast", "fit", "rivals", "paper", "plan_example", "sensor_example"),
     ("__init__", "console"),
 )
 

@@ -21,7 +21,7 @@ from experiments.engine.own_parts import check_parts, name_parts, options_of
 from experiments.engine.recordings import find_recordings, in_place
 from experiments.engine.replays import each_sensor
 from experiments.forecast.errors import RUN_IN_S, Cues
-from experiments.forecast.jobs import ForecastJob, View, clip_result
+from experiments.forecast.jobs import ClipView, ForecastJob, clip_result
 from experiments.forecast.report import FAILED, LEFT_OUT, report
 from experiments.forecast.summary import ClipResult, summarise
 from gazempc.errors import GazempcError
@@ -178,9 +178,9 @@ def _of(row: Row, names: Sequence[str]) -> Row:
     return {name: row[name] for name in names}
 
 
-def _views(settings: ForecastSettings) -> list[View]:
+def _views(settings: ForecastSettings) -> list[ClipView]:
     return [
-        View(sensors, name, settings.seed, settings.truth_smoothing, settings.glance, settings.glance_from)
+        ClipView(sensors, name, settings.seed, settings.truth_smoothing, settings.glance, settings.glance_from)
         for name, sensors in each_sensor(settings.sensors).items()
     ]
 

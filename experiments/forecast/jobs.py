@@ -41,7 +41,7 @@ class Seen(NamedTuple):
 
 
 @dataclass(frozen=True)
-class View:
+class ClipView:
     """How the predictors see the walks.
 
     Attributes:
@@ -103,7 +103,7 @@ class ForecastJob:
     predictor: str
     cues: Cues
     horizons_s: tuple[float, ...]
-    view: View
+    view: ClipView
     settings: PredictorSettings
     options: Mapping[str, Any]
 

@@ -160,6 +160,7 @@ def _run(settings: IdentifySettings) -> None:
                 f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears"
             )
         neck = load_neck(settings.neck or "reference")
+        neck.check_takes_angles("identification")
         taken = _excite(settings, neck, progress)
         # Kept even where the data cannot tell, to look at.
         taken.save(settings.out.with_suffix(".npz"))

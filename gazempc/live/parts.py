@@ -40,6 +40,9 @@ class LiveParts:
         stamps: How the source's time stamps are read; None if it gives the loop's times.
         use_ids: Whether the tracker's names of people count.
         mends: How settings are named to the user.
+
+    Raises:
+        SettingsError: If a joint of the neck takes speeds: the start of a live run sends angles.
     """
 
     neck: NeckSpec
@@ -53,6 +56,9 @@ class LiveParts:
     stamps: StampReader | None = None
     use_ids: bool = True
     mends: Mends = field(default_factory=Mends)
+
+    def __post_init__(self) -> None:
+        self.neck.check_takes_angles("a live run")
 
 
 def _unknown(times_s: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from gazempc.controllers.controller import AxisMotion, CommandState, ControllerError, Plan, Situation
+from gazempc.loop.drive import Drive
 from gazempc.loop.events import Event
 from gazempc.loop.observer import JointEstimate, JointObserver
 from gazempc.loop.planner import Answer, Planner
@@ -67,7 +68,13 @@ class GazeLoop:
         self._settings = settings
         self._delay_ticks = math.ceil(settings.compute_delay_s / neck.servo_period_s - 1e-9)
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
-        self._sent_rad: FloatArray = np.tile(smoother.command.position_rad, (history, 1))
+        start_rad = smoother.command.position_rad
+        self._sent_rad: FloatArray = np.tile(start_rad, (history, 1))
+        self._drive = Drive(neck, start_rad)
+        # What the robot goes by until something else gets through.
+        self._acts: FloatArray = np.array(
+            [0.0 if axis.takes_speed else at for axis, at in zip(neck.axes, start_rad, strict=True)]
+        )
         self._observer: JointObserver | None = None
         self._forecast_ms = 0.0
         self._last_index: int | None = None
@@ -101,7 +108,7 @@ class GazeLoop:
         plans = self._last_index is None or index // per_plan != self._last_index // per_plan
         left_out = 0 if self._last_index is None else index - self._last_index - 1
         for _ in range(min(left_out, len(self._sent_rad))):
-            self._note_sent(self._sent_rad[-1].copy())
+            self._note_sent(self._drive.sent(self._acts, got_through=False).copy())
         self._last_index = index
         for sighting in arrived:
             self._track.take_in(sighting, time_s, self._recorder)
@@ -121,8 +128,11 @@ class GazeLoop:
             self._recorder.latency(1e3 * (time_s - capture_s))
         before = self._smoother.motions
         wanted_rad = self._next_command(time_s, due_s)
-        sent_rad = self._send(wanted_rad, before, index, time_s)
-        self._observer.sent(sent_rad)
+        if self._neck.takes_speeds:
+            wanted_rad = self._drive.outgoing(self._smoother.motions, self._offset_rad())
+        self._send(wanted_rad, before, index, time_s)
+        self._observer.sent(self._acts)
+        sent_rad = self._drive.sent(self._acts, self._gets_through)
         self._note_sent(sent_rad)
         self._recorder.tick(time_s, measured, sent_rad, self._smoother.motions)
 
@@ -181,6 +191,9 @@ class GazeLoop:
         self._plan = None
         self._waiting.clear()
 
+    def _offset_rad(self) -> FloatArray:
+        return np.zeros(2) if self._observer is None else self._observer.estimate.offset_rad
+
     def _note_sent(self, sent_rad: FloatArray) -> None:
         self._sent_rad[:-1] = self._sent_rad[1:]
         self._sent_rad[-1] = sent_rad
@@ -220,14 +233,16 @@ class GazeLoop:
         committed = [
             self._committed(index + i, due_s + i * self._neck.servo_period_s) for i in range(self._delay_ticks)
         ]
+        # A copy, as a planner in the background reads it later.
+        sent_rad, offset_rad = self._drive.seen_by_controllers(self._sent_rad, joints.offset_rad)
         situation = Situation(
             start_s=start_s,
             forecast=forecast,
             command=committed[-1] if committed else self._smoother.command,
             joint_position_rad=joints.position_rad,
             joint_velocity_rad_s=joints.velocity_rad_s,
-            joint_offset_rad=joints.offset_rad,
-            sent_rad=self._sent_rad.copy(),  # a planner in the background reads it later
+            joint_offset_rad=offset_rad,
+            sent_rad=sent_rad,
             committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, 2),
         )
         self._forecast_ms = 1e3 * (time.perf_counter() - started)
@@ -277,31 +292,27 @@ class GazeLoop:
             self._recorder.event(time_s, self._smoother.intervention)
         return wanted_rad
 
-    def _send(
-        self, wanted_rad: FloatArray, before: tuple[AxisMotion, AxisMotion], index: int, time_s: float
-    ) -> FloatArray:
+    def _send(self, wanted: FloatArray, before: tuple[AxisMotion, AxisMotion], index: int, time_s: float) -> None:
         try:
-            sent_rad: FloatArray = np.array(self._robot.send_command(wanted_rad), dtype=np.float64)
-            if sent_rad.shape != (2,) or not all(map(math.isfinite, sent_rad.tolist())):
-                raise ValueError(f"send_command() returned {sent_rad!r}, needed are two finite angles in radians")
+            sent: FloatArray = np.array(self._robot.send_command(wanted), dtype=np.float64)
+            if sent.shape != (2,) or not all(map(math.isfinite, sent.tolist())):
+                raise ValueError(f"send_command() returned {sent!r}, needed are two finite angles in radians")
         except Exception as error:
             self._recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
         else:
             self._gets_through, self._failed_sends = True, 0
-            return sent_rad
+            self._acts = sent
+            return
         self._gets_through = False
         self._failed_sends += 1
         if self._failed_sends <= _SENDS_FORGIVEN:
             # One lost command is no reason to stop dead: the same motion goes on from where it was.
             self._smoother.resume(before)
-            held_rad: FloatArray = self._sent_rad[-1].copy()
-            return held_rad
+            return
         # The robot stands by what it got last. The command starts again from there: had it moved on meanwhile, the
         # first one to get through would be a jump.
-        last_rad: FloatArray = self._sent_rad[-1].copy()
-        self._smoother.reset(last_rad)
+        self._smoother.reset(self._drive.restart(self._acts, self._offset_rad()))
         self._plan = None
         self._waiting.clear()
         # What is asked for already starts from commands that did not get through.
         self._ignored_until = index + self._delay_ticks
-        return last_rad

@@ -43,7 +43,7 @@ class JointEstimate:
         position_rad: Joint angles, radians.
         velocity_rad_s: Joint velocities, rad/s.
         offset_rad: How far from a command that stands still the joint settles, radians: a constant load (gravity,
-            friction) or an encoder that is off.
+            friction) or an encoder that is off. Of a joint that takes speeds: how far it is from their integral.
     """
 
     position_rad: FloatArray
@@ -69,6 +69,7 @@ class JointObserver:
             DelayedServo(axis, float(start), time_s) for axis, start in zip(neck.axes, command_rad, strict=True)
         ]
         self._gains = [observer_gain(axis, neck.servo_period_s) for axis in neck.axes]
+        self._takes_speed = [axis.takes_speed for axis in neck.axes]
         # Plain numbers: on two of them numpy takes several times as long, and this is done at every tick.
         self._offset_rad = [0.0, 0.0]
         self._past: deque[_Past] = deque()
@@ -88,11 +89,11 @@ class JointObserver:
         """The estimate for the time of the last update; arrays are made for who asks, which is not every tick."""
         return JointEstimate(*np.array(self._estimate))
 
-    def sent(self, command_rad: FloatArray) -> None:
-        """Take note of a command that was sent at the time of the last update, shape (2,), radians."""
-        pan_rad, tilt_rad = command_rad.tolist()
-        self._pan.send(pan_rad)
-        self._tilt.send(tilt_rad)
+    def sent(self, command: FloatArray) -> None:
+        """Take note of what was sent at the time of the last update: angles or speeds, shape (2,), rad or rad/s."""
+        pan_to, tilt_to = command.tolist()
+        self._pan.send(pan_to)
+        self._tilt.send(tilt_to)
 
     def update(self, time_s: float, measured: JointState | None) -> None:
         """Move on in time and take in a measurement.
@@ -169,7 +170,10 @@ class JointObserver:
         # Correct one joint; returns by how much its angle and its velocity change.
         servo, offset_rad = self._servos[axis], self._offset_rad[axis]
         before_rad, before_rad_s = servo.state
-        if first or far:
+        if (first or far) and self._takes_speed[axis]:
+            # Nothing draws it back: from now on it moves from there.
+            self._offset_rad[axis] += error_rad
+        elif first or far:
             # It stands where it was never sent: a start elsewhere, or a push; no load.
             servo.correct(error_rad, 0.0)
             if first:
@@ -177,7 +181,7 @@ class JointObserver:
         else:
             position_gain, velocity_gain, offset_gain = self._gains[axis]
             learned_rad = offset_rad + offset_gain * error_rad
-            if not -_OFFSET_MAX_RAD <= learned_rad <= _OFFSET_MAX_RAD:
+            if not (self._takes_speed[axis] or -_OFFSET_MAX_RAD <= learned_rad <= _OFFSET_MAX_RAD):
                 learned_rad = min(max(learned_rad, -_OFFSET_MAX_RAD), _OFFSET_MAX_RAD)
             self._offset_rad[axis] = learned_rad
             # The servo's own position is counted without the offset.

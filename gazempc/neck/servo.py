@@ -65,17 +65,27 @@ def _transition(wn: float, zeta: float, dt_s: float) -> tuple[float, ...]:
 class DelayedServo:
     """One simulated joint. Commands act exactly `dead_time_s` after they were sent, also between ticks.
 
+    A joint that takes speeds follows the integral of the speed that acts, from where it started.
+
     Args:
         axis: The joint.
         position_rad: Where it stands at rest when time starts, with the command equal to it, radians.
         time_s: Time at which it starts, seconds.
+        stops_rad: Where the integral of the speeds ends, lowest and highest, radians.
     """
 
-    def __init__(self, axis: Axis, position_rad: float, time_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        axis: Axis,
+        position_rad: float,
+        time_s: float = 0.0,
+        stops_rad: tuple[float, float] = (-math.inf, math.inf),
+    ) -> None:
         self._wn, self._zeta, self._dead_time_s = axis.natural_frequency_rad_s, axis.damping_ratio, axis.dead_time_s
+        self._lag_s, self._takes_speed, self._stops_rad = axis.servo_lag_s, axis.takes_speed, stops_rad
         self._time_s = time_s
         self._q, self._v = position_rad, 0.0
-        self._acting_rad = position_rad
+        self._acting_rad, self._acting_rad_s = position_rad, 0.0
         self._waiting: deque[tuple[float, float]] = deque()
 
     @property
@@ -83,13 +93,13 @@ class DelayedServo:
         """Joint position and velocity, radians and rad/s."""
         return self._q, self._v
 
-    def send(self, command_rad: float) -> None:
+    def send(self, command: float) -> None:
         """Send a command at the present time.
 
         Args:
-            command_rad: Position to go to, radians; held until the next one.
+            command: Position to go to, radians, or speed to hold, rad/s, as the axis takes it; until the next one.
         """
-        self._waiting.append((self._time_s + self._dead_time_s, command_rad))
+        self._waiting.append((self._time_s + self._dead_time_s, command))
 
     def correct(self, position_rad: float, velocity_rad_s: float) -> None:
         """Add to position and velocity; for an observer whose model this is."""
@@ -98,7 +108,7 @@ class DelayedServo:
 
     def stand(self, position_rad: float) -> None:
         """Stand still at a position until the next command acts; for an observer that finds the joint there."""
-        self._q, self._v, self._acting_rad = position_rad, 0.0, position_rad
+        self._q, self._v, self._acting_rad, self._acting_rad_s = position_rad, 0.0, position_rad, 0.0
 
     def advance_to(self, time_s: float) -> None:
         """Move on in time.
@@ -113,10 +123,13 @@ class DelayedServo:
             raise ValueError(f"time cannot run backwards: {self._time_s} -> {time_s}")
         waiting = self._waiting
         while waiting and waiting[0][0] <= time_s + _SAME_TIME_S:
-            acts_at_s, command_rad = waiting.popleft()
+            acts_at_s, command = waiting.popleft()
             if acts_at_s > self._time_s:
                 self._hold_until(acts_at_s)
-            self._acting_rad = command_rad
+            if self._takes_speed:
+                self._acting_rad_s = command
+            else:
+                self._acting_rad = command
         if time_s > self._time_s:
             self._hold_until(time_s)
 
@@ -125,9 +138,26 @@ class DelayedServo:
         self._time_s = time_s
         if dt_s <= _SAME_TIME_S:
             return
+        speed = self._acting_rad_s
+        if speed != 0.0:
+            low_rad, high_rad = self._stops_rad
+            free_s = max(((high_rad if speed > 0.0 else low_rad) - self._acting_rad) / speed, 0.0)
+            self._ramp(min(free_s, dt_s), speed)
+            if free_s >= dt_s:
+                return
+            dt_s -= free_s
         qq, qv, qu, vq, vv, vu = _transition(self._wn, self._zeta, dt_s)
         q, v, u = self._q, self._v, self._acting_rad
         self._q, self._v = qq * q + qv * v + qu * u, vq * q + vv * v + vu * u
+
+    def _ramp(self, dt_s: float, speed: float) -> None:
+        # Behind a ramp the servo settles to moving as fast as it, late by the lag; what differs from that decays.
+        qq, qv, _, vq, vv, _ = _transition(self._wn, self._zeta, dt_s)
+        settled = self._acting_rad - speed * self._lag_s
+        q, v = self._q - settled, self._v - speed
+        self._q = qq * q + qv * v + settled + speed * dt_s
+        self._v = vq * q + vv * v + speed
+        self._acting_rad += speed * dt_s
 
 
 # Many matrix powers, the same for every replay on a neck. Safe: the key is frozen, the arrays cannot be written to.

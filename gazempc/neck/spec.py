@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.config import JsonDict
 
+from gazempc.errors import SettingsError
 from gazempc.neck.rules import RULES
 from gazempc.specfiles import RULE_OF_THUMB, load_spec, shipped_names
 from gazempc.types import FloatArray
@@ -42,10 +43,18 @@ def _rule(field: str) -> JsonDict:
 
 
 class Axis(BaseModel):
-    """One joint: its limits and its servo ``q'' = wn^2 (u(t - dead time) - q) - 2 zeta wn q'``."""
+    """One joint: its limits and its servo ``x'' = wn^2 (c(t - dead time) - x) - 2 zeta wn x'``.
+
+    x is the joint's angle q and c the commanded angle; with ``command = "velocity"`` x is its velocity and c the
+    commanded speed. Sent the derivative of a trajectory u, such a joint moves as one that is sent u itself: both are
+    ``q'' = wn^2 (u(t - dead time) - q) - 2 zeta wn q'``. So all that plans needs one model only.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    command: Literal["position", "velocity"] = Field(
+        default="position", description="What the joint is sent: an angle, or a speed that it holds"
+    )
     position_min_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_min_deg"))
     position_max_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_max_deg"))
     velocity_max_rad_s: float = Field(ge=0.01, json_schema_extra=_rule("velocity_max_rad_s"))
@@ -72,6 +81,20 @@ class Axis(BaseModel):
                 f"({self.position_max_deg})"
             )
         return self
+
+    @model_validator(mode="after")
+    def _speeds_have_no_load_offset(self) -> Axis:
+        if self.takes_speed and self.load_offset_deg:
+            raise ValueError(
+                f'load_offset_deg ({self.load_offset_deg}) must be 0 with command = "velocity": '
+                "a joint that holds a speed settles nowhere else than it stops"
+            )
+        return self
+
+    @property
+    def takes_speed(self) -> bool:
+        """Whether the joint is sent speeds."""
+        return self.command == "velocity"
 
     @property
     def servo_lag_s(self) -> float:
@@ -155,6 +178,27 @@ class NeckSpec(BaseModel):
     def axes(self) -> tuple[Axis, Axis]:
         """Pan and tilt."""
         return (self.pan, self.tilt)
+
+    @property
+    def takes_speeds(self) -> bool:
+        """Whether a joint is sent speeds."""
+        return any(axis.takes_speed for axis in self.axes)
+
+    def check_takes_angles(self, what: str) -> None:
+        """Refuse a joint that takes speeds.
+
+        Args:
+            what: What sends angles only, for the message.
+
+        Raises:
+            SettingsError: If a joint takes speeds.
+        """
+        for name, axis in zip(AXES, self.axes, strict=True):
+            if axis.takes_speed:
+                raise SettingsError(
+                    f'neck {self.name!r}: {name} has command = "velocity", and {what} sends angles; accepted: '
+                    'command = "position". A replay can drive both'
+                )
 
     def _per_axis(self, name: str) -> FloatArray:
         return np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)

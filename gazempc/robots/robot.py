@@ -8,7 +8,7 @@ from gazempc.types import FloatArray, JointState
 
 
 class Robot(Protocol):
-    """A pan-tilt neck that takes position commands.
+    """A pan-tilt neck that takes positions, or speeds on an axis whose neck file says ``command = "velocity"``.
 
     Every method but `close` raises `gazempc.errors.RobotError` if the robot does not answer.
 

@@ -21,7 +21,6 @@ from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.tracker_faults import is_low_rate
-from gazempc.neck.kinematics import look_at
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import ComputeTimes, Log
@@ -82,7 +81,7 @@ def replay_scene(
 ) -> Replayed:
     """Replay a scene to one controller on a simulated neck.
 
-    The neck starts at rest, looking at the first observed head (or `start_offset_deg` beside it). The same arguments
+    The neck starts at rest, looking at the first observed head (or where the scene says). The same arguments
     give the same log to the last bit.
 
     Args:
@@ -111,9 +110,7 @@ def replay_scene(
     ready = make_predictor(predictor, settings, Person(walk.labels.subject, true_head), settings.options)
     planning = make_controller(controller, neck, settings, settings.options)
     sightings = deque(observe(walk, scene.sensor, scene.seed))
-    start = look_at(neck.geometry, sightings[0].observation.head_position_base_m).angles_rad
-    start[0] += np.deg2rad(scene.start_offset_deg)
-    smoother = Smoother(neck, start)
+    smoother = Smoother(neck, scene.first_angles_rad(sightings[0].observation.head_position_base_m))
 
     turns_with_neck = scene.sensor.view.on == "head" and scene.sensor.view.limited
     now_s = 0.0

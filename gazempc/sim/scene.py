@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from pydantic import Field
 
+from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import Placement, place
@@ -15,6 +17,7 @@ from gazempc.recordings.recording import Recording
 from gazempc.settings import Settings
 from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
+from gazempc.types import FloatArray
 
 
 class PlaceSettings(Settings):
@@ -61,6 +64,8 @@ class Scene:
         stands_at_sensor: Whether that is where the recording's own sensor stood.
         seed: Seed of the sensor's noise and of the encoders'.
         start_offset_deg: Pan at the start, from looking at the first observed head, degrees.
+        start_rad: Pan and tilt at the start, radians; None for looking at the first observed head, and
+            `start_offset_deg` beside it.
         robot_neck: The neck that is simulated, where it differs from `neck`; it must have the same rates.
     """
 
@@ -71,7 +76,23 @@ class Scene:
     stands_at_sensor: bool = False
     seed: int = 0
     start_offset_deg: float = 0.0
+    start_rad: tuple[float, float] | None = None
     robot_neck: NeckSpec | None = None
+
+    def first_angles_rad(self, first_seen_base_m: FloatArray) -> FloatArray:
+        """Where the neck stands at the start.
+
+        Args:
+            first_seen_base_m: The first observed head, shape (3,), metres.
+
+        Returns:
+            Pan and tilt, shape (2,), radians.
+        """
+        if self.start_rad is not None:
+            return np.array(self.start_rad)
+        start = look_at(self.neck.geometry, first_seen_base_m).angles_rad
+        start[0] += np.deg2rad(self.start_offset_deg)
+        return start
 
 
 def make_scene(

@@ -34,6 +34,11 @@ class SimulatedNeck:
         self._advanced_s = -math.inf
         self._load_rad: list[float] = np.deg2rad([axis.load_offset_deg for axis in neck.axes]).tolist()
         self._limits_rad = list(zip(neck.position_min_rad.tolist(), neck.position_max_rad.tolist(), strict=True))
+        # Of what is sent: angles, or speeds.
+        self._sendable = [
+            (-axis.velocity_max_rad_s, axis.velocity_max_rad_s) if axis.takes_speed else limits
+            for axis, limits in zip(neck.axes, self._limits_rad, strict=True)
+        ]
         self._noise_rad = np.deg2rad([axis.encoder_noise_deg for axis in neck.axes])
         self._noisy = bool(self._noise_rad.any())
         self._rng = np.random.default_rng(seed)
@@ -43,8 +48,8 @@ class SimulatedNeck:
         if self._servos is None:
             now_s = self._advanced_s = self._clock_s()
             self._servos = [
-                DelayedServo(axis, float(start), now_s)
-                for axis, start in zip(self._neck.axes, self._start_rad, strict=True)
+                DelayedServo(axis, float(start), now_s, stops)
+                for axis, start, stops in zip(self._neck.axes, self._start_rad, self._limits_rad, strict=True)
             ]
 
     def read_state(self) -> JointState | None:
@@ -70,18 +75,18 @@ class SimulatedNeck:
         self._true = true = JointState(now_s, motion[0], motion[1])
         return true
 
-    def send_command(self, position_rad: FloatArray) -> FloatArray:
-        """See `gazempc.robots.robot.Robot.send_command`."""
-        pan_rad, tilt_rad = position_rad.tolist()
-        if not (math.isfinite(pan_rad) and math.isfinite(tilt_rad)):
-            raise RobotError(f"refused a command that is not finite: {position_rad}")
+    def send_command(self, command: FloatArray) -> FloatArray:
+        """See `gazempc.robots.robot.Robot.send_command`; an axis that takes speeds is sent one, rad/s."""
+        pan_to, tilt_to = command.tolist()
+        if not (math.isfinite(pan_to) and math.isfinite(tilt_to)):
+            raise RobotError(f"refused a command that is not finite: {command}")
         (pan, tilt), _ = self._advance()
-        (pan_min, pan_max), (tilt_min, tilt_max) = self._limits_rad
-        if not (pan_min <= pan_rad <= pan_max and tilt_min <= tilt_rad <= tilt_max):
-            pan_rad, tilt_rad = min(max(pan_rad, pan_min), pan_max), min(max(tilt_rad, tilt_min), tilt_max)
-        pan.send(pan_rad)
-        tilt.send(tilt_rad)
-        return np.array([pan_rad, tilt_rad])
+        (pan_min, pan_max), (tilt_min, tilt_max) = self._sendable
+        if not (pan_min <= pan_to <= pan_max and tilt_min <= tilt_to <= tilt_max):
+            pan_to, tilt_to = min(max(pan_to, pan_min), pan_max), min(max(tilt_to, tilt_min), tilt_max)
+        pan.send(pan_to)
+        tilt.send(tilt_to)
+        return np.array([pan_to, tilt_to])
 
     def close(self) -> None:
         """Stop the simulation; see `gazempc.robots.robot.Robot.close`."""

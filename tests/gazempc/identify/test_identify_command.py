@@ -115,3 +115,8 @@ def test_a_neck_without_encoders_is_not_moved(tmp_path, monkeypatch, capsys):
     assert identify.main(["--robot", "simulated", "--out", str(tmp_path / "n.toml")]) == 2
     assert "not reported its joints within 2 s" in capsys.readouterr().err
     assert moved == []
+
+
+def test_a_neck_that_takes_speeds_is_refused(tmp_path, capsys):
+    assert identify.main(["--robot", "simulated", "--neck", "ptz", "--out", str(tmp_path / "n.toml")]) == 2
+    assert 'pan has command = "velocity", and identification sends angles' in capsys.readouterr().err

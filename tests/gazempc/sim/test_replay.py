@@ -12,7 +12,8 @@ from gazempc.errors import LeftOutError
 from gazempc.neck.spec import load_neck
 from gazempc.results.metrics import measure
 from gazempc.settings import LoopSettings
-from gazempc.sim.replay import ReplaySettings
+from gazempc.sim.replay import ReplaySettings, replay_scene
+from gazempc.sim.scene import SceneSettings, make_scene
 
 
 def test_a_controller_that_is_used_again_gives_the_same_log_to_the_last_bit():
@@ -51,3 +52,12 @@ def test_with_the_true_future_a_compute_delay_costs_nothing(delay_s):
     settings = ReplaySettings(loop=LoopSettings(compute_delay_s=delay_s))
     log = replayed(synthetic("subject03_R4"), "perfect", settings=settings)
     assert measure(log).gaze_error_rms_deg < 0.1
+
+
+def test_a_scene_says_where_the_neck_begins():
+    scene = make_scene("subject01_R1", SceneSettings(start_offset_deg=10.0))
+    seen_m = np.array([2.0, 2.0, 0.0])
+    np.testing.assert_allclose(scene.first_angles_rad(seen_m), [np.deg2rad(55.0), 0.0])
+    begins = dataclasses.replace(scene, start_rad=(0.2, -0.1))
+    log = replay_scene(begins, "reactive", "last_position").log
+    np.testing.assert_allclose(log.joint_position_rad[0], [0.2, -0.1])

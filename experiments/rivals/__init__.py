@@ -1,0 +1,1 @@
+"""Control laws that robots and cameras run today, beside ours, in one simulation."""

@@ -1,0 +1,163 @@
+"""Control laws that others run, and ours, in the same trials: `python -m experiments.rivals`.
+
+Without `--recordings` the walks are synthetic. Each rival sees faces in a camera on the moving head, and runs at its
+own rate.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from pydantic import Field
+
+from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command
+from experiments.engine.engine import Engine
+from experiments.engine.job import Row
+from experiments.engine.recordings import find_recordings, in_place
+from experiments.rivals.camera import on_the_head
+from experiments.rivals.figures import draw_contact, draw_wrong_model
+from experiments.rivals.jobs import NAMES, RivalJob
+from experiments.rivals.plan import ALL_WALKS, at_their_best, labelled, make_jobs, summarise
+from experiments.rivals.report import tables
+from experiments.rivals.trials import TRIALS, TURNS
+from experiments.rivals.wrong_model import LABELS, WITH_MODEL, WITHOUT_MODEL, by_error, wrong_jobs
+from gazempc.errors import SettingsError, suggest
+from gazempc.loop.build import walker_model
+from gazempc.neck.spec import load_neck
+from gazempc.results.report import versions
+from gazempc.settings import WalkerSettings
+from gazempc.sim.sensor import load_sensor
+
+# Seven people, each straight past and in a sharp turn, and a turn: half the set, which takes some ten minutes.
+SYNTHETIC = tuple(f"subject{person:02}_{route}" for person in range(1, 8) for route in ("R1", "R4", "R5"))
+_WRONG_TRIALS = ("pass_2.5m", TURNS)
+
+
+class RivalsSettings(WorkSettings):
+    """Settings of `python -m experiments.rivals`."""
+
+    recordings: tuple[str, ...] = Field(
+        default=(), description="Walks: 'synthetic', folders, files or synthetic names; without it 21 synthetic ones"
+    )
+    necks: tuple[str, ...] = Field(
+        default=("reference", "reachy_mini", "ptz"), min_length=1, description="Shipped necks or .toml files"
+    )
+    sensors: tuple[str, ...] = Field(
+        default=("face_camera",), min_length=1, description="Shipped sensors or .toml files; they sit on the head"
+    )
+    rivals: tuple[str, ...] = Field(default=NAMES, min_length=1, description="Control laws")
+    trials: tuple[str, ...] = Field(default=TRIALS, min_length=1, description="Trials")
+    walker: WalkerSettings = WalkerSettings()
+    wrong_model: bool = Field(
+        default=False, description="Instead: what wrong dead times, servos and latencies cost, on the first neck"
+    )
+    seed: int = Field(default=0, ge=0, description="Seed of all errors")
+    rows: Annotated[Path | None, tyro.conf.arg(name="json")] = Field(
+        default=None, description="File for the rows; without it rows.json beside the rest"
+    )
+    out: Path = Field(default=Path("out/rivals"), description="Where to write; an interrupted run goes on there")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Command line without the program's name; default: the process's.
+
+    Returns:
+        Exit status: 0, 1 if a run failed, 2 on bad input, 130 if interrupted.
+    """
+    return run_command("rivals", lambda: _run(parse(RivalsSettings, "rivals", __doc__, arguments)))
+
+
+def rivals(**settings: Any) -> list[Row]:
+    """Compare rivals.
+
+    Args:
+        **settings: Any of `RivalsSettings`, such as ``necks=["reachy_mini"], rivals=["reachy_mini", "mpc"]``.
+
+    Returns:
+        Rows as of `experiments.rivals.plan.summarise`.
+
+    Raises:
+        GazempcError: On bad input, before anything runs.
+    """
+    runs, _, _ = _done(check(RivalsSettings, "rivals", settings))
+    return summarise(at_their_best(runs))
+
+
+def _jobs(settings: RivalsSettings) -> list[RivalJob]:
+    for words, known, what in ((settings.rivals, NAMES, "rival"), (settings.trials, TRIALS, "trial")):
+        for word in words:
+            if word not in known:
+                raise SettingsError(f"no {what} {word!r}; {suggest(word, known)}; accepted: {', '.join(known)}")
+    necks = [load_neck(name) for name in settings.necks]
+    sensors = [on_the_head(load_sensor(name)) for name in settings.sensors]
+    if settings.walker.fitted is not None:
+        walker_model(settings.walker.fitted, "")  # before anything runs
+    recordings = [in_place(name) for name in find_recordings(settings.recordings or SYNTHETIC)]
+    if not settings.wrong_model:
+        return make_jobs(settings.rivals, recordings, necks, sensors, settings.seed, settings.trials)
+    return make_jobs(settings.rivals, recordings, necks[:1], sensors[:1], settings.seed, _WRONG_TRIALS)
+
+
+def _done(settings: RivalsSettings) -> tuple[list[Row], list[Row], int]:
+    """Runs with figures, those that failed, and how many were left out."""
+    jobs = [replace(job, walker=settings.walker) for job in _jobs(settings)]
+    with Engine(settings.out / "runs", settings.jobs, settings.dask, unit="run") as engine:
+        runs = labelled(jobs, engine.run(jobs))
+        if settings.wrong_model:
+            wrong = wrong_jobs(jobs, runs)
+            runs += labelled(wrong, engine.run(wrong))
+    failed = [run for run in runs if run["failed"]]
+    done = [run for run in runs if not run["failed"] and not run["left_out"]]
+    return done, failed, len(runs) - len(done) - len(failed)
+
+
+def _run(settings: RivalsSettings) -> int:
+    done, failed, left_out = _done(settings)
+    rows = _report_wrong_model(settings, done) if settings.wrong_model else _report(settings, done)
+    told = {
+        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED, "rows"}),
+        "versions": versions(),
+        "rows": rows,
+    }
+    path = settings.rows or settings.out / "rows.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    for run in failed:
+        print(f"failed: {run['rival']}, {run['trial']}, {run['recording']}, {run['neck']}: {run['failed']}")
+    if left_out:
+        print(f"{left_out} runs left out: the walk is too near, or too short.")
+    print(f"Written to {settings.out}/ and {path}")
+    return 1 if failed else 0
+
+
+def _report(settings: RivalsSettings, runs: Sequence[Row]) -> list[Row]:
+    rows = summarise(at_their_best(runs))
+    for sensor in dict.fromkeys(row["sensor"] for row in rows):
+        of_sensor = [row for row in rows if row["sensor"] == sensor]
+        if any(row["trial"] == ALL_WALKS for row in of_sensor):
+            draw_contact(of_sensor, ALL_WALKS, settings.out / f"contact_{sensor}.png")
+    text = tables(rows)
+    (settings.out / "tables.md").write_text(text + "\n", encoding="utf-8")
+    print(text)
+    return rows
+
+
+def _report_wrong_model(settings: RivalsSettings, runs: Sequence[Row]) -> list[Row]:
+    found = by_error(at_their_best([run for run in runs if run["rival"] in WITH_MODEL]))
+    level = summarise(at_their_best([run for run in runs if run["rival"] in WITHOUT_MODEL]))
+    shown = {LABELS[name]: [row for row in rows if row["trial"] == ALL_WALKS] for name, rows in found.items()}
+    draw_wrong_model(shown, [row for row in level if row["trial"] == ALL_WALKS], settings.out / "wrong_model.png")
+    for label, rows in shown.items():
+        print(f"{label}: eye contact, %")
+        for rival in dict.fromkeys(row["rival"] for row in rows):
+            of_rival = sorted((row["by"], row["eye_contact_2p6"]) for row in rows if row["rival"] == rival)
+            print(f"  {rival}: " + ", ".join(f"{by:+g}: {100.0 * contact:.1f}" for by, contact in of_rival))
+    return [*(row for rows in found.values() for row in rows), *level]

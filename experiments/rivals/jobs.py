@@ -1,0 +1,134 @@
+"""One rival, or one of ours, in one trial: a job of the engine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+
+from experiments.engine.job import Row
+from experiments.engine.keys import key_of, models_hash, recording_hash
+from experiments.rivals.laws import RIVALS
+from experiments.rivals.make import make_rival
+from experiments.rivals.response import recontact_s, response
+from experiments.rivals.rival import Camera, Rival
+from experiments.rivals.simulate import simulate
+from experiments.rivals.trials import Trial, make_trial
+from gazempc.errors import LeftOutError
+from gazempc.neck.spec import NeckSpec
+from gazempc.results.log import Log
+from gazempc.results.metrics import MIN_DURATION_S, measure
+from gazempc.settings import DEFAULT_PREDICTOR, WalkerSettings
+from gazempc.sim.replay import ReplaySettings, replay_scene
+from gazempc.sim.scene import Scene
+from gazempc.sim.sensor import SensorSpec
+
+OURS = ("reactive", "lookahead", "mpc")
+NAMES = (*RIVALS, *OURS)
+ANSWERS = ("overshoot_deg", "settling_s", "settling_2p6_s", "reversals", "rest_error_deg", "recontact_s")
+GAZES = ("gaze_error_rms_deg", "eye_contact_2p6", "rms_acceleration_rad_s2")
+FIGURES = (*ANSWERS, *GAZES)
+# What a result depends on besides this module.
+_USED = ("camera", "encoders", "laws", "make", "motor", "response", "simulate", "trials")
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """What a law believes wrongly of the robot and its camera. Laws without a model never ask.
+
+    Attributes:
+        dead_time_scale: Believed dead time over the true one.
+        servo_scale: Believed natural frequency of the servo over the true one.
+        latency_error_s: Believed latency of the camera less the true one, seconds; stamps are wrong by as much.
+    """
+
+    dead_time_scale: float = 1.0
+    servo_scale: float = 1.0
+    latency_error_s: float = 0.0
+
+    def neck(self, neck: NeckSpec) -> NeckSpec:
+        """The neck as it is believed to be."""
+        axes = {
+            name: axis.model_copy(
+                update={
+                    "dead_time_s": self.dead_time_scale * axis.dead_time_s,
+                    "natural_frequency_rad_s": self.servo_scale * axis.natural_frequency_rad_s,
+                }
+            )
+            for name, axis in (("pan", neck.pan), ("tilt", neck.tilt))
+        }
+        return neck.model_copy(update=axes)
+
+    def sensor(self, sensor: SensorSpec) -> SensorSpec:
+        """The sensor with stamps that come of the believed latency."""
+        offset_s = sensor.timing.stamp_offset_s - self.latency_error_s
+        return sensor.model_copy(update={"timing": sensor.timing.model_copy(update={"stamp_offset_s": offset_s})})
+
+
+@dataclass(frozen=True)
+class RivalJob:
+    """All that a run depends on.
+
+    Attributes:
+        rival: One of `NAMES`.
+        trial: One of `experiments.rivals.trials.TRIALS`.
+        recording: Whom it is made on, for trials on walks.
+        neck: The neck.
+        sensor: The sensor, on the head.
+        seed: Of all errors.
+        constants: Constants of the rival other than its own, by keyword.
+        error: What it believes wrongly.
+        walker: The predictor of ours.
+    """
+
+    rival: str
+    trial: str
+    recording: str | None
+    neck: NeckSpec
+    sensor: SensorSpec
+    seed: int = 0
+    constants: dict[str, float] = field(default_factory=dict)
+    error: ModelError = ModelError()
+    walker: WalkerSettings = field(default_factory=WalkerSettings)
+
+    def key(self) -> str:
+        """See `experiments.engine.job.Job`."""
+        content = {
+            "run": [self.rival, self.trial, self.seed, self.constants, asdict(self.error)],
+            "recording": None if self.recording is None else recording_hash(self.recording),
+            "models": models_hash(self.walker.fitted),
+            "neck": self.neck.model_dump(mode="json"),
+            "sensor": self.sensor.model_dump(mode="json"),
+        }
+        return key_of(content, __name__, *(f"experiments.rivals.{name}" for name in _USED))
+
+    def run(self) -> Row:
+        """Labels and `FIGURES`; None where a trial does not have a figure."""
+        trial = make_trial(self.trial, self.recording)
+        if float(trial.walk.times_s[-1]) < MIN_DURATION_S:
+            raise LeftOutError(f"{trial.walk.name} is too short to be scored")
+        log = self.log(trial)
+        answers: dict[str, float] = {} if trial.event_s is None else response(log, trial.event_s, trial.joint)
+        if trial.back_s is not None:
+            answers["recontact_s"] = recontact_s(log, trial.back_s)
+        metrics = measure(log).as_dict()
+        figures = {name: answers.get(name) for name in ANSWERS} | {name: metrics[name] for name in GAZES}
+        known = {name: value for name, value in figures.items() if value is not None and math.isfinite(value)}
+        return {"subject": log.run.subject, "group": log.run.group, **dict.fromkeys(FIGURES), **known}
+
+    def log(self, trial: Trial) -> Log:
+        """Run it."""
+        believed = self.error.neck(self.neck)
+        scene = Scene(
+            walk=trial.walk,
+            neck=believed,
+            sensor=self.error.sensor(self.sensor),
+            seed=self.seed,
+            start_rad=trial.start_rad,
+            robot_neck=self.neck,
+        )
+        if self.rival in OURS:
+            return replay_scene(scene, self.rival, DEFAULT_PREDICTOR, ReplaySettings(walker=self.walker)).log
+        return simulate(scene, self._make, self.error.latency_error_s)
+
+    def _make(self, neck: NeckSpec, camera: Camera) -> Rival:
+        return make_rival(self.rival, self.neck, neck, camera, **self.constants)

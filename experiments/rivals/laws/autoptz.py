@@ -1,0 +1,145 @@
+"""AutoPTZ 2.2.0-rc9 with its default settings: speeds for a camera that is commanded in speeds.
+
+The face's place in the image, its velocity without the camera's own, a zone in which the camera rests, a lead of the
+velocity, a one-euro filter, and a gain that grows with error, velocity and delay. The lead covers the computer's own
+delay, not that of the stream. No encoder is used: the camera's own motion is seen in the background, here it is what
+the joints did between the two frames.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from experiments.rivals.laws.one_euro import OneEuro
+from experiments.rivals.laws.sight import half_sizes
+from experiments.rivals.rival import Camera, Detection, View
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
+
+# Constants of AutoPTZ, `engine/ptz/controller.py` and `config/models.py`; lengths in halves of the image.
+_AIM_GAIN = 0.4
+_VELOCITY_GAIN = 0.5
+_FRAMES_PER_VELOCITY = 3
+_ZONE = np.array([0.15, 0.22])
+_REST_INSIDE, _REST_OUTSIDE = 0.35, 1.25  # of the zone
+_DEAD_ZONE = 0.35 * _ZONE
+_RAMP = 0.05
+_EDGE = 0.9
+_LEAD_S, _LONGEST_LEAD_S = 0.15, 0.8
+_KP, _KD, _KV = 0.6, 0.05, 0.1
+_EXPONENT = 1.2
+_RISE_PER_S = 3.0
+_KEPT_S = 1.5
+
+
+class AutoPtz:
+    """Drives the camera with a speed for each frame.
+
+    Args:
+        neck: Whose top speed the command 1 is.
+        camera: The camera on the head.
+        speed_scale: The command 1 as a share of the neck's top speed; free in the program.
+        processing_s: Delay of ingest and inference, which the program measures; assumed here, seconds.
+    """
+
+    name = "autoptz"
+    command: Literal["velocity"] = "velocity"
+
+    def __init__(self, neck: NeckSpec, camera: Camera, *, speed_scale: float = 1.0, processing_s: float = 0.05) -> None:
+        self.period_s = 1.0 / camera.rate_hz
+        self._top_rad_s = speed_scale * neck.velocity_max_rad_s
+        self._half_sizes = half_sizes(camera)
+        self._processing_s = processing_s
+        self._filter = OneEuro(least_cutoff_hz=1.1, beta=0.03, speed_cutoff_hz=1.0)
+
+    def start(self, view: View) -> None:
+        """See `experiments.rivals.rival.Rival.start`."""
+        self._command = np.zeros(2)
+        self._slewed = np.zeros(2)
+        self._arrival_s = -math.inf
+        self._forget()
+
+    def step(self, view: View) -> FloatArray:
+        """See `experiments.rivals.rival.Rival.step`."""
+        for detection in view.detections:
+            self._see(view, detection)
+        # A frame later than one and a half periods is a frame without a face.
+        if view.time_s - self._arrival_s > 1.5 * self.period_s:
+            self._command = np.zeros(2)
+            self._forget()
+        return self._command * self._top_rad_s
+
+    def _forget(self) -> None:
+        self._error: FloatArray | None = None
+        self._filter.reset()
+        self._velocity, self._filtered, self._sign = np.zeros(2), np.zeros(2), np.zeros(2)
+        self._resting, self._swings, self._frames = False, 0.0, 0
+        self._anchor: tuple[float, FloatArray, FloatArray] | None = None
+
+    def _see(self, view: View, detection: Detection) -> None:
+        seen = -detection.offset
+        gap_s = detection.arrival_time_s - self._arrival_s
+        dt_s = gap_s if self._error is not None else self.period_s
+        if gap_s > _KEPT_S:
+            self._slewed = np.zeros(2)
+        self._arrival_s = detection.arrival_time_s
+        self._error = seen if self._error is None else self._error + _AIM_GAIN * (seen - self._error)
+        self._measure_velocity(view, detection)
+        error, velocity = self._outside_the_zone(self._error)
+        self._command = self._slew(self._speed(error, velocity, dt_s), dt_s)
+
+    def _measure_velocity(self, view: View, detection: Detection) -> None:
+        """The face's velocity in the image, without the camera's own, at each third frame."""
+        self._frames += 1
+        if self._frames % _FRAMES_PER_VELOCITY != 1 or self._error is None:
+            return
+        head_rad = view.joints_at(detection.capture_time_s)
+        if head_rad is None:
+            return
+        if self._anchor is not None:
+            before_s, error, before_rad = self._anchor
+            dt_s = detection.capture_time_s - before_s
+            own = -(head_rad - before_rad) / self._half_sizes / dt_s
+            fresh = (self._error - error) / dt_s - own
+            self._velocity = _VELOCITY_GAIN * fresh + (1.0 - _VELOCITY_GAIN) * self._velocity
+        self._anchor = (detection.capture_time_s, self._error, head_rad)
+
+    def _outside_the_zone(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Error and velocity that count, the error with its lead: none while the face is in the middle."""
+        lead_s = min(_LEAD_S + self._processing_s, _LONGEST_LEAD_S)
+        if np.abs(error).max() >= _EDGE:
+            self._resting = False
+            return error + lead_s * self._velocity, self._velocity
+        away = float(np.linalg.norm(error / _ZONE))
+        self._resting = away <= (_REST_OUTSIDE if self._resting else _REST_INSIDE)
+        if self._resting:
+            return np.zeros(2), np.zeros(2)
+        beyond = np.maximum(np.abs(error) - _DEAD_ZONE, 0.0)
+        part = np.minimum(beyond / _RAMP, 1.0)
+        counted = np.sign(error) * beyond * part**2 * (3.0 - 2.0 * part)
+        return counted + lead_s * self._velocity, self._velocity
+
+    def _speed(self, error: FloatArray, velocity: FloatArray, dt_s: float) -> FloatArray:
+        filtered = self._filter.update(error, dt_s)
+        u = _KP * filtered + _KD * (filtered - self._filtered) / dt_s + _KV * velocity
+        self._filtered = filtered
+        boost = max(
+            min(1.0, float(np.linalg.norm(filtered)) / 0.6),
+            0.65 * min(1.0, float(np.linalg.norm(velocity)) / 1.5),
+            0.55 * min(1.0, self._processing_s / 0.3),
+        )
+        u = np.clip(0.7 * (1.0 + 0.9 * boost) * u, -1.0, 1.0)
+        u = np.sign(u) * np.abs(u) ** _EXPONENT
+        # A camera that swings to and fro is slowed down.
+        flips = np.count_nonzero(np.sign(u) * self._sign < 0.0)
+        self._sign = np.where(u == 0.0, self._sign, np.sign(u))
+        self._swings = min(4.0, 0.6 * self._swings + flips)
+        return u / (1.0 + 0.6 * self._swings)
+
+    def _slew(self, u: FloatArray, dt_s: float) -> FloatArray:
+        before = np.where(u * self._slewed > 0.0, np.abs(self._slewed), 0.0)
+        self._slewed = np.sign(u) * np.minimum(np.abs(u), before + _RISE_PER_S * dt_s)
+        return self._slewed

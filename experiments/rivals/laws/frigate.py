@@ -1,0 +1,139 @@
+"""Frigate's autotracking: one relative move at a time, aimed at where the person will be when it ends.
+
+No frame counts that was received before the last move had ended. So the person is followed by stop and go. How long a
+move takes is fitted to thirty moves (`experiments.rivals.laws.frigate_calibration`). The delay of the stream is not
+known to the law: a frame received after the end may show the scene before it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from experiments.rivals.laws.frames import Detector
+from experiments.rivals.laws.frigate_motion import CornerFilter, believed_velocity
+from experiments.rivals.rival import Camera, Detection, View
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
+
+# Constants of Frigate, `ptz/autotrack.py`.
+_DEAD_ZONE, _DEAD_ZONE_UNSURE = 0.08, 0.03
+_RETURN_S = 10.0
+# A person is about seven faces tall. Frigate tracks persons; here its box is centred on the face.
+_FACES_TALL = 7.0
+
+
+@dataclass(frozen=True)
+class MoveTime:
+    """How long a move takes: ``offset_s * zero_move_s + slope_s * size``, as the program has it.
+
+    Attributes:
+        offset_s: The line's value at 0, seconds; the program multiplies it by the time of a move by nothing.
+        slope_s: The line's slope, seconds for half the field of view.
+        zero_move_s: Measured time of a move by nothing, seconds.
+    """
+
+    offset_s: float
+    slope_s: float
+    zero_move_s: float
+
+    def predict_s(self, move: FloatArray) -> float:
+        """Duration of a move, shape (2,), in halves of the field of view; seconds."""
+        return self.offset_s * self.zero_move_s + self.slope_s * float(np.abs(move).sum())
+
+
+class Frigate:
+    """Moves once, waits for the end, looks again.
+
+    Args:
+        neck: The neck, whose range bounds the moves.
+        camera: The camera on the head.
+        move_time: The fit of the calibration; None for a camera that was not calibrated.
+        fps: Frames a second that it looks at.
+        faces_tall: Height of the tracked box in heights of the face.
+    """
+
+    name = "frigate"
+    command: Literal["position"] = "position"
+    # How often the camera's status is asked for; not stated, so often enough not to matter.
+    period_s = 0.02
+
+    def __init__(
+        self,
+        neck: NeckSpec,
+        camera: Camera,
+        *,
+        move_time: MoveTime | None = None,
+        fps: float = 5.0,
+        faces_tall: float = _FACES_TALL,
+    ) -> None:
+        self._low_rad, self._high_rad = neck.position_min_rad, neck.position_max_rad
+        self._half_view_rad = np.array([camera.half_width_rad, camera.half_height_rad])
+        self._image_px = np.array([camera.width_px, camera.height_px], dtype=np.float64)
+        self._px_per_rad = 0.5 * self._image_px / np.tan(self._half_view_rad)
+        self._move_time, self._fps, self._faces_tall = move_time, fps, faces_tall
+        self._detector = Detector(1.0 / fps)
+
+    def start(self, view: View) -> None:
+        """See `experiments.rivals.rival.Rival.start`."""
+        self._detector.reset()
+        self._goal_rad = view.joints.position_rad
+        self._filter: CornerFilter | None = None
+        self._frame_s = self._started_s = self._stopped_s = -math.inf
+        self._moving = False
+        self._seen_s = math.inf
+
+    def step(self, view: View) -> FloatArray:
+        """See `experiments.rivals.rival.Rival.step`."""
+        if self._moving and view.idle:
+            self._moving, self._stopped_s = False, self._frame_s
+        for detection in self._detector.take(view.detections):
+            velocity = self._follow(view, detection)
+            self._frame_s, self._seen_s = detection.arrival_time_s, view.time_s
+            if not self._moving and self._frame_s > max(self._started_s, self._stopped_s):
+                self._decide(view, detection, velocity)
+        if not self._moving and view.time_s - self._seen_s >= _RETURN_S:
+            self._seen_s = math.inf
+            self._filter = None
+            self._go(np.zeros(2))
+        return self._goal_rad
+
+    def _follow(self, view: View, detection: Detection) -> FloatArray | None:
+        """The face's velocity in an image that does not move, if it is believed, shape (2,), pixels a frame."""
+        head_rad = view.joints_at(detection.capture_time_s)
+        if head_rad is None:
+            return None
+        # The program finds the camera's motion in the background of the image.
+        own_px = np.array([-head_rad[0], -head_rad[1]]) * self._px_per_rad
+        centre_px = 0.5 * detection.offset * self._image_px + own_px
+        corners_px = centre_px + 0.5 * detection.box_px * np.array([[-1.0], [1.0]])
+        if self._filter is None:
+            self._filter = CornerFilter(corners_px)
+            return None
+        return believed_velocity(self._filter.update(corners_px), self._image_px, self._fps)
+
+    def _decide(self, view: View, detection: Detection, velocity: FloatArray | None) -> None:
+        known = self._move_time is not None and velocity is not None
+        if not self._is_far_off(detection, _DEAD_ZONE if known else _DEAD_ZONE_UNSURE):
+            return
+        move = detection.offset
+        if self._move_time is not None and velocity is not None:
+            frames = self._fps * self._move_time.predict_s(np.clip(move, -1.0, 1.0))
+            move = move + frames * velocity / (0.5 * self._image_px)
+        # To the left and up, in halves of the field of view; that a tangent is no angle is left out of account.
+        self._go(view.joints.position_rad - np.clip(move, -1.0, 1.0) * self._half_view_rad)
+
+    def _is_far_off(self, detection: Detection, share: float) -> bool:
+        # The body's box ends at the image's border.
+        box_px = np.minimum(detection.box_px * np.array([1.0, self._faces_tall]), self._image_px)
+        side = int(np.argmax(box_px))
+        size_px = self._image_px[side]
+        away_px = float(np.linalg.norm(0.5 * detection.offset * self._image_px))
+        return away_px >= float(share * size_px * (1.0 - math.log(box_px[side] / size_px)))
+
+    def _go(self, goal_rad: FloatArray) -> None:
+        self._goal_rad = np.clip(goal_rad, self._low_rad, self._high_rad)
+        self._moving, self._started_s, self._stopped_s = True, self._frame_s, math.inf

@@ -1,0 +1,168 @@
+"""Which jobs a comparison of rivals is, and the figures of one that has free constants at its best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from experiments.aggregate import bootstrap_mean
+from experiments.engine.job import Row
+from experiments.rivals.jobs import FIGURES, NAMES, RivalJob
+from experiments.rivals.laws.free import FREE
+from experiments.rivals.trials import ALONE, LOSS, STILL, TRIALS, WALKS, takes
+from gazempc.neck.spec import NeckSpec
+from gazempc.recordings.load import load
+from gazempc.results.contact import CONTACT_DEG
+from gazempc.sim.sensor import SensorSpec
+
+# Combined trials, under names of their own.
+ALL_STILL, ALL_WALKS = "still", "walks"
+_COMBINED = {ALL_STILL: STILL, ALL_WALKS: WALKS}
+# Of the time: nobody sees less of eye contact.
+_LEVEL = 0.01
+# Our gaze unless told otherwise, and by how much less eye contact a rival has than it, clip by clip.
+OUR_DEFAULT, BEHIND = "mpc", "eye_contact_behind_mpc"
+_LABELS = ("rival", "trial", "neck", "sensor")
+
+
+def make_jobs(
+    rivals: Iterable[str],
+    recordings: Sequence[str],
+    necks: Sequence[NeckSpec],
+    sensors: Sequence[SensorSpec],
+    seed: int,
+    trials: Iterable[str] = TRIALS,
+) -> list[RivalJob]:
+    """All jobs of a comparison.
+
+    Args:
+        rivals: Names of `experiments.rivals.jobs.NAMES`.
+        recordings: Walks, by name or path.
+        necks: The necks.
+        sensors: The sensors, on the head.
+        seed: Of all errors.
+        trials: Names of `experiments.rivals.trials.TRIALS`.
+
+    Returns:
+        The jobs.
+    """
+    groups = {name: load(name).labels.group for name in recordings}
+    people: list[tuple[str, str | None]] = []
+    for trial in trials:
+        if trial in ALONE:
+            people.append((trial, None))
+        else:
+            people += [(trial, name) for name, group in groups.items() if takes(trial, group)]
+    return [
+        RivalJob(rival, trial, recording, neck, sensor, seed, constants)
+        for neck in necks
+        for sensor in sensors
+        for rival in rivals
+        for constants in FREE.get(rival, ({},))
+        for trial, recording in people
+    ]
+
+
+def labelled(jobs: Sequence[RivalJob], results: Sequence[Row]) -> list[Row]:
+    """Results with what they are about."""
+    return [
+        {
+            "rival": job.rival,
+            "trial": job.trial,
+            "neck": job.neck.name,
+            "sensor": job.sensor.name,
+            "recording": job.recording or job.trial,
+            "constants": ", ".join(f"{name}={value:g}" for name, value in job.constants.items()),
+            "error": job.error,
+            **result,
+        }
+        for job, result in zip(jobs, results, strict=True)
+    ]
+
+
+def at_their_best(runs: Sequence[Row]) -> list[Row]:
+    """Of a rival with free constants, the runs with those that give most eye contact on walks.
+
+    Of several that are level within one percent of the time the smoothest is shown.
+    The choice is made for each neck and sensor, on the very walks that are shown: no rival is the worse for it.
+
+    Args:
+        runs: Runs with figures.
+
+    Returns:
+        The runs that are shown.
+    """
+    found: dict[tuple[Any, ...], dict[str, list[Row]]] = {}
+    walks = {run["trial"] for run in runs} & {*WALKS}
+    for run in runs:
+        place = (run["rival"], run["neck"], run["sensor"])
+        if run["trial"] in walks or not walks:
+            found.setdefault(place, {}).setdefault(run["constants"], []).append(run)
+    best = {place: _best(tried) for place, tried in found.items()}
+    return [run for run in runs if run["constants"] == best.get((run["rival"], run["neck"], run["sensor"]))]
+
+
+def _best(tried: dict[str, list[Row]]) -> str:
+    contact, error_deg, acceleration = (
+        {constants: sum(run[name] for run in runs) / len(runs) for constants, runs in tried.items()}
+        for name in ("eye_contact_2p6", "gaze_error_rms_deg", "rms_acceleration_rad_s2")
+    )
+    most = max(contact.values())
+    # Without any contact the error decides.
+    if most < _LEVEL:
+        return min(tried, key=lambda constants: error_deg[constants])
+    level = [constants for constants in tried if contact[constants] > most - _LEVEL]
+    return min(level, key=lambda constants: acceleration[constants])
+
+
+def summarise(runs: Sequence[Row]) -> list[Row]:
+    """Means over clips, with intervals over people.
+
+    Args:
+        runs: Runs with figures, none left out or failed.
+
+    Returns:
+        A row for each trial and combined trial, neck, sensor and rival: labels, ``constants``, ``n_clips``,
+        ``n_people``, each of `FIGURES` and `BEHIND` (None without one) and its interval under ``<name>_ci95``.
+        Within a trial, neck and sensor the best come first: by eye contact, after a loss by the time to contact, else
+        by settling, those last that rest beside the face.
+    """
+    rows = []
+    names = [*dict.fromkeys(run["trial"] for run in runs)]
+    combined = [name for name, parts in _COMBINED.items() if len({*names} & {*parts}) > 1]
+    for trial in [*names, *combined]:
+        of_trial = [run for run in runs if run["trial"] in _COMBINED.get(trial, (trial,))]
+        for neck, sensor in dict.fromkeys((run["neck"], run["sensor"]) for run in of_trial):
+            here = [run for run in of_trial if (run["neck"], run["sensor"]) == (neck, sensor)]
+            rivals = [name for name in NAMES if any(run["rival"] == name for run in here)]
+            best_known = {_clip(run): run["eye_contact_2p6"] for run in here if run["rival"] == OUR_DEFAULT}
+            part = [_row(trial, [run for run in here if run["rival"] == rival], best_known) for rival in rivals]
+            rows += sorted(part, key=_badness)
+    return rows
+
+
+def _clip(run: Row) -> tuple[Any, ...]:
+    return run["trial"], run["recording"]
+
+
+def _row(trial: str, runs: Sequence[Row], our_contact: Mapping[tuple[Any, ...], float]) -> Row:
+    first = runs[0]
+    row: Row = {**{name: first[name] for name in _LABELS}, "trial": trial, "constants": first["constants"]}
+    people = [run["subject"] for run in runs]
+    row |= {"n_clips": len(runs), "n_people": len(set(people))}
+    columns = {name: [math.nan if run[name] is None else run[name] for run in runs] for name in FIGURES}
+    columns[BEHIND] = [our_contact.get(_clip(run), math.nan) - run["eye_contact_2p6"] for run in runs]
+    for name, values in columns.items():
+        mean, low, high = bootstrap_mean(values, people)
+        row[name] = mean if math.isfinite(mean) else None
+        row[f"{name}_ci95"] = [low, high] if math.isfinite(low) else None
+    return row
+
+
+def _badness(row: Row) -> tuple[bool, float]:
+    if row["trial"] == LOSS:
+        return False, float(row["recontact_s"])
+    if row["settling_s"] is not None:
+        return bool(row["rest_error_deg"] > CONTACT_DEG[0]), float(row["settling_s"])
+    return False, -float(row["eye_contact_2p6"])

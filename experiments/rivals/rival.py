@@ -1,0 +1,119 @@
+"""What a rival sees, and what it answers: the one interface of all control laws.
+
+A rival is a control law as a robot or a camera runs it. It sees faces in a camera on the moving head, and the encoders.
+Pan is positive to the left, tilt is positive up, as everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from gazempc.types import FloatArray, JointState
+
+# Between the chin and the hairline of an adult; what face detectors draw their boxes round.
+FACE_HEIGHT_M = 0.24
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera on the head, that looks along the gaze.
+
+    Attributes:
+        half_width_rad: Half its horizontal field of view, radians.
+        half_height_rad: Half its vertical field of view, radians.
+        width_px: Width of its image, pixels.
+        height_px: Height of its image, pixels.
+        rate_hz: Detections a second.
+        latency_s: From capture to the arrival of the detection, seconds.
+        pixel_noise_px: Standard deviation of the detected centre, on each axis, pixels.
+        face_height_m: Height of a face's box, metres.
+    """
+
+    half_width_rad: float
+    half_height_rad: float
+    width_px: int
+    height_px: int
+    rate_hz: float
+    latency_s: float
+    pixel_noise_px: float
+    face_height_m: float = FACE_HEIGHT_M
+
+
+@dataclass(frozen=True)
+class Detection:
+    """A face in one frame of the camera on the moving head.
+
+    Attributes:
+        capture_time_s: When the frame was captured, seconds.
+        arrival_time_s: When the detection can first be used, seconds.
+        offset: Centre of the face from the image's centre in halves of the image, shape (2,): x positive to the right,
+            y positive down, -1 to 1. A pinhole: ``x = -tan(angle to the left) / tan(half_width_rad)``.
+        range_m: Distance of the face as it was measured, metres; for laws that use a point in space.
+        box_px: Width and height of the face's box, shape (2,), pixels.
+    """
+
+    capture_time_s: float
+    arrival_time_s: float
+    offset: FloatArray
+    range_m: float
+    box_px: FloatArray
+
+
+@dataclass(frozen=True)
+class View:
+    """All that a rival sees at one step.
+
+    Attributes:
+        time_s: The time, seconds.
+        detections: What arrived since the law's last step, oldest first.
+        joints: The encoders now.
+        joints_at: Pan and tilt at an earlier time, shape (2,), radians: linear between the encoders' readings of the
+            last 3 s. The nearest end where that is at most 0.05 s away, otherwise None.
+        idle: Whether the device says that it stands still and has no move left.
+    """
+
+    time_s: float
+    detections: tuple[Detection, ...]
+    joints: JointState
+    joints_at: Callable[[float], FloatArray | None]
+    idle: bool
+
+
+class Rival(Protocol):
+    """A control law.
+
+    Attributes:
+        name: Its name in tables.
+        period_s: Time between two steps, seconds.
+        command: What it answers: joint angles in radians, or joint velocities in rad/s.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def period_s(self) -> float: ...  # noqa: D102
+
+    @property
+    def command(self) -> Literal["position", "velocity"]: ...  # noqa: D102
+
+    def start(self, view: View) -> None:
+        """Begin, with nothing remembered.
+
+        Args:
+            view: What it sees at the start; without detections.
+        """
+        ...
+
+    def step(self, view: View) -> FloatArray:
+        """Answer what it sees.
+
+        Args:
+            view: What it sees.
+
+        Returns:
+            Pan and tilt, shape (2,): absolute angles in radians, or velocities in rad/s, as `command` says.
+        """
+        ...

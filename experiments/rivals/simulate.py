@@ -1,0 +1,137 @@
+"""A scene with a rival in the place of our loop; its log is like any other."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from experiments.rivals.camera import camera_of, detect
+from experiments.rivals.encoders import EncoderHistory
+from experiments.rivals.motor import Motor, driven_by
+from experiments.rivals.rival import Camera, Detection, Rival, View
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.neck.spec import NeckSpec
+from gazempc.recordings.truth import TrueHead
+from gazempc.results.log import Log
+from gazempc.results.run_info import RunInfo
+from gazempc.sim.scene import Scene
+from gazempc.sim.sensor import observe
+from gazempc.types import FloatArray, JointState, Sighting
+
+# Steps of the simulation a second, if the neck itself has no more.
+RATE_HZ = 200.0
+_SAME_TIME_S = 1e-9
+_STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+MakeRival = Callable[[NeckSpec, Camera], Rival]
+
+
+def simulate(scene: Scene, make_rival: MakeRival, latency_error_s: float = 0.0) -> Log:
+    """Let a rival look at a person.
+
+    Args:
+        scene: Walk, neck, sensor on the head, and seed, as of a replay. The rival is made with `neck`; what moves is
+            `robot_neck` where that differs.
+        make_rival: Makes the rival of the neck and the camera.
+        latency_error_s: By how much the latency that it is told of exceeds the true one, seconds.
+
+    Returns:
+        The log, at the neck's servo rate. It has no forecasts and no events.
+
+    Raises:
+        ValueError: If a rival answers what is not two finite numbers.
+    """
+    camera = camera_of(scene.sensor)
+    rival = make_rival(scene.neck, replace(camera, latency_s=camera.latency_s + latency_error_s))
+    neck = driven_by(scene.robot_neck or scene.neck, rival.command)
+    sightings = deque(observe(scene.walk, scene.sensor, scene.seed))
+    start_rad = scene.first_angles_rad(sightings[0].observation.head_position_base_m)
+    start_rad = neck.command_limits.clip_position(start_rad)
+    run = _Run(scene, neck, camera, rival, start_rad)
+    per_row = max(round(RATE_HZ / neck.servo_rate_hz), 1)
+    rate_hz = per_row * neck.servo_rate_hz
+    for index in range(int(float(scene.walk.times_s[-1]) * rate_hz + 1e-6) + 1):
+        arrived = []
+        run.now_s = index / rate_hz
+        while sightings and sightings[0].arrival_s <= run.now_s + _SAME_TIME_S:
+            arrived.append(sightings.popleft())
+        run.tick(arrived, rate_hz, index % per_row == 0)
+    return run.log()
+
+
+class _Run:
+    """One rival in one scene, tick by tick."""
+
+    def __init__(self, scene: Scene, neck: NeckSpec, camera: Camera, rival: Rival, start_rad: FloatArray) -> None:
+        self.now_s = 0.0
+        self._scene, self._neck, self._camera, self._rival = scene, neck, camera, rival
+        self._motor = Motor(neck, start_rad, lambda: self.now_s, scene.seed)
+        self._encoders = EncoderHistory()
+        self._rng = np.random.default_rng([scene.seed, 0])
+        self._joints: list[FloatArray] = []
+        self._true_joints: list[JointState] = []
+        self._waiting: list[Detection] = []
+        self._recorder = LoopRecorder(neck.control_period_s)
+        self._next_step_s = -math.inf
+
+    def tick(self, arrived: list[Sighting], rate_hz: float, takes_row: bool) -> None:
+        """One step of the simulation: what arrived is shown at the rival's next step."""
+        state = self._motor.true_state()
+        self._joints.append(state.position_rad)
+        self._encoders.note(self._motor.reading())
+        for sighting in arrived:
+            self._show(sighting, rate_hz)
+        if self._next_step_s == -math.inf:
+            self._rival.start(self._view(()))
+            self._next_step_s = self.now_s
+        if self.now_s >= self._next_step_s - _SAME_TIME_S:
+            self._step()
+        self._motor.tick()
+        if takes_row:
+            self._true_joints.append(state)
+            self._recorder.tick(self.now_s, None, self._motor.sent, _STILL)
+
+    def _show(self, sighting: Sighting, rate_hz: float) -> None:
+        # A stamp may be wrong; the image is of when it was taken.
+        taken_s = sighting.observation.capture_time_s - self._scene.sensor.timing.stamp_offset_s
+        captured = min(max(round(taken_s * rate_hz), 0), len(self._joints) - 1)
+        seen = detect(self._camera, self._neck.geometry, self._joints[captured], sighting, self._rng)
+        if seen is not None:
+            self._waiting.append(seen)
+            self._recorder.observation(self.now_s, sighting.observation, None, 0.0)
+
+    def _step(self) -> None:
+        answer = np.asarray(self._rival.step(self._view(tuple(self._waiting))), dtype=np.float64)
+        if answer.shape != (2,) or not np.isfinite(answer).all():
+            raise ValueError(f"rival {self._rival.name}: step() returned {answer!r}, needed are two finite numbers")
+        self._motor.ask(answer)
+        self._waiting.clear()
+        # Its own clock goes on evenly, whatever the step of the simulation.
+        self._next_step_s += self._rival.period_s
+
+    def _view(self, detections: tuple[Detection, ...]) -> View:
+        return View(self.now_s, detections, self._motor.reading(), self._encoders.at, self._motor.idle)
+
+    def log(self) -> Log:
+        """What happened."""
+        scene, true_head = self._scene, TrueHead(self._scene.walk)
+
+        def where_known(times_s: FloatArray) -> FloatArray:
+            return np.where(true_head.known(times_s)[:, None], true_head(times_s), np.nan)
+
+        run = RunInfo(
+            recording=scene.walk.name,
+            kind=scene.walk.kind,
+            subject=scene.walk.labels.subject,
+            group=scene.walk.labels.group,
+            controller=self._rival.name,
+            predictor="none",
+            neck=self._neck,
+            sensor=scene.sensor.model_dump(mode="json"),
+            seed=scene.seed,
+        )
+        return self._recorder.finish(run, where_known, self._true_joints)[0]

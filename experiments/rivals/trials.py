@@ -1,0 +1,185 @@
+"""The trials: what a person does before the robot, and when the answer to it is timed.
+
+Directions are seen from the robot's base, pan positive to the left and tilt positive up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import LeftOutError, PlacementError
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.recordings.recording import Labels, Recording, Track
+from gazempc.types import FloatArray
+
+# Nobody is shown before this, so that all of the answer is scored.
+SHOWN_FROM_S = 1.0
+FRAME_RATE_HZ = 100.0
+# As in the published trials: 1 to 2 m away, 15 s. Angles are ours, as none are published: the head must turn clearly;
+# a face at 1.2 m or 1.6 m before a camera 1.0 m high.
+STILL_DISTANCE_M, STILL_S = 1.5, 15.0
+SIDES_DEG = {"centre": 0.0, "left": 20.0, "right": -20.0}
+HEIGHTS_DEG = {"seated": 8.0, "standing": 22.0}
+STILL = tuple(f"still_{height}_{side}" for height in HEIGHTS_DEG for side in SIDES_DEG)
+STEP_DEG, STEP_AT_S, STEP_S = 30.0, 3.0, 11.0
+RAMP_DEG_S, RAMP_FROM_S, RAMP_S, RAMP_ENDS_S = 20.0, 3.0, 4.0, 12.0
+MOVES_DISTANCE_M, MOVES_TILT_DEG = 2.0, 10.0
+HEIGHT_M = 1.2
+PASSES_M = {"pass_1.0m": 1.0, "pass_2.5m": 2.5}
+TURNS, TURN_DISTANCE_M = "turns", 2.5
+LOSS, LOSS_S = "loss", 1.0
+# The loss begins after this share of the walk.
+_LOSS_AFTER = 0.35
+# At its end the person comes to stand, so that a law that lags can be back in contact, too.
+STANDS_S, _STOP_TIME_S, _PACE_S = 4.0, 0.2, 0.1
+# Trials on walks, whose figures are means over people.
+WALKS = (*PASSES_M, TURNS)
+ALONE = (*STILL, "step", "ramp")
+TRIALS = (*ALONE, *WALKS, LOSS)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One person before the robot.
+
+    Attributes:
+        name: One of `TRIALS`.
+        walk: The person in the base frame, time starting at 0.
+        start_rad: Where pan and tilt begin; None for looking at the first observed head.
+        event_s: From when the answer is timed, seconds; None where nothing is timed.
+        joint: Whose answer: 0 the pan's; 1 the tilt's, where the person is straight ahead.
+        back_s: When the face is seen again after its loss, seconds; None without one.
+    """
+
+    name: str
+    walk: Recording
+    start_rad: tuple[float, float] | None = None
+    event_s: float | None = None
+    joint: int = 0
+    back_s: float | None = None
+
+
+def takes(trial: str, group: str | None) -> bool:
+    """Whether a trial is made on walks of a route group; a walk without one counts as straight."""
+    turns = group not in (None, "straight")
+    return turns if trial == TURNS else not turns
+
+
+def make_trial(name: str, recording: str | None) -> Trial:
+    """Make a trial.
+
+    Args:
+        name: One of `TRIALS`.
+        recording: For trials on walks: a synthetic name or a path.
+
+    Returns:
+        The trial.
+
+    Raises:
+        LeftOutError: If the walk comes too near to the robot, or is too short.
+    """
+    if name in STILL:
+        _, height, side = name.split("_")
+        tilt_deg, pan_deg = HEIGHTS_DEG[height], SIDES_DEG[side]
+        walk = _alone(name, STILL_S + SHOWN_FROM_S, lambda t: np.full(t.size, pan_deg), tilt_deg, STILL_DISTANCE_M)
+        return Trial(name, _hidden(walk, -1.0, SHOWN_FROM_S), (0.0, 0.0), SHOWN_FROM_S, int(side == "centre"))
+    if name in ALONE:
+        return _moving(name)
+    if recording is None:
+        raise ValueError(f"trial {name!r} needs a recording")
+    try:
+        walk = place(load(recording), "side", PASSES_M.get(name, TURN_DISTANCE_M), HEIGHT_M)
+    except PlacementError as error:
+        raise LeftOutError(str(error)) from None
+    if name != LOSS:
+        return Trial(name, walk)
+    lost_s = _LOSS_AFTER * float(walk.times_s[-1])
+    back_s = lost_s + LOSS_S
+    if back_s > walk.times_s[-1]:
+        raise LeftOutError(f"{walk.name}: {walk.times_s[-1]:.2f} s is too short for a loss of {LOSS_S:g} s")
+    return Trial(name, _hidden(_stopping(walk), lost_s, back_s), back_s=back_s)
+
+
+def _moving(name: str) -> Trial:
+    if name == "step":
+
+        def pan_deg(times_s: FloatArray) -> FloatArray:
+            return np.where(times_s < STEP_AT_S, -STEP_DEG / 2.0, STEP_DEG / 2.0)
+
+        walk = _alone(name, STEP_S, pan_deg, MOVES_TILT_DEG, MOVES_DISTANCE_M)
+        return Trial(name, walk, event_s=STEP_AT_S)
+
+    def ramp_deg(times_s: FloatArray) -> FloatArray:
+        return RAMP_DEG_S * (np.clip(times_s - RAMP_FROM_S, 0.0, RAMP_S) - RAMP_S / 2.0)
+
+    walk = _alone(name, RAMP_ENDS_S, ramp_deg, MOVES_TILT_DEG, MOVES_DISTANCE_M)
+    return Trial(name, walk, event_s=RAMP_FROM_S + RAMP_S)
+
+
+def _alone(
+    name: str, duration_s: float, pan_deg: Callable[[FloatArray], FloatArray], tilt_deg: float, distance_m: float
+) -> Recording:
+    """Somebody who faces the robot, at a pan angle that is given over time."""
+    times_s = np.arange(round(duration_s * FRAME_RATE_HZ) + 1) / FRAME_RATE_HZ
+    pan, tilt = np.deg2rad(pan_deg(times_s)), np.deg2rad(tilt_deg)
+    ground_m = distance_m * np.cos(tilt)
+    head_m = np.stack([ground_m * np.cos(pan), ground_m * np.sin(pan), np.full(pan.size, distance_m * np.sin(tilt))], 1)
+    faces = Rotation.from_euler("z", (pan + np.pi)[:, None]).as_quat(scalar_first=True)
+    track = Track(
+        head_position_m=head_m,
+        head_quat_wxyz=faces,
+        pelvis_position_m=head_m - [0.0, 0.0, 0.7],
+        pelvis_quat_wxyz=faces,
+        valid=np.ones(times_s.size, dtype=np.bool_),
+    )
+    return Recording(name, "synthetic", "synthetic", times_s, track, None, True, Labels(subject="nobody"))
+
+
+def _stopping(walk: Recording) -> Recording:
+    """The same walk, and at its end the person stops and stands."""
+    track, period_s = walk.truth, float(np.median(np.diff(walk.times_s)))
+    valid = np.flatnonzero(track.valid)
+    last, before = valid[-1], valid[valid <= valid[-1] - round(_PACE_S / period_s)][-1]
+    since_s = period_s * np.arange(1, round(STANDS_S / period_s) + 1)
+    # Speed decays: a step or less is left to go.
+    share = _STOP_TIME_S * (1.0 - np.exp(-since_s / _STOP_TIME_S)) / (walk.times_s[last] - walk.times_s[before])
+
+    def stops(rows: FloatArray) -> FloatArray:
+        return np.concatenate([rows[: last + 1], rows[last] + share[:, None] * (rows[last] - rows[before])])
+
+    def stays(rows: FloatArray) -> FloatArray:
+        return np.concatenate([rows[: last + 1], np.tile(rows[last], (since_s.size, 1))])
+
+    longer = Track(
+        head_position_m=stops(track.head_position_m),
+        head_quat_wxyz=stays(track.head_quat_wxyz),
+        pelvis_position_m=stops(track.pelvis_position_m),
+        pelvis_quat_wxyz=stays(track.pelvis_quat_wxyz),
+        valid=np.concatenate([track.valid[: last + 1], np.ones(since_s.size, dtype=np.bool_)]),
+    )
+    times_s = np.concatenate([walk.times_s[: last + 1], walk.times_s[last] + since_s])
+    return replace(walk, times_s=times_s, truth=longer, measured=None)
+
+
+def _hidden(walk: Recording, from_s: float, to_s: float) -> Recording:
+    """The same walk, unseen for a time."""
+    hidden = (walk.times_s >= from_s) & (walk.times_s < to_s)
+
+    def without(rows: ArrayLike) -> FloatArray:
+        return np.where(hidden[:, None], np.nan, rows)
+
+    track = walk.truth
+    seen = Track(
+        head_position_m=without(track.head_position_m),
+        head_quat_wxyz=without(track.head_quat_wxyz),
+        pelvis_position_m=without(track.pelvis_position_m),
+        pelvis_quat_wxyz=without(track.pelvis_quat_wxyz),
+        valid=track.valid & ~hidden,
+    )
+    return replace(walk, truth=seen, measured=None)

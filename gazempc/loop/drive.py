@@ -1,0 +1,121 @@
+"""What a neck is sent for a motion of the command: angles, or speeds where an axis takes these."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gazempc.controllers.controller import AxisMotion
+from gazempc.neck.spec import Axis, NeckSpec
+from gazempc.types import FloatArray
+
+# A correction may take this share of the top speed: a joint that was pushed away comes back without a leap.
+_CORRECTION_SHARE = 0.1
+
+
+class _SpeedAxis:
+    """A joint that takes speeds: the derivative of the command, and a small position loop.
+
+    The joint follows the integral of the speeds behind dead time and servo, as a joint that takes angles follows the
+    angles. A speed is held for a period, so over that period it leads to its middle on average.
+    """
+
+    def __init__(self, axis: Axis, position_rad: float, period_s: float) -> None:
+        self._period_s = period_s
+        # The observer learns the offset no faster than the joint answers; neither should the loop use it faster.
+        self._gain = 1.0 / (axis.dead_time_s + axis.servo_lag_s + period_s)
+        self._fastest_rad_s = axis.velocity_max_rad_s
+        self._led_rad = self._meant_rad = position_rad
+        self._speed_rad_s = 0.0
+
+    def outgoing(self, motion: AxisMotion, offset_rad: float) -> float:
+        self._speed_rad_s = motion[1]
+        most = _CORRECTION_SHARE * self._fastest_rad_s
+        missing_rad = self._meant_rad - self._led_rad - offset_rad
+        speed = motion[1] + min(max(self._gain * missing_rad, -most), most)
+        return min(max(speed, -self._fastest_rad_s), self._fastest_rad_s)
+
+    def sent(self, speed_rad_s: float, got_through: bool) -> float:
+        middle_rad = self._led_rad + 0.5 * self._period_s * speed_rad_s
+        self._led_rad += self._period_s * speed_rad_s
+        if got_through:
+            self._meant_rad += self._period_s * self._speed_rad_s
+        return middle_rad
+
+    def restart(self, offset_rad: float) -> float:
+        self._meant_rad = self._led_rad + offset_rad
+        return self._meant_rad
+
+
+class Drive:
+    """Turns motions of the command into what the robot takes, and what was sent into the angles that it leads to.
+
+    Args:
+        neck: The neck; an axis with ``command = "position"`` is sent the angle itself.
+        position_rad: Where the command starts, at rest, shape (2,), radians.
+    """
+
+    def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
+        self._axes = [
+            _SpeedAxis(axis, start, neck.servo_period_s) if axis.takes_speed else None
+            for axis, start in zip(neck.axes, position_rad.tolist(), strict=True)
+        ]
+        self._speeds = neck.takes_speeds
+        self._takes_angle = np.array([axis is None for axis in self._axes])
+
+    def outgoing(self, motions: tuple[AxisMotion, AxisMotion], offset_rad: FloatArray) -> FloatArray:
+        """What to send.
+
+        Args:
+            motions: The command's motions, of pan and of tilt.
+            offset_rad: How far the joints are from what was sent, see `JointEstimate`, shape (2,), radians.
+
+        Returns:
+            Angles or speeds, shape (2,), radians or rad/s.
+        """
+        pairs = zip(self._axes, motions, offset_rad.tolist(), strict=True)
+        return np.array([motion[0] if axis is None else axis.outgoing(motion, off) for axis, motion, off in pairs])
+
+    def sent(self, command: FloatArray, got_through: bool = True) -> FloatArray:
+        """Take note of what the robot goes by for one servo period.
+
+        Args:
+            command: As the robot says it, shape (2,), radians or rad/s.
+            got_through: False where it is what was sent before, as this period's command was lost.
+
+        Returns:
+            The angles that it leads to, without the offset, shape (2,), radians: the command of a joint that takes
+            angles and moves the same.
+        """
+        if not self._speeds:
+            return command
+        pairs = zip(self._axes, command.tolist(), strict=True)
+        return np.array([value if axis is None else axis.sent(value, got_through) for axis, value in pairs])
+
+    def restart(self, angles_rad: FloatArray, offset_rad: FloatArray) -> FloatArray:
+        """Where a motion can start anew after commands were lost.
+
+        Args:
+            angles_rad: What the last command led to, shape (2,), radians.
+            offset_rad: As in `outgoing`.
+
+        Returns:
+            Angles, shape (2,), radians.
+        """
+        triples = zip(self._axes, angles_rad.tolist(), offset_rad.tolist(), strict=True)
+        return np.array([angle if axis is None else axis.restart(off) for axis, angle, off in triples])
+
+    def seen_by_controllers(self, sent_rad: FloatArray, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Commands sent and offsets as a controller must know them.
+
+        The offset of a joint that takes speeds is made up for here already; its commands count from where it is.
+
+        Args:
+            sent_rad: What was sent, as `sent` gives it, shape (M, 2), radians.
+            offset_rad: As in `outgoing`.
+
+        Returns:
+            Both, shapes (M, 2) and (2,), radians; copies.
+        """
+        if not self._speeds:
+            return sent_rad.copy(), offset_rad
+        return sent_rad + np.where(self._takes_angle, 0.0, offset_rad), np.where(self._takes_angle, offset_rad, 0.0)

@@ -1,0 +1,131 @@
+"""Frigate's stop and go, its dead zone, its calibration and the velocities that it believes."""
+
+import numpy as np
+import pytest
+from builders.rival_bench import CAMERA, NECK, Plant, camera, neck_with, ramp, run, standing
+
+from experiments.rivals.laws.frigate import Frigate, MoveTime
+from experiments.rivals.laws.frigate_calibration import FrigateCalibration
+from experiments.rivals.laws.frigate_motion import CornerFilter, believed_velocity
+
+PROMPT = camera(latency_s=0.02)
+IMAGE_PX = np.array([1280.0, 720.0])
+KNOWN = MoveTime(offset_s=0.5, slope_s=1.0, zero_move_s=0.5)
+
+
+@pytest.mark.parametrize(("move_time", "px"), [(KNOWN, 131.0), (None, 49.0)])
+def test_a_box_200_px_tall_is_followed_from_131_or_49_px_on(move_time, px):
+    """A face that stands has a velocity of zero, which is a valid one."""
+    # A box of 200 px: its range follows from the face's height.
+    range_m = 0.24 / 200.0 * 720.0 / (2.0 * np.tan(PROMPT.half_height_rad))
+    for off_px, moves in ((px - 1.0, False), (px + 1.0, True)):
+        law = Frigate(NECK, PROMPT, move_time=move_time, faces_tall=1.0)
+        off_deg = np.rad2deg(np.arctan(off_px / 640.0))
+
+        # The first frame knows no velocity: there the person is in the middle.
+        def person(time_s, off_deg=off_deg):
+            return (0.0 if time_s < 0.3 else off_deg, 0.0)
+
+        course = run(law, person, 1.0, Plant(dead_time_s=9.0), PROMPT, range_m=range_m)
+        assert bool(course.command[-1, 0]) is moves
+
+
+def test_a_move_goes_the_share_of_the_image_in_which_the_face_is():
+    """The law takes the tangent for an angle: it goes tan 30 deg of 45 deg, and then what is left likewise."""
+    course = run(Frigate(NECK, PROMPT), standing(30.0), 4.0, Plant(0.1, 0.0, 1.0), PROMPT)
+    first_deg = 45.0 * np.tan(np.deg2rad(30.0))
+    second_deg = first_deg + 45.0 * np.tan(np.deg2rad(30.0 - first_deg))
+    np.testing.assert_allclose(np.unique(np.rad2deg(course.command[:, 0])), [0.0, first_deg, second_deg], atol=1e-6)
+
+
+def test_frames_of_the_motion_that_come_after_it_move_the_camera_too_far():
+    late = camera(latency_s=0.6)
+    course = run(Frigate(NECK, late), standing(30.0), 4.0, Plant(0.1, 0.0, 1.0), late)
+    assert course.head_deg[:, 0].max() > 40.0
+
+
+def test_no_move_begins_while_another_is_under_way():
+    course = run(Frigate(NECK, PROMPT), ramp(20.0), 5.0, Plant(0.3, 0.0, 0.6), PROMPT)
+    changes = np.flatnonzero(np.diff(course.command[:, 0]))
+    speed_deg_s = np.gradient(course.head_deg[:, 0], 0.001)
+    assert changes.size >= 3
+    assert np.abs(speed_deg_s[changes - 1]).max() < 1e-6
+
+
+def test_a_calibrated_camera_goes_further_by_what_the_person_walks_meanwhile():
+    """10 deg/s are 22.3 px in 0.2 s: the move grows by that for each 0.2 s of the time that it is said to take."""
+    move_time = MoveTime(0.3, 0.79, 1.0)
+    course = run(Frigate(NECK, PROMPT, move_time=move_time), ramp(10.0), 8.0, Plant(0.3, 0.0, 1.0), PROMPT)
+    began = np.flatnonzero(np.diff(course.command[:, 0]))[-4:] + 1
+    # The frame was captured 0.02 s before.
+    seen = np.tan(np.deg2rad(course.person_deg[began - 20, 0] - course.head_deg[began, 0]))
+    ahead = 10.0 * np.pi / 180.0 * (0.3 + 0.79 * seen)
+    went_deg = np.rad2deg(course.command[began, 0]) - course.head_deg[began, 0]
+    np.testing.assert_allclose(went_deg, 45.0 * (seen + ahead), atol=0.05)
+
+
+def test_after_ten_seconds_it_goes_home():
+    course = run(
+        Frigate(NECK, PROMPT), standing(30.0), 13.0, Plant(0.1, 0.0, 1.0), PROMPT, lambda t: t < 1.5, dt_s=0.005
+    )
+    assert course.head_deg[course.time_s > 11.0, 0][0] == pytest.approx(29.14, abs=0.01)
+    assert course.head_deg[-1, 0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_calibration_finds_the_line_of_a_plant_with_a_dead_time_and_a_speed():
+    """A move of s half images takes 0.3 s + s * 45 deg / (1 rad/s), and at most two steps of 0.02 s to be noticed."""
+    law = FrigateCalibration(NECK, CAMERA)
+    run(law, standing(0.0), 80.0, Plant(0.3, 0.0, 1.0), seen=lambda t: False, dt_s=0.005)
+    assert law.finished
+    times_s, sizes = np.array(law._times_s), np.linspace(0.0, 1.0, 30)
+    np.testing.assert_allclose(times_s[1:], 0.31 + sizes[1:] * np.pi / 4.0, atol=0.025)
+    fit = law.move_time()
+    # The move by nothing ends at once, and pulls the line down at its beginning.
+    design = np.column_stack([np.ones(30), sizes])
+    offset_s, slope_s = np.linalg.solve(design.T @ design, design.T @ times_s)
+    assert (fit.offset_s, fit.slope_s) == (pytest.approx(offset_s), pytest.approx(slope_s))
+    assert fit.zero_move_s == times_s[0] < 0.05
+    assert fit.slope_s == pytest.approx(np.pi / 4.0, abs=0.08)
+
+
+def test_a_line_that_the_program_would_not_accept_is_none():
+    law = FrigateCalibration(NECK, CAMERA)
+    run(law, standing(0.0), 20.0, Plant(), seen=lambda t: False, dt_s=0.01)
+    assert law.finished
+    assert law.move_time() is None
+
+
+def test_the_time_of_a_move_is_as_the_program_has_it():
+    assert MoveTime(0.4, 0.8, 0.1).predict_s(np.array([-0.5, 0.25])) == pytest.approx(0.04 + 0.6)
+
+
+def test_moves_stay_within_the_necks_range():
+    near = neck_with(position_min_deg=-20.0, position_max_deg=20.0)
+    course = run(Frigate(near, PROMPT), standing(40.0), 3.0, Plant(0.1, 0.0, 1.0), PROMPT)
+    assert course.head_deg[:, 0].max() == pytest.approx(20.0, abs=1e-6)
+
+
+def test_the_corner_filter_learns_a_steady_velocity():
+    corners_px, step_px = np.array([[100.0, 50.0], [160.0, 130.0]]), np.array([7.0, -3.0])
+    corner_filter = CornerFilter(corners_px)
+    for k in range(1, 30):
+        velocity = corner_filter.update(corners_px + k * step_px)
+    np.testing.assert_allclose(velocity, [step_px, step_px], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("corners", "believed"),
+    [
+        ([[10.0, 0.0], [12.0, 0.0]], (11.0, 0.0)),
+        ([[0.0, 0.0], [0.0, 0.0]], (0.0, 0.0)),
+        ([[129.0, 0.0], [129.0, 0.0]], None),  # 1280 / (2 * 5) = 128
+        ([[0.0, 73.0], [0.0, 73.0]], None),
+        ([[100.0, 0.0], [79.0, 0.0]], None),  # corners 21 apart
+        ([[30.0, 11.0], [30.0, -1.0]], None),  # cosine 0.926
+        ([[30.0, 9.0], [30.0, 0.0]], (30.0, 4.5)),  # alike, cosine 0.96
+        ([[4.0, 4.0], [-4.0, 4.0]], None),  # alike, cosine 0
+    ],
+)
+def test_which_velocities_are_believed(corners, believed):
+    found = believed_velocity(np.array(corners), IMAGE_PX, 5.0)
+    assert found is None if believed is None else found == pytest.approx(believed)

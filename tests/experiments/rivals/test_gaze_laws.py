@@ -1,0 +1,151 @@
+"""OP3, iKinGazeCtrl, humotion, PR2 and Smith against closed forms."""
+
+import numpy as np
+import pytest
+from builders.rival_bench import CAMERA, NECK, Plant, camera, neck_with, ramp, run, standing
+
+from experiments.rivals.laws import RIVALS
+from experiments.rivals.laws.humotion import Humotion, limits_for
+from experiments.rivals.laws.ikingazectrl import IKinGazeCtrl
+from experiments.rivals.laws.op3 import Op3
+from experiments.rivals.laws.pr2_point_head import Pr2PointHead
+from experiments.rivals.laws.smith import Smith, SmithFeedForward
+
+DIRECT = camera(latency_s=0.0, rate_hz=100.0)
+
+
+def first_frame_only(time_s):
+    return time_s < 0.005
+
+
+def test_op3_goes_0_6_of_the_error_with_minimum_jerk():
+    """Of 30 deg 18, in 18 / 52.5 s, from the frame's arrival on."""
+    course = run(Op3(NECK, CAMERA), standing(30.0), 1.0, seen=first_frame_only, dt_s=0.004)
+    s = np.clip((course.time_s - 0.104) / (18.0 / 52.5), 0.0, 1.0)
+    expected = 18.0 * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
+    # The law's step is 8 ms.
+    np.testing.assert_allclose(np.rad2deg(course.command[:, 0]), expected, atol=0.9)
+    assert np.rad2deg(course.command[-1, 0]) == pytest.approx(18.0)
+
+
+def test_op3_leaves_errors_below_a_degree():
+    assert (run(Op3(NECK, CAMERA), standing(0.9, -0.9), 1.0, dt_s=0.004).command == 0.0).all()
+    assert (run(Op3(NECK, CAMERA), standing(0.9, -1.1), 1.0, dt_s=0.004).command != 0.0).any()
+
+
+def test_op3_oscillates_at_a_high_rate_of_frames_and_not_at_a_low_one():
+    """It adds 0.6 of the same error for each frame that shows it: 18 a second at 30 frames."""
+    fast = run(Op3(NECK, CAMERA), standing(20.0), 6.0, Plant(0.03, 0.09), dt_s=0.004)
+    slow = run(Op3(NECK, CAMERA, detection_period_s=0.5), standing(20.0), 6.0, Plant(0.03, 0.09), dt_s=0.004)
+    assert fast.head_deg[:, 0].max() > 40.0
+    assert slow.head_deg[:, 0].max() < 21.0
+    assert abs(slow.head_deg[-1, 0] - 20.0) < 1.0
+
+
+def test_ikingazectrl_has_a_triple_pole():
+    course = run(IKinGazeCtrl(NECK, DIRECT), standing(20.0), 3.0, seen=first_frame_only, camera=DIRECT)
+    pt = 5.322 / 0.75 * course.time_s
+    expected = 20.0 * (1.0 - np.exp(-pt) * (1.0 + pt + 0.5 * pt**2))
+    np.testing.assert_allclose(course.head_deg[:, 0], expected, atol=0.35)
+    assert np.interp(0.75, course.time_s, course.head_deg[:, 0]) == pytest.approx(18.0, abs=0.3)
+    assert course.head_deg[:, 0].max() < 20.01
+
+
+def test_ikingazectrl_is_late_on_a_ramp_by_0_564_of_its_time():
+    course = run(IKinGazeCtrl(NECK, DIRECT), ramp(20.0, -20.0), 4.0, camera=DIRECT)
+    assert course.lag_s(20.0, 1.0) == pytest.approx(0.564 * 0.75, abs=0.01)
+
+
+@pytest.mark.parametrize(("way_deg", "time_s"), [(5.0, 0.48), (10.0, 0.81), (20.0, 1.26), (40.0, 1.73)])
+def test_the_limits_of_humotion_are_those_of_its_times(way_deg, time_s):
+    """A time-optimal motion that never reaches its top speed takes 2 sqrt(way / acceleration)."""
+    speed, acceleration = np.rad2deg(limits_for(np.deg2rad([way_deg, way_deg])))
+    assert speed[0] ** 2 / acceleration[0] > way_deg
+    assert 2.0 * np.sqrt(way_deg / acceleration[0]) == pytest.approx(time_s, abs=0.006)
+
+
+@pytest.mark.parametrize(("way_deg", "time_s"), [(5.0, 0.48), (10.0, 0.81), (20.0, 1.26)])
+def test_planned_anew_at_each_step_humotion_is_a_quarter_faster_and_stops_there(way_deg, time_s):
+    course = run(Humotion(NECK, DIRECT), standing(way_deg), 4.0, seen=first_frame_only, camera=DIRECT)
+    arrived_s = course.time_s[np.flatnonzero(course.head_deg[:, 0] > 0.98 * way_deg)[0]]
+    assert 0.6 * time_s < arrived_s < 0.8 * time_s
+    assert course.head_deg[:, 0].max() < way_deg + 0.01
+
+
+def test_humotion_keeps_to_its_share_of_the_range_and_stands_without_a_target():
+    near = neck_with(position_min_deg=-50.0, position_max_deg=25.0)
+    course = run(Humotion(near, CAMERA), standing(40.0), 4.0)
+    assert course.head_deg[:, 0].max() == pytest.approx(20.0, abs=0.01)
+    lost = run(Humotion(NECK, CAMERA), standing(40.0), 4.0, seen=lambda t: t < 0.03)
+    assert np.ptp(lost.head_deg[lost.time_s > 1.15, 0]) == 0.0
+
+
+def test_a_goal_of_pr2_is_a_cubic_of_its_duration():
+    """40 deg at 1 rad/s take 0.70 s, from 0.01 s after the goal's arrival at 0.1 s."""
+    course = run(Pr2PointHead(NECK, CAMERA), standing(40.0), 1.5, seen=first_frame_only)
+    s = np.clip((course.time_s - 0.11) / np.deg2rad(40.0), 0.0, 1.0)
+    held = (course.time_s * 1000).round().astype(int) // 10 * 10
+    s = s[held]
+    np.testing.assert_allclose(course.command[:, 0], np.deg2rad(40.0) * (3.0 * s**2 - 2.0 * s**3), atol=1e-6)
+
+
+def test_goals_of_pr2_that_come_again_make_it_late():
+    """Each goal starts anew, and 33 ms of a cubic of 0.5 s are little: the mean speed needs a large error."""
+    course = run(Pr2PointHead(NECK, DIRECT), ramp(20.0), 4.0, camera=DIRECT)
+    assert course.lag_s(20.0, 1.0) > 0.2
+
+
+LAG_S, DEAD_S = 0.15, 0.2
+# So much damping makes the servo a lag of first order, as the plant is.
+FIRST_ORDER = {"natural_frequency_rad_s": 20.0 / LAG_S, "damping_ratio": 10.0, "velocity_max_rad_s": 60.0}
+MODEL = neck_with(**FIRST_ORDER, dead_time_s=DEAD_S)
+STEADY = camera(rate_hz=50.0, latency_s=0.1)
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.5])
+def test_smith_with_the_true_model_does_not_overshoot(gain):
+    course = run(Smith(MODEL, STEADY, gain=gain), standing(30.0), 4.0, Plant(DEAD_S, LAG_S), STEADY)
+    assert course.head_deg[:, 0].max() < 30.0 + 0.15
+    assert course.head_deg[-1, 0] == pytest.approx(30.0, abs=0.01)
+    # The share K of the error closes the loop round the model: its answer is a lag of tau / K after all delays.
+    since_s = np.maximum(course.time_s - (0.1 + DEAD_S), 0.0)
+    expected = 30.0 * (1.0 - np.exp(-since_s * gain / LAG_S))
+    np.testing.assert_allclose(course.head_deg[:, 0], expected, atol=0.02 if gain == 1.0 else 0.6)
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.5])
+def test_smith_is_late_on_a_ramp_by_all_delays_and_the_lag_over_the_gain(gain):
+    """A frame is 0.1 s old when it comes, and a command is held for a step, which adds half of it over the gain."""
+    course = run(Smith(MODEL, STEADY, gain=gain), ramp(10.0, -20.0), 6.0, Plant(DEAD_S, LAG_S), STEADY)
+    assert course.lag_s(10.0, 1.0) == pytest.approx(0.1 + DEAD_S + (LAG_S + 0.01) / gain, abs=2e-3)
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.5])
+def test_with_feed_forward_it_is_late_by_half_a_step_over_the_gain(gain):
+    course = run(SmithFeedForward(MODEL, STEADY, gain=gain), ramp(10.0, -20.0), 6.0, Plant(DEAD_S, LAG_S), STEADY)
+    assert course.lag_s(10.0, 1.0) == pytest.approx(0.01 / gain, abs=2e-3)
+
+
+def test_smith_with_a_wrong_dead_time_overshoots():
+    wrong = neck_with(**FIRST_ORDER, dead_time_s=0.5 * DEAD_S)
+    course = run(Smith(wrong, STEADY), standing(30.0), 4.0, Plant(DEAD_S, LAG_S), STEADY)
+    assert course.head_deg[:, 0].max() > 32.0
+
+
+def test_smith_knows_the_top_speed_of_the_neck():
+    slow = neck_with(**FIRST_ORDER | {"velocity_max_rad_s": 0.3}, dead_time_s=DEAD_S)
+    course = run(Smith(slow, STEADY), standing(30.0), 5.0, Plant(DEAD_S, LAG_S, 0.3), STEADY)
+    assert course.head_deg[:, 0].max() < 30.2
+    unlimited = run(Smith(MODEL, STEADY), standing(30.0), 5.0, Plant(DEAD_S, LAG_S, 0.3), STEADY)
+    assert unlimited.head_deg[:, 0].max() > 32.0
+
+
+@pytest.mark.parametrize("name", RIVALS)
+def test_each_law_turns_to_the_face_and_a_new_start_forgets_the_last_run(name):
+    law = RIVALS[name](NECK, CAMERA)
+    assert (law.name, law.command in ("position", "velocity")) == (name, True)
+    first = run(law, standing(25.0, 10.0), 1.0, Plant(0.03, 0.09), dt_s=0.004)
+    again = run(law, standing(25.0, 10.0), 1.0, Plant(0.03, 0.09), dt_s=0.004)
+    np.testing.assert_array_equal(first.command, again.command)
+    assert (first.head_deg[-1] != 0.0).all()
+    assert (first.head_deg.max(axis=0) > [5.0, 2.0]).all()

@@ -1,0 +1,36 @@
+"""Rivals as the trials make them."""
+
+import numpy as np
+from builders.rival_bench import CAMERA
+
+from experiments.rivals.laws import RIVALS
+from experiments.rivals.make import calibrate, make_rival
+from gazempc.neck.spec import load_neck
+
+
+def test_the_calibration_finds_the_top_speed_of_a_neck():
+    """Half the field of view takes its angle over the top speed; large moves come to rest later than small ones."""
+    neck = load_neck("reachy_mini")
+    found = calibrate(neck, CAMERA)
+    least_s = CAMERA.half_width_rad / neck.pan.velocity_max_rad_s
+    assert least_s < found.slope_s < 1.6 * least_s
+    assert neck.pan.dead_time_s < found.offset_s < 0.6
+    assert found.zero_move_s < 0.05
+
+
+def test_frigate_is_calibrated_on_the_neck_that_moves():
+    believed, moves = load_neck("reference"), load_neck("reachy_mini")
+    assert make_rival("frigate", moves, believed, CAMERA)._move_time == calibrate(moves, CAMERA)
+
+
+def test_all_rivals_see_the_smallest_faces():
+    neck = load_neck("reachy_mini")
+    for name in RIVALS:
+        association = getattr(make_rival(name, neck, neck, CAMERA), "_association", None)
+        assert association is None or association._least_px2 == 0.0
+
+
+def test_constants_may_be_others():
+    neck = load_neck("reachy_mini")
+    slow = make_rival("autoptz", neck, neck, CAMERA, speed_scale=0.5)
+    np.testing.assert_allclose(slow._top_rad_s, 0.5 * neck.velocity_max_rad_s)

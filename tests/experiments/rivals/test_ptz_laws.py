@@ -1,0 +1,126 @@
+"""The laws of cameras that take speeds: AutoPTZ and obs-face-tracker."""
+
+import numpy as np
+import pytest
+from builders.rival_bench import CAMERA, NECK, Plant, camera, neck_with, ramp, run, standing
+
+from experiments.rivals.laws.autoptz import AutoPtz
+from experiments.rivals.laws.obs_face_tracker import ObsFaceTracker, visca_speed
+from experiments.rivals.laws.pixel_pid import PixelPid
+
+TOP = neck_with(velocity_max_rad_s=1.0)
+
+
+def frames(course, rate_hz=30.0):
+    """The answers of pan, one a frame, from the arrival of the first frame on."""
+    return course.command[np.round(np.arange(0.1, course.time_s[-1], 1.0 / rate_hz) * 1000).astype(int) + 2, 0]
+
+
+def test_autoptz_rises_by_3_a_second_and_falls_at_once():
+    course = run(AutoPtz(TOP, CAMERA), standing(42.0), 1.0, Plant(dead_time_s=2.0), seen=lambda t: t < 0.5)
+    u = frames(course)
+    np.testing.assert_allclose(u[:4], [0.1, 0.2, 0.3, 0.4], atol=3e-3)
+    lost = course.time_s > 0.5 + 0.1 + 1.6 / 30
+    assert (course.command[lost] == 0.0).all()
+    assert np.abs(course.command[course.time_s < 0.55]).max() > 0.5
+
+
+def test_autoptz_rests_in_the_middle_until_the_face_is_outside_of_the_zone():
+    """0.35 and 1.25 of a zone of 0.15 half images are 3.0 and 10.6 deg; a face that creeps out has no velocity."""
+    still = run(AutoPtz(NECK, CAMERA), standing(2.9), 1.0, Plant(dead_time_s=99.0))
+    assert (still.command == 0.0).all()
+    course = run(AutoPtz(NECK, CAMERA), ramp(1.0), 13.0, Plant(dead_time_s=99.0), dt_s=0.01)
+    began_deg = course.person_deg[np.flatnonzero(course.command[:, 0])[0], 0]
+    assert 10.6 < began_deg < 10.6 + 1.0 * (0.1 + 0.1 + 0.2)
+
+
+def test_autoptz_knows_its_own_motion_from_the_persons():
+    """Of a person who stands there is no lead, whatever the camera does; it rests near its dead zone of 3 deg."""
+    course = run(AutoPtz(neck_with(velocity_max_rad_s=2.0), CAMERA), standing(30.0), 6.0, Plant(dead_time_s=0.05))
+    assert abs(course.head_deg[-1, 0] - 30.0) < 5.0
+    assert course.head_deg[:, 0].max() < 31.0
+
+
+def test_autoptz_gives_the_speed_of_its_formulas_for_a_face_that_stays_where_it_is():
+    """By hand: the error beyond the dead zone times 0.6 and the gain, to the power of 1.2."""
+    course = run(AutoPtz(TOP, CAMERA, processing_s=0.05), standing(20.0), 6.0, Plant(dead_time_s=99.0))
+    error = np.tan(np.deg2rad(20.0)) - 0.35 * 0.15
+    gain = 0.7 * (1.0 + 0.9 * max(error / 0.6, 0.55 * 0.05 / 0.3))
+    assert course.command[-1, 0] == pytest.approx((gain * 0.6 * error) ** 1.2, rel=1e-3)
+
+
+def test_autoptz_slows_down_when_its_speed_changes_sides():
+    """By s = 1, 1.6, 1.96 for each change of one axis in a row, to 1 / (1 + 0.6 s); at most to s = 4."""
+    law = AutoPtz(TOP, CAMERA)
+    law._forget()
+    sides = np.array([1.0, -1.0, 1.0, -1.0])
+    u = [law._speed(np.zeros(2), np.array([3.0 * side, 0.0]), 1.0 / 30.0)[0] for side in sides]
+    free = (0.7 * (1.0 + 0.9 * 0.65) * 0.1 * 3.0) ** 1.2
+    np.testing.assert_allclose(u, sides * free / (1.0 + 0.6 * np.array([0.0, 1.0, 1.6, 1.96])))
+    for k in range(20):
+        both = law._speed(np.zeros(2), np.full(2, 3.0 * (-1.0) ** k), 1.0 / 30.0)
+    assert np.abs(both) == pytest.approx(free / 3.4)
+
+
+def test_autoptz_drives_as_fast_as_its_scale():
+    slow = run(AutoPtz(TOP, CAMERA, speed_scale=0.25), standing(42.0), 1.0, Plant(dead_time_s=2.0))
+    fast = run(AutoPtz(TOP, CAMERA), standing(42.0), 1.0, Plant(dead_time_s=2.0))
+    np.testing.assert_allclose(4.0 * slow.command, fast.command)
+
+
+def test_visca_speeds():
+    u = np.array([0.49, 0.5, 1.24, 1.25, 1.84, 1.85, 3.4, 3.6, 19.2, 40.0])
+    np.testing.assert_array_equal(visca_speed(np.stack([u, -u], axis=-1))[:, 0], [0, 1, 1, 2, 2, 3, 3, 4, 19, 24])
+    np.testing.assert_array_equal(visca_speed(np.stack([u, -u], axis=-1))[-2:, 1], [-19, -20])
+
+
+@pytest.mark.parametrize(("fps", "gain"), [(30.0, 10.5), (60.0, 5.27)])
+def test_the_gain_of_obs_face_tracker_is_that_of_the_frame_rate(fps, gain):
+    """At the second frame integral and low-pass have hardly begun: u is about gain * e / N."""
+    seen_by = camera(rate_hz=fps)
+    course = run(ObsFaceTracker(TOP, seen_by), standing(40.0), 0.2, Plant(dead_time_s=2.0), seen_by)
+    error_px = np.tan(np.deg2rad(40.0)) * 640.0
+    u = gain * error_px / np.sqrt(1280 * 720)
+    expected = visca_speed(np.array([u, 0.0]))[0] / 24.0
+    assert frames(course, fps)[1] == pytest.approx(expected, abs=1.01 / 24.0)
+
+
+def test_the_integral_of_obs_face_tracker_rises_by_0_3_a_second():
+    """Of 100 px after ten seconds u is 316 / 960 * 100 px / 30 * (1 + 3), and the derivative has died away: 4.4."""
+    person = standing(np.rad2deg(np.arctan(100.0 / 640.0)))
+    course = run(ObsFaceTracker(TOP, CAMERA), person, 10.1, Plant(dead_time_s=99.0), dt_s=0.002)
+    assert course.command[-1, 0] == pytest.approx(4.0 / 24.0)
+    assert course.command[int(2.0 / 0.002), 0] < 3.0 / 24.0
+
+
+def test_obs_face_tracker_stops_at_once_when_it_sees_nobody():
+    course = run(ObsFaceTracker(TOP, CAMERA), standing(40.0), 1.0, Plant(dead_time_s=2.0), seen=lambda t: t < 0.5)
+    assert (course.command[course.time_s > 0.5 + 0.1 + 1.6 / 30] == 0.0).all()
+
+
+def test_obs_face_tracker_has_a_band_in_which_it_rests():
+    inside_deg = np.rad2deg(np.arctan(0.05 * np.sqrt(1280 * 720) / 640.0)) - 0.1
+    law = ObsFaceTracker(TOP, CAMERA, dead_band=0.05, nonlinear_band=0.05)
+    assert (run(law, standing(inside_deg), 2.0, Plant(dead_time_s=9.0)).command == 0.0).all()
+
+
+def test_the_pixel_pid_is_late_on_a_ramp_by_the_rate_over_its_integral_gain():
+    """The integral turns 0.08 degrees a second for a pixel: at 2 deg/s the face is 25 px off."""
+    course = run(PixelPid(NECK, CAMERA), ramp(2.0), 20.0, dt_s=0.005)
+    late_deg = np.rad2deg(np.arctan(2.0 / 0.08 / 160.0))
+    assert course.lag_s(2.0, 5.0) * 2.0 == pytest.approx(late_deg, abs=0.5)
+
+
+def test_the_pixel_pid_sends_whole_degrees_and_keeps_its_integral_when_it_sees_nobody():
+    course = run(PixelPid(NECK, CAMERA), standing(20.0), 16.0, seen=lambda t: t < 12.0, dt_s=0.005)
+    sent_deg = np.rad2deg(course.command)
+    np.testing.assert_allclose(sent_deg, np.round(sent_deg), atol=1e-9)
+    after = course.time_s > 12.4
+    assert np.ptp(sent_deg[after, 0]) == 0.0
+    assert sent_deg[-1, 0] == pytest.approx(20.0, abs=2.0)
+
+
+def test_the_pixel_pid_skips_what_is_beyond_90_deg():
+    course = run(PixelPid(NECK, CAMERA), standing(44.0), 60.0, Plant(dead_time_s=99.0), dt_s=0.02)
+    assert 70.0 < np.rad2deg(course.command[:, 0].max()) <= 90.0
+    assert np.ptp(course.command[-500:, 0]) == 0.0

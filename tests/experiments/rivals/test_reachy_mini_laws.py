@@ -1,0 +1,139 @@
+"""Reachy Mini's laws against what was derived of them."""
+
+import numpy as np
+import pytest
+from builders.rival_bench import CAMERA, NECK, Plant, camera, ramp, run, standing
+
+from experiments.rivals.laws.conversation_app import ConversationApp
+from experiments.rivals.laws.faces import Association, ImageFilter
+from experiments.rivals.laws.reachy_mini import ReachyMini, ReachyMiniCapture, ReachyMiniCaptureRaw
+from experiments.rivals.laws.reachy_mini_limits import ReachyMiniLimits
+from experiments.rivals.rival import Detection, View
+from gazempc.types import JointState
+
+
+def face(offset=(0.0, 0.0), capture_s=0.0, height_px=120.0):
+    return Detection(capture_s, capture_s + 0.1, np.array(offset), 1.5, np.array([0.75, 1.0]) * height_px)
+
+
+def first_frame_only(time_s):
+    return time_s < 0.01
+
+
+def test_a_still_target_is_eased_to_with_a_time_constant_of_0_123_s():
+    """The frame arrives after 0.1 s; what a step computes is sent at the next, 0.02 s later."""
+    course = run(ReachyMini(NECK, CAMERA), standing(20.0), 1.5, seen=first_frame_only)
+    since_s = course.time_s - 0.12
+    steps = np.floor(since_s / 0.02 + 1e-6) + 1
+    expected = np.where(since_s >= -1e-6, 20.0 * (1.0 - 0.85**steps), 0.0)
+    np.testing.assert_allclose(np.rad2deg(course.command[:, 0]), expected, atol=1e-6)
+    assert -0.02 / np.log(0.85) == pytest.approx(0.123, abs=5e-4)
+
+
+def view_of_a_moved_head(detections, time_s):
+    """The head was at 10 deg when the frame was captured, and is at 25 deg."""
+    joints = JointState(time_s, np.deg2rad([25.0, 0.0]), np.zeros(2))
+    return View(time_s, detections, joints, lambda t: np.deg2rad([10.0, 0.0]), idle=False)
+
+
+@pytest.mark.parametrize(
+    ("law", "target_deg"), [(ReachyMini, 30.0), (ReachyMiniCapture, 15.0), (ReachyMiniLimits, 30.0)]
+)
+def test_the_target_is_made_with_the_pose_at_arrival_or_at_capture(law, target_deg):
+    five_deg_left = face((-np.tan(np.deg2rad(5.0)), 0.0))
+    law = law(NECK, CAMERA)
+    law.start(view_of_a_moved_head((), 0.1))
+    for k in range(80):
+        command = law.step(view_of_a_moved_head((five_deg_left,) if k == 0 else (), 0.1 + 0.02 * k))
+    np.testing.assert_allclose(np.rad2deg(command), [target_deg, 0.0], atol=0.01)
+
+
+def test_a_frame_of_an_unknown_pose_is_not_used():
+    law = ReachyMiniCapture(NECK, CAMERA)
+    still = JointState(0.0, np.zeros(2), np.zeros(2))
+    law.start(View(0.0, (), still, lambda t: None, idle=True))
+    for k in range(20):
+        command = law.step(View(0.02 * k, (face((0.5, 0.0), 0.02 * k),), still, lambda t: None, idle=True))
+    assert (command == 0.0).all()
+
+
+# Of the target at a step: frames of 0.1 s, five steps each; of the ease; sent a step later; held for a step.
+HOLD_S, EASE_S, NEXT_S, HALF_S = 0.04, 0.02 * 0.85 / 0.15, 0.02, 0.01
+
+
+def test_with_capture_times_the_head_is_late_by_delay_ease_and_motor():
+    law = ReachyMiniCaptureRaw(NECK, CAMERA)
+    course = run(law, ramp(20.0, -30.0), 4.0, Plant(0.03, 0.09))
+    assert course.lag_s(20.0, 1.0) == pytest.approx(0.1 + HOLD_S + EASE_S + NEXT_S + HALF_S + 0.12, abs=2e-3)
+
+
+def test_with_the_pose_at_processing_the_motion_of_the_head_makes_up_for_the_delay_of_the_frame():
+    course = run(ReachyMiniLimits(NECK, CAMERA), ramp(20.0, -30.0), 4.0, Plant(0.03, 0.09))
+    assert course.lag_s(20.0, 1.0) == pytest.approx(HOLD_S + EASE_S + NEXT_S + HALF_S + 0.12, abs=2e-3)
+
+
+def test_a_head_that_runs_ahead_overshoots_more_the_older_its_frames():
+    def overshoot_deg(law, latency_s):
+        seen_by = camera(latency_s=latency_s)
+        course = run(law(NECK, seen_by, filtered=False), standing(25.0), 5.0, Plant(0.03, 0.09), seen_by)
+        return course.head_deg[:, 0].max() - 25.0
+
+    late = [overshoot_deg(ReachyMini, latency_s) for latency_s in (0.1, 0.2)]
+    assert late[0] > 1.0
+    assert late[1] > 1.5 * late[0]
+    assert overshoot_deg(ReachyMiniCapture, 0.2) < 0.01
+
+
+@pytest.mark.parametrize("law", [ReachyMini, ReachyMiniCapture, ReachyMiniLimits])
+def test_two_seconds_after_the_last_face_it_looks_straight_ahead(law):
+    course = run(law(NECK, CAMERA), standing(20.0), 5.0, seen=lambda t: t < 1.0)
+    held = (course.time_s > 2.0) & (course.time_s < 2.9)
+    assert np.ptp(course.head_deg[held, 0]) < 0.1
+    np.testing.assert_allclose(course.head_deg[-1], 0.0, atol=0.05)
+
+
+def test_no_angle_changes_faster_than_90_deg_s():
+    course = run(ReachyMiniLimits(NECK, CAMERA), standing(40.0), 2.0)
+    steps_deg = np.abs(np.diff(np.rad2deg(course.command[::20, 0])))
+    assert steps_deg.max() == pytest.approx(1.8, abs=1e-9)
+
+
+def test_the_image_filter_keeps_small_changes_and_follows_large_ones_faster():
+    image_filter = ImageFilter()
+    assert image_filter.update(np.array([0.10, 0.0]))[0] == 0.10
+    assert image_filter.update(np.array([0.11, 0.0]))[0] == 0.10
+    assert image_filter.update(np.array([0.20, 0.0]))[0] == pytest.approx(0.13)
+    assert image_filter.update(np.array([0.50, 0.0]))[0] == pytest.approx(0.13 + 0.6 * 0.37)
+
+
+def test_a_face_that_is_too_small_or_jumps_is_nobody_until_the_last_one_is_forgotten():
+    association = Association(CAMERA, 0.1, 0.003)
+    # 0.3 % of the image is 2,765 px^2: a face of 60.7 px.
+    assert not association.takes(face(height_px=60.0))
+    assert association.takes(face(height_px=61.5))
+    assert not association.takes(face((0.6, 0.0), 0.1))
+    assert association.takes(face((0.4, 0.0), 0.2))
+    assert not association.takes(face((-0.2, 0.0), 2.1))
+    assert association.takes(face((-0.2, 0.0), 2.3))
+
+
+@pytest.mark.parametrize("person_deg", [20.0, -7.0])
+def test_the_conversation_app_comes_to_0_6_of_the_way(person_deg):
+    course = run(ConversationApp(NECK, CAMERA), standing(person_deg), 3.0, Plant(0.03, 0.09))
+    assert course.head_deg[-1, 0] == pytest.approx(0.6 * person_deg, abs=0.01)
+
+
+def test_rays_that_are_too_wide_by_a_factor_shift_the_apps_rest():
+    ratio = 1.2
+    thought = camera(half_width_rad=float(np.arctan(ratio)))
+    course = run(ConversationApp(NECK, thought), standing(3.0), 3.0, Plant(0.03, 0.09))
+    assert course.head_deg[-1, 0] == pytest.approx(0.6 * ratio * 3.0 / (0.4 + 0.6 * ratio), abs=0.01)
+
+
+def test_the_app_returns_in_a_second_after_two():
+    course = run(ConversationApp(NECK, CAMERA), standing(20.0), 8.0, seen=lambda t: t < 4.0)
+    # The app looks at every second frame; that of 3.93 or 3.97 s is its last, 0.1 s later.
+    at_deg = np.interp([5.9, 6.55, 7.2], course.time_s, course.head_deg[:, 0])
+    assert at_deg[0] == pytest.approx(12.0, abs=0.01)
+    assert 4.0 < at_deg[1] < 8.0
+    assert at_deg[2] == 0.0

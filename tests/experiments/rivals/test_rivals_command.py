@@ -1,0 +1,164 @@
+"""The command, its rows and the wrong models."""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from experiments.rivals.camera import on_the_head
+from experiments.rivals.command import main
+from experiments.rivals.jobs import FIGURES, ModelError, RivalJob
+from experiments.rivals.plan import at_their_best, labelled, summarise
+from experiments.rivals.trials import make_trial
+from experiments.rivals.wrong_model import ERRORS, by_error, wrong_jobs
+from gazempc.neck.spec import load_neck
+from gazempc.settings import WalkerSettings
+from gazempc.sim.sensor import load_sensor
+
+REFERENCE, SENSOR = load_neck("reference"), on_the_head(load_sensor("face_camera"))
+ROW_NAMES = {
+    "rival", "trial", "neck", "sensor", "overshoot_deg", "settling_s", "reversals", "gaze_error_rms_deg",
+    "eye_contact_2p6", "rms_acceleration_rad_s2", "gaze_error_rms_deg_ci95", "eye_contact_2p6_ci95",
+}  # fmt: skip
+
+
+def run_of(rival: str, contact: float, constants: str = "", error_deg: float = 9.0, **labels):
+    row = dict.fromkeys(FIGURES) | {"eye_contact_2p6": contact, "gaze_error_rms_deg": error_deg, "rival": rival}
+    row |= {"rms_acceleration_rad_s2": 1.0}
+    row |= {"constants": constants, "subject": "a"}
+    return row | {"trial": "turns", "neck": "n", "sensor": "s", "recording": "w1"} | labels
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> None:
+    words = [
+        "--necks",
+        "reachy_mini",
+        "--rivals",
+        "humotion",
+        "reactive",
+        "--recordings",
+        "subject01_R1",
+        "subject02_R1",
+    ]
+    words += ["--trials", "still_seated_left", "pass_1.0m", "pass_2.5m", "--out", str(tmp_path), "--jobs", "1"]
+    assert main([*words, "--json", str(tmp_path / "own.json")]) == 0
+    rows = json.loads((tmp_path / "own.json").read_text())["rows"]
+    assert {(row["rival"], row["trial"]) for row in rows} == {
+        (rival, trial)
+        for rival in ("humotion", "reactive")
+        for trial in ("still_seated_left", "pass_1.0m", "pass_2.5m", "walks")
+    }
+    assert all(set(row) >= ROW_NAMES for row in rows)
+    walks = {row["rival"]: row for row in rows if row["trial"] == "walks"}
+    assert {(row["n_clips"], row["n_people"]) for row in walks.values()} == {(4, 2)}
+    low, high = walks["humotion"]["gaze_error_rms_deg_ci95"]
+    assert low <= walks["humotion"]["gaze_error_rms_deg"] <= high
+    assert walks["humotion"]["overshoot_deg"] is None
+    still = [row for row in rows if row["trial"] == "still_seated_left"]
+    assert [row["settling_s"] for row in still] == sorted(row["settling_s"] for row in still)
+    assert (tmp_path / "contact_face_camera.png").stat().st_size > 10_000
+    assert "## walks, neck reachy_mini, sensor face_camera" in capsys.readouterr().out
+
+
+def test_unknown_names_are_told(capsys) -> None:
+    assert main(["--rivals", "humotin"]) == 2
+    assert "no rival 'humotin'" in capsys.readouterr().err
+    assert main(["--walker.fitted", "no_such_folder"]) == 2
+    assert "no_such_folder" in capsys.readouterr().err
+    assert main(["--trials", "walk"]) == 2
+    assert "no trial 'walk'" in capsys.readouterr().err
+
+
+def test_free_constants_are_the_best_on_walks_for_each_neck() -> None:
+    runs = [
+        run_of("autoptz", 0.2, "speed_scale=0.5"),
+        run_of("autoptz", 0.9, "speed_scale=0.5", trial="step"),
+        run_of("autoptz", 0.3, "speed_scale=1"),
+        run_of("autoptz", 0.1, "speed_scale=1", trial="step"),
+        run_of("autoptz", 0.4, "speed_scale=0.5", neck="m"),
+        run_of("autoptz", 0.3, "speed_scale=1", neck="m"),
+        run_of("mpc", 0.5),
+    ]
+    shown = {(run["rival"], run["neck"], run["trial"]): run["eye_contact_2p6"] for run in at_their_best(runs)}
+    assert shown == {
+        ("autoptz", "n", "turns"): 0.3,
+        ("autoptz", "n", "step"): 0.1,
+        ("autoptz", "m", "turns"): 0.4,
+        ("mpc", "n", "turns"): 0.5,
+    }
+
+
+def test_of_constants_that_are_level_the_smoothest_is_shown() -> None:
+    figures = [("alpha=0.1", 0.900, 1.0), ("alpha=0.3", 0.955, 2.0), ("alpha=0.5", 0.960, 4.0)]
+    runs = [run_of("smith", contact, constants) | {"rms_acceleration_rad_s2": a} for constants, contact, a in figures]
+    assert at_their_best(runs) == runs[1:2]
+
+
+def test_without_any_contact_the_least_error_is_the_best() -> None:
+    runs = [run_of("op3", 0.0, "detection_period_s=0.1", 20.0), run_of("op3", 0.0, "detection_period_s=0.2", 15.0)]
+    assert at_their_best(runs) == runs[1:]
+
+
+def test_who_settles_beside_the_face_comes_last() -> None:
+    near = run_of("mpc", 0.9, trial="step") | {"settling_s": 2.0, "rest_error_deg": 0.3}
+    aside = run_of("conversation_app", 0.0, trial="step") | {"settling_s": 0.5, "rest_error_deg": 10.0}
+    assert [row["rival"] for row in summarise([aside, near])] == ["mpc", "conversation_app"]
+
+
+def test_eye_contact_is_compared_with_the_mpc_clip_by_clip() -> None:
+    runs = [run_of("mpc", 0.5), run_of("humotion", 0.3)]
+    runs += [run_of("mpc", 0.9, subject="b", recording="w2"), run_of("humotion", 0.4, subject="b", recording="w2")]
+    behind = {row["rival"]: row for row in summarise(runs)}
+    assert behind["humotion"]["eye_contact_behind_mpc"] == pytest.approx(0.35)
+    assert behind["humotion"]["eye_contact_behind_mpc_ci95"] == pytest.approx([0.2, 0.5])
+    assert behind["mpc"]["eye_contact_behind_mpc"] == 0.0
+    assert summarise(runs[1:2])[0]["eye_contact_behind_mpc"] is None
+
+
+def test_the_best_comes_first() -> None:
+    rows = summarise([run_of("mpc", 0.5), run_of("humotion", 0.6), run_of("reactive", 0.1)])
+    assert [row["rival"] for row in rows] == ["humotion", "mpc", "reactive"]
+
+
+def test_with_a_wrong_model_constants_stay_those_that_are_best_with_the_right_one() -> None:
+    tried = [("smith", {"gain": 1.0}, 0.6), ("smith", {"gain": 0.5}, 0.4), ("humotion", {}, 0.9)]
+    jobs = [RivalJob(rival, "turns", "w1", REFERENCE, SENSOR, constants=constants) for rival, constants, _ in tried]
+    done = {"left_out": None, "failed": None, "gaze_error_rms_deg": 5.0, "rms_acceleration_rad_s2": 1.0}
+    wrong = wrong_jobs(jobs, labelled(jobs, [done | {"eye_contact_2p6": contact} for *_, contact in tried]))
+    assert {(job.rival, job.constants["gain"]) for job in wrong} == {("smith", 1.0)}
+    assert [job.error for job in wrong] == [error for error in ERRORS if error != ModelError()]
+    late = ModelError(dead_time_scale=1.3)
+    found = by_error([run_of("smith", 0.6, "gain=1", error=ModelError()), run_of("smith", 0.1, "gain=1", error=late)])
+    assert [(row["by"], row["eye_contact_2p6"]) for row in found["dead time"]] == [(0.0, 0.6), (30.0, 0.1)]
+    assert [(row["by"], row["error"]) for row in found["latency"]] == [(0.0, "latency")]
+
+
+def test_a_wrong_model_is_believed_and_does_not_move_the_robot() -> None:
+    error = ModelError(dead_time_scale=1.3, servo_scale=0.8, latency_error_s=0.05)
+    believed = error.neck(REFERENCE)
+    assert believed.pan.dead_time_s == pytest.approx(1.3 * REFERENCE.pan.dead_time_s)
+    assert believed.tilt.natural_frequency_rad_s == pytest.approx(0.8 * REFERENCE.tilt.natural_frequency_rad_s)
+    trial = make_trial("still_seated_left", None)
+    right, wrong = (
+        RivalJob("reactive", trial.name, None, REFERENCE, SENSOR, error=e).log(trial) for e in (ModelError(), error)
+    )
+    assert wrong.neck == right.neck == REFERENCE
+    # Who believes in a longer latency takes each frame for an older one.
+    assert wrong.capture_time_s[0] == pytest.approx(right.capture_time_s[0] - 0.05)
+    assert wrong.arrival_time_s[0] == pytest.approx(right.arrival_time_s[0], abs=1e-9)
+
+
+def test_a_job_has_a_key_of_its_own() -> None:
+    model = Path(str(files("predictors.walker") / "walker.npz"))
+    job = RivalJob("humotion", "step", None, REFERENCE, SENSOR)
+    others = [
+        RivalJob("op3", "step", None, REFERENCE, SENSOR),
+        RivalJob("humotion", "ramp", None, REFERENCE, SENSOR),
+        RivalJob("humotion", "step", None, REFERENCE, SENSOR, 1),
+        RivalJob("humotion", "step", None, REFERENCE, SENSOR, error=ModelError(servo_scale=0.8)),
+        RivalJob("humotion", "step", None, REFERENCE, SENSOR, walker=WalkerSettings(fitted=model)),
+    ]
+    assert len({each.key() for each in [job, *others]}) == 6
+    assert RivalJob("humotion", "step", None, REFERENCE, SENSOR).key() == job.key()

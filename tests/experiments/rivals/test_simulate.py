@@ -1,0 +1,125 @@
+"""The simulation of rivals against laws whose motion is known in closed form."""
+
+import math
+
+import numpy as np
+import pytest
+
+from experiments.rivals.camera import on_the_head
+from experiments.rivals.rival import View
+from experiments.rivals.simulate import simulate
+from experiments.rivals.trials import make_trial
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.results.metrics import measure
+from gazempc.sim.scene import Scene
+from gazempc.sim.sensor import load_sensor
+
+REFERENCE = load_neck("reference")
+PERFECT = on_the_head(load_sensor("perfect"))
+SENSOR = PERFECT.model_copy(update={"rate_hz": 30.0, "latency_s": 0.1})
+
+
+class Told:
+    """A rival that answers what it was told, and keeps what it saw."""
+
+    name = "told"
+
+    def __init__(self, command: str, answer: tuple[float, float], period_s: float = 0.02) -> None:
+        self.command, self.answer, self.period_s = command, np.array(answer), period_s
+        self.views: list[View] = []
+        self.then_rad: list[float] = []
+
+    def start(self, view: View) -> None:
+        assert not view.detections
+
+    def step(self, view: View) -> np.ndarray:
+        self.views.append(view)
+        self.then_rad += [view.joints_at(face.capture_time_s)[0] for face in view.detections]
+        self.past_rad = [view.joints_at(view.time_s + by_s) for by_s in (-4.0, 0.06, 0.04, -1.0)]
+        return self.answer
+
+
+def run(rival, neck: NeckSpec = REFERENCE, trial: str = "still_seated_left", **scene):
+    one = make_trial(trial, None)
+    return simulate(Scene(one.walk, neck, SENSOR, start_rad=one.start_rad, **scene), lambda *_: rival)
+
+
+def test_an_angle_is_reached_at_top_speed_after_the_dead_time() -> None:
+    log = run(Told("position", (math.radians(60.0), 0.0)))
+    pan = log.joint_position_rad[:, 0]
+    moves = log.time_s[np.flatnonzero(pan > 1e-9)[0]]
+    assert moves == pytest.approx(REFERENCE.pan.dead_time_s, abs=0.011)
+    assert np.max(np.diff(pan)) / REFERENCE.servo_period_s == pytest.approx(REFERENCE.pan.velocity_max_rad_s, rel=0.02)
+    assert pan[-1] == pytest.approx(math.radians(60.0))
+
+
+def test_angles_and_speeds_out_of_range_are_cut() -> None:
+    assert run(Told("position", (9.0, -9.0))).joint_position_rad[-1] == pytest.approx(np.deg2rad([80.0, -35.0]))
+    speeds = run(Told("velocity", (9.0, 0.1)))
+    assert np.max(speeds.joint_velocity_rad_s[:, 0]) == pytest.approx(REFERENCE.pan.velocity_max_rad_s, rel=0.01)
+    assert speeds.joint_position_rad[-1] == pytest.approx(np.deg2rad([80.0, 45.0]))
+
+
+def test_a_speed_integrates_behind_dead_time_and_lag() -> None:
+    log = run(Told("velocity", (0.05, 0.0)))
+    delay_s = REFERENCE.pan.dead_time_s + REFERENCE.pan.servo_lag_s
+    assert log.joint_position_rad[-1, 0] == pytest.approx(0.05 * (log.time_s[-1] - delay_s), abs=1e-4)
+
+
+def test_a_rival_sees_faces_late_in_the_head_as_it_stood() -> None:
+    rival = Told("velocity", (0.05, 0.0))
+    run(rival)
+    # The head turns while the face stands at 20 deg: absolute angle = head at the capture + angle in the image.
+    half = math.radians(PERFECT.view.horizontal_deg / 2.0)
+    seen = [(view, detection) for view in rival.views for detection in view.detections]
+    assert len(seen) == pytest.approx(30.0 * 15.0, abs=5)
+    assert seen[0][1].capture_time_s == pytest.approx(1.0)
+    for (view, detection), then_rad in zip(seen, rival.then_rad, strict=True):
+        assert detection.arrival_time_s == pytest.approx(detection.capture_time_s + SENSOR.latency_s)
+        assert detection.arrival_time_s <= view.time_s + 1e-9 < detection.arrival_time_s + rival.period_s
+        left_rad = -math.atan(detection.offset[0] * math.tan(half))
+        assert then_rad + left_rad == pytest.approx(math.radians(20.0), abs=2e-3)
+
+
+def test_a_law_that_commands_the_true_direction_is_in_contact() -> None:
+    log = run(Told("position", (math.radians(20.0), math.radians(8.0))))
+    assert measure(log).gaze_error_rms_deg < 0.01
+
+
+def test_steps_come_at_the_rivals_own_rate() -> None:
+    rival = Told("position", (0.0, 0.0), 1.0 / 30.0)
+    run(rival)
+    times_s = np.array([view.time_s for view in rival.views])
+    assert times_s.size == pytest.approx(30.0 * 16.0, abs=2)
+    np.testing.assert_allclose(times_s, np.arange(times_s.size) / 30.0, atol=0.006)
+
+
+def test_idle_is_said_after_the_move_only() -> None:
+    rival = Told("position", (0.5, 0.0))
+    run(rival)
+    idle = np.array([view.idle for view in rival.views])
+    times_s = np.array([view.time_s for view in rival.views])
+    assert not idle[(times_s > 0.01) & (times_s < REFERENCE.pan.dead_time_s + 0.3)].any()
+    assert idle[times_s > 2.0].all()
+
+
+def test_the_past_of_the_encoders_ends_after_three_seconds() -> None:
+    rival = Told("velocity", (0.05, 0.0))
+    run(rival)
+    long_ago, too_late, nearly_now, before = rival.past_rad
+    assert long_ago is None
+    assert too_late is None
+    now_rad = rival.views[-1].joints.position_rad
+    np.testing.assert_array_equal(nearly_now, now_rad)
+    assert before[0] == pytest.approx(now_rad[0] - 0.05, abs=1e-5)
+
+
+def test_an_answer_that_is_no_number_is_told() -> None:
+    with pytest.raises(ValueError, match="rival told: step"):
+        run(Told("position", (math.nan, 0.0)))
+
+
+def test_the_neck_that_moves_may_be_another_than_the_one_that_is_known() -> None:
+    late = REFERENCE.model_copy(update={"pan": REFERENCE.pan.model_dump() | {"dead_time_s": 1.0}})
+    log = run(Told("position", (0.5, 0.0)), robot_neck=late)
+    assert log.time_s[np.flatnonzero(log.joint_position_rad[:, 0] > 1e-9)[0]] == pytest.approx(1.0, abs=0.011)

@@ -1,0 +1,75 @@
+"""Who stands where in the trials, and when they are seen."""
+
+import numpy as np
+import pytest
+
+from experiments.rivals.trials import ALONE, LOSS_S, STILL, make_trial, takes
+from gazempc.errors import LeftOutError
+from gazempc.neck.kinematics import look_at
+from gazempc.neck.spec import Geometry
+from gazempc.recordings.truth import TrueHead
+
+WALK = "subject01_R1"
+
+
+def angles_deg(walk, times_s):
+    return np.rad2deg(look_at(Geometry(), TrueHead(walk)(np.asarray(times_s))).angles_rad)
+
+
+@pytest.mark.parametrize("name", STILL)
+def test_still_faces_stand_where_they_are_said_to(name: str) -> None:
+    trial = make_trial(name, None)
+    pan = {"centre": 0.0, "left": 20.0, "right": -20.0}[name.split("_")[2]]
+    tilt = {"seated": 8.0, "standing": 22.0}[name.split("_")[1]]
+    np.testing.assert_allclose(angles_deg(trial.walk, [1.0, 9.0, 16.0]), [[pan, tilt]] * 3, atol=1e-9)
+    assert trial.start_rad == (0.0, 0.0)
+    assert trial.joint == (1 if pan == 0.0 else 0)
+    assert trial.walk.times_s[-1] == pytest.approx(16.0)
+    np.testing.assert_array_equal(trial.walk.truth.valid, trial.walk.times_s >= trial.event_s)
+
+
+def test_the_step_is_30_deg_and_the_ramp_20_deg_a_second() -> None:
+    step, ramp = (make_trial(name, None) for name in ("step", "ramp"))
+    np.testing.assert_allclose(angles_deg(step.walk, [2.9, 3.1])[:, 0], [-15.0, 15.0], atol=0.01)
+    pan = angles_deg(ramp.walk, [2.0, 4.0, 5.0, 6.0, 8.0])[:, 0]
+    np.testing.assert_allclose(pan, [-40.0, -20.0, 0.0, 20.0, 40.0], atol=1e-3)
+    assert ramp.event_s == 7.0
+
+
+def test_walks_are_passed_at_their_distance() -> None:
+    near, far = (make_trial(name, WALK).walk.truth.head_position_m for name in ("pass_1.0m", "pass_2.5m"))
+    assert np.nanmin(np.hypot(*near[:, :2].T)) == pytest.approx(1.0, abs=0.15)
+    assert np.nanmin(np.hypot(*far[:, :2].T)) == pytest.approx(2.5, abs=0.15)
+
+
+def test_straight_walks_are_passed_and_others_are_turns() -> None:
+    assert takes("pass_1.0m", "straight")
+    assert takes("pass_2.5m", None)
+    assert takes("turns", "sharp")
+    assert not takes("turns", "straight")
+    assert not takes("loss", "turn")
+
+
+def test_the_face_is_lost_for_a_second_and_the_person_comes_to_stand() -> None:
+    trial, walk = make_trial("loss", WALK), make_trial("pass_2.5m", WALK).walk
+    lost = trial.walk.times_s[~trial.walk.truth.valid]
+    assert lost[-1] - lost[0] == pytest.approx(LOSS_S, abs=0.05)
+    assert trial.back_s == pytest.approx(lost[-1], abs=0.05)
+    end_s = walk.times_s[-1]
+    kept = trial.walk.truth.valid[: walk.times_s.size]
+    before, after = (np.asarray(w.truth.head_position_m)[: walk.times_s.size][kept] for w in (walk, trial.walk))
+    np.testing.assert_array_equal(before, after)
+    heads = TrueHead(trial.walk)([end_s + 3.0, end_s + 4.0])
+    np.testing.assert_allclose(heads[0], heads[1], atol=1e-4)
+    assert np.linalg.norm(TrueHead(trial.walk)([end_s + 0.01, end_s])[0] - walk.truth.head_position_m[-1]) < 0.03
+
+
+def test_a_walk_that_comes_too_near_is_left_out() -> None:
+    with pytest.raises(LeftOutError, match="comes within"):
+        make_trial("pass_1.0m", "subject01_R4")
+
+
+def test_a_trial_on_a_walk_needs_one() -> None:
+    with pytest.raises(ValueError, match="'turns' needs a recording"):
+        make_trial("turns", None)
+    assert all(make_trial(name, None).walk for name in ALONE)

@@ -1,0 +1,100 @@
+"""The drive of joints that take speeds, alone and in a replay beside a joint that takes angles."""
+
+import numpy as np
+import pytest
+
+from gazempc.loop.drive import Drive
+from gazempc.loop.observer import JointObserver
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.results.metrics import measure
+from gazempc.sim.replay import replay_scene
+from gazempc.sim.scene import Scene, make_scene
+from gazempc.sim.sensor import load_sensor
+from gazempc.types import JointState
+
+PTZ = load_neck("ptz")
+H = PTZ.servo_period_s
+STILL = (0.0, 0.0, 0.0)
+SENSOR = load_sensor("reference")
+WALK = make_scene("subject01_R3", neck=PTZ).walk
+
+
+def taking(command: str, **changes: float) -> NeckSpec:
+    axes = {n: getattr(PTZ, n).model_dump() | {"command": command} | changes for n in ("pan", "tilt")}
+    return PTZ.model_copy(update=axes)
+
+
+def test_angles_go_through_as_they_are() -> None:
+    drive = Drive(taking("position"), np.zeros(2))
+    motions = ((0.3, 1.0, 2.0), (-0.1, 0.5, 0.0))
+    out = drive.outgoing(motions, np.array([0.1, 0.1]))
+    np.testing.assert_array_equal(out, [0.3, -0.1])
+    np.testing.assert_array_equal(drive.sent(out), out)
+
+
+def test_the_speed_is_the_derivative_and_leads_to_the_angle() -> None:
+    drive = Drive(PTZ, np.array([0.2, 0.0]))
+    led = []
+    for _ in range(10):
+        out = drive.outgoing(((9.9, 0.5, 0.0), STILL), np.zeros(2))
+        np.testing.assert_allclose(out, [0.5, 0.0])
+        led.append(drive.sent(out)[0])
+    # The middle of each period's ramp.
+    np.testing.assert_allclose(led, 0.2 + 0.5 * H * (np.arange(10) + 0.5))
+
+
+def test_an_offset_is_taken_back_slowly_and_wholly() -> None:
+    drive, gone = Drive(PTZ, np.zeros(2)), 0.0
+    for k in range(1000):
+        out = drive.outgoing((STILL, STILL), np.array([0.3, 0.0]))
+        assert -0.1 * PTZ.pan.velocity_max_rad_s - 1e-12 <= out[0] <= 0.0, k
+        drive.sent(out)
+        gone += H * out[0]
+    assert gone == pytest.approx(-0.3, abs=1e-6)
+
+
+def test_lost_speeds_are_not_taken_for_meant_ones() -> None:
+    drive = Drive(PTZ, np.zeros(2))
+    drive.outgoing(((0.0, 1.0, 0.0), STILL), np.zeros(2))
+    drive.sent(np.array([0.7, 0.0]), got_through=False)  # an older speed goes on
+    back = drive.outgoing((STILL, STILL), np.zeros(2))
+    assert back[0] < 0.0
+    assert drive.restart(np.zeros(2), np.array([0.01, 0.0]))[0] == pytest.approx(0.7 * H + 0.01)
+
+
+def test_a_controller_sees_commands_that_count_from_where_the_joint_is() -> None:
+    sent, offset = np.ones((3, 2)), np.array([0.1, 0.2])
+    mixed = PTZ.model_copy(update={"tilt": PTZ.tilt.model_dump() | {"command": "position"}})
+    commands, left = Drive(mixed, np.zeros(2)).seen_by_controllers(sent, offset)
+    np.testing.assert_allclose(commands, np.tile([1.1, 1.0], (3, 1)))
+    np.testing.assert_allclose(left, [0.0, 0.2])
+
+
+@pytest.mark.parametrize("controller", ["lookahead", "mpc"])
+def test_a_replay_moves_as_with_angles(controller: str) -> None:
+    speeds, angles = (
+        replay_scene(Scene(WALK, taking(c), SENSOR), controller, "walker").log for c in ("velocity", "position")
+    )
+    np.testing.assert_allclose(speeds.joint_position_rad, angles.joint_position_rad, atol=1e-3)
+    assert measure(speeds).limit_violations == 0
+
+
+@pytest.mark.parametrize("scale", [0.7, 1.3])
+def test_a_wrong_dead_time_makes_no_oscillation(scale: float) -> None:
+    wrong = taking("velocity", dead_time_s=scale * PTZ.pan.dead_time_s)
+    right, off = (
+        measure(replay_scene(Scene(WALK, PTZ, SENSOR, robot_neck=neck), "mpc", "walker").log)
+        for neck in (taking("velocity"), wrong)
+    )
+    assert off.rms_acceleration_rad_s2 < 1.3 * right.rms_acceleration_rad_s2
+    assert off.gaze_error_rms_deg < right.gaze_error_rms_deg + 3.0
+
+
+def test_the_observer_lets_a_joint_that_was_pushed_stay_where_it_is() -> None:
+    observer = JointObserver(PTZ, np.zeros(2), 0.0)
+    for k in range(1, 100):
+        pushed_rad = np.array([0.5 if k > 10 else 0.0, 0.0])
+        observer.update(k * H, JointState(k * H, pushed_rad, np.zeros(2)))
+        observer.sent(np.zeros(2))
+    np.testing.assert_allclose(observer.estimate.position_rad, [0.5, 0.0], atol=1e-9)
+    np.testing.assert_allclose(observer.estimate.offset_rad, [0.5, 0.0], atol=1e-9)
