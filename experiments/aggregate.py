@@ -22,6 +22,7 @@ LABEL_COLUMNS = (
     "neck",
     "sensor",
     "seed",
+    "notes",
 )
 _RESAMPLES = 2000
 _SEED = 20210603

@@ -175,6 +175,7 @@ def _labels(job: ReplayJob, recording: str, neck: str) -> dict[str, Any]:
         "neck": neck,
         "sensor": None if chosen is None else job.sensors[chosen].name,
         "seed": job.settings.seed,
+        "notes": None,
     }
 
 

@@ -7,6 +7,7 @@ from collections import Counter
 from experiments.clips import sensors_of
 from experiments.engine.job import Row
 from experiments.engine.replays import fault_lines
+from gazempc.recordings.recording import truth_of
 from gazempc.results.report import label
 
 # What the two gazes are compared by, clip by clip: metric, what the report calls it, digits. All but the first are of
@@ -48,6 +49,7 @@ def report(summary: Row, done: list[Row]) -> str:
         f"{chosen['placement'] or 'that fits each recording'}, seed {chosen['seed']}. Means over clips; in brackets "
         "95 % bootstrap intervals over people (none where one person walks).",
         f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed.",
+        *(f"Of {kind} recordings the gaze error is against {truth_of(kind)}." for kind in counted if truth_of(kind)),
         *seen,
     ]
     for sensor in sensors_of(summary["rows"]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gazempc.neck.spec import load_neck, neck_names
+from gazempc.recordings.readers.tables.shipped import shipped_mappings
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.sim.sensor import load_sensor, sensor_names
 
@@ -20,8 +21,12 @@ def listing() -> str:
         "  R1, R2 straight; R3, R4 turn left, right; R5, R6 turn sharply left, right",
         "Recordings of your own, by path:",
         "  .csv, .parquet  columns t, head_{x,y,z}; optional head_q{w,x,y,z}, pelvis_{x,y,z}, pelvis_q{w,x,y,z}",
+        "  .csv, .tsv, .txt, .parquet  any other columns, by --reading.columns or --guess; known by themselves:",
+        f"    {', '.join(shipped_mappings())}",
+        "  .mvnx           Xsens MVN",
+        "  a folder        ROS 2 bag, or OpenPose --3d --write_json",
         "  .json           Azure Kinect Body Tracking, offline_processor",
-        "  .bvh            motion capture with head and hips joints",
+        "  .bvh            motion capture of any exporter",
         "Necks (or a .toml file):",
     ]
     lines += [f"  {name:<14}  {load_neck(name).source}" for name in neck_names()]

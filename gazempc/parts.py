@@ -90,6 +90,7 @@ SOURCE = Kind(
         "udp": "gazempc.live.sources.streams:LineSource",
         "tcp": "gazempc.live.sources.streams:LineSource",
         "replay": "gazempc.live.sources.replay:ReplaySource",
+        "bag": "gazempc.live.sources.bag:BagSource",
         "ros2": "gazempc.live.sources.ros2:Ros2Person",
     },
     {

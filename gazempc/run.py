@@ -16,6 +16,7 @@ from gazempc.errors import GazempcError, LimitViolationError, SettingsError
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR
 from gazempc.progress import Progress
+from gazempc.results.mcap_read import has_log
 from gazempc.settings import ControllerChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.specfiles import explain
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
 # A true head that is known for less of the time is worth a note: so much of it figures do not tell.
 _MOSTLY = 0.9
-# What `--replay` measures again instead of replaying it.
-LOG_ENDINGS = (".npz", ".mcap")
 
 
 class RunSettings(ReplaySettings):
@@ -36,8 +35,8 @@ class RunSettings(ReplaySettings):
 
     replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
         default=None,
-        description="Recording: subject03_R4 (synthetic) or a .csv, .parquet, .json or .bvh file; a log "
-        "(.npz, .mcap) is measured again",
+        description="Recording: subject03_R4 (synthetic), a table (.csv, .tsv, .txt, .parquet, .mvnx), a .json or .bvh "
+        "file, or the folder of a ROS 2 bag or of OpenPose; a log (.npz, .mcap) is measured again",
     )
     list: bool = Field(default=False, description="Print what can be replayed, and the necks and sensors")
     controllers: tuple[ControllerChoice, ...] = Field(
@@ -82,11 +81,16 @@ def _work(settings: RunSettings) -> int:
         return 0
     if settings.replay is None:
         raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
-    if Path(settings.replay).suffix in LOG_ENDINGS:
+    if _is_log(Path(settings.replay)):
         _measure(Path(settings.replay), settings)
     else:
         _run(settings)
     return 0
+
+
+def _is_log(path: Path) -> bool:
+    """Whether `--replay` measures this again instead of replaying it."""
+    return path.suffix == ".npz" or (path.suffix == ".mcap" and has_log(path))
 
 
 def parse(words: Sequence[str]) -> RunSettings:
@@ -156,6 +160,8 @@ def _run(settings: RunSettings) -> None:
     progress = Progress()
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
     from gazempc.export import export  # noqa: PLC0415
+    from gazempc.recordings.readers.table import remember_columns  # noqa: PLC0415
+    from gazempc.recordings.recording import truth_of  # noqa: PLC0415
     from gazempc.results.report import faults, label, write_summary  # noqa: PLC0415
     from gazempc.results.table import sentence, table  # noqa: PLC0415
     from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
@@ -183,11 +189,13 @@ def _run(settings: RunSettings) -> None:
     (out / "settings.yaml").write_text(yaml.safe_dump(shown, sort_keys=False), encoding="utf-8")
     survived = {name: faults(log) for name, log in logs.items()}
     noise = {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults}
+    against = truth_of(walk.kind)
     notes = _notes(next(iter(logs.values())))
     about = {
         "recording": walk.name,
         "kind": walk.kind,
-        "notes": notes,
+        "scored_against": against or "the true head",
+        "notes": [*walk.notes, *notes],
         "settings": shown,
         "faults": survived,
         "noise": noise,
@@ -197,7 +205,7 @@ def _run(settings: RunSettings) -> None:
     print(f"{_heading(settings, scene)}\n{done.said}")
     for note in notes:
         print(f"Note: {note}")
-    print(f"\n{table(repeats, neck)}\n\n{sentence(repeats)}\n")
+    print(f"\n{table(repeats, neck, against)}\n\n{sentence(repeats)}\n")
     for name, log in logs.items():
         for line in _events(log):
             print(f"  {label(name)}: {line}")
@@ -208,6 +216,8 @@ def _run(settings: RunSettings) -> None:
     if settings.figures:
         progress.say("drawing")
         drawn = ", " + ", ".join(_draw(logs, out))
+    if remembered := remember_columns(Path(settings.replay or ""), settings.reading):
+        print(remembered)
     print(f"Written to {out}/: summary.json, settings.yaml, a log (.npz) of each controller{drawn}")
     violations = sum(int(sum(r.values("limit_violations"))) for r in repeats)
     if violations:
@@ -215,6 +225,7 @@ def _run(settings: RunSettings) -> None:
 
 
 def _measure(path: Path, settings: RunSettings) -> None:
+    from gazempc.recordings.recording import truth_of  # noqa: PLC0415
     from gazempc.results.log import load_log  # noqa: PLC0415
     from gazempc.results.measured import measured_again  # noqa: PLC0415
     from gazempc.results.report import write_summary  # noqa: PLC0415
@@ -227,7 +238,7 @@ def _measure(path: Path, settings: RunSettings) -> None:
     about = {"recording": log.run.recording, "kind": log.run.kind, "log": str(path), "settings": log.run.settings}
     write_summary(out / "summary.json", about, list(repeats.rows))
     print(f"{path}: log of {log.run.recording} ({log.run.mode}), measured again: nothing is replayed")
-    print(f"\n{table([repeats], log.neck)}\n")
+    print(f"\n{table([repeats], log.neck, truth_of(log.run.kind))}\n")
     for line in _events(log):
         print(f"  {line}")
     drawn = ", " + ", ".join(_draw({log.run.controller: log}, out)) if settings.figures else ""
@@ -245,10 +256,11 @@ def _heading(settings: RunSettings, scene: Scene) -> str:
         if scene.stands_at_sensor
         else "at the origin of the recording"
     )
+    notes = "".join(f"  {note}\n" for note in walk.notes)
     view = scene.sensor.view
     sees = f", sees {view.horizontal_deg:g} x {view.vertical_deg:g} deg from its {view.on}" if view.limited else ""
     return (
-        f"{walk.name}: {', '.join(part for part in parts if part)}\n"
+        f"{walk.name}: {', '.join(part for part in parts if part)}\n{notes}"
         f"neck {scene.neck.name}, sensor {scene.sensor.name} ({1e3 * scene.sensor.latency_s:.0f} ms late{sees}), robot "
         f"{stands}; scored from 1.0 s to the end"
     )

@@ -17,7 +17,11 @@ from gazempc.loop.events import Event
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, neck_names
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.table import COLUMNS
+from gazempc.recordings.readers.tables.frames import AXES
+from gazempc.recordings.readers.tables.mapping import ColumnMapping
+from gazempc.recordings.readers.tables.own import COLUMNS
+from gazempc.recordings.readers.tables.shipped import shipped_mappings
+from gazempc.recordings.readers.tables.times import TIMES_S
 from gazempc.results.compute import ComputeMetrics
 from gazempc.results.log import Fault, Log
 from gazempc.results.metrics import Metrics
@@ -55,6 +59,7 @@ def setting_names(model, prefix=""):
 DESCRIBED = {
     "quickstart": settings_of(RunSettings),
     "recordings": [*settings_of(ReadOptions), *COLUMNS, "index.csv"],
+    "formats": [*shipped_mappings(), *ColumnMapping.model_fields, *AXES, *TIMES_S],
     "necks": [*neck_names(), *settings_of(NeckSpec, Geometry, Axis)],
     "trackers": [*sensor_names(), *setting_names(SensorSpec)],
     "controllers": [

@@ -11,6 +11,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from gazempc.recordings.readers.tables.mapping import saved_places
+
 _LIBRARIES = ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig", "control")
 _CODE = {".py", ".toml", ".npz"}
 
@@ -60,12 +62,14 @@ def recording_hash(name_or_path: str) -> list[str]:
         name_or_path: Synthetic name, or path.
 
     Returns:
-        Its name, and hashes of its file and of the ``index.csv`` beside it, which gives person and group; for a
-        synthetic name these are empty.
+        Its name, and hashes of its file or of all files of its folder, of the ``index.csv`` beside it, which gives
+        person and group, and of what is saved there of its columns; for a synthetic name there are none.
     """
     path = Path(name_or_path)
-    found = [path] if path.is_file() else []
-    return [path.stem, *(file_hash(p) for f in found for p in (f, f.with_name("index.csv")))]
+    if not path.exists():
+        return [path.stem]
+    own = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    return [path.stem, *(file_hash(p) for p in (*own, path.with_name("index.csv"), *saved_places(path)))]
 
 
 def models_hash(fitted: Path | None) -> str:

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gazempc.errors import GazempcError, suggest
+from gazempc.recordings.load import is_recording_folder
 from gazempc.recordings.synthetic.walks import synthetic_names
 
-SUFFIXES = (".csv", ".parquet", ".json", ".bvh")
+# Other text is not taken for a table where a whole folder is meant.
+SUFFIXES = (".csv", ".tsv", ".parquet", ".mvnx", ".json", ".bvh")
 
 
 def find_recordings(words: Sequence[str]) -> list[str]:
@@ -16,7 +18,7 @@ def find_recordings(words: Sequence[str]) -> list[str]:
 
     Args:
         words: ``synthetic`` for the whole synthetic set, a folder for all recordings in it (its ``index.csv`` is not
-            one), a file, or a synthetic name.
+            one), a file, a folder that is itself a recording, or a synthetic name.
 
     Returns:
         Names and paths, each once, in the order given; files of a folder sorted.
@@ -30,12 +32,12 @@ def find_recordings(words: Sequence[str]) -> list[str]:
         path = Path(word)
         if word == "synthetic":
             found += synthetic_names()
-        elif path.is_dir():
-            files = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and p.name != "index.csv")
+        elif path.is_dir() and not is_recording_folder(path):
+            files = sorted(p for p in path.iterdir() if _is_recording(p))
             found += [str(p) for p in files]
             if not files:
                 problems.append(f"{word}: no recordings in this folder (accepted: {', '.join(SUFFIXES)})")
-        elif path.is_file() or word in synthetic_names():
+        elif path.exists() or word in synthetic_names():
             found.append(word)
         else:
             hint = suggest(word, ["synthetic"]) if "." not in word and "/" not in word else "no such file or folder"
@@ -45,7 +47,13 @@ def find_recordings(words: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
+def _is_recording(path: Path) -> bool:
+    if path.is_dir():
+        return is_recording_folder(path)
+    return path.suffix.lower() in SUFFIXES and path.name != "index.csv"
+
+
 def in_place(recording: str) -> str:
     """A recording by a name that is right in any folder: the absolute path of a file, or a synthetic name."""
     path = Path(recording)
-    return str(path.resolve()) if path.is_file() else recording
+    return str(path.resolve()) if path.exists() else recording

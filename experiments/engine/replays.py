@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from experiments.engine.job import Row
-from experiments.engine.keys import key_of, models_hash, recording_hash
+from experiments.engine.keys import file_hash, key_of, models_hash, recording_hash
 from experiments.engine.own_parts import parts_hash
 from gazempc.errors import LeftOutError, SettingsError
 from gazempc.neck.spec import NeckSpec
@@ -55,6 +55,7 @@ class ReplayJob:
             "recording": recording_hash(self.recording),
             "controller": self.controller,
             "settings": self.settings.model_dump(mode="json", exclude=_BY_CONTENT),
+            "mapping": file_hash(self.settings.reading.mapping) if self.settings.reading.mapping else "",
             "models": models_hash(self.settings.walker.fitted),
             "necks": [neck.model_dump(mode="json") for neck in (self.neck, self.robot_neck)],
             "sensors": {name: sensor.model_dump(mode="json") for name, sensor in self.sensors.items()},
@@ -77,6 +78,7 @@ class ReplayJob:
             "group": recording.labels.group,
             "kind": recording.labels.activity,
             "sensor": sensor.name,
+            "notes": "; ".join(recording.notes),
         }
         try:
             scene = replace(make_scene(recording, self.settings, self.neck, sensor), robot_neck=self.robot_neck)

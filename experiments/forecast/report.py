@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.clips import sensors_of
+from gazempc.recordings.recording import truth_of
 
 # What `summary.json` says of a forecast that failed.
 FAILED = ("recording", "predictor", "cues", "sensor", "failed")
@@ -35,6 +36,11 @@ def report(summary: Mapping[str, Any]) -> str:
         "multivariate t distribution where the forecast states its degrees of freedom, else of a normal one. NEES: 3 "
         "if the covariance is honest. Ratio: error over that of constant_velocity on the same clips. Cues: which "
         "orientations the predictor is shown.",
+        *(
+            f"The true head of {kind} recordings is {truth_of(kind)}."
+            for kind in summary["data_kinds"].split(", ")
+            if truth_of(kind)
+        ),
     ]
     if seen := max((r["n_people_seen_in_fitting"] for r in rows), default=0):
         lines += [

@@ -12,6 +12,7 @@ from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.parts import LiveParts
 from gazempc.live.robots import make_robot, true_state_of
 from gazempc.live.settings import STAMPED, LiveSettings
+from gazempc.live.sources.bag import BagSource
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Person
 from gazempc.live.sources.source import Source
@@ -41,11 +42,13 @@ class Built:
         about: Description of the run.
         true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; None where a person
             is there now.
+        notes: What the reader of the recording found and inferred, for people.
     """
 
     parts: LiveParts
     about: RunInfo
     true_head_base_m: TrueHeadAt | None
+    notes: tuple[str, ...] = ()
 
 
 def build(settings: LiveSettings) -> Built:
@@ -62,7 +65,7 @@ def build(settings: LiveSettings) -> Built:
     """
     neck = load_neck(settings.scene.neck)
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
-    scene = make_scene(settings.replay, settings.scene, neck) if settings.source_kind == "replay" else None
+    scene = None if settings.recording is None else make_scene(settings.recording, settings.scene, neck)
     stamps = None
     if isinstance(clock, RealClock) and settings.source_kind in STAMPED:
         stamps = StampReader(settings.stamps, clock)
@@ -99,7 +102,7 @@ def build(settings: LiveSettings) -> Built:
     if settings.simulated_clock and true_state_of(robot) is not None:
         # At the tick itself; on a real clock a robot is asked a little later.
         about = about.model_copy(update={"joints": "true"})
-    return Built(parts, about, known)
+    return Built(parts, about, known, () if scene is None else scene.walk.notes)
 
 
 def _make_source(
@@ -107,7 +110,8 @@ def _make_source(
 ) -> Source:
     kind, address = settings.source_kind, settings.source.partition(":")[2]
     if scene is not None:
-        return ReplaySource(scene.walk, scene.sensor, scene.seed, clock)
+        played = BagSource(scene.walk, clock) if kind == "bag" else None
+        return played or ReplaySource(scene.walk, scene.sensor, scene.seed, clock)
     if kind not in SOURCE.shipped:
         given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
         own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))

@@ -75,6 +75,8 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
     keeping = Keeping(built.about, kept.keep, settings.log_s, true_state=true_state_of(parts.robot), **truth)
     run = LiveRun(parts, keeping)
     print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}", flush=True)
+    for note in built.notes:
+        print(f"  {note}", flush=True)
     try:
         with fast_switching(), without_collection(), _warnings_said():
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))

@@ -20,7 +20,9 @@ from gazempc.sim.scene import SceneSettings, StageSettings
 
 # Sources that read time stamps of somebody else.
 STAMPED = ("stdin", "udp", "tcp", "ros2")
-SOURCES = "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, ros2:TOPIC, module:Class for a source of your own"
+SOURCES = (
+    "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, module:Class for a source of your own"
+)
 
 
 class MountedSettings(GazeSettings):
@@ -65,8 +67,13 @@ class LiveSettings(MountedSettings, StageSettings):
         return kind if kind in SOURCE.shipped else self.source
 
     @property
+    def recording(self) -> str | None:
+        """What is played: a recording or the folder of a bag; None where a person is there now."""
+        return {"replay": self.replay, "bag": self.source.partition(":")[2]}.get(self.source_kind)
+
+    @property
     def scene(self) -> SceneSettings:
-        """The scene of the source replay."""
+        """The scene of the sources replay and bag."""
         told = {name: getattr(self, name) for name in StageSettings.model_fields}
         return SceneSettings(**told, neck=self.neck or SceneSettings().neck)
 
@@ -116,7 +123,14 @@ def check(settings: LiveSettings) -> None:
             f"--stamps: source {settings.source!r} gives the loop's own times; accepted with sources "
             f"{', '.join(STAMPED)}"
         )
-    if settings.mount.on == "head" and source == "replay":
+    if settings.recording == "":
+        raise SourceError(f"--source {settings.source}: no bag; accepted: bag:PATH, the folder of a ROS 2 bag")
+    if settings.sensor is not None and source == "bag":
         raise SettingsError(
-            "--mount.on head: a replay is seen from the robot's base; accepted with source replay: mount.on base"
+            f"--sensor {settings.sensor}: the source bag gives what its tracker measured; for another sensor use "
+            f"--source replay --replay {settings.recording}"
+        )
+    if settings.mount.on == "head" and settings.recording is not None:
+        raise SettingsError(
+            f"--mount.on head: a replay is seen from the robot's base; accepted with source {source}: mount.on base"
         )

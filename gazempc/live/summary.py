@@ -16,6 +16,7 @@ from gazempc.live.lateness import Lateness
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.neck.spec import NeckSpec
+from gazempc.recordings.recording import truth_of
 from gazempc.results.compute import measure_compute
 from gazempc.results.limits import limit_violations
 from gazempc.results.log import ComputeTimes, Fault, Log, load_log
@@ -83,6 +84,7 @@ class Kept:
         late = report.lateness
         known = latency.count > 0
         metrics, compute = self._metrics()
+        kind = "" if self._last is None else self._last[0].run.kind
         summary = {
             "stopped_by": report.stopped_by,
             "ticks": report.ticks,
@@ -101,6 +103,7 @@ class Kept:
             "events": run.logs.events,
             "faults": [asdict(fault) for fault in run.logs.faults],
             "limit_violations": self.violations,
+            "scored_against": truth_of(kind) or "the recording's true head",
             "metrics_of_last_log": metrics,
             "compute_of_last_log": compute,
             "logs": self.names,
@@ -159,7 +162,7 @@ def text(summary: dict[str, Any]) -> str:
     if metrics is not None and metrics["gaze_error_rms_deg"] is not None:
         lines.append(
             f"gaze error {metrics['gaze_error_rms_deg']:.2f} deg RMS, eye contact (2.6 deg) "
-            f"{100 * metrics['eye_contact_2p6']:.0f} %, against the recording's true head"
+            f"{100 * metrics['eye_contact_2p6']:.0f} %, against {summary['scored_against']}"
         )
     lines += [f"WARNING {warning}" for warning in summary["warnings"]]
     lines.append(f"limit violations: {summary['limit_violations']}")

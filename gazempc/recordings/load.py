@@ -5,20 +5,29 @@ from __future__ import annotations
 from pathlib import Path
 
 from gazempc.errors import RecordingError, suggest
+from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
+from gazempc.recordings.readers.bag_recording import read_bag
 from gazempc.recordings.readers.bvh import read_bvh
 from gazempc.recordings.readers.kinect import read_kinect
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.table import read_csv, read_parquet
+from gazempc.recordings.readers.table import TABLES, read_table
+from gazempc.recordings.readers.tables.openpose import is_openpose_folder
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.walks import generate, synthetic_names
+
+
+def is_recording_folder(path: Path) -> bool:
+    """Whether a folder is itself one recording: a ROS 2 bag, or OpenPose's files."""
+    bag = (path / "metadata.yaml").is_file() or any(p.suffix in FILE_ENDINGS for p in path.iterdir())
+    return bag or is_openpose_folder(path)
 
 
 def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Recording:
     """Load a recording by its name in the synthetic data set or by its path.
 
     Args:
-        name_or_path: ``subject01_R1`` to ``subject14_R6``, or a file ending in .csv, .parquet, .json (Azure
-            Kinect body tracking) or .bvh.
+        name_or_path: ``subject01_R1`` to ``subject14_R6``, or a file ending in .csv, .tsv, .txt, .parquet or
+            .mvnx (tables), .json (Azure Kinect body tracking) or .bvh, or the folder of a ROS 2 bag or of OpenPose.
         options: What the user says about the file; default: nothing.
 
     Returns:
@@ -28,13 +37,15 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         RecordingError: If there is no such recording or its file is wrong.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
-    readers = {".csv": read_csv, ".parquet": read_parquet, ".json": read_kinect, ".bvh": read_bvh}
-    accepted = f"a file ending in {', '.join(readers)}"
+    readers = {**dict.fromkeys(TABLES, read_table), ".json": read_kinect, ".bvh": read_bvh}
+    readers |= dict.fromkeys(FILE_ENDINGS, read_bag)
+    accepted = f"a file ending in {', '.join(readers)}, or the folder of a ROS 2 bag or of OpenPose"
     if not isinstance(name_or_path, str | Path):
         raise RecordingError(
             repr(name_or_path)[:80], "", "this is no name and no path", f"{accepted}, or a synthetic name"
         )
     name, path = str(name_or_path), Path(name_or_path)
+    given = options if options is not None else ReadOptions()
     names = list(synthetic_names())
     if name in names:
         return generate(name)
@@ -42,8 +53,10 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         is_directory, exists, is_file = path.is_dir(), path.exists(), path.is_file()
     except OSError as error:  # such as a name longer than the system allows
         raise RecordingError(name, "", f"cannot be opened: {error.strerror}", accepted) from None
+    if is_directory and not is_recording_folder(path):
+        raise RecordingError(name, "", "this is a directory, and neither a ROS 2 bag nor OpenPose's", accepted)
     if is_directory:
-        raise RecordingError(name, "", "this is a directory", accepted)
+        return read_table(path, given) if is_openpose_folder(path) else read_bag(path, given)
     if not exists:
         looks_like_file = path.suffix.lower() in readers or len(path.parts) > 1
         expected = accepted if looks_like_file else f"{accepted}, or a synthetic name: {suggest(name, names)}"
@@ -53,4 +66,4 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         raise RecordingError(name, "", f"unknown kind of file {path.suffix!r}", accepted)
     if not is_file:
         raise RecordingError(name, "", "this is not a regular file", accepted)
-    return reader(path, options if options is not None else ReadOptions())
+    return reader(path, given)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.types import BoolArray, FloatArray
 
-DataKind = Literal["synthetic", "motion capture", "body tracking"]
+DataKind = Literal["synthetic", "motion capture", "body tracking", "tracked"]
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,14 @@ class Recording:
         source: File path, or ``synthetic``.
         kind: Where the data is from; said wherever the recording is shown.
         times_s: Capture times, shape (N,), seconds, strictly increasing.
-        truth: The best known true motion: the generator's or motion capture's own, or, for body tracking,
-            the measured track smoothed without lag.
-        measured: What a body tracker saw of it, where the recording has that; None for motion capture.
+        truth: The best known true motion: the generator's or motion capture's own, or, for body tracking and people
+            tracked by a robot, the measured track smoothed without lag.
+        measured: What a tracker saw of it, where the recording has that; None for motion capture.
         has_robot: True where the origin of the frame is the robot's sensor (x forward, y left, z up), so
             that the recording can be replayed where it was taken.
         labels: Subject, group, description and activity.
+        notes: What the reader found, inferred and left out, a line each, for people.
+        delays_s: From capture to arrival, shape (N,), seconds; None where the recording does not say.
     """
 
     name: str
@@ -102,3 +104,18 @@ class Recording:
     measured: Track | None
     has_robot: bool
     labels: Labels = field(default_factory=lambda: Labels(subject="unknown"))
+    notes: tuple[str, ...] = ()
+    delays_s: FloatArray | None = None
+
+
+def truth_of(kind: str) -> str:
+    """What the truth of a kind of recording is, for people.
+
+    Args:
+        kind: Kind of a recording or of a run.
+
+    Returns:
+        Words to follow "against"; empty where the true motion itself is known, or nobody is recorded.
+    """
+    # Who is tracked and not measured otherwise has no other truth.
+    return "the tracker's own track, smoothed without lag" if kind in ("tracked", "body tracking") else ""

@@ -11,7 +11,27 @@ from gazempc.errors import SettingsError
 # The first bytes of every MCAP file.
 MAGIC = b"\x89MCAP0\r\n"
 ATTACHMENT = "log.npz"
+# The names of attachments stand in the summary at a file's end.
+_SUMMARY_BYTES = 2**20
 NEEDS_VIEW = 'MCAP files need more packages: pip install "gazempc[view]"'
+
+
+def has_log(path: Path) -> bool:
+    """Whether an MCAP file is a log of this package, and not a bag of ROS 2; needs no other package.
+
+    Args:
+        path: The file.
+
+    Returns:
+        True if an attachment of a log's name is in it; False, too, if there is no such file.
+    """
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, io.SEEK_END)
+            file.seek(max(0, size - _SUMMARY_BYTES))
+            return ATTACHMENT.encode() in file.read()
+    except OSError:
+        return False
 
 
 def attached_log(path: Path) -> BinaryIO:

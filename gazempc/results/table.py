@@ -10,7 +10,7 @@ from gazempc.results.repeats import Repeats
 from gazempc.results.report import label
 
 
-def table(repeats: Sequence[Repeats], neck: NeckSpec) -> str:
+def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     """A readable table, one controller a column.
 
     Under several seeds it has means and standard deviations over them. Peaks are the highest of all, violations the
@@ -19,6 +19,7 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec) -> str:
     Args:
         repeats: The figures.
         neck: Its limits stand beside the peaks.
+        against: What stands for the truth, where nobody knows it; said below the table.
 
     Returns:
         Lines of text.
@@ -66,6 +67,8 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec) -> str:
         for label, cells in lines
     ]
     text.insert(2, "-" * len(text[0]))
+    if against:
+        text.append(f"Gaze error and eye contact are against {against}: nobody measured where the head was.")
     return "\n".join(line.rstrip() for line in text)
 
 

@@ -42,7 +42,8 @@ class StageSettings(PlaceSettings):
 
     sensor: str | None = Field(
         default=None,
-        description="Shipped sensor or a .toml file; without it the recording's own for body tracking, else reference",
+        description="Shipped sensor or a .toml file; without it the recording's own for body tracking and tracked "
+        "people, else reference",
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gazempc.recordings.recording import Recording
+from gazempc.recordings.recording import Recording, truth_of
 from gazempc.sim.sensing.observe import observe
 from gazempc.sim.sensing.spec import SensorSpec
 from gazempc.specfiles import load_spec, shipped_names
@@ -34,4 +34,4 @@ def load_sensor(name_or_path: str | Path) -> SensorSpec:
 
 def default_sensor(recording: Recording) -> str:
     """The sensor that fits a recording: its own where the true motion is not known, else `reference`."""
-    return "recorded" if recording.kind == "body tracking" else "reference"
+    return "recorded" if truth_of(recording.kind) else "reference"

@@ -55,6 +55,7 @@ def test_several_sensors_and_kinds_have_tables_and_figures_of_their_own(tmp_path
     errors = {(r["sensor"], r["kind"]): r["gaze_error_rms_deg"] for r in rows if r["controller"] == "lookahead"}
     assert errors["perfect", "all"] < errors["reference", "all"]
     assert {r["data_kind"] for r in rows_of(out)} == {"motion capture"}
+    assert {r["notes"] for r in rows_of(out)} == {""}
     text = (out / "summary.md").read_text()
     assert text.index("## Sensor reference") < text.index("## Sensor perfect")
     assert "| all | starting | 1 | 1 | reference | reactive |" in text
@@ -108,12 +109,24 @@ def test_a_job_is_named_by_all_it_depends_on(tmp_path):
     first = job.key()
     file.write_text("two")
     assert job.key() != first
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text("one")
+    job = runs(tmp_path, recordings=(str(bag),))[0].job
+    first = job.key()
+    (bag / "bag.mcap").write_text("two")
+    assert job.key() != first
 
 
 def test_find_recordings(tmp_path):
     for name in ("b.csv", "a.bvh", "index.csv", "notes.txt"):
         (tmp_path / name).write_text("")
     assert find_recordings([str(tmp_path)]) == [str(tmp_path / "a.bvh"), str(tmp_path / "b.csv")]
+    bag = tmp_path / "0_bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text("")
+    assert find_recordings([str(bag)]) == [str(bag)]
+    assert find_recordings([str(tmp_path)])[0] == str(bag)
     assert find_recordings(["synthetic"]) == list(synthetic_names())
     with pytest.raises(GazempcError) as caught:
         find_recordings(["syntetic", str(tmp_path / "none.csv")])

@@ -11,10 +11,12 @@ import numpy as np
 from gazempc.errors import RecordingError, SettingsError, suggest
 from gazempc.identify.tracker.track import HeadTrack, of_bag, of_lines, of_recording
 from gazempc.recordings.readers.bag import read_bag_tracks
+from gazempc.recordings.readers.table import TABLES
 
 _LINES = (".jsonl", ".ndjson")
 _ACCEPTED = (
-    "a table (.csv, .parquet) with t, head_x, head_y, head_z; lines of JSON as a live source takes them "
+    "a table (.csv, .tsv, .txt, .parquet) with t, head_x, head_y, head_z, or with columns that are known or saved; "
+    "lines of JSON as a live source takes them "
     f"({', '.join(_LINES)}); or the folder of a ROS 2 bag"
 )
 # Fewer repeats are chance, of coordinates with few digits.
@@ -45,7 +47,7 @@ def read_track(path: Path, person: str | None, tell: Callable[[float], None]) ->
         tracks: Sequence[HeadTrack] = [of_bag(track) for track in read_bag_tracks(path, tell)]
     elif path.suffix.lower() in _LINES:
         tracks = of_lines(path)
-    elif not path.exists() or path.suffix.lower() not in (".csv", ".parquet", ".json"):
+    elif not path.exists() or path.suffix.lower() not in (*TABLES, ".json"):
         raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown kind of file", _ACCEPTED)
     else:
         tracks = [of_recording(path)]

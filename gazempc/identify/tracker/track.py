@@ -80,7 +80,8 @@ def of_recording(path: Path) -> HeadTrack:
     recording = load(path)
     seen = recording.measured or recording.truth
     valid = seen.valid
-    notes = () if valid.all() else (f"{int((~valid).sum())} frames without the person",)
+    unseen = () if valid.all() else (f"{int((~valid).sum())} frames without the person",)
+    notes = (*recording.notes, *unseen)
     head_rad, pelvis_rad = (_forward_yaw_rad(quats[valid]) for quats in (seen.head_quat_wxyz, seen.pelvis_quat_wxyz))
     times_s, position_m = recording.times_s[valid], seen.head_position_m[valid]
     return HeadTrack(recording.name, times_s, position_m, head_rad, pelvis_rad, None, notes)
@@ -143,10 +144,14 @@ def _forward_yaw_rad(quats_wxyz: FloatArray) -> FloatArray:
 
 
 def _facing_yaw_rad(position_m: FloatArray, quats_wxyz: FloatArray) -> FloatArray:
-    """Yaw of whichever axis of a face points to the camera, shape (N,): conventions differ, also in the sign."""
-    axes = np.moveaxis(Rotation.from_quat(quats_wxyz, scalar_first=True).as_matrix(), 2, 0)
-    sight = -position_m / np.linalg.norm(position_m, axis=1, keepdims=True)
+    """Yaw of whichever axis of a face points to the camera, shape (N,), NaN where not known: conventions differ."""
+    yaw_rad, known = np.full(len(quats_wxyz), np.nan), np.isfinite(quats_wxyz).all(axis=1)
+    if not known.any():
+        return yaw_rad
+    axes = np.moveaxis(Rotation.from_quat(quats_wxyz[known], scalar_first=True).as_matrix(), 2, 0)
+    sight = -position_m[known] / np.linalg.norm(position_m[known], axis=1, keepdims=True)
     facing = np.median(np.einsum("kni,ni->kn", axes, sight), axis=1)
     best = int(np.argmax(np.abs(facing)))
     ahead = np.sign(facing[best]) * axes[best]
-    return np.asarray(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    yaw_rad[known] = np.arctan2(ahead[:, 1], ahead[:, 0])
+    return yaw_rad

@@ -20,7 +20,7 @@ Place = Callable[[int], str]
 MIN_FRAMES = 4
 QUATERNION_NORM_TOLERANCE = 1e-2
 
-_MAX_MAGNITUDE = 1e9  # larger values are damage, and their squares would overflow further on
+MAX_MAGNITUDE = 1e9  # larger values are damage, and their squares would overflow further on
 _FRAME_INTERVAL_RANGE_S = (1.0 / 1000.0, 1.0)
 _TYPICAL_FRAME_INTERVAL_S = 1.0 / 30.0
 _TIME_UNITS_S = {
@@ -62,14 +62,14 @@ def check_finite(source: Path, values: FloatArray, columns: Sequence[str], place
         RecordingError: Names the first such value's place and column.
     """
     bad = ~np.isfinite(values)
-    bad |= np.abs(np.where(bad, 0.0, values)) > _MAX_MAGNITUDE
+    bad |= np.abs(np.where(bad, 0.0, values)) > MAX_MAGNITUDE
     if bad.any():
         index, column = (int(k) for k in np.argwhere(bad)[0])
         raise RecordingError(
             source,
             f"{place(index)}, column {columns[column]}",
             f"the value is {values[index, column]:g}",
-            f"a finite number no larger than {_MAX_MAGNITUDE:g}",
+            f"a finite number no larger than {MAX_MAGNITUDE:g}",
         )
 
 

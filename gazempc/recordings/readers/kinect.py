@@ -10,7 +10,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError
@@ -25,10 +24,10 @@ from gazempc.recordings.readers.position_checks import (
     check_head_to_pelvis,
     check_upright,
 )
+from gazempc.recordings.readers.smoothing import MIN_SEEN_FRAMES, smoothed
 from gazempc.recordings.recording import Recording, Track
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import FloatArray
 
-_MIN_SEEN_FRAMES = 5  # the smoothing spline needs as many
 _MAX_AXIS_ERROR_DEG = 60.0
 
 _LEVEL_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -54,7 +53,7 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
             other units, or the head's axes disagree with the face.
     """
     body = read_body(path, options.kinect_body_id)
-    check_frame_count(path, int(body.seen.sum()), _MIN_SEEN_FRAMES)
+    check_frame_count(path, int(body.seen.sum()), MIN_SEEN_FRAMES)
     times_s = (body.times_usec - body.times_usec[0]) * 1e-6
     check_frame_interval(path, times_s, unit="microseconds")
     head = options.kinect_head_joint.upper()
@@ -72,9 +71,9 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
     check_upright(path, seen_head_m, seen_pelvis_m, "an upright person, and the camera's pitch as an option")
     _check_head_axes(path, body, head, measured.head_quat_wxyz, level_from_camera)
     truth = Track(
-        head_position_m=_smoothed(path, times_s, measured.head_position_m, body.seen),
+        head_position_m=smoothed(path, times_s, measured.head_position_m, body.seen),
         head_quat_wxyz=measured.head_quat_wxyz.copy(),
-        pelvis_position_m=_smoothed(path, times_s, measured.pelvis_position_m, body.seen),
+        pelvis_position_m=smoothed(path, times_s, measured.pelvis_position_m, body.seen),
         pelvis_quat_wxyz=measured.pelvis_quat_wxyz.copy(),
         valid=body.seen.copy(),
     )
@@ -141,18 +140,3 @@ def _median_angle_deg(a: FloatArray, b: FloatArray) -> float:
     """Median angle between vectors, row by row, degrees."""
     cross = np.linalg.norm(np.cross(a, b), axis=1)
     return float(np.degrees(np.median(np.arctan2(cross, np.sum(a * b, axis=1)))))
-
-
-def _smoothed(path: Path, times_s: FloatArray, position_m: FloatArray, seen: BoolArray) -> FloatArray:
-    """Positions smoothed without lag, shape (N, 3); NaN where the body was not seen."""
-    smooth_m = np.full_like(position_m, np.nan)
-    # In units of the frame interval the spline's equations are well scaled at any frame rate.
-    knots = times_s[seen] / np.median(np.diff(times_s))
-    for axis in range(3):
-        try:
-            smooth_m[seen, axis] = make_smoothing_spline(knots, position_m[seen, axis])(knots)
-        except (ValueError, np.linalg.LinAlgError) as error:
-            raise RecordingError(
-                path, "time stamps", f"the track cannot be smoothed ({error})", "frames at a steady rate"
-            ) from None
-    return smooth_m

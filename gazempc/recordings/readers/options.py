@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from pathlib import Path
+from typing import Annotated, Literal
 
+import tyro
 from pydantic import BaseModel, ConfigDict, Field
 
 
@@ -12,6 +14,18 @@ class ReadOptions(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    columns: str | None = Field(
+        default=None,
+        description="What the columns of a table mean, such as 't=stamp:ns, head=[px,py,pz]:mm, axes=y-up'; see the "
+        "page Tables as exported",
+    )
+    mapping: Path | None = Field(default=None, description="TOML file with the same; default: the one beside the table")
+    guess: Annotated[bool, tyro.conf.arg(aliases=["--guess"])] = Field(
+        default=False, description="Guess what the columns mean if nothing says it, and print the guess"
+    )
+    person: str | None = Field(
+        default=None, description="Whom to read where there are several; default: whoever is seen longest"
+    )
     kinect_body_id: int | None = Field(
         default=None, description="Body to read from a body tracking file; default: the one seen longest."
     )
@@ -33,13 +47,31 @@ class ReadOptions(BaseModel):
         default=None, gt=0.0, description="Frames per second of a BVH file; default: its own Frame Time."
     )
     bvh_head_joint: str | None = Field(
-        default=None, description="Name of the head's joint in a BVH file; default: found by its name."
+        default=None,
+        description="Name of the head's joint in a BVH file; default: found by its name, or the far end of the "
+        "middle of the body.",
     )
     bvh_hips_joint: str | None = Field(
         default=None,
-        description="Name of the hips' joint in a BVH file; default: found by name, or the root.",
+        description="Name of the hips' joint in a BVH file; default: found by name, or where the legs part.",
+    )
+    bvh_facing: Literal["x", "-x", "y", "-y", "z", "-z"] | None = Field(
+        default=None,
+        description="Axis that the person faces in a BVH file's rest pose; default: told by left and right "
+        "joints, else by feet, else by the way they walk.",
     )
     bvh_up_axis: Literal["y", "z"] | None = Field(
         default=None,
         description="Axis of a BVH file that points up; default: where the head is, seen from the hips.",
+    )
+    bag_topic: str | None = Field(
+        default=None, description="Topic of a ROS 2 bag that shows the head; default: the one with the longest track."
+    )
+    bag_frame: str | None = Field(
+        default=None, description="Frame of a ROS 2 bag in which the robot stands; default: the sensor's."
+    )
+    bag_axes: Literal["optical", "forward"] | None = Field(
+        default=None,
+        description="Axes of that frame: z forward, y down (optical) or x forward, z up; default: by its name, or by "
+        "where people are.",
     )

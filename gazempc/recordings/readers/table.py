@@ -1,217 +1,154 @@
-"""Recordings as tables: CSV or Parquet with a row a frame.
+"""Recordings as tables, as programs export them: finds out what the columns mean, and reads them.
 
-Columns, in any order: ``t`` (seconds) and ``head_{x,y,z}`` (metres, z up, right-handed). Optional are
-``pelvis_{x,y,z}``, ``head_q{w,x,y,z}`` and ``pelvis_q{w,x,y,z}`` (unit quaternions; the identity faces +x with +y to
-the left). Other columns are ignored.
+The package's own columns, in any order, are ``t`` (seconds) and ``head_{x,y,z}`` (metres, z up, right-handed).
+Optional are ``pelvis_{x,y,z}``, ``head_q{w,x,y,z}`` and ``pelvis_q{w,x,y,z}`` (unit quaternions; the identity faces
++x with +y to the left). Other columns are ignored. For other tables a mapping says what the columns mean: the user's,
+one that was saved beside the file, one that ships, or a guess.
 """
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
-from gazempc.errors import MissingOptionalDependencyError, RecordingError
-from gazempc.recordings.readers.checks import (
-    Place,
-    check_finite,
-    check_frame_count,
-    check_frame_interval,
-    check_times_increase,
-    check_unit_quaternions,
-)
-from gazempc.recordings.readers.labels import labels_for
+from gazempc.errors import RecordingError
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.position_checks import (
-    check_head_to_pelvis,
-    check_head_travel,
-    check_upright,
+from gazempc.recordings.readers.tables.guess import Guess, guess
+from gazempc.recordings.readers.tables.long import wide
+from gazempc.recordings.readers.tables.mapped import recording_of
+from gazempc.recordings.readers.tables.mapping import (
+    ColumnMapping,
+    parse_columns,
+    read_mapping,
+    save_mapping,
+    saved_places,
 )
-from gazempc.recordings.readers.text import read_text, shown
-from gazempc.recordings.recording import Recording, Track
-from gazempc.types import FloatArray
-
-_NEEDED = ("t", "head_x", "head_y", "head_z")
-# Each of these is there with all of its columns, or not at all.
-_OPTIONAL = {
-    "head_q{w,x,y,z}": tuple(f"head_q{part}" for part in "wxyz"),
-    "pelvis_{x,y,z}": tuple(f"pelvis_{axis}" for axis in "xyz"),
-    "pelvis_q{w,x,y,z}": tuple(f"pelvis_q{part}" for part in "wxyz"),
-}
-COLUMNS = (*_NEEDED, *(name for names in _OPTIONAL.values() for name in names))
+from gazempc.recordings.readers.tables.mvnx import mvnx_table
+from gazempc.recordings.readers.tables.openpose import openpose_table
+from gazempc.recordings.readers.tables.own import NEEDED, own_mapping
+from gazempc.recordings.readers.tables.parquet import parquet_table
+from gazempc.recordings.readers.tables.raw_table import RawTable
+from gazempc.recordings.readers.tables.shipped import fitting_mapping
+from gazempc.recordings.readers.tables.text_table import read_text_table
+from gazempc.recordings.readers.text import shown
+from gazempc.recordings.recording import Recording
 
 
-def read_csv(path: Path, options: ReadOptions) -> Recording:  # all readers have the same signature
-    """Read a comma-separated table.
+def read_table(path: Path, options: ReadOptions) -> Recording:
+    """Read a table: text, Parquet, Xsens MVN's ``.mvnx``, or a folder of OpenPose's files.
 
     Args:
-        path: File to read; UTF-8, a header line, a line a frame. Blank lines are skipped.
-        options: Not needed by this format.
+        path: What to read; the ending says what it is.
+        options: What the user says of its columns and people.
 
     Returns:
         The recording, with the file's own time stamps.
 
     Raises:
-        RecordingError: If the file is not such a table; rows are counted as lines of the file, from 1.
+        RecordingError: If the file is no table, or its columns are not understood; rows of text are lines, from 1.
+        SettingsError: If an option is wrong.
+        MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
-    reader = csv.reader(io.StringIO(read_text(path, "a CSV table"), newline=""))
-    header: list[str] | None = None
-    columns: list[str] = []
-    lines: list[int] = []
-    cells: list[list[float]] = []
-    picked: list[int] = []
-    try:
-        for row in reader:
-            if not row:
-                continue
-            if header is None:
-                header = [name.strip() for name in row]
-                columns = _columns_in(path, header)
-                picked = [header.index(name) for name in columns]
-                continue
-            if len(row) != len(header):
-                raise RecordingError(
-                    path,
-                    f"row {reader.line_num}",
-                    f"{len(row)} cells",
-                    f"{len(header)} cells, as in the header",
-                )
-            cells.append(_numbers(path, reader.line_num, header, row, picked))
-            lines.append(reader.line_num)
-    except csv.Error as error:
-        raise RecordingError(path, f"row {reader.line_num}", f"{error}", "a comma-separated table") from None
-    if not cells:
-        raise RecordingError(path, "", "a header and no rows", "a row a frame after the header")
-    return _recording(path, columns, np.array(cells), lambda index: f"row {lines[index]}")
+    table = _raw(path)
+    mapping, notes = mapping_of(table, options)
+    return recording_of(table, mapping, options.person, notes)
 
 
-def read_parquet(path: Path, options: ReadOptions) -> Recording:
-    """Read a Parquet table with the same columns as the CSV.
+def remember_columns(path: Path, options: ReadOptions) -> str:
+    """Save what the user said of a table's columns, or had guessed, beside it: next time nothing need be said.
 
     Args:
-        path: File to read.
-        options: Not needed by this format.
+        path: What was read.
+        options: What the user said.
 
     Returns:
-        The recording, with the file's own time stamps.
+        What was done, for people; empty if there is nothing to remember.
 
     Raises:
-        RecordingError: If the file is not such a table; rows are counted from 1.
-        MissingOptionalDependencyError: If pyarrow is not installed.
+        RecordingError: If the table cannot be read.
     """
+    is_table = path.is_dir() or path.suffix.lower() in TABLES
+    if not is_table or not (options.columns is not None or options.guess):
+        return ""
+    mapping, _ = mapping_of(_raw(path), options)
     try:
-        import pyarrow as pa  # noqa: PLC0415 - optional
-        import pyarrow.parquet as pq  # noqa: PLC0415 - optional
-    except ImportError:
-        raise MissingOptionalDependencyError("Reading Parquet files", "pyarrow", "parquet") from None
-    try:
-        names = list(pq.read_schema(path).names)
-    except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
-        raise RecordingError(path, "", _library_text(error), "a Parquet table") from None
-    columns = _columns_in(path, names)
-    try:
-        table = pq.ParquetFile(path).read(columns=columns)
-    except Exception as error:
-        raise RecordingError(path, "", _library_text(error), "a Parquet table") from None
-    for name in columns:
-        kind = table.schema.field(name).type
-        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
-            raise RecordingError(path, f"column {name}", f"it holds {kind}", "floating-point numbers")
-    if table.num_rows == 0:
-        raise RecordingError(path, "", "a header and no rows", "a row a frame")
-    values = [table.column(name).to_numpy().astype(np.float64) for name in columns]
-    return _recording(path, columns, np.column_stack(values), lambda index: f"row {index + 1}")
+        return f"columns saved in {save_mapping(path, mapping)}"
+    except RecordingError as error:
+        return f"columns not saved: {error}"
 
 
-def _columns_in(path: Path, header: Sequence[str]) -> list[str]:
-    """Which columns to read, in the order of COLUMNS.
+def mapping_of(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[str, ...]]:
+    """What the columns of a table mean, by the first that says it: user, saved file, header, shipped mapping, guess.
+
+    Args:
+        table: The table.
+        options: What the user says; `columns` completes or overrules what is found otherwise.
+
+    Returns:
+        The mapping, and what is to be said of it.
 
     Raises:
-        RecordingError: If a needed one is missing, an optional part is there in part, or one stands there twice.
+        RecordingError: If nothing says it; proposes a guess.
+        SettingsError: If an option or a saved file is wrong.
     """
-    begun = [names for names in _OPTIONAL.values() if any(name in header for name in names)]
-    wanted = [*_NEEDED, *(name for names in begun for name in names)]
-    missing = [name for name in wanted if name not in header]
-    if missing:
-        raise RecordingError(
-            path,
-            "header",
-            f"missing column(s) {', '.join(missing)}; found {shown(', '.join(header), 200)}",
-            f"the columns {', '.join(_NEEDED)}, and with all of its columns or none, each of {', '.join(_OPTIONAL)}",
+    said = parse_columns(options.columns) if options.columns is not None else ColumnMapping()
+    base, notes = _found(table, options, complete=said.t is not None and said.head is not None)
+    return said.over(base), notes
+
+
+def _raw(path: Path) -> RawTable:
+    return openpose_table(path) if path.is_dir() else wide(TABLES[path.suffix.lower()](path))
+
+
+def _found(table: RawTable, options: ReadOptions, complete: bool) -> tuple[ColumnMapping, tuple[str, ...]]:
+    if options.mapping is not None:
+        return read_mapping(options.mapping), (f"columns as in {options.mapping}",)
+    if complete:
+        return ColumnMapping(), ()
+    saved = next((place for place in saved_places(table.path) if place.is_file()), None)
+    if saved is not None:
+        return read_mapping(saved), (f"columns as in {saved}",)
+    if set(NEEDED) <= set(table.names):
+        return own_mapping(table), ()
+    fitting = fitting_mapping(table)
+    if fitting is not None:
+        name, shipped = fitting
+        note = (shipped.note,) if shipped.note else ()
+        return ColumnMapping.model_validate(shipped.texts()), (f"columns as in {name}: {shipped.source}", *note)
+    guessed = _guess(table)
+    if options.guess and guessed is not None:
+        return guessed.mapping, (f'columns guessed: "{guessed.mapping.as_option()}"', *guessed.remarks)
+    missing = [name for name in NEEDED if name not in table.names]
+    proposal = (
+        "no columns that could be the time and one head: say them, such as --reading.columns 't=stamp:ms, "
+        "head=[px,py,pz]:mm'"
+    )
+    if guessed is not None:
+        remarks = f" ({'; '.join(guessed.remarks)})" if guessed.remarks else ""
+        proposal = (
+            f'a guess: --reading.columns "{guessed.mapping.as_option()}"{remarks}; paste and correct it, or take it as '
+            "it is by --guess"
         )
-    twice = [name for name in wanted if header.count(name) > 1]
-    if twice:
-        raise RecordingError(path, "header", f"more than one column {', '.join(twice)}", "each column once")
-    return wanted
-
-
-def _numbers(path: Path, line: int, header: Sequence[str], row: Sequence[str], picked: Sequence[int]) -> list[float]:
-    """Numbers of a row, of the picked columns.
-
-    Raises:
-        RecordingError: Names the first cell that is not a number.
-    """
-    numbers = []
-    for column in picked:
-        cell = row[column]
-        try:
-            # Python reads 1_0 as 10; in a table it is a damaged cell.
-            number = float(cell if "_" not in cell else "")
-        except ValueError:
-            raise RecordingError(
-                path, f"row {line}, column {header[column]}", f"{shown(cell)} is not a number", "a number"
-            ) from None
-        numbers.append(number)
-    return numbers
-
-
-def _recording(path: Path, columns: Sequence[str], values: FloatArray, place: Place) -> Recording:
-    """Check a table of shape (N, C) with these columns, and make a recording of it."""
-    check_frame_count(path, len(values))
-    check_finite(path, values[:, 1:], columns[1:], place)
-    times_s = values[:, 0].copy()
-    check_times_increase(path, times_s, place)
-
-    def part(names: Sequence[str]) -> FloatArray:
-        if names[0] not in columns:
-            return np.full((len(values), len(names)), np.nan)
-        return values[:, [columns.index(name) for name in names]]
-
-    def orientations(name: str) -> FloatArray:
-        quats_wxyz = part(_OPTIONAL[name])
-        check_unit_quaternions(path, quats_wxyz, name, place)
-        return np.asarray(quats_wxyz / np.linalg.norm(quats_wxyz, axis=1, keepdims=True))
-
-    truth = Track(
-        head_position_m=part(_NEEDED[1:]),
-        head_quat_wxyz=orientations("head_q{w,x,y,z}"),
-        pelvis_position_m=part(_OPTIONAL["pelvis_{x,y,z}"]),
-        pelvis_quat_wxyz=orientations("pelvis_q{w,x,y,z}"),
-        valid=np.ones(len(values), dtype=np.bool_),
-    )
-    check_frame_interval(path, times_s)
-    has_pelvis = "pelvis_x" in columns
-    if has_pelvis:
-        check_head_to_pelvis(path, truth.head_position_m, truth.pelvis_position_m)
-        check_upright(path, truth.head_position_m, truth.pelvis_position_m, "metres with z up and the person upright")
-    else:
-        check_head_travel(path, times_s, truth.head_position_m)
-    return Recording(
-        name=path.stem,
-        source=str(path),
-        kind="motion capture",
-        times_s=times_s,
-        truth=truth,
-        measured=None,
-        has_robot=False,
-        labels=labels_for(path, times_s, truth.pelvis_position_m if has_pelvis else truth.head_position_m),
+    raise RecordingError(
+        table.path,
+        "header",
+        f"missing column(s) {', '.join(missing)}; found {shown(', '.join(table.names), 200)}",
+        f"the columns {', '.join(NEEDED)}, or what the columns mean; {proposal}",
     )
 
 
-def _library_text(error: Exception) -> str:
-    """First line of a library's message, without its final full stop."""
-    lines = str(error).strip().splitlines()
-    return f"cannot be read ({lines[0].rstrip('.') if lines else type(error).__name__})"
+def _guess(table: RawTable) -> Guess | None:
+    try:
+        return guess(table)
+    except RecordingError:  # such as a cell that is no number: nothing can be told from such columns
+        return None
+
+
+# How tables are read, by the ending of the file.
+TABLES: dict[str, Callable[[Path], RawTable]] = {
+    ".csv": read_text_table,
+    ".tsv": read_text_table,
+    ".txt": read_text_table,
+    ".parquet": parquet_table,
+    ".mvnx": mvnx_table,
+}

@@ -56,7 +56,7 @@ def angles(logs: Logs, path: Path) -> None:
     # The legend shows kinds of line in a neutral colour, because the colour says which controller it is.
     key = axes[0, 0]
     if any(shown_head(log).known.any() for log in logs.values()):
-        key.plot([], [], color="k", lw=2.6, alpha=0.35, label="true head")
+        key.plot([], [], color="k", lw=2.6, alpha=0.35, label=shown_head(next(iter(logs.values()))).label)
     key.plot([], [], **_OBSERVED, label="observed head")
     key.plot([], [], color="0.3", lw=1.3, ls=(0, (4, 1.5)), label="command sent")
     key.plot([], [], color="0.3", lw=1.8, label="joint")

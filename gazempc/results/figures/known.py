@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gazempc.recordings.recording import truth_of
 from gazempc.results.figures.style import DPI, Logs, recording_title, setup_title
 from gazempc.results.log import Log
 from gazempc.types import BoolArray, FloatArray
@@ -49,12 +50,13 @@ def shown_head(log: Log) -> ShownHead:
     if not known.any():
         heads_m = _joined(log.time_s, log.capture_time_s, log.head_observed_base_m)
         return ShownHead(replace(log, head_true_base_m=heads_m), known, False, "head as observed")
+    label = "smoothed track" if truth_of(log.run.kind) else "true head"
     # A single frame between two gaps does not make a walk of rare frames.
     rare = 2 * np.count_nonzero(_alone(known)) > np.count_nonzero(known)
     if not rare:
-        return ShownHead(log, known, False, "true head")
+        return ShownHead(log, known, False, label)
     heads_m = _joined(log.time_s, log.time_s[known], log.head_true_base_m[known])
-    return ShownHead(replace(log, head_true_base_m=heads_m), known, True, "true head")
+    return ShownHead(replace(log, head_true_base_m=heads_m), known, True, label)
 
 
 def draw_known(ax: Axes, x: FloatArray, y: FloatArray, head: ShownHead, **look: Any) -> None:

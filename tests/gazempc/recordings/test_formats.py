@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 import test_readers_bvh as bvh
 import test_readers_kinect as kinect
+from builders.bags import face_rows, write_bag
 
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.table import COLUMNS
+from gazempc.recordings.readers.tables.own import COLUMNS
 from gazempc.run import main
 
 SECONDS = 3.5
@@ -59,6 +60,14 @@ def write_bvh(folder):
     return bvh.write(folder / "me_01.bvh", bvh.Y_UP, frames)
 
 
+def bag(folder):
+    """Somebody who crosses 2.5 m in front of a camera, facing to its left, with a tracker's noise."""
+    t = np.arange(int(SECONDS * 30)) / 30
+    noise = np.random.default_rng(0).normal(0, 0.004, (t.size, 3))
+    places = np.column_stack([np.full_like(t, 2.5), 1.0 * t - 1.6, np.full_like(t, 0.3)]) + noise
+    return write_bag(folder / "me_01", face_rows("face_a", 1e9 + t, places, "camera_link", (0.707107, 0, 0, 0.707107)))
+
+
 @pytest.mark.parametrize(
     ("write", "kind", "sensor", "placement"),
     [
@@ -66,6 +75,7 @@ def write_bvh(folder):
         (write_parquet, "motion capture", "reference", "side"),
         (write_kinect, "body tracking", "recorded", "recorded"),
         (write_bvh, "motion capture", "reference", "side"),
+        (bag, "tracked", "recorded", "recorded"),
     ],
 )
 def test_a_run_on_each_format(write, kind, sensor, placement, tmp_path, capsys):
@@ -77,4 +87,11 @@ def test_a_run_on_each_format(write, kind, sensor, placement, tmp_path, capsys):
     rows = {row["controller"]: row for row in summary["rows"]}
     assert rows["lookahead"]["gaze_error_rms_deg"] < rows["reactive"]["gaze_error_rms_deg"] / 3
     assert rows["perfect"]["gaze_error_rms_deg"] < 0.3
-    assert kind in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert kind in said
+    tracked = "against the tracker's own track, smoothed without lag: nobody measured where the head was" in said
+    assert tracked == (sensor == "recorded")
+    against = "the tracker's own track, smoothed without lag" if tracked else "the true head"
+    assert summary["scored_against"] == against
+    for note in summary["notes"]:
+        assert note in said

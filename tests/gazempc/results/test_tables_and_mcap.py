@@ -9,6 +9,7 @@ from dataclasses import fields
 import numpy as np
 import pandas as pd
 import pytest
+from builders.bags import face_rows, write_bag
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
@@ -18,6 +19,7 @@ from gazempc.export import export, main
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.log import Log
 from gazempc.results.mcap_file import write_mcap
+from gazempc.results.mcap_read import has_log
 from gazempc.results.metrics import gaze_error_deg
 
 
@@ -45,6 +47,14 @@ def same(one, other):
             np.testing.assert_array_equal(a, b, err_msg=field.name)
         else:
             assert a == b, field.name
+
+
+def test_a_log_and_a_bag_are_told_apart(mcap_path, tmp_path):
+    assert has_log(mcap_path)
+    bag = write_bag(tmp_path / "bag", face_rows("face_a", np.arange(9) / 30.0, [0.0, 0.0, 1.5]), "mcap")
+    (file,) = bag.glob("*.mcap")
+    assert not has_log(file)
+    assert not has_log(tmp_path / "none.mcap")
 
 
 def test_an_mcap_file_is_the_log_to_the_last_bit(log, mcap_path):

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from builders.bags import face_rows, write_bag
+from builders.bags import face_rows, pose_rows, write_bag
 from builders.trackers import person_m, seen_m
 from scipy.spatial.transform import Rotation
 
@@ -90,6 +90,14 @@ def test_a_bag_with_its_latency_and_losses(tmp_path, capsys):
     assert "optical axes turned" in capsys.readouterr().out
 
 
+def test_a_bag_with_a_topic_of_points(tmp_path):
+    rows = pose_rows(TIMES_S, SEEN_M, "camera_link")
+    bag = write_bag(tmp_path / "bag", [], topics=[("/head", "geometry_msgs/msg/PointStamped", rows)])
+    sensor = identify(bag, tmp_path)
+    assert as_expected(sensor)
+    assert not sensor.head_yaw.reported
+
+
 def test_a_person_is_chosen_by_id(tmp_path, capsys):
     times_s = TIMES_S[:100]
     rows = face_rows("face_a", TIMES_S, SEEN_M, "lidar") + face_rows("face_b", times_s, 1.5 * SEEN_M[:100], "lidar")
@@ -117,8 +125,8 @@ def refused(capsys, *words):
 def test_what_is_refused(tmp_path, capsys):
     out = ("--out", str(tmp_path / "mine.toml"))
     assert "no such recording" in refused(capsys, "--tracker", "nowhere.csv", *out)
-    (tmp_path / "notes.txt").write_text("hello")
-    assert "unknown kind of file" in refused(capsys, "--tracker", str(tmp_path / "notes.txt"), *out)
+    (tmp_path / "notes.xlsx").write_text("hello")
+    assert "unknown kind of file" in refused(capsys, "--tracker", str(tmp_path / "notes.xlsx"), *out)
     short = write_table(tmp_path / "short.csv", TIMES_S[:30], SEEN_M[:30])
     assert "at least 60 frames in 3 s" in refused(capsys, "--tracker", str(short), *out)
     assert "give one of --robot" in refused(capsys, "--tracker", str(short), "--robot", "simulated", *out)

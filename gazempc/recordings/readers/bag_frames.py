@@ -1,0 +1,172 @@
+"""FrameTree of `/tf` and `/tf_static` over time, and the way from one to another."""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from gazempc.recordings.readers.bag_messages import TF, TF_STATIC, BagMessage, stamp_ns
+from gazempc.types import BoolArray, FloatArray, IntArray
+
+# Between a frame's messages it is interpolated. Farther from the nearest one nobody knows where it is.
+_LONGEST_GAP_S = 1.0
+Edge = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Poses of one thing in one frame.
+
+    Attributes:
+        times_s: Stamps, shape (N,), seconds.
+        delays_s: From the stamp to the message's arrival in the bag, shape (N,), seconds.
+        position_m: Shape (N, 3), metres.
+        quat_wxyz: Shape (N, 4), unit quaternions; NaN where not known.
+    """
+
+    times_s: FloatArray
+    delays_s: FloatArray
+    position_m: FloatArray
+    quat_wxyz: FloatArray
+
+    def chosen(self, rows: BoolArray | IntArray) -> Poses:
+        """Some of them, by a mask or by indices."""
+        return Poses(self.times_s[rows], self.delays_s[rows], self.position_m[rows], self.quat_wxyz[rows])
+
+
+class FrameTree:
+    """All frames of a bag.
+
+    Args:
+        messages: Of the bag; those on other topics are passed over.
+
+    Attributes:
+        moving: Poses of a child in its parent, by (parent, child), in the order of the stamps, repeats included. Rows
+            with a number that is not finite or without an orientation are among them.
+        fixed: The same of `/tf_static`: position and quaternion.
+    """
+
+    def __init__(self, messages: Iterable[BagMessage]) -> None:
+        rows: dict[Edge, list[tuple[float, ...]]] = defaultdict(list)
+        self.fixed: dict[Edge, tuple[FloatArray, Rotation]] = {}
+        for message in messages:
+            if message.topic not in (TF, TF_STATIC):
+                continue
+            for transform in message.content.transforms:
+                edge = transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/")
+                p, q = transform.transform.translation, transform.transform.rotation
+                pose = (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
+                if message.topic == TF:
+                    at_ns = stamp_ns(transform.header)
+                    rows[edge].append((1e-9 * at_ns, 1e-9 * (message.received_ns - at_ns), *pose))
+                elif np.isfinite(pose).all() and any(pose[3:]):
+                    self.fixed[edge] = np.array(pose[:3]), Rotation.from_quat(pose[3:], scalar_first=True)
+        self.moving = {edge: poses_of(values) for edge, values in rows.items()}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all frames."""
+        return tuple(dict.fromkeys(name for edge in (*self.moving, *self.fixed) for name in edge))
+
+    def way(self, start: str, goal: str) -> list[tuple[Edge, bool]] | None:
+        """The shortest way from a frame to another.
+
+        Args:
+            start: Name of the one.
+            goal: Name of the other.
+
+        Returns:
+            Transforms, and for each whether the way goes from child to parent; None where the two are not connected.
+        """
+        neighbours: Mapping[str, list[tuple[str, Edge, bool]]] = defaultdict(list)
+        # Fixed ones first: of two ways of the same length the one that needs no interpolation is taken.
+        for parent, child in (*self.fixed, *self.moving):
+            neighbours[child].append((parent, (parent, child), True))
+            neighbours[parent].append((child, (parent, child), False))
+        came: dict[str, list[tuple[Edge, bool]]] = {start: []}
+        waiting = deque([start])
+        while waiting and goal not in came:
+            here = waiting.popleft()
+            for there, edge, up in neighbours[here]:
+                if there not in came:
+                    came[there] = [*came[here], (edge, up)]
+                    waiting.append(there)
+        return came.get(goal)
+
+    def along(self, way: Iterable[tuple[Edge, bool]], times_s: FloatArray) -> tuple[FloatArray, Rotation, BoolArray]:
+        """Pose of a way's start in its end at times.
+
+        Args:
+            way: As `way` gives it.
+            times_s: Shape (N,), seconds.
+
+        Returns:
+            Positions, shape (N, 3), metres; N rotations; and where all transforms are known, shape (N,).
+        """
+        position_m, turn = np.zeros((times_s.size, 3)), Rotation.identity(times_s.size)
+        known = np.ones(times_s.size, dtype=np.bool_)
+        for edge, up in way:
+            shift_m, step, there = self._at(edge, times_s)
+            known &= there
+            if up:
+                position_m, turn = shift_m + step.apply(position_m), step * turn
+            else:
+                position_m, turn = step.inv().apply(position_m - shift_m), step.inv() * turn
+        return position_m, turn, known
+
+    def _at(self, edge: Edge, times_s: FloatArray) -> tuple[FloatArray, Rotation, BoolArray]:
+        if edge in self.fixed:
+            shift_m, step = self.fixed[edge]
+            every = np.ones(times_s.size, dtype=np.bool_)
+            return np.tile(shift_m, (times_s.size, 1)), Rotation.concatenate([step] * times_s.size), every
+        poses = usable(self.moving[edge])[0]
+        poses = poses.chosen(np.asarray(np.isfinite(poses.quat_wxyz).all(axis=1)))
+        if not poses.times_s.size:
+            nowhere = np.zeros(times_s.size, dtype=np.bool_)
+            return np.zeros((times_s.size, 3)), Rotation.identity(times_s.size), nowhere
+        knots_s, turns = poses.times_s, Rotation.from_quat(poses.quat_wxyz, scalar_first=True)
+        inside_s = np.clip(times_s, knots_s[0], knots_s[-1])
+        shift_m = np.column_stack([np.interp(inside_s, knots_s, axis_m) for axis_m in poses.position_m.T])
+        after = np.clip(np.searchsorted(knots_s, times_s), 0, knots_s.size - 1)
+        before = np.maximum(after - 1, 0)
+        step = turns[after] if knots_s.size == 1 else Slerp(knots_s, turns)(inside_s)
+        near_s = np.minimum(np.abs(times_s - knots_s[after]), np.abs(times_s - knots_s[before]))
+        return shift_m, step, near_s <= _LONGEST_GAP_S
+
+
+def usable(poses: Poses) -> tuple[Poses, int, int]:
+    """Poses in the order of their stamps, each stamp once.
+
+    Args:
+        poses: In any order.
+
+    Returns:
+        Those with finite numbers and an orientation or none; how many repeat a stamp; how many cannot be used.
+    """
+    unknown = np.isnan(poses.quat_wxyz).all(axis=1)
+    finite = np.isfinite(poses.position_m).all(axis=1) & np.isfinite(poses.times_s)
+    oriented = np.isfinite(poses.quat_wxyz).all(axis=1)
+    oriented &= np.linalg.norm(np.nan_to_num(poses.quat_wxyz, posinf=0.0, neginf=0.0), axis=1) > 0.5
+    good = poses.chosen(finite & (oriented | unknown))
+    _, first = np.unique(good.times_s, return_index=True)
+    return good.chosen(first), good.times_s.size - first.size, poses.times_s.size - good.times_s.size
+
+
+def poses_of(rows: Sequence[Sequence[float]]) -> Poses:
+    """Poses of messages.
+
+    Args:
+        rows: Of each its stamp and its delay, seconds, position, metres, and quaternion w, x, y, z.
+
+    Returns:
+        The same; where no message has a stamp, the time of recording stands for it.
+    """
+    table = np.array(rows, dtype=np.float64).reshape(-1, 9)
+    times_s, delays_s = table[:, 0], table[:, 1]
+    if not times_s.any():
+        times_s, delays_s = delays_s, np.zeros_like(delays_s)
+    return Poses(times_s, delays_s, table[:, 2:5], table[:, 5:9])

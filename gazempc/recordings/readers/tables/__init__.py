@@ -1,0 +1,1 @@
+"""Tables as programs export them: their layouts, and what their columns mean."""

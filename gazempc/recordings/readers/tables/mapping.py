@@ -1,0 +1,181 @@
+"""What the columns of a table mean: a mapping, from text on the command line or from a TOML file."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from gazempc.errors import RecordingError, SettingsError
+from gazempc.recordings.readers.tables.raw_table import Layout
+from gazempc.specfiles import explain
+
+SAVED_ENDING = ".columns.toml"
+SAVED_FOR_ALL = "columns.toml"
+_OPENING, _CLOSING = "[(", "])"
+
+
+class ColumnMapping(BaseModel):
+    """Which columns are time, head, pelvis and person; each value is columns and, after a colon, their unit or order.
+
+    What is None is not in the table. See the page *Tables as exported* for the values.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    t: str | None = Field(default=None, description="Capture time")
+    head: str | None = Field(default=None, description="Position of the head")
+    head_q: str | None = Field(default=None, description="Its orientation, as quaternions")
+    head_euler: str | None = Field(default=None, description="Its orientation, as three angles")
+    head_yaw: str | None = Field(default=None, description="Its yaw alone")
+    head_forward: str | None = Field(default=None, description="Points whose difference is where it faces")
+    head_left: str | None = Field(default=None, description="Points whose difference is to its left")
+    head_axes: str | None = Field(default=None, description="Its own axes, where they differ from the frame's")
+    pelvis: str | None = Field(default=None, description="Position of the pelvis")
+    pelvis_q: str | None = Field(default=None, description="Its orientation, as quaternions")
+    pelvis_euler: str | None = Field(default=None, description="Its orientation, as three angles")
+    pelvis_yaw: str | None = Field(default=None, description="Its yaw alone")
+    pelvis_forward: str | None = Field(default=None, description="Points whose difference is where it faces")
+    pelvis_left: str | None = Field(default=None, description="Points whose difference is to its left")
+    pelvis_axes: str | None = Field(default=None, description="Its own axes, where they differ from the frame's")
+    axes: str | None = Field(default=None, description="Axes of the table's frame; without it z up")
+    frame_id: str | None = Field(default=None, description="Column of the ROS frame, which says if it is optical")
+    person: str | None = Field(default=None, description="Column that says whose row it is")
+    origin: Literal["sensor", "floor", "hips"] | None = Field(
+        default=None, description="What the frame's origin is: the robot's sensor, a point of the floor, or the hips"
+    )
+
+    kind: Literal["motion capture", "tracked"] | None = Field(
+        default=None,
+        description="Whether the positions are the truth (motion capture, the default), or what a robot's tracker saw",
+    )
+
+    def texts(self) -> dict[str, str]:
+        """The values that are given, by key."""
+        return {key: value for key in ColumnMapping.model_fields if (value := getattr(self, key)) is not None}
+
+    def over(self, base: ColumnMapping) -> ColumnMapping:
+        """This mapping, completed by another one."""
+        return ColumnMapping.model_validate({**base.texts(), **self.texts()})
+
+    def as_option(self) -> str:
+        """The mapping as `--reading.columns` takes it."""
+        return ", ".join(f"{key}={value}" for key, value in self.texts().items())
+
+    def as_toml(self) -> str:
+        """The mapping as a TOML file has it."""
+        # A basic string of TOML is written as one of JSON.
+        return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in self.texts().items())
+
+
+class ShippedMapping(ColumnMapping):
+    """A mapping that ships, and how to know the tables that it is for.
+
+    A value may name alternatives, ``a|b``: the first that the table has is taken.
+
+    Attributes:
+        source: What writes such tables, and where its columns are described.
+        layout: Layouts of the table.
+        columns: How many columns it has, where it has no header.
+        integers: Numbers of the columns that hold whole numbers, likewise.
+        words: Numbers of the columns that hold text, likewise.
+        needs: Keys without which a table is another one, besides `t`, `head` and `person`.
+        note: What people must know of it; shown with the results.
+    """
+
+    source: str
+    layout: tuple[Layout, ...]
+    columns: int | None = None
+    integers: tuple[int, ...] = ()
+    words: tuple[int, ...] = ()
+    needs: tuple[str, ...] = ()
+    note: str = ""
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.t is None or self.head is None:
+            raise ValueError("t and head are needed")
+        return self
+
+
+def parse_columns(text: str, source: str = "--reading.columns") -> ColumnMapping:
+    """Read a mapping from text such as ``t=stamp:ns, head=[px,py,pz]:mm, axes=y-up``.
+
+    Args:
+        text: Items ``key=value``, separated by commas; commas in brackets do not separate.
+        source: Where the text is from, for messages.
+
+    Returns:
+        The mapping.
+
+    Raises:
+        SettingsError: If an item is not ``key=value``, or with every unknown key.
+    """
+    values: dict[str, str] = {}
+    for item in _items(text):
+        key, equals, value = (part.strip() for part in item.partition("="))
+        if not equals or not key or not value:
+            raise SettingsError(f"{source}: {item.strip()!r} is not key=value; expected t=stamp:ns, head=pos:mm")
+        if key in values:
+            raise SettingsError(f"{source}: {key} is given twice")
+        values[key] = value
+    try:
+        return ColumnMapping.model_validate(values)
+    except ValidationError as error:
+        raise SettingsError(explain(error, source, ColumnMapping)) from None
+
+
+def read_mapping(path: Path) -> ColumnMapping:
+    """Read a mapping from a TOML file.
+
+    Raises:
+        SettingsError: If there is no such file, or it does not hold a mapping.
+    """
+    try:
+        return ColumnMapping.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: not valid TOML: {error}") from None
+    except ValidationError as error:
+        raise SettingsError(explain(error, str(path), ColumnMapping)) from None
+
+
+def saved_places(path: Path) -> tuple[Path, Path]:
+    """Where a mapping of a table may stand: its own beside it, then one for all tables of the folder."""
+    return path.with_name(path.name + SAVED_ENDING), path.with_name(SAVED_FOR_ALL)
+
+
+def save_mapping(path: Path, mapping: ColumnMapping) -> Path:
+    """Write a table's mapping beside it, where readers find it again.
+
+    Args:
+        path: The table.
+        mapping: Its mapping.
+
+    Returns:
+        The file that was written.
+
+    Raises:
+        RecordingError: If it cannot be written.
+    """
+    saved = saved_places(path)[0]
+    try:
+        saved.write_text(f"# Columns of {path.name}\n{mapping.as_toml()}", encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(saved, "", f"cannot be written: {error.strerror}", "a writable folder") from None
+    return saved
+
+
+def _items(text: str) -> list[str]:
+    """Cut at commas that stand in no bracket."""
+    items, depth, start = [], 0, 0
+    for k, character in enumerate(text):
+        depth += (character in _OPENING) - (character in _CLOSING)
+        if character == "," and depth == 0:
+            items.append(text[start:k])
+            start = k + 1
+    return [item for item in (*items, text[start:]) if item.strip()]

@@ -1,0 +1,144 @@
+"""A table as a file has it: named columns of text or numbers, not yet understood."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gazempc.errors import RecordingError
+from gazempc.recordings.readers.text import shown
+from gazempc.types import FloatArray
+
+Layout = Literal["plain", "no header", "motive", "vicon", "mvnx", "openpose"]
+
+# What programs write where they have no value.
+_MISSING = {"", "nan", "na", "n/a", "none", "null", "-", "--", "?"}
+_DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
+# Units as they stand in headers, by the name that mappings use.
+UNIT_WORDS: Mapping[str, str] = {
+    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
+    "ms": "ms", "msec": "ms", "millis": "ms", "millisecond": "ms", "milliseconds": "ms",
+    "us": "us", "µs": "us", "usec": "us", "micros": "us", "microseconds": "us",
+    "ns": "ns", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns",
+    "m": "m", "meter": "m", "meters": "m", "metre": "m", "metres": "m",
+    "cm": "cm", "centimeters": "cm", "centimetres": "cm",
+    "mm": "mm", "millimeters": "mm", "millimetres": "mm",
+    "in": "in", "inch": "in", "inches": "in", "ft": "ft", "feet": "ft",
+    "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg",
+    "rad": "rad", "radian": "rad", "radians": "rad",
+}  # fmt: skip
+_BRACKETED = re.compile(r"^(?P<stem>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]+?)\s*[\])]\s*$")
+_SUFFIXED = re.compile(r"^(?P<stem>.+?),?[_. ](?P<unit>[a-zµ°]+)$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class RawTable:
+    """Columns of a file.
+
+    Attributes:
+        path: The file.
+        layout: How the file is laid out.
+        names: Names of the columns, in the order of the file; their numbers from 1 where it has no header.
+        columns: For each name in `names` its cells, of N rows each, as text or as numbers.
+        places: For each row, words that find it in the file, such as ``row 17``.
+        units: Units of columns, by name, where the file says them.
+        rate_hz: Frames a second, where the file says them.
+        notes: What was noticed while reading.
+    """
+
+    path: Path
+    layout: Layout
+    names: tuple[str, ...]
+    columns: Sequence[Sequence[str] | FloatArray]
+    places: Sequence[str]
+    units: Mapping[str, str] = field(default_factory=dict)
+    rate_hz: float | None = None
+    notes: tuple[str, ...] = ()
+
+    def place(self, index: int) -> str:
+        """Words for a row."""
+        return self.places[index]
+
+    def first(self, count: int) -> RawTable:
+        """The first rows."""
+        return replace(self, columns=[cells[:count] for cells in self.columns], places=self.places[:count])
+
+    def texts(self, name: str) -> list[str]:
+        """Cells of a column as text, such as a person's name; whole numbers without a point."""
+        return [
+            cell.strip() if isinstance(cell, str) else f"{cell:.0f}" if cell == np.round(cell) else f"{cell:g}"
+            for cell in self._column(name)
+        ]
+
+    def numbers(self, name: str) -> FloatArray:
+        """Cells of a column as numbers, shape (N,); NaN where the file has no value.
+
+        Raises:
+            RecordingError: Names the first cell that is not a number.
+        """
+        cells = self._column(name)
+        if isinstance(cells, np.ndarray):
+            return cells
+        try:
+            # Python reads 1_0 as 10; in a table it is a damaged cell.
+            if not any("_" in cell for cell in cells):
+                return np.array(list(map(float, cells)), dtype=np.float64)
+        except ValueError:
+            pass
+        return np.array([self._number(name, row, cell) for row, cell in enumerate(cells)], dtype=np.float64)
+
+    def unit(self, name: str) -> str | None:
+        """Unit of a column: the file's, or the one in its name; None where nothing says it."""
+        return self.units.get(name) or split_unit(name)[1]
+
+    def _column(self, name: str) -> Sequence[str] | FloatArray:
+        if self.names.count(name) > 1:
+            raise RecordingError(self.path, "header", f"more than one column {name}", "each column once")
+        return self.columns[self.names.index(name)]
+
+    def _number(self, name: str, row: int, cell: str) -> float:
+        try:
+            return float(cell if "_" not in cell else "x")
+        except ValueError:
+            if cell.strip().lower() in _MISSING:
+                return float("nan")
+            if _DECIMAL_COMMA.fullmatch(cell):
+                return float(cell.replace(",", "."))
+        raise RecordingError(
+            self.path, f"{self.places[row]}, column {name}", f"{shown(cell)} is not a number", "a number"
+        )
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell of text is a number, with a decimal point or a decimal comma."""
+    try:
+        float(cell if "_" not in cell else "x")
+    except ValueError:
+        return _DECIMAL_COMMA.fullmatch(cell) is not None
+    return cell.strip().lower() != "nan"
+
+
+def has_decimal_comma(cell: str) -> bool:
+    """Whether a cell of text is a number with a decimal comma."""
+    return _DECIMAL_COMMA.fullmatch(cell) is not None
+
+
+def split_unit(name: str) -> tuple[str, str | None]:
+    """Take the unit off a column's name.
+
+    Args:
+        name: Such as ``Time (Seconds)``, ``head_x [mm]`` or ``stamp_ns``.
+
+    Returns:
+        The name without it, and the unit as mappings write it, or None.
+    """
+    for pattern in (_BRACKETED, _SUFFIXED):
+        found = pattern.match(name)
+        if found and found["unit"].lower() in UNIT_WORDS and found["stem"]:
+            return found["stem"], UNIT_WORDS[found["unit"].lower()]
+    return name, None

@@ -1,0 +1,279 @@
+"""ROS 2 bags as recordings: known walks come back in the frame that is asked for, and what else is there is said."""
+
+import numpy as np
+import pytest
+from builders.bags import OPTICAL, face_rows, pose_rows, write_bag
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import RecordingError, SettingsError
+from gazempc.front import replay
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.route_group import route_group
+from gazempc.results.metrics import measure
+from gazempc.run import main
+
+START_S = 1_700_000_000.0
+T = np.arange(60) / 30.0
+# A person who walks along y, 2 m in front of a sensor, seen from it with x forward and z up.
+WALK = np.column_stack([np.full_like(T, 2.0), 1.0 - 1.0 * T, np.full_like(T, 0.3)])
+# The same in optical axes.
+WALK_OPTICAL = np.column_stack([-WALK[:, 1], -WALK[:, 2], WALK[:, 0]])
+# From forward to optical axes, as cameras' drivers publish it.
+TO_OPTICAL = (0.5, -0.5, 0.5, -0.5)
+POSE, POINT = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PointStamped"
+
+
+def wxyz(turn):
+    return turn.as_quat(scalar_first=True)
+
+
+def read(folder, **options):
+    return load(folder, ReadOptions(**options))
+
+
+def facing_rows(name, turn, parent=OPTICAL):
+    """A face on the walk with an orientation in optical axes."""
+    return face_rows(name, START_S + T, WALK_OPTICAL, parent, wxyz(turn))
+
+
+# x out of the face, to the sensor; z up; seen in optical axes.
+TO_SENSOR = Rotation.from_quat(TO_OPTICAL, scalar_first=True).inv() * Rotation.from_euler("z", np.pi)
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_a_face_is_read_in_the_frame_of_the_sensor(tmp_path, storage):
+    walk = load(write_bag(tmp_path / "bag", facing_rows("face_a", TO_SENSOR), storage, delay_s=0.05))
+    assert (walk.kind, walk.has_robot, walk.name, walk.labels.subject) == ("tracked", True, "bag", "bag")
+    np.testing.assert_allclose(walk.times_s, T, atol=1e-6)
+    np.testing.assert_allclose(walk.measured.head_position_m, WALK, atol=1e-9)
+    np.testing.assert_allclose(walk.truth.head_position_m, WALK, atol=1e-6)  # a straight walk is as smooth as can be
+    np.testing.assert_allclose(walk.delays_s, 0.05, atol=1e-6)
+    forward = Rotation.from_quat(walk.truth.head_quat_wxyz, scalar_first=True).apply([1.0, 0.0, 0.0])
+    np.testing.assert_allclose(forward, np.tile([-1.0, 0.0, 0.0], (60, 1)), atol=1e-9)
+    said = "\n".join(walk.notes)
+    assert "face_a, 60 frames in camera_color_optical_frame, optical axes turned" in said
+    assert "arrived 50 ms after their stamp" in said
+
+
+def test_the_truth_is_the_track_without_its_noise(tmp_path):
+    noise_m = 0.02 * np.random.default_rng(0).standard_normal(WALK.shape)
+    rows = face_rows("face_a", START_S + T, WALK + noise_m, "base_link")
+    walk = load(write_bag(tmp_path / "bag", rows))
+    np.testing.assert_allclose(walk.measured.head_position_m, WALK + noise_m, atol=1e-9)
+    left_m = np.sqrt(np.mean((walk.truth.head_position_m - WALK) ** 2))
+    assert left_m < 0.4 * np.sqrt(np.mean(noise_m**2))
+
+
+@pytest.mark.parametrize(
+    ("axes", "said"),
+    [
+        # z out of the face and y down, as head pose estimators of cameras have it; and z into the face.
+        (Rotation.from_euler("y", np.pi), "+z is taken for the axis out of the face, -y for up"),
+        (Rotation.identity(), "-z is taken for the axis out of the face, -y for up"),
+    ],
+)
+def test_other_axes_of_a_face_are_told_by_where_it_looks(tmp_path, axes, said):
+    walk = load(write_bag(tmp_path / "bag", facing_rows("face_a", axes)))
+    turns = Rotation.from_quat(walk.truth.head_quat_wxyz, scalar_first=True)
+    np.testing.assert_allclose(turns.apply([1.0, 0.0, 0.0]), np.tile([-1.0, 0.0, 0.0], (60, 1)), atol=1e-9)
+    np.testing.assert_allclose(turns.apply([0.0, 0.0, 1.0]), np.tile([0.0, 0.0, 1.0], (60, 1)), atol=1e-9)
+    assert said in "\n".join(walk.notes)
+
+
+def test_orientations_that_fit_no_axes_are_left_out_and_said(tmp_path):
+    # One axis is nearest to up and to the sensor alike.
+    x = np.array([-1.0, 0.0, 1.0]) / np.sqrt(2.0)
+    y = np.cos(0.7) * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0) + np.sin(0.7) * np.array([0.0, 1.0, 0.0])
+    seen = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
+    in_optical = Rotation.from_quat(TO_OPTICAL, scalar_first=True).inv() * seen
+    rows = face_rows("face_a", START_S + T, [0.0, 0.0, 2.0], quat_wxyz=wxyz(in_optical))
+    walk = load(write_bag(tmp_path / "bag", rows))
+    assert walk.truth.positions_only
+    assert "orientations left out" in "\n".join(walk.notes)
+
+
+def test_chains_of_fixed_and_moving_frames_lead_to_the_base(tmp_path):
+    # The camera stands 1.2 m high on a head that pans by 0.2 rad/s; between its messages it is interpolated.
+    static = [
+        (START_S, "base_link", "torso", (0.1, 0.0, 0.7), (1, 0, 0, 0)),
+        (START_S, "pan", "camera_link", (0.05, 0.0, 0.1), (1, 0, 0, 0)),
+        (START_S, "camera_link", OPTICAL, (0.0, 0.0, 0.0), TO_OPTICAL),
+    ]
+    slow = np.arange(-0.1, 2.2, 0.1)
+    frames = [(START_S + t, "torso", "pan", (0.0, 0.0, 0.4), wxyz(Rotation.from_euler("z", 0.2 * t))) for t in slow]
+    bag = write_bag(tmp_path / "bag", [*frames, *facing_rows("face_a", TO_SENSOR)], static=static)
+    in_pan = WALK + np.array([0.05, 0.0, 0.1])
+    c, s = np.cos(0.2 * T), np.sin(0.2 * T)
+    base = np.column_stack([c * in_pan[:, 0] - s * in_pan[:, 1], s * in_pan[:, 0] + c * in_pan[:, 1], in_pan[:, 2]])
+    walk = read(bag, bag_frame="base_link")
+    np.testing.assert_allclose(walk.measured.head_position_m, base + np.array([0.1, 0.0, 1.1]), atol=1e-6)
+    forward = Rotation.from_quat(walk.truth.head_quat_wxyz, scalar_first=True).apply([1.0, 0.0, 0.0])
+    np.testing.assert_allclose(forward, np.column_stack([-c, -s, 0 * c]), atol=1e-6)
+    with pytest.raises(SettingsError, match=r"no way from camera_color_optical_frame to 'bas_link'.*'base_link'"):
+        read(bag, bag_frame="bas_link")
+
+
+def test_frames_at_times_when_the_chain_is_not_known_are_left_out_and_said(tmp_path):
+    frames = [(START_S + t, "base_link", OPTICAL, (0, 0, 1.0), TO_OPTICAL) for t in np.arange(0.0, 0.5, 0.1)]
+    bag = write_bag(tmp_path / "bag", [*frames, *facing_rows("face_a", TO_SENSOR)])
+    walk = read(bag, bag_frame="base_link")
+    assert walk.times_s[-1] == pytest.approx(1.4, abs=0.04)  # 1 s after the last message
+    assert "17 messages came while base_link was not known" in "\n".join(walk.notes)
+
+
+def test_the_head_of_a_skeleton_has_its_pelvis(tmp_path):
+    # body_b walks; torso_b and head_b hang on it.
+    hips = WALK - np.array([0.0, 0.0, 0.6])
+    rows = face_rows("body_b", START_S + T, hips, "camera_link", wxyz(Rotation.from_euler("z", -np.pi / 2)))
+    static = [
+        (START_S, "body_b", "torso_b", (0.0, 0.0, 0.4), (1, 0, 0, 0)),
+        (START_S, "torso_b", "head_b", (0.0, 0.0, 0.2), wxyz(Rotation.from_euler("z", 0.5))),
+    ]
+    walk = load(write_bag(tmp_path / "bag", rows, static=static))
+    np.testing.assert_allclose(walk.measured.head_position_m, WALK, atol=1e-9)
+    np.testing.assert_allclose(walk.measured.pelvis_position_m, hips, atol=1e-9)
+    yaws = [
+        Rotation.from_quat(quats, scalar_first=True).as_euler("zyx")[:, 0]
+        for quats in (walk.measured.head_quat_wxyz, walk.measured.pelvis_quat_wxyz)
+    ]
+    np.testing.assert_allclose(yaws, np.repeat([[0.5 - np.pi / 2], [-np.pi / 2]], 60, axis=1), atol=1e-9)
+    assert route_group(walk.times_s, walk.measured.pelvis_position_m) == "straight"
+
+
+def test_bodies_alone_have_no_head(tmp_path):
+    bag = write_bag(tmp_path / "bag", face_rows("body_b", START_S + T, WALK, "camera_link"))
+    with pytest.raises(RecordingError, match=r"only bodies: body_b.*person"):
+        load(bag)
+    assert load(bag, ReadOptions(person="b")).times_s.size == 60
+
+
+def test_frames_of_a_robot_are_nobody(tmp_path):
+    names = ("head_1_link", "head_tilt", "head_front_camera", "body_base", "face_camera_frame")
+    rows = [row for name in names for row in face_rows(name, START_S + T, WALK, "torso")]
+    with pytest.raises(RecordingError, match="no frame of a person"):
+        load(write_bag(tmp_path / "bag", rows))
+
+
+@pytest.mark.parametrize("kind", [POSE, POINT, "geometry_msgs/msg/PoseWithCovarianceStamped"])
+def test_topics_of_poses_and_points(tmp_path, kind):
+    turn = wxyz(Rotation.from_euler("z", 2.0))
+    rows = pose_rows(START_S + T, WALK, "camera_link", turn)
+    walk = load(write_bag(tmp_path / "bag", [], topics=[("/head", kind, rows)], lists=()))
+    np.testing.assert_allclose(walk.measured.head_position_m, WALK, atol=1e-9)
+    assert walk.truth.positions_only == (kind == POINT)
+    if kind != POINT:
+        np.testing.assert_allclose(walk.truth.head_quat_wxyz, np.tile(turn, (60, 1)), atol=1e-9)
+
+
+def test_an_orientation_that_nobody_filled_in_is_none(tmp_path):
+    rows = [*pose_rows(START_S + T, WALK_OPTICAL, OPTICAL)]
+    walk = load(write_bag(tmp_path / "bag", [], topics=[("/head", POSE, rows)]))
+    np.testing.assert_allclose(walk.measured.head_position_m, WALK, atol=1e-9)
+    assert walk.truth.positions_only
+    assert "positions only" in walk.notes
+
+
+@pytest.mark.parametrize("of", ["frames", "topics"])
+def test_without_stamps_the_time_of_recording_counts(tmp_path, of):
+    rows = {
+        "frames": face_rows("face_a", START_S + T, WALK, "camera_link"),
+        "topics": [("/head", POINT, pose_rows(START_S + T, WALK, "camera_link"))],
+    }
+    walk = load(write_bag(tmp_path / "bag", **({"frames": []} | {of: rows[of]}), stamped=False))
+    np.testing.assert_allclose(walk.times_s, T, atol=1e-6)
+    np.testing.assert_allclose(walk.delays_s, 0.0)
+
+
+def test_people_before_goals_the_longest_first_and_options_choose(tmp_path):
+    longer = np.arange(90) / 30.0
+    rows = [*facing_rows("face_a", TO_SENSOR), *face_rows("face_b", START_S + longer, [0.3, 0.0, 1.5])]
+    topics = [
+        ("/goal_pose", POSE, pose_rows(START_S + np.arange(300) / 30.0, np.tile([1.0, 0, 0], (300, 1)), "map")),
+        ("/person", POINT, pose_rows(START_S + T, WALK, "camera_link")),
+        ("/humans/persons/mia/face_id", "std_msgs/msg/String", [(START_S, "a"), (START_S + 1, "")]),
+        ("/other", "std_msgs/msg/Bool", [(START_S, True)]),
+    ]
+    bag = write_bag(tmp_path / "bag", rows, topics=topics)
+    said = "\n".join(load(bag).notes)
+    assert "face_b, 90 frames" in said
+    assert "also in the bag: face_a of mia (60 in camera_color_optical_frame), /person (60 in camera_link)" in said
+    assert "/goal_pose (300 in map); the options person and bag_topic choose" in said
+    assert "topics: /goal_pose, /humans/faces/tracked, /person, /tf and 3 others" in said
+    for name in ("mia", "a", "face_a"):
+        chosen = read(bag, person=name)
+        assert (chosen.name, chosen.labels.subject, chosen.times_s.size) == ("bag_mia", "mia", 60)
+    assert read(bag, person="/person").name == "bag_person"
+    np.testing.assert_allclose(read(bag, bag_topic="/person").measured.head_position_m, WALK, atol=1e-9)
+    with pytest.raises(SettingsError, match=r"no 'mai' in .*perhaps you meant 'mia'.*face_b"):
+        read(bag, person="mai")
+    with pytest.raises(SettingsError, match=r"nobody on /persons.*'/person'.*/goal_pose, /person, /tf"):
+        read(bag, bag_topic="/persons")
+
+
+def test_faces_of_one_person_are_joined(tmp_path):
+    first, second = facing_rows("face_a", TO_SENSOR)[:25], facing_rows("face_b", TO_SENSOR)[30:]
+    faces = [(START_S, "a"), (START_S + 1, "b")]
+    topics = [("/humans/persons/mia/face_id", "std_msgs/msg/String", faces)]
+    walk = load(write_bag(tmp_path / "bag", [*first, *second], topics=topics))
+    np.testing.assert_allclose(walk.times_s, np.delete(T, np.s_[25:30]), atol=1e-6)
+    assert "face_mia, 55 frames" in walk.notes[0]
+
+
+def test_a_face_that_is_no_longer_listed_is_not_seen(tmp_path):
+    lists = [(START_S + t, ("a",) if t < 1.0 else ()) for t in T]
+    walk = load(write_bag(tmp_path / "bag", facing_rows("face_a", TO_SENSOR), lists=lists))
+    assert walk.times_s[-1] == pytest.approx(1.0, abs=0.04)
+    assert "messages came while /humans/faces/tracked did not list the face: left out" in "\n".join(walk.notes)
+
+
+def test_faces_without_frames_say_what_was_not_recorded(tmp_path):
+    lists = [(START_S + t, ("23ed9",)) for t in T]
+    with pytest.raises(RecordingError, match=r"lists 23ed9, but where they are was not recorded"):
+        load(write_bag(tmp_path / "bag", [], lists=lists))
+
+
+def test_a_map_is_no_sensor(tmp_path):
+    in_map = WALK + np.array([0.0, 0.0, 1.3])
+    bag = write_bag(tmp_path / "bag", face_rows("person_a", START_S + T, in_map, "map"))
+    walk = load(bag)
+    assert not walk.has_robot
+    np.testing.assert_allclose(walk.measured.head_position_m, in_map, atol=1e-9)
+
+
+@pytest.mark.parametrize(("axes", "expected"), [("optical", WALK), ("forward", WALK_OPTICAL)])
+def test_axes_may_be_said(tmp_path, axes, expected):
+    rows = face_rows("face_a", START_S + T, WALK_OPTICAL, "sensor")
+    walk = read(write_bag(tmp_path / "bag", rows), bag_axes=axes)
+    np.testing.assert_allclose(walk.measured.head_position_m, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("storage", "ending"), [("sqlite3", ".db3"), ("mcap", ".mcap")])
+def test_a_file_of_a_bag_is_read_beside_its_metadata_and_alone(tmp_path, storage, ending):
+    bag = write_bag(tmp_path / "bag", facing_rows("face_a", TO_SENSOR), storage)
+    (file,) = bag.glob(f"*{ending}")
+    assert load(file).times_s.size == 60
+    words = ["--replay", str(file), "--controllers", "reactive", "--no-figures", "--out", str(tmp_path / "out")]
+    assert main([*words, "--noise-seeds", "1"]) == 0  # and it is not taken for a log
+    alone = file.rename(tmp_path / f"alone{ending}")
+    walk = load(alone)
+    assert (walk.name, walk.times_s.size) == ("alone", 60)
+
+
+def test_all_real_bags_replay(bags_dir):
+    for folder in sorted(path for path in bags_dir.iterdir() if path.is_dir()):
+        walk = load(folder)
+        assert walk.kind == "tracked"
+        assert 9.0 < walk.times_s[-1] < 25.0
+        heads = walk.truth.head_position_m
+        assert 0.5 < np.median(heads[:, 0]) < 2.5
+        # People who look at a robot or past it: their faces are turned to the camera's side.
+        forward = Rotation.from_quat(walk.truth.head_quat_wxyz, scalar_first=True).apply([1.0, 0.0, 0.0])
+        assert np.median(forward[:, 0]) < -0.5
+        # Half of what is left by smoothing is the tracker's range error, which is at most 6 % there.
+        left_m = np.std(heads - walk.measured.head_position_m, axis=0)
+        assert left_m.max() < 0.1
+        log = replay(walk, controller="reactive", predictor="constant_velocity")
+        assert (log.run.kind, log.run.sensor["name"]) == ("tracked", "recorded")
+        # They sit or walk up. A neck that does not move is off by up to 24 deg.
+        assert measure(log).gaze_error_rms_deg < 8.0

@@ -1,0 +1,331 @@
+"""What users say of columns: units, axes, orders, times and people, on tables whose walk is known."""
+
+import numpy as np
+import pytest
+from builders import exports
+from builders.exports import Walk, in_axes, quat_in_axes
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import RecordingError, SettingsError
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.tables.mapping import ColumnMapping, parse_columns, read_mapping, save_mapping
+from gazempc.run import main
+
+T = Walk.times_s
+
+
+def write(path, header, *columns, separator=",", comma=False):
+    """A table; each column is of numbers, shape (N,) or (N, C), or of texts."""
+    flat = [c for column in columns for c in (np.asarray(column).T if np.ndim(column) > 1 else [column])]
+    rows = [[cell if isinstance(cell, str) else repr(float(cell)) for cell in row] for row in zip(*flat, strict=True)]
+    if comma:
+        rows = [[cell.replace(".", ",") for cell in row] for row in rows]
+    lines = ([header] if header else []) + rows
+    path.write_text("".join(separator.join(line) + "\n" for line in lines), encoding="utf-8")
+    return path
+
+
+def read(path, columns, **options):
+    return load(path, ReadOptions(columns=columns, **options))
+
+
+def same_head(recording, head_m=Walk.head_m, atol=1e-9):
+    np.testing.assert_allclose(recording.truth.head_position_m, head_m, atol=atol)
+
+
+def same_turn(recording, part="head"):
+    found = Rotation.from_quat(getattr(recording.truth, f"{part}_quat_wxyz"), scalar_first=True)
+    assert np.degrees((found * getattr(Walk, part).inv()).magnitude()).max() < 1e-5
+
+
+@pytest.mark.parametrize(("unit", "size_m"), [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("in", 0.0254), ("ft", 0.3048)])
+def test_units_of_length(tmp_path, unit, size_m):
+    path = write(tmp_path / "a.csv", ["when", "p.x", "p.y", "p.z"], T, Walk.head_m / size_m)
+    same_head(read(path, f"t=when, head=p:{unit}"))
+    named = write(tmp_path / "b.csv", ["when", f"X ({unit})", f"y_{unit}", f"z [{unit}]"], T, Walk.head_m / size_m)
+    same_head(read(named, "t=when, head=[X,y,z]"))
+
+
+@pytest.mark.parametrize(
+    "columns", ["head=head", "head=HEAD", "head=[head_x, head_y, head_z]", "head=[#2,#3,#4]", "head=(head_x,head_y,#4)"]
+)
+@pytest.mark.parametrize("names", [["head_x", "head_y", "head_z"], ["Head_X", "Head_Y", "Head_Z"]])
+def test_ways_to_name_columns(tmp_path, columns, names):
+    same_head(read(write(tmp_path / "a.csv", ["s", *names], T, Walk.head_m), f"t=s, {columns}"))
+
+
+def test_means_of_points_and_names_with_signs_in_them(tmp_path):
+    offset = np.array([0.05, 0.07, 0.0])
+    header = ["s", *(f"left-ear.{c}" for c in "xyz"), *(f"right ear {c}" for c in "xyz")]
+    path = write(tmp_path / "a.csv", header, T, Walk.head_m + offset, Walk.head_m - offset)
+    same_head(read(path, "t=s, head=left-ear", mapping=None), Walk.head_m + offset)
+    header = [name.replace("-", "_") for name in header]
+    plus = write(tmp_path / "b.csv", header, T, Walk.head_m + offset, Walk.head_m - offset)
+    same_head(read(plus, "t=s, head=left_ear+right ear"))
+
+
+@pytest.mark.parametrize("axes", ["z-up", "y-up", "optical"])
+def test_axes_of_positions_and_quaternions(tmp_path, axes):
+    quats = quat_in_axes(axes, Walk.head)
+    header = ["s", "x", "y", "z", "qw", "qx", "qy", "qz", "px", "py", "pz"]
+    path = write(tmp_path / "a.csv", header, T, in_axes(axes, Walk.head_m), quats, in_axes(axes, Walk.pelvis_m))
+    recording = read(path, f"t=s, head=[x,y,z], head_q=q, pelvis=p, axes={axes}")
+    same_head(recording)
+    same_turn(recording)
+    np.testing.assert_allclose(recording.truth.pelvis_position_m, Walk.pelvis_m, atol=1e-9)
+
+
+def test_left_handed_axes_of_unity(tmp_path):
+    """Unity: x right, y up, z forward; a turn to the left about y is negative there."""
+    x, y, z = Walk.head_m.T
+    half = -0.5 * (Walk.travel_rad + 0.3)
+    header = ["s", "x", "y", "z", "qx", "qy", "qz", "qw"]
+    path = write(tmp_path / "a.csv", header, T, -y, z, x, 0 * T, np.sin(half), 0 * T, np.cos(half))
+    recording = read(path, "t=s, head=[x,y,z], head_q=q, axes=unity")
+    same_head(recording)
+    same_turn(recording)
+
+
+def test_axes_as_a_list_and_a_head_with_axes_of_its_own(tmp_path):
+    """A frame with z up, and a camera on the head: z forward, x right, y down."""
+    from_optical = Rotation.from_matrix(exports.FILE_FROM_OURS["optical"].T)
+    quats = (Walk.head * from_optical).as_quat()
+    header = ["s", "n", "w", "u", "a", "b", "c", "d"]
+    path = write(tmp_path / "a.csv", header, T, Walk.head_m, quats)
+    recording = read(path, "t=s, head=[n,w,u], head_q=[a,b,c,d]:xyzw, head_axes=[z,-x,-y]")
+    same_turn(recording)
+    with pytest.raises(SettingsError, match="expected one of z-up, y-up, optical, unity"):
+        read(path, "t=s, head=[n,w,u], axes=sideways")
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+def test_orders_of_quaternions(tmp_path, order):
+    quats = Walk.head.as_quat(scalar_first=order == "wxyz")
+    path = write(tmp_path / "a.csv", ["s", "x", "y", "z", "q0", "q1", "q2", "q3"], T, Walk.head_m, quats)
+    same_turn(read(path, f"t=s, head=[x,y,z], head_q=[q0,q1,q2,q3]:{order}"))
+    with pytest.raises(RecordingError, match=r"an order: \[...\]:wxyz or :xyzw"):
+        read(path, "t=s, head=[x,y,z], head_q=[q0,q1,q2,q3]")
+
+
+TILTED = Rotation.from_euler("z", Walk.travel_rad[:, None]) * Rotation.from_euler("yx", [0.2, -0.1])
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+@pytest.mark.parametrize("way", ["xyz", "ZYX", "zxy", "YXZ", "rotvec"])
+def test_angles(tmp_path, way, unit):
+    angles = TILTED.as_rotvec() if way == "rotvec" else TILTED.as_euler(way)
+    values = np.degrees(angles) if unit == "deg" else angles
+    path = write(tmp_path / "a.csv", ["s", "x", "y", "z", "a", "b", "c"], T, Walk.head_m, values)
+    found = read(path, f"t=s, head=[x,y,z], head_euler=[a,b,c]:{way}:{unit}").truth.head_quat_wxyz
+    assert (Rotation.from_quat(found, scalar_first=True) * TILTED.inv()).magnitude().max() < 1e-7
+    with pytest.raises(RecordingError, match="angles without a unit"):
+        read(path, f"t=s, head=[x,y,z], head_euler=[a,b,c]:{way}")
+
+
+def test_roll_pitch_yaw_and_yaw_alone(tmp_path):
+    """Roll, pitch, yaw are about fixed axes in this order, as ROS has them."""
+    rpy = TILTED.as_euler("xyz")
+    path = write(tmp_path / "a.csv", ["s", "x", "y", "z", "head_roll", "head_pitch", "head_yaw"], T, Walk.head_m, rpy)
+    found = read(path, "t=s, head=[x,y,z], head_euler=head:rad").truth.head_quat_wxyz
+    assert (Rotation.from_quat(found, scalar_first=True) * TILTED.inv()).magnitude().max() < 1e-7
+    yaw = np.degrees(Walk.travel_rad + 0.3)
+    path = write(tmp_path / "b.csv", ["s", "x", "y", "z", "yaw_deg"], T, Walk.head_m, yaw)
+    same_turn(read(path, "t=s, head=[x,y,z], head_yaw=yaw"))
+
+
+@pytest.mark.parametrize(
+    "columns", ["head_forward=nose-ears", "head_left=l-r", "head_forward=nose-ears, head_left=l-r"]
+)
+def test_orientations_from_points(tmp_path, columns):
+    points = {"nose": [0.1, 0, 0], "ears": [0, 0, 0], "l": [0, 0.07, 0], "r": [0, -0.07, 0]}
+    header = ["s", *(f"{name}_{c}" for name in points for c in "xyz")]
+    path = write(tmp_path / "a.csv", header, T, *(Walk.point_m("head", offset) for offset in points.values()))
+    same_turn(read(path, f"t=s, head=ears, {columns}"))
+
+
+START_S = 1_714_557_600.0
+TIMES = {
+    "t=when:s": T,
+    "t=when:ms": 1e3 * T,
+    "t=when:us": 1e6 * (START_S + T),
+    "t=when:ns": 1e9 * (START_S + T),
+    "t=when:min": T / 60.0,
+    "t=when:30hz": np.arange(90.0) * 2 + 7,
+    "t=:30hz": 0 * T,
+    "t=when:date": [f"2024-05-01T10:00:{s:09.6f}" for s in T],
+    "t=when:date ": [f"2024-05-01 12:00:{s:09.6f}+02:00" for s in T],
+    "t= when:date": [f"01.05.2024 10:00:{s:09.6f}" for s in T],
+    "t = when:date": [f"10:00:{s:09.6f}" for s in T],
+    "t = when :date": [f"5/1/2024 10:00:{s:09.6f} AM" for s in T],
+}
+
+
+@pytest.mark.parametrize("columns", TIMES)
+def test_times(tmp_path, columns):
+    path = write(tmp_path / "a.csv", ["when", "x", "y", "z"], TIMES[columns], Walk.head_m)
+    recording = read(path, f"{columns}, head=[x,y,z]")
+    np.testing.assert_allclose(recording.times_s - recording.times_s[0], T, atol=1e-6)
+    if "2024" in str(TIMES[columns]):
+        assert recording.times_s[0] == pytest.approx(START_S, abs=1e-6)
+
+
+def test_seconds_and_nanoseconds_are_added(tmp_path):
+    nanoseconds = np.round(1e9 * T) + 0.5e9
+    path = write(tmp_path / "a.csv", ["sec", "ns", "x", "y", "z"], nanoseconds // 1e9, nanoseconds % 1e9, Walk.head_m)
+    np.testing.assert_allclose(read(path, "t=sec:s+ns:ns, head=[x,y,z]").times_s, T + 0.5, atol=1e-9)
+
+
+def test_no_date(tmp_path):
+    path = write(tmp_path / "a.csv", ["when", "x", "y", "z"], ["noon"] * 90, Walk.head_m)
+    with pytest.raises(RecordingError, match=r"row 2, column when: 'noon' is no date and no clock time"):
+        read(path, "t=when:date, head=[x,y,z]")
+
+
+@pytest.mark.parametrize("ending", [".csv", ".tsv", ".txt"])
+@pytest.mark.parametrize(("separator", "comma"), [(",", False), (";", False), (";", True), ("\t", True), ("  ", False)])
+def test_separators_and_decimal_commas(tmp_path, separator, comma, ending):
+    header = ["t", "head_x", "head_y", "head_z"]
+    path = write(tmp_path / f"a{ending}", header, T, Walk.head_m, separator=separator, comma=comma)
+    same_head(load(path))
+
+
+def test_a_table_without_header_has_numbers_for_names(tmp_path):
+    path = write(tmp_path / "a.csv", None, T, Walk.head_m, 0 * T)
+    same_head(read(path, "t=1, head=[2,3,4]"))
+    said = (
+        r"missing column\(s\) t, head_x.*found '1, 2, 3, 4, 5'.*t=1:s, head=\[2,3,4\].*the order t, x, y, z is a guess"
+    )
+    with pytest.raises(RecordingError, match=said):
+        load(path)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_encodings_of_excel(tmp_path, encoding):
+    path = write(tmp_path / "a.csv", ["t", "head_x", "head_y", "head_z", "Winkel °"], T, Walk.head_m, 0 * T)
+    path.write_bytes(path.read_text().encode(encoding))
+    same_head(load(path))
+
+
+def test_words_before_the_table_are_skipped_and_said(tmp_path):
+    path = write(tmp_path / "a.csv", ["t", "head_x", "head_y", "head_z"], T, Walk.head_m)
+    path.write_text(f"Recorded by somebody\nRate,30\n\n{path.read_text()}")
+    recording = load(path)
+    same_head(recording)
+    assert recording.notes == ("the first 2 lines are no part of the table: skipped",)
+
+
+def test_headers_in_comments_units_in_a_second_line_and_excels_separator_line(tmp_path):
+    rows = "".join(f"{t:.6f} {x:.9f} {y:.9f} {z:.9f}\n" for t, (x, y, z) in zip(T, 1000 * Walk.head_m, strict=True))
+    commented = tmp_path / "a.txt"
+    commented.write_text(f"# a walk\n# time px py pz\n{rows}")
+    same_head(read(commented, "t=time, head=p:mm"), atol=1e-6)
+    second = tmp_path / "b.csv"
+    second.write_text("sep=;\ntime;px;py;pz\ns;mm;mm;mm\n" + rows.replace(" ", ";"))
+    same_head(read(second, "t=time, head=p"), atol=1e-6)
+
+
+def test_several_people_by_an_id_column(tmp_path):
+    ids = ["anna", "bob", "anna"] * 30
+    path = write(tmp_path / "a.csv", ["s", "who", "x", "y", "z"], T, ids, Walk.head_m)
+    recording = read(path, "t=s, head=[x,y,z], person=who")
+    assert recording.times_s.size == 60
+    said = "person anna of 2 (60 rows, the most); also in the file: bob (30); choose by --reading.person"
+    assert recording.notes == (said,)
+    bob = read(path, "t=s, head=[x,y,z], person=who", person="bob")
+    same_head(bob, Walk.head_m[1::3])
+    assert bob.name == "a_bob"
+    with pytest.raises(SettingsError, match=r"--reading\.person bop: not in .*perhaps you meant 'bob'"):
+        read(path, "t=s, head=[x,y,z], person=who", person="bop")
+
+
+@pytest.mark.parametrize("column", ["person_id", "id", "track_id", "Person", "body id"])
+def test_several_people_in_the_packages_own_columns(tmp_path, column):
+    header = ["t", "head_x", "head_y", "head_z", column]
+    both = [np.repeat(T, 2), np.repeat(Walk.head_m, 2, axis=0) + np.tile([[0.0], [3.0]], (90, 1)), [7.0, 9.0] * 90]
+    path = write(tmp_path / "a.csv", header, *both)
+    same_head(load(path))
+    assert "person 7 of 2 (90 rows, the most)" in load(path).notes[0]
+    same_head(load(path, ReadOptions(person="9")), Walk.head_m + 3.0)
+
+
+def test_a_person_cannot_be_chosen_where_nothing_tells_people_apart(tmp_path):
+    path = write(tmp_path / "a.csv", ["s", "x", "y", "z"], T, Walk.head_m)
+    with pytest.raises(SettingsError, match=r"does not tell people apart; say person=COLUMN"):
+        read(path, "t=s, head=[x,y,z]", person="anna")
+
+
+def test_the_origin_may_be_the_robots_sensor(tmp_path):
+    path = write(tmp_path / "a.csv", ["s", "x", "y", "z"], T, Walk.head_m)
+    assert read(path, "t=s, head=[x,y,z], origin=sensor").has_robot
+    assert read(path, "t=s, head=[x,y,z], kind=tracked").measured is not None
+    assert not read(path, "t=s, head=[x,y,z]").has_robot
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ("t=s, head", "'head' is not key=value"),
+        ("t=s, t=s", "t is given twice"),
+        ("t=s, haed=[x,y,z]", "haed: unknown field; perhaps you meant 'head'"),
+        ("t=s, head=[x,y,z], origin=moon", "origin: Input should be 'sensor', 'floor' or 'hips'"),
+        ("t=s, head=[x,y]", r"mapping of the head: '\[x,y\]'. Expected: 3 columns"),
+        ("t=s, head=[x,y,zz]", r"no column 'zz'.*found 's, x, y, z'"),
+        ("t=s, head=pos", "no columns 'pos' with x, y, z for the head"),
+        ("t=clock, head=[x,y,z]", "no column 'clock'"),
+        ("t=s, head=[x,y,z], head_forward=[x,y,z]", "a difference of points: A-B"),
+    ],
+)
+def test_mappings_that_cannot_be_read(tmp_path, columns, said):
+    path = write(tmp_path / "a.csv", ["s", "x", "y", "z"], T, Walk.head_m)
+    with pytest.raises((SettingsError, RecordingError), match=said):
+        read(path, columns)
+
+
+def test_text_and_toml_say_the_same(tmp_path):
+    mapping = parse_columns('t=stamp "a":ns, head=[p x,p y,=1.6]:m, head_q=q, axes=y-up, person=id, origin=sensor')
+    assert parse_columns(mapping.as_option()) == mapping
+    assert read_mapping(save_mapping(tmp_path / "a.csv", mapping)) == mapping
+    assert mapping.over(ColumnMapping(t="x", pelvis="p")).texts()["pelvis"] == "p"
+
+
+def test_a_mapping_beside_the_file_is_found_and_one_for_the_folder(tmp_path):
+    path = write(tmp_path / "a.csv", ["s", "x", "y", "z"], T, 1000 * Walk.head_m)
+    other = write(tmp_path / "b.csv", ["s", "x", "y", "z"], T, 1000 * Walk.head_m)
+    given = tmp_path / "mine.toml"
+    given.write_text('t = "s"\nhead = "[x,y,z]:mm"\n')
+    same_head(load(path, ReadOptions(mapping=given)))
+    (tmp_path / "a.csv.columns.toml").write_text(given.read_text())
+    same_head(load(path))
+    assert load(path).notes == (f"columns as in {tmp_path / 'a.csv.columns.toml'}",)
+    with pytest.raises(RecordingError, match="missing column"):
+        load(other)
+    (tmp_path / "columns.toml").write_text(given.read_text())
+    same_head(load(other))
+    given.write_text("t = 5\n")
+    with pytest.raises(SettingsError, match=r"mine\.toml: t: "):
+        load(path, ReadOptions(mapping=given))
+
+
+RUN = ["--controllers", "reactive", "--noise-seeds", "1", "--no-figures"]
+
+
+def test_what_a_run_was_told_of_columns_is_saved_and_found_again(tmp_path, capsys):
+    path = write(tmp_path / "a.csv", ["s", "px", "py", "pz"], T, 1000 * Walk.head_m)
+    out = ["--out", str(tmp_path / "out")]
+    assert main(["--replay", str(path), *RUN, *out]) == 2
+    proposed = capsys.readouterr().err
+    assert '--reading.columns "t=s:s, head=[px,py,pz]:mm"' in proposed
+    assert main(["--replay", str(path), "--reading.columns", "t=s, head=p:mm", *RUN, *out]) == 0
+    assert f"columns saved in {path}.columns.toml" in capsys.readouterr().out
+    assert main(["--replay", str(path), *RUN, *out]) == 0
+    assert "columns as in" in capsys.readouterr().out
+
+
+def test_a_guess_is_taken_printed_and_saved(tmp_path, capsys):
+    path = write(tmp_path / "a.csv", ["s", "px", "py", "pz"], T, 1000 * Walk.head_m)
+    assert main(["--replay", str(path), "--guess", *RUN, "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert 'columns guessed: "t=s:s, head=[px,py,pz]:mm"' in printed
+    assert "columns saved in" in printed
+    same_head(load(path))

@@ -1,0 +1,207 @@
+"""Files as other programs export them: each is read without an option, and gives back the walk that was written."""
+
+import numpy as np
+import pytest
+from builders import exports
+from builders.exports import Walk
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import RecordingError, SettingsError
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.tables.shipped import shipped_mappings
+
+CAMERA_M = np.array([-2.0, 0.0, 1.2])
+
+
+def same_turns(quats_wxyz, turns, deg=0.1):
+    away = Rotation.from_quat(quats_wxyz, scalar_first=True) * turns.inv()
+    assert np.degrees(away.magnitude()).max() < deg
+
+
+def check(recording, head_m=Walk.head_m, head=Walk.head, pelvis_m=None, pelvis=None):
+    np.testing.assert_allclose(recording.times_s - recording.times_s[0], Walk.times_s, atol=2e-6)
+    np.testing.assert_allclose(recording.truth.head_position_m, head_m, atol=2e-6)
+    for given, found in ((head, recording.truth.head_quat_wxyz), (pelvis, recording.truth.pelvis_quat_wxyz)):
+        if given is None:
+            assert np.isnan(found).all()
+        else:
+            same_turns(found, given)
+    if pelvis_m is None:
+        assert np.isnan(recording.truth.pelvis_position_m).all()
+    else:
+        np.testing.assert_allclose(recording.truth.pelvis_position_m, pelvis_m, atol=2e-6)
+
+
+@pytest.mark.parametrize("unit", ["Millimeters", "Meters"])
+def test_motive_rigid_body(tmp_path, unit):
+    recording = load(exports.motive(tmp_path / "a.csv", unit=unit))
+    check(recording)
+    assert not recording.has_robot
+    assert any("OptiTrack Motive" in note for note in recording.notes)
+
+
+def test_motive_skeleton(tmp_path):
+    check(load(exports.motive(tmp_path / "a.csv", "Anna", skeleton=True)), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
+
+
+def test_euler_angles_of_motive_are_left_out_and_said(tmp_path):
+    path = exports.motive(tmp_path / "a.csv")
+    text = path.read_text().replace("Rotation Type,Quaternion", "Rotation Type,XYZ").replace(",X,Y,Z,W,", ",X,Y,Z,,")
+    path.write_text(text)
+    recording = load(path)
+    check(recording, head=None)
+    assert any("Euler angles in the order XYZ" in note and "head_euler" in note for note in recording.notes)
+
+
+def test_motive_with_a_robot_in_it_takes_the_head_and_says_so(tmp_path):
+    recording = load(exports.motive(tmp_path / "a.csv", "Head of Anna", others=["Robot"]))
+    check(recording)
+    assert any("'Head of Anna'; also in the file: Robot" in note for note in recording.notes)
+
+
+def test_bodies_of_which_any_may_be_the_head_are_asked_for(tmp_path):
+    path = exports.motive(tmp_path / "a.csv", "Anna", others=["Bob"])
+    with pytest.raises(RecordingError, match=r"Anna, Bob.*--reading\.person 'Anna'"):
+        load(path)
+    check(load(path, ReadOptions(person="anna")))
+    with pytest.raises(SettingsError, match=r"--reading\.person Bib.*perhaps you meant 'Bob'"):
+        load(path, ReadOptions(person="Bib"))
+
+
+def test_rows_where_markers_were_hidden_are_dropped_counted_and_said(tmp_path):
+    recording = load(exports.motive(tmp_path / "a.csv", blank=[4, 5, 40]))
+    assert recording.times_s.size == exports.FRAMES - 3
+    assert any("3 of 90 rows have no time or no head position (first row 12): dropped" in n for n in recording.notes)
+    with pytest.raises(RecordingError, match=r"50 of 90 rows.*at least 50%"):
+        load(exports.motive(tmp_path / "b.csv", blank=range(50)))
+
+
+def test_vicon_markers(tmp_path):
+    recording = load(exports.vicon_markers(tmp_path / "a.csv", lost=[3]))
+    known = np.arange(exports.FRAMES) != 3
+    np.testing.assert_allclose(recording.truth.head_position_m, Walk.head_m, atol=2e-6)
+    np.testing.assert_allclose(recording.truth.pelvis_position_m[known], Walk.pelvis_m[known], atol=2e-6)
+    assert np.isnan(recording.truth.pelvis_position_m[3]).all()
+    same_turns(recording.truth.head_quat_wxyz, Walk.head)
+    same_turns(recording.truth.pelvis_quat_wxyz[known], Walk.pelvis[known])
+    np.testing.assert_allclose(np.diff(recording.times_s), 1 / 30, atol=1e-9)
+    assert any("the pelvis's position is not known in 1 of 90 rows" in note for note in recording.notes)
+
+
+def test_vicon_tracker_object(tmp_path):
+    check(load(exports.vicon_object(tmp_path / "a.csv")))
+
+
+def test_xsens_mvnx(tmp_path):
+    check(load(exports.mvnx(tmp_path / "a.mvnx")), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
+
+
+def test_xsens_sheets_need_the_rate(tmp_path):
+    path = exports.xsens_csv(tmp_path / "a.csv")
+    with pytest.raises(RecordingError, match=r"no frame rate.*--reading\.columns 't=Frame:60hz'"):
+        load(path)
+    check(load(path, ReadOptions(columns="t=Frame:30hz")), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
+
+
+@pytest.mark.parametrize("frame", ["camera_color_optical_frame", "base_link", "map"])
+@pytest.mark.parametrize("kind", ["pose", "point", "transform", "covariance"])
+def test_ros2_topic_echo(tmp_path, kind, frame):
+    recording = load(exports.ros2_echo(tmp_path / "a.csv", kind, frame))
+    head_m = Walk.head_m - [0.0, 0.0, 1.2] + [1.0, 0.0, 0.0]
+    np.testing.assert_allclose(recording.times_s, 1_700_000_000.9 + Walk.times_s, atol=1e-6)
+    np.testing.assert_allclose(recording.measured.head_position_m, head_m, atol=1e-9)
+    if kind != "point":
+        same_turns(recording.measured.head_quat_wxyz, Walk.head * exports.BACK)
+    assert recording.has_robot == (frame != "map")
+    assert recording.kind == "tracked"
+    if kind == "transform":
+        said = "person face_ab12 of 2 (90 rows, the most); also in the file: gaze_ab12 (30)"
+        assert any(said in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("write", [exports.obsmat, exports.tracks])
+def test_tracks_of_pedestrians(tmp_path, write):
+    path = write(tmp_path / "obsmat.txt")
+    recording = load(path)
+    np.testing.assert_allclose(recording.times_s - recording.times_s[0], 0.4 * np.arange(24), atol=1e-9)
+    np.testing.assert_allclose(recording.truth.head_position_m[:, 0], 5.0 + 0.5 * np.arange(24), atol=1e-9)
+    np.testing.assert_allclose(recording.truth.head_position_m[:, 1], 0.1 * np.arange(24), atol=1e-9)
+    np.testing.assert_allclose(recording.truth.head_position_m[:, 2], 1.6, atol=1e-9)
+    assert any("person 7 of 3 (24 rows, the most)" in note for note in recording.notes)
+    other = load(path, ReadOptions(person="3"))
+    np.testing.assert_allclose(
+        other.times_s - other.times_s[0], 0.4 * np.array([0, 1, 2, 3, *range(4, 24, 2)]), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("names", ["{name}_{axis}", "landmark_{number}_{axis}", "{axis}{number}", "lm_{number}_{axis}"])
+def test_mediapipe_world_landmarks(tmp_path, names):
+    recording = load(exports.mediapipe(tmp_path / "a.csv", names))
+    nose_m = Walk.point_m("head", [0.1, 0.0, 0.0]) - Walk.pelvis_m + [0.0, 0.0, 0.95]
+    np.testing.assert_allclose(recording.times_s, Walk.times_s, atol=1e-6)
+    np.testing.assert_allclose(recording.measured.head_position_m, nose_m, atol=2e-6)
+    np.testing.assert_allclose(recording.measured.pelvis_position_m, np.tile([0.0, 0.0, 0.95], (90, 1)), atol=2e-6)
+    same_turns(recording.measured.head_quat_wxyz, Walk.head)
+    same_turns(recording.measured.pelvis_quat_wxyz, Walk.pelvis)
+    assert any("how the person walks is not in the file" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("by", ["name", "number"])
+def test_mediapipe_with_a_row_for_each_landmark(tmp_path, by):
+    recording = load(exports.mediapipe_long(tmp_path / "a.csv", by))
+    wide = load(exports.mediapipe(tmp_path / "b.csv"))
+    np.testing.assert_allclose(recording.times_s, wide.times_s, atol=2e-6)
+    np.testing.assert_array_equal(recording.measured.head_position_m, wide.measured.head_position_m)
+    np.testing.assert_array_equal(recording.measured.pelvis_position_m, wide.measured.pelvis_position_m)
+    assert "rows of 5 landmarks are put together, a row a frame" in recording.notes
+
+
+def test_rostopic_of_ros_1(tmp_path):
+    recording = load(exports.rostopic(tmp_path / "a.csv"))
+    np.testing.assert_allclose(recording.times_s - recording.times_s[0], Walk.times_s, atol=1e-6)
+    np.testing.assert_allclose(recording.measured.head_position_m, Walk.head_m, atol=2e-6)
+    same_turns(recording.measured.head_quat_wxyz, Walk.head)
+    assert not recording.has_robot
+
+
+def test_landmarks_of_the_image_are_refused(tmp_path):
+    with pytest.raises(RecordingError, match=r"middle of the hips is 0\.87 from the origin.*world landmarks"):
+        load(exports.mediapipe(tmp_path / "a.csv", in_image=True))
+
+
+@pytest.mark.parametrize("unit_m", [1.0, 0.001])
+def test_openpose(tmp_path, unit_m):
+    folder = exports.openpose(tmp_path / "walk", lost=[20], unit_m=unit_m)
+    recording = load(folder, ReadOptions(columns="t=frame:30hz"))
+    seen = np.arange(exports.FRAMES) != 20
+    nose_m = Walk.point_m("head", [0.1, 0.0, 0.0]) - CAMERA_M
+    np.testing.assert_allclose(recording.times_s, Walk.times_s[seen], atol=1e-9)
+    np.testing.assert_allclose(recording.measured.head_position_m, nose_m[seen], atol=1e-9)
+    np.testing.assert_allclose(recording.measured.pelvis_position_m, (Walk.pelvis_m - CAMERA_M)[seen], atol=1e-9)
+    same_turns(recording.measured.head_quat_wxyz, Walk.head[seen])
+    assert recording.name == "walk"
+    with pytest.raises(RecordingError, match=r"no frame rate.*t=frame:60hz"):
+        load(folder)
+
+
+def test_openpose_without_3d(tmp_path):
+    folder = exports.openpose(tmp_path / "walk")
+    for file in folder.iterdir():
+        file.write_text('{"version": 1.3, "people": [{"person_id": [-1], "pose_keypoints_3d": []}]}')
+    with pytest.raises(RecordingError, match=r"no 3-D key points in any frame.*--3d --write_json"):
+        load(folder)
+
+
+def test_every_shipped_mapping_says_its_source():
+    assert len(shipped_mappings()) == 16
+    assert all(mapping.source for mapping in shipped_mappings().values())
+
+
+def test_what_ros2_prints_between_messages_is_dropped_and_said(tmp_path):
+    path = exports.ros2_echo(tmp_path / "a.csv")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:5], "A message was lost!!!", *lines[5:], "1700"]))
+    recording = load(path)
+    assert recording.times_s.size == exports.FRAMES
+    assert "2 rows have not 10 cells (first row 6): dropped" in recording.notes
