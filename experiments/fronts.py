@@ -2,14 +2,14 @@
 
 Each case of the sweep has swept what trades exactness against smoothness. At every point of the rival's front that the
 other's front reaches (not smoother than its smoothest point), the two are compared at the same RMS acceleration:
-the error as a ratio, the eye contact as a difference. The line of a table is the point where the case does worst.
+the error as a ratio, the eye contact as a difference. A line of the table is the mean over these points with its 95 %
+interval over people, and the point where the case does worst.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,13 +20,11 @@ from matplotlib.figure import Figure
 from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.engine.command import run_command
+from experiments.margins import CONTACT, ERROR, SMOOTHNESS, front, gaze, margins
 from gazempc.errors import SettingsError
 
-SMOOTHNESS = "rms_acceleration_rad_s2"
-ERROR, CONTACT = "gaze_error_rms_deg", "eye_contact_2p6"
 GROUPS = ("straight", "turn", "sharp", "all")
 Row = dict[str, Any]
-Points = list[tuple[float, float]]
 
 
 class FrontsSettings(BaseModel):
@@ -64,32 +62,35 @@ def fronts(settings: FrontsSettings) -> int:
     Raises:
         SettingsError: If the folder holds no such sweep or cases.
     """
-    table = _read(settings.sweep / "table.csv")
-    cases = sorted({row["case"] for row in table})
+    runs = _read(settings.sweep / "results.csv")
+    cases = sorted({row["case"] for row in runs})
     for name in (settings.case, settings.rival):
         if name not in cases:
-            raise SettingsError(f"{settings.sweep / 'table.csv'}: no case {name!r}; there are {', '.join(cases)}")
-    by = [name for name in ("neck", "predictor") if name in table[0]]
-    margins = []
-    for place in sorted({tuple(row[name] for name in by) for row in table}):
-        here = [row for row in table if tuple(row[name] for name in by) == place]
-        for group in (g for g in GROUPS if any(row["group"] == g for row in here)):
-            of = {
-                case: [row for row in here if row["group"] == group and row["case"] == case]
-                for case in (settings.case, settings.rival)
-            }
-            margins.append(dict(zip(by, place, strict=True)) | {"group": group} | _margins(*of.values()))
-    (settings.sweep / "fronts.json").write_text(json.dumps(margins, indent=2) + "\n", encoding="utf-8")
-    _draw(table, by, settings).savefig(settings.sweep / "fronts.png", dpi=110)
-    print(f"{settings.case} against {settings.rival} at the same RMS acceleration, where {settings.case} does worst:")
-    head = [*by, "group", "points", "RMS error", "eye contact 2.6 deg"]
+            raise SettingsError(f"{settings.sweep / 'results.csv'}: no case {name!r}; there are {', '.join(cases)}")
+    by = [name for name in ("neck", "predictor") if name in runs[0]]
+    found, drawn = [], []
+    for place in sorted({tuple(row[name] for name in by) for row in runs}):
+        here = [row for row in runs if tuple(row[name] for name in by) == place]
+        of = [[row for row in here if row["case"] == case] for case in (settings.case, settings.rival)]
+        for group in (g for g in GROUPS if g == "all" or any(row["group"] == g for row in here)):
+            names = _common([row for row in [*of[0], *of[1]] if group in {"all", row["group"]}])
+            gazes = [gaze(rows, names) for rows in of]
+            found.append(dict(zip(by, place, strict=True)) | {"group": group} | margins(*gazes))
+            means = [each.means(np.ones(len(names)))[:, :2].tolist() for each in gazes]
+            drawn.append((", ".join((*place, group)), means))
+    (settings.sweep / "fronts.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    _draw(drawn, settings).savefig(settings.sweep / "fronts.png", dpi=110)
+    print(f"{settings.case} against {settings.rival} at the same RMS acceleration, mean over the front [95 %, people]:")
+    head = [*by, "group", "points", "RMS error, %", "worst", "eye contact 2.6 deg, points", "worst"]
     rows = [
         [
             *(str(m[name]) for name in (*by, "group", "points")),
-            f"{100 * (m['error_ratio'] - 1):+.1f} %",
-            f"{100 * m['contact_difference']:+.1f} points",
+            _cell(m, "error_ratio", -1.0),
+            _one(m["error_ratio_worst"], -1.0),
+            _cell(m, "contact_difference", 0.0),
+            _one(m["contact_difference_worst"], 0.0),
         ]
-        for m in margins
+        for m in found
     ]
     widths = [max(len(line[i]) for line in [head, *rows]) for i in range(len(head))]
     for line in [head, *rows]:
@@ -98,50 +99,23 @@ def fronts(settings: FrontsSettings) -> int:
     return 0
 
 
-def front(points: Points, sign: float) -> Points:
-    """The points that no other beats in both smoothness and value, smoothest first.
-
-    Args:
-        points: Pairs of smoothness (less is better) and value.
-        sign: 1 if less of the value is better, -1 if more is.
-
-    Returns:
-        The front.
-    """
-    best: Points = []
-    for smoothness, value in sorted(points, key=lambda p: (p[0], sign * p[1])):
-        if not best or sign * value < sign * best[-1][1]:
-            best.append((smoothness, value))
-    return best
+def _one(value: float | None, add: float) -> str:
+    return "-" if value is None else f"{100.0 * (value + add):+.1f}"
 
 
-def at(points: Points, smoothness: float) -> float:
-    """Value of a front at a smoothness: between its points on the line between them, past its last point as there.
-
-    Args:
-        points: A front.
-        smoothness: Where.
-
-    Returns:
-        The value; NaN where the front does not reach.
-    """
-    if smoothness < points[0][0]:
-        return math.nan
-    return float(np.interp(smoothness, [p[0] for p in points], [p[1] for p in points]))
+def _cell(margin: Row, name: str, add: float) -> str:
+    text = _one(margin[name], add)
+    if margin[f"{name}_low"] is None:
+        return text
+    return f"{text} [{_one(margin[f'{name}_low'], add)}, {_one(margin[f'{name}_high'], add)}]"
 
 
-def _margins(case: Sequence[Row], rival: Sequence[Row]) -> dict[str, Any]:
-    def compared(metric: str, sign: float) -> list[tuple[float, float]]:
-        ours, theirs = (front([(row[SMOOTHNESS], row[metric]) for row in rows], sign) for rows in (case, rival))
-        pairs = [(at(ours, smoothness), value) for smoothness, value in theirs]
-        return [pair for pair in pairs if not math.isnan(pair[0])]
-
-    errors, contacts = compared(ERROR, 1.0), compared(CONTACT, -1.0)
-    return {
-        "points": len(errors),
-        "error_ratio": max((ours / theirs for ours, theirs in errors), default=math.nan),
-        "contact_difference": min((ours - theirs for ours, theirs in contacts), default=math.nan),
-    }
+def _common(runs: Sequence[Row]) -> list[str]:
+    """Recordings that every point of every case has."""
+    names: dict[tuple[str, str], set[str]] = {}
+    for row in runs:
+        names.setdefault((row["case"], row["point"]), set()).add(row["recording"])
+    return sorted(set.intersection(*names.values()))
 
 
 def _read(path: Path) -> list[Row]:
@@ -150,40 +124,36 @@ def _read(path: Path) -> list[Row]:
             rows: list[Row] = list(csv.DictReader(file))
     except FileNotFoundError:
         raise SettingsError(f"{path}: no such file; run python -m experiments.sweep first") from None
-    needed = ("case", "group", SMOOTHNESS, ERROR, CONTACT)
+    needed = ("case", "point", "recording", "subject", "group", SMOOTHNESS, ERROR, CONTACT)
     if not rows or (missing := [name for name in needed if name not in rows[0]]):
         what = f"lacks {', '.join(missing)}" if rows else "is empty"
-        raise SettingsError(f"{path}: {what}; a sweep's metrics must include {', '.join(needed[2:])}")
+        raise SettingsError(f"{path}: {what}; needed are {', '.join(needed)}")
+    # A run that was left out or failed has no figures.
+    done = []
     for number, row in enumerate(rows, start=2):
-        for name in needed[2:]:
+        if not all(row[name] for name in (SMOOTHNESS, ERROR, CONTACT)):
+            continue
+        for name in (SMOOTHNESS, ERROR, CONTACT):
             try:
                 row[name] = float(row[name])
             except ValueError:
                 raise SettingsError(f"{path}, row {number}: {name} is not a number: {row[name]!r}") from None
-    return rows
+        done.append(row)
+    return done
 
 
-def _draw(table: Sequence[Row], by: Sequence[str], settings: FrontsSettings) -> Figure:
-    places = sorted({tuple(row[name] for name in by) for row in table})
-    groups = [g for g in GROUPS if g != "all" and any(row["group"] == g for row in table)] or ["all"]
-    figure = Figure(figsize=(3.6 * len(groups), 2.7 * len(places)), layout="constrained")
-    axes = figure.subplots(len(places), len(groups), squeeze=False)
-    for i, place in enumerate(places):
-        for j, group in enumerate(groups):
-            ax = axes[i, j]
-            for case, style in ((settings.rival, "s--"), (settings.case, "o-")):
-                rows = [
-                    row
-                    for row in table
-                    if (row["case"], row["group"]) == (case, group) and tuple(row[name] for name in by) == place
-                ]
-                points = sorted((row[SMOOTHNESS], row[ERROR]) for row in rows)
-                dots = ax.plot(*zip(*points, strict=True), style[0], ms=3, alpha=0.5)
-                ends = front(points, 1.0)
-                ax.plot(*zip(*ends, strict=True), style[1:], color=dots[0].get_color(), label=case)
-            ax.set_title(", ".join((*place, group)), fontsize=9)
-            ax.set_ylim(bottom=0.9 * min(p[1] for p in ends))
-            ax.grid(alpha=0.3)
+def _draw(drawn: Sequence[tuple[str, list[list[list[float]]]]], settings: FrontsSettings) -> Figure:
+    columns = min(4, len(drawn))
+    lines = -(-len(drawn) // columns)
+    figure = Figure(figsize=(3.2 * columns, 2.7 * lines), layout="constrained")
+    axes = figure.subplots(lines, columns, squeeze=False)
+    for ax, (title, means) in zip(axes.flat, drawn, strict=False):
+        for name, style, points in zip((settings.case, settings.rival), ("o-", "s--"), means, strict=True):
+            dots = ax.plot(*zip(*sorted(points), strict=True), style[0], ms=3, alpha=0.5)
+            ends = front([(p[0], p[1]) for p in points], 1.0)
+            ax.plot(*zip(*ends, strict=True), style[1:], color=dots[0].get_color(), label=name)
+        ax.set_title(title, fontsize=9)
+        ax.grid(alpha=0.3)
     axes[0, 0].legend()
     figure.supxlabel("RMS acceleration of the joints [rad/s²]")
     figure.supylabel("RMS gaze error [deg]")

@@ -134,7 +134,8 @@ def draw(moment: Moment, neck: NeckSpec, time_s: FloatArray, true_pan_rad: Float
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=[3, 1, 1])
     forecast = situation.forecast
-    half = slice(0, len(plan.position_rad) - plan.first_parts)
+    two_dead_times = neck.dead_time_s[0] != neck.dead_time_s[1]
+    half = slice(0, len(forecast.times_s) // (2 if two_dead_times else 1))
     pan = np.rad2deg(np.unwrap(look_at(neck.geometry, forecast.means_base_m[half]).angles_rad[:, 0]))
     pairs = zip(forecast.means_base_m[half], forecast.covariances_m2[half], strict=True)
     sigma = np.rad2deg([angle_deviations_rad(mean, covariance)[0] for mean, covariance in pairs])

@@ -150,7 +150,7 @@ class LookAheadSettings(Settings):
     """Controller `lookahead`."""
 
     smoothing_time_s: float = Field(
-        default=0.0, ge=0, le=1, description="Time constant of a low-pass on the command; 0 for none"
+        default=0.1, ge=0, le=1, description="Time constant of a low-pass on the command, made up for; 0 for none"
     )
 
 
@@ -159,10 +159,13 @@ class MpcSettings(Settings):
 
     horizon_s: float = Field(default=0.8, ge=0.1, le=5, description="Optimised motion after the dead time")
     smoothing_time_s: float = Field(
-        default=0.08, gt=0, le=1, description="Gaze motion faster than 1/this (rad/s) is smoothed away"
+        default=0.12, gt=0, le=1, description="Gaze motion faster than 1/this (rad/s) is smoothed away"
     )
-    doubt_deg: float = Field(
-        default=2.0, gt=0, le=1000, description="Standard deviation of the forecast that calls for more smoothing"
+    acquisition_time_s: float = Field(
+        default=0.09, gt=0, le=1, description="The same on the way to somebody far off the gaze"
+    )
+    lead_s: float = Field(
+        default=0.01, ge=0, le=0.2, description="Aims so much later, as forecasts of real people lag behind them"
     )
 
 

@@ -32,7 +32,7 @@ GAZEMPC = (
 EXPERIMENTS = (
     ("clips", "colours"),
     ("engine", "aggregate"),
-    ("compare_figures", "compare_report", "least_error"),
+    ("compare_figures", "compare_report", "least_error", "margins"),
     ("compare", "bound", "fronts", "sweep", "forecast", "fit", "rivals", "paper", "plan_example", "sensor_example"),
     ("__init__", "console"),
 )

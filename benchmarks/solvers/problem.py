@@ -23,7 +23,7 @@ from gazempc.types import FloatArray
 COST_SCALE = 1e4
 _JERK_TIME_S = 0.025
 # d of the problem is 4 zeta^2 - 2 with this zeta; with sqrt(1/2) there is no such term.
-_DAMPING_RATIO = 0.8
+_DAMPING_RATIO = np.sqrt(0.5)
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class AxisProblem:
     @property
     def velocity_weight(self) -> float:
         """Square root of d T^2."""
-        return float(np.sqrt(4.0 * _DAMPING_RATIO**2 - 2.0)) * self.smoothing_time_s
+        return float(np.sqrt(max(4.0 * _DAMPING_RATIO**2 - 2.0, 0.0))) * self.smoothing_time_s
 
     @property
     def jerk_weight(self) -> float:

@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
+from benchmarks.solvers.ours import even_model
 from benchmarks.solvers.peer import AxisPeer, AxisSolver, PeerFailedError
 from benchmarks.solvers.problem import AxisProblem, SparseQp, linear_cost
-from gazempc.controllers.mpc.axis_model import AxisModel
 from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.types import FloatArray
 
@@ -28,19 +28,20 @@ class PiqpPackage(AxisPeer):
     def _axis(self, problem: AxisProblem) -> AxisSolver:
         import piqp  # noqa: PLC0415
 
-        model = AxisModel(problem.neck, problem.index, problem.steps)
-        ocp, n = AxisOcp(model, problem.smoothing_time_s), problem.steps
+        n = problem.steps
+        ocp = AxisOcp(even_model(problem.neck, problem.index, n), problem.smoothing_time_s)
+        data = ocp.program.data
         solver, ones = piqp.DenseSolver(), np.ones(n)
         rows = np.ones(3 * n)
         # Its own tolerances are out of reach in some ticks.
         solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = 1e-6
         solver.settings.eps_rel = solver.settings.eps_duality_gap_rel = 1e-7
         solver.setup(
-            np.asfortranarray(ocp.data.h),
+            np.asfortranarray(data.h),
             np.zeros(n),
             None,
             None,
-            np.asfortranarray(ocp.data.a),
+            np.asfortranarray(data.a),
             -rows,
             rows,
             -ones,
@@ -48,11 +49,11 @@ class PiqpPackage(AxisPeer):
         )
 
         def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
-            g, lower, upper = ocp.program(ocp.parameters(state, reference))
+            g, lower, upper = ocp.changing(np.concatenate([state, [1.0], reference]))
             solver.update(c=g, h_l=lower, h_u=upper)
             if solver.solve() != piqp.PIQP_SOLVED:
                 raise PeerFailedError("not solved")
-            command: FloatArray = model.command(ocp.data.a @ solver.result.x + 1.0 - upper)[0]
+            command: FloatArray = ocp.command(state, solver.result.x)[0]
             return command
 
         return solve
@@ -69,11 +70,12 @@ class Osqp(AxisPeer):
     def _axis(self, problem: AxisProblem) -> AxisSolver:
         import osqp  # noqa: PLC0415
 
-        model = AxisModel(problem.neck, problem.index, problem.steps)
-        ocp, n = AxisOcp(model, problem.smoothing_time_s), problem.steps
+        n = problem.steps
+        ocp = AxisOcp(even_model(problem.neck, problem.index, n), problem.smoothing_time_s)
+        data = ocp.program.data
         below, above = -np.ones(4 * n), np.ones(4 * n)
-        rows = sparse.csc_matrix(np.vstack([np.eye(n), ocp.data.a]))
-        hessian = sparse.csc_matrix(np.triu(ocp.data.h))
+        rows = sparse.csc_matrix(np.vstack([np.eye(n), data.a]))
+        hessian = sparse.csc_matrix(np.triu(data.h))
         solver, solved = osqp.OSQP(), osqp.SolverStatus.OSQP_SOLVED
         solver.setup(
             hessian,
@@ -89,12 +91,12 @@ class Osqp(AxisPeer):
         )
 
         def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
-            g, below[n:], above[n:] = ocp.program(ocp.parameters(state, reference))
+            g, below[n:], above[n:] = ocp.changing(np.concatenate([state, [1.0], reference]))
             solver.update(q=g, l=below, u=above)
             result = solver.solve(raise_error=False)
             if result.info.status_val != solved:
                 raise PeerFailedError(result.info.status)
-            command: FloatArray = model.command(ocp.data.a @ result.x + 1.0 - above[n:])[0]
+            command: FloatArray = ocp.command(state, result.x)[0]
             return command
 
         return solve

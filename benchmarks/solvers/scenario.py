@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 from predictors import ConstantVelocity, Forecast, HeadObservation
@@ -49,7 +48,7 @@ def forecasts(neck: NeckSpec, steps: int, ticks: int, seed: int) -> Iterator[For
     """
     rng = np.random.default_rng(seed)
     period_s, known, walking = neck.control_period_s, 4 * ticks // 10, 6 * ticks // 10
-    ahead_s = Mpc(neck, steps * period_s).forecast_times_s(0.0, 0.0)
+    ahead_s: FloatArray = neck.dead_time_s[0] + period_s * np.arange(1, steps + 1)
     predictor = ConstantVelocity(position_noise_m=_NOISE_M)
     since = -walking * period_s
     mean_noise_m = np.zeros(3)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.solvers.ours import Gazempc
 from benchmarks.solvers.scenario import forecasts
 from gazempc.controllers.controller import CommandState, Situation
+from gazempc.controllers.mpc.axis_model import growing_steps
 from gazempc.controllers.mpc.ocp import Solution
 from gazempc.controllers.mpc.prediction import servo_step
 from gazempc.neck.kinematics import look_at, unwrap_pan
@@ -63,6 +64,8 @@ def simulate(neck: NeckSpec, steps: int, ticks: int, seed: int = 0) -> Run:
     late = round(float(neck.dead_time_s[0]) / neck.control_period_s)
     on_the_way = late * neck.servo_ticks_per_plan + 1
     low, high = float(limits.position_min_rad[0]), float(limits.position_max_rad[0])
+    # The controller's own steps grow; it asks for the forecast at their ends.
+    ends = np.cumsum(growing_steps(STEPS * neck.control_period_s, neck.control_period_s)) - 1
     z = np.zeros((2, 5))
     states, references, situations, answers = [], [], [], list[list[Solution]]()
     joints, sent = list[FloatArray](), list[FloatArray]()
@@ -80,9 +83,9 @@ def simulate(neck: NeckSpec, steps: int, ticks: int, seed: int = 0) -> Run:
             Situation(
                 start_s=k * neck.control_period_s,
                 forecast=Forecast(
-                    forecast.times_s[:STEPS],
-                    forecast.means_base_m[:STEPS],
-                    forecast.covariances_m2[:STEPS],
+                    forecast.times_s[ends],
+                    forecast.means_base_m[ends],
+                    forecast.covariances_m2[ends],
                     forecast.issued_at_s,
                 ),
                 command=CommandState(z[:, 2], z[:, 3], z[:, 4]),

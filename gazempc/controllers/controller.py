@@ -24,15 +24,9 @@ class ControllerError(RuntimeError):
 
 
 class SolverFailed(ControllerError):  # noqa: N818  (named as its event)
-    """No solver found a solution."""
+    """The problem has no solution, as a number in it is not finite, say."""
 
     event = "solver_failed"
-
-
-class SolverTimedOut(ControllerError):  # noqa: N818
-    """The last solver was stopped before it had one."""
-
-    event = "solver_timed_out"
 
 
 # One joint's command at one instant: position, velocity and acceleration, in radians and seconds.
@@ -85,12 +79,11 @@ class Plan:
 
     Attributes:
         start_s: Time of the first knot, seconds.
-        step_s: Time between knots, seconds; in the first step there may be more of them.
+        step_s: Time between knots, seconds.
         position_rad: Commanded angles at the knots, shape (K, 2), radians.
         velocity_rad_s: Shape (K, 2), rad/s.
         acceleration_rad_s2: Shape (K, 2), rad/s^2.
         events: What was out of the ordinary when it was made, for the log.
-        first_parts: The first step is cut into so many equal parts with a knot each.
 
     Raises:
         ValueError: If shapes or times are not as said here.
@@ -102,11 +95,10 @@ class Plan:
     velocity_rad_s: FloatArray
     acceleration_rad_s2: FloatArray
     events: tuple[str, ...] = ()
-    first_parts: int = 1
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position_rad)
-        if len(shape) != 2 or shape[1] != 2 or not 1 <= self.first_parts <= shape[0]:
+        if len(shape) != 2 or shape[1] != 2 or not shape[0]:
             raise ValueError(f"a plan needs positions of shape (K, 2), got {shape}")
         if {np.shape(self.velocity_rad_s), np.shape(self.acceleration_rad_s2)} != {shape}:
             raise ValueError("positions, velocities and accelerations of a plan differ in shape")
@@ -116,7 +108,7 @@ class Plan:
     @property
     def end_s(self) -> float:
         """Time after which the plan says nothing: one step after the last knot, seconds."""
-        return self.start_s + (len(self.position_rad) - self.first_parts + 1) * self.step_s
+        return self.start_s + len(self.position_rad) * self.step_s
 
     def is_finite(self) -> bool:
         """True if no number is NaN or infinite."""
@@ -153,11 +145,9 @@ class Plan:
         last = len(self.position_rad) - 1
         # A nanosecond early is on the knot; floor would put it in the interval before.
         since_s = max(time_s - self.start_s, 0.0)
-        whole = min(int(since_s / self.step_s + 1e-6), last - self.first_parts + 1)
-        step_s = self.step_s if whole else self.step_s / self.first_parts
-        k = whole + self.first_parts - 1 if whole else min(int(since_s / step_s + 1e-6), self.first_parts - 1)
-        before = whole or k
-        tau = since_s - before * step_s if before else since_s  # a single knot may last for ever
+        step_s = self.step_s
+        k = min(int(since_s / step_s + 1e-6), last)
+        tau = since_s - k * step_s if k else since_s  # a single knot may last for ever
         pan_rad, tilt_rad = self.position_rad[k].tolist()
         pan_rad_s, tilt_rad_s = self.velocity_rad_s[k].tolist()
         if k == last:

@@ -1,4 +1,4 @@
-"""One line of prediction: command the angle forecast for now + dead time + servo lag."""
+"""One line of prediction: command the angle forecast for when the command will show."""
 
 from __future__ import annotations
 
@@ -16,22 +16,29 @@ _PLAN_S = 0.4
 
 
 class LookAhead:
-    """Commands the look-at angles of the forecast for the time at which the command will show.
+    """Commands the low-passed look-at angles of the forecast for the time at which the command will show.
+
+    The low-pass makes up for its own delay: the forecast is asked for as much later. Somebody who turns the gaze
+    steadily is followed without lag, whatever the time constant.
 
     Args:
         neck: The neck; its dead time and servo lag (2 zeta / wn) say how far to look ahead on each axis.
-        smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: smoother, and later by that
-            time. 0 for none.
+        smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: smoother, and slower to
+            follow what was not forecast. 0 for none.
 
     Attributes:
         neck: The neck.
     """
 
-    def __init__(self, neck: NeckSpec, smoothing_time_s: float = 0.0) -> None:
+    def __init__(self, neck: NeckSpec, smoothing_time_s: float = 0.1) -> None:
         self.neck = neck
         self._knots_s = neck.control_period_s * np.arange(round(_PLAN_S / neck.control_period_s) + 1)
-        self._ahead_s = neck.dead_time_s + neck.servo_lag_s
         self._keep = math.exp(-neck.control_period_s / smoothing_time_s) if smoothing_time_s > 0 else 0.0
+        self._ahead_s = neck.dead_time_s + neck.servo_lag_s + smoothing_time_s
+        # The low-pass over the knots: what each counts in each later one, and what is kept of where it stood.
+        age = np.subtract.outer(np.arange(self._knots_s.size), np.arange(self._knots_s.size))
+        self._weights: FloatArray = (1.0 - self._keep) * np.tril(self._keep ** np.maximum(age, 0))
+        self._kept: FloatArray = self._keep ** np.arange(1.0, self._knots_s.size + 1.0)
         self.reset()
 
     def reset(self) -> None:
@@ -65,9 +72,6 @@ class LookAhead:
             return wanted_rad
         # It starts where the command stands, and goes on from the first knot of the last plan.
         now = command_rad if self._smoothed_rad is None else self._smoothed_rad
-        smoothed = np.empty_like(wanted_rad)
-        for k, wanted in enumerate(wanted_rad):
-            now = (1.0 - self._keep) * wanted + self._keep * now
-            smoothed[k] = now
+        smoothed: FloatArray = self._weights @ wanted_rad + np.outer(self._kept, now)
         self._smoothed_rad = smoothed[0]
         return smoothed

@@ -34,15 +34,17 @@ class Event(StrEnum):
     )
     FORECAST_FAILED = "forecast_failed", "the predictor raised, or its forecast has a NaN; the last plan goes on"
     CONTROLLER_FAILED = "controller_failed", "the controller raised; the last plan goes on"
-    SOLVER_FAILED = "solver_failed", "no solver found a plan; the last one goes on"
-    SOLVER_TIMED_OUT = "solver_timed_out", "the last solver was stopped before it had a plan; the last one goes on"
+    SOLVER_FAILED = "solver_failed", "the controller's problem has no solution; the last plan goes on"
     PLAN_NOT_FINITE = "plan_not_finite", "the controller planned a NaN; the last plan goes on"
     LATE_PLAN = (
         "late_plan",
         "a plan came after the tick it was made for (the rest of it is used), or the planner was still busy (no new "
         "plan was asked for)",
     )
-    SECOND_SOLVER = "second_solver", "the first solver gave up, the second found this plan"
+    SOLVER_GAVE_UP = (
+        "solver_gave_up",
+        "the solver was stopped; the plan is the best without limits, which the smoother keeps",
+    )
     LIMITS_SOFTENED = (
         "limits_softened",
         "no plan keeps all limits (for example, the start is outside them); this plan violates them least",

@@ -16,7 +16,9 @@ from benchmarks.solvers.measure import measure, solve_all
 from benchmarks.solvers.nlp_peers import DoMpc
 from benchmarks.solvers.ours import Gazempc
 from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, simulate
+from gazempc.controllers.mpc.axis_model import AxisModel, growing_steps
 from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.neck.spec import load_neck
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,7 +77,7 @@ def test_the_run_is_described(measured):
         assert 0 < row["median_ms"] <= row["p99_ms"]
         assert row["worst_difference_rad"] < 1e-6
         assert sum(row["solvers"].values()) == 2 * 30
-        assert "piqp" not in row["solvers"]
+        assert "none" not in row["solvers"]
 
 
 def test_earlier_figures_are_compared_with(measured):
@@ -97,18 +99,17 @@ def test_the_whole_run_makes_every_limit_bind_and_none_is_left():
 def test_the_run_poses_what_the_controller_solves(monkeypatch):
     """States come from the joints' history and the commands on their way, by another way than in the controller.
 
-    The program is that of a joint which meets nobody and has nothing to catch up with, whose forecast is taken as it
-    is, with equal steps.
+    The program is that of a joint which is on its way to nobody, with the controller's own steps.
     """
-    monkeypatch.setattr("gazempc.controllers.mpc.mpc._FIRST_PARTS_MAX", 1)
-    monkeypatch.setattr("gazempc.controllers.mpc.meeting.MEETING_FROM_RAD", np.inf)
+    monkeypatch.setattr("gazempc.controllers.mpc.acquisition.ACQUIRED_FROM_RAD", np.inf)
     run = simulate(NECK, STEPS, 60)
-    mpc = Mpc(NECK, smoothing_time_s=SMOOTHING_TIME_S, doubt_deg=1e9)
-    mpc._reaches, mpc._revised = [(np.inf, 1.0)] * 2, False
-    ours = Gazempc(NECK, STEPS, SMOOTHING_TIME_S)
+    lengths = growing_steps(STEPS * NECK.control_period_s, NECK.control_period_s)
+    ends = np.cumsum(lengths) - 1
+    mpc = Mpc(NECK, smoothing_time_s=SMOOTHING_TIME_S)
+    ours = [AxisOcp(AxisModel(NECK, i, lengths, 20), SMOOTHING_TIME_S) for i in range(2)]
     for states, references, situation in zip(run.states, run.references, run.situations, strict=True):
-        command = ours.solve(states, references)
-        assert mpc.plan(situation).position_rad[1:] == pytest.approx(command.T, abs=1e-6)
+        command = [ocp.solve(states[i], references[i, ends]).command[0] for i, ocp in enumerate(ours)]
+        assert mpc.plan(situation).position_rad[1:] == pytest.approx(np.transpose(command), abs=1e-6)
 
 
 def test_solver_without_a_solution_is_counted_not_hidden():

@@ -14,7 +14,8 @@ N = 20
 T = 0.1
 LIMITS = np.array([1.4, 2.5, 1.4, 2.5, 15.0])
 ROUNDED = 1.0 - 1e-6  # the share of the limits that is used
-DAMPING = 4 * 0.8**2 - 2  # weight of the velocity: damping ratio 0.8
+ZETA = 0.8  # damping ratio, so that the velocity has a weight
+DAMPING = 4 * ZETA**2 - 2
 JERK_TIME_S = 0.025
 
 
@@ -85,40 +86,49 @@ def ipopt(steps, smoothing, soft):
     return solve
 
 
-def least_squares(state, reference):
-    """The problem without limits as |C x - d|^2: C and d."""
-    p, share = MODEL.prediction, np.sqrt(DAMPING) * T
+def least_squares(state, reference, zeta=ZETA):
+    """The problem without limits as |C x - d|^2: C and d; without a damping ratio velocities have no weight."""
+    p, share = MODEL.prediction, np.sqrt(DAMPING) * T if zeta else 0.0
     velocity = reference[1:] - reference[:-1]
     rate = np.concatenate([velocity[:1], (velocity[1:] + velocity[:-1]) / 2, velocity[-1:]]) / H
     C = np.vstack(
         [
-            p.joint_from_jerk,
-            share * p.velocity_from_jerk,
-            T**2 * p.acceleration_from_jerk,
+            p.joint[:, 5:],
+            share * p.velocity[:, 5:],
+            T**2 * p.acceleration[:, 5:],
             JERK_TIME_S**3 * MODEL.jerk_scale * np.eye(N),
         ]
     )
     d = [
-        reference - p.joint_from_state @ state,
-        share * (rate - p.velocity_from_state @ state),
-        -(T**2) * p.acceleration_from_state @ state,
+        reference - p.joint[:, :5] @ state,
+        share * (rate - p.velocity[:, :5] @ state),
+        -(T**2) * p.acceleration[:, :5] @ state,
         np.zeros(N),
     ]
     return C, np.concatenate(d)
 
 
-MODEL = AxisModel(NECK, 0, N)
-OCP = AxisOcp(MODEL, T)
+def even(steps, index=0):
+    """A joint whose steps are all of one control period, with a knot at each."""
+    return AxisModel(NECK, index, (1,) * steps, steps)
+
+
+MODEL = even(N)
+OCP = AxisOcp(MODEL, T, ZETA)
 
 
 # As long as the one that ships.
-LONG = AxisOcp(AxisModel(NECK, 0, 40), 0.085)
+LONG = AxisOcp(even(40), 0.085, ZETA)
 PENALTY = 300.0
 H = NECK.control_period_s
 
 
 def joint(ocp, state, scaled_jerk):
-    return ocp.model.prediction.joint_from_state @ state + ocp.model.prediction.joint_from_jerk @ scaled_jerk
+    return ocp.model.prediction.joint @ np.concatenate([state, scaled_jerk])
+
+
+def parameters(state, reference):
+    return np.concatenate([state, [1.0], reference])
 
 
 def random_states(count, scale, steps, seed=0):

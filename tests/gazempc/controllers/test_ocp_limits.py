@@ -2,13 +2,29 @@
 
 import numpy as np
 import pytest
-from builders.ocp import LIMITS, LONG, MODEL, NECK, OCP, ROUNDED, H, N, T, ipopt, joint, least_squares, random_states
+from builders.kkt import kkt_residual
+from builders.ocp import (
+    LIMITS,
+    LONG,
+    MODEL,
+    NECK,
+    OCP,
+    ROUNDED,
+    ZETA,
+    H,
+    N,
+    T,
+    ipopt,
+    joint,
+    least_squares,
+    parameters,
+    random_states,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gazempc.controllers.mpc.kkt import kkt_residual
 from gazempc.controllers.mpc.ocp import AxisOcp
-from gazempc.controllers.mpc.qp import Daqp, Piqp
+from gazempc.controllers.mpc.qp import Daqp
 
 
 def within_limits(model, command, scaled_jerk, room):
@@ -32,7 +48,7 @@ def test_the_gain_is_used_exactly_where_no_limit_binds():
         reference = state[0] + state[1] * 0.02 * np.arange(1, N + 1) + 10 ** rng.uniform(-4, 0) * rng.uniform(-1, 1)
         solution = OCP.solve(state, reference)
         free = np.linalg.lstsq(*least_squares(state, reference), rcond=None)[0]
-        command = (p.command_from_state @ state + p.command_from_jerk @ free).reshape(3, N)
+        command = (p.command @ np.concatenate([state, free])).reshape(3, N)
         asked[solution.solver] += 1
         if solution.solver == "gain":
             assert within_limits(MODEL, solution.command, solution.scaled_jerk, 1e-8)
@@ -46,7 +62,7 @@ def test_the_gain_is_used_to_the_very_limit(share):
     """From rest all is in proportion to the reference: scaled until the hardest limit is just kept, or just left."""
     reference = np.linspace(0.0, 1.0, N) ** 2
     free = np.linalg.lstsq(*least_squares(np.zeros(5), reference), rcond=None)[0]
-    u, du, ddu = (MODEL.prediction.command_from_jerk @ free).reshape(3, N)
+    u, du, ddu = (MODEL.prediction.command[:, 5:] @ free).reshape(3, N)
     limits, moved = NECK.command_limits, du + H / 2 * ddu
     most = max(
         np.abs(free).max(),
@@ -63,11 +79,11 @@ def test_where_no_limit_binds_daqp_finds_what_the_gain_finds(unit_state, change,
     state = 10**exponent * np.array(unit_state) * LIMITS
     reference = np.full(N, 10**exponent * change)
     solution = OCP.solve(state, reference)
-    g, lower, upper = OCP.program(OCP.parameters(state, reference))
-    asked = Daqp(OCP.data).solve(g, lower, upper)
-    assert asked.status == "solved"
-    assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(joint(OCP, state, asked.x), abs=1e-9)
-    assert kkt_residual(OCP.data, g, lower, upper, solution.scaled_jerk).stationarity < 1e-9
+    g, lower, upper = OCP.changing(parameters(state, reference))
+    asked = Daqp(OCP.program.data).solve(g, lower, upper)
+    assert asked is not None
+    assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(joint(OCP, state, asked), abs=1e-9)
+    assert kkt_residual(OCP.program.data, g, lower, upper, solution.scaled_jerk).stationarity < 1e-9
 
 
 def test_soft_limits_are_exact_when_they_can_be_kept():
@@ -101,14 +117,13 @@ def test_a_start_outside_the_limits_is_solved_as_by_ipopt_with_slacks(state, tar
     ]
     softened = np.abs(shares).max() - 1.0
     assert softened > 0.001
-    for maker in (Daqp, Piqp):
-        solution = AxisOcp(MODEL, T, solvers=(maker,)).solve(state, reference)
-        assert solution.solver == maker.name
-        assert solution.softened == pytest.approx(softened, abs=1e-5)
-        assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(z[0], abs=1e-5)
+    solution = AxisOcp(MODEL, T, ZETA).solve(state, reference)
+    assert solution.solver == "daqp"
+    assert solution.softened == pytest.approx(softened, abs=1e-5)
+    assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(z[0], abs=1e-5)
 
 
-CATCH_UP = AxisOcp(LONG.model, 0.085, catching_up=True)
+BOUNDED = AxisOcp(LONG.model, 0.085, ZETA, bounded=True)
 FAR_RAD = 100.0
 
 
@@ -119,48 +134,45 @@ def not_past(reference, below):
 
 
 @pytest.mark.parametrize("below", [True, False])
-def test_a_joint_that_catches_up_does_not_pass_the_person(below):
+def test_a_joint_with_bounds_does_not_pass_the_person(below):
     """From rest 0.9 rad away; without the bound it passes by more than a degree."""
     side = 1.0 if below else -1.0
-    reference = side * np.linspace(0.7, 0.9, LONG.model.steps)
+    reference = side * np.linspace(0.7, 0.9, LONG.model.lengths.size)
     state = np.array([-side * 0.2, 0.0, -side * 0.2, 0.0, 0.0])
     plain = LONG.solve(state, reference)
     assert np.degrees(np.max(side * (joint(LONG, state, plain.scaled_jerk) - reference))) > 1.0
     bounds = not_past(reference, below)
-    ours = CATCH_UP.solve(state, reference, bounds)
-    angles = joint(CATCH_UP, state, ours.scaled_jerk)
+    ours = BOUNDED.solve(state, reference, bounds)
+    angles = joint(BOUNDED, state, ours.scaled_jerk)
     assert np.max(side * (angles - reference)) < 1e-3
     # It comes as soon, but for the last moments.
     early = slice(0, 20)
     assert angles[early] == pytest.approx(joint(LONG, state, plain.scaled_jerk)[early], abs=0.03)
     assert ours.softened == 0.0
-    assert within_limits(CATCH_UP.model, ours.command, ours.scaled_jerk, 1e-5)
-    g, lower, upper = CATCH_UP.program(CATCH_UP.parameters(state, reference), bounds)
+    assert within_limits(BOUNDED.model, ours.command, ours.scaled_jerk, 1e-5)
+    g, lower, upper = BOUNDED.changing(parameters(state, reference), bounds)
     # In units of 150 rad the usual tolerance of being on a bound would be nearly a degree.
-    x = ours.scaled_jerk[np.unique(CATCH_UP.variable_of_step, return_index=True)[1]]
-    assert kkt_residual(CATCH_UP.data, g, lower, upper, x, tolerance=1e-6).stationarity < 1e-4
-    other = AxisOcp(LONG.model, 0.085, catching_up=True, solvers=(Piqp,)).solve(state, reference, bounds)
-    assert joint(CATCH_UP, state, other.scaled_jerk) == pytest.approx(angles, abs=1e-3)
+    data = BOUNDED.program.data
+    assert kkt_residual(data, g, lower, upper, ours.scaled_jerk, tolerance=1e-6).stationarity < 1e-4
 
 
 def test_limits_come_before_not_passing():
     """Too fast to stop before somebody near: the person is passed, no limit is left."""
-    state, reference = np.array([0.0, 2.4, 0.2, 2.4, 0.0]), np.full(LONG.model.steps, 0.1)
-    ours = CATCH_UP.solve(state, reference, not_past(reference, below=True))
-    assert joint(CATCH_UP, state, ours.scaled_jerk).max() > 0.15
+    state, reference = np.array([0.0, 2.4, 0.2, 2.4, 0.0]), np.full(LONG.model.lengths.size, 0.1)
+    ours = BOUNDED.solve(state, reference, not_past(reference, below=True))
+    assert joint(BOUNDED, state, ours.scaled_jerk).max() > 0.15
     assert ours.softened == 0.0
-    assert within_limits(CATCH_UP.model, ours.command, ours.scaled_jerk, 1e-5)
+    assert within_limits(BOUNDED.model, ours.command, ours.scaled_jerk, 1e-5)
 
 
 def test_bounds_out_of_reach_change_nothing():
-    """But for late jerks that are the same in three steps on end."""
-    bounds = np.full((2, LONG.model.steps), [[-FAR_RAD], [FAR_RAD]])
+    bounds = np.full((2, LONG.model.lengths.size), [[-FAR_RAD], [FAR_RAD]])
     solvers = set()
-    for state, reference in random_states(40, 0.3, LONG.model.steps, seed=3):
-        ours, plain = CATCH_UP.solve(state, reference, bounds), LONG.solve(state, reference)
+    for state, reference in random_states(40, 0.3, LONG.model.lengths.size, seed=3):
+        ours, plain = BOUNDED.solve(state, reference, bounds), LONG.solve(state, reference)
         solvers.add(ours.solver)
-        assert joint(LONG, state, ours.scaled_jerk) == pytest.approx(joint(LONG, state, plain.scaled_jerk), abs=5e-3)
-    slow = np.linspace(0.0, 0.002, LONG.model.steps)
-    assert CATCH_UP.solve(np.zeros(5), slow, bounds).solver == "gain"
+        assert joint(LONG, state, ours.scaled_jerk) == pytest.approx(joint(LONG, state, plain.scaled_jerk), abs=1e-5)
+    slow = np.linspace(0.0, 0.002, LONG.model.lengths.size)
+    assert BOUNDED.solve(np.zeros(5), slow, bounds).solver == "gain"
     # A bound that binds is noticed where no limit does.
-    assert CATCH_UP.solve(np.zeros(5), slow, not_past(0.5 * slow, below=True)).solver == "daqp"
+    assert BOUNDED.solve(np.zeros(5), slow, not_past(0.5 * slow, below=True)).solver == "daqp"

@@ -2,11 +2,26 @@
 
 import numpy as np
 import pytest
-from builders.ocp import LONG, MODEL, MOVING, NECK, OCP, H, N, T, ipopt, joint, least_squares, random_states
+from builders.ocp import (
+    LONG,
+    MODEL,
+    MOVING,
+    NECK,
+    OCP,
+    ZETA,
+    H,
+    N,
+    T,
+    even,
+    ipopt,
+    joint,
+    least_squares,
+    random_states,
+)
 from scipy.integrate import solve_ivp
 from scipy.optimize import lsq_linear
 
-from gazempc.controllers.mpc.axis_model import AxisModel
+from gazempc.controllers.mpc.axis_model import AxisModel, growing_steps
 from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.controllers.mpc.prediction import predict
 
@@ -24,7 +39,7 @@ SLOW = np.array([0.02, 0.05, 0.0275, 0.05, 0.0])
 )
 def test_solution_is_that_of_ipopt(state, from_rad, to_rad, binding):
     """The farther the target the more limits bind."""
-    steps = LONG.model.steps
+    steps = LONG.model.lengths.size
     reference = np.linspace(from_rad, to_rad, steps)
     ours = LONG.solve(state, reference)
     z, x = ipopt(steps, 0.085, soft=False)(state, reference)
@@ -56,70 +71,74 @@ def test_unconstrained_solution_is_least_squares():
     assert ours.scaled_jerk == pytest.approx(best.x, abs=1e-8)
 
 
-@pytest.mark.parametrize("first_parts", [1, 2, 4])
-def test_prediction_is_the_continuous_time_model(first_parts):
-    """The rolled maps against scipy's ODE solver with the command held between servo ticks."""
-    p = predict(NECK.pan, NECK, 5, 300.0, first_parts)
+def test_prediction_is_the_continuous_time_model():
+    """The rolled maps against scipy's ODE solver with the command held between servo ticks; steps of many lengths."""
+    lengths = (1, 1, 2, 3)
+    p = predict(NECK.pan, NECK, lengths, 300.0, 5)
     rng = np.random.default_rng(3)
-    state, jerk = rng.uniform(-1, 1, 5) * [0.5, 1, 0.5, 1, 5], rng.uniform(-1, 1, 4 + first_parts)
+    state, jerk = rng.uniform(-1, 1, 5) * [0.5, 1, 0.5, 1, 5], rng.uniform(-1, 1, 4)
     h, wn, zeta = NECK.servo_period_s, 12.0, 0.9
     q, v, u, du, ddu = state
-    angles, velocities, accelerations, commands = [], [], [], []
-    for step, j in enumerate(300.0 * jerk):
-        for _ in range(4 // first_parts if step < first_parts else 4):
+    angles, velocities, accelerations, commands, knots = [], [], [], [], []
+    for length, j in zip(lengths, 300.0 * jerk, strict=True):
+        for tick in range(4 * length):
             u, du, ddu = u + h * du + h**2 / 2 * ddu + h**3 / 6 * j, du + h * ddu + h**2 / 2 * j, ddu + h * j
             held = u
-            tick = solve_ivp(
+            moved = solve_ivp(
                 lambda _, y, held=held: [y[1], wn**2 * (held - y[0]) - 2 * zeta * wn * y[1]],
                 (0, h),
                 [q, v],
                 rtol=1e-11,
                 atol=1e-13,
             )
-            q, v = tick.y[:, -1]
+            q, v = moved.y[:, -1]
+            if tick % 4 == 3:
+                knots.append((u, du, ddu))
         commands.append((u, du, ddu))
-        if step >= first_parts - 1:
-            angles.append(q)
-            velocities.append(v)
-            accelerations.append(wn**2 * (u - q) - 2 * zeta * wn * v)
-    assert p.joint_from_state @ state + p.joint_from_jerk @ jerk == pytest.approx(angles, abs=1e-9)
-    assert p.velocity_from_state @ state + p.velocity_from_jerk @ jerk == pytest.approx(velocities, abs=1e-8)
-    got = p.acceleration_from_state @ state + p.acceleration_from_jerk @ jerk
-    assert got == pytest.approx(accelerations, abs=1e-6)
-    got = p.command_from_state @ state + p.command_from_jerk @ jerk
-    assert got == pytest.approx(np.transpose(commands).ravel(), abs=1e-9)
+        angles.append(q)
+        velocities.append(v)
+        accelerations.append(wn**2 * (u - q) - 2 * zeta * wn * v)
+    z = np.concatenate([state, jerk])
+    assert p.joint @ z == pytest.approx(angles, abs=1e-9)
+    assert p.velocity @ z == pytest.approx(velocities, abs=1e-8)
+    assert p.acceleration @ z == pytest.approx(accelerations, abs=1e-6)
+    assert p.command @ z == pytest.approx(np.transpose(commands).ravel(), abs=1e-9)
+    assert p.knots @ z == pytest.approx(np.transpose(knots[:5]).ravel(), abs=1e-9)
+
+
+UNEVEN = (1, 1, 1, 2, 3, 4)
 
 
 def test_the_command_is_that_of_the_jerks():
     """What is returned is the motion that the returned jerks make; also where the position limits are lopsided."""
-    tilt, fine = AxisOcp(AxisModel(NECK, 1, N), T), AxisModel(NECK, 0, N, first_parts=4)
-    for ocp in (OCP, tilt, AxisOcp(fine, T), AxisOcp(fine, T, catching_up=True)):
+    uneven = AxisModel(NECK, 0, UNEVEN, sum(UNEVEN))
+    for ocp in (OCP, AxisOcp(even(N, 1), T), AxisOcp(uneven, T), AxisOcp(uneven, T, bounded=True)):
+        lengths = ocp.model.lengths.astype(int)
         for scale in (0.02, 1.0, 2.0):
-            for state, reference in random_states(10, scale, N):
+            for state, reference in random_states(10, scale, lengths.size):
                 solution, (u, du, ddu) = ocp.solve(state, reference), state[2:]
                 assert np.abs(solution.scaled_jerk).max() <= 1.0
-                jerks = ocp.model.jerk_scale * solution.scaled_jerk
-                for k, (j, h) in enumerate(zip(jerks, H * ocp.model.shares, strict=True)):
-                    u, du, ddu = u + h * du + h**2 / 2 * ddu + h**3 / 6 * j, du + h * ddu + h**2 / 2 * j, ddu + h * j
+                jerks = np.repeat(ocp.model.jerk_scale * solution.scaled_jerk, lengths)
+                for k, j in enumerate(jerks):
+                    u, du, ddu = u + H * du + H**2 / 2 * ddu + H**3 / 6 * j, du + H * ddu + H**2 / 2 * j, ddu + H * j
                     assert solution.command[:, k] == pytest.approx([u, du, ddu], abs=1e-8)
 
 
 def test_the_velocity_keeps_its_limit_between_steps_of_different_length():
     """From just below the limit and still speeding up, a jerk at the wrong step's end would carry it past."""
-    ocp = AxisOcp(AxisModel(NECK, 0, N, first_parts=4), T)
-    lengths_s, limit = H * ocp.model.shares, NECK.command_limits.velocity_max_rad_s[0]
+    ocp = AxisOcp(AxisModel(NECK, 0, UNEVEN, sum(UNEVEN)), T)
+    limit = NECK.command_limits.velocity_max_rad_s[0]
     bound, reached = 0, 0.0
     for acceleration in np.linspace(0.0, 9.0, 37):
         for speed in np.linspace(0.92, 1.0, 9) * limit:
             state = np.array([0.0, speed, 0.0, speed, acceleration])
-            solution = ocp.solve(state, np.linspace(0.5, 1.2, N))
+            solution = ocp.solve(state, np.linspace(0.5, 1.2, len(UNEVEN)))
             # What the state itself says of the first step cannot be helped.
-            if solution.softened or speed + acceleration * lengths_s[0] / 2 > limit:
+            if solution.softened or speed + acceleration * H / 2 > limit:
                 continue
             _, v, a = np.column_stack([state[2:], solution.command])
             shares = np.linspace(0.0, 1.0, 21)[:, None]
-            slope = np.diff(a) / lengths_s
-            between = v[:-1] + shares * lengths_s * a[:-1] + 0.5 * (shares * lengths_s) ** 2 * slope
+            between = v[:-1] + shares * H * a[:-1] + 0.5 * (shares * H) ** 2 * np.diff(a) / H
             assert between[:, 1:].max() <= limit * (1 + 1e-5)
             bound += 1
             reached = max(reached, between[:, 1:].max())
@@ -127,24 +146,33 @@ def test_the_velocity_keeps_its_limit_between_steps_of_different_length():
     assert reached > limit * (1 - 1e-3)
 
 
-def test_finer_first_steps_reach_what_coarse_ones_cannot():
-    """With the first control period in parts the cost is never higher, and lower where limits switch the jerk."""
-    coarse, fine = AxisOcp(MODEL, T), AxisOcp(AxisModel(NECK, 0, N, first_parts=4), T)
-    gained = []
-    for state, reference in random_states(40, 0.5, N, seed=5):
-        costs = []
-        for ocp in (coarse, fine):
-            g, _, _ = ocp.program(ocp.parameters(state, reference))
-            x = ocp.solve(state, reference).scaled_jerk
-            costs.append(0.5 * x @ ocp.data.h @ x + g @ x)
-        gained.append((costs[0] - costs[1]) / abs(costs[0]))
-    assert min(gained) > -1e-9
-    assert max(gained) > 1e-4
+def test_growing_steps_plan_what_even_ones_do():
+    """The first jerk, which is all that is sent before the next plan, and the joint where both have a step's end."""
+    horizon = growing_steps(0.8, H)
+    assert horizon[:3] == (1, 1, 1)
+    assert sum(horizon) == 40
+    assert len(horizon) < 20
+    growing = AxisOcp(AxisModel(NECK, 0, horizon, 20), T)
+    fine = AxisOcp(even(40), T)
+    ends = np.cumsum(horizon) - 1
+    for state, reference in random_states(20, 0.1, 40, seed=4):
+        coarse, exact = growing.solve(state, reference[ends]), fine.solve(state, reference)
+        apart = joint(growing, state, coarse.scaled_jerk) - joint(fine, state, exact.scaled_jerk)[ends]
+        assert np.degrees(np.abs(apart[:8])).max() < 0.02
+        assert coarse.command[0, 0] == pytest.approx(exact.command[0, 0], abs=1e-4)
+
+
+@pytest.mark.parametrize(("rate_hz", "horizon_s"), [(5.0, 0.1), (50.0, 0.8), (1000.0, 0.8), (1000.0, 5.0)])
+def test_there_are_few_steps_whatever_the_rate(rate_hz, horizon_s):
+    lengths = growing_steps(horizon_s, 1.0 / rate_hz)
+    assert lengths[0] == 1
+    assert sum(lengths) == max(2, round(horizon_s * rate_hz))
+    assert 2 <= len(lengths) <= 24
 
 
 def test_smoothing_times_share_one_model():
     """They differ in smoothness, not in limits; a longer time moves less."""
-    quick, slow = AxisOcp(MODEL, 0.05), AxisOcp(MODEL, 0.4)
+    quick, slow = AxisOcp(MODEL, 0.05, ZETA), AxisOcp(MODEL, 0.4, ZETA)
     assert quick.model is slow.model is MODEL
     state, reference = np.zeros(5), 0.01 * np.sin(np.linspace(0, 6, N))
     swings = [np.ptp(joint(ocp, state, ocp.solve(state, reference).scaled_jerk)) for ocp in (quick, slow)]
@@ -154,10 +182,10 @@ def test_smoothing_times_share_one_model():
 
 
 def test_a_long_horizon_is_solved():
-    ocp = AxisOcp(AxisModel(NECK, 0, 160), 0.085)
-    for target_rad, names in ((1e-4, {"gain"}), (1.0, {"daqp", "piqp"})):
+    ocp = AxisOcp(even(160), 0.085)
+    for target_rad, name in ((1e-4, "gain"), (1.0, "daqp")):
         solution = ocp.solve(np.zeros(5), np.full(160, target_rad))
-        assert solution.solver in names
+        assert solution.solver == name
         assert solution.command.shape == (3, 160)
         assert solution.softened == 0.0
         assert solution.command[0, 100:150] == pytest.approx(np.full(50, target_rad), abs=1e-4)

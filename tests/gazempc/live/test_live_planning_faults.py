@@ -8,7 +8,7 @@ from builders.checks import assert_recovered, assert_sound, undisturbed
 from builders.faults import Late, between, nan_plan, raising, wild_plan
 from builders.live import NECK, run_live
 
-from gazempc.controllers.controller import ControllerError, SolverFailed, SolverTimedOut
+from gazempc.controllers.controller import ControllerError, SolverFailed
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.live.clock import SimulatedClock
 from gazempc.settings import LoopSettings
@@ -33,7 +33,6 @@ class Sabotaged(Mpc):
         (raising(ControllerError), "controller_failed"),
         (raising(ZeroDivisionError), "controller_failed"),
         (raising(SolverFailed), "solver_failed"),
-        (raising(SolverTimedOut), "solver_timed_out"),
         (nan_plan, "plan_not_finite"),
         (lambda plan: None, "controller_failed"),
         (lambda plan: "no plan", "controller_failed"),

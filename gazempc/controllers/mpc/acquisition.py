@@ -1,0 +1,79 @@
+"""Coming up to somebody who is off the gaze: when a joint does so, and what it is not to pass on its way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gazempc.types import FloatArray
+
+# Farther off than forecasts of somebody who is followed are wrong: the joint goes by the acquisition's program.
+ACQUIRED_FROM_RAD = math.radians(15.0)
+# Until it is within this: there is eye contact (Horstmann & Linke 2021, see docs/metrics.md).
+CONTACT_RAD = math.radians(2.6)
+# Farther off than somebody who was looked at can get before the neck answers (at 1.7 m/s, 2.5 m away, in 0.6 s they
+# turn by 23 deg): they have come into view beside the gaze.
+FAR_RAD = math.radians(25.0)
+# Damping ratio of the way to them: a jump is passed by 0.6 % (by 4.3 % with the ratio of following).
+ACQUISITION_DAMPING = 0.85
+_ANYWHERE_RAD = 100.0
+
+
+class Acquisition:
+    """Watches one joint.
+
+    A quadratic cost under an acceleration limit passes its target, as arriving early is worth a swing to the other
+    side. So a joint that is on its way to somebody who was far off is given their angles as bounds.
+
+    Args:
+        low_rad: Least angle that the joint is commanded to, radians.
+        high_rad: Greatest one, radians.
+        acceleration_max_rad_s2: Limit of its acceleration, rad/s^2.
+        period_s: Control period, seconds.
+    """
+
+    def __init__(self, low_rad: float, high_rad: float, acceleration_max_rad_s2: float, period_s: float) -> None:
+        self._low_rad, self._high_rad = low_rad, high_rad
+        self._acceleration_max_rad_s2, self._period_s = acceleration_max_rad_s2, period_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget who was off the gaze."""
+        self._on = self._far = False
+
+    def bounds_rad(
+        self, joint_rad: float, joint_rad_s: float, reference_rad: FloatArray, turning_rad_s: float
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Take in where the joint and the person will be when the plan begins to show.
+
+        Args:
+            joint_rad: Where the joint will be, radians.
+            joint_rad_s: How fast it will turn, rad/s.
+            reference_rad: Angles that look at the person from then on, shape (n,), radians.
+            turning_rad_s: How fast they turn at first, rad/s.
+
+        Returns:
+            Least and greatest angles that the joint is to have, shape (n,) each; None if it is on its way to nobody.
+        """
+        aim_rad = float(reference_rad[0])
+        gap_rad = aim_rad - joint_rad
+        # The speed at which the gap grows, and how far the joint goes until it turns as the person does.
+        speed_rad_s = turning_rad_s - joint_rad_s
+        braking_rad = speed_rad_s**2 / (2.0 * self._acceleration_max_rad_s2)
+        # A joint that waits at its limit for somebody out of reach is where it can be.
+        to_go_rad = max(abs(min(max(aim_rad, self._low_rad), self._high_rad) - joint_rad), braking_rad)
+        self._on = to_go_rad > (CONTACT_RAD if self._on else ACQUIRED_FROM_RAD)
+        self._far = self._on and (self._far or to_go_rad > FAR_RAD)
+        if not self._on:
+            return None
+        low_rad = np.full(reference_rad.size, -_ANYWHERE_RAD)
+        high_rad = np.full(reference_rad.size, _ANYWHERE_RAD)
+        if self._far:
+            # Half a control period early: a forecast that comes nearer meanwhile does not carry it past.
+            before_rad = 0.5 * self._period_s * abs(speed_rad_s)
+            if gap_rad > 0.0:
+                high_rad = reference_rad - before_rad
+            else:
+                low_rad = reference_rad + before_rad
+        return low_rad, high_rad
