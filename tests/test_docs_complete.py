@@ -13,6 +13,7 @@ from builders.pages import DOCS, ROOT, page
 from pydantic import BaseModel
 
 import gazempc
+from gazempc.live.sources.camera.options import CameraOptions
 from gazempc.loop.events import Event
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, neck_names
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
@@ -60,6 +61,7 @@ DESCRIBED = {
     "quickstart": settings_of(RunSettings),
     "recordings": [*settings_of(ReadOptions), *COLUMNS, "index.csv"],
     "formats": [*shipped_mappings(), *ColumnMapping.model_fields, *AXES, *TIMES_S],
+    "camera": settings_of(CameraOptions, prefix="camera."),
     "necks": [*neck_names(), *settings_of(NeckSpec, Geometry, Axis)],
     "trackers": [*sensor_names(), *setting_names(SensorSpec)],
     "controllers": [

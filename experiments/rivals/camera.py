@@ -10,14 +10,14 @@ import math
 
 import numpy as np
 
-from experiments.rivals.rival import Camera, Detection
+from experiments.rivals.rival import Detection, HeadCamera
 from gazempc.neck.spec import Geometry
 from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.sim.sensing.view import seen_from_head
 from gazempc.sim.sensor import SensorSpec
 from gazempc.types import FloatArray, Sighting
 
-# Field of view and aspect of the Raspberry Pi Camera Module 3 Wide, as on Reachy Mini: 102 by 67 degrees.
+# Field of view and aspect of the Raspberry Pi HeadCamera Module 3 Wide, as on Reachy Mini: 102 by 67 degrees.
 HORIZONTAL_DEG, VERTICAL_DEG = 102.0, 67.0
 WIDTH_PX, HEIGHT_PX = 1280, 720
 # Of the box's edges: as the PTZ simulator of Frigate.
@@ -41,7 +41,7 @@ def on_the_head(sensor: SensorSpec) -> SensorSpec:
     return sensor.model_copy(update={"view": view})
 
 
-def camera_of(sensor: SensorSpec) -> Camera:
+def camera_of(sensor: SensorSpec) -> HeadCamera:
     """The camera that a sensor on the head is.
 
     Args:
@@ -50,7 +50,7 @@ def camera_of(sensor: SensorSpec) -> Camera:
     Returns:
         The camera. Its noise is that of the box alone: the sensor's errors are in the place of the face already.
     """
-    return Camera(
+    return HeadCamera(
         half_width_rad=math.radians(sensor.view.horizontal_deg) / 2.0,
         half_height_rad=math.radians(sensor.view.vertical_deg) / 2.0,
         width_px=WIDTH_PX,
@@ -62,7 +62,7 @@ def camera_of(sensor: SensorSpec) -> Camera:
 
 
 def detect(
-    camera: Camera, geometry: Geometry, joints_rad: FloatArray, sighting: Sighting, rng: np.random.Generator
+    camera: HeadCamera, geometry: Geometry, joints_rad: FloatArray, sighting: Sighting, rng: np.random.Generator
 ) -> Detection | None:
     """What a camera on the head shows of a sighting.
 

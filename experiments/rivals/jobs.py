@@ -10,7 +10,7 @@ from experiments.engine.keys import key_of, models_hash, recording_hash
 from experiments.rivals.laws import RIVALS
 from experiments.rivals.make import make_rival
 from experiments.rivals.response import recontact_s, response
-from experiments.rivals.rival import Camera, Rival
+from experiments.rivals.rival import HeadCamera, Rival
 from experiments.rivals.simulate import simulate
 from experiments.rivals.trials import Trial, make_trial
 from gazempc.errors import LeftOutError
@@ -130,5 +130,5 @@ class RivalJob:
             return replay_scene(scene, self.rival, DEFAULT_PREDICTOR, ReplaySettings(walker=self.walker)).log
         return simulate(scene, self._make, self.error.latency_error_s)
 
-    def _make(self, neck: NeckSpec, camera: Camera) -> Rival:
+    def _make(self, neck: NeckSpec, camera: HeadCamera) -> Rival:
         return make_rival(self.rival, self.neck, neck, camera, **self.constants)

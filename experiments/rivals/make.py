@@ -13,7 +13,7 @@ from experiments.rivals.laws.frigate_calibration import FrigateCalibration
 from experiments.rivals.laws.reachy_mini import ReachyMini, ReachyMiniCapture, ReachyMiniCaptureRaw
 from experiments.rivals.laws.reachy_mini_limits import ReachyMiniLimits
 from experiments.rivals.motor import Motor, driven_by
-from experiments.rivals.rival import Camera, Rival, View
+from experiments.rivals.rival import HeadCamera, Rival, View
 from gazempc.neck.spec import NeckSpec
 
 _RATE_HZ = 200.0
@@ -24,7 +24,7 @@ _PATIENCE_S = 600.0
 _OWN_DETECTOR = (ReachyMini, ReachyMiniCapture, ReachyMiniCaptureRaw, ReachyMiniLimits)
 
 
-def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: Camera, **constants: Any) -> Rival:
+def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: HeadCamera, **constants: Any) -> Rival:
     """Make a rival for a trial.
 
     Args:
@@ -47,7 +47,7 @@ def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: Camera, 
 
 # A trial asks again for the same neck. Safe: what goes in and comes out does not change.
 @lru_cache(maxsize=16)
-def calibrate(neck: NeckSpec, camera: Camera) -> MoveTime | None:
+def calibrate(neck: NeckSpec, camera: HeadCamera) -> MoveTime | None:
     """Let a camera make Frigate's thirty moves, and fit their times.
 
     Args:

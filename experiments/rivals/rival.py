@@ -17,7 +17,7 @@ FACE_HEIGHT_M = 0.24
 
 
 @dataclass(frozen=True)
-class Camera:
+class HeadCamera:
     """A camera on the head, that looks along the gaze.
 
     Attributes:

@@ -12,7 +12,7 @@ import numpy as np
 from experiments.rivals.camera import camera_of, detect
 from experiments.rivals.encoders import EncoderHistory
 from experiments.rivals.motor import Motor, driven_by
-from experiments.rivals.rival import Camera, Detection, Rival, View
+from experiments.rivals.rival import Detection, HeadCamera, Rival, View
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.truth import TrueHead
@@ -27,7 +27,7 @@ RATE_HZ = 200.0
 _SAME_TIME_S = 1e-9
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
-MakeRival = Callable[[NeckSpec, Camera], Rival]
+MakeRival = Callable[[NeckSpec, HeadCamera], Rival]
 
 
 def simulate(scene: Scene, make_rival: MakeRival, latency_error_s: float = 0.0) -> Log:
@@ -66,7 +66,7 @@ def simulate(scene: Scene, make_rival: MakeRival, latency_error_s: float = 0.0) 
 class _Run:
     """One rival in one scene, tick by tick."""
 
-    def __init__(self, scene: Scene, neck: NeckSpec, camera: Camera, rival: Rival, start_rad: FloatArray) -> None:
+    def __init__(self, scene: Scene, neck: NeckSpec, camera: HeadCamera, rival: Rival, start_rad: FloatArray) -> None:
         self.now_s = 0.0
         self._scene, self._neck, self._camera, self._rival = scene, neck, camera, rival
         self._motor = Motor(neck, start_rad, lambda: self.now_s, scene.seed)

@@ -13,6 +13,7 @@ from gazempc.live.parts import LiveParts
 from gazempc.live.robots import make_robot, true_state_of
 from gazempc.live.settings import STAMPED, LiveSettings
 from gazempc.live.sources.bag import BagSource
+from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Person
 from gazempc.live.sources.source import Source
@@ -116,16 +117,17 @@ def _make_source(
         given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
         own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))
         return own
+    if kind == "camera" and isinstance(clock, RealClock):
+        return CameraSource(address, settings.camera, clock)
     if not isinstance(clock, RealClock) or stamps is None:
         raise SettingsError(f"source {settings.source!r} keeps real time")
     if kind == "ros2":
         ros2 = settings.options.ros2
         frame_id = None if settings.mount.axes == "flu" else ANY_FRAME
         return Ros2Person(address, clock.now_s, stamps.now_loop_s, ros2.network, ros2.pose_type, frame_id)
-    if kind == "udp":
-        return LineSource(UdpPort(*parse_address(settings.source, address, "127.0.0.1")), clock, stamps)
-    if kind == "tcp":
-        return LineSource(TcpClient(*parse_address(settings.source, address, "127.0.0.1")), clock, stamps)
+    if kind in ("udp", "tcp"):
+        wire = UdpPort if kind == "udp" else TcpClient
+        return LineSource(wire(*parse_address(settings.source, address, "127.0.0.1")), clock, stamps)
     return LineSource(StandardInput(), clock, stamps)
 
 

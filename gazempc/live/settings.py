@@ -10,6 +10,7 @@ from pydantic import Field
 from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.live.robots import keeps_any_clock
+from gazempc.live.sources.camera.options import CameraOptions
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
 from gazempc.part_options import check_options
@@ -21,7 +22,8 @@ from gazempc.sim.scene import SceneSettings, StageSettings
 # Sources that read time stamps of somebody else.
 STAMPED = ("stdin", "udp", "tcp", "ros2")
 SOURCES = (
-    "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, module:Class for a source of your own"
+    "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, camera, camera:1, camera:FILE, "
+    "module:Class for a source of your own"
 )
 
 
@@ -46,6 +48,7 @@ class LiveSettings(MountedSettings, StageSettings):
     controller: ControllerChoice = Field(default="mpc", description="What plans them; module:Class for your own")
     predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     replay: str = Field(default="subject03_R4", description="Recording of the source replay")
+    camera: CameraOptions = CameraOptions()
     duration_s: float | None = Field(default=None, gt=0, description="Longest time; without it until told to stop")
     stamps: Stamps = Stamps()
     simulated_clock: bool = Field(
@@ -123,6 +126,8 @@ def check(settings: LiveSettings) -> None:
             f"--stamps: source {settings.source!r} gives the loop's own times; accepted with sources "
             f"{', '.join(STAMPED)}"
         )
+    if settings.camera != CameraOptions() and source != "camera":
+        raise SettingsError(f"--camera: source {settings.source!r} is none; accepted with --source camera")
     if settings.recording == "":
         raise SourceError(f"--source {settings.source}: no bag; accepted: bag:PATH, the folder of a ROS 2 bag")
     if settings.sensor is not None and source == "bag":

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.rivals.rival import Camera, Detection, View
+from experiments.rivals.rival import Detection, HeadCamera, View
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.types import JointState
 
 # Axes and eye in one point: then a direction is all there is to see.
 NECK = load_neck("reference").model_copy(update={"geometry": Geometry()})
-CAMERA = Camera(
+CAMERA = HeadCamera(
     half_width_rad=np.deg2rad(45.0),
     half_height_rad=np.deg2rad(29.36),
     width_px=1280,
@@ -23,7 +23,7 @@ CAMERA = Camera(
 
 def camera(**changes):
     """The usual camera with other values."""
-    return Camera(**{**vars(CAMERA), **changes})
+    return HeadCamera(**{**vars(CAMERA), **changes})
 
 
 def neck_with(**changes):

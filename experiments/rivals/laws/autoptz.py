@@ -15,7 +15,7 @@ import numpy as np
 
 from experiments.rivals.laws.one_euro import OneEuro
 from experiments.rivals.laws.sight import half_sizes
-from experiments.rivals.rival import Camera, Detection, View
+from experiments.rivals.rival import Detection, HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -48,7 +48,9 @@ class AutoPtz:
     name = "autoptz"
     command: Literal["velocity"] = "velocity"
 
-    def __init__(self, neck: NeckSpec, camera: Camera, *, speed_scale: float = 1.0, processing_s: float = 0.05) -> None:
+    def __init__(
+        self, neck: NeckSpec, camera: HeadCamera, *, speed_scale: float = 1.0, processing_s: float = 0.05
+    ) -> None:
         self.period_s = 1.0 / camera.rate_hz
         self._top_rad_s = speed_scale * neck.velocity_max_rad_s
         self._half_sizes = half_sizes(camera)

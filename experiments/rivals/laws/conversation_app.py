@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from experiments.rivals.laws.frames import Detector
+from experiments.rivals.laws.frames import FrameRate
 from experiments.rivals.laws.sight import bearing_rad
-from experiments.rivals.rival import Camera, View
+from experiments.rivals.rival import HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -35,7 +35,7 @@ class ConversationApp:
     def __init__(
         self,
         neck: NeckSpec,
-        camera: Camera,
+        camera: HeadCamera,
         *,
         gain: float = 0.6,
         detection_period_s: float = 0.04,
@@ -44,7 +44,7 @@ class ConversationApp:
     ) -> None:
         self._camera = camera
         self._gain, self._loss_s, self._return_s = gain, loss_s, return_s
-        self._detector = Detector(detection_period_s)
+        self._detector = FrameRate(detection_period_s)
 
     def start(self, view: View) -> None:
         """See `experiments.rivals.rival.Rival.start`."""

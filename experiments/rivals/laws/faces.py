@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from experiments.rivals.rival import Camera, Detection
+from experiments.rivals.rival import Detection, HeadCamera
 from gazempc.types import FloatArray
 
 # Constants of reachy_mini, `vision/face_tracking.py`; lengths in halves of the image.
@@ -27,7 +27,7 @@ class Association:
         least_share: Of the image's area; a smaller face is nobody's.
     """
 
-    def __init__(self, camera: Camera, detection_period_s: float, least_share: float) -> None:
+    def __init__(self, camera: HeadCamera, detection_period_s: float, least_share: float) -> None:
         self._least_px2 = least_share * camera.width_px * camera.height_px
         self._patience_s = _MISSES * detection_period_s
         self.reset()

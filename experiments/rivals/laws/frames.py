@@ -11,7 +11,7 @@ from experiments.rivals.rival import Detection
 _SAME_TIME_S = 1e-3
 
 
-class Detector:
+class FrameRate:
     """Takes a frame only if the one before is long enough ago.
 
     Args:

@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from experiments.rivals.laws.frames import Detector
+from experiments.rivals.laws.frames import FrameRate
 from experiments.rivals.laws.frigate_motion import CornerFilter, believed_velocity
-from experiments.rivals.rival import Camera, Detection, View
+from experiments.rivals.rival import Detection, HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -64,7 +64,7 @@ class Frigate:
     def __init__(
         self,
         neck: NeckSpec,
-        camera: Camera,
+        camera: HeadCamera,
         *,
         move_time: MoveTime | None = None,
         fps: float = 5.0,
@@ -75,7 +75,7 @@ class Frigate:
         self._image_px = np.array([camera.width_px, camera.height_px], dtype=np.float64)
         self._px_per_rad = 0.5 * self._image_px / np.tan(self._half_view_rad)
         self._move_time, self._fps, self._faces_tall = move_time, fps, faces_tall
-        self._detector = Detector(1.0 / fps)
+        self._detector = FrameRate(1.0 / fps)
 
     def start(self, view: View) -> None:
         """See `experiments.rivals.rival.Rival.start`."""

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from experiments.rivals.laws.frigate import MoveTime
-from experiments.rivals.rival import Camera, View
+from experiments.rivals.rival import HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -32,7 +32,7 @@ class FrigateCalibration:
     command: Literal["position"] = "position"
     period_s = 0.02
 
-    def __init__(self, neck: NeckSpec, camera: Camera) -> None:
+    def __init__(self, neck: NeckSpec, camera: HeadCamera) -> None:
         most = float(neck.position_max_rad[0]) / camera.half_width_rad
         self._sizes = np.minimum(np.linspace(0.0, 1.0, _MOVES), most)
         self._half_width_rad = camera.half_width_rad

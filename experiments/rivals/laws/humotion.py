@@ -13,7 +13,7 @@ import numpy as np
 from ruckig import InputParameter, OutputParameter, Ruckig, Synchronization
 
 from experiments.rivals.laws.sight import bearing_rad
-from experiments.rivals.rival import Camera, View
+from experiments.rivals.rival import HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -50,7 +50,7 @@ class Humotion:
     command: Literal["position"] = "position"
     period_s = 0.02
 
-    def __init__(self, neck: NeckSpec, camera: Camera, *, range_share: float = 0.8, silence_s: float = 1.0) -> None:
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, range_share: float = 0.8, silence_s: float = 1.0) -> None:
         self._camera, self._silence_s = camera, silence_s
         self._low_rad, self._high_rad = range_share * neck.position_min_rad, range_share * neck.position_max_rad
         self._planner = Ruckig(2, self.period_s)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import cont2discrete
 
 from experiments.rivals.laws.sight import point_base_m
-from experiments.rivals.rival import Camera, View
+from experiments.rivals.rival import HeadCamera, View
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
@@ -35,7 +35,7 @@ class IKinGazeCtrl:
     command: Literal["position"] = "position"
     period_s = 0.01
 
-    def __init__(self, neck: NeckSpec, camera: Camera, *, neck_time_s: float = 0.75) -> None:
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, neck_time_s: float = 0.75) -> None:
         self._neck, self._camera = neck, camera
         a, b, c = _A / neck_time_s**3, _B / neck_time_s**2, _C / neck_time_s
         continuous = (np.array([[0.0, 1.0], [b, c]]), np.array([[0.0], [-a]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from experiments.rivals.rival import Camera, Detection, View
+from experiments.rivals.rival import Detection, HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -57,7 +57,7 @@ class ObsFaceTracker:
     def __init__(
         self,
         neck: NeckSpec,
-        camera: Camera,
+        camera: HeadCamera,
         *,
         speed_scale: float = 1.0,
         dead_band: float = 0.0,

@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import BPoly
 
-from experiments.rivals.laws.frames import Detector
+from experiments.rivals.laws.frames import FrameRate
 from experiments.rivals.laws.sight import left_and_up_rad
-from experiments.rivals.rival import Camera, View
+from experiments.rivals.rival import HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -41,7 +41,7 @@ class Op3:
     def __init__(
         self,
         neck: NeckSpec,
-        camera: Camera,
+        camera: HeadCamera,
         *,
         gain: float = 0.6,
         derivative_gain: float = 0.25,
@@ -52,7 +52,7 @@ class Op3:
         self._low_rad, self._high_rad = neck.position_min_rad, neck.position_max_rad
         self._gain, self._derivative_gain = gain, derivative_gain
         self._speed_rad_s = math.radians(speed_deg_s)
-        self._detector = Detector(detection_period_s)
+        self._detector = FrameRate(detection_period_s)
 
     def start(self, view: View) -> None:
         """See `experiments.rivals.rival.Rival.start`."""

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from experiments.rivals.rival import Camera, View
+from experiments.rivals.rival import HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -34,7 +34,7 @@ class PixelPid:
     command: Literal["position"] = "position"
     period_s = 0.2
 
-    def __init__(self, neck: NeckSpec, camera: Camera, *, image_width_px: float = 320.0) -> None:
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, image_width_px: float = 320.0) -> None:
         height_px = image_width_px * camera.height_px / camera.width_px
         self._halves_px = 0.5 * np.array([image_width_px, height_px])
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from experiments.rivals.laws.sight import point_base_m
-from experiments.rivals.rival import Camera, View
+from experiments.rivals.rival import HeadCamera, View
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
@@ -37,7 +37,7 @@ class Pr2PointHead:
     period_s = 0.01
 
     def __init__(
-        self, neck: NeckSpec, camera: Camera, *, min_duration_s: float = 0.5, max_velocity_rad_s: float = 1.0
+        self, neck: NeckSpec, camera: HeadCamera, *, min_duration_s: float = 0.5, max_velocity_rad_s: float = 1.0
     ) -> None:
         self._neck, self._camera = neck, camera
         self._min_duration_s, self._max_velocity_rad_s = min_duration_s, max_velocity_rad_s

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.rivals.laws.faces import Association, ImageFilter
-from experiments.rivals.laws.frames import Detector
+from experiments.rivals.laws.frames import FrameRate
 from experiments.rivals.laws.sight import ray
-from experiments.rivals.rival import Camera, Detection, View
+from experiments.rivals.rival import Detection, HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -43,7 +43,7 @@ class ReachyMini:
     def __init__(
         self,
         neck: NeckSpec,
-        camera: Camera,
+        camera: HeadCamera,
         *,
         detection_period_s: float = 0.1,
         least_share: float = 0.003,
@@ -54,7 +54,7 @@ class ReachyMini:
         self._camera = camera
         self._ease, self._loss_s = ease, loss_s
         self._filtered = filtered
-        self._detector = Detector(detection_period_s)
+        self._detector = FrameRate(detection_period_s)
         self._association = Association(camera, detection_period_s, least_share)
         self._filter = ImageFilter()
 
@@ -111,7 +111,7 @@ class ReachyMiniCaptureRaw(ReachyMiniCapture):
 
     name = "reachy_mini_capture_raw"
 
-    def __init__(self, neck: NeckSpec, camera: Camera, **constants: float) -> None:
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, **constants: float) -> None:
         super().__init__(neck, camera, filtered=False, **constants)
 
 

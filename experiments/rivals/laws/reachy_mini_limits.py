@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 
 from experiments.rivals.laws.faces import Association
-from experiments.rivals.laws.frames import Detector
+from experiments.rivals.laws.frames import FrameRate
 from experiments.rivals.laws.sight import bearing_rad
-from experiments.rivals.rival import Camera, View
+from experiments.rivals.rival import HeadCamera, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -38,7 +38,7 @@ class ReachyMiniLimits:
     def __init__(
         self,
         neck: NeckSpec,
-        camera: Camera,
+        camera: HeadCamera,
         *,
         detection_period_s: float = 0.1,
         least_share: float = 0.003,
@@ -49,7 +49,7 @@ class ReachyMiniLimits:
         self._camera = camera
         self._ease, self._loss_s = ease, loss_s
         self._largest_rad = math.radians(largest_step_deg)
-        self._detector = Detector(detection_period_s)
+        self._detector = FrameRate(detection_period_s)
         self._association = Association(camera, detection_period_s, least_share)
 
     def start(self, view: View) -> None:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from experiments.rivals.rival import Camera, Detection
+from experiments.rivals.rival import Detection, HeadCamera
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry
 from gazempc.types import FloatArray
 
 
-def half_sizes(camera: Camera) -> FloatArray:
+def half_sizes(camera: HeadCamera) -> FloatArray:
     """Tangents of half the field of view: half the image's width and height at distance 1, shape (2,)."""
     return np.tan([camera.half_width_rad, camera.half_height_rad])
 
 
-def ray(camera: Camera, offset: FloatArray) -> FloatArray:
+def ray(camera: HeadCamera, offset: FloatArray) -> FloatArray:
     """Where a point of the image is, in the camera's frame.
 
     Args:
@@ -29,12 +29,12 @@ def ray(camera: Camera, offset: FloatArray) -> FloatArray:
     return np.array([1.0, -right, -down])
 
 
-def left_and_up_rad(camera: Camera, offset: FloatArray) -> FloatArray:
+def left_and_up_rad(camera: HeadCamera, offset: FloatArray) -> FloatArray:
     """Angles of a point of the image from the camera's axis, each by itself: left, up, shape (2,), radians."""
     return -np.arctan(np.asarray(offset) * half_sizes(camera))
 
 
-def bearing_rad(camera: Camera, offset: FloatArray, head_rad: FloatArray) -> FloatArray:
+def bearing_rad(camera: HeadCamera, offset: FloatArray, head_rad: FloatArray) -> FloatArray:
     """Absolute pan and tilt that look along the ray of a point of the image.
 
     Axes and eye count as one point, as in all laws that work with directions.
@@ -54,7 +54,7 @@ def bearing_rad(camera: Camera, offset: FloatArray, head_rad: FloatArray) -> Flo
     return np.array([pan_rad + np.arctan2(left, ahead), np.arctan2(above, np.hypot(ahead, left))])
 
 
-def point_base_m(geometry: Geometry, camera: Camera, detection: Detection, head_rad: FloatArray) -> FloatArray:
+def point_base_m(geometry: Geometry, camera: HeadCamera, detection: Detection, head_rad: FloatArray) -> FloatArray:
     """The face as a point in the base frame.
 
     Args:

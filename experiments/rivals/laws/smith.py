@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from experiments.rivals.laws.sight import bearing_rad
-from experiments.rivals.rival import Camera, View
+from experiments.rivals.rival import HeadCamera, View
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
@@ -36,7 +36,7 @@ class Smith:
     name = "smith"
     command: Literal["position"] = "position"
 
-    def __init__(self, neck: NeckSpec, camera: Camera, *, gain: float = 1.0, period_s: float = 0.02) -> None:
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, gain: float = 1.0, period_s: float = 0.02) -> None:
         self.period_s = period_s
         self._neck, self._camera, self._gain = neck, camera, gain
         # One step of each axis, shape (2, 2, 3): from angle, velocity and command to angle and velocity.
@@ -110,7 +110,7 @@ class SmithFeedForward(Smith):
     def __init__(
         self,
         neck: NeckSpec,
-        camera: Camera,
+        camera: HeadCamera,
         *,
         gain: float = 1.0,
         period_s: float = 0.02,

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from experiments.rivals.camera import camera_of, detect, on_the_head
-from experiments.rivals.rival import Camera
+from experiments.rivals.rival import HeadCamera
 from gazempc.neck.spec import Geometry
 from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.sim.sensor import load_sensor
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
-CAMERA = Camera(math.radians(45.0), math.radians(30.0), 1000, 600, 30.0, 0.1, 0.0)
+CAMERA = HeadCamera(math.radians(45.0), math.radians(30.0), 1000, 600, 30.0, 0.1, 0.0)
 POINT = Geometry()
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.rival_bench import CAMERA, offset_of
 
-from experiments.rivals.laws.frames import Detector
+from experiments.rivals.laws.frames import FrameRate
 from experiments.rivals.laws.one_euro import OneEuro
 from experiments.rivals.laws.sight import bearing_rad, left_and_up_rad, point_base_m
 from experiments.rivals.rival import Detection
@@ -35,7 +35,7 @@ def test_the_point_is_where_the_eye_sees_it():
 
 def test_a_detector_takes_every_third_frame_of_thirty_a_second_for_ten():
     frames = tuple(Detection(k / 30, k / 30, np.zeros(2), 1.0, np.ones(2)) for k in range(10))
-    taken = [round(d.capture_time_s * 30) for d in Detector(0.1).take(frames)]
+    taken = [round(d.capture_time_s * 30) for d in FrameRate(0.1).take(frames)]
     assert taken == [0, 3, 6, 9]
 
 

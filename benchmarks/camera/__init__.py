@@ -1,0 +1,1 @@
+"""How well the camera source sees, measured on rendered pictures."""

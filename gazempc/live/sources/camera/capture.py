@@ -1,0 +1,227 @@
+"""Pictures with their time of capture: from a camera, a stream, a video file, or a camera of your own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from gazempc.live.sources.camera.blazeface import import_opencv
+from gazempc.live.sources.camera.options import CameraOptions
+from gazempc.live.sources.source import SourceError
+from gazempc.part_options import make
+from gazempc.parts import Kind, is_own
+
+# A driver's own stamp of a picture is used if it is on the clock of `time.monotonic` and no older than this.
+_STAMP_AGE_MAX_S = 1.0
+# How long to wait before a camera that gives no picture is opened again.
+_RETRY_S = 1.0
+# A picture of a file that is later than this is left out.
+_LATE_S = 0.05
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture.
+
+    Attributes:
+        rgb: Shape (height, width, 3), uint8.
+        captured_s: When it was captured, on the clock of `time.monotonic`, seconds.
+    """
+
+    rgb: Any
+    captured_s: float
+
+
+CAMERA = Kind(
+    "camera",
+    {},
+    {
+        "read": "read() -> (RGB picture, its time of capture by time.monotonic()); waits for one; None at the end",
+        "close": "close(): lets the camera go",
+    },
+)
+
+
+class Pictures(Protocol):
+    """Gives pictures."""
+
+    def read(self) -> Picture | str | None:
+        """The newest picture that was not read before; waits for one.
+
+        Returns:
+            The picture; a text if something is wrong for now; None if nothing more will come.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let the camera go."""
+        ...
+
+
+class VideoFile:
+    """A video as if it were captured now, counted from its first picture. What comes too late is left out.
+
+    Args:
+        path: The file.
+
+    Raises:
+        SourceError: If OpenCV cannot read it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._cv2 = import_opencv()
+        self._video = self._cv2.VideoCapture(str(path))
+        if not self._video.isOpened():
+            raise SourceError(f"source camera:{path}: OpenCV cannot read this file; needed is a video")
+        self._start_s: float | None = None
+
+    def read(self) -> Picture | str | None:
+        """See `Pictures.read`."""
+        while self._video.grab():
+            in_file_s = 1e-3 * float(self._video.get(self._cv2.CAP_PROP_POS_MSEC))
+            if self._start_s is None:
+                self._start_s = time.monotonic() - in_file_s
+            captured_s = self._start_s + in_file_s
+            early_s = captured_s - time.monotonic()
+            if early_s < -_LATE_S:
+                continue
+            fine, bgr = self._video.retrieve()
+            if fine:
+                time.sleep(max(captured_s - time.monotonic(), 0.0))
+                return Picture(self._cv2.cvtColor(bgr, self._cv2.COLOR_BGR2RGB), captured_s)
+        return None
+
+    def close(self) -> None:
+        """See `Pictures.close`."""
+        self._video.release()
+
+
+class Camera:
+    """A camera of this computer, or a stream from the network. A thread takes all pictures; `read` gives the newest.
+
+    Linux's driver says when a picture was captured. Elsewhere it is when it has come.
+
+    Args:
+        address: A number or nothing for the first one, a device such as ``/dev/video2``, or a URL.
+        options: What to ask of it.
+
+    Raises:
+        SourceError: If it cannot be opened.
+    """
+
+    def __init__(self, address: str, options: CameraOptions) -> None:
+        self._cv2 = import_opencv()
+        self._address: int | str = int(address or "0") if not address or address.isdigit() else address
+        self._options = options
+        self._camera = self._open()
+        if not self._camera.isOpened():
+            raise SourceError(
+                f"source camera:{address}: OpenCV cannot open it; accepted: a number (camera:0 is the first camera), "
+                "a device such as /dev/video0, a video file, a URL, module:Class for a camera of your own"
+            )
+        self._fresh = threading.Condition()
+        self._newest: tuple[Any, float] | str | None = None
+        self._closing = False
+        self._thread = threading.Thread(target=self._take, name="camera", daemon=True)
+        self._thread.start()
+
+    def read(self) -> Picture | str | None:
+        """See `Pictures.read`."""
+        with self._fresh:
+            self._fresh.wait_for(lambda: self._newest is not None or self._closing)
+            newest, self._newest = self._newest, None
+        if newest is None or isinstance(newest, str):
+            return newest
+        return Picture(self._cv2.cvtColor(newest[0], self._cv2.COLOR_BGR2RGB), newest[1])
+
+    def close(self) -> None:
+        """See `Pictures.close`."""
+        with self._fresh:
+            self._closing = True
+            self._fresh.notify_all()
+        self._thread.join(_RETRY_S)
+
+    def _open(self) -> Any:
+        cv2, options = self._cv2, self._options
+        if not isinstance(self._address, int) and "://" in self._address:
+            return cv2.VideoCapture(self._address, cv2.CAP_FFMPEG)
+        camera = cv2.VideoCapture(self._address)
+        # MJPEG passes any USB port at full rate; what a camera cannot do it leaves as it is.
+        camera.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
+        camera.set(cv2.CAP_PROP_FRAME_WIDTH, options.width)
+        camera.set(cv2.CAP_PROP_FRAME_HEIGHT, options.height)
+        camera.set(cv2.CAP_PROP_FPS, options.fps)
+        return camera
+
+    def _take(self) -> None:
+        while not self._closing:
+            if self._camera.grab():
+                captured_s = self._captured_s(time.monotonic())
+                fine, bgr = self._camera.retrieve()
+                if fine:
+                    self._give((bgr, captured_s))
+                continue
+            self._give(f"camera {self._address}: no picture comes; trying to open it again")
+            self._camera.release()
+            time.sleep(_RETRY_S)
+            self._camera = self._open()
+        self._camera.release()
+
+    def _give(self, newest: tuple[Any, float] | str) -> None:
+        with self._fresh:
+            self._newest = newest
+            self._fresh.notify_all()
+
+    def _captured_s(self, now_s: float) -> float:
+        if self._camera.getBackendName() != "V4L2":
+            return now_s
+        stamp_s = 1e-3 * float(self._camera.get(self._cv2.CAP_PROP_POS_MSEC))
+        return stamp_s if 0.0 <= now_s - stamp_s <= _STAMP_AGE_MAX_S else now_s
+
+
+class OwnCamera:
+    """A camera of the user's own.
+
+    Args:
+        choice: ``module:Class``.
+
+    Raises:
+        SettingsError: If it cannot be made, or a method is missing.
+    """
+
+    def __init__(self, choice: str) -> None:
+        self._camera = make(CAMERA, choice, {}, {})
+
+    def read(self) -> Picture | str | None:
+        """See `Pictures.read`."""
+        given = self._camera.read()
+        return None if given is None else Picture(*given)
+
+    def close(self) -> None:
+        """See `Pictures.close`."""
+        self._camera.close()
+
+
+def open_pictures(address: str, options: CameraOptions) -> Pictures:
+    """Open a camera.
+
+    Args:
+        address: A number or nothing for the first camera, a device, a video file, a stream's URL, or module:Class.
+        options: What to ask of it.
+
+    Returns:
+        Its pictures.
+
+    Raises:
+        SourceError: If it cannot be opened.
+        SettingsError: If a camera of your own cannot be made.
+        MissingOptionalDependencyError: If OpenCV is not installed.
+    """
+    if is_own(address):
+        return OwnCamera(address)
+    if Path(address).is_file():
+        return VideoFile(Path(address))
+    return Camera(address, options)

@@ -1,0 +1,168 @@
+"""Which way each pixel looks: from a field of view, or from a calibration by OpenCV."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gazempc.errors import SettingsError
+from gazempc.live.sources.camera.blazeface import import_opencv
+from gazempc.types import FloatArray
+
+# As OpenCV's own calibration programs, ROS's camera_calibration and usual scripts call them.
+_MATRIX_NAMES = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "mtx")
+_DISTORTION_NAMES = ("distortion_coefficients", "distCoeffs", "Distortion_Coefficients", "D", "dist")
+# Sizes whose shapes differ by less are of one shape: sizes are whole numbers.
+_SAME_SHAPE = 0.01
+_SIZE_NAMES = (("image_width", "image_height"), ("imageWidth", "imageHeight"), ("width", "height"))
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A pinhole camera with OpenCV's distortion.
+
+    Attributes:
+        matrix: fx, 0, cx; 0, fy, cy; 0, 0, 1 in pixels, shape (3, 3); the middle of the first pixel is (0, 0).
+        distortion: OpenCV's coefficients, shape (n,); empty for none.
+    """
+
+    matrix: FloatArray
+    distortion: FloatArray
+
+    def rays(self, points_px: FloatArray) -> FloatArray:
+        """Where pixels look.
+
+        Args:
+            points_px: Columns and rows, shape (n, 2), pixels.
+
+        Returns:
+            Left and up of the line of view, as tangents, shape (n, 2).
+        """
+        if self.distortion.size:
+            cv2 = import_opencv()
+            straight = cv2.undistortPoints(points_px[:, None].astype(np.float64), self.matrix, self.distortion)[:, 0]
+        else:
+            straight = (points_px - self.matrix[:2, 2]) / np.diag(self.matrix)[:2]
+        return np.asarray(-straight, dtype=np.float64)
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length, pixels."""
+        return float(self.matrix[0, 0])
+
+
+def from_field_of_view(fov_deg: float, width: int, height: int) -> Intrinsics:
+    """A camera without distortion, with square pixels, that looks through the middle of its picture.
+
+    Args:
+        fov_deg: Horizontal field of view, degrees.
+        width: Width of its picture, pixels.
+        height: Height, pixels.
+
+    Returns:
+        The camera.
+    """
+    focal_px = width / 2 / math.tan(math.radians(fov_deg) / 2)
+    matrix = np.array([[focal_px, 0.0, (width - 1) / 2], [0.0, focal_px, (height - 1) / 2], [0.0, 0.0, 1.0]])
+    return Intrinsics(matrix, np.empty(0))
+
+
+def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
+    """A calibrated camera.
+
+    Args:
+        path: YAML, XML or JSON as OpenCV's FileStorage writes it, or YAML of ROS's camera_calibration.
+        width: Width of the pictures, pixels. A calibration at another size is scaled where the shape is the same.
+        height: Height, pixels.
+
+    Returns:
+        The camera.
+
+    Raises:
+        SettingsError: If the file cannot be read, lacks the camera matrix, or is of pictures of another shape.
+    """
+    nodes = _Nodes(path)
+    matrix = nodes.array(_MATRIX_NAMES)
+    if matrix is None:
+        names = ", ".join(_MATRIX_NAMES)
+        raise SettingsError(f"--camera.calibration {path}: no camera matrix; accepted names: {names}")
+    if matrix.size != 9 or not np.isfinite(matrix).all() or not (matrix.flat[0] > 0 and matrix.flat[4] > 0):
+        raise SettingsError(
+            f"--camera.calibration {path}: the camera matrix is {matrix.tolist()}; needed are 3 x 3 numbers with "
+            "positive focal lengths"
+        )
+    matrix = np.array(matrix.reshape(3, 3))
+    distortion = nodes.array(_DISTORTION_NAMES)
+    made = next((size for names in _SIZE_NAMES if (size := nodes.size(*names)) is not None), (width, height))
+    if abs(made[0] * height - made[1] * width) > _SAME_SHAPE * made[1] * width:
+        raise SettingsError(
+            f"--camera.calibration {path}: made for pictures of {made[0]:.0f} x {made[1]:.0f} pixels, but the camera "
+            f"gives {width} x {height}, which have another shape: say --camera.width and --camera.height"
+        )
+    scale = width / made[0]
+    matrix[:2] *= scale
+    # Pixels are counted from the middle of the first one, lengths from its edge.
+    matrix[:2, 2] += 0.5 * (scale - 1.0)
+    return Intrinsics(matrix, np.empty(0) if distortion is None else distortion.ravel())
+
+
+class _Nodes:
+    """Values of a calibration file by name."""
+
+    def __init__(self, path: Path) -> None:
+        cv2 = import_opencv()
+        if not path.is_file():
+            raise SettingsError(f"--camera.calibration {path}: there is no such file")
+        try:
+            self._plain = _plain_yaml(path)
+            self._storage = None if self._plain else cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        except cv2.error as error:
+            raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it ({error.err or error})") from None
+        if self._storage is not None and not self._storage.isOpened():
+            raise SettingsError(
+                f"--camera.calibration {path}: OpenCV cannot read it; needed is a .yml, .xml or .json file"
+            )
+
+    def array(self, names: tuple[str, ...]) -> FloatArray | None:
+        """The first of these matrices that is there."""
+        for name in names:
+            if self._storage is None:
+                node = self._plain.get(name)
+                node = node.get("data") if isinstance(node, dict) else node
+            else:
+                node = self._storage.getNode(name).mat()
+            if node is not None:
+                return np.asarray(node, dtype=np.float64)
+        return None
+
+    def size(self, width: str, height: str) -> tuple[float, float] | None:
+        """Width and height, if both are there."""
+        found = self._number(width), self._number(height)
+        return (found[0], found[1]) if found[0] and found[1] else None
+
+    def _number(self, name: str) -> float | None:
+        if self._storage is None:
+            value = self._plain.get(name)
+            return float(value) if isinstance(value, int | float) else None
+        node = self._storage.getNode(name)
+        return None if node.empty() else float(node.real())
+
+
+def _plain_yaml(path: Path) -> dict[str, Any]:
+    """A YAML file that is not OpenCV's own, as ROS writes it; empty if it is OpenCV's."""
+    import yaml  # noqa: PLC0415
+
+    if path.suffix not in (".yaml", ".yml"):
+        return {}
+    try:
+        text = path.read_text(encoding="utf-8")
+        if text.startswith("%YAML:1.0") or "!!opencv-matrix" in text:
+            return {}
+        values = yaml.safe_load(text)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise SettingsError(f"--camera.calibration {path}: cannot be read ({' '.join(str(error).split())})") from None
+    return values if isinstance(values, dict) else {}

@@ -1,0 +1,144 @@
+"""The process of the camera source: it captures, finds the person, and sends observations."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+
+from gazempc.errors import GazempcError
+from gazempc.live.sources.camera.blazeface import BlazeFace
+from gazempc.live.sources.camera.capture import open_pictures
+from gazempc.live.sources.camera.intrinsics import Intrinsics, from_calibration, from_field_of_view
+from gazempc.live.sources.camera.options import LIKELY_FOV_DEG, CameraOptions
+from gazempc.live.sources.camera.sensor import FaceSensor
+from gazempc.live.sources.source import SourceError
+from gazempc.parts import said
+from predictors import HeadObservation
+
+_NICE = 5
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The first picture has come.
+
+    Attributes:
+        about: What the camera is, for people.
+    """
+
+    about: str
+
+
+@dataclass(frozen=True)
+class Failed:
+    """Nothing more will come.
+
+    Attributes:
+        why: What went wrong; empty at the end of a file.
+    """
+
+    why: str = ""
+
+
+# Observations have capture times on the clock of `time.monotonic`; a text is something that was wrong for a moment.
+Message = Opened | Failed | HeadObservation | str
+
+
+def serve(address: str, options: CameraOptions, parent: Connection) -> None:
+    """Work until nothing more comes or the parent is gone.
+
+    Args:
+        address: See `gazempc.live.sources.camera.capture.open_pictures`.
+        options: What to ask of the camera.
+        parent: Where messages go.
+    """
+    # Ctrl-C is for the parent, which brakes the neck before it ends this.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Where processors are short, commands come first.
+    if hasattr(os, "nice"):
+        os.nice(_NICE)
+    # The camera is let go in order.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
+        try:
+            _work(address, options, parent)
+            parent.send(Failed())
+        except (GazempcError, ValueError) as error:
+            parent.send(Failed(str(error)))
+        except (BrokenPipeError, ConnectionError):
+            raise
+        except Exception as error:
+            parent.send(Failed(f"the process of the camera ended: {said(error)}"))
+    except (BrokenPipeError, ConnectionError):
+        return  # nobody is there any more
+
+
+def _end_with_parent() -> None:
+    """A parent that was killed cannot end this process, which would keep the camera for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(0)
+
+
+def _work(address: str, options: CameraOptions, parent: Connection) -> None:
+    detector = BlazeFace()
+    pictures = open_pictures(address, options)
+    try:
+        sensor, latest_s = None, float("-inf")
+        while (picture := pictures.read()) is not None:
+            if isinstance(picture, str):
+                parent.send(picture)
+                continue
+            if getattr(picture.rgb, "ndim", 0) != 3 or picture.rgb.shape[2] != 3 or picture.rgb.dtype.name != "uint8":
+                raise SourceError(f"source camera:{address}: a picture is not RGB, shape (height, width, 3), uint8")
+            if sensor is None:
+                height, width = picture.rgb.shape[:2]
+                sensor = FaceSensor(detector, intrinsics_of(options, width, height))
+                parent.send(Opened(_about(options, width, height)))
+            captured_s = picture.captured_s - 1e-3 * options.latency_ms
+            if captured_s <= latest_s:
+                continue  # a driver that gives a picture twice
+            latest_s = captured_s
+            observation = sensor.see(picture.rgb, captured_s)
+            if observation is not None:
+                parent.send(observation)
+    finally:
+        pictures.close()
+
+
+def intrinsics_of(options: CameraOptions, width: int, height: int) -> Intrinsics:
+    """Which way each pixel looks.
+
+    Args:
+        options: Field of view or calibration.
+        width: Width of the pictures, pixels.
+        height: Height, pixels.
+
+    Returns:
+        The camera.
+
+    Raises:
+        SettingsError: If the calibration cannot be used.
+    """
+    if options.calibration is not None:
+        return from_calibration(options.calibration, width, height)
+    return from_field_of_view(options.fov_deg or LIKELY_FOV_DEG, width, height)
+
+
+def _about(options: CameraOptions, width: int, height: int) -> str:
+    about = f"{width} x {height} pixels, "
+    if options.calibration is not None:
+        return f"{about}calibrated by {options.calibration}"
+    if options.fov_deg is not None:
+        return f"{about}{options.fov_deg:g} degrees across"
+    return (
+        f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: directions and distances are wrong by as much as this is; "
+        "say it with --camera.fov-deg, or give --camera.calibration"
+    )

@@ -1,0 +1,130 @@
+"""A person in front of a camera."""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+
+from gazempc.errors import SettingsError
+from gazempc.live.clock import RealClock
+from gazempc.live.sources.camera.options import CameraOptions
+from gazempc.live.sources.camera.process import Failed, Message, Opened, serve
+from gazempc.live.sources.source import Arrived, SourceError
+from gazempc.types import Sighting
+from predictors import HeadObservation
+
+# Cameras take some seconds to wake up.
+_OPENS_WITHIN_S = 20.0
+_ENDS_WITHIN_S = 3.0
+
+
+class CameraSource:
+    """Finds the face of one person in the pictures of a camera, in a process of its own.
+
+    Positions are those of the point between the eyes, in the camera's frame: x along the view, y left, z up. They state
+    their covariance: the direction is known well, the distance by the size of the face. Without anybody in view it
+    sends nothing.
+
+    Args:
+        address: A number or nothing for the first camera, a device, a video file, a stream's URL, or module:Class for a
+            camera of your own.
+        options: What to ask of it.
+        clock: The loop's clock.
+        say: Takes what is to be said of the camera, a line.
+
+    Raises:
+        SettingsError: If field of view and calibration are both given.
+    """
+
+    def __init__(
+        self, address: str, options: CameraOptions, clock: RealClock, say: Callable[[str], None] | None = None
+    ) -> None:
+        if options.calibration is not None and options.fov_deg is not None:
+            raise SettingsError("--camera.fov-deg and --camera.calibration: give one of them")
+        self._address, self._options, self._clock = address, options, clock
+        self._say = say or (lambda line: print(line, file=sys.stderr, flush=True))
+        self._process: SpawnProcess | None = None
+        self._messages: Connection | None = None
+        self._ended = False
+
+    def open(self) -> None:
+        """See `gazempc.live.sources.source.Source.open`; waits for the first picture."""
+        if self._process is not None:
+            return
+        context = multiprocessing.get_context("spawn")
+        self._messages, theirs = context.Pipe(duplex=False)
+        self._process = context.Process(
+            target=serve, args=(self._address, self._options, theirs), name="camera", daemon=True
+        )
+        self._process.start()
+        theirs.close()
+        self._ended = False
+        try:
+            self._wait_for_picture()
+        except BaseException:
+            self.close()
+            raise
+
+    def poll(self) -> Arrived:
+        """See `gazempc.live.sources.source.Source.poll`."""
+        sightings: list[Sighting] = []
+        problems: list[str] = []
+        now_s = self._clock.now_s()
+        while not self._ended and self._messages is not None and self._messages.poll():
+            message = self._next()
+            if isinstance(message, HeadObservation):
+                captured_s = self._clock.from_monotonic_s(message.capture_time_s)
+                sightings.append(Sighting(now_s, replace(message, capture_time_s=captured_s)))
+            elif isinstance(message, str):
+                problems.append(message)
+            elif isinstance(message, Failed) and message.why:
+                problems.append(message.why)
+        return Arrived(tuple(sightings), tuple(problems))
+
+    @property
+    def finished(self) -> bool:
+        """See `gazempc.live.sources.source.Source.finished`: True at the end of a file, or without its process."""
+        return self._ended
+
+    def close(self) -> None:
+        """See `gazempc.live.sources.source.Source.close`."""
+        process, messages = self._process, self._messages
+        self._process = self._messages = None
+        self._ended = True
+        if messages is not None:
+            messages.close()
+        if process is not None:
+            process.terminate()
+            process.join(_ENDS_WITHIN_S)
+            if process.is_alive():
+                process.kill()
+                process.join(_ENDS_WITHIN_S)
+
+    def _wait_for_picture(self) -> None:
+        until_s = time.monotonic() + _OPENS_WITHIN_S
+        while self._messages is not None and self._messages.poll(max(until_s - time.monotonic(), 0.0)):
+            message = self._next()
+            if isinstance(message, Opened):
+                self._say(f"source camera{':' if self._address else ''}{self._address}: {message.about}")
+                return
+            if isinstance(message, Failed):
+                raise SourceError(message.why or f"source camera:{self._address}: it has no picture")
+        raise SourceError(
+            f"source camera{':' if self._address else ''}{self._address}: no picture within {_OPENS_WITHIN_S:.0f} s; "
+            "is another program using it?"
+        )
+
+    def _next(self) -> Message:
+        assert self._messages is not None
+        try:
+            message: Message = self._messages.recv()
+        except (EOFError, OSError):
+            message = Failed("the process of the camera has gone")
+        if isinstance(message, Failed):
+            self._ended = True
+        return message

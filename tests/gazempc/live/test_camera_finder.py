@@ -1,0 +1,139 @@
+"""Who is who from picture to picture, with a detector that knows where the faces are."""
+
+import numpy as np
+import pytest
+
+from gazempc.live.sources.camera.blazeface import Face
+from gazempc.live.sources.camera.finder import FaceFinder, search_squares
+from gazempc.live.sources.camera.intrinsics import from_field_of_view
+from gazempc.live.sources.camera.sensor import FaceSensor
+
+FRAME_S = 1 / 15
+PICTURE = np.zeros((480, 640, 3), np.uint8)
+# Key points of a face of width 1 around the middle of its box: eyes, nose, mouth, ears.
+POINTS = np.array([[-0.19, -0.2], [0.19, -0.2], [0, 0.02], [0, 0.22], [-0.42, -0.07], [0.42, -0.07]])
+
+
+class Faces:
+    """Finds what a test puts into `here`: middle and width in pixels. It sees faces of a sixteenth of the square on."""
+
+    def __init__(self):
+        self.here = []
+        self.looks = 0
+
+    def faces(self, picture, corner_px, side_px, score_min):
+        self.looks += 1
+        found = []
+        for x, y, width in self.here:
+            inside = all(
+                low + width / 4 <= at <= low + side_px - width / 4 for at, low in zip((x, y), corner_px, strict=True)
+            )
+            if inside and side_px / 16 <= width <= side_px / 1.5 and score_min <= 0.8:
+                found.append(Face(np.array([x, y, width, width]), np.array([x, y]) + width * POINTS, 0.8))
+        return found
+
+
+@pytest.fixture
+def faces():
+    return Faces()
+
+
+@pytest.fixture
+def finder(faces):
+    return FaceFinder(faces)
+
+
+def names(found):
+    return [person.person_id for person in found]
+
+
+@pytest.mark.parametrize("size", [(640, 480), (1280, 720), (480, 640), (1920, 1080)])
+def test_each_place_of_a_picture_is_well_inside_a_square(size):
+    width, height = size
+    squares = search_squares(width, height)
+    side = squares[1][1]
+    for x in np.linspace(0, width - 1, 23):
+        for y in np.linspace(0, height - 1, 23):
+            room = [
+                min(x - left if left > 0 else side, left + side - x if left + side < width else side,
+                    y - top if top > 0 else side, top + side - y if top + side < height else side)
+                for (left, top), side in squares[1:]
+            ]  # fmt: skip
+            assert max(room) >= 0.2 * side
+    (left, top), whole = squares[0]
+    assert left <= 0 <= width <= left + whole
+    assert top <= 0 <= height <= top + whole
+
+
+@pytest.mark.parametrize("face", [(100, 100, 24), (500, 400, 40), (320, 240, 90), (320, 260, 300), (610, 450, 30)])
+def test_a_new_face_is_found_within_a_third_of_a_second(faces, finder, face):
+    faces.here = [face]
+    found = [finder.see(PICTURE, k * FRAME_S) for k in range(5)]
+    assert names(found[-1]) == ["1"]
+
+
+def test_a_person_keeps_the_name_while_walking_and_while_the_camera_turns(faces, finder):
+    for k in range(60):
+        faces.here = [(60 + 4 * k + (60 if k > 30 else 0), 200, 30)]
+        found = finder.see(PICTURE, k * FRAME_S)
+        if k > 5:
+            assert names(found) == ["1"]
+            assert found[0].face.box_px[:2] == pytest.approx(faces.here[0][:2])
+
+
+def test_two_people_who_pass_each_other_keep_their_names(faces, finder):
+    for k in range(60):
+        faces.here = [(100 + 6 * k, 200, 40), (500 - 6 * k, 260, 60)]
+        found = finder.see(PICTURE, k * FRAME_S)
+    left, right = sorted(found, key=lambda person: person.face.box_px[0])
+    first = {"1", "2"}
+    assert {left.person_id, right.person_id} == first
+    assert left.width_px == pytest.approx(60)
+
+
+def test_who_comes_back_soon_has_the_name_still_and_later_another(faces, finder):
+    def frames(count, start_s):
+        for k in range(count):
+            found = finder.see(PICTURE, start_s + k * FRAME_S)
+        return found
+
+    faces.here = [(300, 200, 40)]
+    assert names(frames(8, 0.0)) == ["1"]
+    faces.here = []
+    assert frames(8, 0.6) == []
+    faces.here = [(330, 200, 40)]
+    assert names(frames(3, 1.2)) == ["1"]
+    faces.here = []
+    frames(30, 2.0)
+    faces.here = [(330, 200, 40)]
+    assert names(frames(8, 5.0)) == ["2"]
+
+
+def test_a_picture_with_one_person_costs_three_looks(faces, finder):
+    faces.here = [(300, 200, 40)]
+    for k in range(10):
+        before = faces.looks
+        finder.see(PICTURE, k * FRAME_S)
+    assert faces.looks - before == 3
+
+
+def test_the_sensor_stays_with_one_person(faces):
+    sensor = FaceSensor(faces, from_field_of_view(60, 640, 480))
+
+    def seen(count, start_s):
+        return [sensor.see(PICTURE, start_s + k * FRAME_S) for k in range(count)][-1]
+
+    faces.here = [(200, 200, 40)]
+    assert seen(8, 0.0).person_id == "1"
+    faces.here = [(200, 200, 40), (450, 240, 80)]  # somebody nearer
+    assert seen(15, 1.0).person_id == "1"
+    faces.here = [(450, 240, 80)]
+    assert seen(3, 2.0) is None  # the first one may come back
+    assert seen(30, 2.2).person_id == "2"
+
+
+def test_of_two_the_sensor_takes_the_nearer(faces):
+    sensor = FaceSensor(faces, from_field_of_view(60, 640, 480))
+    faces.here = [(450, 240, 150), (460, 300, 30)]
+    observations = [sensor.see(PICTURE, k * FRAME_S) for k in range(8)]
+    assert np.linalg.norm(observations[-1].head_position_base_m) < 1.0
