@@ -45,6 +45,6 @@ if __name__ == "__main__":
         )
 
 # It prints:
-# MeanVelocity       forecast 122 mm off after 0.5 s, gaze 3.03 deg
-# constant_velocity  forecast 118 mm off after 0.5 s, gaze 2.65 deg
-# walker             forecast  58 mm off after 0.5 s, gaze 1.30 deg
+# MeanVelocity       forecast 122 mm off after 0.5 s, gaze 2.72 deg
+# constant_velocity  forecast 118 mm off after 0.5 s, gaze 2.60 deg
+# walker             forecast  58 mm off after 0.5 s, gaze 1.26 deg

@@ -65,7 +65,7 @@ def test_tables_and_known_effects(undisturbed):
     assert overall[1, 0]["n_clips"] == "2"
     # A wrong dead time costs error; a low-pass makes the gaze smoother.
     assert float(overall[0.5, 0]["gaze_error_rms_deg"]) > 1.3 * float(overall[1, 0]["gaze_error_rms_deg"])
-    assert float(overall[1, 0.1]["rms_acceleration_rad_s2"]) < 0.8 * float(overall[1, 0]["rms_acceleration_rad_s2"])
+    assert float(overall[1, 0.1]["rms_acceleration_rad_s2"]) < 0.9 * float(overall[1, 0]["rms_acceleration_rad_s2"])
     assert {p["point"] for p in summary["pareto"]["small"]} <= {0, 1, 2, 3}
 
 

@@ -96,7 +96,7 @@ def test_the_sensor_s_clock_jumps_and_comes_back(jump_s, event):
     assert result.events == {"no_observation_yet", event, "target_lost", "wrong_clock"}
     assert result.refused == {event: pytest.approx(45, abs=2)}
     assert result.event_s(event)[0] == pytest.approx(3.0, abs=0.05)
-    assert_recovered(result, 4.5 + 1.5)
+    assert_recovered(result, 4.5 + 1.9)
 
 
 def test_a_small_step_back_of_the_sensor_s_clock_is_out_of_order_until_it_is_made_up():
@@ -168,4 +168,4 @@ def test_a_source_that_raises_is_asked_again_and_the_neck_is_braked_if_it_lasts(
         now = result.joined("time_s")
         braked = result.joined("command_velocity_rad_s")[(now > 3.8) & (now < to_s)]
         assert np.abs(braked).max() < 1e-9
-    assert_recovered(result, to_s + 1.5, within_deg=1.0)
+    assert_recovered(result, to_s + 1.9, within_deg=1.0)
