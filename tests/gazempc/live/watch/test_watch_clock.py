@@ -53,7 +53,8 @@ WRONG = {
     "milliseconds from its own start": (1e3 * ARRIVALS_S, "milliseconds", "--stamps.clock other --stamps.unit ms"),
     "frame numbers": (np.arange(28.0), "frame numbers", "--stamps.clock arrival"),
     "simulated time": (20.0 + 0.3 * ARRIVALS_S, "advance by 0.3", "--stamps.clock arrival"),
-    "whole seconds": (np.floor(unix()), "whole seconds", "--stamps.clock arrival"),
+    # A whole second passes in the middle of them, whenever the test runs.
+    "whole seconds": (np.floor(unix(-(unix()[14] % 1.0))), "whole seconds", "--stamps.clock arrival"),
     "standing": (np.full(28, unix()[0]), "the same capture time", "--stamps.clock arrival"),
     "slow": (unix(-0.76), "0.80 s after capture", "--stamps.clock other"),
 }
