@@ -17,7 +17,7 @@ from gazempc.sim.sensing.view import seen_from_head
 from gazempc.sim.sensor import SensorSpec
 from gazempc.types import FloatArray, Sighting
 
-# Field of view and aspect of the Raspberry Pi HeadCamera Module 3 Wide, as on Reachy Mini: 102 by 67 degrees.
+# Field of view and aspect of the Raspberry Pi Camera Module 3 Wide, as on Reachy Mini: 102 by 67 degrees.
 HORIZONTAL_DEG, VERTICAL_DEG = 102.0, 67.0
 WIDTH_PX, HEIGHT_PX = 1280, 720
 # Of the box's edges: as the PTZ simulator of Frigate.
