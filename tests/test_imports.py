@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from collections import defaultdict
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -49,7 +50,12 @@ def source_files():
 
 
 FILES = source_files()
-TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
+
+@cache
+def trees():
+    """Each module's source as a tree; read in the tests, because every test process imports this file."""
+    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
 
 def imported_by(tree):
@@ -63,11 +69,14 @@ def imported_by(tree):
                 yield inner if inner in FILES else node.module
 
 
-IMPORTS = {name: set(imported_by(tree)) for name, tree in TREES.items()}
+@cache
+def imports_of_all():
+    """What of ours each module imports."""
+    return {name: set(imported_by(tree)) for name, tree in trees().items()}
 
 
-def relative_imports(trees):
-    return [name for name, tree in trees.items() for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.level]
+def relative_imports(parsed):
+    return [name for name, tree in parsed.items() for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.level]
 
 
 def circle_in(imports):
@@ -98,18 +107,21 @@ def part_of(name, package):
 
 
 def test_no_import_is_relative():
-    assert relative_imports(TREES) == []
+    assert relative_imports(trees()) == []
 
 
 def test_no_module_imports_itself_by_a_circle():
-    assert circle_in(IMPORTS) is None
+    assert circle_in(imports_of_all()) is None
 
 
 @pytest.mark.parametrize("importer", PACKAGES[:-1])
 def test_packages_point_one_way(importer):
     later = PACKAGES[PACKAGES.index(importer) + 1 :]
     wrong = [
-        f"{n} -> {o}" for n, found in IMPORTS.items() for o in found if n.startswith(importer) and o.startswith(later)
+        f"{n} -> {o}"
+        for n, found in imports_of_all().items()
+        for o in found
+        if n.startswith(importer) and o.startswith(later)
     ]
     assert wrong == []
 
@@ -118,7 +130,7 @@ def test_packages_point_one_way(importer):
 def test_inside_a_package_nobody_imports_a_later_part(package, order):
     listed = {part for line in order for part in line}
     assert {part_of(name, package) for name in FILES} - {None} == listed
-    assert imports_back_up(package, order, IMPORTS) == []
+    assert imports_back_up(package, order, imports_of_all()) == []
 
 
 def test_the_checks_of_this_module_notice_what_they_are_for():
@@ -133,7 +145,7 @@ def test_the_checks_of_this_module_notice_what_they_are_for():
 def test_no_two_classes_share_a_name():
     """One word, one meaning."""
     places = defaultdict(list)
-    for name, tree in TREES.items():
+    for name, tree in trees().items():
         for node in tree.body:
             if isinstance(node, ast.ClassDef):
                 places[node.name].append(name)

@@ -24,8 +24,8 @@ class Tiny:
 
     Attributes:
         number: What is squared.
-        does: ``square``, ``array``, ``sleep`` (until it is killed), ``leave out``, ``fail``, ``bug``, ``die``, or
-            ``die once`` (the first of all that write to the log).
+        does: ``square``, ``array``, ``sleep`` (until it is killed or a file says that all is over),
+            ``leave out``, ``fail``, ``bug``, ``die``, or ``die once`` (the first of all that write to the log).
         log: File that gets a line for each job done.
     """
 
@@ -47,7 +47,9 @@ class Tiny:
         if self.does == "die" or (self.does == "die once" and first):
             os.kill(os.getpid(), signal.SIGKILL)
         if self.does == "sleep":
-            time.sleep(60)
+            until_s = time.monotonic() + 60.0
+            while time.monotonic() < until_s and not Path(f"{self.log}.over").exists():
+                time.sleep(0.02)
         elif self.does == "leave out":
             raise LeftOutError("too near")
         elif self.does == "fail":

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from builders.in_process import workers_in_this_process
 from tiny_jobs import Tiny
 
 from experiments.engine.cache import Cache, read_result, result_file
@@ -56,11 +57,11 @@ def test_a_damaged_file_is_noticed_named_and_put_away(damage, tmp_path, capsys):
 
 
 def test_a_job_whose_result_is_damaged_is_done_again(tmp_path, capfd):
-    with Engine(tmp_path, jobs=1) as engine:
+    with workers_in_this_process(), Engine(tmp_path, jobs=1) as engine:
         engine.run([Tiny(1), Tiny(2)])
         path = result_file(tmp_path, Tiny(1).key())
         path.write_text("{")
-    with Engine(tmp_path, jobs=1) as engine:
+    with workers_in_this_process(), Engine(tmp_path, jobs=1) as engine:
         assert [row["square"] for row in engine.run([Tiny(1), Tiny(2)])] == [1, 4]
         assert [row["square"] for row in engine.fresh] == [1]
     assert str(path) in capfd.readouterr().err

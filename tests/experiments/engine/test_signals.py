@@ -49,8 +49,11 @@ def alive(pid):
         return False
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("to", [os.kill, os.killpg], ids=["command", "all processes of the terminal"])
+@pytest.mark.parametrize(
+    ("sent", "to"),
+    [(signal.SIGINT, os.killpg), (signal.SIGTERM, os.kill)],
+    ids=["Ctrl-C, to all processes of the terminal", "SIGTERM, to the command"],
+)
 def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, tmp_path):
     with working(tmp_path) as (process, workers):
         assert len(workers) == 2
@@ -96,6 +99,8 @@ def test_a_command_that_hangs_after_a_signal_is_ended():
         "            time.sleep(60)\n"
         "        except BaseException:\n"
         "            pass\n"
+        "from experiments.engine import signals\n"
+        "signals._GRACE_S = 0.2\n"
         "run_command('stubborn', stubborn)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:

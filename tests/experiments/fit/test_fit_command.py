@@ -36,7 +36,10 @@ def finished(tmp_path_factory, in_this_process):
     folder = tmp_path_factory.mktemp("finished")
     words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
     said = io.StringIO()
-    with redirect_stdout(said):
+    with redirect_stdout(said), pytest.MonkeyPatch.context() as patch:
+        # How well the spread is fitted is tested elsewhere; here, two tails on some rows will do.
+        patch.setattr("experiments.fit.spread._ENOUGH_ROWS", 300)
+        patch.setattr("experiments.fit.spread._DEGREES_OF_FREEDOM", (5.0, 8.0))
         assert main([*words, "--jobs", "1", "--out", str(folder)]) == 0
     assert "--walker.fitted" in said.getvalue()
     return folder

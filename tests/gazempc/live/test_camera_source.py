@@ -41,7 +41,7 @@ class Portrait:
 
     def read(self):
         self.count += 1
-        if self.count > 30:
+        if self.count > 20:
             return None
         captured_s = time.monotonic()
         time.sleep(0.05)
@@ -114,7 +114,7 @@ def test_a_camera_of_ones_own_is_seen_at_its_time_of_capture(opened):
     source, lines = opened("portrait_camera:Portrait", fov_deg=50, latency_ms=400)
     sightings, problems = until_finished(source)
     assert problems == []
-    assert len(sightings) > 15
+    assert len(sightings) > 10
     captured_s = np.array([s.observation.capture_time_s for s in sightings])
     assert np.all(np.diff(captured_s) > 0.04)
     # 50 ms until it is there, 400 ms that the option says, some for the search: it takes 30 ms where nothing else runs.

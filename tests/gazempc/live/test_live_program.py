@@ -88,9 +88,10 @@ def check_output(out, said):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", ["end of the source", "SIGTERM", "SIGINT, then SIGTERM"])
+@pytest.mark.parametrize("how", ["end of the source", "SIGTERM, then SIGINT"])
 def test_a_run_from_standard_input(how, tmp_path):
     """Fed for a while in real time, then ended: the neck at rest, everything written, exit status 0."""
+    # Metrics are of logs longer than a second.
     seconds = 1.2 if how == "end of the source" else 0.6
     with Program("--source", "stdin", "--robot", "simulated", "--out", tmp_path) as program:
         program.until_it_runs()
@@ -151,7 +152,7 @@ def test_a_wrong_clock_and_unit_are_said_while_it_runs_and_the_options_that_it_n
 
     with Program(*options, *mends, "--out", tmp_path / "mended") as program:
         program.until_it_runs()
-        program.walk(1.1, stamp=stamp, unit_m=0.001)
+        program.walk(0.5, stamp=stamp, unit_m=0.001)
         _, complained = program.end()
     assert complained == ""
     mended = strict(tmp_path / "mended" / "summary.json")

@@ -116,7 +116,7 @@ def test_connect_says_why_there_are_no_joint_states(scene):
 
 
 def test_connect_names_a_joint_that_the_robot_does_not_have(scene):
-    robot = scene.neck(joint_names=("pan", "tlit"), connect_timeout_s=2.0)
+    robot = scene.neck(joint_names=("pan", "tlit"), connect_timeout_s=1.0)
     with (
         zenoh_listener(scene.states, GOOD),
         pytest.raises(

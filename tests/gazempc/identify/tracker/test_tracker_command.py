@@ -143,7 +143,7 @@ def test_a_tracker_that_stands_on_one_position_is_refused(tmp_path, capsys):
 
 
 def test_a_sensor_file_comes_back_from_what_it_sees(tmp_path):
-    times_s = np.arange(0.0, 40.0, 1.0 / 30.0)
+    times_s = np.arange(0.0, 20.0, 1.0 / 30.0)
     standing_m = person_m(np.random.default_rng(2), times_s)
     recording = recording_from_arrays("standing", times_s, standing_m, in_base_frame=True)
     seen = [sighting.observation for sighting in observe(recording, load_sensor("face_camera"), seed=1)]

@@ -7,7 +7,8 @@ from gazempc.identify.tracker.measure import measure_tracker
 from gazempc.identify.tracker.read import read_track
 
 # Measured by other means on recordings of the same tracker: range 1 to 6 %, bearing 0.04 to 0.1 deg.
-BAGS = ("1p_AA_dis_1", "1p_FV_eng_1", "1p_GA_dis_1", "2p_AA_FV_eng_1")
+# One of one person and one of two: each takes seconds.
+BAGS = ("1p_FV_eng_1", "2p_AA_FV_eng_1")
 
 
 @pytest.mark.parametrize("name", BAGS)

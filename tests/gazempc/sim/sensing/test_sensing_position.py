@@ -11,7 +11,7 @@ from gazempc.sim.sensor import observe
 ALONG = HEAD_M / np.linalg.norm(HEAD_M)
 LEFT = np.array([-ALONG[1], ALONG[0], 0.0])
 RANGE_M = float(np.linalg.norm(HEAD_M))
-LONG = standing(1800.0)  # 54,000 frames: an s.d. of coloured noise is known to some per cent
+LONG = standing(900.0)  # 27,000 frames: an s.d. of coloured noise is known to some per cent
 
 
 def on_sight(errors):
@@ -55,7 +55,7 @@ def test_metres_and_shares_of_one_error_add_in_variance():
 
 def test_wander_does_not_depend_on_the_rate_at_which_it_is_looked_at():
     """Exact for any spacing: the same correlation at the same lag in seconds."""
-    slow = standing(3600.0, rate_hz=5.0)
+    slow = standing(1800.0, rate_hz=5.0)
     for axis in position_errors(slow, position_wander_m=0.025, position_wander_time_s=0.4).T:
         assert axis.std() == pytest.approx(0.025, rel=0.06)
         assert correlation(axis, 2) == pytest.approx(np.exp(-1.0), abs=0.04)
@@ -71,7 +71,7 @@ def test_jumps_have_their_share_of_time_their_sizes_and_one_offset_each():
     assert 0.05 <= size[inside].min() < 0.055
     assert 0.115 < size[inside].max() <= 0.12
     values, lengths = np.unique(errors[inside], axis=0, return_counts=True)
-    assert len(values) == pytest.approx(1800 / 2.0, rel=0.1)
+    assert len(values) == pytest.approx(900 / 2.0, rel=0.1)
     assert lengths.min() >= 3
     assert lengths.max() <= 16
     # As many to each side of the three axes.
