@@ -387,7 +387,7 @@ def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make, mon
     began_s = time.monotonic()
     neck.close()
     assert time.monotonic() - began_s < 10.0
-    assert no_threads_left()
+    assert until(no_threads_left, "threads end")
 
 
 @pytest.mark.parametrize(
