@@ -15,7 +15,7 @@ import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.results.log import Log
-from gazempc.results.mcap_read import ATTACHMENT, NEEDS_VIEW
+from gazempc.results.mcap_read import ATTACHMENT, NEEDS_VIEW, nanoseconds
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.tables import log_tables
 
@@ -137,11 +137,6 @@ def _write_events(log: Log, context: foxglove.Context) -> None:
             timestamp=stamp(time_s), level=LogLevel.Warning, message=texts.get(event, event), name="gazempc"
         )
         channel.log(message, log_time=nanoseconds(time_s))
-
-
-def nanoseconds(time_s: float) -> int:
-    """A time as MCAP has it: whole nanoseconds, none before zero."""
-    return max(0, round(1e9 * time_s))
 
 
 def _known(value: Any) -> Any:

@@ -34,6 +34,11 @@ def has_log(path: Path) -> bool:
         return False
 
 
+def nanoseconds(time_s: float) -> int:
+    """A time as MCAP files have it: whole nanoseconds, none before zero."""
+    return max(0, round(1e9 * time_s))
+
+
 def attached_log(path: Path) -> BinaryIO:
     """The log in an MCAP file, as it was saved.
 

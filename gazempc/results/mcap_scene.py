@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry
+from gazempc.results.mcap_read import nanoseconds
 from gazempc.types import FloatArray
 
 BASE = "base"
@@ -40,8 +41,8 @@ _GAZE = Color(r=0.84, g=0.37, b=0.0, a=1.0)
 
 def stamp(time_s: float) -> Timestamp:
     """A time as messages have it; none before zero."""
-    nanoseconds = max(0, round(1e9 * time_s))
-    return Timestamp(sec=nanoseconds // 10**9, nsec=nanoseconds % 10**9)
+    seconds, rest = divmod(nanoseconds(time_s), 10**9)
+    return Timestamp(sec=seconds, nsec=rest)
 
 
 def transforms(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> FrameTransforms:

@@ -58,9 +58,9 @@ class Replayed(NamedTuple):
 
 @contextmanager
 def _without_collection() -> Iterator[None]:
-    """No search for garbage while a log grows: it would take a tenth of the CPU time, and there are no cycles.
+    """Pause the garbage collector during a replay. It would take a tenth of the CPU time and find nothing.
 
-    It goes on when all that grew is gone: each search goes through everything made since the last one.
+    It resumes after the replay's objects are gone, because its first run visits all objects made meanwhile.
     """
     enabled = gc.isenabled()
     gc.disable()
