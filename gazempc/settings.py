@@ -152,6 +152,9 @@ class LookAheadSettings(Settings):
     smoothing_time_s: float = Field(
         default=0.1, ge=0, le=1, description="Time constant of a low-pass on the command, made up for; 0 for none"
     )
+    head_smoothing_time_s: float = Field(
+        default=0.6, ge=0, le=2, description="The same for the head of a neck with eyes"
+    )
 
 
 class MpcSettings(Settings):
@@ -164,8 +167,8 @@ class MpcSettings(Settings):
     acquisition_time_s: float = Field(
         default=0.09, gt=0, le=1, description="The same on the way to somebody far off the gaze"
     )
-    lead_s: float = Field(
-        default=0.01, ge=0, le=0.2, description="Aims so much later, as forecasts of real people lag behind them"
+    head_smoothing_time_s: float = Field(
+        default=0.35, gt=0, le=1, description="smoothing_time_s for the head of a neck with eyes"
     )
 
 

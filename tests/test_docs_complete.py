@@ -94,7 +94,7 @@ DESCRIBED = {
 def test_what_exists_is_described(name):
     described = set(re.findall(r"`\[?([^`\n]+?)\]?`", page(name)))
     if name == "necks":
-        described |= {"pan", "tilt", "geometry"}
+        described |= {"pan", "tilt", "geometry", "eyes", "body"}
         assert "`[pan]` and `[tilt]`" in page(name)
     assert set(DESCRIBED[name]) - described == set()
 

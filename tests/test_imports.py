@@ -31,7 +31,7 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("clips", "colours"),
+    ("clips", "colours", "eyes"),
     ("engine", "aggregate"),
     ("compare_figures", "compare_report", "least_error", "margins"),
     ("compare", "bound", "fronts", "sweep", "forecast", "fit", "rivals", "paper", "plan_example", "sensor_example"),

@@ -29,13 +29,14 @@ class SolverFailed(ControllerError):  # noqa: N818  (named as its event)
     event = "solver_failed"
 
 
+_FEWEST_JOINTS = 2  # pan and tilt
 # One joint's command at one instant: position, velocity and acceleration, in radians and seconds.
 AxisMotion = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class CommandState:
-    """Motion of the command at one instant; arrays of shape (2,), pan and tilt.
+    """Motion of the command at one instant; arrays of shape (N,), one number a joint of the neck.
 
     Attributes:
         position_rad: Commanded angles, radians.
@@ -56,11 +57,11 @@ class Situation:
         start_s: Time at which the first command of the plan will be sent, seconds.
         forecast: Forecast for the times that the controller asked for.
         command: The last command before the plan starts, sent one servo period before `start_s`.
-        joint_position_rad: Joint angles now, as the observer estimates them, shape (2,), radians.
-        joint_velocity_rad_s: Joint velocities now, shape (2,), rad/s.
-        joint_offset_rad: How far from a command that stands still the joints settle, shape (2,), radians.
-        sent_rad: Commands sent before now, one a servo period, oldest first, shape (M, 2), radians.
-        committed_rad: Commands that will be sent from now until the plan starts, shape (n, 2), radians.
+        joint_position_rad: Joint angles now, as the observer estimates them, shape (N,), radians.
+        joint_velocity_rad_s: Joint velocities now, shape (N,), rad/s.
+        joint_offset_rad: How far from a command that stands still the joints settle, shape (N,), radians.
+        sent_rad: Commands sent before now, one a servo period, oldest first, shape (M, N), radians.
+        committed_rad: Commands that will be sent from now until the plan starts, shape (n, N), radians.
     """
 
     start_s: float
@@ -80,9 +81,9 @@ class Plan:
     Attributes:
         start_s: Time of the first knot, seconds.
         step_s: Time between knots, seconds.
-        position_rad: Commanded angles at the knots, shape (K, 2), radians.
-        velocity_rad_s: Shape (K, 2), rad/s.
-        acceleration_rad_s2: Shape (K, 2), rad/s^2.
+        position_rad: Commanded angles at the knots, shape (K, N), radians.
+        velocity_rad_s: Shape (K, N), rad/s.
+        acceleration_rad_s2: Shape (K, N), rad/s^2.
         events: What was out of the ordinary when it was made, for the log.
 
     Raises:
@@ -98,8 +99,8 @@ class Plan:
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position_rad)
-        if len(shape) != 2 or shape[1] != 2 or not shape[0]:
-            raise ValueError(f"a plan needs positions of shape (K, 2), got {shape}")
+        if len(shape) != 2 or shape[1] < _FEWEST_JOINTS or not shape[0]:
+            raise ValueError(f"a plan needs positions of shape (K, N) with N joints, 2 or more, got {shape}")
         if {np.shape(self.velocity_rad_s), np.shape(self.acceleration_rad_s2)} != {shape}:
             raise ValueError("positions, velocities and accelerations of a plan differ in shape")
         if not (math.isfinite(self.start_s) and self.step_s > 0):
@@ -133,14 +134,14 @@ class Plan:
         position_rad, velocity_rad_s, acceleration_rad_s2 = zip(*self.motions_at(time_s), strict=True)
         return CommandState(np.array(position_rad), np.array(velocity_rad_s), np.array(acceleration_rad_s2))
 
-    def motions_at(self, time_s: float) -> tuple[AxisMotion, AxisMotion]:
+    def motions_at(self, time_s: float) -> tuple[AxisMotion, ...]:
         """The same in plain numbers, which is quicker for whoever asks at every tick.
 
         Args:
             time_s: See `at`.
 
         Returns:
-            The motions of pan and of tilt.
+            The motions of the N joints.
         """
         last = len(self.position_rad) - 1
         # A nanosecond early is on the knot; floor would put it in the interval before.
@@ -148,16 +149,12 @@ class Plan:
         step_s = self.step_s
         k = min(int(since_s / step_s + 1e-6), last)
         tau = since_s - k * step_s if k else since_s  # a single knot may last for ever
-        pan_rad, tilt_rad = self.position_rad[k].tolist()
-        pan_rad_s, tilt_rad_s = self.velocity_rad_s[k].tolist()
+        rows = zip(self.position_rad[k].tolist(), self.velocity_rad_s[k].tolist(), strict=True)
         if k == last:
-            return (pan_rad + tau * pan_rad_s, pan_rad_s, 0.0), (tilt_rad + tau * tilt_rad_s, tilt_rad_s, 0.0)
-        pan_rad_s2, tilt_rad_s2 = self.acceleration_rad_s2[k].tolist()
-        pan_next_rad_s2, tilt_next_rad_s2 = self.acceleration_rad_s2[k + 1].tolist()
-        return (
-            _moved_on(tau, pan_rad, pan_rad_s, pan_rad_s2, (pan_next_rad_s2 - pan_rad_s2) / step_s),
-            _moved_on(tau, tilt_rad, tilt_rad_s, tilt_rad_s2, (tilt_next_rad_s2 - tilt_rad_s2) / step_s),
-        )
+            return tuple([(p + tau * v, v, 0.0) for p, v in rows])
+        now, later = self.acceleration_rad_s2[k].tolist(), self.acceleration_rad_s2[k + 1].tolist()
+        each = zip(rows, now, later, strict=True)
+        return tuple([_moved_on(tau, p, v, a, (a_next - a) / step_s) for (p, v), a, a_next in each])
 
 
 def _moved_on(tau: float, p: float, v: float, a: float, jerk: float) -> AxisMotion:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from gazempc.controllers.chain import Chain, slopes
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.neck.kinematics import look_at_rad, unwrap_pan
 from gazempc.neck.spec import NeckSpec
@@ -13,65 +14,100 @@ from gazempc.types import FloatArray
 
 # The plan reaches this far so that there is something to follow while the next one is late.
 _PLAN_S = 0.4
+# A command farther behind the demanded angle than this is on its way to somebody, and is not smoothed. It is twice the
+# eye contact of 2.6 deg: nearer, the gaze is all but on them, and what is left is noise of the forecast.
+_ON_ITS_WAY_RAD = math.radians(5.0)
+# The head stays so near the demanded angle that the eyes need no more than this share of their range.
+_EYES_SHARE = 0.4
 
 
 class LookAhead:
     """Commands the low-passed look-at angles of the forecast for the time at which the command will show.
 
     The low-pass makes up for its own delay: the forecast is asked for as much later. Somebody who turns the gaze
-    steadily is followed without lag, whatever the time constant.
+    steadily is followed without lag, whatever the time constant. An axis whose command is far behind the demanded
+    angle goes there without the low-pass, which would make a limited command overshoot. Once it is near, the low-pass
+    starts again from the present command.
+
+    With eyes this is a cascade. The head is smoothed more, as the eyes look where it does not point yet. The eyes are
+    sent what the head will leave over (`gazempc.controllers.eyes`).
 
     Args:
-        neck: The neck; its dead time and servo lag (2 zeta / wn) say how far to look ahead on each axis.
+        neck: The neck; its dead time, servo lag (2 zeta / wn) and servo period say how far to look ahead on each axis.
         smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: smoother, and slower to
             follow what was not forecast. 0 for none.
+        head_smoothing_time_s: The same for the head of a neck with eyes.
 
     Attributes:
         neck: The neck.
     """
 
-    def __init__(self, neck: NeckSpec, smoothing_time_s: float = 0.1) -> None:
+    def __init__(self, neck: NeckSpec, smoothing_time_s: float = 0.1, head_smoothing_time_s: float = 0.6) -> None:
         self.neck = neck
-        self._knots_s = neck.control_period_s * np.arange(round(_PLAN_S / neck.control_period_s) + 1)
-        self._keep = math.exp(-neck.control_period_s / smoothing_time_s) if smoothing_time_s > 0 else 0.0
-        self._ahead_s = neck.dead_time_s + neck.servo_lag_s + smoothing_time_s
+        knots = round(_PLAN_S / neck.control_period_s) + 1
+        self._knots_s: FloatArray = neck.control_period_s * np.arange(knots, dtype=np.float64)
+        time_constant_s = smoothing_time_s if neck.eyes is None else head_smoothing_time_s
+        self._keep = math.exp(-neck.control_period_s / time_constant_s) if time_constant_s > 0 else 0.0
+        # A command is held for a servo period, so on average it is half of that late.
+        ahead_s = (neck.dead_time_s + neck.servo_lag_s)[:2] + 0.5 * neck.servo_period_s
+        # By so much the low-pass, a step a control period, trails a steady motion: a little less than its constant.
+        trails_s = neck.control_period_s * self._keep / (1.0 - self._keep)
+        # Of each axis what is demanded, and what the low-pass is given.
+        self._ahead_s = np.concatenate([ahead_s, ahead_s + trails_s])
         # The low-pass over the knots: what each counts in each later one, and what is kept of where it stood.
         age = np.subtract.outer(np.arange(self._knots_s.size), np.arange(self._knots_s.size))
         self._weights: FloatArray = (1.0 - self._keep) * np.tril(self._keep ** np.maximum(age, 0))
         self._kept: FloatArray = self._keep ** np.arange(1.0, self._knots_s.size + 1.0)
+        self._chain = Chain(neck, self._knots_s)
+        self._eyes_reach_rad: FloatArray | None = None
+        if neck.eyes is not None:
+            ranges = [min(-axis.position_min_deg, axis.position_max_deg) for axis in (neck.eyes.pan, neck.eyes.tilt)]
+            self._eyes_reach_rad = _EYES_SHARE * np.deg2rad(ranges)
         self.reset()
 
     def reset(self) -> None:
-        """Forget where the low-pass stands."""
-        self._smoothed_rad: FloatArray | None = None
+        """Forget where the low-pass stands, which is NaN where it has not begun."""
+        self._smoothed_rad: FloatArray = np.full(2, np.nan)
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
-        """The knots' times ahead by each axis's delay, pan first, then tilt, shape (2 K,)."""
-        return np.concatenate([start_s + ahead_s + self._knots_s for ahead_s in self._ahead_s])
+        """The knots' times, ahead by the delays of pan and of tilt; then later by the low-pass's delay; shape (4 K,).
+
+        The eyes' times follow, see `Chain.eye_times_s`.
+        """
+        times_s = [start_s + ahead_s + self._knots_s for ahead_s in self._ahead_s]
+        return np.concatenate([*times_s, self._chain.eye_times_s(start_s)])
 
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
+        means_base_m, limits = situation.forecast.means_base_m, self.neck.command_limits
+        count = 4 * self._knots_s.size
         angles = unwrap_pan(
-            look_at_rad(self.neck.geometry, situation.forecast.means_base_m),
-            float(situation.command.position_rad[0]),
-            float(self.neck.command_limits.position_min_rad[0]),
-            float(self.neck.command_limits.position_max_rad[0]),
-        )
-        knots = self._knots_s.size
-        wanted = np.stack([angles[:knots, 0], angles[knots:, 1]], axis=-1)
-        position = self.neck.command_limits.clip_position(self._low_pass(wanted, situation.command.position_rad))
-        # Central differences, as of numpy.gradient, which takes several times as long.
-        velocity = np.empty_like(position)
-        velocity[1:-1] = (position[2:] - position[:-2]) / (2.0 * self.neck.control_period_s)
-        velocity[0] = (position[1] - position[0]) / self.neck.control_period_s
-        velocity[-1] = (position[-1] - position[-2]) / self.neck.control_period_s
+            look_at_rad(self.neck.geometry, means_base_m[:count]),
+            self._chain.pan_command_rad(situation.command.position_rad),
+            *self._chain.reach_rad,
+        ).reshape(2, 2, -1, 2)
+        body = None
+        if self._chain.body is not None:
+            body = self._chain.body.commands_rad(situation, angles[0, 0, :, 0])
+            for each, ahead_s in zip(angles[:, 0], self._ahead_s[::2], strict=True):
+                each[:, 0] -= self._chain.body.angles_rad(situation, body, ahead_s + self._knots_s)
+        angles = np.clip(angles, limits.position_min_rad[:2], limits.position_max_rad[:2])
+        demanded, later = (np.stack([each[0, :, 0], each[1, :, 1]], axis=-1) for each in angles)
+        head = self._low_pass(demanded, later, situation.command.position_rad[:2])
+        position = self._chain.with_eyes(situation, means_base_m[count:], head, body)
+        velocity = slopes(position, self.neck.control_period_s)
         return Plan(situation.start_s, self.neck.control_period_s, position, velocity, np.zeros_like(position))
 
-    def _low_pass(self, wanted_rad: FloatArray, command_rad: FloatArray) -> FloatArray:
+    def _low_pass(self, demanded_rad: FloatArray, later_rad: FloatArray, command_rad: FloatArray) -> FloatArray:
         if self._keep == 0.0:
-            return wanted_rad
+            return demanded_rad
         # It starts where the command stands, and goes on from the first knot of the last plan.
-        now = command_rad if self._smoothed_rad is None else self._smoothed_rad
-        smoothed: FloatArray = self._weights @ wanted_rad + np.outer(self._kept, now)
-        self._smoothed_rad = smoothed[0]
-        return smoothed
+        now = np.where(np.isnan(self._smoothed_rad), command_rad, self._smoothed_rad)
+        smoothed = self._weights @ later_rad + np.outer(self._kept, now)
+        if self._eyes_reach_rad is not None:
+            near = np.clip(smoothed, demanded_rad - self._eyes_reach_rad, demanded_rad + self._eyes_reach_rad)
+            self._smoothed_rad = near[0]
+            return near
+        on_its_way = np.abs(demanded_rad[0] - command_rad) > _ON_ITS_WAY_RAD
+        self._smoothed_rad = np.where(on_its_way, np.nan, smoothed[0])
+        return np.where(on_its_way, demanded_rad, smoothed)

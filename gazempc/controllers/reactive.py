@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from gazempc.controllers.chain import Chain
 from gazempc.controllers.controller import Plan, Situation
-from gazempc.neck.kinematics import look_at_rad, unwrap_pan
+from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad, look_at_rad, unwrap_pan
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -16,6 +17,8 @@ _HOLD_S = 1.0
 class Reactive:
     """Commands the look-at angles of the latest filtered head position and holds them until the next.
 
+    A body turns to the person, and head and eyes cancel what is measured of the slower joints.
+
     Args:
         neck: The neck.
 
@@ -25,6 +28,7 @@ class Reactive:
 
     def __init__(self, neck: NeckSpec) -> None:
         self.neck = neck
+        self._chain = Chain(neck, np.zeros(1))
 
     def reset(self) -> None:
         """Nothing to forget."""
@@ -35,13 +39,20 @@ class Reactive:
 
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
-        angles = look_at_rad(self.neck.geometry, situation.forecast.means_base_m)
-        limits = self.neck.command_limits
+        neck, command_rad = self.neck, situation.command.position_rad
+        limits = neck.command_limits
         angles = unwrap_pan(
-            angles,
-            float(situation.command.position_rad[0]),
-            float(limits.position_min_rad[0]),
-            float(limits.position_max_rad[0]),
-        )
-        hold = np.zeros((1, 2))
-        return Plan(situation.start_s, _HOLD_S, limits.clip_position(angles[:1]), hold, hold.copy())
+            look_at_rad(neck.geometry, situation.forecast.means_base_m),
+            self._chain.pan_command_rad(command_rad),
+            *self._chain.reach_rad,
+        )[:1]
+        wanted = np.zeros((1, neck.joints))
+        wanted[:, :2] = angles
+        if neck.body is not None:
+            wanted[:, -1] = np.clip(angles[:, 0], limits.position_min_rad[-1], limits.position_max_rad[-1])
+            wanted[:, 0] -= situation.joint_position_rad[-1]
+        if neck.eyes is not None:
+            head_rad = head_angles_rad(situation.joint_position_rad)
+            wanted[:, 2:4] = eye_angles_rad(neck.geometry, head_rad, situation.forecast.means_base_m[:1])
+        hold = np.zeros_like(wanted)
+        return Plan(situation.start_s, _HOLD_S, limits.clip_position(wanted), hold, hold.copy())

@@ -161,6 +161,7 @@ def _run(settings: IdentifySettings) -> None:
             )
         neck = load_neck(settings.neck or "reference")
         neck.check_takes_angles("identification")
+        neck.check_pan_and_tilt("identification")
         taken = _excite(settings, neck, progress)
         # Kept even where the data cannot tell, to look at.
         taken.save(settings.out.with_suffix(".npz"))

@@ -62,6 +62,8 @@ def make_robot(
     if is_own(choice):
         own: Robot = make(ROBOT, choice, given, options_for(ROBOT, choice, options.own))
         return own
+    if choice != "simulated":
+        neck.check_pan_and_tilt(f"robot {choice}")
     if choice in type(options).model_fields:
         given["options"] = getattr(options, choice)
     if choice == "ros2":

@@ -102,8 +102,6 @@ def make_controller(
         return check_controller(own, neck)
     name = "mpc" if choice == "perfect" else choice
     values = getattr(settings, name).model_dump() if hasattr(settings, name) else {}
-    if choice == "perfect":
-        values["lead_s"] = 0.0  # the true future lags behind nobody
     controller: Controller = make(CONTROLLER, choice, {"neck": neck, **values}, {})
     return controller
 

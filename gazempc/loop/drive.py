@@ -51,7 +51,7 @@ class Drive:
 
     Args:
         neck: The neck; an axis with ``command = "position"`` is sent the angle itself.
-        position_rad: Where the command starts, at rest, shape (2,), radians.
+        position_rad: Where the command starts, at rest, shape (N,), radians.
     """
 
     def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
@@ -62,15 +62,15 @@ class Drive:
         self._speeds = neck.takes_speeds
         self._takes_angle = np.array([axis is None for axis in self._axes])
 
-    def outgoing(self, motions: tuple[AxisMotion, AxisMotion], offset_rad: FloatArray) -> FloatArray:
+    def outgoing(self, motions: tuple[AxisMotion, ...], offset_rad: FloatArray) -> FloatArray:
         """What to send.
 
         Args:
-            motions: The command's motions, of pan and of tilt.
-            offset_rad: How far the joints are from what was sent, see `JointEstimate`, shape (2,), radians.
+            motions: The command's motions, one a joint.
+            offset_rad: How far the joints are from what was sent, see `JointEstimate`, shape (N,), radians.
 
         Returns:
-            Angles or speeds, shape (2,), radians or rad/s.
+            Angles or speeds, shape (N,), radians or rad/s.
         """
         pairs = zip(self._axes, motions, offset_rad.tolist(), strict=True)
         return np.array([motion[0] if axis is None else axis.outgoing(motion, off) for axis, motion, off in pairs])
@@ -79,11 +79,11 @@ class Drive:
         """Take note of what the robot goes by for one servo period.
 
         Args:
-            command: As the robot says it, shape (2,), radians or rad/s.
+            command: As the robot says it, shape (N,), radians or rad/s.
             got_through: False where it is what was sent before, as this period's command was lost.
 
         Returns:
-            The angles that it leads to, without the offset, shape (2,), radians: the command of a joint that takes
+            The angles that it leads to, without the offset, shape (N,), radians: the command of a joint that takes
             angles and moves the same.
         """
         if not self._speeds:
@@ -95,11 +95,11 @@ class Drive:
         """Where a motion can start anew after commands were lost.
 
         Args:
-            angles_rad: What the last command led to, shape (2,), radians.
+            angles_rad: What the last command led to, shape (N,), radians.
             offset_rad: As in `outgoing`.
 
         Returns:
-            Angles, shape (2,), radians.
+            Angles, shape (N,), radians.
         """
         triples = zip(self._axes, angles_rad.tolist(), offset_rad.tolist(), strict=True)
         return np.array([angle if axis is None else axis.restart(off) for axis, angle, off in triples])
@@ -110,11 +110,11 @@ class Drive:
         The offset of a joint that takes speeds is made up for here already; its commands count from where it is.
 
         Args:
-            sent_rad: What was sent, as `sent` gives it, shape (M, 2), radians.
+            sent_rad: What was sent, as `sent` gives it, shape (M, N), radians.
             offset_rad: As in `outgoing`.
 
         Returns:
-            Both, shapes (M, 2) and (2,), radians; copies.
+            Both, shapes (M, N) and (N,), radians; copies.
         """
         if not self._speeds:
             return sent_rad.copy(), offset_rad

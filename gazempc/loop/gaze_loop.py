@@ -85,7 +85,7 @@ class GazeLoop:
         self._plan: Plan | None = None
         self._waiting: deque[tuple[int, Plan, float]] = deque()
         self._asked_capture_s = -math.inf
-        self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, 2)), np.zeros((1, 2)))
+        self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, neck.joints)), np.zeros((1, neck.joints)))
 
     @property
     def joints(self) -> JointEstimate | None:
@@ -171,8 +171,8 @@ class GazeLoop:
             forecast=forecast,
             command=command,
             joint_position_rad=command.position_rad,
-            joint_velocity_rad_s=np.zeros(2),
-            joint_offset_rad=np.zeros(2),
+            joint_velocity_rad_s=np.zeros(self._neck.joints),
+            joint_offset_rad=np.zeros(self._neck.joints),
             sent_rad=self._sent_rad.copy(),
             committed_rad=np.tile(command.position_rad, (self._delay_ticks, 1)),
         )
@@ -192,7 +192,7 @@ class GazeLoop:
         self._waiting.clear()
 
     def _offset_rad(self) -> FloatArray:
-        return np.zeros(2) if self._observer is None else self._observer.estimate.offset_rad
+        return np.zeros(self._neck.joints) if self._observer is None else self._observer.estimate.offset_rad
 
     def _note_sent(self, sent_rad: FloatArray) -> None:
         self._sent_rad[:-1] = self._sent_rad[1:]
@@ -206,8 +206,11 @@ class GazeLoop:
                 return None
             float(state.time_s)
             shapes = state.position_rad.shape, state.velocity_rad_s.shape
-            if shapes != ((2,), (2,)):
-                raise ValueError(f"read_state() returned position and velocity of shapes {shapes}, needed is (2,) each")
+            needed = (self._neck.joints,)
+            if shapes != (needed, needed):
+                raise ValueError(
+                    f"read_state() returned position and velocity of shapes {shapes}, needed is {needed} each"
+                )
         except Exception as error:
             self._recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
             return None
@@ -243,7 +246,7 @@ class GazeLoop:
             joint_velocity_rad_s=joints.velocity_rad_s,
             joint_offset_rad=offset_rad,
             sent_rad=sent_rad,
-            committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, 2),
+            committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, self._neck.joints),
         )
         self._forecast_ms = 1e3 * (time.perf_counter() - started)
         if self._planner.request(index + self._delay_ticks, situation):
@@ -292,11 +295,11 @@ class GazeLoop:
             self._recorder.event(time_s, self._smoother.intervention)
         return wanted_rad
 
-    def _send(self, wanted: FloatArray, before: tuple[AxisMotion, AxisMotion], index: int, time_s: float) -> None:
+    def _send(self, wanted: FloatArray, before: tuple[AxisMotion, ...], index: int, time_s: float) -> None:
         try:
             sent: FloatArray = np.array(self._robot.send_command(wanted), dtype=np.float64)
-            if sent.shape != (2,) or not all(map(math.isfinite, sent.tolist())):
-                raise ValueError(f"send_command() returned {sent!r}, needed are two finite angles in radians")
+            if sent.shape != wanted.shape or not all(map(math.isfinite, sent.tolist())):
+                raise ValueError(f"send_command() returned {sent!r}, needed are {len(wanted)} finite angles in radians")
         except Exception as error:
             self._recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
         else:

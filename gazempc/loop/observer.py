@@ -31,13 +31,13 @@ _OFFSET_MAX_RAD = math.radians(10.0)
 # No joint turns so far; a reading beyond it is a wrong unit or a broken message.
 _ANY_TURN_RAD = 100.0
 
-_Pair = tuple[float, float]  # pan, tilt
-_Past = tuple[float, _Pair, _Pair]  # time, angles, velocities
+_Each = tuple[float, ...]  # one number a joint
+_Past = tuple[float, _Each, _Each]  # time, angles, velocities
 
 
 @dataclass(frozen=True)
 class JointEstimate:
-    """Estimate of the joints at one instant; arrays of shape (2,), pan and tilt.
+    """Estimate of the joints at one instant; arrays of shape (N,), one number a joint.
 
     Attributes:
         position_rad: Joint angles, radians.
@@ -60,20 +60,20 @@ class JointObserver:
 
     Args:
         neck: The neck as it is known.
-        command_rad: Where the command stands, the joints at rest there, shape (2,), radians.
+        command_rad: Where the command stands, the joints at rest there, shape (N,), radians.
         time_s: Present time, seconds.
     """
 
     def __init__(self, neck: NeckSpec, command_rad: FloatArray, time_s: float) -> None:
-        self._pan, self._tilt = self._servos = [
+        self._servos = [
             DelayedServo(axis, float(start), time_s) for axis, start in zip(neck.axes, command_rad, strict=True)
         ]
         self._gains = [observer_gain(axis, neck.servo_period_s) for axis in neck.axes]
         self._takes_speed = [axis.takes_speed for axis in neck.axes]
-        # Plain numbers: on two of them numpy takes several times as long, and this is done at every tick.
-        self._offset_rad = [0.0, 0.0]
+        # Plain numbers: on a few of them numpy takes several times as long, and this is done at every tick.
+        self._offset_rad = [0.0] * neck.joints
         self._past: deque[_Past] = deque()
-        self._estimate: tuple[_Pair, _Pair, _Pair]
+        self._estimate: tuple[_Each, _Each, _Each]
         self._note_estimate()
         self._measured_s: float | None = None
         self._refused_in_a_row = 0
@@ -90,10 +90,9 @@ class JointObserver:
         return JointEstimate(*np.array(self._estimate))
 
     def sent(self, command: FloatArray) -> None:
-        """Take note of what was sent at the time of the last update: angles or speeds, shape (2,), rad or rad/s."""
-        pan_to, tilt_to = command.tolist()
-        self._pan.send(pan_to)
-        self._tilt.send(tilt_to)
+        """Take note of what was sent at the time of the last update: angles or speeds, shape (N,), rad or rad/s."""
+        for servo, to in zip(self._servos, command.tolist(), strict=True):
+            servo.send(to)
 
     def update(self, time_s: float, measured: JointState | None) -> None:
         """Move on in time and take in a measurement.
@@ -106,8 +105,8 @@ class JointObserver:
         past = self._past
         if past and past[-1][0] > time_s:
             time_s = past[-1][0]
-        self._pan.advance_to(time_s)
-        self._tilt.advance_to(time_s)
+        for servo in self._servos:
+            servo.advance_to(time_s)
         past.append((time_s, *self._joints()))
         oldest_s = time_s - _MEMORY_S
         while past[0][0] < oldest_s:
@@ -122,48 +121,46 @@ class JointObserver:
 
     def _note_estimate(self) -> None:
         # In one piece, as another thread may read it.
-        pan_offset_rad, tilt_offset_rad = self._offset_rad
-        self._estimate = (*self._joints(), (pan_offset_rad, tilt_offset_rad))
+        self._estimate = (*self._joints(), tuple(self._offset_rad))
 
-    def _joints(self) -> tuple[_Pair, _Pair]:
+    def _joints(self) -> tuple[_Each, _Each]:
         # Angles with their offsets, and velocities, as estimated now.
-        (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = self._pan.state, self._tilt.state
-        pan_offset_rad, tilt_offset_rad = self._offset_rad
-        return (pan_rad + pan_offset_rad, tilt_rad + tilt_offset_rad), (pan_rad_s, tilt_rad_s)
+        states = [servo.state for servo in self._servos]
+        angles = [state[0] + offset_rad for state, offset_rad in zip(states, self._offset_rad, strict=True)]
+        return tuple(angles), tuple([state[1] for state in states])
 
     def _take_in(self, measured: JointState, time_s: float) -> None:
         measured_s = min(measured.time_s, time_s)
-        pan_rad, tilt_rad = measured.position_rad.tolist()
+        angles = measured.position_rad.tolist()
         # Written so that a NaN is outside.
         in_memory = self._past[0][0] <= measured_s and measured.time_s <= time_s + _CLOCK_TOLERANCE_S
-        if not (in_memory and abs(pan_rad) < _ANY_TURN_RAD and abs(tilt_rad) < _ANY_TURN_RAD):
+        if not (in_memory and all(abs(angle_rad) < _ANY_TURN_RAD for angle_rad in angles)):
             self._refused = True
             return
         at = len(self._past) - 1
         while self._past[at][0] > measured_s:
             at -= 1
-        at_s, (pan_then_rad, tilt_then_rad), (pan_rad_s, tilt_rad_s) = self._past[at]
+        at_s, then_rad, speeds = self._past[at]
+        since_s = measured_s - at_s
         # What was expected at the time of measurement; the error is then taken to be the same now.
-        pan_error_rad = pan_rad - (pan_then_rad + (measured_s - at_s) * pan_rad_s)
-        tilt_error_rad = tilt_rad - (tilt_then_rad + (measured_s - at_s) * tilt_rad_s)
+        errors_rad = [now - (then + since_s * speed) for now, then, speed in zip(angles, then_rad, speeds, strict=True)]
         first = self._measured_s is None
-        far = not first and (abs(pan_error_rad) > _GATE_RAD or abs(tilt_error_rad) > _GATE_RAD)
+        far = not first and any(abs(error_rad) > _GATE_RAD for error_rad in errors_rad)
         self._refused_in_a_row = self._refused_in_a_row + 1 if far else 0
         if far and self._refused_in_a_row < _READINGS_TO_BELIEVE:
             self._refused = True
             return
         self._measured_s = measured.time_s
         self._refused_in_a_row = 0
-        pan_moved_rad, pan_faster_rad_s = self._believe(0, pan_error_rad, first, far)
-        tilt_moved_rad, tilt_faster_rad_s = self._believe(1, tilt_error_rad, first, far)
+        corrections = [self._believe(axis, error_rad, first, far) for axis, error_rad in enumerate(errors_rad)]
         # What is now known was so then: an error that has been corrected must not be corrected again by the next
         # measurement that is as old.
         for k in range(at, len(self._past)):
-            past_s, (pan_rad, tilt_rad), (pan_rad_s, tilt_rad_s) = self._past[k]
+            past_s, past_rad, past_rad_s = self._past[k]
             self._past[k] = (
                 past_s,
-                (pan_rad + pan_moved_rad, tilt_rad + tilt_moved_rad),
-                (pan_rad_s + pan_faster_rad_s, tilt_rad_s + tilt_faster_rad_s),
+                tuple([was + moved for was, (moved, _) in zip(past_rad, corrections, strict=True)]),
+                tuple([was + faster for was, (_, faster) in zip(past_rad_s, corrections, strict=True)]),
             )
 
     def _believe(self, axis: int, error_rad: float, first: bool, far: bool) -> tuple[float, float]:

@@ -18,8 +18,7 @@ from gazempc.types import FloatArray, JointState
 from predictors import Forecast, HeadObservation
 
 _LOGGER = logging.getLogger("gazempc.loop")
-_NOWHERE = np.full(2, np.nan)
-_NO_PAIR = np.empty(0)
+_EMPTY = np.empty(0)
 _HORIZONS = len(FORECAST_HORIZONS_S)
 _NO_FORECAST = (np.full((_HORIZONS, 3), np.nan), np.full((_HORIZONS, 3, 3), np.nan), np.nan)
 
@@ -35,7 +34,7 @@ class LoopRecorder:
 
     def __init__(self, control_period_s: float) -> None:
         self._control_period_s = control_period_s
-        self._ticks: list[tuple[float, JointState | None, FloatArray, tuple[AxisMotion, AxisMotion]]] = []
+        self._ticks: list[tuple[float, JointState | None, FloatArray, tuple[AxisMotion, ...]]] = []
         self._observations: list[tuple[float, HeadObservation]] = []
         self._forecasts: list[tuple[FloatArray, FloatArray, float]] = []
         self._events: list[tuple[float, str]] = []
@@ -72,7 +71,7 @@ class LoopRecorder:
         return dict(self._refused)
 
     def tick(
-        self, time_s: float, state: JointState | None, sent_rad: FloatArray, motions: tuple[AxisMotion, AxisMotion]
+        self, time_s: float, state: JointState | None, sent_rad: FloatArray, motions: tuple[AxisMotion, ...]
     ) -> None:
         """Record one servo tick: joints as measured (None if not), what was really sent, the command's motions."""
         self._ticks.append((time_s, state, sent_rad, motions))
@@ -155,7 +154,9 @@ class LoopRecorder:
         """
         time_s = np.array([t for t, _, _, _ in self._ticks])
         states = true_joints or [s for _, s, _, _ in self._ticks]
-        motions = np.array([m for _, _, _, m in self._ticks]).reshape(-1, 2, 3)
+        joints = run.neck.joints
+        nowhere = np.full(joints, np.nan)
+        motions = np.array([m for _, _, _, m in self._ticks]).reshape(-1, joints, 3)
         captures = np.array([o.capture_time_s for _, o in self._observations])
         horizons = np.array(FORECAST_HORIZONS_S)
         shape = (captures.size, horizons.size, 3)
@@ -165,9 +166,9 @@ class LoopRecorder:
             run=run,
             time_s=time_s,
             head_true_base_m=true_head_base_m(time_s),
-            joint_position_rad=_pairs([_NOWHERE if s is None else s.position_rad for s in states]),
-            joint_velocity_rad_s=_pairs([_NOWHERE if s is None else s.velocity_rad_s for s in states]),
-            command_position_rad=_pairs([sent_rad for _, _, sent_rad, _ in self._ticks]),
+            joint_position_rad=_rows([nowhere if s is None else s.position_rad for s in states], joints),
+            joint_velocity_rad_s=_rows([nowhere if s is None else s.velocity_rad_s for s in states], joints),
+            command_position_rad=_rows([sent_rad for _, _, sent_rad, _ in self._ticks], joints),
             command_velocity_rad_s=motions[:, :, 1].copy(),
             command_acceleration_rad_s2=motions[:, :, 2].copy(),
             capture_time_s=captures,
@@ -186,6 +187,6 @@ class LoopRecorder:
         return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms), np.array(self._latency_ms))
 
 
-def _pairs(rows: list[FloatArray]) -> FloatArray:
+def _rows(rows: list[FloatArray], columns: int) -> FloatArray:
     # One after the other, which takes a fifth of the time of an array of arrays.
-    return np.concatenate([_NO_PAIR, *rows]).reshape(-1, 2)
+    return np.concatenate([_EMPTY, *rows]).reshape(-1, columns)

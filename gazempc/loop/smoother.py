@@ -198,7 +198,7 @@ class Smoother:
 
     Args:
         neck: The neck whose limits apply.
-        position_rad: Where the command starts, at rest, shape (2,), radians; clipped to the limits.
+        position_rad: Where the command starts, at rest, shape (N,), radians; clipped to the limits.
     """
 
     def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
@@ -215,7 +215,7 @@ class Smoother:
                 ),
                 neck.servo_period_s,
             )
-            for i in range(2)
+            for i in range(neck.joints)
         ]
         self.reset(position_rad)
 
@@ -223,14 +223,13 @@ class Smoother:
         """Put the command somewhere, at rest.
 
         Args:
-            position_rad: Shape (2,), radians; clipped to the limits.
+            position_rad: Shape (N,), radians; clipped to the limits.
         """
         start = self._neck.command_limits.clip_position(np.asarray(position_rad, dtype=np.float64))
-        pan_rad, tilt_rad = start.tolist()
-        self._now: tuple[AxisMotion, AxisMotion] = (pan_rad, 0.0, 0.0), (tilt_rad, 0.0, 0.0)
+        self._now: tuple[AxisMotion, ...] = tuple([(each_rad, 0.0, 0.0) for each_rad in start.tolist()])
         self._intervention: Intervention = ""
 
-    def resume(self, motions: tuple[AxisMotion, AxisMotion]) -> None:
+    def resume(self, motions: tuple[AxisMotion, ...]) -> None:
         """Take a step back, as if it had not been made.
 
         Args:
@@ -244,8 +243,8 @@ class Smoother:
         return CommandState(*np.array(self._now).T.copy())
 
     @property
-    def motions(self) -> tuple[AxisMotion, AxisMotion]:
-        """The same in plain numbers, of pan and of tilt."""
+    def motions(self) -> tuple[AxisMotion, ...]:
+        """The same in plain numbers, one motion a joint."""
         return self._now
 
     @property
@@ -262,21 +261,18 @@ class Smoother:
             speed_limit_rad_s: A lower speed limit for this step, for a slow return to rest; None for the neck's own.
 
         Returns:
-            The angles to send, shape (2,), radians; the whole motion is in `command`.
+            The angles to send, shape (N,), radians; the whole motion is in `command`.
         """
-        (pan, tilt), (pan_now, tilt_now) = self._axes, self._now
         if plan is None or time_s >= plan.end_s or not plan.is_finite():
-            self._now = pan.toward_rest(pan_now), tilt.toward_rest(tilt_now)
+            self._now = tuple([axis.toward_rest(now) for axis, now in zip(self._axes, self._now, strict=True)])
             self._intervention = "stale_plan"
             return self._position_rad()
         speed_limit = speed_limit_rad_s or math.inf
-        pan_wanted, tilt_wanted = plan.motions_at(time_s)
-        pan_next, pan_stopped = pan.toward(pan_now, pan_wanted, speed_limit)
-        tilt_next, tilt_stopped = tilt.toward(tilt_now, tilt_wanted, speed_limit)
-        self._now = pan_next, tilt_next
-        self._intervention = "limit_guard" if pan_stopped or tilt_stopped else ""
+        each = zip(self._axes, self._now, plan.motions_at(time_s), strict=True)
+        steps = [axis.toward(now, wanted, speed_limit) for axis, now, wanted in each]
+        self._now = tuple([following for following, _ in steps])
+        self._intervention = "limit_guard" if any(stopped for _, stopped in steps) else ""
         return self._position_rad()
 
     def _position_rad(self) -> FloatArray:
-        (pan_rad, _, _), (tilt_rad, _, _) = self._now
-        return np.array([pan_rad, tilt_rad])
+        return np.array([motion[0] for motion in self._now])

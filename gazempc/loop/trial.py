@@ -139,7 +139,7 @@ def _walk() -> list[HeadObservation]:
 
 
 def _situation(neck: NeckSpec, times_s: FloatArray) -> Situation:
-    rest_rad, still = neck.rest_rad, np.zeros(2)
+    rest_rad, still = neck.rest_rad, np.zeros(neck.joints)
     forecast = Forecast(
         times_s=times_s,
         means_base_m=np.tile([2.0, 0.1, 0.3], (times_s.size, 1)),
@@ -155,5 +155,5 @@ def _situation(neck: NeckSpec, times_s: FloatArray) -> Situation:
         joint_velocity_rad_s=still,
         joint_offset_rad=still,
         sent_rad=np.tile(rest_rad, (history, 1)),
-        committed_rad=np.empty((0, 2)),
+        committed_rad=np.empty((0, neck.joints)),
     )

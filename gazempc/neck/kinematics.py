@@ -13,6 +13,8 @@ from gazempc.types import BoolArray, FloatArray
 
 # Keeps the neck from swinging to and fro before somebody who stands right behind it.
 _CLEARLY_BETTER_RAD = 0.2
+# Numbers of joints of a neck with eyes (from here on), and of one with a body.
+_WITH_EYES, _WITH_BODY = 4, (3, 5)
 # Nearer than this to the axis, a target's direction means nothing.
 _NEAREST_M = 0.1
 
@@ -31,17 +33,36 @@ class LookAt:
     reachable: BoolArray
 
 
+def head_angles_rad(joints_rad: ArrayLike) -> FloatArray:
+    """Where the head points: pan, with the body's yaw, and tilt.
+
+    Args:
+        joints_rad: Angles of all joints in the order of `NeckSpec.joint_names`, shape (..., N), radians.
+
+    Returns:
+        Pan and tilt of the head in the base frame, shape (..., 2), radians.
+    """
+    joints = np.asarray(joints_rad, dtype=np.float64)
+    head = joints[..., :2]
+    if joints.shape[-1] in _WITH_BODY:
+        head = head.copy()
+        head[..., 0] += joints[..., -1]
+    return head
+
+
 def gaze_ray(geometry: Geometry, angles_rad: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Where the eye is and where it looks.
 
     Args:
         geometry: The neck's geometry.
-        angles_rad: Pan (positive left) and tilt (positive up), shape (..., 2), radians.
+        angles_rad: Pan (positive left) and tilt (positive up), then the joints of eyes and body that there are, as in
+            `NeckSpec.joint_names`; shape (..., N), radians.
 
     Returns:
         Position of the eye in the base frame, shape (..., 3), metres; direction of the gaze, shape (..., 3), unit.
     """
-    angles = np.asarray(angles_rad, dtype=np.float64)
+    joints = np.asarray(angles_rad, dtype=np.float64)
+    angles = head_angles_rad(joints)
     cp, sp = np.cos(angles[..., 0]), np.sin(angles[..., 0])
     ct, st = np.cos(angles[..., 1]), np.sin(angles[..., 1])
     tx, ty, tz = geometry.tilt_axis_in_pan_m
@@ -51,8 +72,38 @@ def gaze_ray(geometry: Geometry, angles_rad: ArrayLike) -> tuple[FloatArray, Flo
     y = np.full_like(cp, ty + ey)
     z = tz + st * ex + ct * ez
     eye = np.stack([cp * x - sp * y, sp * x + cp * y, z], axis=-1)
-    direction = np.stack([cp * ct, sp * ct, st], axis=-1)
+    if joints.shape[-1] < _WITH_EYES:
+        return eye, np.stack([cp * ct, sp * ct, st], axis=-1)
+    forward, left, up = _direction(joints[..., 2], joints[..., 3])
+    ahead = ct * forward - st * up
+    direction = np.stack([cp * ahead - sp * left, sp * ahead + cp * left, st * forward + ct * up], axis=-1)
     return eye, direction
+
+
+def _direction(pan_rad: FloatArray, tilt_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    level = np.cos(tilt_rad)
+    return np.cos(pan_rad) * level, np.sin(pan_rad) * level, np.sin(tilt_rad)
+
+
+def eye_angles_rad(geometry: Geometry, head_rad: ArrayLike, target_base_m: ArrayLike) -> FloatArray:
+    """Angles of the eyes that look at a target, with the head as it stands.
+
+    Args:
+        geometry: The neck's geometry.
+        head_rad: Pan and tilt of the head, see `head_angles_rad`, shape (..., 2), radians.
+        target_base_m: Targets in the base frame, shape (..., 3), metres.
+
+    Returns:
+        Pan and tilt of the eyes, shape (..., 2), radians, in (-pi, pi].
+    """
+    head = np.asarray(head_rad, dtype=np.float64)
+    eye, _ = gaze_ray(geometry, head)
+    x, y, z = np.moveaxis(np.asarray(target_base_m, dtype=np.float64) - eye, -1, 0)
+    cp, sp = np.cos(head[..., 0]), np.sin(head[..., 0])
+    ct, st = np.cos(head[..., 1]), np.sin(head[..., 1])
+    ahead, left = cp * x + sp * y, cp * y - sp * x
+    forward, up = ct * ahead + st * z, ct * z - st * ahead
+    return np.stack([np.arctan2(left, forward), np.arctan2(up, np.hypot(forward, left))], axis=-1)
 
 
 def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
@@ -186,7 +237,7 @@ def gaze_error_rad(geometry: Geometry, angles_rad: ArrayLike, target_base_m: Arr
 
     Args:
         geometry: The neck's geometry.
-        angles_rad: Pan and tilt, shape (..., 2), radians.
+        angles_rad: Angles of all joints, shape (..., N), radians.
         target_base_m: Targets, shape (..., 3), metres, base frame.
 
     Returns:

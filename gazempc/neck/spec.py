@@ -1,4 +1,4 @@
-"""What a neck is: geometry, limits, servo, dead time and rates. Everything that moves reads it from here."""
+"""What a neck is: joints, geometry, limits, servo, dead time and rates. Everything that moves reads it from here."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ from gazempc.neck.rules import RULES
 from gazempc.specfiles import RULE_OF_THUMB, load_spec, shipped_names
 from gazempc.types import FloatArray
 
+# The joints that every neck has; eyes and body come after them.
 AXES = ("pan", "tilt")
+EYE_AXES = ("eye_pan", "eye_tilt")
+BODY_AXIS = "body_yaw"
 _View = Annotated[float, Field(gt=0, le=180)]
 
 
@@ -63,6 +66,9 @@ class Axis(BaseModel):
     natural_frequency_rad_s: float = Field(gt=0, json_schema_extra=_rule("natural_frequency_rad_s"))
     damping_ratio: float = Field(gt=0.1, le=10, json_schema_extra=_rule("damping_ratio"))
     dead_time_s: float = Field(ge=0, le=5, json_schema_extra=_rule("dead_time_s"))
+    rest_deg: float = Field(
+        default=0.0, ge=-360, le=360, description="Where the joint stands without a person; it returns there slowly"
+    )
     encoder_noise_deg: float = Field(
         default=0.0, ge=0, le=5, description="Standard deviation of the angle that a simulated joint reports"
     )
@@ -115,12 +121,28 @@ class Axis(BaseModel):
         return (1.0 + overshoot) / (1.0 - overshoot)
 
 
+class Eyes(BaseModel):
+    """Eyes in the head. Both look the same way (version); they turn about `Geometry.eye_in_tilt_m`.
+
+    At eye_pan = eye_tilt = 0 they look along +x of the head.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    pan: Axis
+    tilt: Axis
+
+
 def _plain(value: Any) -> Any:
     return value.model_dump() if isinstance(value, BaseModel) else value
 
 
 class NeckSpec(BaseModel):
-    """A pan-tilt neck. Arrays have shape (2,): pan, tilt."""
+    """A pan-tilt neck, perhaps with eyes in the head and a body that turns under it.
+
+    Arrays have shape (N,), one number a joint in the order of `joint_names`: pan, tilt; then, where there are any, the
+    pan and tilt of the eyes; then the yaw of the body. N is 2, 3 (body), 4 (eyes) or 5.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -129,6 +151,10 @@ class NeckSpec(BaseModel):
     geometry: Geometry = Geometry()
     pan: Axis
     tilt: Axis
+    eyes: Eyes | None = None
+    body: Axis | None = Field(
+        default=None, description="Yaw of the body under the neck, about the vertical through the base's origin"
+    )
     reports_joints: bool = Field(default=True, description="False for a neck without encoders: it is driven open loop")
     head_view_deg: tuple[_View, _View] | None = Field(
         default=None,
@@ -157,7 +183,7 @@ class NeckSpec(BaseModel):
         return isinstance(other, NeckSpec) and self.model_dump() == other.model_dump()
 
     def __hash__(self) -> int:
-        return hash((self.name, self.geometry, self.pan, self.tilt, self.control_rate_hz, self.servo_rate_hz))
+        return hash((self.name, self.geometry, self.axes, self.control_rate_hz, self.servo_rate_hz))
 
     @property
     def servo_period_s(self) -> float:
@@ -174,10 +200,21 @@ class NeckSpec(BaseModel):
         """Commands sent between two plans."""
         return round(self.servo_rate_hz / self.control_rate_hz)
 
+    @cached_property
+    def axes(self) -> tuple[Axis, ...]:
+        """All joints, in the order of `joint_names`."""
+        eyes = () if self.eyes is None else (self.eyes.pan, self.eyes.tilt)
+        return (self.pan, self.tilt, *eyes, *(() if self.body is None else (self.body,)))
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints: ``pan``, ``tilt``, then ``eye_pan``, ``eye_tilt`` and ``body_yaw`` where there are."""
+        return AXES + (() if self.eyes is None else EYE_AXES) + (() if self.body is None else (BODY_AXIS,))
+
     @property
-    def axes(self) -> tuple[Axis, Axis]:
-        """Pan and tilt."""
-        return (self.pan, self.tilt)
+    def joints(self) -> int:
+        """N, the number of joints."""
+        return len(self.axes)
 
     @property
     def takes_speeds(self) -> bool:
@@ -193,12 +230,26 @@ class NeckSpec(BaseModel):
         Raises:
             SettingsError: If a joint takes speeds.
         """
-        for name, axis in zip(AXES, self.axes, strict=True):
+        for name, axis in zip(self.joint_names, self.axes, strict=True):
             if axis.takes_speed:
                 raise SettingsError(
                     f'neck {self.name!r}: {name} has command = "velocity", and {what} sends angles; accepted: '
                     'command = "position". A replay can drive both'
                 )
+
+    def check_pan_and_tilt(self, what: str) -> None:
+        """Refuse a neck with more joints than pan and tilt.
+
+        Args:
+            what: What moves these two only, for the message.
+
+        Raises:
+            SettingsError: If there are eyes or a body.
+        """
+        if more := self.joint_names[len(AXES) :]:
+            raise SettingsError(
+                f"neck {self.name!r} has {', '.join(more)} besides pan and tilt, and {what} moves pan and tilt only"
+            )
 
     def _per_axis(self, name: str) -> FloatArray:
         return np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)
@@ -254,13 +305,14 @@ class NeckSpec(BaseModel):
 
     @cached_property
     def rest_rad(self) -> FloatArray:
-        """Where the neck rests without a person: straight ahead, or as near as the limits allow, radians."""
+        """Where the joints rest without a person: `Axis.rest_deg`, or as near as the limits allow, radians."""
         limits = self.command_limits
-        return np.clip(np.zeros(2), limits.position_min_rad, limits.position_max_rad)
+        rest_rad = np.deg2rad(self._per_axis("rest_deg"))
+        return np.clip(rest_rad, limits.position_min_rad, limits.position_max_rad)
 
 
 class CommandLimits(BaseModel):
-    """What a command may be; arrays of shape (2,). A little inside the neck's own, see `Axis.servo_gain`."""
+    """What a command may be; arrays of shape (N,). A little inside the neck's own, see `Axis.servo_gain`."""
 
     model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
 
@@ -271,7 +323,7 @@ class CommandLimits(BaseModel):
     jerk_max_rad_s3: FloatArray
 
     def clip_position(self, position_rad: FloatArray) -> FloatArray:
-        """Nearest allowed position, shape (..., 2), radians."""
+        """Nearest allowed position, shape (..., N), radians."""
         return np.minimum(np.maximum(position_rad, self.position_min_rad), self.position_max_rad)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.log import Log
 from gazempc.types import BoolArray, FloatArray
 
@@ -13,7 +13,7 @@ from gazempc.types import BoolArray, FloatArray
 CONTACT_DEG = (2.6, 4.0, 9.0)
 # Contact that lasts at least this long is called stable.
 STABLE_S = 0.5
-# The pan joint overshoots within this time after it first comes into contact, or not at all.
+# The gaze overshoots within this time after it first comes into contact, or not at all.
 OVERSHOOT_S = 1.0
 
 
@@ -37,7 +37,7 @@ def longest_run(flags: BoolArray) -> int:
 
 
 def overshoot_deg(log: Log) -> float:
-    """How far the pan passes a person that it was far from at the start.
+    """How far the gaze passes a person that it was far from at the start, to the side.
 
     Counted for 1 s from the first contact on.
 
@@ -47,8 +47,10 @@ def overshoot_deg(log: Log) -> float:
     Returns:
         Degrees, 0 if it stays short of them; NaN if it was near at the start or never arrives.
     """
-    pan_rad = look_at(log.neck.geometry, log.head_true_base_m).angles_rad[:, 0]
-    off_deg = np.rad2deg((log.joint_position_rad[:, 0] - pan_rad + np.pi) % (2.0 * np.pi) - np.pi)
+    eye_base_m, direction = gaze_ray(log.neck.geometry, log.joint_position_rad)
+    to_head_m = log.head_true_base_m - eye_base_m
+    off_rad = np.arctan2(direction[:, 1], direction[:, 0]) - np.arctan2(to_head_m[:, 1], to_head_m[:, 0])
+    off_deg = np.rad2deg((off_rad + np.pi) % (2.0 * np.pi) - np.pi)
     if not abs(off_deg[0]) > CONTACT_DEG[-1]:
         return float("nan")
     passed_deg = -np.sign(off_deg[0]) * off_deg

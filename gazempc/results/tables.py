@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 Columns = dict[str, NDArray[Any]]
 _AXES = ("x", "y", "z")
-_JOINTS = ("pan", "tilt")
 # The upper triangle of a covariance.
 _PAIRS = [(i, j) for i in range(3) for j in range(i, 3)]
 
@@ -43,7 +42,7 @@ def log_tables(log: Mapping[str, Any]) -> dict[str, Columns]:
     Returns:
         Columns by name, with their units, of ``ticks``, ``observations``, ``forecasts`` and ``events``.
     """
-    horizons_s = log["forecast_horizon_s"]
+    horizons_s, joints = log["forecast_horizon_s"], log["run"].neck.joint_names
     means, true = log["forecast_mean_base_m"], log["forecast_true_base_m"]
     each = means.shape[0] * horizons_s.size
     covariances = log["forecast_covariance_m2"].reshape(each, 3, 3)
@@ -51,11 +50,11 @@ def log_tables(log: Mapping[str, Any]) -> dict[str, Columns]:
         "ticks": {
             "time_s": log["time_s"],
             **_split("head_true_{}_base_m", log["head_true_base_m"], _AXES),
-            **_split("joint_{}_rad", log["joint_position_rad"], _JOINTS),
-            **_split("joint_{}_rad_s", log["joint_velocity_rad_s"], _JOINTS),
-            **_split("command_{}_rad", log["command_position_rad"], _JOINTS),
-            **_split("command_{}_rad_s", log["command_velocity_rad_s"], _JOINTS),
-            **_split("command_{}_rad_s2", log["command_acceleration_rad_s2"], _JOINTS),
+            **_split("joint_{}_rad", log["joint_position_rad"], joints),
+            **_split("joint_{}_rad_s", log["joint_velocity_rad_s"], joints),
+            **_split("command_{}_rad", log["command_position_rad"], joints),
+            **_split("command_{}_rad_s", log["command_velocity_rad_s"], joints),
+            **_split("command_{}_rad_s2", log["command_acceleration_rad_s2"], joints),
         },
         "observations": {
             "capture_time_s": log["capture_time_s"],

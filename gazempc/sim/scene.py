@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import head_angles_rad, look_at
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import Placement, place
@@ -87,12 +87,15 @@ class Scene:
             first_seen_base_m: The first observed head, shape (3,), metres.
 
         Returns:
-            Pan and tilt, shape (2,), radians.
+            Angles of all joints, shape (N,), radians: pan and tilt look there, the others rest.
         """
+        start = self.neck.rest_rad.copy()
         if self.start_rad is not None:
-            return np.array(self.start_rad)
-        start = look_at(self.neck.geometry, first_seen_base_m).angles_rad
-        start[0] += np.deg2rad(self.start_offset_deg)
+            start[:2] = self.start_rad
+            return start
+        body_rad = head_angles_rad(start)[0] - start[0]
+        start[:2] = look_at(self.neck.geometry, first_seen_base_m).angles_rad
+        start[0] += np.deg2rad(self.start_offset_deg) - body_rad
         return start
 
 

@@ -14,11 +14,11 @@ from gazempc.types import FloatArray, JointState
 
 
 class SimulatedNeck:
-    """Two servos behind exact dead times; time is what the clock says when a method is called.
+    """A servo behind an exact dead time for each joint; time is what the clock says when a method is called.
 
     Args:
         neck: What to simulate.
-        position_rad: Where it stands at rest in the beginning, shape (2,), radians.
+        position_rad: Where it stands at rest in the beginning, shape (N,), radians.
         clock_s: Gives the present time in seconds; never runs backwards.
         seed: Of the encoders' noise.
     """
@@ -68,25 +68,23 @@ class SimulatedNeck:
         true = self._true
         if true is not None and true.time_s == self._clock_s():
             return true
-        (pan, tilt), now_s = self._advance()
-        (pan_rad, pan_rad_s), (tilt_rad, tilt_rad_s) = pan.state, tilt.state
-        pan_load_rad, tilt_load_rad = self._load_rad
-        motion = np.array([[pan_rad + pan_load_rad, tilt_rad + tilt_load_rad], [pan_rad_s, tilt_rad_s]])
+        servos, now_s = self._advance()
+        states = [servo.state for servo in servos]
+        position_rad = [state[0] + load_rad for state, load_rad in zip(states, self._load_rad, strict=True)]
+        motion = np.array([position_rad, [state[1] for state in states]])
         self._true = true = JointState(now_s, motion[0], motion[1])
         return true
 
     def send_command(self, command: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`; an axis that takes speeds is sent one, rad/s."""
-        pan_to, tilt_to = command.tolist()
-        if not (math.isfinite(pan_to) and math.isfinite(tilt_to)):
+        wanted = command.tolist()
+        if not all(map(math.isfinite, wanted)):
             raise RobotError(f"refused a command that is not finite: {command}")
-        (pan, tilt), _ = self._advance()
-        (pan_min, pan_max), (tilt_min, tilt_max) = self._sendable
-        if not (pan_min <= pan_to <= pan_max and tilt_min <= tilt_to <= tilt_max):
-            pan_to, tilt_to = min(max(pan_to, pan_min), pan_max), min(max(tilt_to, tilt_min), tilt_max)
-        pan.send(pan_to)
-        tilt.send(tilt_to)
-        return np.array([pan_to, tilt_to])
+        servos, _ = self._advance()
+        sent = [min(max(to, low), high) for to, (low, high) in zip(wanted, self._sendable, strict=True)]
+        for servo, to in zip(servos, sent, strict=True):
+            servo.send(to)
+        return np.array(sent)
 
     def close(self) -> None:
         """Stop the simulation; see `gazempc.robots.robot.Robot.close`."""

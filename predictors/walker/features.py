@@ -17,6 +17,8 @@ from predictors.yaw import wrap_rad
 
 # Below the first speed a direction of travel means nothing; from the second on it is trusted.
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
+# Who stands sways by less than 2 cm. Where the tracker's error is larger, their path is that error.
+_SWAY_LOST_M = (0.02, 0.04)
 # Below rounding, as at a first frame, not even the line has a direction.
 _NO_DIRECTION_M_S = 1e-6
 # Nobody walks that fast; what was learned of walkers fades out for runners and riders.
@@ -61,7 +63,8 @@ class WalkerInputs:
 
     Attributes:
         line: The line.
-        walking: 0 for who runs and at a first frame, 1 for who walks or stands, between the two at the limits.
+        walking: 0 for who runs, at a first frame, and for who stands before a tracker with large errors; else 1;
+            between the two at the limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
         noise_sd_m: Standard deviation of the observed position along, across and up, shape (2, 3), metres: as measured
@@ -168,6 +171,7 @@ class WalkerHistory:
         noises_m, noises_m2 = np.zeros((2, 3)), np.zeros((2, 3, 3))
         noises_m[int(stated)], noises_m2[int(stated)] = sd_m, covariance_m2
         walking = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
+        walking *= 1.0 - (1.0 - walks) * _ramp(max(sd_m), *_SWAY_LOST_M)
         return WalkerInputs(line, walking, x, spread, noises_m, noises_m2)
 
     def _take_offsets_off(

@@ -51,7 +51,7 @@ def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None, known=N
                 joint_velocity_rad_s=state.velocity_rad_s,
                 joint_offset_rad=state.offset_rad,
                 sent_rad=sent,
-                committed_rad=np.zeros((0, 2)),
+                committed_rad=np.zeros((0, neck.joints)),
             )
             plan = controller.plan(situation)
         command_rad = smoother.step(now, plan)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gazempc.controllers.chain import Chain, slopes
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.controllers.mpc.acquisition import ACQUISITION_DAMPING, Acquisition
 from gazempc.controllers.mpc.axis_model import axis_model, growing_steps
@@ -35,7 +36,7 @@ class Mpc:
         smoothing_time_s: T: gaze motion faster than the inverse of this time (in rad/s) is smoothed rather than
             followed; larger is smoother and less exact.
         acquisition_time_s: The same on the way to somebody who is off the gaze; not more than T is used.
-        lead_s: Aims at where the person will be so much later, as forecasts of real people lag behind them.
+        head_smoothing_time_s: T of the head of a neck with eyes, which look where it does not point yet.
 
     Raises:
         SettingsError: If the horizon is shorter than two smoothing times: then its end shows in the gaze.
@@ -52,8 +53,10 @@ class Mpc:
         horizon_s: float = 0.8,
         smoothing_time_s: float = 0.12,
         acquisition_time_s: float = 0.09,
-        lead_s: float = 0.01,
+        head_smoothing_time_s: float = 0.35,
     ) -> None:
+        if neck.eyes is not None:
+            smoothing_time_s = head_smoothing_time_s
         if horizon_s < 2.0 * smoothing_time_s:
             needed = (
                 f"for mpc.smoothing_time_s: {smoothing_time_s:g} s; accepted: at least {2.0 * smoothing_time_s:g} s"
@@ -69,19 +72,23 @@ class Mpc:
         self.ocps = [AxisOcp(model, smoothing_time_s, iterations=most) for model in models]
         self.acquisition_ocps = [AxisOcp(model, quick_s, ACQUISITION_DAMPING, True, most) for model in models]
         limits = neck.command_limits
-        self._reach_rad = list(zip(limits.position_min_rad.tolist(), limits.position_max_rad.tolist(), strict=True))
+        low_rad, high_rad = limits.position_min_rad[:2].tolist(), limits.position_max_rad[:2].tolist()
+        # The first knot is the command before the plan starts.
+        self._knots_s: FloatArray = period_s * np.arange(1.0, self._knots + 1) - neck.servo_period_s
+        self._chain = Chain(neck, self._knots_s)
         self._acquisitions = [
-            Acquisition(*reach, most_rad_s2, period_s)
-            for reach, most_rad_s2 in zip(self._reach_rad, neck.acceleration_max_rad_s2.tolist(), strict=True)
+            Acquisition(low, high, most_rad_s2, period_s)
+            for low, high, most_rad_s2 in zip(low_rad, high_rad, neck.acceleration_max_rad_s2[:2].tolist(), strict=True)
         ]
-        self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes]
+        self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes[:2]]
         # The first jerk acts from the last command before the plan on, so that the first command sent is
         # already a new one; the joint answers one dead time later.
         times_s = models[0].times_s
+        self._times_s = times_s
         self._between_s = float(times_s[1] - times_s[0])
         one_dead_time = bool(neck.dead_time_s[0] == neck.dead_time_s[1])
-        dead_times_s = neck.dead_time_s[:1] if one_dead_time else neck.dead_time_s
-        self._ahead_s = np.concatenate([lead_s + dead_s + times_s for dead_s in dead_times_s])
+        dead_times_s = neck.dead_time_s[: 1 if one_dead_time else 2]
+        self._ahead_s = np.concatenate([dead_s + times_s for dead_s in dead_times_s])
 
     def reset(self) -> None:
         """Forget where the solvers stand and who was off the gaze; all else is in the situation."""
@@ -91,27 +98,33 @@ class Mpc:
             ocp.reset()
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
-        """End of each step of the horizon, one dead time and the lead late, shape (n,).
+        """End of each step of the horizon, one dead time late, shape (n,).
 
-        With dead times of their own for pan and tilt first those of pan, then those of tilt, shape (2 n,).
+        With dead times of their own for pan and tilt first those of pan, then those of tilt, shape (2 n,). The
+        times of the eyes follow, see `Chain.eye_times_s`.
         """
-        return start_s + self._ahead_s
+        return np.concatenate([start_s + self._ahead_s, self._chain.eye_times_s(start_s)])
 
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
-        n, command = self._steps, situation.command
+        n, command, count = self._steps, situation.command, self._ahead_s.size
+        means_base_m = situation.forecast.means_base_m
         angles = unwrap_pan(
-            look_at_rad(self.neck.geometry, situation.forecast.means_base_m),
-            float(command.position_rad[0]),
-            *self._reach_rad[0],
+            look_at_rad(self.neck.geometry, means_base_m[:count]),
+            self._chain.pan_command_rad(command.position_rad),
+            *self._chain.reach_rad,
         )
-        knots = np.empty((3, self._knots + 1, 2))
+        body = None
+        if self._chain.body is not None:
+            body = self._chain.body.commands_rad(situation, np.interp(self._knots_s, self._times_s, angles[:n, 0]))
+            angles[:n, 0] -= self._chain.body.angles_rad(situation, body, self._ahead_s[:n])
+        knots = np.zeros((3, self._knots + 1, self.neck.joints))
         knots[:, 0] = command.position_rad, command.velocity_rad_s, command.acceleration_rad_s2
         # Plain numbers: arithmetic with numpy's takes several times as long.
         joints = zip(
-            situation.joint_position_rad.tolist(),
-            situation.joint_velocity_rad_s.tolist(),
-            situation.joint_offset_rad.tolist(),
+            situation.joint_position_rad[:2].tolist(),
+            situation.joint_velocity_rad_s[:2].tolist(),
+            situation.joint_offset_rad[:2].tolist(),
             (angles[:n, 0], angles[-n:, 1]),
             strict=True,
         )
@@ -129,6 +142,11 @@ class Mpc:
             elif solution.softened:
                 events += ("limits_softened",)
             knots[:, 1:, i] = solution.command
+        if self.neck.joints > len(self.ocps):
+            joints_rad = self._chain.with_eyes(situation, means_base_m[count:], knots[0, 1:, :2], body)
+            knots[0, 1:, 2:] = joints_rad[:, 2:]
+            knots[1, :, 2:] = slopes(knots[0, :, 2:], self.neck.control_period_s)
+            knots[2, :, 2:] = 0.0
         start_s = situation.start_s - self.neck.servo_period_s
         return Plan(start_s, self.neck.control_period_s, knots[0], knots[1], knots[2], events)
 

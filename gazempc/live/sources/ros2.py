@@ -16,6 +16,7 @@ from predictors import HeadObservation
 
 # Any frame, also an optical one: the axes of its positions are known.
 ANY_FRAME = "*"
+_NODE_NAME = "gazempc_person"  # this program in the graph of ROS 2
 _COVARIANCE_SHAPE = (6, 6)  # x, y, z, and turns about x, y, z
 _YAW = 5
 
@@ -35,7 +36,6 @@ class Ros2Person:
         frame_id: The frame that every pose must be in; None to take any but optical frames, whose axes are others;
             `ANY_FRAME` to take these, too.
         use_orientation: Whether the poses' orientation is the head's (x to where the face looks); else it is left out.
-        node_name: How this program is called in the graph of ROS 2.
 
     Raises:
         SettingsError: If ROS 2 allows no such topic.
@@ -50,7 +50,6 @@ class Ros2Person:
         pose_type: PoseType = "geometry_msgs/msg/PoseStamped",
         frame_id: str | None = None,
         use_orientation: bool = True,
-        node_name: str = "gazempc_person",
     ) -> None:
         self._topic = topic_name(topic)
         self._clock_s = clock_s
@@ -59,7 +58,6 @@ class Ros2Person:
         self._pose_type = pose_type
         self._frame_id = frame_id
         self._use_orientation = use_orientation
-        self._node_name = node_name
         self._node: Ros2Node | None = None
         self._poses: Subscription | None = None
         self._was_connected = True
@@ -69,7 +67,7 @@ class Ros2Person:
         if self._node is not None:
             return
         try:
-            self._node = Ros2Node(self._node_name, self._network)
+            self._node = Ros2Node(_NODE_NAME, self._network)
             self._poses = self._node.subscription(self._topic, self._pose_type)
         except WireError as error:
             self.close()

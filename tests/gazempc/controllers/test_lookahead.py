@@ -8,36 +8,83 @@ from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.reactive import Reactive
 from gazempc.neck.kinematics import look_at
+from gazempc.neck.spec import load_neck
 
 
-@pytest.mark.parametrize("smoothing_time_s", [0.05, 0.1, 0.2])
-def test_the_low_pass_makes_up_for_its_own_delay(smoothing_time_s):
-    """On a steady motion: to half a control period, by which it is ahead."""
-    start = look_at(NECK.geometry, crossing(0.0)).angles_rad
-    plain, _, _ = run(LookAhead(NECK, 0.0), NECK, crossing, 360, start_rad=start)
-    smooth, _, _ = run(LookAhead(NECK, smoothing_time_s), NECK, crossing, 360, start_rad=start)
-    speed = np.gradient(plain[:, 0], NECK.servo_period_s)[250:]
-    ahead_s = np.median((smooth - plain)[250:, 0] / speed)
-    assert ahead_s == pytest.approx(0.5 * NECK.control_period_s, abs=0.006)
+def turning(times, rate_rad_s=0.4):
+    """Somebody who goes round the neck: the pan that looks at them grows steadily."""
+    pan = rate_rad_s * np.asarray(times) - 0.5
+    return np.stack([2.5 * np.cos(pan), 2.5 * np.sin(pan), np.zeros_like(pan)], axis=-1)
 
 
-def test_the_low_pass_follows_a_jump_by_its_time_constant():
+def jumped(angle_rad):
+    def path(times):
+        return np.tile([2.5 * np.cos(angle_rad), 2.5 * np.sin(angle_rad), 0.0], (np.asarray(times).size, 1))
+
+    return path
+
+
+def at_rest(controller, path, command_rad=0.0):
+    """What the controller knows where the command stands still."""
+    rest = CommandState(np.array([command_rad, 0.0]), np.zeros(2), np.zeros(2))
+    known = forecast(controller.forecast_times_s(0.0, 0.0), path)
+    return Situation(0.0, known, rest, np.zeros(2), np.zeros(2), np.zeros(2), np.zeros((100, 2)), np.zeros((0, 2)))
+
+
+@pytest.mark.parametrize("name", ["reference", "reachy_mini"])
+@pytest.mark.parametrize("smoothing_time_s", [0.0, 0.05, 0.1, 0.2])
+def test_a_steady_turn_is_followed_without_lag_or_lead(name, smoothing_time_s):
+    """Whatever the low-pass and the rates: a lag of 1 ms would be 0.023 deg."""
+    neck = load_neck(name)
+    start = look_at(neck.geometry, turning(0.0)).angles_rad
+    joints, _, _ = run(
+        LookAhead(neck, smoothing_time_s), neck, turning, round(2.8 * neck.servo_rate_hz), start_rad=start
+    )
+    times_s = neck.servo_period_s * np.arange(len(joints))
+    aims = np.array([look_at(neck.geometry, head).angles_rad[0] for head in turning(times_s)])
+    late = times_s > 2.6
+    assert np.degrees(joints[late, 0] - aims[late]) == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_low_pass_follows_a_small_jump_by_its_time_constant():
     """After tau the command is 1 - 1/e of the way; it starts where the command stands."""
     controller = LookAhead(NECK, 0.1)
+    plan = controller.plan(at_rest(controller, jumped(0.08)))
+    assert plan.at(0.1 - NECK.control_period_s).position_rad[0] == pytest.approx(0.08 * (1.0 - np.exp(-1.0)))
 
-    def jumped(times):
-        return np.tile([2.5 * np.cos(0.2), 2.5 * np.sin(0.2), 0.0], (np.asarray(times).size, 1))
 
-    rest = CommandState(np.zeros(2), np.zeros(2), np.zeros(2))
-    times = controller.forecast_times_s(0.0, 0.0)
-    zeros = np.zeros(2)
-    situation = Situation(0.0, forecast(times, jumped), rest, zeros, zeros, zeros, np.zeros((100, 2)), np.zeros((0, 2)))
-    plan = controller.plan(situation)
-    assert plan.at(0.1 - NECK.control_period_s).position_rad[0] == pytest.approx(0.2 * (1.0 - np.exp(-1.0)))
+@pytest.mark.parametrize("name", ["reference", "slow", "reachy_mini"])
+def test_somebody_far_off_is_gone_to_as_without_a_low_pass(name):
+    """The command is the same one until it is within 5 deg of them, and nobody is passed by more than without."""
+    neck, angle_rad = load_neck(name), np.radians(40.0)
+    ticks = round(2.5 * neck.servo_rate_hz)
+    plain, meant, _ = run(LookAhead(neck, 0.0), neck, jumped(angle_rad), ticks)
+    smooth, commands, _ = run(LookAhead(neck, 0.1), neck, jumped(angle_rad), ticks)
+    aim_rad = look_at(neck.geometry, jumped(angle_rad)(0.0)[0]).angles_rad[0]
+    far = np.degrees(aim_rad - meant[:, 0]) > 5.0
+    assert 10 < far.sum() < ticks - 10
+    assert commands[far, 0] == pytest.approx(meant[far, 0], abs=1e-12)
+    assert np.degrees(np.abs(commands[~far, 0] - meant[~far, 0]).max()) > 0.1
+    assert smooth[:, 0].max() <= max(plain[:, 0].max(), aim_rad) + np.radians(0.1)
+    assert smooth[-1, 0] == pytest.approx(aim_rad, abs=np.radians(0.1))
+
+
+def test_near_them_the_low_pass_starts_again_from_the_present_command():
+    """By hand: 20 deg off nothing is smoothed; then 4 deg off, the first knot is a share of these 4 deg on."""
+    controller = LookAhead(NECK, 0.1)
+    aim_rad = np.radians(20.0)
+    far = controller.plan(at_rest(controller, jumped(aim_rad)))
+    assert far.position_rad[:, 0] == pytest.approx(aim_rad)
+    share = 1.0 - np.exp(-NECK.control_period_s / 0.1)
+    near = controller.plan(at_rest(controller, jumped(aim_rad), np.radians(16.0)))
+    assert near.position_rad[0, 0] == pytest.approx(np.radians(16.0 + 4.0 * share))
+    # From then on it goes on from itself, wherever the command is.
+    near = controller.plan(at_rest(controller, jumped(aim_rad), np.radians(17.0)))
+    assert near.position_rad[0, 0] == pytest.approx(np.radians(20.0 - 4.0 * (1.0 - share) ** 2))
 
 
 def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_delays():
-    """By hand: the target at -1.2 m/s, commanded for now + 0.4 s + 0.15 s."""
+    """By hand: the target at -1.2 m/s, commanded for now + 0.4 s + 0.15 s and half of the 5 ms that it is held."""
     now = 0.5
     base = {
         "start_s": now,
@@ -53,4 +100,4 @@ def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_dela
     assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * 0.43, 2.5))
     ahead = LookAhead(NECK, 0.0)
     plan = ahead.plan(Situation(forecast=forecast(ahead.forecast_times_s(now, 0.43), crossing), **base))
-    assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * (0.5 + 0.55), 2.5))
+    assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * (0.5 + 0.5525), 2.5))

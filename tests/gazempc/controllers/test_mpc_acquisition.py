@@ -24,7 +24,7 @@ def test_somebody_who_appears_aside_is_hardly_passed(name, side, towards):
         return np.stack([np.full_like(y, 2.5), y, np.full_like(y, 0.2)], axis=-1)
 
     beside = look_at(neck.geometry, path(0.0)).angles_rad - [side * np.radians(60.0), 0.0]
-    joints, _, errors = run(Mpc(neck, lead_s=0.0), neck, path, 700, start_rad=beside)
+    joints, _, errors = run(Mpc(neck), neck, path, 700, start_rad=beside)
     aims = look_at(neck.geometry, path(neck.servo_period_s * np.arange(700))).angles_rad[:, 0]
     assert np.degrees(np.max(side * (joints[:, 0] - aims))) < 1.0
     assert errors[600:].max() < 0.1
@@ -68,7 +68,7 @@ def test_who_comes_back_from_out_of_reach_is_followed_as_if_nothing_had_been():
         return np.stack([2.5 * np.cos(pan), 2.5 * np.sin(pan), np.zeros_like(pan)], axis=-1)
 
     start_rad = (NECK.command_limits.position_max_rad[0], 0.0)
-    _, _, errors = run(Mpc(NECK, lead_s=0.0), NECK, returning, 800, start_rad=start_rad)
+    _, _, errors = run(Mpc(NECK), NECK, returning, 800, start_rad=start_rad)
     assert errors[int(3.0 / NECK.servo_period_s) :].max() < 0.1
 
 

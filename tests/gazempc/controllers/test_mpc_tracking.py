@@ -45,9 +45,7 @@ def earliest_arrival_s(distance_rad, tolerance_rad, steps=60):
 
 
 def test_with_the_true_future_the_gaze_is_on_the_person():
-    _, _, errors = run(
-        Mpc(NECK, lead_s=0.0), NECK, crossing, 400, start_rad=look_at(NECK.geometry, crossing(0.0)).angles_rad
-    )
+    _, _, errors = run(Mpc(NECK), NECK, crossing, 400, start_rad=look_at(NECK.geometry, crossing(0.0)).angles_rad)
     assert errors[300:].max() < 0.028  # 0.024 as measured
 
 
@@ -67,14 +65,14 @@ def test_fractional_and_different_dead_times(dead_times):
         return position
 
     start = look_at(neck.geometry, path(0.0)).angles_rad
-    _, _, errors = run(Mpc(neck, lead_s=0.0), neck, path, 400, start_rad=start)
+    _, _, errors = run(Mpc(neck), neck, path, 400, start_rad=start)
     assert errors[300:].max() < 0.035  # at most 0.030 as measured
 
 
 def test_offsets_of_axes_and_eye():
     neck = load_neck("fetch")
     start = look_at(neck.geometry, crossing(0.0)).angles_rad
-    _, _, errors = run(Mpc(neck, lead_s=0.0), neck, crossing, 400, start_rad=start)
+    _, _, errors = run(Mpc(neck), neck, crossing, 400, start_rad=start)
     assert errors[200:].max() < 0.12  # 0.104 as measured
 
 
@@ -93,7 +91,7 @@ def test_step_is_as_fast_as_the_limits_allow():
 
 def test_a_short_horizon_serves():
     _, _, errors = run(
-        Mpc(NECK, horizon_s=0.24, lead_s=0.0),
+        Mpc(NECK, horizon_s=0.24),
         NECK,
         crossing,
         400,
@@ -151,11 +149,9 @@ def test_the_smoother_follows_plans_that_use_their_limits(name):
     assert np.rad2deg(smoother.command.position_rad[0]) > 50.0
 
 
-def test_the_lead_is_how_much_later_it_aims():
-    """The forecast of everything is asked for as much later."""
-    plain, early = Mpc(NECK, lead_s=0.0), Mpc(NECK, lead_s=0.03)
-    assert early.forecast_times_s(1.0, 0.9) - plain.forecast_times_s(1.0, 0.9) == pytest.approx(0.03)
-    assert plain.forecast_times_s(1.0, 0.9)[0] == pytest.approx(1.0 + 0.4 + NECK.control_period_s)
+def test_it_aims_at_where_the_person_is_when_the_joint_is_there():
+    """No sooner and no later: the first step ends one dead time and one control period on."""
+    assert Mpc(NECK).forecast_times_s(1.0, 0.9)[0] == pytest.approx(1.0 + 0.4 + NECK.control_period_s)
 
 
 def test_a_horizon_that_is_shorter_than_its_smoothing_is_refused():

@@ -1,0 +1,75 @@
+"""The joints beside pan and tilt: a body under the neck and eyes in the head share one gaze with it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gazempc.controllers.body import BodyAim
+from gazempc.controllers.controller import Situation
+from gazempc.controllers.eyes import EyeAim
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
+
+
+class Chain:
+    """Shares the gaze among the joints of a neck, from the slowest to the fastest: body, head, eyes.
+
+    Each joint gets what the slower ones will leave over when it answers. Without body and eyes nothing changes.
+
+    Args:
+        neck: The neck.
+        knots_s: Times of the plan's knots from its start, shape (K,), seconds.
+    """
+
+    def __init__(self, neck: NeckSpec, knots_s: FloatArray) -> None:
+        self.body = None if neck.body is None else BodyAim(neck, knots_s)
+        self.eyes = None if neck.eyes is None else EyeAim(neck, knots_s)
+        limits = neck.command_limits
+        head_rad = float(limits.position_min_rad[0]), float(limits.position_max_rad[0])
+        #: Least and greatest pan of head and body together, radians.
+        self.reach_rad = head_rad if self.body is None else self.body.reach_rad
+
+    def eye_times_s(self, start_s: float) -> FloatArray:
+        """Times for which the eyes need the forecast, shape (H,), seconds; empty without eyes."""
+        return np.empty(0) if self.eyes is None else self.eyes.forecast_times_s(start_s)
+
+    def pan_command_rad(self, command_rad: FloatArray) -> float:
+        """Pan of the head in the base frame that the commands, shape (N,), radians, stand for."""
+        return float(command_rad[0]) if self.body is None else self.body.gaze_command_rad(command_rad)
+
+    def with_eyes(
+        self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray, body_rad: FloatArray | None
+    ) -> FloatArray:
+        """Commands of all joints at the knots.
+
+        Args:
+            situation: What is known.
+            means_base_m: The forecast for `eye_times_s`, shape (H, 3), metres.
+            head_rad: Commands of pan and tilt, shape (K, 2), radians.
+            body_rad: Commands of the body, shape (K,), radians; None without one.
+
+        Returns:
+            Shape (K, N), radians.
+        """
+        body = [] if body_rad is None else [body_rad[:, None]]
+        if self.eyes is None:
+            return np.concatenate([head_rad, *body], axis=1) if body else head_rad
+        others = np.concatenate([head_rad, *body], axis=1)
+        return np.concatenate([head_rad, self.eyes.commands_rad(situation, means_base_m, others), *body], axis=1)
+
+
+def slopes(position: FloatArray, step_s: float) -> FloatArray:
+    """Slopes by central differences, as of numpy.gradient, which takes several times as long.
+
+    Args:
+        position: Rows at equal steps, shape (K, N), K at least 2.
+        step_s: Time between rows, seconds.
+
+    Returns:
+        Shape (K, N), per second.
+    """
+    slope = np.empty_like(position)
+    slope[1:-1] = (position[2:] - position[:-2]) / (2.0 * step_s)
+    slope[0] = (position[1] - position[0]) / step_s
+    slope[-1] = (position[-1] - position[-2]) / step_s
+    return slope

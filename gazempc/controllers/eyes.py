@@ -1,0 +1,82 @@
+"""Eyes: they look at the person from where the head will be when they answer."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gazempc.controllers.controller import Situation
+from gazempc.controllers.motion_ahead import MotionAhead
+from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad
+from gazempc.neck.spec import EYE_AXES, NeckSpec
+from gazempc.types import FloatArray
+
+
+class EyeAim:
+    """Commands of the eyes for a person's forecast and a plan of the other joints.
+
+    An eye answers long before the head. What the head does until then is known: it follows commands already sent, and
+    then its plan. The eyes are turned by what is left. So they cancel the head's own motion as well.
+
+    Args:
+        neck: A neck with eyes.
+        knots_s: Times of the plan's knots from its start, shape (K,), seconds.
+    """
+
+    def __init__(self, neck: NeckSpec, knots_s: FloatArray) -> None:
+        self._neck, self._knots_s = neck, knots_s
+        self._eyes = [neck.joint_names.index(name) for name in EYE_AXES]
+        self._others = [i for i in range(neck.joints) if i not in self._eyes]
+        # A command is held for a servo period, so on average it is half of that late.
+        ahead_s = (neck.dead_time_s + neck.servo_lag_s)[self._eyes] + 0.5 * neck.servo_period_s
+        # One set of times where both joints of the eyes are as fast.
+        self._ahead_s: FloatArray = np.unique(ahead_s)
+        self._at = [int(np.flatnonzero(self._ahead_s == each)[0]) for each in ahead_s]
+        self._motions: dict[int, list[MotionAhead]] = {}
+
+    def forecast_times_s(self, start_s: float) -> FloatArray:
+        """Times for which the eyes need the forecast, shape (H,), seconds: H is K, or 2 K."""
+        return (start_s + self._knots_s + self._ahead_s[:, None]).ravel()
+
+    def commands_rad(self, situation: Situation, means_base_m: FloatArray, planned_rad: FloatArray) -> FloatArray:
+        """Commands of the eyes at the knots.
+
+        Args:
+            situation: What is known.
+            means_base_m: The forecast for `forecast_times_s`, shape (H, 3), metres.
+            planned_rad: Commands of the other joints at the knots, in their order, shape (K, N - 2), radians.
+
+        Returns:
+            Commands of the eyes, within their limits, shape (K, 2), radians.
+        """
+        period_s, knots = self._neck.servo_period_s, self._knots_s.size
+        committed = situation.committed_rad
+        delay = len(committed)
+        ticks = period_s * np.arange(math.ceil(self._knots_s[-1] / period_s))
+        others_rad = np.empty((len(self._ahead_s), knots, len(self._others)))
+        for column, joint in enumerate(self._others):
+            offset_rad = float(situation.joint_offset_rad[joint])
+            future = np.concatenate((committed[:, joint], np.interp(ticks, self._knots_s, planned_rad[:, column])))
+            for at, motion in enumerate(self._motion_ahead(joint, delay)):
+                others_rad[at, :, column] = offset_rad + motion(
+                    float(situation.joint_position_rad[joint]) - offset_rad,
+                    float(situation.joint_velocity_rad_s[joint]),
+                    situation.sent_rad[:, joint],
+                    future,
+                )
+        heads_rad = head_angles_rad(others_rad)
+        angles = eye_angles_rad(self._neck.geometry, heads_rad, means_base_m.reshape(-1, knots, 3))
+        limits = self._neck.command_limits
+        wanted = np.stack([angles[self._at[0], :, 0], angles[self._at[1], :, 1]], axis=-1)
+        wanted -= situation.joint_offset_rad[self._eyes]
+        return np.clip(wanted, limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes])
+
+    def _motion_ahead(self, joint: int, delay: int) -> list[MotionAhead]:
+        # The delay of a loop never changes.
+        motions = self._motions.get(joint)
+        if motions is None:
+            period_s, axis = self._neck.servo_period_s, self._neck.axes[joint]
+            ahead = [delay * period_s + each_s + self._knots_s for each_s in self._ahead_s]
+            self._motions[joint] = motions = [MotionAhead(axis, period_s, each) for each in ahead]
+        return motions

@@ -1,0 +1,103 @@
+"""One gaze shared among head, eyes and body."""
+
+import numpy as np
+import pytest
+
+from gazempc.controllers.lookahead import LookAhead
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.controllers.reactive import Reactive
+from gazempc.neck.kinematics import look_at
+from gazempc.neck.spec import load_neck
+from tests.builders.control import run
+
+EYES, BODY = load_neck("reference_eyes"), load_neck("reachy_mini_body")
+EYE_LIMIT_DEG = 35.0
+
+
+def crossing(times_s):
+    times = np.asarray(times_s, dtype=np.float64)
+    return np.stack([np.full_like(times, 2.0), 1.3 * times - 1.5, np.full_like(times, 0.35)], axis=-1)
+
+
+def standing(times_s):
+    times = np.asarray(times_s, dtype=np.float64)
+    return np.tile(2.0 * np.array([np.cos(np.deg2rad(60.0)), np.sin(np.deg2rad(60.0)), 0.0]), (times.size, 1))
+
+
+def start(neck, path=crossing):
+    angles = neck.rest_rad.copy()
+    angles[:2] = look_at(neck.geometry, path(0.0)).angles_rad
+    return angles
+
+
+@pytest.mark.parametrize("make", [LookAhead, Mpc])
+@pytest.mark.parametrize("neck", [EYES, BODY], ids=lambda neck: neck.name)
+def test_with_the_true_future_the_gaze_stays_on_the_person(make, neck):
+    ticks = round(2.5 / neck.servo_period_s)
+    _, _, error_deg = run(make(neck), neck, crossing, ticks, start_rad=start(neck))
+    settled = error_deg[ticks // 2 :]
+    assert settled.max() < (0.3 if neck is EYES else 0.8)
+
+
+@pytest.mark.parametrize("make", [LookAhead, Mpc])
+def test_the_eyes_take_what_the_head_leaves(make):
+    """The head alone is degrees off, and far smoother than that of a neck without eyes."""
+    joints, _, _ = run(make(EYES), EYES, crossing, 500, start_rad=start(EYES))
+    alone, _, _ = run(make(load_neck("reference")), load_neck("reference"), crossing, 500, start_rad=start(EYES)[:2])
+    acceleration, of_alone = (
+        np.sqrt(np.mean(np.diff(each[100:, 0], 2) ** 2)) / EYES.servo_period_s**2 for each in (joints, alone)
+    )
+    assert acceleration < 0.95 * of_alone
+    assert 1.0 < np.rad2deg(np.abs(joints[100:, 2])).max() < 20.0
+
+
+@pytest.mark.parametrize("make", [LookAhead, Mpc])
+def test_a_large_shift_is_made_by_the_eyes_first(make):
+    joints, _, error_deg = run(make(EYES), EYES, standing, 600, start_rad=np.zeros(4))
+    eye_deg, head_deg = np.rad2deg(joints[:, 2]), np.rad2deg(joints[:, 0])
+    at_limit = int(np.flatnonzero(eye_deg > EYE_LIMIT_DEG - 2.0)[0])
+    assert head_deg[at_limit] < 1.0
+    # The earliest that the head's limits allow: dead time, and 25 deg by jerk, acceleration and lag, see below.
+    there_s = EYES.servo_period_s * np.flatnonzero(error_deg < 2.6)[0]
+    assert there_s < earliest_s(60.0 - EYE_LIMIT_DEG - 2.6) + 0.1
+    assert abs(eye_deg[-1]) < 5.0
+    assert error_deg[-1] < 0.1
+
+
+def earliest_s(way_deg):
+    """When the fastest command that the head's limits allow has turned the head by so much, by simulation."""
+    from gazempc.controllers.controller import Plan
+
+    head = load_neck("reference")
+
+    class Far:
+        def reset(self): ...
+        def forecast_times_s(self, start_s, newest_capture_s):
+            return np.array([start_s])
+
+        def plan(self, situation):
+            hold = np.zeros((1, 2))
+            return Plan(situation.start_s, 1.0, np.deg2rad([[80.0, 0.0]]), hold, hold)
+
+    joints, _, _ = run(Far(), head, standing, 400)
+    return head.servo_period_s * float(np.flatnonzero(np.rad2deg(joints[:, 0]) >= way_deg)[0])
+
+
+def test_reactive_eyes_cancel_the_measured_head():
+    """Somebody who stands is looked at long before the head has come round."""
+    joints, _, error_deg = run(
+        Reactive(EYES), EYES, lambda t: standing(t) * [1.0, 0.3, 1.0], 200, start_rad=np.zeros(4)
+    )
+    assert error_deg[60] < 0.1
+    assert np.rad2deg(joints[60, 0]) < 1.0
+
+
+@pytest.mark.parametrize("make", [Reactive, LookAhead, Mpc])
+def test_a_body_brings_in_reach_what_the_head_alone_cannot_see(make):
+    behind = np.array([-1.0, 1.2, 0.2])
+    ticks = round(6.0 / BODY.servo_period_s)
+    joints, _, error_deg = run(
+        make(BODY), BODY, lambda t: np.tile(behind, (np.size(t), 1)), ticks, start_rad=np.zeros(3)
+    )
+    assert error_deg[-1] < 0.5
+    assert np.rad2deg(joints[-1, 2]) > 60.0
