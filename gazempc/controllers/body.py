@@ -73,6 +73,8 @@ class BodyAim:
         Returns:
             Angles, shape (H,), radians.
         """
+        if self._joint in situation.held:
+            return np.full(ahead_s.shape, situation.joint_position_rad[self._joint])
         delay = len(situation.committed_rad)
         key = delay, ahead_s.tobytes()
         motion = self._motions.get(key)

@@ -8,7 +8,7 @@ from gazempc.controllers.body import BodyAim
 from gazempc.controllers.controller import Situation
 from gazempc.controllers.eyes import EyeAim
 from gazempc.neck.spec import NeckSpec
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
 
 class Chain:
@@ -36,6 +36,20 @@ class Chain:
     def pan_command_rad(self, command_rad: FloatArray) -> float:
         """Pan of the head in the base frame that the commands, shape (N,), radians, stand for."""
         return float(command_rad[0]) if self.body is None else self.body.gaze_command_rad(command_rad)
+
+    def head_rad(self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray) -> FloatArray:
+        """Pan and tilt of the head in the base frame; see `EyeAim.head_without_rad`."""
+        if self.eyes is None or not situation.held:
+            return head_rad
+        return self.eyes.head_without_rad(situation, means_base_m, head_rad)
+
+    def eyes_held(self, situation: Situation) -> BoolArray:
+        """Of pan and tilt, whether there is an eye that is held, so that the head takes over, shape (2,)."""
+        return np.zeros(2, dtype=np.bool_) if self.eyes is None else self.eyes.held(situation)
+
+    def events(self, commands_rad: FloatArray) -> tuple[str, ...]:
+        """Events of a plan whose first commands are these, shape (N,), radians."""
+        return ("eyes_at_limit",) if self.eyes is not None and self.eyes.at_limit(commands_rad) else ()
 
     def with_eyes(
         self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray, body_rad: FloatArray | None

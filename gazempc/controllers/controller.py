@@ -62,6 +62,8 @@ class Situation:
         joint_offset_rad: How far from a command that stands still the joints settle, shape (N,), radians.
         sent_rad: Commands sent before now, one a servo period, oldest first, shape (M, N), radians.
         committed_rad: Commands that will be sent from now until the plan starts, shape (n, N), radians.
+        held: Joints that stand still whatever they are sent, by their place in `NeckSpec.joint_names`. Their angle now
+            is what was measured. Only necks with more than two joints name any.
     """
 
     start_s: float
@@ -72,6 +74,7 @@ class Situation:
     joint_offset_rad: FloatArray
     sent_rad: FloatArray
     committed_rad: FloatArray
+    held: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Eyes: they look at the person from where the head will be when they answer."""
+"""Eyes: they look at the person from where the head will be when they answer. The head does without held ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from gazempc.controllers.controller import Situation
 from gazempc.controllers.motion_ahead import MotionAhead
 from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad
 from gazempc.neck.spec import EYE_AXES, NeckSpec
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
+
+# Pan and tilt of the head hardly depend on each other: three turns leave less than a hundredth of a degree.
+_TURNS = 3
 
 
 class EyeAim:
@@ -56,6 +59,9 @@ class EyeAim:
         ticks = period_s * np.arange(math.ceil(self._knots_s[-1] / period_s))
         others_rad = np.empty((len(self._ahead_s), knots, len(self._others)))
         for column, joint in enumerate(self._others):
+            if joint in situation.held:
+                others_rad[:, :, column] = situation.joint_position_rad[joint]
+                continue
             offset_rad = float(situation.joint_offset_rad[joint])
             future = np.concatenate((committed[:, joint], np.interp(ticks, self._knots_s, planned_rad[:, column])))
             for at, motion in enumerate(self._motion_ahead(joint, delay)):
@@ -69,8 +75,43 @@ class EyeAim:
         angles = eye_angles_rad(self._neck.geometry, heads_rad, means_base_m.reshape(-1, knots, 3))
         limits = self._neck.command_limits
         wanted = np.stack([angles[self._at[0], :, 0], angles[self._at[1], :, 1]], axis=-1)
-        wanted -= situation.joint_offset_rad[self._eyes]
+        # An eye that is held is sent what it would have to do from its middle. So it is seen to move once it can.
+        wanted -= np.where(self.held(situation), self._held_rad(situation), situation.joint_offset_rad[self._eyes])
         return np.clip(wanted, limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes])
+
+    def head_without_rad(self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray) -> FloatArray:
+        """Angles of the head that look at the person past eyes that are held.
+
+        Args:
+            situation: What is known.
+            means_base_m: Where the person is, shape (H, 3), metres.
+            head_rad: Pan and tilt of a head whose eyes look straight ahead, in the base frame, shape (H, 2), radians.
+
+        Returns:
+            Shape (H, 2), radians; `head_rad` itself if no eye is held.
+        """
+        held_rad = self._held_rad(situation)
+        if not held_rad.any():
+            return head_rad
+        for _ in range(_TURNS):
+            head_rad = head_rad + eye_angles_rad(self._neck.geometry, head_rad, means_base_m) - held_rad
+        return head_rad
+
+    def held(self, situation: Situation) -> BoolArray:
+        """Which of the eyes' pan and tilt are held, shape (2,)."""
+        return np.isin(self._eyes, situation.held)
+
+    def at_limit(self, commands_rad: FloatArray) -> bool:
+        """Whether commands of all joints, shape (N,), radians, have an eye at its limit."""
+        limits, eyes = self._neck.command_limits, commands_rad[self._eyes]
+        low, high = limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes]
+        return bool((eyes <= low).any() or (eyes >= high).any())
+
+    def _held_rad(self, situation: Situation) -> FloatArray:
+        # Where eyes are held; 0 of those that answer.
+        if not situation.held:
+            return np.zeros(2)
+        return np.where(self.held(situation), situation.joint_position_rad[self._eyes], 0.0)
 
     def _motion_ahead(self, joint: int, delay: int) -> list[MotionAhead]:
         # The delay of a loop never changes.

@@ -85,7 +85,9 @@ class LookAhead:
             look_at_rad(self.neck.geometry, means_base_m[:count]),
             self._chain.pan_command_rad(situation.command.position_rad),
             *self._chain.reach_rad,
-        ).reshape(2, 2, -1, 2)
+        )
+        whole = self._chain.head_rad(situation, means_base_m[:count], angles)
+        angles = whole.reshape(2, 2, -1, 2)
         body = None
         if self._chain.body is not None:
             body = self._chain.body.commands_rad(situation, angles[0, 0, :, 0])
@@ -94,9 +96,12 @@ class LookAhead:
         angles = np.clip(angles, limits.position_min_rad[:2], limits.position_max_rad[:2])
         demanded, later = (np.stack([each[0, :, 0], each[1, :, 1]], axis=-1) for each in angles)
         head = self._low_pass(demanded, later, situation.command.position_rad[:2])
+        if situation.held:  # without an eye nobody makes up for the low-pass
+            head = np.where(self._chain.eyes_held(situation), demanded, head)
         position = self._chain.with_eyes(situation, means_base_m[count:], head, body)
         velocity = slopes(position, self.neck.control_period_s)
-        return Plan(situation.start_s, self.neck.control_period_s, position, velocity, np.zeros_like(position))
+        rest, events = np.zeros_like(position), self._chain.events(position[0])
+        return Plan(situation.start_s, self.neck.control_period_s, position, velocity, rest, events)
 
     def _low_pass(self, demanded_rad: FloatArray, later_rad: FloatArray, command_rad: FloatArray) -> FloatArray:
         if self._keep == 0.0:

@@ -46,6 +46,7 @@ class Reactive:
             self._chain.pan_command_rad(command_rad),
             *self._chain.reach_rad,
         )[:1]
+        angles = self._chain.head_rad(situation, situation.forecast.means_base_m[:1], angles)
         wanted = np.zeros((1, neck.joints))
         wanted[:, :2] = angles
         if neck.body is not None:

@@ -57,6 +57,11 @@ class Event(StrEnum):
         "joint_reading_refused",
         "a reading of the joints was NaN, too old or far from any possible position; not used",
     )
+    JOINT_NOT_FOLLOWING = (
+        "joint_not_following",
+        "a joint of a neck with eyes or body stands still although its commands move; the other joints do without it",
+    )
+    EYES_AT_LIMIT = "eyes_at_limit", "the eyes are at their limit while the head is still on its way"
     ROBOT_NOT_ANSWERING = (
         "robot_not_answering",
         "the joints could not be read (the plan then relies on the commands sent), or a command did not get through "

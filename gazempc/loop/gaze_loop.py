@@ -17,8 +17,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from gazempc.controllers.controller import AxisMotion, CommandState, ControllerError, Plan, Situation
+from gazempc.errors import RobotError
 from gazempc.loop.drive import Drive
 from gazempc.loop.events import Event
+from gazempc.loop.following import FollowingWatch
 from gazempc.loop.observer import JointEstimate, JointObserver
 from gazempc.loop.planner import Answer, Planner
 from gazempc.loop.recorder import LoopRecorder
@@ -32,6 +34,7 @@ from predictors import Forecast, HeadObservation, Predictor
 
 # So many commands in a row may get lost before the motion starts again from rest: on a busy line single ones do.
 _SENDS_FORGIVEN = 2
+_PAN_AND_TILT = 2
 
 
 class GazeLoop:
@@ -76,6 +79,8 @@ class GazeLoop:
             [0.0 if axis.takes_speed else at for axis, at in zip(neck.axes, start_rad, strict=True)]
         )
         self._observer: JointObserver | None = None
+        # Pan and tilt alone have nobody who could take over.
+        self._following = FollowingWatch(neck) if neck.joints > _PAN_AND_TILT else None
         self._forecast_ms = 0.0
         self._last_index: int | None = None
         self._ignored_until = -1
@@ -115,13 +120,14 @@ class GazeLoop:
         measured = self._read_state(time_s)
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
-        self._observer.update(time_s, measured)
+        held = self._watch_joints(time_s, measured, plans)
+        self._observer.update(time_s, measured, held)
         if self._observer.refused:
             self._recorder.event(time_s, Event.JOINT_READING_REFUSED)
         # Before asking, too: a planner that has answered is free again.
         self._take_answers(index, time_s)
         if plans and self._gets_through and not self._stopping:
-            self._ask_for_plan(index, time_s, due_s, self._observer.estimate)
+            self._ask_for_plan(index, time_s, due_s, self._observer.estimate, held)
             self._take_answers(index, time_s)
         while self._waiting and self._waiting[0][0] <= index:
             _, self._plan, capture_s = self._waiting.popleft()
@@ -194,7 +200,24 @@ class GazeLoop:
     def _offset_rad(self) -> FloatArray:
         return np.zeros(self._neck.joints) if self._observer is None else self._observer.estimate.offset_rad
 
+    def _watch_joints(self, time_s: float, measured: JointState | None, judges: bool) -> tuple[int, ...]:
+        # Joints that do not follow; this is judged as often as plans are made.
+        following = self._following
+        if following is None:
+            return ()
+        following.measured(measured)
+        if judges:
+            for joint in following.judge():
+                name = self._neck.joint_names[joint]
+                error = RobotError(f"joint {name} stands still although its commands move")
+                self._recorder.event(time_s, Event.JOINT_NOT_FOLLOWING, error)
+            if following.held:
+                self._recorder.event(time_s, Event.JOINT_NOT_FOLLOWING)
+        return following.held
+
     def _note_sent(self, sent_rad: FloatArray) -> None:
+        if self._following is not None:
+            self._following.sent(sent_rad)
         self._sent_rad[:-1] = self._sent_rad[1:]
         self._sent_rad[-1] = sent_rad
 
@@ -216,7 +239,9 @@ class GazeLoop:
             return None
         return state
 
-    def _ask_for_plan(self, index: int, time_s: float, due_s: float, joints: JointEstimate) -> None:
+    def _ask_for_plan(
+        self, index: int, time_s: float, due_s: float, joints: JointEstimate, held: tuple[int, ...]
+    ) -> None:
         newest_s = self._track.newest_capture_s
         if newest_s is None:
             self._recorder.event(time_s, Event.NO_OBSERVATION_YET)
@@ -247,6 +272,7 @@ class GazeLoop:
             joint_offset_rad=offset_rad,
             sent_rad=sent_rad,
             committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, self._neck.joints),
+            held=held,
         )
         self._forecast_ms = 1e3 * (time.perf_counter() - started)
         if self._planner.request(index + self._delay_ticks, situation):

@@ -94,13 +94,14 @@ class JointObserver:
         for servo, to in zip(self._servos, command.tolist(), strict=True):
             servo.send(to)
 
-    def update(self, time_s: float, measured: JointState | None) -> None:
+    def update(self, time_s: float, measured: JointState | None, held: tuple[int, ...] = ()) -> None:
         """Move on in time and take in a measurement.
 
         Args:
             time_s: Present time, seconds; one before that of the last update is taken for that.
             measured: Newest measured state, perhaps of a moment ago; None if there is none. One that was taken in
                 before is not used; one that cannot be believed is `refused`.
+            held: Joints that stand still whatever they are sent: they are where they are measured.
         """
         past = self._past
         if past and past[-1][0] > time_s:
@@ -116,7 +117,7 @@ class JointObserver:
         if measured is not None and not measured.time_s >= oldest_s:
             self._refused = True
         elif measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
-            self._take_in(measured, time_s)
+            self._take_in(measured, time_s, held)
         self._note_estimate()
 
     def _note_estimate(self) -> None:
@@ -129,7 +130,7 @@ class JointObserver:
         angles = [state[0] + offset_rad for state, offset_rad in zip(states, self._offset_rad, strict=True)]
         return tuple(angles), tuple([state[1] for state in states])
 
-    def _take_in(self, measured: JointState, time_s: float) -> None:
+    def _take_in(self, measured: JointState, time_s: float, held: tuple[int, ...]) -> None:
         measured_s = min(measured.time_s, time_s)
         angles = measured.position_rad.tolist()
         # Written so that a NaN is outside.
@@ -145,14 +146,16 @@ class JointObserver:
         # What was expected at the time of measurement; the error is then taken to be the same now.
         errors_rad = [now - (then + since_s * speed) for now, then, speed in zip(angles, then_rad, speeds, strict=True)]
         first = self._measured_s is None
-        far = not first and any(abs(error_rad) > _GATE_RAD for error_rad in errors_rad)
+        far = not first and any(abs(e) > _GATE_RAD for axis, e in enumerate(errors_rad) if axis not in held)
         self._refused_in_a_row = self._refused_in_a_row + 1 if far else 0
         if far and self._refused_in_a_row < _READINGS_TO_BELIEVE:
             self._refused = True
             return
         self._measured_s = measured.time_s
         self._refused_in_a_row = 0
-        corrections = [self._believe(axis, error_rad, first, far) for axis, error_rad in enumerate(errors_rad)]
+        corrections = [
+            self._believe(axis, error_rad, first, far or axis in held) for axis, error_rad in enumerate(errors_rad)
+        ]
         # What is now known was so then: an error that has been corrected must not be corrected again by the next
         # measurement that is as old.
         for k in range(at, len(self._past)):

@@ -3,6 +3,7 @@
 import numpy as np
 
 from gazempc.controllers.controller import Situation
+from gazempc.loop.following import FollowingWatch
 from gazempc.loop.observer import JointObserver
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.kinematics import gaze_error_rad
@@ -18,7 +19,17 @@ def forecast(times_s, path, sigma_m=np.zeros_like):
     return Forecast(times, path(times), sigma_m(times)[:, None, None] ** 2 * np.eye(3), 0.0)
 
 
-def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None, known=None, sigma_m=np.zeros_like):
+def run(
+    controller,
+    neck,
+    path,
+    ticks,
+    start_rad=(0.0, 0.0),
+    model=None,
+    known=None,
+    sigma_m=np.zeros_like,
+    robot_type=SimulatedNeck,
+):
     """Closed loop, as the loop does it; returns true joint angles, commands and the gaze error after each tick.
 
     The future is the true one, or what `known(now, times)` says of it, with standard deviations `sigma_m` of the time
@@ -29,14 +40,19 @@ def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None, known=N
     now = 0.0
     observer = JointObserver(model, np.array(start_rad), 0.0)
     smoother = Smoother(model, np.array(start_rad))
-    robot = SimulatedNeck(neck, smoother.command.position_rad, lambda: now)
+    following = FollowingWatch(model)
+    robot = robot_type(neck, smoother.command.position_rad, lambda: now)
     robot.connect()
     sent = np.tile(smoother.command.position_rad, (400, 1))
     plan, joints, commands, errors = None, [], [], []
     for k in range(ticks):
         now = k * neck.servo_period_s
         true = robot.true_state()
-        observer.update(now, robot.read_state())
+        measured = robot.read_state()
+        following.measured(measured)
+        if k % neck.servo_ticks_per_plan == 0 and neck.joints > 2:
+            following.judge()
+        observer.update(now, measured, following.held)
         state = observer.estimate
         if k % neck.servo_ticks_per_plan == 0:
             situation = Situation(
@@ -52,12 +68,14 @@ def run(controller, neck, path, ticks, start_rad=(0.0, 0.0), model=None, known=N
                 joint_offset_rad=state.offset_rad,
                 sent_rad=sent,
                 committed_rad=np.zeros((0, neck.joints)),
+                held=following.held,
             )
             plan = controller.plan(situation)
         command_rad = smoother.step(now, plan)
         sent = np.roll(sent, -1, axis=0)
         sent[-1] = robot.send_command(command_rad)
         observer.sent(sent[-1])
+        following.sent(sent[-1])
         joints.append(true.position_rad)
         commands.append(command_rad)
         errors.append(float(gaze_error_rad(neck.geometry, true.position_rad, path(np.array([now]))[0])))

@@ -39,7 +39,7 @@ def make_loop(robot, recorder, controller=None, predictor=None, settings=None, n
         neck,
         predictor or ConstantVelocity(),
         ImmediatePlanner(controller or LookAhead(neck)),
-        Smoother(neck, np.zeros(2)),
+        Smoother(neck, np.zeros(neck.joints)),
         robot,
         recorder,
         settings or LoopSettings(),
@@ -58,12 +58,16 @@ class LoopBench:
         on_send=None,
         robot_neck=NECK,
         head_m=ambling_head_m,
+        neck=NECK,
     ):
-        self.clock, self.head_m = SimulatedClock(), head_m
-        self.robot = Spied(SimulatedNeck(robot_neck, np.zeros(2), self.clock.now_s), self.clock, on_read, on_send)
+        self.clock, self.head_m, self.neck = SimulatedClock(), head_m, neck
+        if neck is not NECK:
+            robot_neck = neck
+        start_rad = np.zeros(neck.joints)
+        self.robot = Spied(SimulatedNeck(robot_neck, start_rad, self.clock.now_s), self.clock, on_read, on_send)
         self.robot.connect()
-        self.recorder = make_recorder()
-        self.loop = make_loop(self.robot, self.recorder, controller, predictor, settings)
+        self.recorder = make_recorder(neck)
+        self.loop = make_loop(self.robot, self.recorder, controller, predictor, settings, neck)
 
     def run(self, seconds, seen=lambda t: True, lead_s=0.066, extra=(), answering=True):
         """Run; frames whose capture time `seen` accepts arrive `lead_s` late, and the `extra` sightings.
@@ -80,13 +84,13 @@ class LoopBench:
             sightings = sightings[len(due) :]
             self.loop.tick(index, now_s, due)
         log, _ = self.recorder.finish(
-            run_info(NECK),
+            run_info(self.neck),
             lambda t: np.where(t[:, None] <= seconds, np.array([self.head_m(x) for x in t]).reshape(-1, 3), np.nan),
         )
         assert len(log.time_s) == int(seconds / TS)
         if answering:
             commands_only = dataclasses.replace(log, joint_position_rad=log.command_position_rad)
-            assert limit_violations(commands_only, NECK) == 0
+            assert limit_violations(commands_only, self.neck) == 0
         return log
 
 

@@ -114,6 +114,7 @@ class Mpc:
             self._chain.pan_command_rad(command.position_rad),
             *self._chain.reach_rad,
         )
+        angles = self._chain.head_rad(situation, means_base_m[:count], angles)
         body = None
         if self._chain.body is not None:
             body = self._chain.body.commands_rad(situation, np.interp(self._knots_s, self._times_s, angles[:n, 0]))
@@ -128,6 +129,7 @@ class Mpc:
             (angles[:n, 0], angles[-n:, 1]),
             strict=True,
         )
+        quick = self._chain.eyes_held(situation).tolist() if situation.held else [False, False]
         state = np.empty(5)
         events: tuple[str, ...] = ()
         for i, (position_rad, velocity_rad_s, offset_rad, reference) in enumerate(joints):
@@ -136,7 +138,7 @@ class Mpc:
                 position_rad - offset_rad, velocity_rad_s, situation.sent_rad[:, i], situation.committed_rad[:, i]
             )
             state[2:] = knots[:, 0, i]
-            solution = self._solve(i, state, reference - offset_rad)
+            solution = self._solve(i, state, reference - offset_rad, quick[i])
             if solution.solver == "none":
                 events += ("solver_gave_up",)
             elif solution.softened:
@@ -147,12 +149,14 @@ class Mpc:
             knots[0, 1:, 2:] = joints_rad[:, 2:]
             knots[1, :, 2:] = slopes(knots[0, :, 2:], self.neck.control_period_s)
             knots[2, :, 2:] = 0.0
+            events += self._chain.events(knots[0, 1])
         start_s = situation.start_s - self.neck.servo_period_s
         return Plan(start_s, self.neck.control_period_s, knots[0], knots[1], knots[2], events)
 
-    def _solve(self, axis: int, state: FloatArray, reference_rad: FloatArray) -> Solution:
+    def _solve(self, axis: int, state: FloatArray, reference_rad: FloatArray, quick: bool) -> Solution:
         turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._between_s
         bounds_rad = self._acquisitions[axis].bounds_rad(float(state[0]), float(state[1]), reference_rad, turning_rad_s)
-        if bounds_rad is None:
+        # Without the eye nobody makes up for the smoothing.
+        if bounds_rad is None and not quick:
             return self.ocps[axis].solve(state, reference_rad)
         return self.acquisition_ocps[axis].solve(state, reference_rad, bounds_rad)

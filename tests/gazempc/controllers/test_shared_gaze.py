@@ -8,6 +8,8 @@ from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.reactive import Reactive
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import load_neck
+from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import JointState
 from tests.builders.control import run
 
 EYES, BODY = load_neck("reference_eyes"), load_neck("reachy_mini_body")
@@ -101,3 +103,82 @@ def test_a_body_brings_in_reach_what_the_head_alone_cannot_see(make):
     )
     assert error_deg[-1] < 0.5
     assert np.rad2deg(joints[-1, 2]) > 60.0
+
+
+def stuck(joint, stuck_from_s, until_s=np.inf):
+    """A neck of which one joint stands still for some time."""
+
+    class Stuck(SimulatedNeck):
+        def __init__(self, neck, start_rad, clock_s, seed=0):
+            super().__init__(neck, start_rad, clock_s, seed)
+            self._clock, self._last = clock_s, float(start_rad[joint])
+
+        def true_state(self):
+            state = super().true_state()
+            if stuck_from_s <= self._clock() < until_s:
+                position, velocity = state.position_rad.copy(), state.velocity_rad_s.copy()
+                position[joint], velocity[joint] = self._last, 0.0
+                return JointState(state.time_s, position, velocity)
+            self._last = float(state.position_rad[joint])
+            return state
+
+    return Stuck
+
+
+def to_and_fro(times_s):
+    times = np.asarray(times_s, dtype=np.float64)
+    return np.stack([np.full_like(times, 2.0), 1.2 * np.sin(1.2 * times), np.full_like(times, 0.35)], axis=-1)
+
+
+@pytest.mark.parametrize("make", [LookAhead, Mpc])
+@pytest.mark.parametrize("stuck_from_s", [0.0, 1.0, 1.6])
+def test_the_head_takes_over_from_an_eye_that_stands_still(make, stuck_from_s):
+    neck, ticks = EYES, round(6.0 / EYES.servo_period_s)
+    joints, _, error_deg = run(
+        make(neck), neck, to_and_fro, ticks, start_rad=start(neck, to_and_fro), robot_type=stuck(2, stuck_from_s)
+    )
+    assert abs(np.rad2deg(np.ptp(joints[ticks // 2 :, 2]))) < 1e-9
+    assert np.sqrt(np.mean(error_deg[ticks // 2 :] ** 2)) < 0.3  # 0.14 deg; some 7 if the head went on as before
+
+
+def test_an_eye_that_moves_again_is_used_again():
+    neck, ticks = EYES, round(10.0 / EYES.servo_period_s)
+    robot = stuck(2, 1.0, 4.0)
+    joints, _, _ = run(LookAhead(neck), neck, to_and_fro, ticks, start_rad=start(neck, to_and_fro), robot_type=robot)
+    never, _, _ = run(LookAhead(neck), neck, to_and_fro, ticks, start_rad=start(neck, to_and_fro))
+    assert np.rad2deg(np.abs(joints - never))[-200:].max() < 0.05
+
+
+@pytest.mark.parametrize("make", [LookAhead, Mpc])
+def test_the_head_takes_over_from_a_body_that_is_blocked(make):
+    neck, ticks = BODY, round(6.0 / BODY.servo_period_s)
+    joints, _, error_deg = run(
+        make(neck), neck, to_and_fro, ticks, start_rad=start(neck, to_and_fro), robot_type=stuck(2, 1.0)
+    )
+    body = neck.joint_names.index("body_yaw")
+    assert np.ptp(joints[ticks // 2 :, body]) == 0.0
+    assert np.sqrt(np.mean(error_deg[ticks // 2 :] ** 2)) < 0.8  # 0.54 deg
+
+
+@pytest.mark.parametrize("make", [LookAhead, Mpc])
+def test_the_eyes_take_over_from_a_head_that_is_blocked(make):
+    neck, ticks = EYES, round(4.0 / EYES.servo_period_s)
+    _, _, error_deg = run(
+        make(neck), neck, to_and_fro, ticks, start_rad=start(neck, to_and_fro), robot_type=stuck(0, 0.5)
+    )
+    assert error_deg[ticks // 2 :].max() < 0.05
+
+
+@pytest.mark.parametrize("make", [LookAhead, Mpc])
+def test_eyes_at_their_limit_are_said(make):
+    plans = []
+
+    class Kept(make):
+        def plan(self, situation):
+            plans.append(super().plan(situation))
+            return plans[-1]
+
+    run(Kept(EYES), EYES, standing, 300, start_rad=np.zeros(4))
+    said = ["eyes_at_limit" in plan.events for plan in plans]
+    assert any(said[:15])
+    assert not any(said[-5:])

@@ -75,7 +75,8 @@ def test_a_replay_moves_as_with_angles(controller: str) -> None:
     speeds, angles = (
         replay_scene(Scene(WALK, taking(c), SENSOR), controller, "walker").log for c in ("velocity", "position")
     )
-    np.testing.assert_allclose(speeds.joint_position_rad, angles.joint_position_rad, atol=1e-3)
+    # A twelfth of a degree: a speed is held for a period, and acquisition begins at a threshold.
+    np.testing.assert_allclose(speeds.joint_position_rad, angles.joint_position_rad, atol=1.5e-3)
     assert measure(speeds).limit_violations == 0
 
 

@@ -1,0 +1,82 @@
+"""Joints that stand still although their commands move are found, and no others."""
+
+import numpy as np
+import pytest
+from builders.loop import LoopBench, events
+
+from gazempc.controllers.lookahead import LookAhead
+from gazempc.loop.following import FollowingWatch
+from gazempc.neck.servo import DelayedServo
+from gazempc.neck.spec import load_neck
+from gazempc.types import JointState
+
+NECK = load_neck("reference_eyes")
+EYE_PAN = NECK.joint_names.index("eye_pan")
+
+
+def watched(measured_of, seconds=4.0, frequency_hz=0.4, amplitude_rad=0.15):
+    """Joints held at each tick. All are sent a sine; `measured_of` makes readings of the servos' angles."""
+    watch, held = FollowingWatch(NECK), []
+    servos = [DelayedServo(axis, 0.0, 0.0) for axis in NECK.axes]
+    for tick in range(round(seconds / NECK.servo_period_s)):
+        now_s = tick * NECK.servo_period_s
+        for servo in servos:
+            servo.advance_to(now_s)
+        angles = measured_of(now_s, np.array([servo.state[0] for servo in servos]))
+        watch.measured(None if angles is None else JointState(now_s, angles, np.zeros(NECK.joints)))
+        watch.judge()
+        held.append(watch.held)
+        command = np.full(NECK.joints, amplitude_rad * np.sin(2.0 * np.pi * frequency_hz * now_s))
+        watch.sent(command)
+        for servo, to in zip(servos, command.tolist(), strict=True):
+            servo.send(to)
+    return held
+
+
+def frozen(angles, joint):
+    changed = angles.copy()
+    changed[joint] = 0.1
+    return changed
+
+
+@pytest.mark.parametrize("joint", range(NECK.joints))
+def test_a_joint_that_stands_still_is_found_and_no_other(joint):
+    assert watched(lambda _, angles: frozen(angles, joint))[-1] == (joint,)
+
+
+def test_it_is_found_within_a_second_and_found_well_again():
+    held = watched(lambda t, angles: frozen(angles, EYE_PAN) if 2.0 <= t < 3.5 else angles, seconds=6.0)
+    at = [round(t / NECK.servo_period_s) for t in (1.9, 3.0, 5.0)]
+    assert [held[tick] for tick in at] == [(), (EYE_PAN,), ()]
+
+
+@pytest.mark.parametrize(
+    "measured_of",
+    [
+        pytest.param(lambda _, angles: angles + 0.15, id="offset"),
+        pytest.param(lambda _, angles: 0.5 * angles, id="half the motion"),
+        pytest.param(lambda t, angles: angles + 0.003 * np.sin(1e4 * t), id="noise"),
+        pytest.param(lambda _, angles: None, id="no encoders"),
+        pytest.param(lambda _, angles: angles * np.nan, id="NaN"),
+    ],
+)
+def test_a_joint_that_moves_or_cannot_be_seen_is_not_held(measured_of):
+    assert not any(watched(measured_of))
+
+
+def test_small_commands_decide_nothing():
+    assert not any(watched(lambda _, angles: frozen(angles, EYE_PAN), amplitude_rad=0.005))
+
+
+def test_the_event_names_the_joint():
+    def reading(_, state):
+        return JointState(state.time_s, frozen(state.position_rad, EYE_PAN), state.velocity_rad_s)
+
+    log = LoopBench(LookAhead(NECK), neck=NECK, on_read=reading).run(4.0)
+    assert log.event_name.tolist().count("joint_not_following") == 1
+    (fault,) = [fault for fault in log.faults if fault.event == "joint_not_following"]
+    assert "eye_pan" in fault.error
+
+
+def test_joints_that_follow_raise_no_event():
+    assert "joint_not_following" not in events(LoopBench(LookAhead(NECK), neck=NECK).run(4.0))
