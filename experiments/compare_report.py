@@ -77,9 +77,14 @@ def report(summary: Row, done: list[Row]) -> str:
 def _table(rows: list[Row]) -> list[str]:
     # Most recordings do not say of what kind they are.
     has_kinds = any(r["kind"] != "all" for r in rows)
+    # Without body and eyes, the head's acceleration is that of all joints.
+    has_more = any(r["head_rms_acceleration_rad_s2"] != r["rms_acceleration_rad_s2"] for r in rows)
+    has_eyes = any(r["eye_eccentricity_p95_deg"] is not None for r in rows)
     columns = [
         *("group", *(["kind"] if has_kinds else []), "clips", "people", "neck", "gaze", "filter and forecast"),
         *("gaze error RMS [deg]", "eye contact 2.6 deg [%]", "gap closed", "RMS acceleration [rad/s^2]"),
+        *(["of the head [rad/s^2]"] if has_more else []),
+        *(["eyes aside, 95 % below [deg]"] if has_eyes else []),
     ]
     lines = [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
     for r in rows:
@@ -88,6 +93,8 @@ def _table(rows: list[Row]) -> list[str]:
             *(label(r["controller"]), r["predictor"]),
             *(_cell(r, "gaze_error_rms_deg", 2), _cell(r, "eye_contact_2p6", 1, 100.0)),
             *(_cell(r, "gap_closed", 3), _cell(r, "rms_acceleration_rad_s2", 2)),
+            *([_cell(r, "head_rms_acceleration_rad_s2", 2)] if has_more else []),
+            *([_cell(r, "eye_eccentricity_p95_deg", 1)] if has_eyes else []),
         ]
         lines.append(f"| {' | '.join(cells)} |")
     return lines

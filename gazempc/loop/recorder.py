@@ -166,6 +166,7 @@ class LoopRecorder:
             run=run,
             time_s=time_s,
             head_true_base_m=true_head_base_m(time_s),
+            joint_time_s=np.array([np.nan if s is None else s.time_s for s in states]),
             joint_position_rad=_rows([nowhere if s is None else s.position_rad for s in states], joints),
             joint_velocity_rad_s=_rows([nowhere if s is None else s.velocity_rad_s for s in states], joints),
             command_position_rad=_rows([sent_rad for _, _, sent_rad, _ in self._ticks], joints),

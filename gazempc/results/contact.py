@@ -30,10 +30,21 @@ def share_within(error_deg: FloatArray, limit_deg: float) -> float:
     return float(np.mean(error_deg <= limit_deg)) if np.isfinite(error_deg).all() else float("nan")
 
 
-def longest_run(flags: BoolArray) -> int:
-    """Length of the longest run of true flags, ticks."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
+def longest_break_s(log: Log, error_deg: FloatArray, scored: BoolArray) -> float:
+    """Longest time without eye contact. A tick lasts until the next one.
+
+    Args:
+        log: The run.
+        error_deg: Gaze error at each tick, shape (M,), degrees.
+        scored: Ticks that count, shape (M,).
+
+    Returns:
+        Seconds.
+    """
+    lasts_s = np.diff(log.time_s, append=log.time_s[-1] + log.neck.servo_period_s)[scored]
+    edges = np.flatnonzero(np.diff(error_deg[scored] > CONTACT_DEG[0], prepend=False, append=False))
+    until_s = np.concatenate([[0.0], np.cumsum(lasts_s)])
+    return float(np.max(until_s[edges[1::2]] - until_s[edges[::2]], initial=0.0))
 
 
 def overshoot_deg(log: Log) -> float:

@@ -53,12 +53,14 @@ class Log:
         run: What the run was; as JSON text in the file.
         time_s: Servo ticks, shape (M,), seconds.
         head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
-        joint_position_rad: Pan and tilt of the joints at each tick, shape (M, 2), radians: of a simulated neck where
-            they are, of a robot what it reports.
-        joint_velocity_rad_s: Shape (M, 2), rad/s.
-        command_position_rad: Commands sent at each tick, shape (M, 2), radians.
-        command_velocity_rad_s: Shape (M, 2), rad/s.
-        command_acceleration_rad_s2: Shape (M, 2), rad/s^2.
+        joint_time_s: When the joints were read, shape (M,), seconds; until a robot has a new reading the time of the
+            last one, and NaN where it did not answer.
+        joint_position_rad: Angles of the joints in the order of `NeckSpec.joint_names` (pan, tilt, then eyes and body)
+            at each tick, shape (M, N), radians: of a simulated neck where they are, of a robot what it reports.
+        joint_velocity_rad_s: Shape (M, N), rad/s.
+        command_position_rad: Commands sent at each tick, shape (M, N), radians.
+        command_velocity_rad_s: Shape (M, N), rad/s.
+        command_acceleration_rad_s2: Shape (M, N), rad/s^2.
         capture_time_s: Capture times of the observations that were used, shape (F,), seconds.
         arrival_time_s: Times of their arrival, shape (F,), seconds.
         head_observed_base_m: Observed heads, shape (F, 3), metres.
@@ -78,6 +80,7 @@ class Log:
     run: RunInfo
     time_s: FloatArray
     head_true_base_m: FloatArray
+    joint_time_s: FloatArray
     joint_position_rad: FloatArray
     joint_velocity_rad_s: FloatArray
     command_position_rad: FloatArray

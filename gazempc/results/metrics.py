@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import LeftOutError
-from gazempc.neck.kinematics import gaze_error_rad, gaze_ray
-from gazempc.results.contact import CONTACT_DEG, longest_run, overshoot_deg, share_within, time_to, time_to_stable
+from gazempc.neck.kinematics import gaze_error_rad
+from gazempc.results.contact import CONTACT_DEG, longest_break_s, overshoot_deg, share_within, time_to, time_to_stable
 from gazempc.results.forecast_metrics import forecast_metrics
 from gazempc.results.limits import limit_violations
 from gazempc.results.log import Log
-from gazempc.results.smoothness import log_dimensionless_jerk, sparc
+from gazempc.results.motion import motion_metrics
 from gazempc.types import FloatArray
 
 SCORED_FROM_S = 1.0
@@ -28,7 +28,7 @@ class Metrics:
     """Metrics of one run; the fields are the keys of `summary.json`. NaN where the log cannot tell.
 
     Gaze, contact and smoothness are taken from 1.0 s after the first frame to the last frame; peaks and violations
-    over the whole run. RMS acceleration adds both joints. The names of the forecast's metrics hold the horizon in ms.
+    over the whole run. RMS acceleration adds all joints. The names of the forecast's metrics hold the horizon in ms.
     """
 
     gaze_error_rms_deg: float
@@ -42,6 +42,8 @@ class Metrics:
     time_to_stable_contact_s: float
     overshoot_deg: float
     rms_acceleration_rad_s2: float
+    head_rms_acceleration_rad_s2: float
+    eye_eccentricity_p95_deg: float
     peak_velocity_rad_s: float
     peak_acceleration_rad_s2: float
     peak_jerk_rad_s3: float
@@ -104,13 +106,8 @@ def measure(log: Log) -> Metrics:
             f"{log.run.recording}: {log.time_s[-1] - log.time_s[0]:.2f} s is too short: gaze is "
             f"scored from {SCORED_FROM_S} s to the end, and at least {MIN_DURATION_S} s are needed"
         )
-    # The ticks of a live run come a little early or late; the motion was made for equal ones.
     dt_s = neck.servo_period_s
-    acceleration = np.diff(log.joint_position_rad, 2, axis=0) / dt_s**2
-    scored_acceleration = acceleration[scored[2:]]
     error_scored = error[scored]
-    _, direction = gaze_ray(neck.geometry, log.joint_position_rad[scored])
-    speed = np.linalg.norm(np.diff(direction, axis=0), axis=1) / dt_s
     return Metrics(
         gaze_error_rms_deg=float(np.sqrt(np.mean(error_scored**2))),
         gaze_error_median_deg=float(np.median(error_scored)),
@@ -118,17 +115,12 @@ def measure(log: Log) -> Metrics:
         eye_contact_2p6=share_within(error_scored, CONTACT_DEG[0]),
         eye_contact_4=share_within(error_scored, CONTACT_DEG[1]),
         eye_contact_9=share_within(error_scored, CONTACT_DEG[2]),
-        longest_break_s=longest_run(error_scored > CONTACT_DEG[0]) * dt_s if knows_head else float("nan"),
+        longest_break_s=longest_break_s(log, error, scored) if knows_head else float("nan"),
         time_to_contact_s=time_to(error <= CONTACT_DEG[0], log.time_s),
         time_to_stable_contact_s=time_to_stable(error <= CONTACT_DEG[0], log.time_s, dt_s),
         overshoot_deg=overshoot_deg(log),
-        rms_acceleration_rad_s2=float(np.sqrt(np.nanmean(np.sum(scored_acceleration**2, axis=1)))),
-        peak_velocity_rad_s=_peak(log.joint_position_rad, 1, dt_s),
-        peak_acceleration_rad_s2=_peak(log.joint_position_rad, 2, dt_s),
-        peak_jerk_rad_s3=_peak(log.joint_position_rad, 3, dt_s),
         limit_violations=limit_violations(log, neck),
-        sparc=sparc(speed, 1.0 / dt_s),
-        ldlj=log_dimensionless_jerk(speed, 1.0 / dt_s),
+        **motion_metrics(log, scored),
         **forecast_metrics(log),
     )
 
@@ -146,7 +138,3 @@ def gap_closed(rms_deg: float, reactive_rms_deg: float, perfect_rms_deg: float) 
     """
     gap = reactive_rms_deg - perfect_rms_deg
     return (reactive_rms_deg - rms_deg) / gap if gap > 0 else float("nan")
-
-
-def _peak(position_rad: FloatArray, order: int, dt_s: float) -> float:
-    return float(np.nanmax(np.abs(np.diff(position_rad, order, axis=0)))) / dt_s**order

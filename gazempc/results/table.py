@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from gazempc.neck.spec import NeckSpec
+from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.results.repeats import Repeats
 from gazempc.results.report import label
 
@@ -47,6 +47,16 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
         ("            within 9 deg", spread("eye_contact_9", 1, " %")),
         ("gap to perfect closed", spread("gap_closed", 1, " %")),
         ("RMS acceleration [rad/s^2]", spread("rms_acceleration_rad_s2")),
+        *(
+            [("           of the head [rad/s^2]", spread("head_rms_acceleration_rad_s2"))]
+            if neck.joints > len(AXES)
+            else []
+        ),
+        *(
+            [("eyes aside of the head, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1))]
+            if neck.eyes is not None
+            else []
+        ),
         (f"peak velocity [rad/s], limit {_limit(neck.velocity_max_rad_s.tolist())}", peak("peak_velocity_rad_s", 2)),
         (
             f"peak acceleration [rad/s^2], limit {_limit(neck.acceleration_max_rad_s2.tolist())}",

@@ -50,6 +50,7 @@ def log_tables(log: Mapping[str, Any]) -> dict[str, Columns]:
         "ticks": {
             "time_s": log["time_s"],
             **_split("head_true_{}_base_m", log["head_true_base_m"], _AXES),
+            "joint_time_s": log["joint_time_s"],
             **_split("joint_{}_rad", log["joint_position_rad"], joints),
             **_split("joint_{}_rad_s", log["joint_velocity_rad_s"], joints),
             **_split("command_{}_rad", log["command_position_rad"], joints),

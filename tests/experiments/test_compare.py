@@ -62,6 +62,21 @@ def test_several_sensors_and_kinds_have_tables_and_figures_of_their_own(tmp_path
     assert {"gaze_error_reference.png", "gaze_error_perfect.png"} < {path.name for path in out.glob("*.png")}
 
 
+def test_a_neck_with_eyes_has_columns_of_head_and_eyes(tmp_path):
+    chosen = {"controllers": ("lookahead",), "recordings": ("subject01_R1",), "necks": ("reference", "reference_eyes")}
+    compare(**settings(tmp_path, **chosen))
+    plain, eyes = json.loads((tmp_path / "summary.json").read_text())["rows"][:2]
+    assert (plain["neck"], eyes["neck"]) == ("reference", "reference_eyes")
+    assert plain["head_rms_acceleration_rad_s2"] == plain["rms_acceleration_rad_s2"]
+    assert plain["eye_eccentricity_p95_deg"] is None
+    text = (tmp_path / "summary.md").read_text()
+    (head,) = (line for line in text.splitlines() if line.startswith("| group"))
+    assert head.endswith("| RMS acceleration [rad/s^2] | of the head [rad/s^2] | eyes aside, 95 % below [deg] |")
+    (row,) = (line for line in text.splitlines() if "| all |" in line and "| reference_eyes |" in line)
+    wanted = f"| {eyes['head_rms_acceleration_rad_s2']:.2f} | {eyes['eye_eccentricity_p95_deg']:.1f} |"
+    assert row.endswith(wanted)
+
+
 def test_a_gaze_that_starts_aside_is_compared_by_contact_and_overshoot(tmp_path):
     aside = {"controllers": ("lookahead", "mpc"), "start_offset_deg": 60.0, "recordings": ("subject01_R1",)}
     compare(**settings(tmp_path, **aside))

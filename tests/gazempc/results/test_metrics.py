@@ -78,6 +78,7 @@ def test_overshoot_of_a_joint_that_swings_past_a_head_that_stands_still(log):
     shared = {
         "run": log.run.model_copy(update={"neck": neck}),
         "time_s": time_s,
+        "joint_time_s": time_s,
         "head_true_base_m": head,
         "joint_velocity_rad_s": np.zeros((600, 2)),
     }

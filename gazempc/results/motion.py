@@ -1,0 +1,141 @@
+"""How the joints moved: speeds, accelerations, jerks and smoothness, at the times at which the joints were read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from gazempc.neck.kinematics import gaze_ray, head_angles_rad
+from gazempc.neck.spec import EYE_AXES, NeckSpec
+from gazempc.results.log import Log
+from gazempc.results.smoothness import log_dimensionless_jerk, sparc
+from gazempc.types import BoolArray, FloatArray, IntArray
+
+# Of readings that are nearer to each other, the encoder's noise, divided by so short a time, would be the figure.
+_NEAREST_PERIODS = 0.5
+# A third difference needs so many readings.
+_FEWEST = 4
+
+
+@dataclass(frozen=True)
+class Readings:
+    """The readings of the joints in a log: one each time that the robot had something new.
+
+    Attributes:
+        tick: At which ticks they came, shape (K,).
+        time_s: When the joints were there, increasing, shape (K,), seconds.
+        position_rad: Angles of all joints, shape (K, N), radians.
+    """
+
+    tick: IntArray
+    time_s: FloatArray
+    position_rad: FloatArray
+
+
+def readings(log: Log) -> Readings:
+    """The readings of the joints; of those nearer than half a servo period the first one.
+
+    Args:
+        log: The run.
+
+    Returns:
+        The readings; none where the joints were not read.
+    """
+    known = np.flatnonzero(np.isfinite(log.joint_time_s) & np.isfinite(log.joint_position_rad).all(axis=1))
+    nearest_s = _NEAREST_PERIODS * log.neck.servo_period_s
+    tick = known[list(_apart(log.joint_time_s[known].tolist(), nearest_s))]
+    return Readings(tick, log.joint_time_s[tick], log.joint_position_rad[tick])
+
+
+def derivative(values: FloatArray, time_s: FloatArray, order: int) -> FloatArray:
+    """Derivatives from differences of values at any times.
+
+    Each is the derivative somewhere between the first and the last of its ``order + 1`` values. So the largest of them
+    is never above what the motion really had, however uneven the times are.
+
+    Args:
+        values: Shape (K, N).
+        time_s: Increasing, shape (K,), seconds.
+        order: 1, 2, ...
+
+    Returns:
+        Shape (K - order, N), per second to that power.
+    """
+    for k in range(1, order + 1):
+        values = k * np.diff(values, axis=0) / (time_s[k:] - time_s[:-k])[:, None]
+    return values
+
+
+def motion_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
+    """Smoothness and peaks of joints, head and gaze, and how far the eyes are from their middle.
+
+    Args:
+        log: The run.
+        scored: Ticks of the scored window, shape (M,).
+
+    Returns:
+        Metrics by their names in `gazempc.results.metrics.Metrics`; NaN where the log cannot tell.
+    """
+    neck, read = log.neck, readings(log)
+    enough = read.tick.size >= _FEWEST
+    found = {
+        name: float(np.max(np.abs(derivative(read.position_rad, read.time_s, order)))) if enough else float("nan")
+        for order, name in enumerate(("peak_velocity_rad_s", "peak_acceleration_rad_s2", "peak_jerk_rad_s3"), start=1)
+    }
+    counts = scored[read.tick]
+    found["rms_acceleration_rad_s2"] = _rms_acceleration(read.position_rad, read.time_s, counts)
+    head_rad = head_angles_rad(read.position_rad)
+    found["head_rms_acceleration_rad_s2"] = _rms_acceleration(head_rad, read.time_s, counts)
+    speed = _gaze_speed(neck, read, counts) if enough else np.empty(0)
+    long_enough = speed.size >= _FEWEST
+    rate_hz = neck.servo_rate_hz
+    found["sparc"] = sparc(speed, rate_hz) if long_enough else float("nan")
+    found["ldlj"] = log_dimensionless_jerk(speed, rate_hz) if long_enough else float("nan")
+    off_deg = eye_eccentricity_deg(log)[scored]
+    off_deg = off_deg[np.isfinite(off_deg)]
+    found["eye_eccentricity_p95_deg"] = float(np.percentile(off_deg, 95)) if off_deg.size else float("nan")
+    return found
+
+
+def eye_eccentricity_deg(log: Log) -> FloatArray:
+    """How far the eyes look aside of where the head points.
+
+    Args:
+        log: The run.
+
+    Returns:
+        Angles, shape (M,), degrees; NaN of a neck without eyes, and where the joints were not read.
+    """
+    if log.neck.eyes is None:
+        return np.full(log.time_s.size, np.nan)
+    pan, tilt = (log.joint_position_rad[:, log.neck.joint_names.index(name)] for name in EYE_AXES)
+    eccentricity: FloatArray = np.rad2deg(np.arccos(np.clip(np.cos(pan) * np.cos(tilt), -1.0, 1.0)))
+    return eccentricity
+
+
+def _apart(times_s: list[float], nearest_s: float) -> Iterator[int]:
+    last_s = -np.inf
+    for index, time_s in enumerate(times_s):
+        if time_s - last_s >= nearest_s:
+            last_s = time_s
+            yield index
+
+
+def _rms_acceleration(position_rad: FloatArray, time_s: FloatArray, counts: BoolArray) -> float:
+    acceleration = derivative(position_rad, time_s, 2)[counts[2:]] if time_s.size > 2 else position_rad[:0]
+    return float(np.sqrt(np.mean(np.sum(acceleration**2, axis=1)))) if acceleration.size else float("nan")
+
+
+def _gaze_speed(neck: NeckSpec, read: Readings, counts: BoolArray) -> FloatArray:
+    """Speed of the gaze's direction from the first to the last reading that counts, at even times, shape (S,), 1/s."""
+    within_s = read.time_s[counts]
+    if within_s.size < _FEWEST:
+        return np.empty(0)
+    period_s = neck.servo_period_s
+    even_s = within_s[0] + period_s * np.arange(int((within_s[-1] - within_s[0]) / period_s + 1e-6) + 1)
+    angles_rad = CubicSpline(read.time_s, read.position_rad)(even_s)
+    _, direction = gaze_ray(neck.geometry, angles_rad)
+    return np.asarray(np.linalg.norm(np.diff(direction, axis=0), axis=1) / period_s)
