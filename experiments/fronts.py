@@ -3,7 +3,7 @@
 Each case of the sweep has swept what trades exactness against smoothness. At every point of the rival's front that the
 other's front reaches (not smoother than its smoothest point), the two are compared at the same RMS acceleration:
 the error as a ratio, the eye contact as a difference. A line of the table is the mean over these points with its 95 %
-interval over people, and the point where the case does worst.
+interval over people, and the point where the case does worst. With eyes it is the acceleration of the head.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.engine.command import run_command
-from experiments.margins import CONTACT, ERROR, SMOOTHNESS, front, gaze, margins
+from experiments.margins import CONTACT, ERROR, HEAD, SMOOTHNESS, front, gaze, margins
 from gazempc.errors import SettingsError
 
 GROUPS = ("straight", "turn", "sharp", "all")
@@ -67,7 +67,7 @@ def fronts(settings: FrontsSettings) -> int:
     for name in (settings.case, settings.rival):
         if name not in cases:
             raise SettingsError(f"{settings.sweep / 'results.csv'}: no case {name!r}; there are {', '.join(cases)}")
-    by = [name for name in ("neck", "predictor") if name in runs[0]]
+    by = [name for name in ("neck", "sensor", "predictor") if name in runs[0]]
     found, drawn = [], []
     for place in sorted({tuple(row[name] for name in by) for row in runs}):
         here = [row for row in runs if tuple(row[name] for name in by) == place]
@@ -131,6 +131,8 @@ def _read(path: Path) -> list[Row]:
     # A run that was left out or failed has no figures.
     done = []
     for number, row in enumerate(rows, start=2):
+        # Eyes are meant to be quick: with them only the head is to be smooth.
+        row[SMOOTHNESS] = row.get(HEAD) or row[SMOOTHNESS]
         if not all(row[name] for name in (SMOOTHNESS, ERROR, CONTACT)):
             continue
         for name in (SMOOTHNESS, ERROR, CONTACT):

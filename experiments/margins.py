@@ -12,6 +12,7 @@ import numpy as np
 from gazempc.types import FloatArray
 
 SMOOTHNESS = "rms_acceleration_rad_s2"
+HEAD = "head_rms_acceleration_rad_s2"
 ERROR, CONTACT = "gaze_error_rms_deg", "eye_contact_2p6"
 _RESAMPLES, _SEED = 500, 20210603
 Points = list[tuple[float, float]]
