@@ -15,6 +15,6 @@ for controller in ("reactive", "lookahead", "mpc", "perfect"):
 
 # It prints:
 # reactive   9.89, 11.40, 10.70  mean 10.66 deg, eye contact  14%
-# lookahead  0.42,  2.40,  1.94  mean  1.59 deg, eye contact  90%
-# mpc        0.48,  2.44,  1.93  mean  1.62 deg, eye contact  89%
+# lookahead  0.41,  2.36,  1.95  mean  1.57 deg, eye contact  90%
+# mpc        0.46,  2.36,  1.94  mean  1.59 deg, eye contact  90%
 # perfect    0.09,  0.11,  0.12  mean  0.11 deg, eye contact 100%

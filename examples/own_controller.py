@@ -42,5 +42,5 @@ if __name__ == "__main__":
 # It prints:
 # early_0.5 gaze  2.44 deg, 1.07 rad/s^2, limit violations: 0
 # early_1.0 gaze  5.36 deg, 1.64 rad/s^2, limit violations: 0
-# lookahead gaze  1.27 deg, 0.87 rad/s^2, limit violations: 0
-# mpc       gaze  1.26 deg, 0.82 rad/s^2, limit violations: 0
+# lookahead gaze  1.30 deg, 0.86 rad/s^2, limit violations: 0
+# mpc       gaze  1.29 deg, 0.81 rad/s^2, limit violations: 0

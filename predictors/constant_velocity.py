@@ -144,7 +144,9 @@ class ConstantVelocity:
         self._x = self._x + K @ innovation_m
         left = _EYE6.copy()
         left[:, :3] -= K
-        self._P = left @ self._P @ left.T + K @ R @ K.T
+        P = left @ self._P @ left.T + K @ R @ K.T
+        # Rounding makes it a little asymmetric, and more so where a range of a hundred kilometres becomes one of a metre.
+        self._P = 0.5 * (P + P.T)
 
     def state(self) -> tuple[float, FloatArray, FloatArray]:
         """The filter's estimate.

@@ -82,6 +82,7 @@ def forecasts(observations, ahead_s=AHEAD_S, walker=None):
 
 def random_covariance(rng, sds_m):
     """A covariance whose axes point anywhere."""
-    turn = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
+    # Four normal numbers make every direction as likely; SciPy's own random rotations differ from version to version.
+    turn = Rotation.from_quat(rng.standard_normal(4)).as_matrix()
     covariance = turn @ np.diag(np.square(sds_m)) @ turn.T
     return 0.5 * (covariance + covariance.T)
