@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from gazempc.errors import GazempcError, LimitViolationError
 
@@ -31,3 +32,16 @@ def run_command(name: str, work: Callable[[], int]) -> int:
     except (GazempcError, OSError) as error:
         print(f"{name}: {error}", file=sys.stderr)
         return VIOLATION if isinstance(error, LimitViolationError) else BAD_INPUT
+
+
+def command_line(module: str, words: Sequence[str]) -> str:
+    """A command as a shell takes it, for whoever wants to repeat it.
+
+    Args:
+        module: What Python runs.
+        words: Its arguments.
+
+    Returns:
+        Such as ``python -m gazempc.run --replay subject03_R4``.
+    """
+    return shlex.join(["python", "-m", module, *words])

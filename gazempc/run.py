@@ -11,7 +11,7 @@ import tyro
 import yaml
 from pydantic import Field, ValidationError
 
-from gazempc.command import run_command
+from gazempc.command import command_line, run_command
 from gazempc.errors import GazempcError, LimitViolationError, SettingsError
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR
@@ -23,6 +23,7 @@ from gazempc.specfiles import explain
 
 if TYPE_CHECKING:
     from gazempc.results.log import Log
+    from gazempc.results.repeats import Repeats
     from gazempc.sim.scene import Scene
 
 
@@ -70,10 +71,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0, or 1 on a limit violation, 2 on bad input.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    return run_command("gazempc", lambda: _work(parse(words)))
+    return run_command("gazempc", lambda: _work(parse(words), command_line("gazempc.run", words)))
 
 
-def _work(settings: RunSettings) -> int:
+def _work(settings: RunSettings, command: str) -> int:
     if settings.list:
         from gazempc.listing import listing  # noqa: PLC0415
 
@@ -82,9 +83,9 @@ def _work(settings: RunSettings) -> int:
     if settings.replay is None:
         raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
     if _is_log(Path(settings.replay)):
-        _measure(Path(settings.replay), settings)
+        _measure(Path(settings.replay), settings, command)
     else:
-        _run(settings)
+        _run(settings, command)
     return 0
 
 
@@ -156,7 +157,7 @@ def _config_path(words: Sequence[str]) -> Path | None:
     return None
 
 
-def _run(settings: RunSettings) -> None:
+def _run(settings: RunSettings, command: str) -> None:
     progress = Progress()
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
     from gazempc.export import export  # noqa: PLC0415
@@ -190,12 +191,13 @@ def _run(settings: RunSettings) -> None:
     survived = {name: faults(log) for name, log in logs.items()}
     noise = {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults}
     against = truth_of(walk.kind)
-    notes = _notes(next(iter(logs.values())))
+    said = _notes(next(iter(logs.values())))
+    notes = [*walk.notes, *said]
     about = {
         "recording": walk.name,
         "kind": walk.kind,
         "scored_against": against or "the true head",
-        "notes": [*walk.notes, *notes],
+        "notes": notes,
         "settings": shown,
         "faults": survived,
         "noise": noise,
@@ -203,28 +205,32 @@ def _run(settings: RunSettings) -> None:
     write_summary(out / "summary.json", about, [r.first for r in repeats])
 
     print(f"{_heading(settings, scene)}\n{done.said}")
-    for note in notes:
+    for note in said:
         print(f"Note: {note}")
     print(f"\n{table(repeats, neck, against)}\n\n{sentence(repeats)}\n")
     for name, log in logs.items():
         for line in _events(log):
             print(f"  {label(name)}: {line}")
-    for seed, names in done.faults.items():
-        if seed != seeds[0]:
-            print(f"  seed {seed}: exceptions of {', '.join(map(label, names))}: see summary.json")
-    drawn = ""
-    if settings.figures:
-        progress.say("drawing")
-        drawn = ", " + ", ".join(_draw(logs, out))
+    other_seeds = [
+        f"seed {seed}: exceptions of {', '.join(map(label, names))}: see summary.json"
+        for seed, names in done.faults.items()
+        if seed != seeds[0]
+    ]
+    for line in other_seeds:
+        print(f"  {line}")
+    progress.say("writing the report")
+    drawn = _draw(logs, out) if settings.figures else []
+    report = _report(logs, repeats, [*notes, *other_seeds], out, drawn, command, shown)
     if remembered := remember_columns(Path(settings.replay or ""), settings.reading):
         print(remembered)
-    print(f"Written to {out}/: summary.json, settings.yaml, a log (.npz) of each controller{drawn}")
+    written = [report, "summary.json", "settings.yaml", "a log (.npz) of each controller", *drawn]
+    print(f"Written to {out}/: {', '.join(written)}")
     violations = sum(int(sum(r.values("limit_violations"))) for r in repeats)
     if violations:
         raise LimitViolationError(f"{violations} violations of the limits of neck {neck.name}: see {out}/summary.json")
 
 
-def _measure(path: Path, settings: RunSettings) -> None:
+def _measure(path: Path, settings: RunSettings, command: str) -> None:
     from gazempc.recordings.recording import truth_of  # noqa: PLC0415
     from gazempc.results.log import load_log  # noqa: PLC0415
     from gazempc.results.measured import measured_again  # noqa: PLC0415
@@ -241,8 +247,10 @@ def _measure(path: Path, settings: RunSettings) -> None:
     print(f"\n{table([repeats], log.neck, truth_of(log.run.kind))}\n")
     for line in _events(log):
         print(f"  {line}")
-    drawn = ", " + ", ".join(_draw({log.run.controller: log}, out)) if settings.figures else ""
-    print(f"Written to {out}/: summary.json{drawn}")
+    logs = {log.run.controller: log}
+    drawn = _draw(logs, out) if settings.figures else []
+    report = _report(logs, [repeats], _notes(log), out, drawn, command, log.run.settings)
+    print(f"Written to {out}/: {', '.join([report, 'summary.json', *drawn])}")
 
 
 def _heading(settings: RunSettings, scene: Scene) -> str:
@@ -313,6 +321,23 @@ def _draw(logs: dict[str, Log], out: Path) -> list[str]:
     for name, draw in figures.items():
         draw(logs, out / name)
     return list(figures)
+
+
+def _report(
+    logs: dict[str, Log],
+    repeats: list[Repeats],
+    notes: list[str],
+    out: Path,
+    drawn: list[str],
+    command: str,
+    settings: dict[str, Any],
+) -> str:
+    from gazempc.loop.events import MEANINGS  # noqa: PLC0415
+    from gazempc.results.page.run_page import run_page  # noqa: PLC0415
+    from gazempc.results.page.write import write_page  # noqa: PLC0415
+
+    pictures = [out / name for name in drawn]
+    return write_page(run_page(logs, repeats, notes, MEANINGS, pictures, command, settings), out)
 
 
 if __name__ == "__main__":

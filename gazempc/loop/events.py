@@ -80,3 +80,6 @@ class Event(StrEnum):
     LOW_FRAME_RATE = "low_frame_rate", "fewer than six frames a second arrive"
     NEW_ID_EACH_FRAME = "new_id_each_frame", "the tracker gives the person another name at every frame"
     CLOCK_STEPPED = "clock_stepped", "the computer's Unix clock was set to another time"
+
+
+MEANINGS = {event.value: event.meaning for event in Event}

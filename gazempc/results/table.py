@@ -10,8 +10,8 @@ from gazempc.results.repeats import Repeats
 from gazempc.results.report import label
 
 
-def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
-    """A readable table, one controller a column.
+def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, list[str]]]:
+    """The cells of the table, one controller a column.
 
     Under several seeds it has means and standard deviations over them. Peaks are the highest of all, violations the
     sum, and times the means.
@@ -19,10 +19,10 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     Args:
         repeats: The figures.
         neck: Its limits stand beside the peaks.
-        against: What stands for the truth, where nobody knows it; said below the table.
 
     Returns:
-        Lines of text.
+        For each line its name, which begins with spaces where it goes on with the one above, and a cell a controller;
+        the names of the controllers first.
     """
     seeds = repeats[0].seeds
 
@@ -70,6 +70,21 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     if len(seeds) > 1:
         of_first = [f"{r.first.metrics.gaze_error_rms_deg:.2f}" for r in repeats]
         lines.insert(3, (f"           seed {seeds[0]}, as in the figures", of_first))
+    return lines
+
+
+def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
+    """A readable table, see `table_lines`.
+
+    Args:
+        repeats: The figures.
+        neck: Its limits stand beside the peaks.
+        against: What stands for the truth, where nobody knows it; said below the table.
+
+    Returns:
+        Lines of text.
+    """
+    lines = table_lines(repeats, neck)
     first = max(len(label) for label, _ in lines)
     widths = [max(len(cells[i]) for _, cells in lines) for i in range(len(repeats))]
     text = [

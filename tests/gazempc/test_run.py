@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from bs4 import BeautifulSoup
 
 from gazempc.errors import SettingsError
 from gazempc.part_options import take_options
@@ -67,6 +68,24 @@ def test_the_main_job_writes_all_it_promises(main_job):
     assert summary["versions"]["numpy"] == np.__version__
     assert [row["controller"] for row in summary["rows"]] == list(LABELS)
     assert all(set(row) >= ROW_KEYS for row in summary["rows"])
+
+
+def test_the_report_has_all_numbers_and_pictures_of_the_run(main_job):
+    out, text = main_job
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert len(report.encode()) < 3_000_000
+    soup = BeautifulSoup(report, "html.parser")
+    cells = {row.th.text: [cell.text for cell in row.find_all("td")] for row in soup.tbody.find_all("tr")}
+    for row in json.loads((out / "summary.json").read_text())["noise"]["rows"]:
+        column = list(LABELS).index(row["controller"])
+        mean, sd = (row[of]["gaze_error_rms_deg"] for of in ("mean", "sd"))
+        assert cells["gaze error RMS [deg]"][column] == f"{mean:.2f} ± {sd:.2f}"
+        assert cells["limit violations"][column] == "0"
+    assert soup.find(class_="answer").text in text
+    assert soup.find(class_="command").text.startswith("python -m gazempc.run --replay subject03_R4 --noise-seeds 2 ")
+    assert len(soup.find(id="pictures").find_all("img")) == 5
+    assert len(soup.select(".legend button")) == len(LABELS)
+    assert f"numpy {np.__version__}" in soup.find(id="again").text
 
 
 def test_the_figures_follow_from_the_logs_alone(main_job):

@@ -1,0 +1,1 @@
+"""One page of HTML that tells a result to a stranger, complete in one file."""

@@ -1,0 +1,132 @@
+"""Curves of a report, thinned so that the page stays small."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.figures.style import style
+from gazempc.results.log import Log
+from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
+from gazempc.types import FloatArray
+
+# Twice as many points as a wide screen has columns: more cannot be seen without zooming far in.
+_POINTS = 4000
+# Lines that a print without colours tells apart: dashes and gaps, in pixels.
+_DASHES = ("", "7 4", "2 3", "12 3 2 3", "4 2", "10 5", "1 5", "8 2 2 2 2 2")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve.
+
+    Attributes:
+        label: Its name in the legend.
+        colour: CSS colour.
+        x: Rising, shape (N,).
+        y: Shape (N,); NaN leaves a gap.
+        names: What each point is, shape (N,); empty where the axes say it.
+    """
+
+    label: str
+    colour: str
+    x: FloatArray
+    y: FloatArray
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Curves over one axis.
+
+    Attributes:
+        title: What they show.
+        x_label: Name and unit.
+        y_label: Name and unit.
+        curves: The curves; the first ones are drawn below the others.
+        levels: Heights of horizontal lines, with their names.
+        shaded_to: The chart is grey up to this x.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: tuple[Curve, ...]
+    levels: tuple[tuple[float, str], ...] = ()
+    shaded_to: float | None = None
+
+    def dash(self, index: int) -> str:
+        """Dashes of a curve, as SVG takes them."""
+        return _DASHES[index % len(_DASHES)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """What the page's script reads; NaN is None."""
+        return {
+            "x": self.x_label,
+            "y": self.y_label,
+            "levels": self.levels,
+            "shaded": self.shaded_to,
+            "curves": [
+                {"label": c.label, "dash": self.dash(i), **_points(c)} | ({"names": c.names} if c.names else {})
+                for i, c in enumerate(self.curves)
+            ],
+        }
+
+
+def error_chart(logs: Mapping[str, Log]) -> Chart:
+    """The gaze error of each controller over time.
+
+    Args:
+        logs: Controller -> log of the same recording.
+
+    Returns:
+        The chart; curves have gaps where the true head or the joints are not known.
+    """
+    curves = tuple(
+        Curve(style(name).label, style(name).colour, log.time_s - log.time_s[0], gaze_error_deg(log))
+        for name, log in logs.items()
+    )
+    levels = ((CONTACT_DEG[0], f"eye contact, {CONTACT_DEG[0]:g}°"),)
+    return Chart("Gaze error over time", "time (s)", "gaze error (deg)", curves, levels, SCORED_FROM_S)
+
+
+def joints_chart(log: Log, colours: tuple[str, ...]) -> Chart:
+    """Where the joints were: for runs in which nobody knows the gaze error.
+
+    Args:
+        log: The run.
+        colours: A CSS colour for each joint.
+
+    Returns:
+        The chart.
+    """
+    time_s, angles_deg = log.time_s - log.time_s[0], np.rad2deg(log.joint_position_rad)
+    curves = tuple(
+        Curve(name.replace("_", " "), colour, time_s, angles_deg[:, k])
+        for k, (name, colour) in enumerate(zip(log.neck.joint_names, colours, strict=False))
+    )
+    return Chart("Joints over time", "time (s)", "angle (deg)", curves)
+
+
+def _points(curve: Curve) -> dict[str, list[float | None]]:
+    keep = list(range(curve.x.size)) if curve.names else _kept(curve.y)
+    return {"xs": _numbers(curve.x[keep]), "ys": _numbers(curve.y[keep])}
+
+
+def _kept(y: FloatArray) -> list[int]:
+    """Indices of the points to keep: of each stretch the lowest and the highest, so that no peak is lost."""
+    if y.size <= _POINTS:
+        return list(range(y.size))
+    kept: list[int] = []
+    for part in np.array_split(np.arange(y.size), _POINTS // 2):
+        known = part[np.isfinite(y[part])]
+        kept += sorted({known[np.argmin(y[known])], known[np.argmax(y[known])]}) if known.size else part[:1].tolist()
+    return kept
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]

@@ -1,0 +1,67 @@
+"""Writes a report as one HTML file that needs no other."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import yaml
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from gazempc.results.page.content import Page, PageTable, Unusual
+from gazempc.results.page.embed import MAX_PAGE_BYTES, embed
+from gazempc.results.report import versions
+
+NAME = "report.html"
+# More of them would be no reading, and might not fit.
+_MAX_ROWS, _MAX_UNUSUAL, _MAX_TEXT = 500, 100, 4000
+# A camera's address may hold its password, and a report is handed on.
+_PASSWORD = re.compile(r"(\w+:/{2}[^\s/:@]*:)[^\s/@]+@")
+
+
+def write_page(page: Page, out: Path) -> str:
+    """Write a report.
+
+    Args:
+        page: The report.
+        out: Folder to write it to.
+
+    Returns:
+        Name of the file.
+    """
+    environment = Environment(
+        loader=PackageLoader("gazempc.results.page"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    environment.filters["shorter"] = _shorter
+    template = environment.get_template("report.html")
+    more = len(page.unusual) - _MAX_UNUSUAL
+    values = {
+        "page": page,
+        "tables": [_cut(table) for table in page.tables],
+        "unusual": (*page.unusual[:_MAX_UNUSUAL], *([Unusual(f"and {more} more")] if more > 0 else [])),
+        "settings": yaml.safe_dump(dict(page.settings), sort_keys=False, allow_unicode=True),
+        "versions": versions(),
+        "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    }
+    bare = template.render(**values, pictures=[])
+    # Room for the pictures' captions.
+    room_bytes = MAX_PAGE_BYTES - len(bare.encode()) - 500 * (len(page.pictures) + 1)
+    pictures = list(zip(embed(page.pictures, room_bytes), page.pictures.values(), strict=True))
+    text = template.render(**values, pictures=pictures)
+    (out / NAME).write_text(_PASSWORD.sub(r"\1***@", text), encoding="utf-8")
+    return NAME
+
+
+def _cut(table: PageTable) -> PageTable:
+    left = len(table.rows) - _MAX_ROWS
+    if left <= 0:
+        return table
+    return replace(table, rows=table.rows[:_MAX_ROWS], note=f"{table.note} {left} more rows are not shown.".strip())
+
+
+def _shorter(text: str) -> str:
+    """A long text without its middle: the end of a traceback says most."""
+    half = _MAX_TEXT // 2
+    return text if len(text) <= _MAX_TEXT else f"{text[:half]}\n[...]\n{text[-half:]}"

@@ -1,0 +1,197 @@
+"""The report: it says what the metrics say, needs no other file, and shows what a stranger wrote as text."""
+
+import base64
+import io
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bs4 import BeautifulSoup
+from builders.browser import browser
+from builders.replays import replayed
+from PIL import Image
+
+from gazempc.loop.events import MEANINGS
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+from gazempc.results.log import Fault
+from gazempc.results.measured import measured_again
+from gazempc.results.metrics import gaze_error_deg
+from gazempc.results.page.chart import Chart, Curve, error_chart
+from gazempc.results.page.content import Page, PageTable, Unusual
+from gazempc.results.page.embed import MAX_PAGE_BYTES, embed
+from gazempc.results.page.run_page import run_page
+from gazempc.results.page.write import write_page
+
+EVIL = '</script><script>throw 1</script><img src="https://outside.example/x.png" onerror="throw 2">\'"&'
+
+
+@pytest.fixture(scope="module")
+def logs():
+    placed = place(load("subject03_R1"), "recorded", 2.5, 1.2)
+    return {name: replayed(placed, name) for name in ("reactive", "lookahead")}
+
+
+def page_of(logs, **changes):
+    given = {"notes": [], "meanings": MEANINGS, "pictures": [], "command": "python -m gazempc.run", "settings": {}}
+    return run_page(logs, [measured_again(log) for log in logs.values()], **(given | changes))
+
+
+def written(page, folder):
+    assert write_page(page, folder) == "report.html"
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    return text, BeautifulSoup(text, "html.parser")
+
+
+def plain_page(**changes):
+    given = {"title": "t", "question": "q", "answer": ("a",), "setup": {}, "command": "c", "settings": {}}
+    return Page(**(given | changes))
+
+
+def test_numbers_and_curves_are_those_of_the_log(logs, tmp_path):
+    _, soup = written(page_of(logs), tmp_path)
+    cells = {row.th.text: [cell.text for cell in row.find_all("td")] for row in soup.tbody.find_all("tr")}
+    metrics = [measured_again(log).first.metrics for log in logs.values()]
+    assert cells["gaze error RMS [deg]"] == [f"{m.gaze_error_rms_deg:.2f}" for m in metrics]
+    assert cells["eye contact within 2.6 deg"] == [f"{100 * m.eye_contact_2p6:.1f} %" for m in metrics]
+    data = json.loads(soup.find("script", type="application/json").text)
+    assert [curve["label"] for curve in data["curves"]] == ["reactive", "look-ahead"]
+    for curve, log in zip(data["curves"], logs.values(), strict=True):
+        assert curve["xs"] == pytest.approx(log.time_s - log.time_s[0], rel=1e-4)
+        assert np.array(curve["ys"], float) == pytest.approx(gaze_error_deg(log), rel=1e-4, abs=1e-9, nan_ok=True)
+    # A print without colours tells them apart.
+    dashes = [path["stroke-dasharray"] for path in soup.select(".legend path")]
+    assert len(set(dashes)) == len(logs)
+
+
+def test_the_page_needs_no_other_file(logs, tmp_path):
+    text, soup = written(page_of(logs), tmp_path)
+    for tag in soup.find_all(True):
+        for name in ("src", "href", "data", "action", "poster", "srcset"):
+            assert tag.get(name, "data:").startswith("data:"), tag
+        assert tag.name not in {"link", "iframe", "object", "embed", "base"}
+    assert "http" not in text.replace("http-equiv", "")
+    assert not re.search(r"url\((?!#)|@import", text)
+    assert "default-src 'none'" in soup.find("meta", {"http-equiv": "Content-Security-Policy"})["content"]
+
+
+def test_what_others_wrote_is_shown_as_text(logs, tmp_path):
+    log = logs["reactive"]
+    run = log.run.model_copy(update={"recording": EVIL, "subject": EVIL, "controller": EVIL})
+    fault = Fault("forecast_failed", 3, EVIL, EVIL)
+    evil = replace(log, run=run, faults=(fault,))
+    page = page_of({EVIL: evil}, notes=[EVIL], command=EVIL, settings={EVIL: EVIL})
+    text, soup = written(page, tmp_path)
+    assert soup.h1.text == f"Gaze on {EVIL}"
+    assert len(soup.find_all("script")) == 2  # the data of the chart, and the page's own
+    assert soup.find_all("img") == []
+    assert "<img" not in text
+    unusual = soup.find(id="unusual").text
+    assert EVIL in unusual
+    assert MEANINGS["forecast_failed"] in unusual
+    assert soup.find(id="unusual").pre.text == EVIL
+    assert soup.find(class_="command").text == EVIL
+
+
+def test_the_password_of_a_camera_is_not_handed_on(tmp_path):
+    text, _ = written(plain_page(command="--source camera:rtsp://me:secret@192.0.2.1/x"), tmp_path)
+    assert "secret" not in text
+    assert "rtsp://me:***@192.0.2.1/x" in text
+
+
+def test_what_was_out_of_the_ordinary_comes_once_with_its_first_time(logs, tmp_path):
+    log = logs["reactive"]
+    times = log.time_s[0] + np.array([0.0, 0.5, 2.0])
+    named = replace(log, event_time_s=times, event_name=np.array(["no_observation_yet", "late_plan", "late_plan"]))
+    _, soup = written(page_of({"reactive": named}, notes=["a note"]), tmp_path)
+    entries = [entry.strong.text for entry in soup.find(id="unusual").find_all("li")]
+    assert entries == ["a note", "late_plan, 2 x, first at 0.50 s"]
+    _, soup = written(page_of(logs), tmp_path)
+    assert soup.find(id="unusual").p.text == "Nothing."
+
+
+def test_a_page_stays_small_whatever_it_is_given(tmp_path):
+    rng = np.random.default_rng(0)
+    x = np.arange(100_000) / 200.0
+    peak = rng.normal(size=x.size)
+    peak[12_345] = 99.0
+    curves = (Curve("one", "red", x, peak), Curve("none", "blue", x, np.full(x.size, np.nan)))
+    (tmp_path / "large.gif").write_bytes(gif(10, 10) + bytes(2_000_000))
+    page = plain_page(
+        tables=(PageTable("", ("a", "b"), tuple((f"row {i}", "1") for i in range(2000))),),
+        charts=(Chart("c", "x", "y", curves),),
+        unusual=tuple(Unusual(f"event {i}", "words " * 5000, "line\n" * 5000) for i in range(300)),
+        pictures={tmp_path / "large.gif": "an animation"},
+    )
+    text, soup = written(page, tmp_path)
+    assert len(text.encode()) < MAX_PAGE_BYTES
+    assert "1500 more rows are not shown" in text
+    assert "and 200 more" in text
+    curve, empty = json.loads(soup.find("script", type="application/json").text)["curves"]
+    assert max(curve["ys"]) == 99.0
+    assert set(empty["ys"]) == {None}
+    assert soup.find(id="pictures").find("img") is None
+    assert soup.find(id="pictures").figcaption.text == "an animation: too large for this page, see the file large.gif"
+
+
+def test_pictures_are_embedded_as_far_as_there_is_room(tmp_path):
+    shades = np.random.default_rng(0).choice([0, 90, 255], (100, 100, 3)).astype(np.uint8)
+    paths = [tmp_path / f"{k}.png" for k in range(3)]
+    for path in paths:
+        Image.fromarray(shades).save(path, compress_level=0)
+    one = len(embed(paths[:1], 10**6)[0].uri)
+    assert [len(p.uri) for p in embed(paths, 10**6)] == [one] * 3
+    for picture, path in zip(embed(paths, 10**6), paths, strict=True):
+        assert base64.b64decode(picture.uri.partition(",")[2]) == path.read_bytes()
+        assert (picture.width, picture.height) == (100, 100)
+    # Twenty-seven colours fit into a palette, and all three pictures then into the room.
+    smaller = embed(paths, 2 * one)
+    assert all(0 < len(p.uri) < one / 2 for p in smaller)
+    with Image.open(io.BytesIO(base64.b64decode(smaller[0].uri.partition(",")[2]))) as image:
+        assert np.array_equal(np.asarray(image.convert("RGB")), shades)
+    assert [bool(p.uri) for p in embed(paths, len(smaller[0].uri) * 3 // 2)] == [True, False, False]
+
+
+def gif(width, height):
+    out = io.BytesIO()
+    Image.new("P", (width, height)).save(out, "GIF")
+    return out.getvalue()
+
+
+def test_gaps_and_single_points_stay_what_they_are(logs):
+    log = logs["reactive"]
+    heads = np.where((np.arange(log.time_s.size) % 7 == 0)[:, None], log.head_true_base_m, np.nan)
+    (curve,) = error_chart({"reactive": replace(log, head_true_base_m=heads)}).as_dict()["curves"]
+    assert [value is not None for value in curve["ys"]] == [k % 7 == 0 for k in range(log.time_s.size)]
+
+
+def test_curves_are_read_and_zoomed_in_a_browser(logs, tmp_path):
+    written(page_of(logs), tmp_path)
+    with browser() as driver:
+        from selenium.webdriver import ActionChains
+
+        driver.get((tmp_path / "report.html").as_uri())
+        chart = driver.find_element("css selector", "figure.chart > svg")
+        driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", chart)
+        figure = driver.find_element("css selector", "figure.chart")
+        assert len(chart.find_elements("css selector", "path.curve")) == len(logs)
+
+        ActionChains(driver).move_to_element(chart).perform()
+        at_s = float(driver.find_element("css selector", ".legend .at").text.removeprefix("at "))
+        for output, log in zip(driver.find_elements("css selector", ".legend output"), logs.values(), strict=True):
+            expected = np.interp(at_s, log.time_s - log.time_s[0], gaze_error_deg(log))
+            assert float(output.text) == pytest.approx(expected, abs=0.05)
+
+        whole = figure.get_attribute("data-from"), figure.get_attribute("data-to")
+        ActionChains(driver).move_to_element(chart).click_and_hold().move_by_offset(100, 0).release().perform()
+        zoomed = float(figure.get_attribute("data-from")), float(figure.get_attribute("data-to"))
+        assert float(whole[0]) < zoomed[0] < zoomed[1] < float(whole[1])
+        assert zoomed[0] == pytest.approx(at_s, abs=0.05)
+        ActionChains(driver).double_click(chart).perform()
+        assert (figure.get_attribute("data-from"), figure.get_attribute("data-to")) == whole
+
+        driver.find_element("css selector", ".legend button").click()
+        assert len(chart.find_elements("css selector", "path.curve")) == len(logs) - 1
+        assert driver.get_log("browser") == []
