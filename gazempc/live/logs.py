@@ -11,6 +11,7 @@ from gazempc.live.parts import Keeping, LiveParts
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.results.join import merge_faults
 from gazempc.results.log import Fault
+from gazempc.results.moments import CutMoment, JointsMoment
 from gazempc.types import JointState
 
 
@@ -33,7 +34,7 @@ class LiveLogs:
         self._log_ticks = max(1, round(keeping.log_s * parts.neck.servo_rate_hz))
         # A simulated run would be far ahead of its logs.
         self._waits = not isinstance(parts.clock, RealClock)
-        self.recorder = LoopRecorder(self._control_period_s)
+        self.recorder = LoopRecorder(self._control_period_s, keeping.watch)
         self._true_joints: list[JointState | None] = []
         self._writer = ThreadPoolExecutor(1, "log")
         self._written: deque[Future[None]] = deque()
@@ -49,7 +50,10 @@ class LiveLogs:
     def note_true_joints(self) -> None:
         """Record where the joints really are at this tick, if anybody knows."""
         if self._keeping.true_state is not None:
-            self._true_joints.append(self._keeping.true_state())
+            joints = self._keeping.true_state()
+            self._true_joints.append(joints)
+            if self._keeping.watch is not None:
+                self._keeping.watch(JointsMoment(joints))
 
     @property
     def due(self) -> bool:
@@ -60,13 +64,15 @@ class LiveLogs:
         """End the log so far and hand it over. That takes many ticks' time, so nobody waits for it."""
         true_joints, self._true_joints = self._true_joints, []
         with self._lock:
-            recorder, self.recorder = self.recorder, LoopRecorder(self._control_period_s)
+            recorder, self.recorder = self.recorder, LoopRecorder(self._control_period_s, self._keeping.watch)
             asked, self._asked = self._asked, []
             self._events.update(recorder.events)
             self._used += recorder.used
             self._refused.update(recorder.refusals)
             self._faults = merge_faults((*self._faults, *recorder.faults))
         if recorder.ticks:
+            if self._keeping.watch is not None:
+                self._keeping.watch(CutMoment())
             self._written.append(self._writer.submit(self._write, recorder, true_joints))
             if self._waits:
                 wait(self._written)

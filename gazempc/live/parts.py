@@ -15,6 +15,7 @@ from gazempc.live.watch.mends import Mends
 from gazempc.loop.planner import Planner
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.moments import Moment
 from gazempc.results.run_info import RunInfo
 from gazempc.robots.robot import Robot
 from gazempc.settings import LoopSettings
@@ -76,6 +77,7 @@ class Keeping:
         true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN where they are
             not known.
         true_state: Where the joints of a simulated robot really are; None for any other robot.
+        watch: Is told what happens as it happens, in the thread of the run, and returns at once; None for nobody.
     """
 
     about: RunInfo
@@ -83,3 +85,4 @@ class Keeping:
     log_s: float = 300.0
     true_head_base_m: Callable[[FloatArray], FloatArray] = _unknown
     true_state: Callable[[], JointState] | None = None
+    watch: Callable[[Moment], None] | None = None

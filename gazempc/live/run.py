@@ -21,6 +21,7 @@ from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import NeckSpec
+from gazempc.results.moments import LateMoment
 
 # A command that moves stops within limits long before.
 _STOPPING_S = 5.0
@@ -43,6 +44,7 @@ class LiveRun:
         self._parts, self._clock, self._neck = parts, parts.clock, parts.neck
         self.report = LiveReport()
         self.logs = LiveLogs(parts, keeping)
+        self._watch = keeping.watch
         self._arrivals = Arrivals(parts, self.report)
         self._smoother: Smoother | None = None
         self._loop: GazeLoop | None = None
@@ -133,6 +135,8 @@ class LiveRun:
             self.report.lateness.add(1e3 * (now_s - due_s))
             # Ticks that are over by now are left out: a burst of commands would help nobody.
             over = int((now_s - due_s) * rate_hz + 1e-6)
+            if self._watch is not None:
+                self._watch(LateMoment(1e3 * (now_s - due_s), over))
             self.report.skipped_ticks += over
             index += over
             if stopping_at is None and (why := self._why_stop(stop, now_s, start_s, duration_s)):

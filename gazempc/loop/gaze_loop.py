@@ -131,7 +131,7 @@ class GazeLoop:
             self._take_answers(index, time_s)
         while self._waiting and self._waiting[0][0] <= index:
             _, self._plan, capture_s = self._waiting.popleft()
-            self._recorder.latency(1e3 * (time_s - capture_s))
+            self._recorder.begins(time_s, self._plan, 1e3 * (time_s - capture_s))
         before = self._smoother.motions
         wanted_rad = self._next_command(time_s, due_s)
         if self._neck.takes_speeds:

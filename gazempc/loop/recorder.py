@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gazempc.controllers.controller import AxisMotion
+from gazempc.controllers.controller import AxisMotion, Plan
 from gazempc.parts import said
 from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Fault, Log
+from gazempc.results.moments import EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
 from gazempc.results.run_info import RunInfo
 from gazempc.types import FloatArray, JointState
 from predictors import Forecast, HeadObservation
@@ -30,10 +31,12 @@ class LoopRecorder:
 
     Args:
         control_period_s: Time between two plans, seconds; the rarest event that lasts comes once in it.
+        watch: Is told at once what is recorded, and returns at once; None for nobody.
     """
 
-    def __init__(self, control_period_s: float) -> None:
+    def __init__(self, control_period_s: float, watch: Callable[[Moment], None] | None = None) -> None:
         self._control_period_s = control_period_s
+        self._watch = watch
         self._ticks: list[tuple[float, JointState | None, FloatArray, tuple[AxisMotion, ...]]] = []
         self._observations: list[tuple[float, HeadObservation]] = []
         self._forecasts: list[tuple[FloatArray, FloatArray, float]] = []
@@ -75,6 +78,8 @@ class LoopRecorder:
     ) -> None:
         """Record one servo tick: joints as measured (None if not), what was really sent, the command's motions."""
         self._ticks.append((time_s, state, sent_rad, motions))
+        if self._watch is not None:
+            self._watch(TickMoment(time_s, state, sent_rad, motions))
 
     def observation(
         self, time_s: float, observation: HeadObservation, forecast: Forecast | None, update_ms: float
@@ -88,20 +93,33 @@ class LoopRecorder:
             update_ms: Duration of the predictor's update, milliseconds.
         """
         self._observations.append((time_s, observation))
-        self._forecasts.append(
+        stated = (
             _NO_FORECAST
             if forecast is None
             else (forecast.means_base_m, forecast.covariances_m2, forecast.degrees_of_freedom)
         )
+        self._forecasts.append(stated)
         self._update_ms.append(update_ms)
+        if self._watch is not None:
+            head_m, quat_wxyz = observation.head_position_base_m, observation.head_quat_wxyz
+            whom = observation.person_id or ""
+            self._watch(SeenMoment(time_s, observation.capture_time_s, head_m, quat_wxyz, whom, *stated))
 
     def step(self, step_ms: float) -> None:
         """Record how long forecast and plan took, milliseconds."""
         self._step_ms.append(step_ms)
 
-    def latency(self, latency_ms: float) -> None:
-        """Record how old a plan's newest observation was when its first command was sent, milliseconds."""
+    def begins(self, time_s: float, plan: Plan, latency_ms: float) -> None:
+        """Record that a plan takes effect.
+
+        Args:
+            time_s: The time, seconds.
+            plan: The plan.
+            latency_ms: How old its newest observation is, milliseconds.
+        """
         self._latency_ms.append(latency_ms)
+        if self._watch is not None:
+            self._watch(PlanMoment(time_s, plan.start_s, plan.step_s, plan.position_rad, latency_ms))
 
     def refused(self, name: str, count: int = 1) -> None:
         """Count observations that are not used. Their event, which may last, is recorded beside.
@@ -125,6 +143,9 @@ class LoopRecorder:
         last_s = self._event_last_s.get(name, -np.inf)
         if time_s - last_s > 2.5 * self._control_period_s:
             self._events.append((time_s, str(name)))
+            if self._watch is not None:
+                known = self._faults.get(str(name))
+                self._watch(EventMoment(time_s, str(name), str(name) if known is None else known.line))
         self._event_last_s[name] = time_s
 
     def _fault(self, name: str, error: Exception) -> None:

@@ -1,15 +1,11 @@
-"""What viewers draw of a run: frames, the person, the forecast with its ellipsoids, the gaze."""
+"""What viewers draw of a run: the person, the forecast with its ellipsoids, the gaze and where it is planned to go."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from foxglove.messages import (
     Color,
     Duration,
-    FrameTransform,
-    FrameTransforms,
     LinePrimitive,
     LinePrimitiveLineType,
     Point3,
@@ -17,17 +13,15 @@ from foxglove.messages import (
     Quaternion,
     SceneEntity,
     SpherePrimitive,
-    Timestamp,
     Vector3,
 )
 from scipy.spatial.transform import Rotation
 
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry
-from gazempc.results.mcap_read import nanoseconds
+from gazempc.results.mcap_frames import BASE, stamp
 from gazempc.types import FloatArray
 
-BASE = "base"
 # A head is some 0.2 m wide; what was observed is drawn smaller, so that both can be seen.
 _HEAD_M, _OBSERVED_M = 0.2, 0.1
 # Axes of an ellipsoid of two standard deviations are four of them long.
@@ -36,45 +30,7 @@ _GAZE_LENGTH_M = 4.0
 # Okabe & Ito (2008): told apart by colour-blind people, too.
 _TRUE, _SEEN = Color(r=0.0, g=0.62, b=0.45, a=0.8), Color(r=0.9, g=0.62, b=0.0, a=0.9)
 _FORECAST, _CLOUD = Color(r=0.0, g=0.45, b=0.7, a=1.0), Color(r=0.34, g=0.71, b=0.91, a=0.25)
-_GAZE = Color(r=0.84, g=0.37, b=0.0, a=1.0)
-
-
-def stamp(time_s: float) -> Timestamp:
-    """A time as messages have it; none before zero."""
-    seconds, rest = divmod(nanoseconds(time_s), 10**9)
-    return Timestamp(sec=seconds, nsec=rest)
-
-
-def transforms(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> FrameTransforms:
-    """Frames of the neck: base, pan, tilt, eye.
-
-    Args:
-        geometry: The neck's geometry.
-        angles_rad: Pan and tilt, shape (2,), radians.
-        time_s: The time, seconds.
-
-    Returns:
-        The transforms; ``eye`` looks along its x axis.
-    """
-    pan_rad, tilt_rad = angles_rad.tolist()
-    turns = (
-        ("base", "pan", (0.0, 0.0, 0.0), (math.cos(pan_rad / 2), 0.0, 0.0, math.sin(pan_rad / 2))),
-        # Tilting up turns +x towards +z: about -y.
-        ("pan", "tilt", geometry.tilt_axis_in_pan_m, (math.cos(tilt_rad / 2), 0.0, -math.sin(tilt_rad / 2), 0.0)),
-        ("tilt", "eye", geometry.eye_in_tilt_m, (1.0, 0.0, 0.0, 0.0)),
-    )
-    return FrameTransforms(
-        transforms=[
-            FrameTransform(
-                timestamp=stamp(time_s),
-                parent_frame_id=parent,
-                child_frame_id=child,
-                translation=Vector3(x=at[0], y=at[1], z=at[2]),
-                rotation=Quaternion(w=turn[0], x=turn[1], y=turn[2], z=turn[3]),
-            )
-            for parent, child, at, turn in turns
-        ]
-    )
+_GAZE, _PLAN = Color(r=0.84, g=0.37, b=0.0, a=1.0), Color(r=0.8, g=0.47, b=0.65, a=1.0)
 
 
 def person_entity(name: str, head_base_m: FloatArray, time_s: float) -> SceneEntity:
@@ -113,7 +69,7 @@ def gaze_entity(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> Sc
 
     Args:
         geometry: The neck's geometry.
-        angles_rad: Pan and tilt, shape (2,), radians.
+        angles_rad: Angles of all joints, shape (N,), radians.
         time_s: The time, seconds.
 
     Returns:
@@ -121,6 +77,21 @@ def gaze_entity(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> Sc
     """
     eye, direction = gaze_ray(geometry, angles_rad)
     return _entity("gaze", time_s, lines=[_line(np.stack([eye, eye + _GAZE_LENGTH_M * direction]), _GAZE)])
+
+
+def plan_entity(geometry: Geometry, planned_rad: FloatArray, time_s: float) -> SceneEntity:
+    """A plan as the line along which it leads the end of the gaze ray.
+
+    Args:
+        geometry: The neck's geometry.
+        planned_rad: Commanded angles at the knots, shape (K, N), radians.
+        time_s: The time, seconds.
+
+    Returns:
+        The line.
+    """
+    eyes, directions = gaze_ray(geometry, planned_rad)
+    return _entity("plan", time_s, lines=[_line(eyes + _GAZE_LENGTH_M * directions, _PLAN)])
 
 
 def _ellipsoid(mean_m: FloatArray, covariance_m2: FloatArray) -> SpherePrimitive:

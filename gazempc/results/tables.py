@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
 Columns = dict[str, NDArray[Any]]
 _AXES = ("x", "y", "z")
-# The upper triangle of a covariance.
-_PAIRS = [(i, j) for i in range(3) for j in range(i, 3)]
 
 
 class LogFrames(NamedTuple):
@@ -45,34 +43,67 @@ def log_tables(log: Mapping[str, Any]) -> dict[str, Columns]:
     horizons_s, joints = log["forecast_horizon_s"], log["run"].neck.joint_names
     means, true = log["forecast_mean_base_m"], log["forecast_true_base_m"]
     each = means.shape[0] * horizons_s.size
-    covariances = log["forecast_covariance_m2"].reshape(each, 3, 3)
+    i, j = np.triu_indices(3)
+    ticks = [
+        log["time_s"],
+        *log["head_true_base_m"].T,
+        log["joint_time_s"],
+        *log["joint_position_rad"].T,
+        *log["joint_velocity_rad_s"].T,
+        *log["command_position_rad"].T,
+        *log["command_velocity_rad_s"].T,
+        *log["command_acceleration_rad_s2"].T,
+    ]
+    observations = [log["capture_time_s"], log["arrival_time_s"], *log["head_observed_base_m"].T, log["person_id"]]
+    forecasts = [
+        np.repeat(log["capture_time_s"], horizons_s.size),
+        np.tile(horizons_s, means.shape[0]),
+        *means.reshape(each, 3).T,
+        *log["forecast_covariance_m2"].reshape(each, 3, 3)[:, i, j].T,
+        np.repeat(log["forecast_degrees_of_freedom"], horizons_s.size),
+        *true.reshape(each, 3).T,
+    ]
     return {
-        "ticks": {
-            "time_s": log["time_s"],
-            **_split("head_true_{}_base_m", log["head_true_base_m"], _AXES),
-            "joint_time_s": log["joint_time_s"],
-            **_split("joint_{}_rad", log["joint_position_rad"], joints),
-            **_split("joint_{}_rad_s", log["joint_velocity_rad_s"], joints),
-            **_split("command_{}_rad", log["command_position_rad"], joints),
-            **_split("command_{}_rad_s", log["command_velocity_rad_s"], joints),
-            **_split("command_{}_rad_s2", log["command_acceleration_rad_s2"], joints),
-        },
-        "observations": {
-            "capture_time_s": log["capture_time_s"],
-            "arrival_time_s": log["arrival_time_s"],
-            **_split("head_observed_{}_base_m", log["head_observed_base_m"], _AXES),
-            "person_id": log["person_id"],
-        },
-        "forecasts": {
-            "capture_time_s": np.repeat(log["capture_time_s"], horizons_s.size),
-            "horizon_s": np.tile(horizons_s, means.shape[0]),
-            **_split("mean_{}_base_m", means.reshape(each, 3), _AXES),
-            **{f"covariance_{_AXES[i]}{_AXES[j]}_m2": covariances[:, i, j] for i, j in _PAIRS},
-            "degrees_of_freedom": np.repeat(log["forecast_degrees_of_freedom"], horizons_s.size),
-            **_split("head_true_{}_base_m", true.reshape(each, 3), _AXES),
-        },
+        "ticks": dict(zip(tick_columns(joints), ticks, strict=True)),
+        "observations": dict(zip(observation_columns(), observations, strict=True)),
+        "forecasts": dict(zip(forecast_columns(), forecasts, strict=True)),
         "events": {"time_s": log["event_time_s"], "event": log["event_name"]},
     }
+
+
+def tick_columns(joints: Sequence[str]) -> tuple[str, ...]:
+    """Names of the columns of ``ticks``.
+
+    Args:
+        joints: Names of the joints.
+    """
+    of_joints = (
+        "joint_{}_rad", "joint_{}_rad_s", "command_{}_rad", "command_{}_rad_s", "command_{}_rad_s2"
+    )  # fmt: skip
+    return (
+        "time_s",
+        *(f"head_true_{axis}_base_m" for axis in _AXES),
+        "joint_time_s",
+        *(name.format(joint) for name in of_joints for joint in joints),
+    )
+
+
+def observation_columns() -> tuple[str, ...]:
+    """Names of the columns of ``observations``."""
+    return ("capture_time_s", "arrival_time_s", *(f"head_observed_{axis}_base_m" for axis in _AXES), "person_id")
+
+
+def forecast_columns() -> tuple[str, ...]:
+    """Names of the columns of ``forecasts``; of the covariance the upper triangle."""
+    pairs = [_AXES[i] + _AXES[j] for i, j in zip(*np.triu_indices(3), strict=True)]
+    return (
+        "capture_time_s",
+        "horizon_s",
+        *(f"mean_{axis}_base_m" for axis in _AXES),
+        *(f"covariance_{pair}_m2" for pair in pairs),
+        "degrees_of_freedom",
+        *(f"head_true_{axis}_base_m" for axis in _AXES),
+    )
 
 
 def frames_of(log: Mapping[str, Any]) -> LogFrames:
@@ -92,7 +123,3 @@ def frames_of(log: Mapping[str, Any]) -> LogFrames:
     except ImportError:
         raise ImportError('tables of a log need pandas: pip install "gazempc[pandas]"') from None
     return LogFrames(**{name: pd.DataFrame(columns) for name, columns in log_tables(log).items()})
-
-
-def _split(name: str, values: NDArray[Any], parts: tuple[str, ...]) -> Columns:
-    return {name.format(part): values[:, k] for k, part in enumerate(parts)}

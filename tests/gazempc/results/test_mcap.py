@@ -1,0 +1,216 @@
+"""A log as MCAP: every value of every channel is that of the log, as the `mcap` library reads it."""
+
+import dataclasses
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+from builders.bags import face_rows, write_bag
+from builders.mcap import column, decoded, entities, messages, numbers, placed
+from mcap.reader import make_reader
+from scipy.spatial.transform import Rotation
+
+import gazempc as gz
+from gazempc.errors import SettingsError
+from gazempc.live.mount import Mount
+from gazempc.neck.kinematics import gaze_error_rad, gaze_ray, head_angles_rad
+from gazempc.results.log import Fault, Log
+from gazempc.results.mcap_file import write_mcap
+from gazempc.results.mcap_read import has_log
+from gazempc.results.metrics import gaze_error_deg, measure
+from gazempc.run import main as run_main
+from predictors import HeadObservation
+
+
+@pytest.fixture(scope="module", params=["reference", "reachy_mini_body", "reference_eyes"])
+def log(request):
+    return gz.replay(
+        "subject03_R4", neck=request.param, controller="lookahead", predictor="constant_velocity", sensor="reference"
+    )
+
+
+@pytest.fixture(scope="module")
+def path(log, tmp_path_factory):
+    path = tmp_path_factory.mktemp("mcap") / "run.mcap"
+    write_mcap(log, path)
+    return path
+
+
+def nanoseconds(times_s):
+    return [round(1e9 * t) for t in times_s]
+
+
+def every(log):
+    """Ticks from one scene to the next, 50 of which come in a second."""
+    return round(log.neck.servo_rate_hz / 50)
+
+
+def same(one, other):
+    for field in dataclasses.fields(Log):
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(a, np.ndarray):
+            np.testing.assert_array_equal(a, b, err_msg=field.name)
+        else:
+            assert a == b, field.name
+
+
+def test_the_file_is_the_log_to_the_last_bit(log, path):
+    again = gz.load_log(path)
+    same(again, log)
+    assert measure(again) == measure(log) or repr(measure(again)) == repr(measure(log))  # a NaN equals nothing
+    with path.open("rb") as file:
+        (about,) = [each.metadata for each in make_reader(file).iter_metadata() if each.name == "gazempc"]
+    assert json.loads(about["run"]) == json.loads(log.run.as_json())
+
+
+@pytest.mark.parametrize("topic", ["ticks", "observations", "forecasts"])
+def test_every_number_is_that_of_the_tables(log, path, topic):
+    """The tables that pandas gets are tested against the log."""
+    frame = getattr(log.to_pandas(), topic)
+    found = numbers(path, f"/{topic}")
+    assert len(found) == len(frame)
+    for name in frame:
+        expected = frame[name].replace([math.inf, -math.inf], np.nan).to_numpy()
+        if name == "person_id":
+            assert [m[name] for _, m in found] == expected.tolist()
+        else:
+            np.testing.assert_array_equal(column(path, f"/{topic}", name), expected, err_msg=name)
+    times_s = {
+        "ticks": log.time_s,
+        "observations": log.arrival_time_s,
+        "forecasts": np.repeat(log.arrival_time_s, 3),
+    }
+    assert [at for at, _ in found] == nanoseconds(times_s[topic])
+
+
+def test_metrics_are_the_errors_of_the_gaze(log, path):
+    np.testing.assert_allclose(column(path, "/metrics", "gaze_error_deg"), gaze_error_deg(log), rtol=1e-12)
+    newest = np.searchsorted(log.arrival_time_s, log.time_s + 1e-9, side="right") - 1
+    observed = np.where((newest < 0)[:, None], np.nan, log.head_observed_base_m[newest])
+    expected = np.rad2deg(gaze_error_rad(log.neck.geometry, log.joint_position_rad, observed))
+    np.testing.assert_allclose(column(path, "/metrics", "gaze_to_observed_deg"), expected, rtol=1e-12)
+    # What only a run itself knows is not made up.
+    assert np.isnan(column(path, "/metrics", "late_ms")).all()
+
+
+@pytest.mark.parametrize("topic", ["/joints", "/commands"])
+def test_joints_and_commands_have_their_names_and_values(log, path, topic):
+    found = decoded(path, topic)
+    assert len(found) == pytest.approx(log.time_s.size / every(log), abs=1)
+    of = dict(zip(nanoseconds(log.time_s), range(log.time_s.size), strict=True))
+    rows = [of[at] for at, _ in found]
+    if topic == "/joints":
+        wanted = {"position": log.joint_position_rad, "velocity": log.joint_velocity_rad_s}
+    else:
+        wanted = {
+            "position": log.command_position_rad,
+            "velocity": log.command_velocity_rad_s,
+            "acceleration": log.command_acceleration_rad_s2,
+        }
+    assert {tuple(j.name for j in m.joints) for _, m in found} == {log.neck.joint_names}
+    for name, values in wanted.items():
+        np.testing.assert_array_equal([[getattr(j, name) for j in m.joints] for _, m in found], values[rows])
+
+
+def test_frames_lead_from_the_base_to_the_eye(log, path):
+    """The chain of transforms is the kinematics of the neck, with its eyes and its body."""
+    of = dict(zip(nanoseconds(log.time_s), log.joint_position_rad, strict=True))
+    sent = [(at, m.transforms) for at, m in decoded(path, "/tf") if m.transforms[-1].child_frame_id != "person"]
+    assert ("body" in {t.child_frame_id for t in sent[0][1]}) == ("body_yaw" in log.neck.joint_names)
+    for at, frames in sent[::40]:
+        position_m, turn = placed(frames, "eye")
+        eye_m, direction = gaze_ray(log.neck.geometry, of[at])
+        np.testing.assert_allclose(position_m, eye_m, atol=1e-12)
+        np.testing.assert_allclose(turn.apply([1.0, 0.0, 0.0]), direction, atol=1e-12)
+
+
+def test_the_person_stands_where_it_was_observed(log, path):
+    sent = [m.transforms for _, m in decoded(path, "/tf") if m.transforms[-1].child_frame_id == "person"]
+    np.testing.assert_array_equal([placed(frames, "person")[0] for frames in sent], log.head_observed_base_m)
+
+
+def test_the_camera_stands_where_it_is_mounted(log, tmp_path):
+    """Its frame takes an observation where the run takes it."""
+    mount = Mount(on="head", position_m=(0.05, 0.0, 0.1), roll_pitch_yaw_deg=(3.0, 10.0, -20.0))
+    run = log.run.model_copy(update={"settings": {"mount": mount.model_dump(mode="json")}})
+    write_mcap(dataclasses.replace(log, run=run), tmp_path / "mounted.mcap")
+    k = 60 * every(log)
+    at_tick = round(1e9 * log.time_s[k])
+    sent = [m for at, m in decoded(tmp_path / "mounted.mcap", "/tf") if at == at_tick and len(m.transforms) > 1]
+    seen = HeadObservation(0.0, np.array([2.0, 0.3, 0.1]))
+    expected = mount.to_base(seen, log.neck.geometry, head_angles_rad(log.joint_position_rad[k])).head_position_base_m
+    at_m, turn = placed(sent[0].transforms, "camera")
+    np.testing.assert_allclose(at_m + turn.apply(seen.head_position_base_m), expected, atol=1e-12)
+
+
+def test_what_is_drawn_is_what_was_seen_and_forecast(log, path):
+    found = entities(path)
+    assert set(found) == {"person", "observed", "forecast", "gaze"}
+    known = np.isfinite(log.forecast_mean_base_m).all(axis=(1, 2))
+    lines = [[[p.x, p.y, p.z] for p in each.lines[0].points] for each in found["forecast"]]
+    np.testing.assert_array_equal(lines, log.forecast_mean_base_m[known])
+    for each, covariances_m2 in list(zip(found["forecast"], log.forecast_covariance_m2[known], strict=True))[::20]:
+        for sphere, covariance in zip(each.spheres, covariances_m2, strict=True):
+            # Two standard deviations along their axes.
+            q, size = sphere.pose.orientation, np.array([sphere.size.x, sphere.size.y, sphere.size.z])
+            turn = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+            np.testing.assert_allclose(turn @ np.diag((size / 4.0) ** 2) @ turn.T, covariance, atol=1e-12)
+    ray = found["gaze"][30].lines[0].points
+    direction = np.array([ray[1].x - ray[0].x, ray[1].y - ray[0].y, ray[1].z - ray[0].z])
+    _, directions = gaze_ray(log.neck.geometry, log.joint_position_rad)
+    np.testing.assert_allclose(direction / 4.0, directions[30 * every(log)], atol=1e-9)
+
+
+def test_events_are_log_messages(log, tmp_path):
+    event = log.event_name.tolist()[0]
+    survived = dataclasses.replace(log, faults=(Fault(event, 3, "ValueError: no", "..."),))
+    write_mcap(survived, tmp_path / "e.mcap")
+    sent = decoded(tmp_path / "e.mcap", "/events")
+    assert [(at, m.name) for at, m in sent] == list(zip(nanoseconds(log.event_time_s), log.event_name, strict=True))
+    assert sent[0][1].message == f"{event} (3 x): ValueError: no"
+
+
+def test_fields_are_named_before_the_first_message(path):
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    channel = next(c for c in summary.channels.values() if c.topic == "/metrics")
+    schema = json.loads(summary.schemas[channel.schema_id].data)
+    assert set(schema["properties"]) == set(json.loads(messages(path, "/metrics")[0][1]))
+
+
+def test_a_log_and_a_bag_are_told_apart(path, tmp_path):
+    assert has_log(path)
+    bag = write_bag(tmp_path / "bag", face_rows("face_a", np.arange(9) / 30.0, [0.0, 0.0, 1.5]), "mcap")
+    (file,) = bag.glob("*.mcap")
+    assert not has_log(file)
+    assert not has_log(tmp_path / "none.mcap")
+
+
+def test_it_is_measured_again_to_the_last_digit(log, path, tmp_path, capsys):
+    assert run_main(["--replay", str(path), "--out", str(tmp_path / "again"), "--no-figures"]) == 0
+    capsys.readouterr()
+    (row,) = json.loads((tmp_path / "again" / "summary.json").read_text())["rows"]
+    for name, value in measure(log).as_dict().items():
+        assert row[name] == value or (row[name] is None and not math.isfinite(value)), name
+
+
+def test_what_is_no_log_is_refused_by_name(tmp_path):
+    import foxglove
+
+    foxglove.open_mcap(tmp_path / "other.mcap", context=foxglove.Context()).close()
+    with pytest.raises(SettingsError, match=r"other\.mcap: no log of gazempc"):
+        gz.load_log(tmp_path / "other.mcap")
+    (tmp_path / "cut.mcap").write_bytes((tmp_path / "other.mcap").read_bytes()[:30])
+    with pytest.raises(SettingsError, match=r"cut\.mcap: not an MCAP file"):
+        gz.load_log(tmp_path / "cut.mcap")
+
+
+@pytest.mark.parametrize("package", ["foxglove", "mcap.reader"])
+def test_a_missing_package_names_its_extra(log, path, tmp_path, monkeypatch, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    for name in ("channels", "writer"):
+        monkeypatch.delitem(sys.modules, f"gazempc.results.mcap_{name}", raising=False)
+    with pytest.raises(SettingsError, match=r"gazempc\[view\]"):
+        write_mcap(log, tmp_path / "x.mcap") if package == "foxglove" else gz.load_log(path)
