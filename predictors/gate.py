@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import chdtri
@@ -10,10 +11,12 @@ from scipy.special import chdtri
 from predictors.symmetric import mahalanobis2
 from predictors.types import FloatArray, HeadObservation
 
+AnyTime = TypeVar("AnyTime", float, FloatArray)
+
 # An innovation this improbable is a mistaken detection (another person, a reflection), not a step of a walk.
 _GATE_PROBABILITY = 0.999
 # Quantile of chi-square with 3 degrees of freedom; `scipy.stats` has it, too, and takes half a second to import.
-_GATE_D2 = float(chdtri(3, 1.0 - _GATE_PROBABILITY))
+GATE_D2 = float(chdtri(3, 1.0 - _GATE_PROBABILITY))
 # Who turns or brakes leaves the forecast of a steady walk by more than the filter's own spread tells. At the edge of
 # the gate, four standard deviations, this is 5 m/s^2: a turn of 0.5 m radius at 1.6 m/s, or a stop within 0.3 s. The
 # filter lags behind the velocity by some 0.2 s, as if the turn had begun so long before the last accepted frame. With
@@ -143,8 +146,19 @@ def is_near(innovation_m: FloatArray, spread_m2: FloatArray, since_s: float) -> 
     Returns:
         Whether it is within the gate. A NaN, from a position of absurd size, is not.
     """
-    allowance_m = 0.5 * _MANOEUVRE_SD_M_S2 * (since_s + _FILTER_LAG_S) ** 2
-    return mahalanobis2(innovation_m, spread_m2, allowance_m**2) <= _GATE_D2
+    return mahalanobis2(innovation_m, spread_m2, allowance_m(since_s) ** 2) <= GATE_D2
+
+
+def allowance_m(since_s: AnyTime) -> AnyTime:
+    """How far a person may have left a steady walk.
+
+    Args:
+        since_s: Time since the last frame that was used, seconds; a number or an array of any shape.
+
+    Returns:
+        Standard deviation on each axis, metres, of the same shape.
+    """
+    return 0.5 * _MANOEUVRE_SD_M_S2 * (since_s + _FILTER_LAG_S) ** 2
 
 
 def _apart_m(one: HeadObservation, other: HeadObservation) -> float:

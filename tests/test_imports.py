@@ -21,7 +21,7 @@ GAZEMPC = (
     ("recordings", "neck", "ros2", "part_options", "settings"),
     ("results",),
     ("export",),
-    ("robots", "controllers"),
+    ("robots", "controllers", "people"),
     ("loop",),
     ("sim",),
     ("live", "listing"),

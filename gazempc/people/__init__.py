@@ -1,0 +1,1 @@
+"""Several people: a track each, whom to look at, and when to look away."""

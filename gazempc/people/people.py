@@ -1,0 +1,199 @@
+"""All people around: detections in, one track a person out, whatever the tracker calls them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+
+import numpy as np
+
+from gazempc.people.association import assign
+from gazempc.people.motion import Motion
+from gazempc.people.person import PersonState, TrackedPerson, noise_of
+from gazempc.types import FloatArray
+from predictors import HeadObservation, Predictor
+
+# Seen so often, it is somebody; a false detection rarely stays for three frames.
+_CONFIRMED_BY = 3
+# A track that is not confirmed ends without a sighting for so long.
+_TENTATIVE_S = 0.3
+# Nobody stands nearer to somebody: two detections within this are one person, seen twice.
+_ONE_PERSON_M = 0.25
+# A person who comes back under the same name cannot have gone farther: this fast, and with this error.
+_RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
+# Somebody who is nobody any more: names that trackers give again after that are another person's.
+_FORGOTTEN_AFTER_S = 30.0
+
+
+class Became(StrEnum):
+    """What a detection has become."""
+
+    USED = "used"
+    TENTATIVE = "tentative"
+    ENTERED = "entered"
+    RETURNED = "returned"
+    RENAMED = "renamed"
+    DUPLICATE = "duplicate"
+    OUT_OF_ORDER = "out_of_order"
+
+
+class People:
+    """Keeps a track of each person.
+
+    Detections of one instant are assigned to the positions that are expected then. A track that is not seen coasts.
+    After `coast_s` its person is not there any more; under the same name they may come back.
+
+    Args:
+        make_predictor: Makes one person's predictor.
+        coast_s: How long somebody who is not seen counts as there, seconds.
+    """
+
+    def __init__(self, make_predictor: Callable[[], Predictor], coast_s: float = 1.0) -> None:
+        self._make_predictor = make_predictor
+        self._coast_s = coast_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._tracks: list[TrackedPerson] = []
+        self._gone: list[TrackedPerson] = []
+        self._count = 0
+        self._newest_s = -math.inf
+
+    @property
+    def newest_capture_s(self) -> float | None:
+        """Capture time of the newest detection of a person; None before the first one."""
+        return max((track.seen_s for track in self._confirmed()), default=None)
+
+    def see(self, observations: Sequence[HeadObservation]) -> list[tuple[int, Became]]:
+        """Take in detections of one instant.
+
+        Args:
+            observations: Detections with one capture time, in the base frame. Others of the same instant may follow.
+
+        Returns:
+            For each, the number of its person (0 where it is nobody's) and what it has become.
+        """
+        if not observations:
+            return []
+        capture_s = observations[0].capture_time_s
+        self._newest_s = max(self._newest_s, capture_s)
+        self._let_go(self._newest_s)
+        found: list[tuple[int, Became]] = [(0, Became.DUPLICATE)] * len(observations)
+        left = list(range(len(observations)))
+        # Who is there comes first: what may be a false detection takes nothing from them.
+        for confirmed in (True, False):
+            tracks = [t for t in self._tracks if t.confirmed is confirmed and t.seen_s < capture_s]
+            pairs = self._assigned(tracks, [observations[k] for k in left], capture_s)
+            for track, which in pairs:
+                became = self._took(track, observations[left[which]])
+                found[left[which]] = (track.number, became)
+            taken = {which for _, which in pairs}
+            left = [k for which, k in enumerate(left) if which not in taken]
+        for k in left:
+            found[k] = self._unassigned(observations[k])
+        return found
+
+    def present(self, time_s: float) -> tuple[PersonState, ...]:
+        """Everybody who is there.
+
+        Args:
+            time_s: The time, seconds.
+
+        Returns:
+            In the order in which they entered.
+        """
+        return tuple(t.state(time_s) for t in self._confirmed() if time_s - t.seen_s <= self._coast_s)
+
+    def track(self, number: int) -> TrackedPerson | None:
+        """The track of a person.
+
+        Args:
+            number: Which person.
+
+        Returns:
+            The track; None if there is no such person any more.
+        """
+        return next((t for t in self._confirmed() if t.number == number), None)
+
+    def _confirmed(self) -> list[TrackedPerson]:
+        return [track for track in self._tracks if track.confirmed]
+
+    def _let_go(self, time_s: float) -> None:
+        gone = [t for t in self._tracks if time_s - t.seen_s > (self._coast_s if t.confirmed else _TENTATIVE_S)]
+        if gone:
+            self._tracks = [t for t in self._tracks if t not in gone]
+            self._gone.extend(t for t in gone if t.confirmed)
+        self._gone = [t for t in self._gone if time_s - t.seen_s <= _FORGOTTEN_AFTER_S]
+
+    def _assigned(
+        self, tracks: Sequence[TrackedPerson], observations: Sequence[HeadObservation], capture_s: float
+    ) -> list[tuple[TrackedPerson, int]]:
+        """Tracks, with their motion corrected, and which of the observations is theirs."""
+        if not (tracks and observations):
+            return []
+        unseen_s: FloatArray = np.array([capture_s - track.seen_s for track in tracks])
+        expected = Motion.stack([track.motion for track in tracks]).after(unseen_s)
+        measured_m = np.array([seen.head_position_base_m for seen in observations])
+        noise_m2 = np.array([noise_of(seen) for seen in observations])
+        names = [seen.person_id for seen in observations]
+        pairs = assign(expected, unseen_s, [track.tracker_id for track in tracks], measured_m, noise_m2, names)
+        if not pairs:
+            return []
+        rows, columns = [row for row, _ in pairs], [column for _, column in pairs]
+        corrected = expected.of(rows).corrected(measured_m[columns], noise_m2[columns])
+        for k, row in enumerate(rows):
+            tracks[row].motion = corrected.of(slice(k, k + 1))
+        return [(tracks[row], column) for row, column in pairs]
+
+    def _took(self, track: TrackedPerson, observation: HeadObservation) -> Became:
+        renamed = None not in (track.tracker_id, observation.person_id) and track.tracker_id != observation.person_id
+        track.take(observation, track.motion)
+        if track.confirmed:
+            return Became.RENAMED if renamed else Became.USED
+        if track.sightings < _CONFIRMED_BY or self._is_seen_twice(track):
+            return Became.TENTATIVE
+        track.confirmed = True
+        earlier = self._earlier(track)
+        if earlier is None:
+            self._count += 1
+            track.number = self._count
+            return Became.ENTERED
+        # Who was gone, or jumped, is the same person as before.
+        self._tracks = [t for t in self._tracks if t is not track and t is not earlier]
+        self._gone = [t for t in self._gone if t is not earlier]
+        track.number, track.since_s = earlier.number, earlier.since_s
+        self._tracks.append(track)
+        return Became.RETURNED
+
+    def _unassigned(self, observation: HeadObservation) -> tuple[int, Became]:
+        where, capture_s = observation.head_position_base_m, observation.capture_time_s
+        for track in self._tracks:
+            late_s = track.seen_s - capture_s
+            if late_s < 0.0:
+                continue
+            moved_m = math.dist(where, track.motion.position_m[0] - late_s * track.motion.velocity_m_s[0])
+            if moved_m < _ONE_PERSON_M + _RETURN_SPEED_M_S * late_s:
+                return (track.number, Became.OUT_OF_ORDER if late_s else Became.DUPLICATE)
+        self._tracks.append(TrackedPerson(0, observation, self._make_predictor()))
+        return (0, Became.TENTATIVE)
+
+    def _is_seen_twice(self, track: TrackedPerson) -> bool:
+        others = [t for t in self._confirmed() if abs(t.seen_s - track.seen_s) <= _TENTATIVE_S]
+        return any(math.dist(t.motion.position_m[0], track.motion.position_m[0]) < _ONE_PERSON_M for t in others)
+
+    def _earlier(self, track: TrackedPerson) -> TrackedPerson | None:
+        """Who was called the same and has not been seen since this track began; the nearest in time."""
+        if track.tracker_id is None:
+            return None
+        before = [
+            t
+            for t in (*self._gone, *self._confirmed())
+            if t is not track and t.tracker_id == track.tracker_id and t.seen_s < track.since_s
+        ]
+        for earlier in sorted(before, key=lambda t: -t.seen_s):
+            apart_m = math.dist(earlier.motion.position_m[0], track.motion.position_m[0])
+            if apart_m <= _RETURN_ERROR_M + _RETURN_SPEED_M_S * (track.since_s - earlier.seen_s):
+                return earlier
+        return None

@@ -1,0 +1,160 @@
+"""One person of several: who they are, where they are, and their predictor."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from gazempc.people.motion import Motion
+from gazempc.types import FloatArray
+from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
+
+# A predictor learns of nobody's walk from what is older. Only the person who is looked at needs forecasts: what the
+# others do is kept for so long, and taken in when it is their turn.
+_MEMORY_S = 1.5
+# So many sightings a frame make somebody ready for their turn within half a second at 30 frames a second.
+CATCH_UP = 3
+# Where a tracker states no error, positions are taken to be this wrong: they wander with posture, too.
+_POSITION_NOISE_M2 = 0.03**2 * np.eye(3)
+# A head turns away within less.
+_ORIENTATION_LASTS_S = 0.5
+
+
+@dataclass(frozen=True)
+class PersonState:
+    """What is known of one person at one time; it is what decides whom to look at.
+
+    Attributes:
+        number: Which person, from 1 on; never given to anybody else in a run.
+        tracker_id: What the tracker calls them; None where it does not say.
+        time_s: The time, seconds.
+        position_base_m: Head, shape (3,), metres, base frame.
+        velocity_base_m_s: Its velocity, shape (3,), m/s.
+        head_quat_wxyz: Orientation of the head as seen last, shape (4,); None where it was not seen lately.
+        seen_s: Capture time of the last sighting, seconds.
+        since_s: Capture time of the first one, seconds.
+    """
+
+    number: int
+    tracker_id: str | None
+    time_s: float
+    position_base_m: FloatArray
+    velocity_base_m_s: FloatArray
+    head_quat_wxyz: FloatArray | None
+    seen_s: float
+    since_s: float
+
+    @property
+    def distance_m(self) -> float:
+        """Horizontal distance from the neck, metres."""
+        return float(np.hypot(*self.position_base_m[:2]))
+
+
+class TrackedPerson:
+    """Where one person is, by a plain filter, and where they will be, by a predictor.
+
+    Args:
+        number: Which person.
+        first: The first sighting.
+        predictor: A predictor of their own, reset.
+
+    Attributes:
+        number: Which person.
+        tracker_id: What the tracker called them last.
+        motion: Their motion when they were seen last.
+        seen_s: Capture time of the last sighting, seconds.
+        since_s: Capture time of the first one, seconds.
+        sightings: How many there were.
+        confirmed: Whether it is somebody, and not a single false detection.
+    """
+
+    def __init__(self, number: int, first: HeadObservation, predictor: Predictor) -> None:
+        self.number = number
+        self.tracker_id: str | None = None
+        self.confirmed = False
+        self.sightings = 0
+        self.since_s = first.capture_time_s
+        self._predictor = predictor
+        self._waiting: deque[HeadObservation] = deque()
+        self._oriented: HeadObservation | None = None
+        self.take(first, Motion.begin(first.head_position_base_m, noise_of(first)))
+
+    def take(self, observation: HeadObservation, motion: Motion) -> None:
+        """Take in a sighting.
+
+        Args:
+            observation: The sighting, newer than the last one.
+            motion: Their motion, corrected by it.
+        """
+        self.motion, self.seen_s = motion, observation.capture_time_s
+        self.tracker_id = observation.person_id or self.tracker_id
+        self.sightings += 1
+        if observation.head_quat_wxyz is not None:
+            self._oriented = observation
+        self._waiting.append(observation)
+        while self._waiting[0].capture_time_s < observation.capture_time_s - _MEMORY_S:
+            self._waiting.popleft()
+
+    def forecast(self, times_s: FloatArray) -> Forecast:
+        """Forecast the head.
+
+        Args:
+            times_s: Times, shape (H,), seconds.
+
+        Returns:
+            The forecast.
+
+        Raises:
+            Exception: Whatever the predictor raises.
+        """
+        self.catch_up(len(self._waiting))
+        return self._predictor.forecast(times_s)
+
+    def catch_up(self, most: int) -> None:
+        """Let the predictor take in what was seen meanwhile, before it is their turn: all at once takes milliseconds.
+
+        Args:
+            most: Not more than so many sightings, the oldest first.
+
+        Raises:
+            Exception: Whatever the predictor raises.
+        """
+        for _ in range(min(most, len(self._waiting))):
+            with contextlib.suppress(OutOfOrderError):
+                self._predictor.update(self._waiting.popleft())
+
+    def forget_forecasts(self) -> None:
+        """Begin the predictor anew with the next sighting: what it said cannot be used."""
+        self._predictor.reset()
+
+    def state(self, time_s: float) -> PersonState:
+        """The person at a time.
+
+        Args:
+            time_s: The time, seconds.
+
+        Returns:
+            What is known.
+        """
+        motion = self.motion.after(np.array([time_s - self.seen_s]))
+        facing = self._oriented
+        lately = facing is not None and time_s - facing.capture_time_s <= _ORIENTATION_LASTS_S
+        return PersonState(
+            number=self.number,
+            tracker_id=self.tracker_id,
+            time_s=time_s,
+            position_base_m=motion.position_m[0],
+            velocity_base_m_s=motion.velocity_m_s[0],
+            head_quat_wxyz=facing.head_quat_wxyz if facing is not None and lately else None,
+            seen_s=self.seen_s,
+            since_s=self.since_s,
+        )
+
+
+def noise_of(observation: HeadObservation) -> FloatArray:
+    """Covariance of a position's error, as stated or as assumed, shape (3, 3), square metres."""
+    stated = observation.position_covariance_m2
+    return _POSITION_NOISE_M2 if stated is None else stated

@@ -1,0 +1,204 @@
+"""Several people: each detection is its person's, whatever the tracker calls them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders.crowds import FRAME_S, frame, numbers_at, people, shown, stand, straight
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gazempc.people.people import Became, People
+from predictors import Walker
+
+A_M, B_M = np.array([2.0, 0.0, 0.4]), np.array([2.0, 1.5, 0.4])
+TIMES_S = np.arange(90) * FRAME_S
+
+
+def last_numbers(found):
+    return [number for number, _ in found[-1]]
+
+
+def test_two_people_have_a_track_each():
+    crowd = people()
+    end_s = stand(crowd, [A_M, B_M])
+    a, b = crowd.present(end_s)
+    assert (a.number, b.number) == (1, 2)
+    np.testing.assert_allclose(a.position_base_m, A_M, atol=1e-6)
+    np.testing.assert_allclose(b.position_base_m, B_M, atol=1e-6)
+    np.testing.assert_allclose(crowd.track(2).forecast(np.array([end_s + 0.5])).means_base_m[0], B_M, atol=1e-3)
+
+
+def test_a_single_false_detection_is_nobody():
+    crowd = people()
+    found = shown(crowd, [frame(k * FRAME_S, [A_M, B_M] if k < 2 else [A_M]) for k in range(20)])
+    assert [became for _, became in found[0]] == [Became.TENTATIVE] * 2
+    assert numbers_at(crowd, 19 * FRAME_S) == [1]
+
+
+@pytest.mark.parametrize("behind_m", [0.3, 0.7, 1.5])
+def test_walkers_who_cross_keep_their_numbers_without_names(behind_m):
+    one = straight([2.0, -1.5, 0.4], [0.0, 1.0, 0.0], TIMES_S)
+    other = straight([2.0 + behind_m, 1.5, 0.4], [0.0, -1.0, 0.0], TIMES_S)
+    crowd, rng = people(), np.random.default_rng(0)
+    # The order of the detections changes, and tells nothing.
+    orders = [slice(None, None, -1 if k % 2 else 1) for k in range(TIMES_S.size)]
+    frames = [frame(t, [one[k], other[k]][orders[k]], rng=rng, noise_m=0.01) for k, t in enumerate(TIMES_S)]
+    found = [numbers[orders[k]] for k, numbers in enumerate(shown(crowd, frames))]
+    whose = [[number for number, _ in each] for each in found[5:]]
+    assert whose == [whose[0]] * len(whose)
+    assert sorted(whose[0]) == [1, 2]
+
+
+@pytest.mark.parametrize("apart_m", [0.4, 1.0])
+def test_names_that_swap_while_people_walk_on_change_nobody(apart_m):
+    one = straight([2.0, -1.0, 0.4], [0.0, 0.8, 0.0], TIMES_S)
+    other = one + np.array([0.0, apart_m, 0.0])
+    crowd = people()
+    swapped = [frame(t, [one[k], other[k]], ["a", "b"] if k < 45 else ["b", "a"]) for k, t in enumerate(TIMES_S)]
+    found = shown(crowd, swapped)
+    assert last_numbers(found) == [1, 2]
+    assert [became for _, became in found[45]] == [Became.RENAMED] * 2
+    assert [became for _, became in found[46]] == [Became.USED] * 2
+
+
+def test_a_new_name_in_each_frame_changes_nobody():
+    crowd = people()
+    found = shown(crowd, [frame(t, [A_M, B_M], [f"{k}a", f"{k}b"]) for k, t in enumerate(TIMES_S)])
+    assert last_numbers(found) == [1, 2]
+
+
+def test_names_decide_where_motion_does_not():
+    """Two who stand 0.3 m apart, and a tracker that is as wrong: without names nobody could tell."""
+
+    def share_kept(names):
+        crowd, rng = people(), np.random.default_rng(1)
+        near_m = A_M + np.array([0.3, 0.0, 0.0])
+        stand(crowd, [A_M, near_m], names=names)
+        noise_m2 = 0.15**2 * np.eye(3)
+        kept = []
+        for t in TIMES_S:
+            places_m = [where + 0.15 * rng.standard_normal(3) for where in (A_M, near_m)]
+            seen = [replace(each, position_covariance_m2=noise_m2) for each in frame(0.5 + t, places_m, names)]
+            kept.append([number for number, _ in crowd.see(seen)] == [1, 2])
+        return np.mean(kept)
+
+    assert share_kept(["a", "b"]) == 1.0
+    assert share_kept(None) < 0.95
+
+
+def test_who_is_seen_twice_is_one():
+    crowd = people()
+    twice = [frame(t, [A_M, A_M + np.array([0.1, 0.05, 0.0])], ["face", "body"]) for t in TIMES_S]
+    found = shown(crowd, twice)
+    assert numbers_at(crowd, TIMES_S[-1]) == [1]
+    assert sum(became is Became.DUPLICATE for _, became in found[-1]) == 1
+
+
+def test_a_frame_may_come_in_parts():
+    crowd = people()
+    for t in TIMES_S:
+        crowd.see(frame(t, [A_M]))
+        crowd.see(frame(t, [B_M]))
+    assert numbers_at(crowd, TIMES_S[-1]) == [1, 2]
+
+
+def test_a_late_detection_of_somebody_is_dropped_and_begins_nobody():
+    crowd = people()
+    end_s = stand(crowd, [A_M, B_M])
+    assert crowd.see(frame(end_s - 0.05, [A_M])) == [(1, Became.OUT_OF_ORDER)]
+    end_s = stand(crowd, [A_M, B_M], from_s=end_s + FRAME_S)
+    assert numbers_at(crowd, end_s) == [1, 2]
+
+
+def test_a_track_coasts_and_goes_on():
+    walk = straight([2.0, -1.5, 0.4], [0.0, 1.0, 0.0], TIMES_S)
+    hidden = (TIMES_S > 1.0) & (TIMES_S < 1.8)
+    crowd = people()
+    found = shown(crowd, [frame(t, [] if hidden[k] else [walk[k], B_M * 2]) for k, t in enumerate(TIMES_S)])
+    assert last_numbers(found) == [1, 2]
+
+
+def test_who_is_not_seen_for_the_coasting_time_is_gone():
+    crowd = people(coast_s=0.5)
+    end_s = stand(crowd, [A_M, B_M])
+    assert numbers_at(crowd, end_s + 0.4) == [1, 2]
+    assert numbers_at(crowd, end_s + 0.6) == []
+    assert crowd.track(1) is not None  # nothing was seen since: it may still be that frames are late
+    stand(crowd, [A_M * 3], from_s=end_s + 0.7)
+    assert crowd.track(1) is None
+
+
+def test_who_comes_back_by_name_has_their_number_again():
+    crowd = people()
+    end_s = stand(crowd, [A_M, B_M], names=["a", "b"])
+    end_s = stand(crowd, [B_M], names=["b"], from_s=end_s + FRAME_S, seconds=3.0)
+    assert numbers_at(crowd, end_s) == [2]
+    end_s = stand(crowd, [A_M + 0.5, B_M], names=["a", "b"], from_s=end_s + FRAME_S)
+    assert sorted(numbers_at(crowd, end_s)) == [1, 2]
+
+
+def test_a_name_given_to_somebody_else_is_somebody_else():
+    crowd = people()
+    end_s = stand(crowd, [A_M], names=["1"])
+    # Seven metres farther a second and a half later: nobody runs as fast.
+    end_s = stand(crowd, [A_M + np.array([7.0, 0.0, 0.0])], names=["1"], from_s=end_s + 1.5)
+    assert numbers_at(crowd, end_s) == [2]
+
+
+def test_a_jump_of_the_tracker_is_the_same_person_by_name():
+    crowd = people()
+    end_s = stand(crowd, [A_M, B_M], names=["a", "b"])
+    aside_m = A_M + np.array([0.0, -0.6, 0.0])
+    end_s = stand(crowd, [aside_m, B_M], names=["a", "b"], from_s=end_s + 0.2)
+    assert sorted(numbers_at(crowd, end_s)) == [1, 2]
+    np.testing.assert_allclose(crowd.track(1).state(end_s).position_base_m, aside_m, atol=0.05)
+
+
+def test_twenty_people_who_enter_at_once():
+    places_m = [np.array([2.0 + i, j - 2.0, 0.4]) for i in range(4) for j in range(5)]
+    crowd = people()
+    end_s = stand(crowd, places_m)
+    assert numbers_at(crowd, end_s) == list(range(1, 21))
+
+
+def test_everybody_lost_and_back_without_names_is_somebody_new():
+    crowd = people()
+    end_s = stand(crowd, [A_M, B_M])
+    end_s = stand(crowd, [A_M, B_M], from_s=end_s + 5.0)
+    assert numbers_at(crowd, end_s) == [3, 4]
+
+
+def test_the_predictor_of_somebody_catches_up_when_asked():
+    """Who is not looked at costs nothing; when it is their turn, the forecast is as if they had been."""
+    walk = straight([2.0, -1.5, 0.4], [0.2, 1.0, 0.0], TIMES_S)
+    crowd, alone = People(Walker), Walker()
+    for k, t in enumerate(TIMES_S):
+        crowd.see(frame(t, [walk[k], B_M * 2]))
+    for k, t in enumerate(TIMES_S):
+        if t >= TIMES_S[-1] - 1.5:
+            alone.update(frame(t, [walk[k]])[0])
+    ahead_s = TIMES_S[-1] + np.array([0.25, 0.5, 1.0])
+    np.testing.assert_allclose(
+        crowd.track(1).forecast(ahead_s).means_base_m, alone.forecast(ahead_s).means_base_m, atol=1e-9
+    )
+
+
+@given(st.data())
+def test_no_frame_has_a_person_twice_and_numbers_are_never_given_again(data):
+    crowd = people()
+    seen: set[int] = set()
+    numbers = st.floats(-1e3, 1e3)
+    for k in range(12):
+        count = data.draw(st.integers(0, 5))
+        late = data.draw(st.sampled_from([0.0, 0.0, 0.0, -0.2, 2.0]))
+        places = [np.array([data.draw(numbers) for _ in range(3)]) for _ in range(count)]
+        names = [data.draw(st.sampled_from([None, "a", "b"])) for _ in range(count)]
+        found = crowd.see(frame(k * FRAME_S + late, places, names))
+        taken = [number for number, became in found if became in (Became.USED, Became.RENAMED, Became.ENTERED)]
+        assert len(taken) == len(set(taken))
+        now = numbers_at(crowd, k * FRAME_S + late)
+        assert len(now) == len(set(now))
+        seen |= set(now)
+        assert all(np.isfinite(state.position_base_m).all() for state in crowd.present(k * FRAME_S + late))
+    assert seen == set(range(1, max(seen, default=0) + 1))
