@@ -35,6 +35,7 @@ class Arrivals:
         self._use_ids = parts.use_ids
         self._watch = Watch(parts.clock, parts.stamps, parts.mount, parts.settings, parts.mends)
         self._joints = JointHistory()
+        self._said: set[Event] = set()
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
         """Keep where the joints were: a sensor on the head is turned by them.
@@ -63,7 +64,9 @@ class Arrivals:
             recorder.event(now_s, Event.SOURCE_FAILED, error)
             return []
         found, problems = [], list(arrived.problems)
-        self._report.observations += len(arrived.sightings) + len(problems)
+        self._report.observations += (
+            len(arrived.sightings) + len(problems) + sum(each.count for each in arrived.notices)
+        )
         too_many = len(arrived.sightings) - _NEWEST
         if too_many > 0:
             recorder.refused(Event.OBSERVATIONS_DROPPED, too_many)
@@ -79,11 +82,21 @@ class Arrivals:
             if not self._report.n_problems:
                 _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, problem)
             self._report.problem(problem)
-        for event, text in self._watch.findings(now_s):
-            recorder.event(now_s, event)
+        for notice in arrived.notices:
+            if notice.count:
+                recorder.refused(notice.event, notice.count)
+            self._say(now_s, recorder, notice.event, notice.text)
+        for finding in self._watch.findings(now_s):
+            self._say(now_s, recorder, *finding)
+        return found
+
+    def _say(self, now_s: float, recorder: LoopRecorder, event: Event, text: str) -> None:
+        """Record an event, and say its first text loudly."""
+        recorder.event(now_s, event)
+        if event not in self._said:
+            self._said.add(event)
             self._report.warnings.append(f"{event}: {text}")
             _LOGGER.warning("%s: %s", event, text)
-        return found
 
     def finished(self, now_s: float, recorder: LoopRecorder) -> bool:
         """Whether the source has ended.

@@ -16,8 +16,11 @@ from gazempc.live.sources.bag import BagSource
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Person
+from gazempc.live.sources.senders import Senders
+from gazempc.live.sources.signing import Signatures, read_key
 from gazempc.live.sources.source import Source
-from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, parse_address
+from gazempc.live.sources.streams import LineSource
+from gazempc.live.sources.wires import StandardInput, TcpClient, UdpPort, Wire, parse_address
 from gazempc.live.stamps import StampReader
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
@@ -125,10 +128,12 @@ def _make_source(
         ros2 = settings.options.ros2
         frame_id = None if settings.mount.axes == "flu" else ANY_FRAME
         return Ros2Person(address, clock.now_s, stamps.now_loop_s, ros2.network, ros2.pose_type, frame_id)
+    wire: Wire = StandardInput()
     if kind in ("udp", "tcp"):
-        wire = UdpPort if kind == "udp" else TcpClient
-        return LineSource(wire(*parse_address(settings.source, address, "127.0.0.1")), clock, stamps)
-    return LineSource(StandardInput(), clock, stamps)
+        named = parse_address(settings.source, address, "127.0.0.1")
+        wire = UdpPort(*named) if kind == "udp" else TcpClient(*named)
+    signatures = None if settings.key_file is None else Signatures(read_key(settings.key_file))
+    return LineSource(wire, clock, stamps, Senders(settings.allow, signatures is not None), signatures)
 
 
 def _facing(scene: Scene) -> FloatArray:

@@ -21,6 +21,7 @@ from gazempc.sim.scene import SceneSettings, StageSettings
 
 # Sources that read time stamps of somebody else.
 STAMPED = ("stdin", "udp", "tcp", "ros2")
+LINES = ("stdin", "udp", "tcp")
 SOURCES = (
     "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, camera, camera:1, camera:FILE, "
     "module:Class for a source of your own"
@@ -51,6 +52,12 @@ class LiveSettings(MountedSettings, StageSettings):
     camera: CameraOptions = CameraOptions()
     duration_s: float | None = Field(default=None, gt=0, description="Longest time; without it until told to stop")
     stamps: Stamps = Stamps()
+    allow: tuple[str, ...] = Field(
+        default=(), description="Source udp: addresses or networks that may send; without it the first sender"
+    )
+    key_file: Path | None = Field(
+        default=None, description="Sources stdin, udp, tcp: file with a shared key that lines must be signed with"
+    )
     simulated_clock: bool = Field(
         default=False, description="Run as fast as the computer can: source replay and a simulated robot only"
     )
@@ -121,10 +128,21 @@ def check(settings: LiveSettings) -> None:
     for option, choice in (("predictor", settings.predictor), ("controller", settings.controller)):
         if choice == "perfect":
             raise SettingsError(f"--{option} perfect: nobody knows the true future of a live run")
+    _check_source(settings, source)
+
+
+def _check_source(settings: LiveSettings, source: str) -> None:
+    """Refuse settings that the source knows nothing of."""
     if settings.stamps != Stamps() and source not in STAMPED:
         raise SettingsError(
             f"--stamps: source {settings.source!r} gives the loop's own times; accepted with sources "
             f"{', '.join(STAMPED)}"
+        )
+    if settings.allow and source != "udp":
+        raise SettingsError(f"--allow: source {settings.source!r} takes no datagrams; accepted with source udp")
+    if settings.key_file is not None and source not in LINES:
+        raise SettingsError(
+            f"--key-file: source {settings.source!r} reads no lines; accepted with sources {', '.join(LINES)}"
         )
     if settings.camera != CameraOptions() and source != "camera":
         raise SettingsError(f"--camera: source {settings.source!r} is none; accepted with --source camera")

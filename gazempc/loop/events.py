@@ -68,10 +68,15 @@ class Event(StrEnum):
         "(the robot stands by the last one; no plan until one does)",
     )
     BAD_OBSERVATION = "bad_observation", "a source received data that are not an observation; dropped"
+    SENDER_REFUSED = (
+        "sender_refused",
+        "somebody else sends than the first sender or those allowed, or a line is not signed with the key; dropped",
+    )
+    OPEN_TO_ALL = "open_to_all", "the source listens on all interfaces, and takes lines from whoever sends first"
     SOURCE_FAILED = "source_failed", "the source of observations raised; its data are lost, and it is read again"
     OBSERVATIONS_DROPPED = (
         "observations_dropped",
-        "more observations were waiting than one tick can take; the oldest are dropped",
+        "more observations came than can be taken in; the oldest are dropped",
     )
     WRONG_CLOCK = "wrong_clock", "capture times look like those of another clock, or in another unit"
     WRONG_UNIT = "wrong_unit", "positions look as if they were in another unit than metres"

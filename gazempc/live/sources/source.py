@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from gazempc.errors import GazempcError
+from gazempc.loop.events import Event
 from gazempc.types import FloatArray, Sighting
 
 # A head is ten times as wide: nobody's is so near to a sensor.
@@ -35,6 +36,21 @@ def check_range(position_m: FloatArray) -> None:
 
 
 @dataclass(frozen=True)
+class Notice:
+    """Something about what comes that the source finds out itself.
+
+    Attributes:
+        event: Its kind.
+        text: What, and what mends it.
+        count: How many observations are not used for it.
+    """
+
+    event: Event
+    text: str
+    count: int = 1
+
+
+@dataclass(frozen=True)
 class Arrived:
     """What has come since a source was last asked.
 
@@ -42,10 +58,12 @@ class Arrived:
         sightings: Observations in the order of arrival, positions and orientations in the sensor's frame; times on the
             loop's clock.
         problems: What came and could not be used, and why, a sentence each.
+        notices: What else is to be known, and what was not used for reasons of other names.
     """
 
     sightings: tuple[Sighting, ...] = ()
     problems: tuple[str, ...] = field(default=())
+    notices: tuple[Notice, ...] = ()
 
 
 class Source(Protocol):

@@ -1,140 +1,32 @@
-"""Lines of JSON from standard input, UDP or TCP."""
+"""Lines of JSON from standard input, UDP or TCP, read and parsed in a thread of their own."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-import queue
-import select
-import socket
-import sys
 import threading
-from typing import Protocol
+import time
+from collections import deque
+from dataclasses import replace
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.json_lines import LineError, parse_line
-from gazempc.live.sources.source import Arrived, SourceError
+from gazempc.live.sources.senders import Address, Senders
+from gazempc.live.sources.signing import Signatures, UnsignedError
+from gazempc.live.sources.source import Arrived, Notice, SourceError
+from gazempc.live.sources.wires import Chunk, UdpPort, Wire
 from gazempc.live.stamps import StampReader, Stamps
+from gazempc.loop.events import Event
 from gazempc.types import Sighting
+from predictors import HeadObservation
 
-_CHUNK = 65536
-# How soon a reader notices that it is to end, or tries to connect again.
-_WAKE_S = 0.2
 # More than a second of a fast tracker: if nobody polls, the oldest are the ones to lose.
 _WAITING_MAX = 1024
-_LINE_MAX = 1_000_000
-
-
-class Wire(Protocol):
-    """Where bytes come from."""
-
-    def open(self) -> None:
-        """Open it; raises OSError."""
-        ...
-
-    def read(self) -> bytes | None:
-        """Wait a moment for bytes: some, none (empty), or None once it has ended."""
-        ...
-
-    def close(self) -> None:
-        """Close it."""
-        ...
-
-
-class StandardInput:
-    """Lines from another process through a pipe."""
-
-    name = "standard input"
-
-    def open(self) -> None:
-        """See `Wire.open`."""
-        self._fd = sys.stdin.fileno()
-
-    def read(self) -> bytes | None:
-        """See `Wire.read`."""
-        ready, _, _ = select.select([self._fd], [], [], _WAKE_S)
-        return (os.read(self._fd, _CHUNK) or None) if ready else b""
-
-    def close(self) -> None:
-        """See `Wire.close`."""
-
-
-class UdpPort:
-    """Datagrams, each with one or more whole lines.
-
-    Args:
-        host: Address to listen at.
-        port: Port.
-    """
-
-    def __init__(self, host: str, port: int) -> None:
-        self.name = f"UDP {host}:{port}"
-        self._address = (host, port)
-
-    def open(self) -> None:
-        """See `Wire.open`."""
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.settimeout(_WAKE_S)
-        try:
-            self._socket.bind(self._address)
-        except OSError:
-            self._socket.close()
-            raise
-
-    def read(self) -> bytes | None:
-        """See `Wire.read`."""
-        try:
-            return self._socket.recv(_CHUNK) + b"\n"
-        except TimeoutError:
-            return b""
-
-    def close(self) -> None:
-        """See `Wire.close`."""
-        self._socket.close()
-
-
-class TcpClient:
-    """A connection to a server of lines, opened again whenever it breaks.
-
-    Args:
-        host: Address to connect to.
-        port: Port.
-    """
-
-    def __init__(self, host: str, port: int) -> None:
-        self.name = f"TCP {host}:{port}"
-        self._address = (host, port)
-        self._socket: socket.socket | None = None
-
-    def open(self) -> None:
-        """See `Wire.open`."""
-        self._socket = socket.create_connection(self._address, timeout=2.0)
-        self._socket.settimeout(_WAKE_S)
-
-    def read(self) -> bytes | None:
-        """See `Wire.read`; after the server has gone, tries again until it is back."""
-        if self._socket is None:
-            threading.Event().wait(_WAKE_S)
-            with contextlib.suppress(OSError):
-                self.open()
-            return b""
-        try:
-            data = self._socket.recv(_CHUNK)
-        except TimeoutError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self.close()
-            # Half a line from before belongs to nothing.
-            return b"\n"
-        return data
-
-    def close(self) -> None:
-        """See `Wire.close`."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+# An observation with all its fields has a fifth of it. Parsing more would hold up whoever else has work.
+LINE_MAX = 4096
+# Of what comes at once the newest are parsed; no tracker sends so many people in a moment.
+_LINES_MAX = 64
+# After so many, as much time is left to others as the parsing took.
+_MANY_LINES = 16
+_TEXTS_KEPT = 20
 
 
 class LineSource:
@@ -144,18 +36,34 @@ class LineSource:
         wire: Where the lines come from.
         clock: The loop's clock.
         stamps: How capture times are read; default: Unix time in seconds.
+        senders: Whose datagrams count; default: the first sender's.
+        signatures: Takes signatures off the lines; None for lines without.
     """
 
     def __init__(
-        self, wire: StandardInput | UdpPort | TcpClient, clock: RealClock, stamps: StampReader | None = None
+        self,
+        wire: Wire,
+        clock: RealClock,
+        stamps: StampReader | None = None,
+        senders: Senders | None = None,
+        signatures: Signatures | None = None,
     ) -> None:
         self._wire = wire
         self._clock = clock
         self._stamps = stamps or StampReader(Stamps(), clock)
-        self._arrived: queue.Queue[Sighting | str] = queue.Queue(_WAITING_MAX)
+        self._senders = senders or Senders()
+        self._signatures = signatures
+        self._lines = 0
+        self._rest = b""
+        self._too_long = False
         self._ended = threading.Event()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._work, name="source", daemon=True)
+        # Guards all below. Nobody holds it for longer than a few microseconds.
+        self._lock = threading.Lock()
+        self._arrived: deque[Sighting] = deque()
+        self._problems: list[str] = []
+        self._notices: dict[Event, Notice] = {}
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`."""
@@ -164,27 +72,27 @@ class LineSource:
         except (OSError, AttributeError, ValueError) as error:  # the last two: standard input is closed
             why = getattr(error, "strerror", None) or error
             raise SourceError(f"{self._wire.name}: cannot be opened: {why}") from None
+        if isinstance(self._wire, UdpPort) and self._wire.on_all_interfaces and self._senders.open_to_all:
+            text = (
+                f"{self._wire.name} listens on all interfaces: whoever in the network sends first turns the neck; "
+                "say --allow ADDRESS or --key-file FILE, or listen on one address"
+            )
+            self._note(Event.OPEN_TO_ALL, text, 0)
         self._thread.start()
 
     def poll(self) -> Arrived:
         """See `gazempc.live.sources.source.Source.poll`."""
-        sightings: list[Sighting] = []
-        problems: list[str] = []
-        for _ in range(self._arrived.qsize()):
-            try:
-                found = self._arrived.get_nowait()
-            except queue.Empty:  # the reader has thrown the oldest away meanwhile
-                break
-            if isinstance(found, str):
-                problems.append(found)
-            else:
-                sightings.append(found)
-        return Arrived(tuple(sightings), tuple(problems))
+        with self._lock:
+            sightings, self._arrived = self._arrived, deque()
+            problems, self._problems = self._problems, []
+            notices, self._notices = self._notices, {}
+        return Arrived(tuple(sightings), tuple(problems), tuple(notices.values()))
 
     @property
     def finished(self) -> bool:
         """See `gazempc.live.sources.source.Source.finished`."""
-        return self._ended.is_set() and self._arrived.empty()
+        with self._lock:
+            return self._ended.is_set() and not (self._arrived or self._problems or self._notices)
 
     def close(self) -> None:
         """See `gazempc.live.sources.source.Source.close`."""
@@ -194,64 +102,91 @@ class LineSource:
 
     def _work(self) -> None:
         try:
-            self._read_lines()
+            while not self._closing.is_set() and (chunks := self._read()) is not None:
+                self._take(chunks)
+            self._take([Chunk(b"\n")])
         finally:
             self._wire.close()
             self._ended.set()
 
-    def _read_lines(self) -> None:
-        rest = b""
-        number = 0
-        while not self._closing.is_set():
-            try:
-                data = self._wire.read()
-            except OSError:
-                data = None
-            if data is None:
-                break
-            arrival_s = self._clock.now_s()
-            *lines, rest = (rest + data).split(b"\n")
-            if len(rest) > _LINE_MAX:
-                self._put(f"{self._wire.name}, line {number + 1}: longer than {_LINE_MAX} bytes")
-                rest = b""
-            for line in lines:
-                if line.strip():
-                    number += 1
-                    self._put(self._parsed(line, number, arrival_s))
-        if rest.strip():
-            self._put(self._parsed(rest, number + 1, self._clock.now_s()))
-
-    def _parsed(self, line: bytes, number: int, arrival_s: float) -> Sighting | str:
-        text = line.decode("utf-8", errors="replace")
+    def _read(self) -> list[Chunk] | None:
         try:
-            return Sighting(arrival_s, parse_line(text, arrival_s, lambda stamp: self._stamps.loop_s(stamp, arrival_s)))
+            return self._wire.read()
+        except OSError:
+            return None
+
+    def _take(self, chunks: list[Chunk]) -> None:
+        now_s = self._clock.now_s()
+        lines: list[tuple[bytes, Address | None]] = []
+        for data, sender in chunks:
+            if sender is not None and (why := self._senders.refusal(sender, now_s)):
+                self._note(Event.SENDER_REFUSED, why)
+            else:
+                lines += [(line, sender) for line in self._cut(data)]
+        if (older := len(lines) - _LINES_MAX) > 0:
+            self._note(Event.OBSERVATIONS_DROPPED, "more lines came at once than can be read", older)
+            self._lines += older
+        started_s = time.perf_counter()
+        for line, sender in lines[-_LINES_MAX:]:
+            self._lines += 1
+            self._parse(line, sender, now_s)
+        if len(lines) > _MANY_LINES:
+            self._closing.wait(time.perf_counter() - started_s)
+
+    def _cut(self, data: bytes) -> list[bytes]:
+        """Whole lines; what is longer than a line may be is left out where it stands."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        if self._too_long and lines:
+            self._too_long = False
+            del lines[0]  # the end of the one that was given up
+        if len(self._rest) > LINE_MAX:
+            if not self._too_long:
+                self._refuse_long()
+            self._too_long, self._rest = True, b""
+        for _ in range(sum(len(line) > LINE_MAX for line in lines)):
+            self._refuse_long()
+        return [line for line in lines if len(line) <= LINE_MAX and line.strip()]
+
+    def _refuse_long(self) -> None:
+        self._lines += 1
+        self._problem(f"longer than {LINE_MAX} bytes")
+
+    def _parse(self, line: bytes, sender: Address | None, arrival_s: float) -> None:
+        try:
+            if self._signatures is not None:
+                line = self._signatures.body(line)
+            sighting = Sighting(arrival_s, self._observation(line, arrival_s))
+        except UnsignedError as error:
+            return self._note(Event.SENDER_REFUSED, f"{self._wire.name}, line {self._lines}: {error}")
         except LineError as error:
-            return f"{self._wire.name}, line {number}: {error}"
+            return self._problem(str(error))
+        if sender is not None:
+            self._senders.heard(sender, arrival_s)
+        with self._lock:
+            self._arrived.append(sighting)
+            full = len(self._arrived) > _WAITING_MAX
+            if full:
+                self._arrived.popleft()
+        if full:
+            self._note(Event.OBSERVATIONS_DROPPED, "more observations are waiting than can be taken in")
+        return None
 
-    def _put(self, found: Sighting | str) -> None:
-        while True:
-            try:
-                return self._arrived.put_nowait(found)
-            except queue.Full:
-                with contextlib.suppress(queue.Empty):
-                    self._arrived.get_nowait()
+    def _observation(self, line: bytes, arrival_s: float) -> HeadObservation:
+        text = line.decode("utf-8", errors="replace")
+        return parse_line(text, arrival_s, lambda stamp: self._stamps.loop_s(stamp, arrival_s))
 
+    def _problem(self, why: str) -> None:
+        text = f"{self._wire.name}, line {self._lines}: {why}"
+        with self._lock:
+            kept = len(self._problems) < _TEXTS_KEPT
+            if kept:
+                self._problems.append(text)
+        if not kept:
+            self._note(Event.BAD_OBSERVATION, text)
 
-def parse_address(word: str, text: str, default_host: str) -> tuple[str, int]:
-    """Host and port from ``PORT`` or ``HOST:PORT``.
-
-    Args:
-        word: The whole word, for the message.
-        text: What stands after the kind of source.
-        default_host: Host where none is given.
-
-    Returns:
-        Host and port.
-
-    Raises:
-        SourceError: If it is neither.
-    """
-    host, _, port = text.rpartition(":")
-    if not (port.isdecimal() and 0 < int(port) < 65536):
-        raise SourceError(f"{word}: no port; accepted: udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, ports 1 to 65535")
-    return host or default_host, int(port)
+    def _note(self, event: Event, text: str, count: int = 1) -> None:
+        with self._lock:
+            known = self._notices.get(event)
+            self._notices[event] = (
+                Notice(event, text, count) if known is None else replace(known, count=known.count + count)
+            )

@@ -1,7 +1,6 @@
 """Lines from standard input, UDP and TCP: put together however they are cut, and back after every interruption."""
 
 import json
-import queue
 import socket
 import time
 
@@ -10,8 +9,13 @@ from builders.lines import FOREVER_S
 from builders.ports import free_port
 
 from gazempc.live.clock import RealClock
+from gazempc.live.sources.json_lines import LineError
+from gazempc.live.sources.senders import Senders
+from gazempc.live.sources.signing import Signatures, read_key, signed_line
 from gazempc.live.sources.source import SourceError
-from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, parse_address
+from gazempc.live.sources.streams import LINE_MAX, LineSource
+from gazempc.live.sources.wires import Chunk, StandardInput, TcpClient, UdpPort, parse_address
+from gazempc.loop.events import Event
 
 
 @pytest.mark.parametrize(
@@ -39,7 +43,7 @@ class Collector:
     """Polls a source until enough has come."""
 
     def __init__(self, source):
-        self.source, self.sightings, self.problems = source, [], []
+        self.source, self.sightings, self.problems, self.notices = source, [], [], []
 
     def until(self, done):
         until_s = time.monotonic() + FOREVER_S
@@ -47,6 +51,7 @@ class Collector:
             arrived = self.source.poll()
             self.sightings += arrived.sightings
             self.problems += arrived.problems
+            self.notices += arrived.notices
             assert time.monotonic() < until_s, (numbers(self.sightings), self.problems)
             time.sleep(0.001)
         return self
@@ -65,7 +70,8 @@ class Scripted:
 
     def read(self):
         if self.chunks:
-            return self.chunks.pop(0)
+            chunk = self.chunks.pop(0)
+            return [chunk if isinstance(chunk, Chunk) else Chunk(chunk)]
         if self.end is not None:
             raise self.end
         return None
@@ -93,12 +99,14 @@ def test_lines_are_put_together_however_they_are_cut(size, end):
 
 
 def test_a_line_without_end_is_given_up_and_the_next_ones_are_read():
-    wire = Scripted([b"x" * 600_000, b"x" * 600_000, b"y\n" + line(1)])
+    long = b"x" * (LINE_MAX + 1)
+    wire = Scripted([b"x" * 600_000, b"x" * 600_000, b"y\n" + line(1), long + b"\n" + line(2), long, line(9), line(3)])
     source = LineSource(wire, RealClock())
     source.open()
     found = Collector(source).until(lambda c: c.source.finished)
-    assert numbers(found.sightings) == [1]
-    assert "longer than" in found.problems[0]
+    assert numbers(found.sightings) == [1, 2, 3]
+    assert [text.partition(":")[0] for text in found.problems] == [f"a wire, line {k}" for k in (1, 3, 5)]
+    assert all(f"longer than {LINE_MAX} bytes" in text for text in found.problems)
     source.close()
 
 
@@ -135,17 +143,105 @@ def test_if_nobody_polls_the_oldest_are_lost():
     source.close()
 
 
-def test_what_is_thrown_away_while_it_is_polled_is_no_error():
-    """The reader makes room in a full queue at the very moment at which the loop empties it."""
+def test_of_lines_that_come_at_once_the_newest_are_read_and_the_others_counted():
+    source = LineSource(Scripted([b"".join(line(k) for k in range(100))]), RealClock())
+    source.open()
+    found = Collector(source).until(lambda c: c.source.finished)
+    assert numbers(found.sightings) == list(range(36, 100))
+    assert [(notice.event, notice.count) for notice in found.notices] == [(Event.OBSERVATIONS_DROPPED, 36)]
 
-    class Racing(queue.Queue):
-        def qsize(self):
-            return super().qsize() + 1
 
-    source = LineSource(Scripted([]), RealClock())
-    source._arrived = Racing()
-    source._arrived.put("a problem")
-    assert source.poll().problems == ("a problem",)
+ONE, OTHER = ("10.0.0.7", 4000), ("10.0.0.9", 4000)
+
+
+def read(chunks, **options):
+    source = LineSource(Scripted(chunks), RealClock(), **options)
+    source.open()
+    return Collector(source).until(lambda c: c.source.finished)
+
+
+def test_a_stream_belongs_to_who_sent_the_first_observation():
+    """Rubbish takes it from nobody, and neither does the same computer from another port."""
+    again = (ONE[0], 4001)
+    sent = [(b"rubbish\n", OTHER), (line(0), ONE), (line(1), OTHER), (line(2), again), (line(3), ONE)]
+    found = read([Chunk(*each) for each in sent])
+    assert numbers(found.sightings) == [0, 3]
+    (notice,) = found.notices
+    assert (notice.event, notice.count) == (Event.SENDER_REFUSED, 2)
+    assert notice.text.startswith("lines of 10.0.0.9:4000 are not read: 10.0.0.7:4000 was first")
+    assert "--allow 10.0.0.9" in notice.text
+
+
+def test_after_a_silence_somebody_else_is_heard():
+    senders = Senders()
+    senders.heard(ONE, 10.0)
+    assert senders.refusal(OTHER, 12.9)
+    assert senders.refusal(ONE, 12.9) == senders.refusal(OTHER, 13.1) == ""
+
+
+@pytest.mark.parametrize("allowed", ["10.0.0.9", "10.0.0.8/31"])
+def test_only_who_is_allowed_is_read(allowed):
+    found = read([Chunk(line(0), ONE), Chunk(line(1), OTHER)], senders=Senders([allowed]))
+    assert numbers(found.sightings) == [1]
+    assert "lines of 10.0.0.7:4000 are not read" in found.notices[0].text
+    with pytest.raises(SourceError, match=r"--allow nobody: not an address; accepted: .*192\.168"):
+        Senders(["nobody"])
+
+
+KEY = b"a shared key of some length"
+
+
+def test_only_lines_that_are_signed_with_the_key_are_read_and_each_once():
+    now_s = time.time()
+    good, body = [signed_line(line(k).strip(), KEY, now_s + 0.01 * k) for k in range(3)], line(9).strip()
+    changed = good[2].replace(b"2.0", b"2.5")
+    old = signed_line(body, KEY, now_s - 60.0)
+    sent = [good[0], body, signed_line(body, b"another key of the length"), changed, old, good[0], good[1]]
+    found = read([each + b"\n" for each in sent], signatures=Signatures(KEY))
+    assert numbers(found.sightings) == [0, 1]
+    assert [(notice.event, notice.count) for notice in found.notices] == [(Event.SENDER_REFUSED, 5)]
+    assert "line 2: not signed" in found.notices[0].text
+
+
+@pytest.mark.parametrize(
+    ("sent_s", "body", "why"),
+    [
+        (-60.0, "{}", "60 s before now: an old line"),
+        (90.0, "{}", "90 s ahead of now"),
+        (0.0, "{}", "sent again"),
+        (0.5, "{} ", "changed on its way"),
+    ],
+)
+def test_why_a_signature_is_refused(sent_s, body, why):
+    now_s, signatures = time.time(), Signatures(KEY)
+    signatures.body(signed_line(b"{}", KEY, now_s))
+    signed = signed_line(b"{}", KEY, now_s + sent_s).replace(b"{}", body.replace(" ", "x").encode())
+    with pytest.raises(LineError, match=why):
+        signatures.body(signed)
+
+
+def test_a_key_is_read_from_a_file(tmp_path):
+    path = tmp_path / "key"
+    path.write_bytes(KEY + b"\n")
+    assert read_key(path) == KEY
+    for content in (b"short", b"x" * 2000):
+        path.write_bytes(content)
+        with pytest.raises(SourceError, match="16 to 1024"):
+            read_key(path)
+    with pytest.raises(SourceError, match="no such file"):
+        read_key(tmp_path)
+
+
+@pytest.mark.parametrize(("host", "warned"), [("0.0.0.0", True), ("127.0.0.1", False)])
+def test_who_listens_on_all_interfaces_is_warned(host, warned):
+    source = LineSource(UdpPort(host, free_port(socket.SOCK_DGRAM)), RealClock())
+    source.open()
+    assert [(n.event, n.count) for n in source.poll().notices] == ([(Event.OPEN_TO_ALL, 0)] if warned else [])
+    source.close()
+    narrowed = LineSource(UdpPort(host, free_port(socket.SOCK_DGRAM)), RealClock(), senders=Senders(["127.0.0.1"]))
+    narrowed.open()
+    assert narrowed.poll().notices == ()
+    narrowed.close()
 
 
 def test_udp():
