@@ -71,7 +71,7 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
     built = build(settings)
     parts, neck = built.parts, built.parts.neck
     kept = Kept(settings, neck)
-    truth = {} if built.true_head_base_m is None else {"true_head_base_m": built.true_head_base_m}
+    truth: dict[str, Any] = {} if built.true_head_base_m is None else {"true_head_base_m": built.true_head_base_m}
     keeping = Keeping(built.about, kept.keep, settings.log_s, true_state=true_state_of(parts.robot), **truth)
     run = LiveRun(parts, keeping)
     print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}", flush=True)
