@@ -75,8 +75,11 @@ class EyeAim:
         angles = eye_angles_rad(self._neck.geometry, heads_rad, means_base_m.reshape(-1, knots, 3))
         limits = self._neck.command_limits
         wanted = np.stack([angles[self._at[0], :, 0], angles[self._at[1], :, 1]], axis=-1)
-        # An eye that is held is sent what it would have to do from its middle. So it is seen to move once it can.
-        wanted -= np.where(self.held(situation), self._held_rad(situation), situation.joint_offset_rad[self._eyes])
+        zero_rad = situation.joint_offset_rad[self._eyes]
+        if situation.held:
+            # An eye that is held is sent what it would have to do from its middle. So it is seen to move once it can.
+            zero_rad = np.where(self.held(situation), self._held_rad(situation), zero_rad)
+        wanted -= zero_rad
         return np.clip(wanted, limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes])
 
     def head_without_rad(self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray) -> FloatArray:
