@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from gazempc.neck.servo import DelayedServo, zero_order_hold
 from gazempc.neck.spec import Axis, NeckSpec
@@ -204,12 +205,11 @@ def observer_gain(axis: Axis, period_s: float) -> tuple[float, float, float]:
     Returns:
         Gain: dimensionless, 1/s, dimensionless.
     """
-    import control  # noqa: PLC0415  (slow to import; only needed when something moves)
-
     step = zero_order_hold(axis, period_s)
     A = np.vstack([np.hstack([step[:, :2], step[:, 2:]]), [0.0, 0.0, 1.0]])
     load_time_s = _LOAD_RESPONSES * (axis.dead_time_s + axis.servo_lag_s)
     noise = [period_s / _STATE_TIME_S, period_s / _STATE_TIME_S**2, period_s / load_time_s]
-    gain, *_ = control.dlqe(A, np.eye(3), np.array([[1.0, 0.0, 0.0]]), np.diag(np.square(noise)), np.eye(1))
-    position, velocity, offset = np.asarray(gain, dtype=np.float64).ravel().tolist()
+    # The gain of `control.dlqe`, without its import: that takes a second, in every process in which something moves.
+    P = solve_discrete_are(A.T, np.eye(3, 1), np.diag(np.square(noise)), np.eye(1))
+    position, velocity, offset = (A @ P[:, 0] / (P[0, 0] + 1.0)).tolist()
     return position, velocity, offset

@@ -265,8 +265,8 @@ class BetweenKnots:
         past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
         away_s = np.abs(tau_s) if past else tau_s
         beyond = bool(np.maximum.reduce(away_s, initial=0.0) > _LAST_KNOT_S)
-        if compiled is not None and not (past or beyond):
-            found: tuple[FloatArray, FloatArray] = compiled.between_knots(tau_s, _TABLE, _TABLE_STEP_S, self._values)
+        if not (past or beyond) and (loops := compiled()) is not None:
+            found: tuple[FloatArray, FloatArray] = loops.between_knots(tau_s, _TABLE, _TABLE_STEP_S, self._values)
             return found
         both = _weights(np.maximum(tau_s, 0.0) if past else tau_s) @ self._values
         departure, spread = both[:, :3], both[:, 3:]

@@ -11,6 +11,7 @@ from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.features import WalkerHistory, WalkerInputs
 from predictors.walker.network import BetweenKnots, WalkerModel, shipped_walker_model
 from predictors.walker.noise import MeasuredNoise
+from predictors.walker.optional import compiled
 
 # Sway and bob, to the line no more than noise of the positions: s.d. on each axis, metres.
 _GAIT_M2 = 0.02**2 * np.eye(3)
@@ -36,6 +37,7 @@ class Walker:
     def __init__(self, model: WalkerModel | None = None) -> None:
         self._model = shipped_walker_model() if model is None else model
         self._position = ConstantVelocity()
+        compiled()  # loaded now, so that no frame waits for it
         self._forget()
 
     def _forget(self) -> None:

@@ -106,8 +106,8 @@ class TrackWindow:
         m = min(WINDOW, 1 + math.ceil((now_s - float(times[0])) / STEP_S - _NEARLY))
         if m == 1:
             return values[-1:, :3], values[-1:]
-        if compiled is not None:
-            return self._on_grid_compiled(compiled, m)
+        if (loops := compiled()) is not None:
+            return self._on_grid_compiled(loops, m)
         grid = now_s + LAGS_S[WINDOW - m :]
         right = np.minimum(np.maximum(times.searchsorted(grid), 1), times.size - 1)
         left = right - 1
@@ -117,9 +117,9 @@ class TrackWindow:
         at = np.maximum((times - now_s) / STEP_S + (m - 1), 0.0)
         return smooth_path(at, values[:, :3], self._information, m, STEP_S), seen
 
-    def _on_grid_compiled(self, compiled: ModuleType, m: int) -> tuple[FloatArray, FloatArray]:
+    def _on_grid_compiled(self, loops: ModuleType, m: int) -> tuple[FloatArray, FloatArray]:
         band = stiffness(m, STEP_S).reshape(3 * m, -1).copy()
-        good, path, seen = compiled.on_grid(self.times_s, self.values, self._information, LAGS_S[WINDOW - m :], band)
+        good, path, seen = loops.on_grid(self.times_s, self.values, self._information, LAGS_S[WINDOW - m :], band)
         if not good:
             raise FloatingPointError("an information matrix is not positive definite")
         return path, seen

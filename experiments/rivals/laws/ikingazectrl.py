@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.signal import cont2discrete
 
 from experiments.rivals.laws.sight import point_base_m
 from experiments.rivals.rival import HeadCamera, View
@@ -36,10 +35,12 @@ class IKinGazeCtrl:
     period_s = 0.01
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, neck_time_s: float = 0.75) -> None:
+        import control  # noqa: PLC0415  (takes a second, and only this law needs it)
+
         self._neck, self._camera = neck, camera
         a, b, c = _A / neck_time_s**3, _B / neck_time_s**2, _C / neck_time_s
-        continuous = (np.array([[0.0, 1.0], [b, c]]), np.array([[0.0], [-a]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))
-        self._discrete = cont2discrete(continuous, self.period_s, method="bilinear")
+        continuous = control.ss([[0.0, 1.0], [b, c]], [[0.0], [-a]], [[1.0, 0.0]], [[0.0]])
+        self._discrete = control.sample_system(continuous, self.period_s, method="bilinear")
 
     def start(self, view: View) -> None:
         """See `experiments.rivals.rival.Rival.start`."""
@@ -53,10 +54,9 @@ class IKinGazeCtrl:
             point_m = point_base_m(self._neck.geometry, self._camera, detection, view.joints.position_rad)
             target_rad = look_at_rad(self._neck.geometry, point_m)
             self._target_rad = np.clip(target_rad, self._neck.position_min_rad, self._neck.position_max_rad)
-        ad, bd, cd, dd, _ = self._discrete
         difference_rad = (self._target_rad - self._position_rad)[None]
-        velocity_rad_s = (cd @ self._state + dd @ difference_rad)[0]
-        self._state = ad @ self._state + bd @ difference_rad
+        velocity_rad_s = (self._discrete.C @ self._state + self._discrete.D @ difference_rad)[0]
+        self._state = self._discrete.A @ self._state + self._discrete.B @ difference_rad
         # Trapezoids, as the filter's own discretisation.
         self._position_rad = self._position_rad + 0.5 * self.period_s * (velocity_rad_s + self._velocity_rad_s)
         self._velocity_rad_s = velocity_rad_s
