@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from dataclasses import replace
 
 import tyro
 
@@ -66,20 +66,24 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
     from gazempc.live.parts import Keeping  # noqa: PLC0415
     from gazempc.live.robots import true_state_of  # noqa: PLC0415
     from gazempc.live.run import LiveRun  # noqa: PLC0415
+    from gazempc.live.status_line import StatusLine  # noqa: PLC0415
     from gazempc.live.summary import Kept, text  # noqa: PLC0415
 
     settings.out.mkdir(parents=True, exist_ok=True)
     built = build(settings)
     parts, neck = built.parts, built.parts.neck
     kept = Kept(settings, neck)
-    truth: dict[str, Any] = {} if built.true_head_base_m is None else {"true_head_base_m": built.true_head_base_m}
-    keeping = Keeping(built.about, kept.keep, settings.log_s, true_state=true_state_of(parts.robot), **truth)
+    status = StatusLine(neck.joint_names)
+    true_state = true_state_of(parts.robot)
+    keeping = Keeping(built.about, kept.keep, settings.log_s, true_state=true_state, show=status.show)
+    if built.true_head_base_m is not None:
+        keeping = replace(keeping, true_head_base_m=built.true_head_base_m)
     run = LiveRun(parts, keeping)
     print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}", flush=True)
     for note in built.notes:
         print(f"  {note}", flush=True)
     try:
-        with fast_switching(), without_collection(), _warnings_said():
+        with fast_switching(), without_collection(), status, _warnings_said():
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
     finally:
         summary = kept.write(run)

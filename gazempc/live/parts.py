@@ -11,6 +11,7 @@ from gazempc.live.clock import Clock
 from gazempc.live.mount import Mount
 from gazempc.live.sources.source import Source
 from gazempc.live.stamps import StampReader
+from gazempc.live.status import Status
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.planner import Planner
 from gazempc.neck.spec import NeckSpec
@@ -77,6 +78,7 @@ class Keeping:
         true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN where they are
             not known.
         true_state: Where the joints of a simulated robot really are; None for any other robot.
+        show: Takes a status four times a second, in the thread of the run: it must return at once. None for nobody.
         watch: Is told what happens as it happens, in the thread of the run, and returns at once; None for nobody.
     """
 
@@ -85,4 +87,5 @@ class Keeping:
     log_s: float = 300.0
     true_head_base_m: Callable[[FloatArray], FloatArray] = _unknown
     true_state: Callable[[], JointState] | None = None
+    show: Callable[[Status], None] | None = None
     watch: Callable[[Moment], None] | None = None

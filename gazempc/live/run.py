@@ -16,6 +16,7 @@ from gazempc.live.parts import Keeping, LiveParts
 from gazempc.live.report import LiveReport
 from gazempc.live.sources.source import SourceError
 from gazempc.live.start import first_position_rad, go_in, opened
+from gazempc.live.status_maker import StatusMaker
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.observer import JointEstimate
@@ -46,6 +47,8 @@ class LiveRun:
         self.logs = LiveLogs(parts, keeping)
         self._watch = keeping.watch
         self._arrivals = Arrivals(parts, self.report)
+        self._show = keeping.show
+        self._statuses: StatusMaker | None = None
         self._smoother: Smoother | None = None
         self._loop: GazeLoop | None = None
 
@@ -109,6 +112,8 @@ class LiveRun:
         loop.prepare(self._clock.now_s())
         opened("source: open()", parts.source.open, SourceError)
         self._smoother, self._loop = smoother, loop
+        if self._show is not None:
+            self._statuses = StatusMaker(parts, loop, smoother, self.report, self.logs, self._show)
         return True
 
     def serve(self, stop: threading.Event, duration_s: float | None = None) -> None:
@@ -133,6 +138,8 @@ class LiveRun:
             self._clock.sleep_until_s(due_s)
             now_s = self._clock.now_s()
             self.report.lateness.add(1e3 * (now_s - due_s))
+            if self._statuses is not None:
+                self._statuses.late(now_s - due_s)
             # Ticks that are over by now are left out: a burst of commands would help nobody.
             over = int((now_s - due_s) * rate_hz + 1e-6)
             if self._watch is not None:
@@ -193,6 +200,8 @@ class LiveRun:
         loop.tick(index, now_s, [] if stopping else self._arrivals.take(now_s, recorder), due_s)
         if loop.joints is not None:
             self._arrivals.note_joints(now_s, loop.joints)
+        if self._statuses is not None:
+            self._statuses.after_tick(index, now_s)
         if self.logs.due:
             self.logs.cut()
             loop.record_to(self.logs.recorder)

@@ -97,6 +97,16 @@ class GazeLoop:
         """Where the joints were at the last tick, as estimated; None before the first one."""
         return None if self._observer is None or self._last_index is None else self._observer.estimate
 
+    @property
+    def seen(self) -> HeadObservation | None:
+        """The newest observation that was used; None before the first one."""
+        return self._track.newest
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan that commands are made by now; None without one."""
+        return self._plan
+
     def tick(self, index: int, time_s: float, arrived: Iterable[Sighting], due_s: float | None = None) -> None:
         """Do all that is due in one servo period.
 

@@ -12,7 +12,7 @@ from gazempc.loop.tracker_faults import FrozenTracker, OrientationJumps
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, Sighting
-from predictors import Forecast, OutOfOrderError, Predictor
+from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
 # Two clocks that agree still differ by this much.
 _CLOCK_TOLERANCE_S = 0.01
@@ -28,15 +28,20 @@ class PersonTrack:
 
     Attributes:
         predictor: The predictor.
-        newest_capture_s: Capture time of the newest observation that was used, seconds; None before the first one.
+        newest: The newest observation that was used; None before the first one.
     """
 
     def __init__(self, predictor: Predictor, settings: LoopSettings) -> None:
         self.predictor = predictor
-        self.newest_capture_s: float | None = None
+        self.newest: HeadObservation | None = None
         self._settings = settings
         self._tracker = FrozenTracker()
         self._jumps = OrientationJumps()
+
+    @property
+    def newest_capture_s(self) -> float | None:
+        """Capture time of the newest observation that was used, seconds; None before the first one."""
+        return None if self.newest is None else self.newest.capture_time_s
 
     def take_in(self, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> None:
         """Take in an observation.
@@ -79,7 +84,7 @@ class PersonTrack:
             self._refuse(Event.FORECAST_FAILED, time_s, recorder, error)
             return
         update_ms = 1e3 * (time.perf_counter() - started)
-        self.newest_capture_s = observation.capture_time_s
+        self.newest = observation
         forecast = self.forecast(observation.capture_time_s + _RECORDED_HORIZONS_S, time_s, recorder)
         recorder.observation(time_s, observation, forecast, update_ms)
 

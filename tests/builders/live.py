@@ -112,6 +112,7 @@ def make_live_run(
     log_s=300.0,
     true_head_base_m=None,
     true_state=None,
+    show=None,
 ):
     """A `LiveRun` of given parts; `planner` makes the planner of the controller."""
     parts = LiveParts(
@@ -125,7 +126,7 @@ def make_live_run(
         loop or LoopSettings(),
     )
     known = {} if true_head_base_m is None else {"true_head_base_m": true_head_base_m}
-    return LiveRun(parts, Keeping(run_info(neck, mode="live"), keep, log_s, true_state=true_state, **known))
+    return LiveRun(parts, Keeping(run_info(neck, mode="live"), keep, log_s, true_state=true_state, show=show, **known))
 
 
 def run_live(
@@ -147,6 +148,7 @@ def run_live(
     loop=None,
     source=None,
     mount=None,
+    show=None,
 ):
     """Run live on a simulated clock, with faults.
 
@@ -183,6 +185,7 @@ def run_live(
         log_s=log_s,
         true_head_base_m=known,
         true_state=robot.true_state,
+        show=show,
     )
     result = Result(logs, run.report, robot, source, duration_s)
     try:

@@ -17,6 +17,7 @@ from builders.ports import free_port
 
 from gazempc.live import command as live
 from gazempc.live.settings import LiveSettings
+from gazempc.loop.events import Event
 from gazempc.results.limits import limit_violations
 from gazempc.results.log import load_log
 from gazempc.results.metrics import measure
@@ -112,6 +113,11 @@ def test_a_run_from_standard_input(how, tmp_path):
     if how == "end of the source":
         assert (summary["observations"], summary["used"], summary["refused"]) == (43, 42, {"bad_observation": 1})
         assert "43 observations: 42 used, 1 refused (1 bad_observation)" in said
+        # While it runs, piped: one line a second.
+        lines = [line for line in said.splitlines() if "m away; " in line]
+        assert lines[0].split()[0].startswith("1.")
+        assert all("observations/s" in line for line in lines)
+        assert f"bad_observation: {Event.BAD_OBSERVATION.meaning}" in said
         assert summary["warnings"] == []
         assert "bad_observation: standard input, line 37" in complained
         assert "standard input, line 37: not JSON" in summary["problems"][0]
