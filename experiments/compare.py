@@ -22,7 +22,16 @@ from pydantic import Field
 
 from experiments.aggregate import add_gap_closed, paired_differences, summarise
 from experiments.compare_report import COMPARED, report
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command, throughput
+from experiments.engine.command import (
+    NOT_SAVED,
+    WorkSettings,
+    call_of,
+    check,
+    command_of,
+    parse,
+    run_command,
+    throughput,
+)
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.own_parts import check_parts, name_parts, options_of
@@ -80,7 +89,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 1 if runs failed or left the limits, 2 on bad input, 130 if interrupted.
     """
-    return run_command("compare", lambda: _run(parse(CompareSettings, "compare", __doc__, arguments)))
+    return run_command(
+        "compare", lambda: _run(parse(CompareSettings, "compare", __doc__, arguments), command_of("compare", arguments))
+    )
 
 
 def compare(**settings: Any) -> list[Row]:
@@ -98,18 +109,18 @@ def compare(**settings: Any) -> list[Row]:
     """
     checked = check(CompareSettings, "compare", settings)
     rows, _ = _replay_all(checked)
-    write(checked, rows)
+    write(checked, rows, call_of("experiments.compare.compare", settings))
     return rows
 
 
-def _run(settings: CompareSettings) -> int:
+def _run(settings: CompareSettings, command: str) -> int:
     started_s = time.monotonic()
     rows, simulated_s = _replay_all(settings)
     wall_s = time.monotonic() - started_s
-    print(write(settings, rows))
+    print(write(settings, rows, command))
     print(throughput(simulated_s, wall_s, settings), end="")
     drawn = " and figures" if settings.figures else ""
-    print(f"Written to {settings.out}/: results.csv, summary.json, summary.md{drawn}")
+    print(f"Written to {settings.out}/: report.html, results.csv, summary.json, summary.md{drawn}")
     return 1 if any(row["failed"] or row.get("limit_violations") for row in rows) else 0
 
 
@@ -179,12 +190,13 @@ def _labels(job: ReplayJob, recording: str, neck: str) -> dict[str, Any]:
     }
 
 
-def write(settings: CompareSettings, rows: list[Row]) -> str:
-    """Write ``results.csv``, ``summary.json``, ``summary.md`` and figures.
+def write(settings: CompareSettings, rows: list[Row], command: str) -> str:
+    """Write ``results.csv``, ``summary.json``, ``summary.md``, ``report.html`` and figures.
 
     Args:
         settings: What was compared.
         rows: As `compare` returns them.
+        command: What repeats it.
 
     Returns:
         The text of ``summary.md``.
@@ -199,10 +211,13 @@ def write(settings: CompareSettings, rows: list[Row]) -> str:
     (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     text = report(summary, done)
     (settings.out / "summary.md").write_text(text, encoding="utf-8")
-    if settings.figures and done:
-        from experiments.compare_figures import draw_all  # noqa: PLC0415  (slow to import)
+    # Slow to import.
+    from experiments.compare_figures import draw_all  # noqa: PLC0415
+    from experiments.compare_page import compare_page  # noqa: PLC0415
+    from gazempc.results.page.write import write_page  # noqa: PLC0415
 
-        draw_all(summary["rows"], done, settings.out)
+    drawn = draw_all(summary["rows"], done, settings.out) if settings.figures and done else []
+    write_page(compare_page(summary, done, drawn, command), settings.out)
     return text
 
 

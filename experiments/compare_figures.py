@@ -17,22 +17,28 @@ from gazempc.results.figures.style import style
 Row = dict[str, Any]
 
 
-def draw_all(rows: Sequence[Row], runs: Sequence[Row], out: Path) -> None:
+def draw_all(rows: Sequence[Row], runs: Sequence[Row], out: Path) -> list[Path]:
     """Draw all figures of a comparison, those of one sensor after the other.
 
     Args:
         rows: Means, as made by `experiments.aggregate.summarise`.
         runs: The runs behind them.
         out: Folder to write PNG files to.
+
+    Returns:
+        The files.
     """
     sensors = sensors_of(rows)
+    drawn: list[Path] = []
     for sensor in sensors:
         of_sensor = [row for row in rows if row["sensor"] == sensor and row["kind"] == "all"]
 
         def path(figure: str, sensor: str = sensor) -> Path:
-            return out / figure_name(figure, sensor, sensors)
+            drawn.append(out / figure_name(figure, sensor, sensors))
+            return drawn[-1]
 
         _draw_sensor(of_sensor, [run for run in runs if run["sensor"] == sensor], path)
+    return drawn
 
 
 def _draw_sensor(rows: Sequence[Row], runs: Sequence[Row], path: Callable[[str], Path]) -> None:

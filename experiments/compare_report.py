@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 from experiments.clips import sensors_of
 from experiments.engine.job import Row
 from experiments.engine.replays import fault_lines
 from gazempc.recordings.recording import truth_of
+from gazempc.results.page.content import PageTable
 from gazempc.results.report import label
 
 # What the two gazes are compared by, clip by clip: metric, what the report calls it, digits. All but the first are of
@@ -18,7 +20,30 @@ COMPARED = {
     "overshoot_deg": ("overshoot_deg", "overshoot where both reach the person [deg]", 2),
 }
 # Begins the names of the differences in `summary.json`.
-_DIFFERENCES = "mpc_minus_lookahead_"
+DIFFERENCES = "mpc_minus_lookahead_"
+
+
+def about(summary: Row, done: Sequence[Row]) -> list[str]:
+    """What a reader must know of the means, in sentences.
+
+    Args:
+        summary: What is in `summary.json`.
+        done: Runs with metrics.
+
+    Returns:
+        The sentences.
+    """
+    placement = summary["settings"]["placement"] or "that fits each recording"
+    counted = Counter({r["source"]: r["data_kind"] for r in done}.values())
+    kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
+    return [
+        f"{_count(len({r['source'] for r in done}), 'recording')} ({kinds or 'none'}) of "
+        f"{_count(len({r['subject'] for r in done}), 'person', 'people')}; placement {placement}, seed "
+        f"{summary['settings']['seed']}. Means over clips; in brackets 95 % bootstrap intervals over people (none where"
+        " one person walks).",
+        f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed.",
+        *(f"Of {kind} recordings the gaze error is against {truth_of(kind)}." for kind in counted if truth_of(kind)),
+    ]
 
 
 def report(summary: Row, done: list[Row]) -> str:
@@ -31,9 +56,6 @@ def report(summary: Row, done: list[Row]) -> str:
     Returns:
         The text.
     """
-    chosen = summary["settings"]
-    counted = Counter({r["source"]: r["data_kind"] for r in done}.values())
-    kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
     n_seen = len(summary["people_seen_in_fitting"])
     seen = [
         "",
@@ -41,26 +63,16 @@ def report(summary: Row, done: list[Row]) -> str:
         "flatters it: for people left out see --walker.fitted.",
     ]
     seen = seen if n_seen else []
-    lines = [
-        "# Comparison of gazes",
-        "",
-        f"{_count(len({r['source'] for r in done}), 'recording')} ({kinds or 'none'}) of "
-        f"{_count(len({r['subject'] for r in done}), 'person', 'people')}; placement "
-        f"{chosen['placement'] or 'that fits each recording'}, seed {chosen['seed']}. Means over clips; in brackets "
-        "95 % bootstrap intervals over people (none where one person walks).",
-        f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed.",
-        *(f"Of {kind} recordings the gaze error is against {truth_of(kind)}." for kind in counted if truth_of(kind)),
-        *seen,
-    ]
+    lines = ["# Comparison of gazes", "", *about(summary, done), *seen]
     for sensor in sensors_of(summary["rows"]):
         of_sensor = {
             name: [row for row in rows if row["sensor"] == sensor]
             for name, rows in summary.items()
-            if name == "rows" or name.startswith(_DIFFERENCES)
+            if name == "rows" or name.startswith(DIFFERENCES)
         }
-        lines += ["", f"## Sensor {sensor}", "", *_table(of_sensor["rows"])]
+        lines += ["", f"## Sensor {sensor}", "", *gaze_table(of_sensor["rows"]).markdown()]
         for name, (_, what, digits) in COMPARED.items():
-            if differences := of_sensor.get(_DIFFERENCES + name):
+            if differences := of_sensor.get(DIFFERENCES + name):
                 lines += ["", f"MPC minus look-ahead on the same clips, {what}; below 0 the MPC is better:", ""]
                 lines += [_difference(d, digits) for d in differences]
     left_out = [f"- left out {name}: {reason}" for name, reason in summary["left_out"].items()]
@@ -74,7 +86,16 @@ def report(summary: Row, done: list[Row]) -> str:
     return "\n".join(lines)
 
 
-def _table(rows: list[Row]) -> list[str]:
+def gaze_table(rows: list[Row], title: str = "") -> PageTable:
+    """Means of each gaze.
+
+    Args:
+        rows: Of one sensor, as of `experiments.aggregate.summarise`.
+        title: What stands above.
+
+    Returns:
+        The table.
+    """
     # Most recordings do not say of what kind they are.
     has_kinds = any(r["kind"] != "all" for r in rows)
     # Without body and eyes, the head's acceleration is that of all joints.
@@ -86,7 +107,7 @@ def _table(rows: list[Row]) -> list[str]:
         *(["of the head [rad/s^2]"] if has_more else []),
         *(["eyes aside, 95 % below [deg]"] if has_eyes else []),
     ]
-    lines = [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
+    lines = []
     for r in rows:
         cells = [
             *(r["group"], *([r["kind"]] if has_kinds else []), str(r["n_clips"]), str(r["n_people"]), r["neck"]),
@@ -96,8 +117,33 @@ def _table(rows: list[Row]) -> list[str]:
             *([_cell(r, "head_rms_acceleration_rad_s2", 2)] if has_more else []),
             *([_cell(r, "eye_eccentricity_p95_deg", 1)] if has_eyes else []),
         ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        lines.append(tuple(cells))
+    return PageTable(title, tuple(columns), tuple(lines))
+
+
+def difference_table(differences: list[Row], digits: int, title: str) -> PageTable:
+    """MPC minus look-ahead on the same clips; below 0 the MPC is better.
+
+    Args:
+        differences: Of one sensor, as of `experiments.aggregate.paired_differences`.
+        digits: After the point.
+        title: What stands above.
+
+    Returns:
+        The table.
+    """
+    columns = ("clips", "filter and forecast", "neck", "difference", "number of clips", "less in", "more in")
+    rows = tuple(
+        (
+            _clips(d),
+            d["predictor"],
+            d["neck"],
+            _interval(d, digits),
+            *(str(d[n]) for n in ("n_clips", "n_less", "n_more")),
+        )
+        for d in differences
+    )
+    return PageTable(title, columns, rows, "On the same clips; below 0 the MPC is better.")
 
 
 def _cell(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
@@ -110,12 +156,19 @@ def _cell(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
 
 
 def _difference(d: Row, digits: int) -> str:
-    interval = f" [{d['ci95'][0]:+.{digits}f}, {d['ci95'][1]:+.{digits}f}]" if d["ci95"] else ""
-    clips = d["group"] if d["kind"] == "all" else d["kind"]
     return (
-        f"- {clips}, {d['predictor']}, neck {d['neck']}: {d['difference']:+.{digits}f}{interval} "
+        f"- {_clips(d)}, {d['predictor']}, neck {d['neck']}: {_interval(d, digits)} "
         f"({d['n_clips']} clips: less in {d['n_less']}, more in {d['n_more']})"
     )
+
+
+def _clips(d: Row) -> str:
+    return str(d["group"] if d["kind"] == "all" else d["kind"])
+
+
+def _interval(d: Row, digits: int) -> str:
+    interval = f" [{d['ci95'][0]:+.{digits}f}, {d['ci95'][1]:+.{digits}f}]" if d["ci95"] else ""
+    return f"{d['difference']:+.{digits}f}{interval}"
 
 
 def _count(n: int, one: str, many: str | None = None) -> str:

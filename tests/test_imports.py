@@ -31,9 +31,10 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("clips", "colours", "eyes"),
+    ("clips", "colours", "eyes", "page_parts"),
     ("engine", "aggregate"),
     ("compare_figures", "compare_report", "least_error", "margins"),
+    ("compare_page",),
     ("compare", "bound", "fronts", "sweep", "forecast", "fit", "rivals", "paper", "plan_example", "sensor_example"),
     ("__init__", "console"),
 )

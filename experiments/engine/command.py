@@ -59,6 +59,21 @@ def parse(model: type[S], name: str, about: str | None, arguments: Sequence[str]
     return tyro.cli(model, args=words, prog=prog, description=about).model_copy(update={"options": options})
 
 
+def command_of(name: str, arguments: Sequence[str] | None) -> str:
+    """What repeats a command, for its report.
+
+    Args:
+        name: The command's name.
+        arguments: Command line without the program's name; None for the process's.
+    """
+    return command.command_line(f"experiments.{name}", sys.argv[1:] if arguments is None else arguments)
+
+
+def call_of(name: str, values: dict[str, Any]) -> str:
+    """The same of a call from Python, such as ``experiments.compare.compare(recordings=['synthetic'])``."""
+    return f"{name}({', '.join(f'{key}={value!r}' for key, value in values.items())})"
+
+
 def check(model: type[S], name: str, values: dict[str, Any]) -> S:
     """Settings from Python.
 

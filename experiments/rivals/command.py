@@ -15,13 +15,14 @@ from typing import Annotated, Any
 import tyro
 from pydantic import Field
 
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command
+from experiments.engine.command import NOT_SAVED, WorkSettings, check, command_of, parse, run_command
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.recordings import find_recordings, in_place
 from experiments.rivals.camera import on_the_head
 from experiments.rivals.figures import draw_contact, draw_wrong_model
 from experiments.rivals.jobs import NAMES, RivalJob
+from experiments.rivals.page import Shown, rivals_page, shown_errors, shown_gazes
 from experiments.rivals.plan import ALL_WALKS, at_their_best, labelled, make_jobs, summarise
 from experiments.rivals.report import tables
 from experiments.rivals.trials import TRIALS, TURNS
@@ -29,6 +30,7 @@ from experiments.rivals.wrong_model import LABELS, WITH_MODEL, WITHOUT_MODEL, by
 from gazempc.errors import SettingsError, suggest
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
+from gazempc.results.page.write import write_page
 from gazempc.results.report import versions
 from gazempc.settings import WalkerSettings
 from gazempc.sim.sensor import load_sensor
@@ -72,7 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 1 if a run failed, 2 on bad input, 130 if interrupted.
     """
-    return run_command("rivals", lambda: _run(parse(RivalsSettings, "rivals", __doc__, arguments)))
+    return run_command(
+        "rivals", lambda: _run(parse(RivalsSettings, "rivals", __doc__, arguments), command_of("rivals", arguments))
+    )
 
 
 def rivals(**settings: Any) -> list[Row]:
@@ -119,45 +123,46 @@ def _done(settings: RivalsSettings) -> tuple[list[Row], list[Row], int]:
     return done, failed, len(runs) - len(done) - len(failed)
 
 
-def _run(settings: RivalsSettings) -> int:
+def _run(settings: RivalsSettings, command: str) -> int:
     done, failed, left_out = _done(settings)
-    rows = _report_wrong_model(settings, done) if settings.wrong_model else _report(settings, done)
-    told = {
-        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED, "rows"}),
-        "versions": versions(),
-        "rows": rows,
-    }
+    shown = _report_wrong_model(settings, done) if settings.wrong_model else _report(settings, done)
+    saved = settings.model_dump(mode="json", exclude={*NOT_SAVED, "rows"})
+    told = {"settings": saved, "versions": versions(), "rows": shown.rows}
     path = settings.rows or settings.out / "rows.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    write_page(rivals_page(shown, saved, failed, left_out, command), settings.out)
     for run in failed:
         print(f"failed: {run['rival']}, {run['trial']}, {run['recording']}, {run['neck']}: {run['failed']}")
     if left_out:
         print(f"{left_out} runs left out: the walk is too near, or too short.")
-    print(f"Written to {settings.out}/ and {path}")
+    print(f"Written to {settings.out}/ (report.html, tables and pictures) and {path}")
     return 1 if failed else 0
 
 
-def _report(settings: RivalsSettings, runs: Sequence[Row]) -> list[Row]:
-    rows = summarise(at_their_best(runs))
+def _report(settings: RivalsSettings, runs: Sequence[Row]) -> Shown:
+    best = at_their_best(runs)
+    rows, drawn = summarise(best), []
     for sensor in dict.fromkeys(row["sensor"] for row in rows):
         of_sensor = [row for row in rows if row["sensor"] == sensor]
         if any(row["trial"] == ALL_WALKS for row in of_sensor):
-            draw_contact(of_sensor, ALL_WALKS, settings.out / f"contact_{sensor}.png")
+            drawn.append(settings.out / f"contact_{sensor}.png")
+            draw_contact(of_sensor, ALL_WALKS, drawn[-1])
     text = tables(rows)
     (settings.out / "tables.md").write_text(text + "\n", encoding="utf-8")
     print(text)
-    return rows
+    return shown_gazes(rows, best, drawn)
 
 
-def _report_wrong_model(settings: RivalsSettings, runs: Sequence[Row]) -> list[Row]:
+def _report_wrong_model(settings: RivalsSettings, runs: Sequence[Row]) -> Shown:
     found = by_error(at_their_best([run for run in runs if run["rival"] in WITH_MODEL]))
     level = summarise(at_their_best([run for run in runs if run["rival"] in WITHOUT_MODEL]))
     shown = {LABELS[name]: [row for row in rows if row["trial"] == ALL_WALKS] for name, rows in found.items()}
-    draw_wrong_model(shown, [row for row in level if row["trial"] == ALL_WALKS], settings.out / "wrong_model.png")
+    picture = settings.out / "wrong_model.png"
+    draw_wrong_model(shown, [row for row in level if row["trial"] == ALL_WALKS], picture)
     for label, rows in shown.items():
         print(f"{label}: eye contact, %")
         for rival in dict.fromkeys(row["rival"] for row in rows):
             of_rival = sorted((row["by"], row["eye_contact_2p6"]) for row in rows if row["rival"] == rival)
             print(f"  {rival}: " + ", ".join(f"{by:+g}: {100.0 * contact:.1f}" for by, contact in of_rival))
-    return [*(row for rows in found.values() for row in rows), *level]
+    return shown_errors([*(row for rows in found.values() for row in rows), *level], shown, [picture])

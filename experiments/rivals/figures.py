@@ -51,11 +51,16 @@ def draw_contact(rows: Sequence[Row], trial: str, path: Path) -> None:
     plot.savefig(path, dpi=DPI)
 
 
+def colour_of(rival: str) -> str:
+    """Colour of a control law, ours or another."""
+    return style(rival).colour if rival in OURS else _COLOURS[NAMES.index(rival) % len(_COLOURS)]
+
+
 def _points(ax: Axes, rows: Sequence[Row]) -> None:
     for row in rows:
         rival, ours = row["rival"], row["rival"] in OURS
         k = NAMES.index(rival)
-        colour = style(rival).colour if ours else _COLOURS[k % len(_COLOURS)]
+        colour = colour_of(rival)
         x, y = row["rms_acceleration_rad_s2"], 100.0 * row["eye_contact_2p6"]
         if interval := row["eye_contact_2p6_ci95"]:
             ax.plot([x, x], [100.0 * end for end in interval], color=colour, lw=1.0)

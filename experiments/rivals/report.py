@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from experiments.rivals.jobs import OURS
 from experiments.rivals.plan import ALL_STILL, ALL_WALKS, BEHIND
 from experiments.rivals.trials import LOSS
+from gazempc.results.page.content import PageTable
 
 Row = dict[str, Any]
 # Heading, figure, factor, digits.
@@ -33,6 +35,26 @@ _COLUMNS: dict[str, tuple[_Column, ...]] = {
 }
 
 
+def page_tables(rows: Sequence[Row]) -> list[PageTable]:
+    """All tables, the best first.
+
+    Args:
+        rows: Rows as of `experiments.rivals.plan.summarise`.
+
+    Returns:
+        One for each trial, neck and sensor; the first cell of a row is the rival.
+    """
+    found = []
+    for trial, columns in _COLUMNS.items():
+        of_trial = [row for row in rows if row["trial"] == trial]
+        for neck, sensor in dict.fromkeys((row["neck"], row["sensor"]) for row in of_trial):
+            here = [row for row in of_trial if (row["neck"], row["sensor"]) == (neck, sensor)]
+            cells = tuple((row["rival"], *(_cell(row, column) for column in columns)) for row in here)
+            headings = ("", *(heading for heading, *_ in columns))
+            found.append(PageTable(f"{trial}, neck {neck}, sensor {sensor}", headings, cells))
+    return found
+
+
 def tables(rows: Sequence[Row]) -> str:
     """All tables, in Markdown: the best first, ours in bold.
 
@@ -43,16 +65,9 @@ def tables(rows: Sequence[Row]) -> str:
         The text.
     """
     lines: list[str] = []
-    for trial, columns in _COLUMNS.items():
-        of_trial = [row for row in rows if row["trial"] == trial]
-        for neck, sensor in dict.fromkeys((row["neck"], row["sensor"]) for row in of_trial):
-            here = [row for row in of_trial if (row["neck"], row["sensor"]) == (neck, sensor)]
-            lines += [f"## {trial}, neck {neck}, sensor {sensor}", ""]
-            lines += ["| | " + " | ".join(heading for heading, *_ in columns) + " |", "|---" * (len(columns) + 1) + "|"]
-            for row in here:
-                name = f"**{row['rival']}**" if row["rival"] in OURS else row["rival"]
-                lines.append(f"| {name} | " + " | ".join(_cell(row, column) for column in columns) + " |")
-            lines.append("")
+    for table in page_tables(rows):
+        cells = tuple((f"**{name}**" if name in OURS else name, *rest) for name, *rest in table.rows)
+        lines += [f"## {table.title}", "", *replace(table, rows=cells).markdown(), ""]
     return "\n".join(lines)
 
 

@@ -12,13 +12,15 @@ from typing import Annotated, Any
 import tyro
 from pydantic import Field
 
-from experiments.engine.command import WorkSettings, parse, run_command, throughput
+from experiments.engine.command import WorkSettings, command_of, parse, run_command, throughput
 from experiments.engine.job import Row
 from experiments.engine.replays import all_faults, fault_lines
 from experiments.sweep.figures import draw_all, recorded_or_synthetic
+from experiments.sweep.page import sweep_page
 from experiments.sweep.plan import SweepPlan, load_plan, shipped_studies
 from experiments.sweep.run import run_sweep
 from experiments.sweep.tables import pareto_front, point_table, text_table, write_table
+from gazempc.results.page.write import write_page
 from gazempc.results.report import versions
 from gazempc.settings import WalkerSettings
 
@@ -48,14 +50,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 1 if runs failed or left the limits, 2 on bad input, 130 if interrupted.
     """
-    return run_command("sweep", lambda: sweep(parse(SweepSettings, "sweep", __doc__, arguments)))
+    return run_command(
+        "sweep", lambda: sweep(parse(SweepSettings, "sweep", __doc__, arguments), command_of("sweep", arguments))
+    )
 
 
-def sweep(settings: SweepSettings) -> int:
+def sweep(settings: SweepSettings, command: str = "") -> int:
     """Do all runs and write tables and figures.
 
     Args:
         settings: What to sweep and where.
+        command: What repeats it; without it this very call.
 
     Returns:
         Exit status, see `main`.
@@ -74,12 +79,13 @@ def sweep(settings: SweepSettings) -> int:
     write_table(out / "table.csv", table)
     summary = _summary(plan, rows, table)
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    if settings.figures and table:
-        draw_all(plan, rows, table, out)
+    pictures = draw_all(plan, rows, table, out) if settings.figures and table else []
+    command = command or f"experiments.sweep.command.sweep({settings!r})"
+    write_page(sweep_page(plan, summary, rows, table, pictures, command), out)
     _print(plan, summary, table)
     print(throughput(simulated_s, wall_s, settings), end="")
     drawn = " and figures" if settings.figures else ""
-    print(f"Written to {out}/: results.csv, table.csv, summary.json{drawn}")
+    print(f"Written to {out}/: report.html, results.csv, table.csv, summary.json{drawn}")
     return 1 if summary["failed"] or any(row["limit_violations"] for row in rows) else 0
 
 

@@ -23,7 +23,7 @@ _DPI = 150
 _MARKERS = "osD^vP*X"
 
 
-def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Path) -> None:
+def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Path) -> list[Path]:
     """Draw the figures that the sweep file asks for.
 
     Args:
@@ -31,6 +31,9 @@ def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Pa
         rows: All runs.
         table: Means, as made by `experiments.sweep.tables.point_table`.
         out: Folder to write PNG files to.
+
+    Returns:
+        The files.
     """
     done = [row for row in rows if not row["failed"] and not row["left_out"]]
     overall = [row for row in table if row["group"] == "all"]
@@ -44,6 +47,7 @@ def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Pa
     for name, figure in drawn.items():
         figure.supxlabel(recorded_or_synthetic(plan), fontsize="x-small", color="0.4")
         figure.savefig(out / f"{name}.png", dpi=_DPI)
+    return [out / f"{name}.png" for name in drawn]
 
 
 def recorded_or_synthetic(plan: SweepPlan) -> str:
@@ -63,13 +67,13 @@ def recorded_or_synthetic(plan: SweepPlan) -> str:
 def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     ax = figure.subplots()
-    ticks = _distinct(rows, x)
-    numeric = _numeric(ticks)
+    ticks = distinct(rows, x)
+    numeric = is_numeric(ticks)
     # Cases are different questions: a line never averages over them.
-    cases = _distinct(rows, "case")
-    series = [(c, b) for c in cases for b in _distinct([r for r in rows if r["case"] == c], by)]
+    cases = distinct(rows, "case")
+    series = [(c, b) for c in cases for b in distinct([r for r in rows if r["case"] == c], by)]
     for i, (case, one) in enumerate(series):
-        label = _said(one) if by == "case" or len(cases) == 1 else f"{_said(case)}, {_said(one)}"
+        label = said(one) if by == "case" or len(cases) == 1 else f"{said(case)}, {said(one)}"
         at, means, low, high = [], [], [], []
         for place, tick in enumerate(ticks):
             chosen = [r for r in rows if (r["case"], r[by], r[x]) == (case, one, tick) and r[metric] is not None]
@@ -81,7 +85,7 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
             means.append(mean)
             low.append(lower)
             high.append(upper)
-        colour = _colour(rows, by, one, i)
+        colour = colour_of(rows, by, one, i)
         if numeric:
             ax.plot(at, means, f"{_MARKERS[i % 8]}-", color=colour, markersize=4, label=label)
             ax.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
@@ -89,7 +93,7 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
             ends = np.maximum(np.nan_to_num([np.subtract(means, low), np.subtract(high, means)]), 0.0)
             ax.errorbar(at, means, ends, fmt=_MARKERS[i % 8], color=colour, capsize=3, label=label)
     if not numeric:
-        ax.set_xticks(range(len(ticks)), [_said(tick) for tick in ticks])
+        ax.set_xticks(range(len(ticks)), [said(tick) for tick in ticks])
     ax.set(xlabel=x, ylabel=metric)
     ax.grid(alpha=0.3)
     ax.legend(frameon=False, fontsize="small", title=by)
@@ -98,8 +102,8 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
 
 
 def _heatmap(rows: Sequence[Row], x: str, y: str, metric: str) -> Figure:
-    cases = [c for c in _distinct(rows, "case") if any(r["case"] == c and r[x] is not None for r in rows)]
-    columns, lines = _distinct(rows, x), _distinct(rows, y)
+    cases = [c for c in distinct(rows, "case") if any(r["case"] == c and r[x] is not None for r in rows)]
+    columns, lines = distinct(rows, x), distinct(rows, y)
     grids = {}
     for case in cases:
         grid = np.full((len(lines), len(columns)), np.nan)
@@ -123,9 +127,9 @@ def _heatmap(rows: Sequence[Row], x: str, y: str, metric: str) -> Figure:
             if np.isfinite(value):
                 dark = sum(image.to_rgba(np.array([value]))[0, :3]) < 1.4
                 ax.text(j, i, f"{value:.3g}", ha="center", va="center", color="white" if dark else "black")
-        ax.set_xticks(range(len(columns)), [_said(c) for c in columns])
-        ax.set_yticks(range(len(lines)), [_said(line) for line in lines])
-        ax.set(xlabel=x, title=_said(case))
+        ax.set_xticks(range(len(columns)), [said(c) for c in columns])
+        ax.set_yticks(range(len(lines)), [said(line) for line in lines])
+        ax.set(xlabel=x, title=said(case))
     axes[0].set_ylabel(y)
     figure.suptitle(f"{metric}, means over clips", fontsize="medium")
     return figure
@@ -135,14 +139,12 @@ def _pareto(table: Sequence[Row], x: str, y: str, by: str) -> Figure:
     figure = Figure(figsize=(7.0, 4.8), layout="constrained")
     ax = figure.subplots()
     objectives = [Objective(metric=metric, direction=direction_of(metric)) for metric in (x, y)]
-    for i, one in enumerate(_distinct(table, by)):
+    for i, one in enumerate(distinct(table, by)):
         chosen = [r for r in table if r[by] == one and r[x] is not None and r[y] is not None]
         front = pareto_front(chosen, objectives)
-        colour, marker = _colour(table, by, one, i), _MARKERS[i % 8]
+        colour, marker = colour_of(table, by, one, i), _MARKERS[i % 8]
         ax.plot([r[x] for r in chosen], [r[y] for r in chosen], marker, color=colour, alpha=0.35, markersize=5)
-        ax.plot(
-            [r[x] for r in front], [r[y] for r in front], f"{marker}-", color=colour, markersize=5, label=_said(one)
-        )
+        ax.plot([r[x] for r in front], [r[y] for r in front], f"{marker}-", color=colour, markersize=5, label=said(one))
     ax.set(xlabel=x, ylabel=y)
     ax.grid(alpha=0.3)
     ax.legend(frameon=False, fontsize="small", title=f"{by}; lines: Pareto fronts")
@@ -150,30 +152,41 @@ def _pareto(table: Sequence[Row], x: str, y: str, by: str) -> Figure:
     return figure
 
 
-def _distinct(rows: Sequence[Row], name: str) -> list[Any]:
+def distinct(rows: Sequence[Row], name: str) -> list[Any]:
+    """Values of a column, each once: groups in reading order, numbers by size; None is none."""
     found = [value for value in dict.fromkeys(row[name] for row in rows) if value is not None]
     if name == "group":
         return [group for group in (*GROUP_ORDER, "all") if group in found]
-    return sorted(found) if _numeric(found) else found
+    return sorted(found) if is_numeric(found) else found
 
 
-def _numeric(values: Sequence[Any]) -> bool:
+def is_numeric(values: Sequence[Any]) -> bool:
+    """Whether there are values, and all are numbers."""
     return bool(values) and all(isinstance(value, (int, float)) for value in values)
 
 
-def _colour(rows: Sequence[Row], by: str, one: Any, index: int) -> str:
-    # A line of one controller has the colour that the controller has everywhere, unless several lines share it.
+def colour_of(rows: Sequence[Row], by: str, one: Any, index: int) -> str:
+    """Colour of a line: of one controller the colour that it has everywhere, unless several lines share it.
+
+    Args:
+        rows: What is drawn.
+        by: What tells the lines apart.
+        one: Its value for this line.
+        index: Number of the line.
+    """
+
     def controllers(value: Any) -> set[str]:
         return {row["controller"] for row in rows if row[by] == value}
 
     own = controllers(one)
-    if len(own) == 1 and all(controllers(other) != own for other in _distinct(rows, by) if other != one):
+    if len(own) == 1 and all(controllers(other) != own for other in distinct(rows, by) if other != one):
         return style(next(iter(own))).colour
     cycle: list[str] = mpl.rcParams["axes.prop_cycle"].by_key()["color"]
     return cycle[index % len(cycle)]
 
 
-def _said(value: Any) -> str:
+def said(value: Any) -> str:
+    """A value for people."""
     return CONTROLLER_LABELS.get(value, f"{value:g}" if isinstance(value, float) else str(value))
 
 

@@ -17,6 +17,7 @@ from experiments.sweep.designs import Point
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Case, Objective
 from experiments.sweep.walks import Walk
+from gazempc.results.page.content import PageTable
 
 
 def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, result: Row) -> Row:
@@ -137,11 +138,18 @@ def write_table(path: Path, rows: Sequence[Row]) -> None:
         writer.writerows(rows)
 
 
-def text_table(plan: SweepPlan, table: Sequence[Row]) -> str:
-    """The means over all groups as readable text."""
+def means_table(plan: SweepPlan, table: Sequence[Row], title: str) -> PageTable:
+    """The means over all groups."""
     metrics = [metric for metric in tabulated(plan) if metric in plan.spec.metrics]
     columns = list(dict.fromkeys(["case", "controller", *plan.spec.varied(), "n_clips", *metrics]))
-    lines = [columns, *([_cell(row[c]) for c in columns] for row in table if row["group"] == "all")]
+    rows = tuple(tuple(_cell(row[c]) for c in columns) for row in table if row["group"] == "all")
+    return PageTable(title, tuple(columns), rows)
+
+
+def text_table(plan: SweepPlan, table: Sequence[Row]) -> str:
+    """The means over all groups as readable text."""
+    means = means_table(plan, table, "")
+    lines, columns = [means.columns, *means.rows], means.columns
     widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
     return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
 

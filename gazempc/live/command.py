@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import tyro
 
-from gazempc.command import run_command
+from gazempc.command import command_line, run_command
 from gazempc.errors import LimitViolationError
 from gazempc.live.process import fast_switching, stopped_by_signals, without_collection
 from gazempc.live.settings import LiveSettings, check
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _work(words: Sequence[str]) -> int:
     settings, stop = parse(words), threading.Event()
     with stopped_by_signals(stop):
-        _run(settings, stop)
+        _run(settings, stop, command_line("gazempc.live", words))
     return 0
 
 
@@ -60,7 +60,7 @@ def parse(words: Sequence[str]) -> LiveSettings:
     return settings
 
 
-def _run(settings: LiveSettings, stop: threading.Event) -> None:
+def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
     from gazempc.live.build import build  # noqa: PLC0415
     from gazempc.live.parts import Keeping  # noqa: PLC0415
@@ -89,7 +89,8 @@ def _run(settings: LiveSettings, stop: threading.Event) -> None:
         summary = kept.write(run)
     print(text(summary))
     drawn = kept.draw() if settings.figures else []
-    print(f"Written to {settings.out}/: {', '.join(['summary.json', *kept.names, *kept.export(), *drawn])}")
+    written = [*kept.report(summary, drawn, command), "summary.json", *kept.names, *kept.export(), *drawn]
+    print(f"Written to {settings.out}/: {', '.join(written)}")
     if kept.violations:
         raise LimitViolationError(
             f"{kept.violations} violations of the limits of neck {neck.name}, see {settings.out}/summary.json"

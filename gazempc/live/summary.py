@@ -15,6 +15,7 @@ from gazempc.export import export
 from gazempc.live.lateness import Lateness
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
+from gazempc.loop.events import MEANINGS
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.recording import truth_of
 from gazempc.results.compute import measure_compute
@@ -128,6 +129,25 @@ class Kept:
         logs: dict[str, Log] = {self._last[0].run.controller: self._last[0]}
         angles(logs, self._settings.out / "angles.png")
         return ["angles.png"]
+
+    def report(self, summary: dict[str, Any], drawn: list[str], command: str) -> list[str]:
+        """Write the report of the run.
+
+        Args:
+            summary: As `write` gives it.
+            drawn: Names of the figures.
+            command: What repeats the run.
+
+        Returns:
+            Name of the file; none where nothing was logged.
+        """
+        from gazempc.results.page.live_page import live_page  # noqa: PLC0415  (slow to import)
+        from gazempc.results.page.write import write_page  # noqa: PLC0415
+
+        if self._last is None:
+            return []
+        pictures = [self._settings.out / name for name in drawn]
+        return [write_page(live_page(summary, self._last[0], MEANINGS, pictures, command), self._settings.out)]
 
     def _metrics(self) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
         if self._last is None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bs4 import BeautifulSoup
 from builders.comparisons import rows_of, runs, settings
 
 from experiments.compare import compare, main
@@ -32,6 +33,32 @@ def test_a_comparison_writes_its_tables(tmp_path):
     assert entry["n_clips"] == 3
     assert entry["n_people"] == 2
     assert "Limit violations in all runs: 0." in (tmp_path / "summary.md").read_text()
+
+
+def test_a_comparison_writes_a_report_with_its_numbers(tmp_path):
+    out = tmp_path / "<b>out"
+    words = ["--recordings", "subject01_R1", "subject02_R6", "--controllers", "reactive", "lookahead", "--jobs", "1"]
+    assert main([*words, "--out", str(out)]) == 0
+    report = BeautifulSoup((out / "report.html").read_text(encoding="utf-8"), "html.parser")
+    columns = [cell.text for cell in report.table.thead.find_all("th")]
+    lines = [[cell.text for cell in row.find_all(["th", "td"])] for row in report.table.tbody.find_all("tr")]
+    shown = [dict(zip(columns, line, strict=True)) for line in lines]
+    rows = json.loads((out / "summary.json").read_text())["rows"]
+    assert len(shown) == len(rows)
+    for line, row in zip(shown, rows, strict=True):
+        assert line["group"] == row["group"]
+        assert float(line["gaze error RMS [deg]"].split()[0]) == pytest.approx(row["gaze_error_rms_deg"], abs=0.005)
+        if (row["group"], row["controller"]) == ("all", "lookahead"):
+            assert f"look-ahead {100 * row['eye_contact_2p6']:.1f} %" in report.find(class_="answer").text
+    # The curves are the clips, the best first.
+    curves = json.loads(report.find("script", type="application/json").text)["curves"]
+    errors = {(r["controller"], r["recording"]): float(r["gaze_error_rms_deg"]) for r in rows_of(out)}
+    for curve, controller in zip(curves, ("reactive", "lookahead"), strict=True):
+        expected = [errors[controller, name] for name in curve["names"]]
+        assert curve["xs"] == sorted(curve["xs"]) == pytest.approx(expected, rel=1e-4)
+        assert curve["ys"] == [50.0, 100.0]
+    assert len(report.find_all("img")) == len(list(out.glob("*.png"))) > 0
+    assert report.find(class_="command").text.endswith(f"--jobs 1 --out '{out}'")
 
 
 def test_several_sensors_and_kinds_have_tables_and_figures_of_their_own(tmp_path):

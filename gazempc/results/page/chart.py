@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gazempc.results.contact import CONTACT_DEG
-from gazempc.results.figures.style import style
-from gazempc.results.log import Log
-from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.types import FloatArray
 
 # Twice as many points as a wide screen has columns: more cannot be seen without zooming far in.
@@ -75,41 +70,6 @@ class Chart:
                 for i, c in enumerate(self.curves)
             ],
         }
-
-
-def error_chart(logs: Mapping[str, Log]) -> Chart:
-    """The gaze error of each controller over time.
-
-    Args:
-        logs: Controller -> log of the same recording.
-
-    Returns:
-        The chart; curves have gaps where the true head or the joints are not known.
-    """
-    curves = tuple(
-        Curve(style(name).label, style(name).colour, log.time_s - log.time_s[0], gaze_error_deg(log))
-        for name, log in logs.items()
-    )
-    levels = ((CONTACT_DEG[0], f"eye contact, {CONTACT_DEG[0]:g}°"),)
-    return Chart("Gaze error over time", "time (s)", "gaze error (deg)", curves, levels, SCORED_FROM_S)
-
-
-def joints_chart(log: Log, colours: tuple[str, ...]) -> Chart:
-    """Where the joints were: for runs in which nobody knows the gaze error.
-
-    Args:
-        log: The run.
-        colours: A CSS colour for each joint.
-
-    Returns:
-        The chart.
-    """
-    time_s, angles_deg = log.time_s - log.time_s[0], np.rad2deg(log.joint_position_rad)
-    curves = tuple(
-        Curve(name.replace("_", " "), colour, time_s, angles_deg[:, k])
-        for k, (name, colour) in enumerate(zip(log.neck.joint_names, colours, strict=False))
-    )
-    return Chart("Joints over time", "time (s)", "angle (deg)", curves)
 
 
 def _points(curve: Curve) -> dict[str, list[float | None]]:

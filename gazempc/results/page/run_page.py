@@ -12,8 +12,8 @@ from gazempc.neck.spec import Axis, NeckSpec
 from gazempc.recordings.recording import truth_of
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
-from gazempc.results.page.chart import error_chart
 from gazempc.results.page.content import Page, PageTable, Unusual
+from gazempc.results.page.log_charts import error_chart
 from gazempc.results.repeats import Repeats
 from gazempc.results.report import label
 from gazempc.results.table import sentence, table_lines

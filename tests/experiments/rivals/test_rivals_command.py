@@ -5,6 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import pytest
+from bs4 import BeautifulSoup
 
 from experiments.rivals.camera import on_the_head
 from experiments.rivals.command import main
@@ -59,7 +60,15 @@ def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> Non
     still = [row for row in rows if row["trial"] == "still_seated_left"]
     assert [row["settling_s"] for row in still] == sorted(row["settling_s"] for row in still)
     assert (tmp_path / "contact_face_camera.png").stat().st_size > 10_000
-    assert "## walks, neck reachy_mini, sensor face_camera" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "## walks, neck reachy_mini, sensor face_camera" in text
+    assert f"| {walks['humotion']['rival']} | " in text
+    assert "| **reactive** | " in text
+    report = BeautifulSoup((tmp_path / "report.html").read_text(encoding="utf-8"), "html.parser")
+    for row in walks.values():
+        assert f"{row['rival']} {100 * row['eye_contact_2p6']:.1f} %" in report.find(class_="answer").text
+    (data,) = report.find_all("script", type="application/json")
+    assert {c["label"]: len(c["xs"]) for c in json.loads(data.text)["curves"]} == {"humotion": 4, "reactive": 4}
 
 
 def test_unknown_names_are_told(capsys) -> None:

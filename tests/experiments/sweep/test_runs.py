@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from bs4 import BeautifulSoup
 from builders.own_parts import own_module
 from builders.sweeps import SMALL, table_of, words, written
 
@@ -67,6 +68,21 @@ def test_tables_and_known_effects(undisturbed):
     assert float(overall[0.5, 0]["gaze_error_rms_deg"]) > 1.3 * float(overall[1, 0]["gaze_error_rms_deg"])
     assert float(overall[1, 0.1]["rms_acceleration_rad_s2"]) < 0.9 * float(overall[1, 0]["rms_acceleration_rad_s2"])
     assert {p["point"] for p in summary["pareto"]["small"]} <= {0, 1, 2, 3}
+
+
+def test_the_report_has_the_means_and_the_front(undisturbed):
+    report = BeautifulSoup((undisturbed / "out" / "report.html").read_text(encoding="utf-8"), "html.parser")
+    summary = json.loads((undisturbed / "out" / "summary.json").read_text())
+    columns = [cell.text for cell in report.table.thead.find_all("th")]
+    lines = [[cell.text for cell in row.find_all(["th", "td"])] for row in report.table.tbody.find_all("tr")]
+    shown = [float(dict(zip(columns, line, strict=True))["gaze_error_rms_deg"]) for line in lines]
+    means = [row["gaze_error_rms_deg"] for row in summary["rows"] if row["group"] == "all"]
+    assert shown == pytest.approx(means, rel=1e-3)
+    (curve,) = json.loads(report.find("script", type="application/json").text)["curves"]
+    front = {(p["rms_acceleration_rad_s2"], p["eye_contact_2p6"]) for p in summary["pareto"]["small"]}
+    found = {*zip(curve["xs"], curve["ys"], strict=True)}
+    assert sorted(found) == [pytest.approx(point, rel=1e-4) for point in sorted(front)]
+    assert report.find(class_="command").text.startswith("experiments.sweep.command.sweep(SweepSettings(")
 
 
 def test_what_is_there_is_used_and_only_the_rest_is_done(tmp_path, undisturbed):

@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 import pytest
+from bs4 import BeautifulSoup
 from builders.lines import FOREVER_S, QUAT
 from builders.ports import free_port
 
@@ -85,6 +86,14 @@ def check_output(out, said):
     assert summary["limit_violations"] == limit_violations(log, neck) == 0
     assert (out / "compute_000.npz").is_file()
     assert f"stopped by: {summary['stopped_by']}" in said
+    report = BeautifulSoup((out / "report.html").read_text(encoding="utf-8"), "html.parser")
+    cells = {row.th.text: row.td.text for row in report.select("tbody tr")}
+    assert (cells["ticks"], cells["observations"]) == (str(summary["ticks"]), str(summary["observations"]))
+    for name, value in (summary["metrics_of_last_log"] or {}).items():
+        assert value is None or float(cells[name]) == pytest.approx(value, rel=1e-3)
+    for name in summary["events"]:
+        assert name in report.find(id="unusual").text
+    assert report.find(class_="command").text.startswith("python -m gazempc.live --")
     return summary, log
 
 

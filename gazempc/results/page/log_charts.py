@@ -1,0 +1,50 @@
+"""Curves of a log: gaze error, and joints where nobody knows the error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.figures.style import style
+from gazempc.results.log import Log
+from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
+from gazempc.results.page.chart import Chart, Curve
+
+# Okabe and Ito's colours, which colour-blind people can tell apart; as many as a neck has joints.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+
+
+def error_chart(logs: Mapping[str, Log]) -> Chart:
+    """The gaze error of each controller over time.
+
+    Args:
+        logs: Controller -> log of the same recording.
+
+    Returns:
+        The chart; curves have gaps where the true head or the joints are not known.
+    """
+    curves = tuple(
+        Curve(style(name).label, style(name).colour, log.time_s - log.time_s[0], gaze_error_deg(log))
+        for name, log in logs.items()
+    )
+    levels = ((CONTACT_DEG[0], f"eye contact, {CONTACT_DEG[0]:g}°"),)
+    return Chart("Gaze error over time", "time (s)", "gaze error (deg)", curves, levels, SCORED_FROM_S)
+
+
+def joints_chart(log: Log) -> Chart:
+    """Where the joints were: for runs in which nobody knows the gaze error.
+
+    Args:
+        log: The run.
+
+    Returns:
+        The chart.
+    """
+    time_s, angles_deg = log.time_s - log.time_s[0], np.rad2deg(log.joint_position_rad)
+    curves = tuple(
+        Curve(name.replace("_", " "), colour, time_s, angles_deg[:, k])
+        for k, (name, colour) in enumerate(zip(log.neck.joint_names, _COLOURS, strict=False))
+    )
+    return Chart("Joints over time", "time (s)", "angle (deg)", curves)
