@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
+import tyro
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from tyro.constructors import PrimitiveConstructorSpec
 
@@ -173,7 +174,7 @@ class MpcSettings(Settings):
 
 
 class LoopSettings(Settings):
-    """Times after which the loop gives up on something."""
+    """Times after which the loop gives up on something, and limits of a run on top of the neck's."""
 
     compute_delay_s: float = Field(
         default=0.0, ge=0, le=0.1, description="Time from the start of planning to the plan's first command"
@@ -182,6 +183,13 @@ class LoopSettings(Settings):
     lost_after_s: float = Field(default=1.0, gt=0, description="Without an observation for this long: stop")
     rest_after_s: float = Field(default=3.0, gt=0, description="Without an observation for this long: go to rest")
     rest_speed_rad_s: float = Field(default=0.5, ge=0.01, description="Speed of the return to rest")
+
+    gaze_region_deg: tuple[float, float, float, float] | None = Field(
+        default=None, description="Where the gaze may go: least and greatest pan, least and greatest tilt"
+    )
+    speed_max_rad_s: Annotated[float | None, tyro.conf.arg(aliases=["--loop.speed-max"])] = Field(
+        default=None, ge=0.01, description="Greatest speed of each joint"
+    )
 
     @model_validator(mode="after")
     def _lost_before_rest(self) -> LoopSettings:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from gazempc.live.mount import JointHistory
 from gazempc.live.parts import LiveParts
+from gazempc.live.plausible import Plausibility
 from gazempc.live.report import LiveReport
 from gazempc.live.sources.source import Arrived, check_range
 from gazempc.live.watch.frame import Frame
@@ -35,6 +36,7 @@ class Arrivals:
         self._use_ids = parts.use_ids
         self._watch = Watch(parts.clock, parts.stamps, parts.mount, parts.settings, parts.mends)
         self._joints = JointHistory()
+        self._plausibility = Plausibility()
         self._said: set[Event] = set()
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
@@ -73,7 +75,14 @@ class Arrivals:
             recorder.event(now_s, Event.OBSERVATIONS_DROPPED)
         for sighting in arrived.sightings[-_NEWEST:]:
             try:
-                found.append(self._in_base(sighting))
+                in_base = self._in_base(sighting)
+                seen = in_base.observation
+                why = self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
+                if why:
+                    recorder.refused(Event.IMPLAUSIBLE_PERSON)
+                    self._say(now_s, recorder, Event.IMPLAUSIBLE_PERSON, why)
+                else:
+                    found.append(in_base)
             except (ValueError, AttributeError, TypeError) as error:
                 problems.append(str(error))
         for problem in problems:

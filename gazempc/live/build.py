@@ -26,6 +26,7 @@ from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner
 from gazempc.neck.kinematics import look_at
+from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import make, options_for
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, name_of
@@ -67,7 +68,7 @@ def build(settings: LiveSettings) -> Built:
     Raises:
         GazempcError: If a name does not exist, a file or option is wrong, or a part does not do what it must.
     """
-    neck = load_neck(settings.scene.neck)
+    neck = narrowed(load_neck(settings.scene.neck), settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
     scene = None if settings.recording is None else make_scene(settings.recording, settings.scene, neck)
     stamps = None

@@ -20,6 +20,7 @@ from gazempc.live.stamps import StampClock, StampReader, Stamps
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner
+from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, check_methods, name_of
@@ -164,7 +165,8 @@ def make_parts(
     own = settings.options.own
     chosen = ((PREDICTOR, predictor), (CONTROLLER, controller), (ROBOT, robot))
     check_options([(kind, choice) for kind, choice in chosen if isinstance(choice, str)], own)
-    spec = neck if isinstance(neck, NeckSpec) else load_neck(neck)
+    whole = neck if isinstance(neck, NeckSpec) else load_neck(neck)
+    spec = narrowed(whole, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
     clock = RealClock()
     forecasting = make_predictor(predictor, settings, Person(), own)
     planning = make_controller(controller, spec, settings, own)

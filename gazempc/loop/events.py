@@ -81,7 +81,10 @@ class Event(StrEnum):
     WRONG_CLOCK = "wrong_clock", "capture times look like those of another clock, or in another unit"
     WRONG_UNIT = "wrong_unit", "positions look as if they were in another unit than metres"
     WRONG_AXES = "wrong_axes", "positions look as if they were on other axes than x forward, y left, z up"
-    IMPLAUSIBLE_PERSON = "implausible_person", "the head is where no head is, or faster than anybody walks"
+    IMPLAUSIBLE_PERSON = (
+        "implausible_person",
+        "the head is where hardly any head is, or faster than anybody walks; where it cannot be, it is dropped",
+    )
     LOW_FRAME_RATE = "low_frame_rate", "fewer than six frames a second arrive"
     NEW_ID_EACH_FRAME = "new_id_each_frame", "the tracker gives the person another name at every frame"
     CLOCK_STEPPED = "clock_stepped", "the computer's Unix clock was set to another time"

@@ -21,6 +21,7 @@ from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.tracker_faults import is_low_rate
+from gazempc.neck.narrow import narrowed
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import ComputeTimes, Log
@@ -98,7 +99,9 @@ def replay_scene(
         LeftOutError: If the recording is too short to be scored.
         SettingsError: If a part cannot be made, or does not do what it must.
     """
-    walk, neck = scene.walk, scene.neck
+    walk, limits = scene.walk, (settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    neck = narrowed(scene.neck, *limits)
+    robot_neck = neck if scene.robot_neck is None else narrowed(scene.robot_neck, *limits)
     end_s = float(walk.times_s[-1])
     if end_s < MIN_DURATION_S:
         raise LeftOutError(
@@ -114,7 +117,7 @@ def replay_scene(
 
     turns_with_neck = scene.sensor.view.on == "head" and scene.sensor.view.limited
     now_s = 0.0
-    robot = SimulatedNeck(scene.robot_neck or neck, smoother.command.position_rad, lambda: now_s, scene.seed)
+    robot = SimulatedNeck(robot_neck, smoother.command.position_rad, lambda: now_s, scene.seed)
     true_joints = []
     recorder = LoopRecorder(neck.control_period_s)
     if is_low_rate(np.array([sighting.observation.capture_time_s for sighting in sightings])):
@@ -145,7 +148,7 @@ def replay_scene(
         group=walk.labels.group,
         controller="perfect" if controller == "perfect" else name_of(CONTROLLER, planning),
         predictor=name_of(PREDICTOR, ready),
-        neck=scene.robot_neck or neck,
+        neck=robot_neck,
         sensor=scene.sensor.model_dump(mode="json"),
         seed=scene.seed,
         settings=_settings_of(scene, predictor, settings),

@@ -358,11 +358,10 @@ def test_what_looks_wrong_is_a_warning_of_the_next_see_and_counts_say_what_was_u
         for _ in range(36):
             opened.see(time.time() - 0.03, [2000.0, 100.0, 300.0])
             time.sleep(1 / 30)
-    (warned,) = caught
-    assert 'mount={"unit_m": 0.001}' in str(warned.message)
-    (text,) = opened.warnings
-    assert text.startswith("wrong_unit")
-    assert opened.observations["used"] > 30
+    assert 'mount={"unit_m": 0.001}' in str(caught[-1].message)
+    assert [text.partition(":")[0] for text in opened.warnings] == ["implausible_person", "wrong_unit"]
+    assert opened.observations["used"] == 0
+    assert opened.observations["implausible_person"] > 30
     assert opened.events["wrong_unit"] == 1
     with gaze(robot, mount={"unit_m": 0.001}, clock="other") as opened:
         for k in range(15):

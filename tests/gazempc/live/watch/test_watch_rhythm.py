@@ -53,9 +53,11 @@ def test_within_a_second_of_data_it_is_an_event_and_a_warning_and_the_options_gi
     wrong = run_live(change=optical_mm, duration_s=3.0)
     assert_sound(wrong)
     (said_s,) = wrong.event_s("wrong_unit")
-    assert said_s - wrong.joined("arrival_time_s")[0] < 1.0
-    (text,) = wrong.report.warnings
+    assert said_s < 1.2
+    refused, text = wrong.report.warnings
+    assert refused.startswith("implausible_person: ")
     assert text.startswith("wrong_unit: ")
+    assert wrong.used == 0
     mended = run_live(change=optical_mm, duration_s=3.0, mount=Mount(unit_m=0.001, axes="optical"))
     assert_sound(mended)
     assert mended.events == {"no_observation_yet"}

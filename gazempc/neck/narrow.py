@@ -1,0 +1,70 @@
+"""A neck with less range and speed than it has: what a run may use of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gazempc.errors import SettingsError
+from gazempc.neck.spec import Axis, NeckSpec
+
+# Least and greatest pan, least and greatest tilt of the gaze, degrees.
+Region = tuple[float, float, float, float]
+# The joints that turn the gaze one after the other: about the vertical, and up or down.
+_CHAINS = (("pan", "eye_pan", "body_yaw"), ("tilt", "eye_tilt"))
+
+
+def narrowed(neck: NeckSpec, gaze_region_deg: Region | None, speed_max_rad_s: float | None) -> NeckSpec:
+    """Narrow a neck's limits, which controllers, smoother and robot then all keep.
+
+    Where several joints share the gaze, each gets the part of the region that it has of their common range: so the sum
+    stays in the region whatever each of them does.
+
+    Args:
+        neck: The neck.
+        gaze_region_deg: Least and greatest pan, least and greatest tilt of the gaze, degrees; None for all.
+        speed_max_rad_s: Greatest speed of each joint, rad/s; None for the joint's own.
+
+    Returns:
+        The neck with the limits of both.
+
+    Raises:
+        SettingsError: If the neck cannot look into the region.
+    """
+    axes = dict(zip(neck.joint_names, neck.axes, strict=True))
+    if speed_max_rad_s is not None:
+        axes = {name: _slower(axis, speed_max_rad_s) for name, axis in axes.items()}
+    if gaze_region_deg is not None:
+        for chain, low_deg, high_deg in zip(_CHAINS, gaze_region_deg[::2], gaze_region_deg[1::2], strict=True):
+            joints = {name: axes[name] for name in chain if name in axes}
+            axes |= _within(joints, low_deg, high_deg, f"neck {neck.name!r}, {chain[0]} of the gaze")
+    update: dict[str, Any] = {"pan": axes["pan"], "tilt": axes["tilt"]}
+    if neck.eyes is not None:
+        update["eyes"] = {"pan": axes["eye_pan"].model_dump(), "tilt": axes["eye_tilt"].model_dump()}
+    if neck.body is not None:
+        update["body"] = axes["body_yaw"]
+    return neck.model_copy(update=update)
+
+
+def _slower(axis: Axis, speed_max_rad_s: float) -> Axis:
+    return axis.model_copy(update={"velocity_max_rad_s": min(axis.velocity_max_rad_s, speed_max_rad_s)})
+
+
+def _within(joints: dict[str, Axis], low_deg: float, high_deg: float, what: str) -> dict[str, Axis]:
+    least_deg = sum(axis.position_min_deg for axis in joints.values())
+    most_deg = sum(axis.position_max_deg for axis in joints.values())
+    low_deg, high_deg = max(low_deg, least_deg), min(high_deg, most_deg)
+    if low_deg >= high_deg:
+        raise SettingsError(
+            f"loop.gaze_region_deg: {what} would be {low_deg:g} to {high_deg:g} deg; accepted: a region within "
+            f"{least_deg:g} to {most_deg:g}, least before greatest"
+        )
+
+    def part(axis: Axis, share: float) -> float:
+        return axis.position_min_deg + share * (axis.position_max_deg - axis.position_min_deg)
+
+    # Of the common range; the parts of all joints add up to the region's ends.
+    low, high = ((end - least_deg) / (most_deg - least_deg) for end in (low_deg, high_deg))
+    return {
+        name: axis.model_copy(update={"position_min_deg": part(axis, low), "position_max_deg": part(axis, high)})
+        for name, axis in joints.items()
+    }

@@ -1,0 +1,90 @@
+"""Heads that cannot be are refused; what people and trackers do is not."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from builders.checks import assert_recovered, assert_sound
+from builders.faults import between
+from builders.live import run_live
+
+from gazempc.live.plausible import Plausibility
+from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
+
+FRAME_S = 1 / 30
+
+
+def refused(heads_m, frame_s=FRAME_S, names=None):
+    """Which of some frames are refused."""
+    judge, names = Plausibility(), names or [None] * len(heads_m)
+    return [bool(judge.refusal(k * frame_s, np.asarray(head), names[k])) for k, head in enumerate(heads_m)]
+
+
+@pytest.mark.parametrize(
+    ("head_m", "why"),
+    [
+        ([0.0, 0.0, 0.0], "nearer than 0.2 m"),
+        ([0.1, 0.1, 0.1], "0.17 m from the neck"),
+        ([1e9, 0.0, 0.0], "1000000000 m away: farther than 30 m"),
+        ([20.0, 23.0, 0.0], "farther than 30 m"),
+        ([3.0, 0.0, 3.1], "3.1 m above the pan axis"),
+        ([3.0, 0.0, -3.1], "under the floor"),
+    ],
+)
+def test_a_head_that_is_nowhere_is_refused_by_name(head_m, why):
+    judge = Plausibility()
+    assert judge.refusal(0.0, np.array([3.0, 0.0, 2.9]), None) == ""
+    assert re.search(why, judge.refusal(0.1, np.array(head_m), None))
+    assert judge.refusal(0.2, np.array([0.21, 0.0, 0.0]), None) == ""
+
+
+@pytest.mark.parametrize("rate_hz", [10, 30, 200])
+def test_who_flies_is_refused_after_half_a_second_and_until_they_slow_down(rate_hz):
+    times_s = np.arange(0.0, 2.0, 1 / rate_hz)
+    speed = np.where((times_s > 0.5) & (times_s < 1.3), 8.0, 1.0)
+    heads = [[3.0, y, 0.4] for y in np.cumsum(speed) / rate_hz - 5.0]
+    out = times_s[np.array(refused(heads, 1 / rate_hz))]
+    assert out.min() == pytest.approx(1.0, abs=0.15)
+    assert out.max() == pytest.approx(1.3, abs=0.15)
+    slower = [[3.0, 5.5 * t, 0.4] for t in times_s]
+    assert not any(refused(slower, 1 / rate_hz))
+
+
+def test_what_trackers_do_is_no_flight():
+    rng = np.random.default_rng(0)
+    here, there = np.array([2.0, -2.0, 0.4]), np.array([4.0, 3.0, 0.4])
+    jump = [here] * 30 + [there] * 30
+    alternating = [here, there] * 45
+    three = [here, there, np.array([3.0, 0.0, 0.2])] * 30
+    noisy = np.array([3.0, 0.0, 0.4]) * (1.0 + 0.15 * rng.standard_normal((300, 1)))
+    for heads in (jump, alternating, three, noisy):
+        assert not any(refused(list(heads)))
+    people = [[3.0, y, 0.4] for y in rng.uniform(-2.0, 2.0, 300)]
+    assert not any(refused(people, names=[f"p{k}" for k in range(300)]))
+    assert sum(refused(people)) < 3
+
+
+@pytest.mark.parametrize("name", ["subject03_R4", "subject01_R1"])
+def test_no_walk_is_refused(name):
+    track = place(load(name), "side", 2.5, 1.2).truth
+    assert not any(refused(list(track.head_position_m)))
+
+
+def test_heads_that_cannot_be_are_counted_by_name_and_the_neck_stays_on_the_person():
+    spoilt = between(2.0, 2.5)
+
+    def far(now_s, sighting):
+        if not spoilt(now_s):
+            return [sighting]
+        seen = dataclasses.replace(sighting.observation, head_position_base_m=np.array([1e9, 0.0, 0.0]))
+        return [dataclasses.replace(sighting, observation=seen)]
+
+    result = run_live(change=far)
+    assert_sound(result)
+    assert result.refused["implausible_person"] >= 14
+    assert result.report.observations == result.used + sum(result.refused.values())
+    assert any("farther than 30 m" in text for text in result.report.warnings)
+    assert np.linalg.norm(result.joined("head_observed_base_m"), axis=1).max() < 20.0
+    assert_recovered(result, 2.5 + 1.2)
