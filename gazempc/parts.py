@@ -79,7 +79,7 @@ ROBOT = Kind(
     {
         "connect": "connect(): opens the connection",
         "read_state": "read_state() -> JointState, or None if the joints are not measured",
-        "send_command": "send_command(position_rad: shape (2,)) -> what was really sent, shape (2,), radians",
+        "send_command": "send_command(position_rad: shape (N,)) -> what was really sent, shape (N,), radians",
         "close": "close(): closes the connection, never raises",
     },
 )

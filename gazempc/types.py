@@ -22,8 +22,8 @@ class JointState:
 
     Attributes:
         time_s: Time of the measurement, seconds, on the loop's clock.
-        position_rad: Pan and tilt, shape (2,), radians.
-        velocity_rad_s: Their velocities, shape (2,), rad/s.
+        position_rad: Angles in the order of `NeckSpec.joint_names`, shape (N,), radians.
+        velocity_rad_s: Their velocities, shape (N,), rad/s.
     """
 
     time_s: float

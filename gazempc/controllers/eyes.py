@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from gazempc.controllers.controller import Situation
@@ -56,15 +54,17 @@ class EyeAim:
         period_s, knots = self._neck.servo_period_s, self._knots_s.size
         committed = situation.committed_rad
         delay = len(committed)
-        ticks = period_s * np.arange(math.ceil(self._knots_s[-1] / period_s))
         others_rad = np.empty((len(self._ahead_s), knots, len(self._others)))
         for column, joint in enumerate(self._others):
             if joint in situation.held:
                 others_rad[:, :, column] = situation.joint_position_rad[joint]
                 continue
             offset_rad = float(situation.joint_offset_rad[joint])
+            motions = self._motion_ahead(joint, delay)
+            # Eyes that answer no faster than the head need to know it beyond the plan: the last command is held.
+            ticks = period_s * np.arange(max(motion.future_needed for motion in motions))
             future = np.concatenate((committed[:, joint], np.interp(ticks, self._knots_s, planned_rad[:, column])))
-            for at, motion in enumerate(self._motion_ahead(joint, delay)):
+            for at, motion in enumerate(motions):
                 others_rad[at, :, column] = offset_rad + motion(
                     float(situation.joint_position_rad[joint]) - offset_rad,
                     float(situation.joint_velocity_rad_s[joint]),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from gazempc.identify.record import IdentificationError, NeckRecord
-from gazempc.neck.spec import AXES, Axis
+from gazempc.neck.spec import Axis
 from gazempc.types import FloatArray
 
 FEWEST_READINGS = 60
@@ -26,7 +26,7 @@ _MISREAD_RAD = math.radians(5.0)
 
 @dataclass(frozen=True)
 class AxisData:
-    """One axis of a record, with finite values at increasing times.
+    """One joint of a record, with finite values at increasing times.
 
     Attributes:
         command_time_s: When commands were sent, shape (K,), seconds.
@@ -48,7 +48,7 @@ def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisDat
 
     Args:
         record: Commands and angles.
-        index: 0 for pan, 1 for tilt.
+        index: Which joint, in the order of `NeckSpec.joint_names`.
         read_delay_s: How much later than the measurement the angles' time stamps are, seconds.
 
     Returns:
@@ -57,7 +57,8 @@ def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisDat
     Raises:
         IdentificationError: If that is not enough.
     """
-    name, axis = AXES[index], record.neck().axes[index]
+    neck = record.neck()
+    name, axis = neck.joint_names[index], neck.axes[index]
 
     def refuse(problem: str, advice: str) -> IdentificationError:
         return IdentificationError(f"{name}: {problem}: {advice}")

@@ -29,7 +29,7 @@ from pydantic import Field
 
 from gazempc.command import run_command
 from gazempc.errors import GazempcError, RobotError, SettingsError
-from gazempc.identify.excitation import ExcitationSettings, excite
+from gazempc.identify.excitation import ExcitationSettings, excite, moving_joints
 from gazempc.identify.new_neck import DataSheet, new_neck
 from gazempc.identify.record import IdentificationError, NeckRecord, load_record, read, record
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
@@ -153,6 +153,9 @@ def _run(settings: IdentifySettings) -> None:
     if settings.from_log is not None:
         taken = load_record(settings.from_log)
         neck = taken.neck() if settings.neck is None else load_neck(settings.neck)
+        if neck.joint_names != taken.neck().joint_names:
+            joints, others = ", ".join(taken.neck().joint_names), ", ".join(neck.joint_names)
+            raise SettingsError(f"--neck {settings.neck}: has {others}; {settings.from_log} has {joints}")
         origin = f"{settings.from_log.name}"
     else:
         if settings.neck is None and settings.robot is not None and not keeps_any_clock(ROBOT, settings.robot):
@@ -161,7 +164,6 @@ def _run(settings: IdentifySettings) -> None:
             )
         neck = load_neck(settings.neck or "reference")
         neck.check_takes_angles("identification")
-        neck.check_pan_and_tilt("identification")
         taken = _excite(settings, neck, progress)
         # Kept even where the data cannot tell, to look at.
         taken.save(settings.out.with_suffix(".npz"))
@@ -227,7 +229,7 @@ def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> N
     clock: Clock = SimulatedClock() if keeps_any_clock(ROBOT, name) else RealClock()
     with closing(make_robot(name, settings.options, neck, clock, neck.rest_rad, settings.seed)) as robot:
         _connect(robot, name)
-        start_rad = _where_it_stands(robot, clock)
+        start_rad = _where_it_stands(robot, neck, clock)
         for command_rad in way_in_rad(neck, start_rad):
             robot.send_command(command_rad)
             clock.sleep_until_s(clock.now_s() + neck.servo_period_s)
@@ -250,13 +252,13 @@ def _connect(robot: Robot, name: str) -> None:
         raise RobotError(f"robot {name}: connect() raised {said(error)}") from error
 
 
-def _where_it_stands(robot: Robot, clock: Clock) -> FloatArray:
-    """First measured angles, shape (2,), radians: a command that begins elsewhere would be a jump."""
+def _where_it_stands(robot: Robot, neck: NeckSpec, clock: Clock) -> FloatArray:
+    """First measured angles, shape (N,), radians: a command that begins elsewhere would be a jump."""
     start_s = clock.now_s()
     problem = ""
     while True:
         try:
-            reading = read(robot)
+            reading = read(robot, neck)
         except (RobotError, OSError) as error:
             reading, problem = None, f" ({error})"
         if reading is not None:
@@ -280,8 +282,10 @@ def _estimate(taken: NeckRecord, settings: IdentifySettings) -> tuple[list[AxisE
     from gazempc.identify.estimate import estimate_axis  # noqa: PLC0415
 
     estimates, refusals = [], []
-    for index, axis in enumerate(AXES):
-        if settings.axes not in ("both", "in_turn", axis):
+    neck = taken.neck()
+    moving = moving_joints(neck, settings.axes)
+    for index, axis in enumerate(neck.joint_names):
+        if axis not in moving:
             continue
         try:
             estimate = estimate_axis(taken, index, settings.dead_time_max_s, settings.read_delay_s)

@@ -11,7 +11,6 @@ from gazempc.identify.axis_data import FEWEST_READINGS, AxisData, prepare_axis
 from gazempc.identify.fitting import Z_95, Fit, fit
 from gazempc.identify.model import ServoModel
 from gazempc.identify.record import IdentificationError, NeckRecord
-from gazempc.neck.spec import AXES
 from gazempc.types import FloatArray
 
 # Below these the result is doubted after the fit.
@@ -57,7 +56,7 @@ class AxisEstimate:
     """What was found out about one axis.
 
     Attributes:
-        axis: ``"pan"`` or ``"tilt"``.
+        axis: Name of the joint, one of `NeckSpec.joint_names`.
         dead_time_s: From sending a command to its first effect, seconds; includes any delay of the angles' time stamps.
         natural_frequency_rad_s: wn of the servo.
         damping_ratio: zeta of the servo.
@@ -120,7 +119,7 @@ def estimate_axis(
 
     Args:
         record: Commands and angles.
-        index: 0 for pan, 1 for tilt.
+        index: Which joint, in the order of `NeckSpec.joint_names`.
         dead_time_max_s: Largest dead time that is looked for, seconds.
         read_delay_s: How much later than the measurement the angles' time stamps are, seconds. The data cannot tell
             this from dead time.
@@ -131,13 +130,14 @@ def estimate_axis(
     Raises:
         IdentificationError: If the data cannot be fitted at all.
     """
+    name = record.neck().joint_names[index]
     data = prepare_axis(record, index, read_delay_s)
     starts = _scan(data, dead_time_max_s)
     # What was sent before the record began is not known and acts until a dead time after its first command.
     known = data.time_s >= data.command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)
     if np.count_nonzero(known) < FEWEST_READINGS or float(np.ptp(data.measured_rad[known])) < 1e-9:
         raise IdentificationError(
-            f"{AXES[index]}: too few readings after the first command can have acted "
+            f"{name}: too few readings after the first command can have acted "
             f"({np.count_nonzero(known)} of at least {FEWEST_READINGS}): record longer"
         )
     time_s, measured = data.time_s[known], data.measured_rad[known]
@@ -156,9 +156,9 @@ def estimate_axis(
     spread = float(np.linalg.norm(measured - measured.mean()))
     fit_percent = 100.0 * (1.0 - float(np.linalg.norm(measured - fitted)) / spread)
     dead_time, wn, zeta, bandwidth, lag = _intervals(best)
-    doubts = _doubts(AXES[index], best, (low, high), fit_percent, dead_time, bandwidth)
+    doubts = _doubts(name, best, (low, high), fit_percent, dead_time, bandwidth)
     return AxisEstimate(
-        axis=AXES[index],
+        axis=name,
         dead_time_s=Interval(max(dead_time.value, 0.0), max(dead_time.low, 0.0), max(dead_time.high, 0.0)),
         natural_frequency_rad_s=wn,
         damping_ratio=zeta,

@@ -9,11 +9,11 @@ import numpy as np
 import ruckig
 from pydantic import BaseModel, ConfigDict, Field
 
-from gazempc.errors import RobotError
-from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.errors import RobotError, SettingsError
+from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-ExcitedAxes = Literal["both", "in_turn", "pan", "tilt"]
+ExcitedAxes = Literal["all", "in_turn", "pan", "tilt", "eye_pan", "eye_tilt", "body_yaw"]
 
 # Share of the command limits that is used: what the neck file says of a neck not yet measured may be optimistic.
 _MARGIN = 0.9
@@ -37,9 +37,9 @@ class ExcitationSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     axes: ExcitedAxes = Field(
-        default="both",
-        description="both axes at once, both in_turn (takes twice as long), or one only; what does not move is kept "
-        "as it is in the neck file",
+        default="all",
+        description="all joints at once, one after the other (in_turn), or one only; what does not move is kept as it "
+        "is in the neck file",
     )
     duration_s: float = Field(default=24.0, ge=8, le=300, description="Length of the motion of an axis")
     amplitude_deg: float = Field(default=20.0, gt=0, le=90, description="Largest angle from the middle of the motion")
@@ -52,7 +52,7 @@ class Excitation:
 
     Attributes:
         period_s: Time between two commands, seconds.
-        position_rad: Pan and tilt, shape (K, 2), radians.
+        position_rad: One for each joint, shape (K, N), radians.
     """
 
     period_s: float
@@ -72,29 +72,52 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
 
     Args:
         neck: Its limits and servo rate.
-        start_rad: Where the command starts at rest, shape (2,), radians.
+        start_rad: Where the command starts at rest, shape (N,), radians.
         settings: What to do.
 
     Returns:
         The commands: from the start to the middle of the motion, the motion, and back to rest in the middle.
+
+    Raises:
+        SettingsError: If the neck has no such joint.
     """
-    motions = [_motion(neck, axis, settings) for axis in range(2)]
-    length = len(motions[0])
-    still = np.zeros(length)
-    if settings.axes == "in_turn":
-        parts = [np.concatenate([motions[0], still]), np.concatenate([still, motions[1]])]
-    else:
-        parts = [motion if settings.axes in ("both", AXES[i]) else still for i, motion in enumerate(motions)]
+    moving = moving_joints(neck, settings.axes)
     columns = []
-    for axis, part in enumerate(parts):
-        moves = settings.axes in ("both", "in_turn", AXES[axis])
+    for axis, name in enumerate(neck.joint_names):
+        moves = name in moving
+        part = _motion(neck, axis, settings)
+        if not moves:
+            part = np.zeros_like(part)
+        elif settings.axes == "in_turn":
+            part = np.pad(part, (axis * part.size, (neck.joints - 1 - axis) * part.size))
         centre = _centre(neck, axis, settings) if moves else float(start_rad[axis])
         approach = _move(neck, axis, float(start_rad[axis]), centre, _APPROACH_SPEED)
         columns.append((approach, centre + part))
-    # Both axes wait for the one that takes longer to get to its middle.
+    # All wait for the one that takes longer to get to its middle.
     waits = max(len(approach) for approach, _ in columns)
     position = [np.concatenate([approach, np.full(waits - len(approach), part[0]), part]) for approach, part in columns]
     return Excitation(neck.servo_period_s, np.stack(position, axis=1))
+
+
+def moving_joints(neck: NeckSpec, axes: ExcitedAxes) -> tuple[str, ...]:
+    """Names of the joints that move.
+
+    Args:
+        neck: The neck.
+        axes: What is chosen.
+
+    Returns:
+        The names, in the order of `NeckSpec.joint_names`.
+
+    Raises:
+        SettingsError: If the neck has no such joint.
+    """
+    if axes in ("all", "in_turn"):
+        return neck.joint_names
+    if axes not in neck.joint_names:
+        names = ", ".join(neck.joint_names)
+        raise SettingsError(f"--axes {axes}: neck {neck.name!r} has no such joint; accepted: all, in_turn, {names}")
+    return (axes,)
 
 
 def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:
@@ -102,16 +125,16 @@ def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:
 
     Args:
         neck: Its limits and servo rate.
-        last_rad: The last three commands, one a servo period, shape (3, 2), radians.
+        last_rad: The last three commands, one a servo period, shape (3, N), radians.
 
     Returns:
-        The commands to send next, shape (K, 2), radians.
+        The commands to send next, shape (K, N), radians.
     """
     period_s, limits = neck.servo_period_s, neck.command_limits
     velocity = np.diff(last_rad, axis=0)[-1] / period_s
     acceleration = np.diff(last_rad, 2, axis=0)[-1] / period_s**2
     columns = []
-    for axis in range(2):
+    for axis in range(neck.joints):
         request = ruckig.InputParameter(1)
         request.control_interface = ruckig.ControlInterface.Velocity
         request.current_position = [float(last_rad[-1, axis])]

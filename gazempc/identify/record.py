@@ -44,9 +44,9 @@ class NeckRecord:
     Attributes:
         about: JSON text: where it is from, the neck in full, and settings.
         command_time_s: When each command was sent, shape (K,), seconds.
-        command_rad: Pan and tilt as really sent, shape (K, 2), radians; each is held until the next.
+        command_rad: What was really sent to each joint, shape (K, N), radians; each is held until the next.
         joint_time_s: When the angles were measured, shape (M,), seconds, on the same clock.
-        joint_rad: Measured angles, shape (M, 2), radians.
+        joint_rad: Measured angles, shape (M, N), radians.
         failed_reads: How often the joints could not be read.
     """
 
@@ -76,11 +76,12 @@ class NeckRecord:
         np.savez_compressed(path, **arrays)
 
 
-def read(robot: Robot) -> JointState | None:
+def read(robot: Robot, neck: NeckSpec) -> JointState | None:
     """Read the joints of a robot that may be a user's own.
 
     Args:
         robot: Connected.
+        neck: The neck, for its joints.
 
     Returns:
         The state; None if there is nothing new.
@@ -94,7 +95,7 @@ def read(robot: Robot) -> JointState | None:
         raise
     except Exception as error:
         raise RobotError(f"read_state() raised {said(error)}") from error
-    if wrong := wrong_reading(state):
+    if wrong := wrong_reading(state, neck):
         raise RobotError(wrong)
     return state
 
@@ -106,8 +107,10 @@ def _send(robot: Robot, position_rad: FloatArray) -> FloatArray:
         raise
     except Exception as error:
         raise RobotError(f"send_command() raised {said(error)}") from error
-    if sent_rad.shape != (2,):
-        raise RobotError(f"send_command() returned shape {sent_rad.shape}, needed are two angles in radians")
+    if sent_rad.shape != position_rad.shape:
+        raise RobotError(
+            f"send_command() returned shape {sent_rad.shape}, needed are {position_rad.size} angles in radians"
+        )
     return sent_rad
 
 
@@ -155,7 +158,7 @@ def record(
             if late_s > excitation.period_s:
                 start_s += late_s
             try:
-                state = read(robot)
+                state = read(robot, neck)
                 silent_since_s = clock.now_s()
                 if state is not None:
                     readings.append((state.time_s, state.position_rad))
@@ -183,7 +186,7 @@ def record(
         command_time_s=np.array([t for t, _ in commands]),
         command_rad=np.array([u for _, u in commands]),
         joint_time_s=np.array([t for t, _ in readings], dtype=np.float64),
-        joint_rad=np.array([q for _, q in readings], dtype=np.float64).reshape(-1, 2),
+        joint_rad=np.array([q for _, q in readings], dtype=np.float64).reshape(-1, neck.joints),
         failed_reads=failed,
     )
 

@@ -6,6 +6,7 @@ import datetime
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,18 +19,25 @@ from gazempc.neck.spec import NeckSpec
 _MEASURED, _MODEL = "#E69F00", "#00405F"
 _DPI = 150
 _DETAIL_S = 4.0
+# More than two joints do not fit beside each other in a terminal.
+_BESIDE = 2
 
 
 def table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
-    """Estimates with 95 % intervals beside what the neck file says.
+    """Estimates with 95 % intervals beside what the neck file says, two joints beside each other.
 
     Args:
-        estimates: One or two axes.
+        estimates: One for each joint that moved.
         neck: The neck whose limits were kept.
 
     Returns:
         Text of several lines.
     """
+    pairs = (estimates[k : k + _BESIDE] for k in range(0, len(estimates), _BESIDE))
+    return "\n\n".join(_table(pair, neck) for pair in pairs)
+
+
+def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
     head = ["", *(text for e in estimates for text in (f"{e.axis}, identified", f"{e.axis}, neck {neck.name}"))]
     rows = [
         ("dead time (ms)", "dead_time_s", 1e3, 1),
@@ -41,7 +49,7 @@ def table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
     for label, name, factor, digits in rows:
         cells = [label]
         for e in estimates:
-            filed = getattr(getattr(neck, e.axis), name)
+            filed = getattr(neck.axes[neck.joint_names.index(e.axis)], name)
             cells += [_shown(getattr(e, name), factor, digits), f"{factor * filed:.{digits}f}"]
         lines.append(cells)
     lines.append(["bandwidth, -3 dB (Hz)", *_beside([_shown(e.bandwidth_hz, 1.0, 3) for e in estimates])])
@@ -64,7 +72,7 @@ def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, orig
 
     Args:
         neck: Where limits, geometry and rates are from.
-        estimates: One or two axes; an axis without estimate stays as it is.
+        estimates: One for each joint that moved; a joint without estimate stays as it is.
         name: Of the new neck.
         origin: What was measured.
         day: When.
@@ -77,13 +85,14 @@ def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, orig
         f"fit {e.fit_percent:.1f} %"
         for e in estimates
     )
-    kept = [axis for axis in ("pan", "tilt") if axis not in {e.axis for e in estimates}]
+    kept = [axis for axis in neck.joint_names if axis not in {e.axis for e in estimates}]
     source = f"identified by gazempc on {day.isoformat()} from {origin} (95 % intervals): {found}; "
     source += "".join(f"{axis} not identified, as in {neck.name}; " for axis in kept)
     source += f"limits and geometry of {neck.name}: {neck.source}"
     values = neck.model_dump(exclude_none=True)
+    tables = _tables(values)
     for e in estimates:
-        values[e.axis] |= {
+        tables[e.axis] |= {
             name: float(f"{getattr(e, name).value:.6g}")
             for name in ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
         }
@@ -91,20 +100,27 @@ def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, orig
     return as_toml(values)
 
 
+def _tables(values: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The table of each joint in a neck's file."""
+    eyes = values.get("eyes", {})
+    named = {"eye_pan": eyes.get("pan"), "eye_tilt": eyes.get("tilt"), "body_yaw": values.get("body")}
+    return {"pan": values["pan"], "tilt": values["tilt"]} | {name: table for name, table in named.items() if table}
+
+
 def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path: Path) -> None:
-    """Draw measured against model, one column for each axis: all of it, a part of it, and the difference.
+    """Draw measured against model, one column for each joint: all of it, a part of it, and the difference.
 
     Args:
         record: Commands and angles.
-        estimates: One or two axes.
+        estimates: One for each joint that moved.
         title: Above the figure.
         path: Picture to write.
     """
     figure = Figure(figsize=(max(6.4, 5.6 * len(estimates)), 7.6), dpi=_DPI, layout="constrained")
     columns = figure.subplots(3, len(estimates), squeeze=False, height_ratios=(3, 3, 1.6)).T
-    start_s = float(record.command_time_s[0])
+    start_s, names = float(record.command_time_s[0]), record.neck().joint_names
     for rows, e in zip(columns, estimates, strict=True):
-        command_deg = np.rad2deg(record.command_rad[:, ("pan", "tilt").index(e.axis)])
+        command_deg = np.rad2deg(record.command_rad[:, names.index(e.axis)])
         from_s = _busiest_s(e)
         for ax in rows[:2]:
             ax.plot(record.command_time_s - start_s, command_deg, color="0.55", lw=1.2, drawstyle="steps-post")

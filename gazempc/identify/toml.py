@@ -15,11 +15,17 @@ def as_toml(values: Mapping[str, object]) -> str:
     Returns:
         TOML, tables last.
     """
+    return "\n".join(_lines(values, "")) + "\n"
+
+
+def _lines(values: Mapping[str, object], within: str) -> list[str]:
     lines = [f"{key} = {_toml(value)}" for key, value in values.items() if not isinstance(value, Mapping)]
     for key, fields in values.items():
         if isinstance(fields, Mapping):
-            lines += ["", f"[{key}]", *(f"{field} = {_toml(value)}" for field, value in fields.items())]
-    return "\n".join(lines) + "\n"
+            plain = any(not isinstance(field, Mapping) for field in fields.values())
+            lines += ["", f"[{within}{key}]"] if plain else []
+            lines += _lines(fields, f"{within}{key}.")
+    return lines
 
 
 def _toml(value: object) -> str:

@@ -40,7 +40,7 @@ class Arrivals:
         self._said: set[Event] = set()
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
-        """Keep where the joints were: a sensor on the head is turned by them.
+        """Keep where the joints were: a sensor that moves is turned by them.
 
         Args:
             now_s: The time, seconds.
@@ -129,7 +129,7 @@ class Arrivals:
             seen = replace(seen, person_id=None)
         head_m = seen.head_position_base_m
         check_range(head_m)
-        moves = self._mount.on == "head"
+        moves = self._mount.moves
         angles_rad = self._joints.at(seen.capture_time_s) if moves else None
         known = angles_rad is not None or not moves
         in_base = self._mount.to_base(seen, self._geometry, angles_rad) if known else None
@@ -137,5 +137,6 @@ class Arrivals:
         base_m = None if in_base is None else in_base.head_position_base_m
         self._watch.see(Frame(sighting.arrival_s, seen.capture_time_s, head_m, base_m, seen.person_id))
         if in_base is None:
-            raise ValueError("the sensor moves with the head, and where the head was at the capture time is not known")
+            on = self._mount.on
+            raise ValueError(f"the sensor moves with the {on}, and where the {on} was at the capture time is not known")
         return Sighting(sighting.arrival_s, in_base, head_m if moves else None)

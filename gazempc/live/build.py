@@ -25,7 +25,6 @@ from gazempc.live.stamps import StampReader
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner
-from gazempc.neck.kinematics import look_at
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import make, options_for
@@ -69,6 +68,7 @@ def build(settings: LiveSettings) -> Built:
         GazempcError: If a name does not exist, a file or option is wrong, or a part does not do what it must.
     """
     neck = narrowed(load_neck(settings.scene.neck), settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    settings.mount.check_fits(neck)
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
     scene = None if settings.recording is None else make_scene(settings.recording, settings.scene, neck)
     stamps = None
@@ -138,11 +138,9 @@ def _make_source(
 
 
 def _facing(scene: Scene) -> FloatArray:
-    """Where a simulated neck looks at the first head, or beside it, shape (2,), radians."""
-    walk = scene.walk
-    angles_rad = look_at(scene.neck.geometry, walk.truth.head_position_m[walk.truth.valid][0]).angles_rad
-    angles_rad[0] += np.deg2rad(scene.start_offset_deg)
-    return scene.neck.command_limits.clip_position(angles_rad)
+    """Where a simulated neck looks at the first head, or beside it, shape (N,), radians."""
+    truth = scene.walk.truth
+    return scene.neck.command_limits.clip_position(scene.first_angles_rad(truth.head_position_m[truth.valid][0]))
 
 
 def _on_loop_clock(true_head: TrueHead, source: Source) -> TrueHeadAt:

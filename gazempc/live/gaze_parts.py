@@ -167,6 +167,7 @@ def make_parts(
     check_options([(kind, choice) for kind, choice in chosen if isinstance(choice, str)], own)
     whole = neck if isinstance(neck, NeckSpec) else load_neck(neck)
     spec = narrowed(whole, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    settings.mount.check_fits(spec)
     clock = RealClock()
     forecasting = make_predictor(predictor, settings, Person(), own)
     planning = make_controller(controller, spec, settings, own)

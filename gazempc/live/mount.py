@@ -10,7 +10,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.spatial.transform import Rotation
 
-from gazempc.neck.spec import Geometry
+from gazempc.errors import SettingsError
+from gazempc.neck.poses import eye_in_base, head_in_base
+from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
@@ -31,11 +33,12 @@ class Mount(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    on: Literal["base", "head"] = Field(
-        default="base", description="What it is fixed to: the robot's base, or the head, which pans and tilts"
+    on: Literal["base", "head", "eye"] = Field(
+        default="base", description="What it is fixed to: the robot's base, its head, or the eyes, which turn in it"
     )
     position_m: tuple[float, float, float] = Field(
-        default=(0.0, 0.0, 0.0), description="In the base frame, or in the head's: from the tilt axis, x to the front"
+        default=(0.0, 0.0, 0.0),
+        description="In the base frame; in the head's, from the tilt axis; in the eye's, from where it turns",
     )
     roll_pitch_yaw_deg: tuple[float, float, float] = Field(
         default=(0.0, 0.0, 0.0), description="About x, y, z of that frame: pitch positive looks down, yaw to the left"
@@ -46,6 +49,23 @@ class Mount(BaseModel):
         description="The tracker's axes: flu is x forward, y left, z up; optical x right, y down, z forward; opengl "
         "x right, y up, z backward; unity x right, y up, z forward",
     )
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves with the joints."""
+        return self.on != "base"
+
+    def check_fits(self, neck: NeckSpec) -> None:
+        """Refuse a sensor in the eye of a neck without eyes.
+
+        Args:
+            neck: The neck.
+
+        Raises:
+            SettingsError: If there are no eyes.
+        """
+        if self.on == "eye" and neck.eyes is None:
+            raise SettingsError(f"--mount.on eye: neck {neck.name!r} has no eyes that turn; accepted: base, head")
 
     @property
     def turn(self) -> Rotation:
@@ -82,22 +102,22 @@ class Mount(BaseModel):
         Args:
             observation: In the sensor's frame, see `in_sensor`.
             geometry: The neck's geometry.
-            angles_rad: Pan and tilt of the joints when the frame was captured, shape (2,), radians; only needed for a
-                sensor on the head.
+            angles_rad: Angles of all joints when the frame was captured, shape (N,), radians; only needed for a sensor
+                that moves.
 
         Returns:
             The same in the base frame; standard deviations of yaw are about the vertical, and stay as they are.
 
         Raises:
-            ValueError: If the sensor is on the head and the angles are None.
+            ValueError: If the sensor moves and the angles are None.
         """
         turn = self.turn
         shift_m = np.array(self.position_m)
-        if self.on == "head":
+        if self.moves:
             if angles_rad is None:
-                raise ValueError("the sensor moves with the head, and where the head was is not known")
-            head, axis_m = head_in_base(geometry, angles_rad)
-            turn, shift_m = head * turn, axis_m + head.apply(shift_m)
+                raise ValueError(f"the sensor moves with the {self.on}, and where the {self.on} was is not known")
+            carrier, origin_m = (eye_in_base if self.on == "eye" else head_in_base)(geometry, angles_rad)
+            turn, shift_m = carrier * turn, origin_m + carrier.apply(shift_m)
 
         def turned(quat_wxyz: FloatArray | None) -> FloatArray | None:
             if quat_wxyz is None:
@@ -125,21 +145,6 @@ def _renamed(quat_wxyz: FloatArray | None, to_flu: FloatArray) -> FloatArray | N
     return Rotation.from_matrix(matrix).as_quat(scalar_first=True)
 
 
-def head_in_base(geometry: Geometry, angles_rad: FloatArray) -> tuple[Rotation, FloatArray]:
-    """Pose of the robot's head, whose origin is on the tilt axis.
-
-    Args:
-        geometry: The neck's geometry.
-        angles_rad: Pan and tilt, shape (2,), radians.
-
-    Returns:
-        Rotation from the head's frame to the base frame, and the origin in the base frame, shape (3,), metres.
-    """
-    pan = Rotation.from_euler("z", angles_rad[0])
-    # Tilting up turns +x towards +z, which is a negative turn about y.
-    return pan * Rotation.from_euler("y", -angles_rad[1]), pan.apply(geometry.tilt_axis_in_pan_m)
-
-
 class JointHistory:
     """Where the joints were in the last two seconds."""
 
@@ -151,8 +156,8 @@ class JointHistory:
 
         Args:
             time_s: When, seconds; later than the last one.
-            position_rad: Pan and tilt, shape (2,), radians.
-            velocity_rad_s: Their velocities, shape (2,), rad/s.
+            position_rad: Angles of all joints, shape (N,), radians.
+            velocity_rad_s: Their velocities, shape (N,), rad/s.
         """
         self._past.append((time_s, position_rad, velocity_rad_s))
         while self._past[0][0] < time_s - _MEMORY_S:
@@ -165,7 +170,7 @@ class JointHistory:
             time_s: When, seconds.
 
         Returns:
-            Pan and tilt, shape (2,), radians; None for a time before the first note.
+            Angles of all joints, shape (N,), radians; None for a time before the first note.
         """
         if not self._past or time_s < self._past[0][0]:
             return None

@@ -14,6 +14,9 @@ from gazempc.robots.options import RobotOptions
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState
 
+# Shipped robots that have eyes or a body, too.
+_ALL_JOINTS = ("simulated", "mujoco")
+
 
 def keeps_any_clock(kind: Kind, choice: str) -> bool:
     """Whether a robot or source lives in the loop's time, simulated or not: what its class says.
@@ -42,7 +45,7 @@ def make_robot(
         options: Options of the shipped ones and of your own.
         neck: Its limits; of a simulated one all that it is.
         clock: The loop's clock.
-        position_rad: Where a simulated one stands in the beginning, shape (2,), radians.
+        position_rad: Where a simulated one stands in the beginning, shape (N,), radians.
         seed: Of a simulated one's encoder noise.
 
     Returns:
@@ -62,7 +65,7 @@ def make_robot(
     if is_own(choice):
         own: Robot = make(ROBOT, choice, given, options_for(ROBOT, choice, options.own))
         return own
-    if choice != "simulated":
+    if choice not in _ALL_JOINTS:
         neck.check_pan_and_tilt(f"robot {choice}")
     if choice in type(options).model_fields:
         given["options"] = getattr(options, choice)

@@ -153,7 +153,8 @@ def _check_source(settings: LiveSettings, source: str) -> None:
             f"--sensor {settings.sensor}: the source bag gives what its tracker measured; for another sensor use "
             f"--source replay --replay {settings.recording}"
         )
-    if settings.mount.on == "head" and settings.recording is not None:
+    if settings.mount.moves and settings.recording is not None:
         raise SettingsError(
-            f"--mount.on head: a replay is seen from the robot's base; accepted with source {source}: mount.on base"
+            f"--mount.on {settings.mount.on}: a replay is seen from the robot's base; accepted with source {source}: "
+            "mount.on base"
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from gazempc.errors import GazempcError, RobotError
 from gazempc.live.parts import LiveParts
+from gazempc.neck.spec import NeckSpec
 from gazempc.parts import said
 from gazempc.robots.start import way_in_rad, wrong_reading
 from gazempc.types import FloatArray, JointState
@@ -46,7 +47,7 @@ def first_position_rad(parts: LiveParts, stop: threading.Event) -> FloatArray | 
         stop: Ends the wait.
 
     Returns:
-        Pan and tilt, shape (2,), radians; None if told to stop before they are known.
+        Angles of all joints, shape (N,), radians; None if told to stop before they are known.
 
     Raises:
         RobotError: If they do not become known.
@@ -59,7 +60,7 @@ def first_position_rad(parts: LiveParts, stop: threading.Event) -> FloatArray | 
     while not stop.is_set():
         try:
             state = parts.robot.read_state()
-            wrong = _wrong(state, clock.now_s())
+            wrong = _wrong(state, parts.neck, clock.now_s())
             if state is not None and not wrong:
                 return state.position_rad
             problem = wrong or problem
@@ -82,7 +83,7 @@ def go_in(parts: LiveParts, start_rad: FloatArray, stop: threading.Event) -> Non
 
     Args:
         parts: The parts; the robot is connected.
-        start_rad: Where it stands, shape (2,), radians.
+        start_rad: Where it stands, shape (N,), radians.
         stop: Ends it.
     """
     start_s = parts.clock.now_s()
@@ -93,13 +94,13 @@ def go_in(parts: LiveParts, start_rad: FloatArray, stop: threading.Event) -> Non
         parts.robot.send_command(command_rad)
 
 
-def _wrong(state: JointState | None, now_s: float) -> str:
+def _wrong(state: JointState | None, neck: NeckSpec, now_s: float) -> str:
     """What is wrong with a reading; empty if nothing is."""
-    wrong = wrong_reading(state)
+    wrong = wrong_reading(state, neck)
     if wrong or state is None:
         return wrong
     if not np.all(np.isfinite(state.position_rad)):
-        return f"read_state() returned position_rad {state.position_rad}, needed are two finite angles in radians"
+        return f"read_state() returned position_rad {state.position_rad}, needed are finite angles in radians"
     if abs(state.time_s - now_s) > _OTHER_CLOCK_S:
         return (
             f"read_state() returned time_s {state.time_s:.1f}, where the loop's clock says {now_s:.1f}: "

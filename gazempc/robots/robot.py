@@ -8,7 +8,7 @@ from gazempc.types import FloatArray, JointState
 
 
 class Robot(Protocol):
-    """A pan-tilt neck that takes positions, or speeds on an axis whose neck file says ``command = "velocity"``.
+    """A neck that takes positions, or speeds on an axis whose neck file says ``command = "velocity"``.
 
     Every method but `close` raises `gazempc.errors.RobotError` if the robot does not answer.
 
@@ -32,10 +32,10 @@ class Robot(Protocol):
         """Send joint positions to go to.
 
         Args:
-            position_rad: Pan and tilt, shape (2,), radians.
+            position_rad: One for each joint, in the order of `NeckSpec.joint_names`, shape (N,), radians.
 
         Returns:
-            What was really sent, shape (2,), radians: clamped to the joints' range.
+            What was really sent, shape (N,), radians: clamped to the joints' range.
         """
         ...
 

@@ -18,7 +18,7 @@ _SAME_STEP = 1e-6
 
 
 class MujocoNeck:
-    """Two hinges with position servos behind MuJoCo's own actuator delay, in lock-step with the clock given.
+    """Hinges with position servos behind MuJoCo's own actuator delay, in lock-step with the clock given.
 
     Time is what the clock says when a method is called; the simulation is stepped up to then, as many steps of
     `gazempc.robots.mujoco.model.timestep_s` as are complete. On the loop's simulated clock that is exact; on another
@@ -27,7 +27,7 @@ class MujocoNeck:
     Args:
         neck: What to simulate: geometry, ranges, servos, dead times, encoder noise and load.
         clock_s: Gives the present time in seconds; never runs backwards.
-        position_rad: Where it stands at rest in the beginning, shape (2,), radians; None for straight ahead.
+        position_rad: Where it stands at rest in the beginning, shape (N,), radians; None for where they rest.
         seed: Of the encoders' noise.
     """
 
@@ -48,6 +48,8 @@ class MujocoNeck:
         self._mujoco: Any = None
         self._model: Any = None
         self._data: Any = None
+        # MuJoCo's order is that of the parts: the body first.
+        self._order: list[int] = []
 
     @property
     def mjcf(self) -> str:
@@ -87,7 +89,8 @@ class MujocoNeck:
                 f"(at least 3.5 is needed, for actuators with a delay): {error}"
             ) from None
         data = mujoco.MjData(model)
-        data.qpos[:] = self._start_rad + self._load_rad
+        order = [int(model.joint(name).qposadr[0]) for name in self._neck.joint_names]
+        data.qpos[order] = self._start_rad + self._load_rad
         data.ctrl[:] = self._start_rad
         for actuator, start in enumerate(self._start_rad):
             samples = int(model.actuator_history[actuator, 0])
@@ -95,7 +98,7 @@ class MujocoNeck:
                 # Before the beginning it was told to stand where it stands.
                 mujoco.mj_initCtrlHistory(model, data, actuator, None, np.full((samples, 1), start))
         mujoco.mj_forward(model, data)
-        self._mujoco, self._model, self._data = mujoco, model, data
+        self._mujoco, self._model, self._data, self._order = mujoco, model, data, order
         self._start_s, self._steps = self._clock_s(), 0
 
     def read_state(self) -> JointState | None:
@@ -109,7 +112,7 @@ class MujocoNeck:
     def true_state(self) -> JointState:
         """Where the joints really are; raises as `read_state`."""
         time_s = self._advance()
-        return JointState(time_s, self._data.qpos.copy(), self._data.qvel.copy())
+        return JointState(time_s, self._data.qpos[self._order], self._data.qvel[self._order])
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.poses import head_in_base
 from gazempc.neck.spec import Geometry
 from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.types import BoolArray, FloatArray
@@ -29,16 +29,15 @@ def in_view(view: FieldOfView, positions_m: FloatArray) -> BoolArray:
 
 
 def seen_from_head(geometry: Geometry, angles_rad: FloatArray, position_m: FloatArray) -> FloatArray:
-    """A position as a sensor beside the eye sees it.
+    """A position as a sensor on the head, beside the eye, sees it.
 
     Args:
         geometry: The neck's geometry.
-        angles_rad: Pan and tilt, shape (2,), radians.
+        angles_rad: Angles of all joints, shape (N,), radians.
         position_m: In the base frame, shape (3,), metres.
 
     Returns:
-        In the sensor's frame: x along the gaze, y left, z up; shape (3,), metres.
+        In the head's frame: x forward, y left, z up; shape (3,), metres.
     """
-    eye_m, forward = gaze_ray(geometry, angles_rad)
-    left = np.array([-np.sin(angles_rad[0]), np.cos(angles_rad[0]), 0.0])
-    return np.stack([forward, left, np.cross(forward, left)]) @ (position_m - eye_m)
+    head, axis_m = head_in_base(geometry, angles_rad)
+    return np.asarray(head.inv().apply(position_m - axis_m) - geometry.eye_in_tilt_m)

@@ -33,12 +33,13 @@ def start(neck, path=crossing):
 
 
 @pytest.mark.parametrize("make", [LookAhead, Mpc])
-@pytest.mark.parametrize("neck", [EYES, BODY], ids=lambda neck: neck.name)
+@pytest.mark.parametrize("neck", [EYES, BODY, load_neck("icub"), load_neck("furhat")], ids=lambda neck: neck.name)
 def test_with_the_true_future_the_gaze_stays_on_the_person(make, neck):
+    """Eyes of `icub` have the dead time of its neck; those of all others are faster."""
     ticks = round(2.5 / neck.servo_period_s)
     _, _, error_deg = run(make(neck), neck, crossing, ticks, start_rad=start(neck))
     settled = error_deg[ticks // 2 :]
-    assert settled.max() < (0.3 if neck is EYES else 0.8)
+    assert settled.max() < (0.8 if neck is BODY else 0.3)
 
 
 @pytest.mark.parametrize("make", [LookAhead, Mpc])

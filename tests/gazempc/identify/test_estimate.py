@@ -7,10 +7,14 @@ import pytest
 from builders.identification import REFERENCE, altered, assert_close, drive, plant, simulate
 from scipy import signal
 
+from gazempc.errors import SettingsError
+from gazempc.identify.command import main as identify
 from gazempc.identify.estimate import bandwidth_hz, estimate_axis
-from gazempc.identify.excitation import ExcitationSettings
+from gazempc.identify.excitation import ExcitationSettings, excite
 from gazempc.identify.fitting import robust_covariance
+from gazempc.identify.toml import as_toml
 from gazempc.live.clock import SimulatedClock
+from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState
 
@@ -128,3 +132,37 @@ def test_mujoco_is_identified():
     taken = drive(mujoco.MujocoNeck(truth, clock.now_s, REFERENCE.rest_rad), clock)
     for axis, dead_time_s in enumerate((0.4, 0.1234)):
         assert_close(estimate_axis(taken, axis), dead_time_s, 12.0, 0.7)
+
+
+@pytest.mark.parametrize("robot", ["simulated", "mujoco"])
+def test_eyes_and_body_are_identified_each_for_itself(tmp_path, robot):
+    """Dead times and servos of five joints, all different, from one run of the command."""
+    truth = load_neck("reference_eyes")
+    eyes = {"pan": altered_axis(truth.eyes.pan, 0.06, 50.0), "tilt": altered_axis(truth.eyes.tilt, 0.045, 40.0)}
+    body = altered_axis(truth.pan, 0.3, 8.0)
+    truth = truth.model_copy(update={"name": "chain", "eyes": eyes, "body": body})
+    path, out = tmp_path / "chain.toml", tmp_path / "found.toml"
+    path.write_text(as_toml(truth.model_dump(exclude_none=True)))
+    assert identify(["--robot", robot, "--neck", str(path), "--duration-s", "10", "--out", str(out)]) == 0
+    found = load_neck(out)
+    assert found.joint_names == ("pan", "tilt", "eye_pan", "eye_tilt", "body_yaw")
+    np.testing.assert_allclose(found.dead_time_s, [0.4, 0.4, 0.06, 0.045, 0.3], atol=1e-3)
+    wn = [axis.natural_frequency_rad_s for axis in found.axes]
+    np.testing.assert_allclose(wn, [12.0, 12.0, 50.0, 40.0, 8.0], rtol=0.02)
+    assert found.model_copy(update={"name": "", "source": ""}).position_max_rad == pytest.approx(truth.position_max_rad)
+
+
+def altered_axis(axis, dead_time_s, wn):
+    return axis.model_copy(update={"dead_time_s": dead_time_s, "natural_frequency_rad_s": wn})
+
+
+def test_in_turn_one_joint_moves_at_a_time_also_of_the_eyes():
+    neck = load_neck("reference_eyes")
+    motion = excite(neck, neck.rest_rad, ExcitationSettings(axes="in_turn", duration_s=8.0)).position_rad
+    moves = np.abs(np.diff(motion, axis=0)) > 0
+    assert np.all(moves.sum(axis=1) <= 1)
+    assert np.all(moves.any(axis=0))
+    only = excite(neck, neck.rest_rad, ExcitationSettings(axes="eye_tilt", duration_s=8.0)).position_rad
+    assert np.flatnonzero(np.ptp(only, axis=0)).tolist() == [3]
+    with pytest.raises(SettingsError, match="--axes body_yaw: neck 'reference_eyes' has no such joint"):
+        excite(neck, neck.rest_rad, ExcitationSettings(axes="body_yaw"))

@@ -36,7 +36,7 @@ axes = st.builds(
     rates=st.sampled_from([(50.0, 50.0), (50.0, 200.0), (100.0, 500.0)]),
     how=st.builds(
         ExcitationSettings,
-        axes=st.sampled_from(["both", "in_turn", "pan"]),
+        axes=st.sampled_from(["all", "in_turn", "pan"]),
         duration_s=st.just(8.0),
         amplitude_deg=st.floats(1, 90),
         seed=st.integers(0, 9),

@@ -10,10 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gazempc.controllers.lookahead import LookAhead
+from gazempc.errors import SettingsError
 from gazempc.live.clock import SimulatedClock
-from gazempc.live.mount import JointHistory, Mount, head_in_base
+from gazempc.live.mount import JointHistory, Mount
 from gazempc.live.sources.source import Arrived
 from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.poses import head_in_base
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
@@ -50,9 +53,14 @@ def sensor_in_base(mount, geometry=None, angles_rad=None):
     sensor = pose(about_z(yaw) @ about_y(pitch) @ about_x(roll), mount.position_m)
     if angles_rad is None:
         return sensor
-    pan, tilt = angles_rad
-    # Up is a turn from +x towards +z, against the right-handed turn about y.
-    return pose(about_z(pan), np.zeros(3)) @ pose(about_y(-tilt), geometry.tilt_axis_in_pan_m) @ sensor
+    pan, tilt, *others = angles_rad
+    # Up is a turn from +x towards +z, against the right-handed turn about y. The body turns about the pan axis.
+    body = others.pop() if len(others) in (1, 3) else 0.0
+    head = pose(about_z(body + pan), np.zeros(3)) @ pose(about_y(-tilt), geometry.tilt_axis_in_pan_m)
+    if mount.on == "eye":
+        eye_pan, eye_tilt = others
+        head = head @ pose(about_z(eye_pan) @ about_y(-eye_tilt), geometry.eye_in_tilt_m)
+    return head @ sensor
 
 
 def seen(point_m, quat_wxyz=None, time_s=1.0):
@@ -159,6 +167,32 @@ def test_a_sensor_in_the_eye_looks_along_the_gaze():
         np.testing.assert_allclose(axis_m + rotation.apply(GEOMETRY.eye_in_tilt_m), eye_m, atol=1e-12)
 
 
+@given(st.sampled_from([("head", 3), ("head", 4), ("head", 5), ("eye", 4), ("eye", 5)]), points, turns, points)
+def test_a_sensor_on_head_or_eye_moves_with_the_whole_chain(moves, position_m, roll_pitch_yaw_deg, fixed_m):
+    """What stands still in the room, seen from wherever the sensor is, stands still."""
+    on, joints = moves
+    mount = Mount(on=on, position_m=position_m, roll_pitch_yaw_deg=roll_pitch_yaw_deg)
+    for angles_rad in np.random.default_rng(0).uniform(-0.8, 0.8, (3, joints)):
+        in_sensor = np.linalg.inv(sensor_in_base(mount, GEOMETRY, angles_rad)) @ [*fixed_m, 1.0]
+        found = mount.to_base(seen(in_sensor[:3]), GEOMETRY, angles_rad)
+        np.testing.assert_allclose(found.head_position_base_m, fixed_m, atol=1e-11)
+
+
+def test_a_sensor_in_the_eye_sees_straight_ahead_what_the_eye_looks_at():
+    joints_rad = np.array([0.4, 0.2, -0.5, 0.3, 0.9])
+    eye_m, direction = gaze_ray(GEOMETRY, joints_rad)
+    found = Mount(on="eye").to_base(seen([1.7, 0.0, 0.0]), GEOMETRY, joints_rad)
+    np.testing.assert_allclose(found.head_position_base_m, eye_m + 1.7 * direction, atol=1e-12)
+
+
+def test_a_neck_without_eyes_has_no_sensor_in_them():
+    with pytest.raises(
+        SettingsError, match=r"--mount\.on eye: neck 'reference' has no eyes that turn; accepted: base, head"
+    ):
+        Mount(on="eye").check_fits(load_neck("reference"))
+    Mount(on="eye").check_fits(load_neck("reference_eyes"))
+
+
 def test_where_the_head_was_must_be_known():
     with pytest.raises(ValueError, match="not known"):
         Mount(on="head").to_base(seen([2, 0, 0]), GEOMETRY, None)
@@ -189,7 +223,7 @@ def test_the_history_reaches_back_two_seconds_and_no_further():
 
 # --- a whole live run
 
-NECK = load_neck("reference").model_copy(update={"geometry": GEOMETRY})
+NECK, EYES = (load_neck(name).model_copy(update={"geometry": GEOMETRY}) for name in ("reference", "reference_eyes"))
 CAMERA = {"position_m": (0.06, 0.02, 0.08), "roll_pitch_yaw_deg": (2.0, -5.0, 3.0)}
 LATENCY_S = 0.066
 STATIONARY_M = (2.0, 0.0, 0.3)
@@ -201,7 +235,7 @@ def walker_m(time_s):
 
 
 class Camera:
-    """Sees the person at 30 fps from the robot's base, or from its moving head, 66 ms late."""
+    """Sees the person at 30 fps from the robot's base, from its moving head or from its eye, 66 ms late."""
 
     def __init__(self, clock, mount, joints):
         self.clock, self.mount, self.joints = clock, mount, joints
@@ -217,8 +251,8 @@ class Camera:
             # The true joints at the capture: known to the simulation at its ticks.
             past = np.array([t for t, _ in self.joints[-50:]])
             joints = np.array([p for _, p in self.joints[-50:]])
-            angles = np.array([np.interp(captured_s, past, joints[:, i]) for i in range(2)])
-            matrix = sensor_in_base(self.mount, GEOMETRY, angles if self.mount.on == "head" else None)
+            angles = np.array([np.interp(captured_s, past, column) for column in joints.T])
+            matrix = sensor_in_base(self.mount, GEOMETRY, angles if self.mount.moves else None)
             point_m = (np.linalg.inv(matrix) @ [*walker_m(captured_s), 1.0])[:3]
             self.under_way.append(Sighting(captured_s + LATENCY_S, HeadObservation(captured_s, point_m)))
             self.frame += 1
@@ -234,10 +268,10 @@ class Camera:
         pass
 
 
-def run_with(on, at_arrival=False, seconds=8.0):
+def run_with(on, at_arrival=False, seconds=8.0, neck=NECK):
     """A live run with the sensor there; `at_arrival` transforms by where the head is when a frame arrives."""
     clock = SimulatedClock()
-    robot = SimulatedNeck(NECK, np.zeros(2), clock.now_s)
+    robot = SimulatedNeck(neck, np.zeros(neck.joints), clock.now_s)
     mount = Mount(on=on, **CAMERA)
     joints = []
 
@@ -249,7 +283,14 @@ def run_with(on, at_arrival=False, seconds=8.0):
     camera = Camera(clock, mount, joints)
     logs = []
     run = make_live_run(
-        NECK, robot, camera, clock, lambda log, times: logs.append(log), mount=mount, true_state=true_state
+        neck,
+        robot,
+        camera,
+        clock,
+        lambda log, times: logs.append(log),
+        mount=mount,
+        true_state=true_state,
+        controller=LookAhead(neck),
     )
     with pytest.MonkeyPatch.context() as patch:
         if at_arrival:
@@ -277,6 +318,18 @@ def test_a_sensor_on_the_moving_head_sees_as_well_as_one_on_the_base():
     # With the angles at arrival the head's own motion in 66 ms is taken for the person's.
     _, _, ignored_deg = run_with("head", at_arrival=True)
     assert np.sqrt(np.mean(np.square(ignored_deg))) > base_rms + 1.0
+
+
+def test_a_sensor_in_the_moving_eye_sees_as_well_as_one_on_the_base():
+    """The eye turns while the head does; with the angles at arrival its own motion is taken for the person's."""
+    _, _, base_deg = run_with("base", neck=EYES)
+    log, report, error_deg = run_with("eye", neck=EYES)
+    assert report.n_problems == 0
+    np.testing.assert_allclose(log.head_observed_base_m, [walker_m(t) for t in log.capture_time_s], atol=2e-3)
+    base_rms, rms = (np.sqrt(np.mean(np.square(each))) for each in (base_deg, error_deg))
+    assert rms == pytest.approx(base_rms, abs=0.05)
+    _, _, ignored_deg = run_with("eye", at_arrival=True, neck=EYES)
+    assert np.sqrt(np.mean(np.square(ignored_deg))) > base_rms + 0.5
 
 
 def test_a_frame_from_before_the_first_tick_cannot_be_placed_and_is_named():

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from builders.live import NECK
 
+from gazempc.errors import RobotError
+from gazempc.neck.spec import load_neck
 from gazempc.robots.start import way_in_rad, wrong_reading
 from gazempc.types import JointState
 
@@ -30,12 +32,24 @@ def test_a_neck_in_the_last_bit_of_its_range_is_brought_in_slowly(pan_deg, tilt_
         ((0.0, [0.1, 0.2]), "read_state() returned tuple, needed is a gazempc.JointState, or None"),
         (JointState(0.0, [0.1, 0.2], np.zeros(2)), "position_rad [0.1, 0.2], needed is an array of shape (2,)"),
         (JointState(0.0, np.zeros(3), np.zeros(2)), "position_rad array([0., 0., 0.]), needed is an array"),
-        (JointState(0.0, np.zeros(2), None), "velocity_rad_s None, needed is an array of shape (2,): pan and tilt"),
+        (JointState(0.0, np.zeros(2), None), "velocity_rad_s None, needed is an array of shape (2,): pan, tilt"),
     ],
 )
 def test_what_is_wrong_with_a_reading_is_said(state, said):
-    assert said in wrong_reading(state)
+    assert said in wrong_reading(state, NECK)
 
 
 def test_a_reading_and_nothing_new_are_right():
-    assert wrong_reading(None) == wrong_reading(JointState(0.0, np.zeros(2), np.zeros(2))) == ""
+    assert wrong_reading(None, NECK) == wrong_reading(JointState(0.0, np.zeros(2), np.zeros(2)), NECK) == ""
+
+
+def test_eyes_come_in_too_and_a_reading_must_have_them():
+    neck = load_neck("reference_eyes")
+    limits = neck.command_limits
+    start_rad = np.array([0.0, 0.0, neck.position_max_rad[2], neck.position_min_rad[3]])
+    way = way_in_rad(neck, start_rad)
+    np.testing.assert_allclose(way[-1], limits.clip_position(start_rad), atol=1e-9)
+    short = JointState(0.0, np.zeros(2), np.zeros(2))
+    assert "shape (4,): pan, tilt, eye_pan, eye_tilt" in wrong_reading(short, neck)
+    with pytest.raises(RobotError, match=r"eye_pan 40\.0, eye_tilt 0\.0 deg, outside its range"):
+        way_in_rad(neck, np.radians([0.0, 0.0, 40.0, 0.0]))

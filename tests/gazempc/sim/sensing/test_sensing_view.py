@@ -36,6 +36,14 @@ def test_left_and_up_of_the_gaze():
     assert seen_from_head(plain, np.radians([0.0, 90.0]), np.array([1.0, 2.0, 3.0])) == pytest.approx([3.0, 2.0, -1.0])
 
 
+def test_the_head_turns_the_view_with_the_body_and_the_eyes_do_not():
+    target_m = np.array([1.5, -0.8, 0.6])
+    two_rad = np.array([0.4, -0.2])
+    joints_rad = np.array([0.3, -0.2, 0.5, 0.2, 0.1])
+    seen_m = seen_from_head(GEOMETRY, joints_rad, target_m)
+    assert seen_m == pytest.approx(seen_from_head(GEOMETRY, two_rad, target_m), abs=1e-12)
+
+
 def test_a_view_that_turns_keeps_who_leaves_a_fixed_one():
     everything = observed("base", 360.0).size
     assert observed("head", 30.0).size == everything
