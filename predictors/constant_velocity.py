@@ -145,7 +145,7 @@ class ConstantVelocity:
         left = _EYE6.copy()
         left[:, :3] -= K
         P = left @ self._P @ left.T + K @ R @ K.T
-        # Rounding makes it a little asymmetric, and more so where a range of a hundred kilometres becomes one of a metre.
+        # Rounding makes it a little asymmetric; more so where a range of 100 km becomes one of a metre.
         self._P = 0.5 * (P + P.T)
 
     def state(self) -> tuple[float, FloatArray, FloatArray]:

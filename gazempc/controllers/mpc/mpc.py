@@ -147,7 +147,7 @@ class Mpc:
         if self.neck.joints > len(self.ocps):
             joints_rad = self._chain.with_eyes(situation, means_base_m[count:], knots[0, 1:, :2], body)
             knots[0, 1:, 2:] = joints_rad[:, 2:]
-            # They begin on the way that they follow. From where the command stands, slow eyes would chase their own steps.
+            # They begin on the way that they follow. From where the command stands, slow eyes would chase themselves.
             knots[0, 0, 2:] = 2.0 * knots[0, 1, 2:] - knots[0, 2, 2:]
             knots[1, :, 2:] = slopes(knots[0, :, 2:], self.neck.control_period_s)
             knots[2, :, 2:] = 0.0
