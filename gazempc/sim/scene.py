@@ -87,7 +87,8 @@ class Scene:
             first_seen_base_m: The first observed head, shape (3,), metres.
 
         Returns:
-            Angles of all joints, shape (N,), radians: pan and tilt look there, the others rest.
+            Angles of all joints, shape (N,), radians: pan and tilt look there, the others rest; a body
+            turns as far as the head needs.
         """
         start = self.neck.rest_rad.copy()
         if self.start_rad is not None:
@@ -96,6 +97,12 @@ class Scene:
         body_rad = head_angles_rad(start)[0] - start[0]
         start[:2] = look_at(self.neck.geometry, first_seen_base_m).angles_rad
         start[0] += np.deg2rad(self.start_offset_deg) - body_rad
+        if self.neck.body is not None:
+            # The body stands where the head reaches the person.
+            limits = self.neck.command_limits
+            beyond_rad = start[0] - np.clip(start[0], limits.position_min_rad[0], limits.position_max_rad[0])
+            start[-1] = np.clip(start[-1] + beyond_rad, limits.position_min_rad[-1], limits.position_max_rad[-1])
+            start[0] -= beyond_rad
         return start
 
 

@@ -6,8 +6,11 @@ import pytest
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.reactive import Reactive
+from gazempc.front import replay
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import load_neck
+from gazempc.recordings.arrays import recording_from_arrays
+from gazempc.results.metrics import measure
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState
 from tests.builders.control import run
@@ -183,3 +186,13 @@ def test_eyes_at_their_limit_are_said(make):
     said = ["eyes_at_limit" in plan.events for plan in plans]
     assert any(said[:15])
     assert not any(said[-5:])
+
+
+@pytest.mark.parametrize("controller", ["lookahead", "mpc"])
+def test_a_walker_round_the_robot_is_followed_by_body_and_head(controller):
+    """Through +-150 deg, where the head alone reaches 60: no break of contact."""
+    times_s = np.arange(0.0, 7.5, 1 / 30)
+    around_rad = np.deg2rad(-150.0 + 40.0 * times_s)
+    head_m = np.stack([2.0 * np.cos(around_rad), 2.0 * np.sin(around_rad), np.full_like(times_s, 0.35)], axis=-1)
+    walk = recording_from_arrays("round", times_s, head_m, in_base_frame=True)
+    assert measure(replay(walk, neck=BODY, controller=controller)).longest_break_s == 0.0
