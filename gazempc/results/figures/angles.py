@@ -1,4 +1,4 @@
-"""Pan and tilt over time: true and observed head, command and joint."""
+"""Pan and tilt over time: true and observed head, command and joint; or the gaze, and head and body beside it."""
 
 from __future__ import annotations
 
@@ -6,73 +6,142 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gazempc.neck.kinematics import look_at, unwrap_pan
+from gazempc.neck.kinematics import gaze_ray, look_at, unwrap_pan
+from gazempc.neck.spec import AXES
 from gazempc.results.figures.known import draw_known, finish, shown_head
-from gazempc.results.figures.style import DPI, Logs, shade_unscored, style
+from gazempc.results.figures.parts import parts
+from gazempc.results.figures.style import DPI, OBSERVED, Logs, readable, say, shade_unscored, styles
 from gazempc.results.log import Log
-from gazempc.types import FloatArray
+from gazempc.types import FloatArray, IntArray
 
 _LIMIT_NEAR_DEG = 10.0
-_OBSERVED: dict[str, Any] = {"color": "k", "ls": "", "marker": ".", "ms": 2.5, "mew": 0.0, "alpha": 0.6}
+_COMMAND: Any = (0, (4, 1.5))
+_HEAD: dict[str, Any] = {"color": "k", "lw": 2.6, "alpha": 0.35}
+_LIMIT: dict[str, Any] = {"color": "k", "lw": 1.2, "ls": ":"}
 
 
 def angles(logs: Logs, path: Path) -> None:
     """Draw pan and tilt over time: true and observed head, command and joint, one column for each controller.
 
-    The observed heads stand at their capture times. Nothing is drawn for the true head where nobody knows it.
+    The observed heads stand at their capture times. Nothing is drawn for the true head where nobody knows it. Of a neck
+    with eyes or a body, in place of command and joint, it is the gaze that all joints make together, and beside it
+    where the head and the body point.
 
     Args:
         logs: The runs.
         path: Picture to write.
     """
-    figure = Figure(figsize=(max(2.0 + 2.7 * len(logs), 6.4), 5.6), dpi=DPI, layout="constrained")
-    axes = figure.subplots(2, len(logs), sharex=True, sharey="row", squeeze=False)
-    limits_shown = False
-    for column, (name, log) in zip(axes.T, logs.items(), strict=True):
-        time_s = log.time_s - log.time_s[0]
-        neck, look, head = log.neck, style(name), shown_head(log)
-        targets, seen = _toward(log, head.log.head_true_base_m), _toward(log, log.head_observed_base_m)
-        seen_s = log.capture_time_s - log.time_s[0]
-        limits_deg = np.rad2deg([neck.position_min_rad, neck.position_max_rad])
-        for axis, ax in enumerate(column):
-            curves = np.rad2deg([targets[:, axis], log.command_position_rad[:, axis], log.joint_position_rad[:, axis]])
-            shade_unscored(ax, float(time_s[-1]))
-            ax.plot(seen_s, np.rad2deg(seen[:, axis]), **_OBSERVED)
-            if head.known.any():
-                draw_known(ax, time_s, curves[0], head, color="k", lw=2.6, alpha=0.35)
-            ax.plot(time_s, curves[1], color=look.colour, lw=1.3, ls=(0, (4, 1.5)))
-            ax.plot(time_s, curves[2], color=look.colour, lw=1.8)
+    width = max(2.0 + 2.7 * len(logs), 6.4)
+    with readable(width):
+        figure = Figure(figsize=(width, 6.0), dpi=DPI, layout="constrained")
+        axes = figure.subplots(2, len(logs), sharex=True, sharey="row", squeeze=False)
+        looks, drawn = styles(logs), dict[str, dict[str, Any]]()
+        for column, (name, log) in zip(axes.T, logs.items(), strict=True):
+            drawn |= _draw_column(column, log, looks[name].colour)
+            column[0].set_title(looks[name].label.replace(" with ", "\nwith ") if len(logs) > 2 else looks[name].label)
+            column[1].set_xlabel("time (s)")
+        end_s = max(float(log.time_s[-1] - log.time_s[0]) for log in logs.values())
+        axes[0, 0].set(ylabel="pan, left + (deg)", xlim=(0.0, end_s))
+        axes[1, 0].set_ylabel("tilt, up + (deg)")
+        _legend(figure, axes[0, 0], drawn, 5 if len(logs) > 2 else 3)
+        finish(figure, logs, path)
+
+
+def _draw_column(column: Any, log: Log, colour: str) -> dict[str, dict[str, Any]]:
+    """Draw one run.
+
+    Args:
+        column: Axes for pan and for tilt.
+        log: The run.
+        colour: Colour of its controller.
+
+    Returns:
+        What was drawn: name -> look, for the legend.
+    """
+    time_s, seen_s = log.time_s - log.time_s[0], log.capture_time_s - log.time_s[0]
+    head, neck = shown_head(log), log.neck
+    ticks = np.arange(log.time_s.size)
+    targets = _toward(log, head.log.head_true_base_m, ticks)
+    seen_at = np.clip(np.searchsorted(log.time_s, log.capture_time_s), 0, ticks[-1])
+    seen = _toward(log, log.head_observed_base_m, seen_at)
+    limits_deg = np.rad2deg([neck.position_min_rad, neck.position_max_rad])
+    drawn: dict[str, dict[str, Any]] = {}
+    for axis, ax in enumerate(column):
+        shade_unscored(ax, float(time_s[-1]))
+        if seen.size:
+            ax.plot(seen_s, np.rad2deg(seen[:, axis]), **OBSERVED)
+            drawn["observed head"] = OBSERVED
+        if head.known.any():
+            draw_known(ax, time_s, np.rad2deg(targets[:, axis]), head, **_HEAD)
+            drawn[head.label] = _HEAD
+        curves = _of_gaze(log) if neck.joints > len(AXES) else _of_joints(log)
+        for label, (values_rad, look) in curves.items():
+            if not np.isfinite(values_rad[:, axis]).any():
+                continue
+            ax.plot(time_s, np.rad2deg(values_rad[:, axis]), color=colour, **look)
+            drawn[label] = {"color": "0.3", **look}
+        if not np.isfinite(log.joint_position_rad).any():
+            say(ax, "the joints were not read")
+        if neck.joints == len(AXES):
+            shown = np.concatenate([np.asarray(line.get_ydata(), dtype=np.float64) for line in ax.lines])
+            low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
             for limit in limits_deg[:, axis]:
-                if np.nanmin(curves) - _LIMIT_NEAR_DEG <= limit <= np.nanmax(curves) + _LIMIT_NEAR_DEG:
-                    ax.axhline(limit, color="k", lw=1.2, ls=":")
-                    limits_shown = True
-            ax.grid(color="0.9", lw=0.6)
-        column[0].set_title(look.label)
-        column[1].set_xlabel("time (s)")
-    axes[0, 0].set(ylabel="pan, left + (deg)", xlim=(0.0, float(time_s[-1])))
-    axes[1, 0].set_ylabel("tilt, up + (deg)")
-    # The legend shows kinds of line in a neutral colour, because the colour says which controller it is.
-    key = axes[0, 0]
-    if any(shown_head(log).known.any() for log in logs.values()):
-        key.plot([], [], color="k", lw=2.6, alpha=0.35, label=shown_head(next(iter(logs.values()))).label)
-    key.plot([], [], **_OBSERVED, label="observed head")
-    key.plot([], [], color="0.3", lw=1.3, ls=(0, (4, 1.5)), label="command sent")
-    key.plot([], [], color="0.3", lw=1.8, label="joint")
-    if limits_shown:
-        key.plot([], [], color="k", lw=1.2, ls=":", label="joint limit")
-    figure.legend(
-        *key.get_legend_handles_labels(), loc="outside lower center", ncols=5 if len(logs) > 2 else 3, frameon=False
-    )
-    finish(figure, logs, path)
+                if low - _LIMIT_NEAR_DEG <= limit <= high + _LIMIT_NEAR_DEG:
+                    ax.axhline(limit, **_LIMIT)
+                    drawn["joint limit"] = _LIMIT
+        ax.grid(color="0.9", lw=0.6)
+    return drawn
 
 
-def _toward(log: Log, head_base_m: FloatArray) -> FloatArray:
-    neck = log.neck
-    return unwrap_pan(
-        look_at(neck.geometry, head_base_m).angles_rad,
-        float(log.joint_position_rad[0, 0]),
-        float(neck.position_min_rad[0]),
-        float(neck.position_max_rad[0]),
-    )
+def _of_joints(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
+    """Curves of a neck that has pan and tilt only: name -> angles, shape (M, 2), radians, and look."""
+    return {
+        "command sent": (log.command_position_rad, {"lw": 1.3, "ls": _COMMAND}),
+        "joint": (log.joint_position_rad, {"lw": 1.8}),
+    }
+
+
+def _of_gaze(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
+    """The same of a neck with eyes or a body: directions of gaze, head and body."""
+    _, gaze = gaze_ray(log.neck.geometry, log.joint_position_rad)
+    curves: dict[str, tuple[FloatArray, dict[str, Any]]] = {}
+    for part in parts(log):
+        angles_rad = _continuous(log, _pan_tilt(part.direction))
+        if part.level:
+            angles_rad[:, 1] = np.nan
+        curves[part.label] = angles_rad, {"lw": 1.3, "ls": part.line}
+    return curves | {"gaze": (_continuous(log, _pan_tilt(gaze)), {"lw": 1.8})}
+
+
+def _toward(log: Log, head_base_m: FloatArray, ticks: IntArray) -> FloatArray:
+    """Where heads are at these ticks, pan and tilt, shape (K, 2), radians: of the joints, or with more of the gaze."""
+    if log.neck.joints == len(AXES):
+        return _continuous(log, look_at(log.neck.geometry, head_base_m).angles_rad)
+    joints_rad = np.where(np.isfinite(log.joint_position_rad), log.joint_position_rad, log.command_position_rad)
+    eye_m, _ = gaze_ray(log.neck.geometry, joints_rad[ticks])
+    return _continuous(log, _pan_tilt(head_base_m - eye_m))
+
+
+def _pan_tilt(direction: FloatArray) -> FloatArray:
+    x, y, z = np.moveaxis(direction, -1, 0)
+    return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1)
+
+
+def _continuous(log: Log, angles_rad: FloatArray) -> FloatArray:
+    known = np.isfinite(angles_rad).all(axis=1)
+    start_rad = log.command_position_rad[0, 0]
+    low_rad, high_rad = float(log.neck.position_min_rad[0]), float(log.neck.position_max_rad[0])
+    smooth = angles_rad.copy()
+    if known.any():
+        smooth[known] = unwrap_pan(angles_rad[known], float(start_rad), low_rad, high_rad)
+    return smooth
+
+
+def _legend(figure: Figure, ax: Axes, drawn: dict[str, dict[str, Any]], columns: int) -> None:
+    """Kinds of line in a neutral colour, because the colour says which controller it is; only those that are drawn."""
+    for label, look in drawn.items():
+        ax.plot([], [], **look, label=label)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns, frameon=False)

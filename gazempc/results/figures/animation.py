@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ from PIL import Image
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.known import shown_head
-from gazempc.results.figures.style import CONTACT_COLOUR, Logs, recording_title, style
+from gazempc.results.figures.parts import parts
+from gazempc.results.figures.style import CONTACT_COLOUR, Logs, Style, recording_title, styles
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.types import FloatArray
@@ -26,11 +28,13 @@ FRAME_MS = 100
 # Time to read the final figures before the animation starts again.
 LAST_FRAME_MS = 1500
 _HEAD_WIDTH_M, _HEAD_HEIGHT_M = 0.16, 0.23
-_FIELD_DEG = 20.0
+_FIELD_DEG, _PART_FIELD_DEG = 20.0, 18.5
 _DPI = 100
 _PANEL_PX, _SIDE_PX, _BELOW_PX, _HEIGHT_PX = 225, 9, 46, 300
 _COLOURS = 96
 _NO_CONTACT_COLOUR = "0.6"
+# Where head and body point.
+_SHAPES = {"s": "Square", "^": "Triangle"}
 
 
 def head_offset_deg(log: Log) -> FloatArray:
@@ -45,7 +49,7 @@ def head_offset_deg(log: Log) -> FloatArray:
     """
     eye, direction = gaze_ray(log.neck.geometry, log.joint_position_rad)
     to_head = log.head_true_base_m - eye
-    pan = log.joint_position_rad[:, 0]
+    pan = np.arctan2(direction[:, 1], direction[:, 0])
     right = np.stack([np.sin(pan), -np.cos(pan), np.zeros_like(pan)], axis=-1)
     across = np.stack(
         [np.sum(to_head * right, axis=-1), np.sum(to_head * np.cross(right, direction), axis=-1)], axis=-1
@@ -54,6 +58,16 @@ def head_offset_deg(log: Log) -> FloatArray:
     # Length from the error angle itself, not from its tangents: a head beside or behind the gaze is shown there too.
     offset: FloatArray = gaze_error_deg(log)[:, None] * across / np.maximum(length, 1e-12)
     return offset
+
+
+def part_offsets_deg(log: Log) -> dict[str, tuple[str, FloatArray]]:
+    """Where head and body point, as the robot's eye sees it: label -> marker and offset as of `head_offset_deg`."""
+    eye, _ = gaze_ray(log.neck.geometry, log.joint_position_rad)
+    found = {}
+    for part in parts(log):
+        there = replace(log, head_true_base_m=eye + part.direction)
+        found[part.label] = part.marker, head_offset_deg(there)
+    return found
 
 
 def running_contact(log: Log) -> FloatArray:
@@ -91,7 +105,7 @@ def frame_times(length_s: float) -> FloatArray:
 class _Panel:
     """One controller's view. Artists are made once and moved, which is much faster than drawing anew."""
 
-    def __init__(self, figure: Figure, left_px: float, width_px: float, name: str, log: Log) -> None:
+    def __init__(self, figure: Figure, left_px: float, width_px: float, look: Style, log: Log) -> None:
         side_px = _PANEL_PX - 2 * _SIDE_PX
         box = (
             (left_px + _SIDE_PX) / width_px,
@@ -101,7 +115,6 @@ class _Panel:
         )
         self._ax = ax = figure.add_axes(box, facecolor="#F4F6F8")
         ax.set(xlim=(-_FIELD_DEG, _FIELD_DEG), ylim=(-_FIELD_DEG, _FIELD_DEG), xticks=[], yticks=[])
-        look = style(name)
         label_box = {"fc": look.colour, "alpha": 0.4, "ec": "none", "pad": 1.5}
         ax.set_title(look.label, fontsize=9.5, pad=6, bbox=label_box)
         self._time_s = log.time_s - log.time_s[0]
@@ -124,6 +137,10 @@ class _Panel:
         for zorder, patch in enumerate(features, start=2):
             patch.set(transform=to_field, zorder=zorder)
             ax.add_artist(patch)
+        self._parts = [
+            (ax.plot([], [], marker, mfc="none", mec=look.colour, mew=1.6, ms=8, zorder=9)[0], offset_deg)
+            for marker, offset_deg in part_offsets_deg(log).values()
+        ]
         self._pointer = ax.plot([], [], color="#B0603A", lw=4, solid_capstyle="butt")[0]
         self._cone = ax.add_patch(Circle((0, 0), CONTACT_DEG[0], fill=False, lw=1.6, zorder=8))
         ax.plot(0, 0, "+", color="0.35", ms=6, mew=0.8, zorder=1)
@@ -139,6 +156,10 @@ class _Panel:
         beyond = max(abs(x), abs(y)) / _FIELD_DEG
         ends = np.array([0.86, 0.97]) / beyond if beyond > 1.0 else np.array([])
         self._pointer.set_data(x * ends, y * ends)
+        for marker, offset_deg in self._parts:
+            # What points out of view is shown at the edge.
+            edge = max(1.0, float(np.max(np.abs(offset_deg[tick]))) / _PART_FIELD_DEG)
+            marker.set_data(*(offset_deg[tick, :, None] / edge))
         share = self._share[tick]
         self._text.set_text("not scored yet" if np.isnan(share) else f"eye contact {100 * share:.0f} %")
         self.frame(bool(self._contact[tick]))
@@ -163,8 +184,10 @@ def animate(logs: Logs, path: Path) -> None:
     figure = Figure(figsize=(width_px / _DPI, _HEIGHT_PX / _DPI), dpi=_DPI)
     canvas = FigureCanvasAgg(figure)
     left_px = (width_px - _PANEL_PX * len(logs)) / 2
+    looks = styles(logs)
     panels = [
-        _Panel(figure, left_px + i * _PANEL_PX, width_px, name, log) for i, (name, log) in enumerate(logs.items())
+        _Panel(figure, left_px + i * _PANEL_PX, width_px, looks[name], log)
+        for i, (name, log) in enumerate(logs.items())
     ]
     edge = _SIDE_PX / width_px
     figure.text(edge, 0.975, recording_title(logs), va="top", fontsize=9.5)
@@ -172,6 +195,8 @@ def animate(logs: Logs, path: Path) -> None:
     view = f"The robot's view, ±{_FIELD_DEG:g}°. Circle: eye contact, ±{CONTACT_DEG[0]:g}°."
     if any(shown_head(log).rare for log in logs.values()):
         view = f"View ±{_FIELD_DEG:g}°, circle ±{CONTACT_DEG[0]:g}°. Between the rare frames the head is on a line."
+    shapes = {part.label: part.marker for log in logs.values() for part in parts(log)}
+    view += "".join(f" {_SHAPES[marker]}: {label}." for label, marker in shapes.items())
     figure.text(
         0.5,
         0.015,

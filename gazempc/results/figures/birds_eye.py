@@ -13,11 +13,15 @@ from numpy.typing import NDArray
 
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.figures.known import draw_known, finish, shown_head
-from gazempc.results.figures.style import DPI, Logs, style
+from gazempc.results.figures.parts import Part, parts
+from gazempc.results.figures.style import DPI, OBSERVED, Logs, readable, say, styles
 from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.types import FloatArray
 
+_WIDTH = 7.2
 _RAYS_AT_MOST = 5
+# Head and body are drawn so far of the way to the person: beyond, they would cross the gazes.
+_PART_REACH = 0.45
 # Labels need about this share of the drawing in the overview.
 _LABEL_GAP = 0.1
 
@@ -29,29 +33,43 @@ def birds_eye(logs: Logs, path: Path) -> None:
         logs: The runs.
         path: Picture to write.
     """
-    figure = Figure(figsize=(7.2, 6.6), dpi=DPI, layout="constrained")
-    ax = figure.subplots()
-    draw_birds_eye(ax, logs)
-    figure.legend(loc="outside lower center", ncols=2, frameon=False)
-    finish(figure, logs, path)
+    with readable(_WIDTH):
+        figure = Figure(figsize=(_WIDTH, 6.6), dpi=DPI, layout="constrained")
+        ax = figure.subplots()
+        draw_birds_eye(ax, logs)
+        if ax.get_legend_handles_labels()[0]:
+            figure.legend(loc="outside lower center", ncols=2, frameon=False)
+        finish(figure, logs, path)
 
 
-def draw_birds_eye(ax: Axes, logs: Logs) -> None:
+def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
     """Draw the walk from above, the robot, and where each controller's gaze was at some instants.
 
     A gaze ray ends as far from the eye as the head is; a dotted line joins its end to the head at that time.
-    The robot looks up the page and its left is on the left.
+    The robot looks up the page and its left is on the left. Of a neck with eyes or a body, shorter lines say where head
+    and body pointed.
 
     Args:
         ax: Axes to draw on.
         logs: The runs.
+
+    Returns:
+        What is drawn beside the gaze, such as the robot's head.
     """
     heads = {name: shown_head(log) for name, log in logs.items()}
     shown = next(iter(heads.values()))
     time_s, head = shown.log.time_s - shown.log.time_s[0], shown.log.head_true_base_m
     end_s = float(time_s[-1])
     ax.set_aspect("equal", adjustable="datalim")
-    draw_known(ax, head[:, 1], head[:, 0], shown, color="0.25", lw=1.5, zorder=4, label=shown.label)
+    observed = next(iter(logs.values())).head_observed_base_m
+    if len(observed):
+        ax.plot(observed[:, 1], observed[:, 0], **OBSERVED, zorder=3, label="observed head")
+    if shown.known.any():
+        draw_known(ax, head[:, 1], head[:, 0], shown, color="0.25", lw=1.5, zorder=4, label=shown.label)
+    if not np.isfinite(head).any():
+        say(ax, "nobody was seen")
+        _finish_plan(ax)
+        return ()
     marks_s = np.arange(0.0, end_s + 1e-6)
     at = np.searchsorted(time_s, marks_s - 1e-6)
     # Rings, because the tip of a good gaze lies on the head and would hide a dot.
@@ -59,19 +77,37 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> None:
 
     rays_s = marks_s[marks_s >= SCORED_FROM_S] if end_s >= SCORED_FROM_S else np.array([end_s])
     chosen = np.linspace(0, len(rays_s) - 1, min(len(rays_s), _RAYS_AT_MOST)).round().astype(int)
+    looks, beside, gazes = styles(logs), dict[str, Part](), False
     for name, each in heads.items():
-        look, log = style(name), each.log
+        look, log = looks[name], each.log
         tick = np.searchsorted(log.time_s, log.time_s[0] + rays_s[chosen] - 1e-6)
         eye, direction = gaze_ray(log.neck.geometry, log.joint_position_rad[tick])
         reach = np.linalg.norm(log.head_true_base_m[tick] - eye, axis=1, keepdims=True)
         tip = eye + reach * direction
+        if not np.isfinite(tip).any():
+            continue
+        gazes = True
         ax.plot([eye[:, 1], tip[:, 1]], [eye[:, 0], tip[:, 0]], color=look.colour, lw=0.5 * look.width)
+        for part in parts(log):
+            end = eye + _PART_REACH * reach * part.direction[tick]
+            ax.plot([eye[:, 1], end[:, 1]], [eye[:, 0], end[:, 0]], color=look.colour, lw=1.3, ls=part.line)
+            beside[part.label] = part
         missed = np.stack([tip, log.head_true_base_m[tick]])
         ax.plot(missed[..., 1], missed[..., 0], color=look.colour, lw=1.0, ls=":")
         ax.plot(tip[:, 1], tip[:, 0], "D", color=look.colour, ms=5.5, mec="w", mew=0.5, zorder=6)
         ax.plot([], [], "D-", color=look.colour, ms=5.5, lw=0.5 * look.width, label=f"gaze, {look.label}")
 
+    for part in beside.values():
+        ax.plot([], [], color="0.3", lw=1.3, ls=part.line, label=part.label)
+    if not gazes:
+        say(ax, "no gaze: the joints were not read", 0.95)
     _label_times(ax, head, at, marks_s)
+    _finish_plan(ax)
+    return tuple(beside.values())
+
+
+def _finish_plan(ax: Axes) -> None:
+    """Draw the robot; leave room for labels; say what the axes are."""
     ax.add_patch(FancyArrowPatch((0, 0), (0, 0.55), arrowstyle="-|>", mutation_scale=16, lw=2.5, fc="k", zorder=7))
     ax.plot(0, 0, "o", color="k", ms=11, zorder=7)
     ax.annotate("robot", (0, 0), (12, -3), textcoords="offset points", va="center")
@@ -97,17 +133,18 @@ def _label_times(ax: Axes, head: FloatArray, at: NDArray[np.intp], marks_s: Floa
         at: Ticks of the marks, shape (K,).
         marks_s: Times of the marks, shape (K,), seconds from the start.
     """
-    last = len(head) - 1
+    known = np.flatnonzero(np.isfinite(head).all(axis=1))
+    first, last = int(known[0]), int(known[-1])
     # The drawing spans walk and robot.
-    gap_m = _LABEL_GAP * float(np.max(np.ptp(np.append(head[:, :2], [[0.0, 0.0]], axis=0), axis=0)))
-    texts = {0: "start", last: "end"}
-    if np.linalg.norm(head[last, :2] - head[0, :2]) < gap_m:
-        texts = {0: "start, end"}
+    gap_m = _LABEL_GAP * float(np.max(np.ptp(np.append(head[known, :2], [[0.0, 0.0]], axis=0), axis=0)))
+    texts = {first: "start", last: "end"}
+    if np.linalg.norm(head[last, :2] - head[first, :2]) < gap_m:
+        texts = {first: "start, end"}
     for tick, mark_s in zip(at[1:], marks_s[1:], strict=True):
         if all(np.linalg.norm(head[tick, :2] - head[other, :2]) >= gap_m for other in texts):
             texts[int(tick)] = f"{mark_s:.0f} s"
     for tick, text in texts.items():
-        along = head[min(tick + 10, last), :2] - head[max(tick - 10, 0), :2]
+        along = np.nan_to_num(head[min(tick + 10, last), :2] - head[max(tick - 10, first), :2])
         outward = head[tick, :2]
         normal = np.array([-along[1], along[0]])
         if np.linalg.norm(normal) < 0.01:  # standing: no direction of travel

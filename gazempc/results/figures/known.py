@@ -10,9 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gazempc.errors import LeftOutError
 from gazempc.recordings.recording import truth_of
 from gazempc.results.figures.style import DPI, Logs, recording_title, setup_title
 from gazempc.results.log import Log
+from gazempc.results.metrics import measure
 from gazempc.types import BoolArray, FloatArray
 
 # So large is a point that stands alone, points.
@@ -76,6 +78,15 @@ def draw_known(ax: Axes, x: FloatArray, y: FloatArray, head: ShownHead, **look: 
     alone = _alone(head.known)
     ax.plot(x, np.where(head.known & ~alone, y, np.nan), **(look | {"label": None}))
     ax.plot(x[alone], y[alone], **(look | {"ls": "", "marker": "o", "ms": _POINT}))
+
+
+def contact_shares(log: Log) -> tuple[float, float, float]:
+    """Shares of the scored window with eye contact, for the three cones; NaN where nothing can be scored."""
+    try:
+        found = measure(log)
+    except LeftOutError:
+        return (np.nan, np.nan, np.nan)
+    return found.eye_contact_2p6, found.eye_contact_4, found.eye_contact_9
 
 
 def known_title(logs: Logs) -> str:

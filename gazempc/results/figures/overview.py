@@ -3,35 +3,52 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.gaze_error import draw_gaze_error
-from gazempc.results.figures.known import known_title
-from gazempc.results.figures.style import Logs, recording_title, setup_title, style
-from gazempc.results.metrics import measure
+from gazempc.results.figures.known import contact_shares, known_title
+from gazempc.results.figures.parts import Part, head_alone
+from gazempc.results.figures.style import DPI, Logs, readable, recording_title, setup_title, styles
+
+_WIDTH = 32 / 3
+# Beside a bar of a larger share its words have no room.
+_LONG_BAR = 0.75
+_OF_ROBOT = "robot's"
 
 
 def draw_contact_bars(ax: Axes, logs: Logs) -> None:
     """Draw the share of the scored window with eye contact, a bar for each controller.
 
+    Of a neck with eyes a second bar says what the head alone would have.
+
     Args:
         ax: Axes to draw on.
         logs: The runs.
     """
+    looks = styles(logs)
     for row, (name, log) in enumerate(logs.items()):
-        look, percent = style(name), 100.0 * measure(log).eye_contact_2p6
-        ax.barh(row, percent, color=look.colour, height=0.72)
-        said = f"{percent:.0f} %" if np.isfinite(percent) else "not known"
-        ax.text(np.nan_to_num(percent) + 1.5, row, said, va="center", fontsize="large", fontweight="bold")
-    ax.set_yticks(range(len(logs)), [style(name).label.replace(" with ", "\nwith ") for name in logs])
+        alone, colour = head_alone(log), looks[name].colour
+        # Below the gaze of eyes and head together that of the head, if the eyes looked where it points.
+        height, at = (0.72, float(row)) if alone is None else (0.44, row - 0.14)
+        _bar(ax, at, height, contact_shares(log)[0], {"color": colour}, {"fontsize": "large", "fontweight": "bold"})
+        if alone is not None:
+            hatched = {"facecolor": "none", "edgecolor": colour, "hatch": "////"}
+            text = _bar(ax, row + 0.24, 0.24, contact_shares(alone)[0], hatched, {"fontsize": "small"})
+            text.set_text(f"{text.get_text()}, the head alone")
+            if contact_shares(alone)[0] > _LONG_BAR:
+                # Inside, as there is no room beside it.
+                text.set(x=98.0 * contact_shares(alone)[0], ha="right", bbox={"fc": "w", "ec": "none", "pad": 0.5})
+    ax.set_yticks(range(len(logs)), [look.label.replace(" with ", "\nwith ") for look in looks.values()])
     ax.set_ylim(len(logs) - 0.4, -0.6)
     # Room for the figure beside a full bar.
-    ax.set(xlim=(0, 116), xticks=[0, 25, 50, 75, 100], xlabel="time with eye contact (% of the scored window)")
+    ax.set(xlim=(0, 118), xticks=[0, 25, 50, 75, 100], xlabel="time with eye contact (% of the scored window)")
     ax.spines[["top", "right"]].set_visible(False)
 
 
@@ -43,18 +60,33 @@ def overview(logs: Logs, path: Path) -> None:
         path: Picture to write, 1600 x 900 pixels.
     """
     # Few inches and many dots make letters that still read at half size.
-    figure = Figure(figsize=(32 / 3, 6.0), dpi=150, layout="constrained")
-    axes = figure.subplot_mosaic(
-        [["walk", "error"], ["walk", "bars"]],
-        width_ratios=[1.0, 1.0],
-        height_ratios=[1.0, 0.25 + 0.13 * len(logs)],
-    )
-    draw_birds_eye(axes["walk"], logs)
-    axes["walk"].set_title("the walk from above, and where the robot looks")
-    draw_gaze_error(axes["error"], logs, detailed=False)
-    axes["error"].set_title(f"green: eye contact (within {CONTACT_DEG[0]:g}°); grey: not scored")
-    draw_contact_bars(axes["bars"], logs)
-    about = f"{recording_title(logs)}; {setup_title(logs)}"
-    lines = filter(None, ("Does the robot keep eye contact with a walking person?", about, known_title(logs)))
-    figure.suptitle("\n".join(lines))
-    figure.savefig(path, dpi=150)
+    with readable(_WIDTH):
+        figure = Figure(figsize=(_WIDTH, 6.0), dpi=DPI, layout="constrained")
+        axes = figure.subplot_mosaic(
+            [["walk", "error"], ["walk", "bars"]],
+            width_ratios=[1.0, 1.0],
+            height_ratios=[1.0, 0.25 + 0.13 * len(logs)],
+        )
+        axes["walk"].set_title(_walk_title(draw_birds_eye(axes["walk"], logs)))
+        heads_alone = draw_gaze_error(axes["error"], logs, detailed=False)
+        said = "; dashed: of the head alone" if heads_alone else f" (within {CONTACT_DEG[0]:g}°); grey: not scored"
+        axes["error"].set_title(f"green: eye contact{said}")
+        draw_contact_bars(axes["bars"], logs)
+        about = f"{recording_title(logs)}; {setup_title(logs)}"
+        lines = filter(None, ("Does the robot keep eye contact with a walking person?", about, known_title(logs)))
+        figure.suptitle("\n".join(lines))
+        figure.savefig(path, dpi=DPI)
+
+
+def _walk_title(beside: tuple[Part, ...]) -> str:
+    if not beside:
+        return "the walk from above, and where the robot looks"
+    said = (f"{part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)
+    return f"where the robot looks; {', '.join(said)}"
+
+
+def _bar(ax: Axes, at: float, height: float, share: float, look: dict[str, Any], font: dict[str, Any]) -> Text:
+    percent = 100.0 * share
+    ax.barh(at, percent, height=height, **look)
+    said = f"{percent:.0f} %" if np.isfinite(percent) else "not known"
+    return ax.text(np.nan_to_num(percent) + 1.5, at, said, va="center", **font)

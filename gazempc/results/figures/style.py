@@ -1,4 +1,4 @@
-"""The look that all figures share: colours, titles, what is not scored.
+"""The look that all figures share: colours, line styles, size of letters, titles, what is not scored.
 
 All figures take ``logs``: controller name -> log of the same recording, in the order in which they are shown.
 """
@@ -6,9 +6,12 @@ All figures take ``logs``: controller name -> log of the same recording, in the 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
+import matplotlib as mpl
 from matplotlib.axes import Axes
 
 from gazempc.results.log import Log
@@ -17,11 +20,19 @@ from gazempc.results.report import LABELS
 
 Logs = Mapping[str, Log]
 
+# Okabe and Ito's colours, which colour-blind people can tell apart.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 CONTACT_COLOUR = "#009E73"
+# Observations are points, because nobody saw what was between them.
+OBSERVED: dict[str, Any] = {"color": "k", "ls": "", "marker": ".", "ms": 3.0, "mew": 0.0, "alpha": 0.55}
 DPI = 150
 _UNSCORED = "0.92"
-# For controllers of the user's own; colour-blind people tell them apart (Paul Tol's muted scheme).
+# For controllers of the user's own (Paul Tol's muted scheme, for colour-blind people, too).
 _OWN_COLOURS = ("#332288", "#999933", "#882255", "#44AA99", "#117733")
+# A picture of an inch less than this number of points in width has letters that read at the width of a README, some
+# 830 pixels: then medium letters are 11 pixels high.
+_POINTS_PER_INCH = 0.96
+_LEAST_POINTS = 10.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,31 @@ class Style:
     width: float
 
 
+@dataclass(frozen=True)
+class Variant:
+    """What tells runs of one controller apart, which share its colour: predictors or necks.
+
+    Attributes:
+        line: Line style, as matplotlib takes it.
+        marker: Marker.
+        hatch: Hatching of a bar.
+    """
+
+    line: Any
+    marker: str
+    hatch: str
+
+
+# The first one is that of a picture in which nothing has to be told apart.
+_VARIANTS = (
+    Variant("-", "o", ""),
+    Variant((0, (4, 1.5)), "s", "//"),
+    Variant((0, (1, 1.2)), "^", ".."),
+    Variant((0, (6, 1.5, 1, 1.5)), "D", "xx"),
+    Variant((0, (8, 3)), "v", "\\\\"),
+    Variant((0, (3, 1, 1, 1, 1, 1)), "P", "++"),
+)
+
 _STYLES = {
     "reactive": Style(LABELS["reactive"], "#D55E00", 2.0),
     "lookahead": Style(LABELS["lookahead"], "#56B4E9", 2.8),
@@ -49,8 +85,43 @@ _STYLES = {
 
 def style(controller: str) -> Style:
     """Look of a controller; one of the user's own keeps its name, and its name chooses its colour."""
-    own = _OWN_COLOURS[zlib.crc32(controller.encode()) % len(_OWN_COLOURS)]
-    return _STYLES.get(controller, Style(controller, own, 1.6))
+    return styles([controller])[controller]
+
+
+def styles(controllers: Iterable[str]) -> dict[str, Style]:
+    """Looks of the controllers of one picture.
+
+    Args:
+        controllers: Their names.
+
+    Returns:
+        Name -> look. Two of the user's own whose names choose one colour get different ones, as long as there are some.
+    """
+    found: dict[str, Style] = {}
+    taken: set[str] = set()
+    for name in controllers:
+        start = zlib.crc32(name.encode())
+        order = [_OWN_COLOURS[(start + k) % len(_OWN_COLOURS)] for k in range(len(_OWN_COLOURS))]
+        own = next((colour for colour in order if colour not in taken), order[0])
+        found[name] = _STYLES.get(name) or Style(name, own, 1.6)
+        taken.add(found[name].colour)
+    return found
+
+
+def variant(index: int) -> Variant:
+    """What tells the index-th run of one controller from its others; from the seventh on they repeat."""
+    return _VARIANTS[index % len(_VARIANTS)]
+
+
+@contextmanager
+def readable(width_inches: float) -> Iterator[None]:
+    """Letters of a figure of this width are large enough to read where a README shows it.
+
+    Args:
+        width_inches: Width of the figure, inches.
+    """
+    with mpl.rc_context({"font.size": max(_LEAST_POINTS, _POINTS_PER_INCH * width_inches)}):
+        yield
 
 
 def recording_title(logs: Logs) -> str:
@@ -72,3 +143,9 @@ def setup_title(logs: Logs) -> str:
 def shade_unscored(ax: Axes, end_s: float) -> None:
     """Shade the part of a time axis that is not scored; `end_s` is its end, seconds."""
     ax.axvspan(0.0, min(SCORED_FROM_S, end_s), color=_UNSCORED, lw=0, zorder=0.5, label="not scored")
+
+
+def say(ax: Axes, why: str, height: float = 0.5) -> None:
+    """Say in a figure, in the place of what there is not, why; `height` is a share of the axes."""
+    box = {"fc": "w", "ec": "none", "alpha": 0.85, "pad": 2.0}
+    ax.text(0.5, height, why, transform=ax.transAxes, ha="center", va="center", bbox=box, zorder=10)
