@@ -14,7 +14,7 @@ import tyro
 from pydantic import Field
 
 from experiments.clips import figure_name, sensors_of
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command
+from experiments.engine.command import NOT_SAVED, WorkSettings, check, command_of, parse, run_command
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.own_parts import check_parts, name_parts, options_of
@@ -22,6 +22,7 @@ from experiments.engine.recordings import find_recordings, in_place
 from experiments.engine.replays import each_sensor
 from experiments.forecast.errors import RUN_IN_S, Cues
 from experiments.forecast.jobs import ClipView, ForecastJob, clip_result
+from experiments.forecast.page import forecast_page
 from experiments.forecast.report import FAILED, LEFT_OUT, report
 from experiments.forecast.summary import ClipResult, summarise
 from gazempc.errors import GazempcError
@@ -29,6 +30,7 @@ from gazempc.loop.build import Person, make_predictor, walker_model
 from gazempc.parts import PREDICTOR, name_of
 from gazempc.recordings.load import load
 from gazempc.recordings.recording import Recording
+from gazempc.results.page.write import write_page
 from gazempc.results.report import versions
 from gazempc.settings import DEFAULT_PREDICTOR, PredictorChoice, PredictorSettings
 from predictors import Predictor
@@ -82,7 +84,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 1 if a forecast failed, 2 on bad input, 130 if interrupted.
     """
-    return run_command("forecast", lambda: _run(parse(ForecastSettings, "forecast", __doc__, arguments)))
+    return run_command(
+        "forecast",
+        lambda: _run(parse(ForecastSettings, "forecast", __doc__, arguments), command_of("forecast", arguments)),
+    )
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,7 @@ def forecast(**settings: Any) -> Forecasts:
     return _forecast(check(ForecastSettings, "forecast", settings))
 
 
-def _run(settings: ForecastSettings) -> int:
+def _run(settings: ForecastSettings, command: str) -> int:
     found = _forecast(settings)
     rows = summarise(found.results)
     data_kinds = ", ".join(dict.fromkeys(r.data_kind for r in found.results))
@@ -132,10 +137,11 @@ def _run(settings: ForecastSettings) -> int:
     (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     text = report(summary)
     (settings.out / "summary.md").write_text(text, encoding="utf-8")
-    _draw(settings, rows, data_kinds)
+    pictures = _draw(settings, rows, data_kinds)
+    write_page(forecast_page(summary, found.results, pictures, command), settings.out)
     print(text)
     drawn = " and figures" if rows else ""
-    print(f"Written to {settings.out}/: summary.json, summary.md{drawn}")
+    print(f"Written to {settings.out}/: report.html, summary.json, summary.md{drawn}")
     return 1 if found.failed else 0
 
 
@@ -185,34 +191,43 @@ def _views(settings: ForecastSettings) -> list[ClipView]:
     ]
 
 
-def _draw(settings: ForecastSettings, rows: list[Row], data_kinds: str) -> None:
+def _draw(settings: ForecastSettings, rows: list[Row], data_kinds: str) -> list[Path]:
     from experiments.forecast.figures import draw, draw_coverage, draw_cues  # noqa: PLC0415  (slow to import)
 
     middle_s = sorted(settings.horizons)[len(settings.horizons) // 2]
     sensors = sensors_of(rows)
+    drawn: list[Path] = []
+
+    def path(figure: str, sensor: str) -> Path:
+        drawn.append(settings.out / figure_name(figure, sensor, sensors))
+        return drawn[-1]
+
     for sensor in sensors:
         own = [row for row in rows if row["sensor"] == sensor]
         about = f"{data_kinds}; sensor {sensor}"
-        draw(own, about, settings.out / figure_name("forecast_error", sensor, sensors))
-        draw_coverage(own, about, settings.out / figure_name("coverage", sensor, sensors))
+        draw(own, about, path("forecast_error", sensor))
+        draw_coverage(own, about, path("coverage", sensor))
         if len(set(settings.cues)) > 1:
-            draw_cues(own, about, settings.out / figure_name("cues", sensor, sensors), middle_s)
+            draw_cues(own, about, path("cues", sensor), middle_s)
     if settings.example is not None:
-        _draw_examples(settings, load(settings.example), middle_s)
+        drawn += _draw_examples(settings, load(settings.example), middle_s)
+    return drawn
 
 
-def _draw_examples(settings: ForecastSettings, recording: Recording, horizon_s: float) -> None:
+def _draw_examples(settings: ForecastSettings, recording: Recording, horizon_s: float) -> list[Path]:
     from experiments.forecast.example import draw_example  # noqa: PLC0415  (slow to import)
 
     views = [view.of(recording) for view in _views(settings)]
+    drawn: list[Path] = []
     for seen in views:
         person = Person(recording.labels.subject, seen.true_head)
         shown: dict[str, Predictor] = {}
         for choice in dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors):
             predictor = make_predictor(choice, settings, person, settings.options)
             shown[name_of(PREDICTOR, predictor)] = predictor
-        path = settings.out / figure_name("example", seen.sensor.name, [view.sensor.name for view in views])
-        draw_example(seen, shown, settings.seed, horizon_s, path)
+        drawn.append(settings.out / figure_name("example", seen.sensor.name, [view.sensor.name for view in views]))
+        draw_example(seen, shown, settings.seed, horizon_s, drawn[-1])
+    return drawn
 
 
 if __name__ == "__main__":

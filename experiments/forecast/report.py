@@ -8,6 +8,7 @@ from typing import Any
 
 from experiments.clips import sensors_of
 from gazempc.recordings.recording import truth_of
+from gazempc.results.page.content import PageTable
 
 # What `summary.json` says of a forecast that failed.
 FAILED = ("recording", "predictor", "cues", "sensor", "failed")
@@ -15,20 +16,18 @@ FAILED = ("recording", "predictor", "cues", "sensor", "failed")
 LEFT_OUT = ("recording", "sensor", "left_out")
 
 
-def report(summary: Mapping[str, Any]) -> str:
-    """The rows as Markdown tables, one a sensor.
+def about(summary: Mapping[str, Any]) -> list[str]:
+    """What a reader must know of the numbers.
 
     Args:
         summary: What is in `summary.json`.
 
     Returns:
-        The text.
+        The sentences.
     """
-    rows, smoothing_s = summary["rows"], summary["settings"]["truth_smoothing"]
+    smoothing_s = summary["settings"]["truth_smoothing"]
     smoothed = f", smoothed by a centred moving average over {smoothing_s:g} s," if smoothing_s else ""
-    lines = [
-        "# Forecast errors",
-        "",
+    return [
         f"{summary['data_kinds'] or 'No recordings'}. Distance from the true head{smoothed}: mean over clips with "
         "its 95 % bootstrap interval over people, and percentiles over frames. To filtered: distance from the "
         "position that a constant-velocity filter has at that time. Along and across the direction of travel and "
@@ -42,6 +41,19 @@ def report(summary: Mapping[str, Any]) -> str:
             if truth_of(kind)
         ),
     ]
+
+
+def report(summary: Mapping[str, Any]) -> str:
+    """The rows as Markdown tables, one a sensor.
+
+    Args:
+        summary: What is in `summary.json`.
+
+    Returns:
+        The text.
+    """
+    rows = summary["rows"]
+    lines = ["# Forecast errors", "", *about(summary)]
     if seen := max((r["n_people_seen_in_fitting"] for r in rows), default=0):
         lines += [
             "",
@@ -49,13 +61,28 @@ def report(summary: Mapping[str, Any]) -> str:
             "left out see --walker.fitted.",
         ]
     for sensor in sensors_of(rows):
-        lines += ["", f"## Sensor {sensor}", "", *_table([r for r in rows if r["sensor"] == sensor])]
+        lines += [
+            "",
+            f"## Sensor {sensor}",
+            "",
+            *forecast_table([r for r in rows if r["sensor"] == sensor], "").markdown(),
+        ]
     lines += ["", *_left_out(summary["left_out"])] if summary["left_out"] else []
     lines += ["", *_failures(summary["failed"])] if summary["failed"] else []
     return "\n".join([*lines, ""])
 
 
-def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def forecast_table(rows: Sequence[Mapping[str, Any]], title: str) -> PageTable:
+    """The rows of one sensor.
+
+    Args:
+        rows: As of `experiments.forecast.summary.summarise`.
+        title: What stands above.
+
+    Returns:
+        The table.
+    """
+
     def show(value: float | None, digits: int = 0) -> str:
         return "-" if value is None else f"{value:.{digits}f}"
 
@@ -75,7 +102,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         *("p50", "p95", "to filtered [mm]", "along", "across", "vertical"),
         *("within 68 %", "within 90 %", "within 95 %", "NEES", "update [us]"),
     ]
-    lines = [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
+    lines = []
     for r in rows:
         interval = r["error_true_mm_ci95"]
         cells = [
@@ -90,8 +117,8 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
             show(r["nees"], 1),
             show(r["update_us"]),
         ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        lines.append(tuple(cells))
+    return PageTable(title, tuple(columns), tuple(lines))
 
 
 def _left_out(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -76,7 +76,7 @@ def summarise(results: Sequence[ClipResult]) -> list[dict[str, Any]]:
 
 
 def _ratio(chosen: Sequence[ClipResult], baseline: Mapping[str, ClipResult], i: int) -> float | None:
-    pairs = [(_error_m(r, i), _error_m(baseline[r.recording], i)) for r in chosen if r.recording in baseline]
+    pairs = [(error_m(r, i), error_m(baseline[r.recording], i)) for r in chosen if r.recording in baseline]
     known = np.array([pair for pair in pairs if np.isfinite(pair).all()])
     if not known.size or not known[:, 1].any():
         return None
@@ -84,7 +84,8 @@ def _ratio(chosen: Sequence[ClipResult], baseline: Mapping[str, ClipResult], i: 
     return float(own_m / baseline_m)
 
 
-def _error_m(result: ClipResult, i: int) -> float:
+def error_m(result: ClipResult, i: int) -> float:
+    """Mean distance from the true head at the i-th horizon, metres; NaN where none is known."""
     return _mean(np.linalg.norm(result.errors.difference_m[:, i], axis=-1))
 
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.aggregate import bootstrap_mean
 from experiments.clips import GROUP_ORDER
+from experiments.colours import COLOURS
 from experiments.engine.job import Row
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Objective, direction_of
@@ -181,8 +181,7 @@ def colour_of(rows: Sequence[Row], by: str, one: Any, index: int) -> str:
     own = controllers(one)
     if len(own) == 1 and all(controllers(other) != own for other in distinct(rows, by) if other != one):
         return style(next(iter(own))).colour
-    cycle: list[str] = mpl.rcParams["axes.prop_cycle"].by_key()["color"]
-    return cycle[index % len(cycle)]
+    return COLOURS[index % len(COLOURS)]
 
 
 def said(value: Any) -> str:

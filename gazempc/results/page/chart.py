@@ -12,7 +12,7 @@ from gazempc.types import FloatArray
 # Twice as many points as a wide screen has columns: more cannot be seen without zooming far in.
 _POINTS = 4000
 # Lines that a print without colours tells apart: dashes and gaps, in pixels.
-_DASHES = ("", "7 4", "2 3", "12 3 2 3", "4 2", "10 5", "1 5", "8 2 2 2 2 2")
+_DASHES = ("", "8 5", "2 4", "12 5 2 5", "5 8", "16 6", "8 4 2 4 2 4", "1 8")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from bs4 import BeautifulSoup
 from builders.own_parts import own_module
 
 from experiments.forecast.command import forecast, main
@@ -106,7 +107,7 @@ def test_error_to_the_filtered_position_is_zero_for_the_filter_itself():
 
 
 def test_the_command_writes_the_table(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: None)
+    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
     words = ["--recordings", "subject01_R1", "subject02_R4", "--out", str(tmp_path), "--horizons", "0.5"]
     assert main([*words, "--predictors", "default", "last_position", "constant_velocity"]) == 0
     rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
@@ -118,6 +119,14 @@ def test_the_command_writes_the_table(tmp_path, capsys, monkeypatch):
     assert everything["error_true_mm"] == pytest.approx(np.mean([r["error_true_mm"] for r in parts]))
     assert everything["n_frames"] == sum(r["n_frames"] for r in parts)
     assert "constant_velocity" in capsys.readouterr().out
+    report = BeautifulSoup((tmp_path / "report.html").read_text(encoding="utf-8"), "html.parser")
+    assert f"constant_velocity {everything['error_true_mm']:.0f} mm" in report.find(class_="answer").text
+    over_horizon, by_clip = (json.loads(d.text) for d in report.find_all("script", type="application/json"))
+    errors = {curve["label"]: curve["ys"] for curve in over_horizon["curves"]}
+    assert errors["constant_velocity"] == [pytest.approx(everything["error_true_mm"], rel=1e-4)]
+    of_clips = {curve["label"]: curve for curve in by_clip["curves"]}["constant_velocity"]
+    assert of_clips["xs"] == pytest.approx(sorted(r["error_true_mm"] for r in parts), rel=1e-4)
+    assert sorted(of_clips["names"]) == ["subject01_R1", "subject02_R4"]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Runs of a sweep: known effects are found, nothing is done twice, and parts of the user's own take part."""
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -10,6 +11,7 @@ from builders.own_parts import own_module
 from builders.sweeps import SMALL, table_of, words, written
 
 from experiments.sweep.command import SweepSettings, main, sweep
+from experiments.sweep.figures import colour_of
 from experiments.sweep.plan import load_plan
 from experiments.sweep.run import run_sweep
 from experiments.sweep.variants import resolve
@@ -83,6 +85,14 @@ def test_the_report_has_the_means_and_the_front(undisturbed):
     found = {*zip(curve["xs"], curve["ys"], strict=True)}
     assert sorted(found) == [pytest.approx(point, rel=1e-4) for point in sorted(front)]
     assert report.find(class_="command").text.startswith("experiments.sweep.command.sweep(SweepSettings(")
+
+
+def test_lines_of_one_controller_have_colours_of_their_own():
+    rows = [{"controller": "mpc", "group": group} for group in ("straight", "turn")]
+    found = [colour_of(rows, "group", group, k) for k, group in enumerate(("straight", "turn"))]
+    # As figures and reports take them.
+    assert all(re.fullmatch("#[0-9A-F]{6}", colour) for colour in found)
+    assert len(set(found)) == 2
 
 
 def test_what_is_there_is_used_and_only_the_rest_is_done(tmp_path, undisturbed):

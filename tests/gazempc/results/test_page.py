@@ -180,7 +180,7 @@ def test_curves_are_read_and_zoomed_in_a_browser(logs, tmp_path):
         assert len(chart.find_elements("css selector", "path.curve")) == len(logs)
 
         ActionChains(driver).move_to_element(chart).perform()
-        at_s = float(driver.find_element("css selector", ".legend .at").text.removeprefix("at "))
+        at_s = float(driver.find_element("css selector", ".at").text.removeprefix("at "))
         for output, log in zip(driver.find_elements("css selector", ".legend output"), logs.values(), strict=True):
             expected = np.interp(at_s, log.time_s - log.time_s[0], gaze_error_deg(log))
             assert float(output.text) == pytest.approx(expected, abs=0.05)
@@ -195,4 +195,9 @@ def test_curves_are_read_and_zoomed_in_a_browser(logs, tmp_path):
 
         driver.find_element("css selector", ".legend button").click()
         assert len(chart.find_elements("css selector", "path.curve")) == len(logs) - 1
+
+        # On paper nothing can be unfolded.
+        for event, unfolded in (("beforeprint", 1), ("afterprint", 0)):
+            driver.execute_script("dispatchEvent(new Event(arguments[0]))", event)
+            assert len(driver.find_elements("css selector", "details[open]")) == unfolded
         assert driver.get_log("browser") == []

@@ -9,7 +9,11 @@ for (const figure of document.querySelectorAll("figure.chart")) {
   let width = 900;
   const all = data.curves.flatMap((curve) => [curve.xs[0], curve.xs[curve.xs.length - 1]]).filter(Number.isFinite);
   const whole = all.length ? [Math.min(...all), Math.max(...all)] : [0, 1];
-  if (whole[0] === whole[1]) whole[1] += 1;
+  // Few points are results of their own: each gets a mark, and none stands on the edge.
+  const few = data.curves.every((curve) => curve.xs.length <= 200 && data.shaded === null);
+  const margin = whole[0] === whole[1] ? 0.5 : few ? 0.03 * (whole[1] - whole[0]) : 0;
+  whole[0] -= margin;
+  whole[1] += margin;
   let shown = [...whole];
   let scale = null;
   let dragged = null;
@@ -65,9 +69,8 @@ for (const figure of document.querySelectorAll("figure.chart")) {
     const clip = `clip-${[...document.querySelectorAll("figure.chart")].indexOf(figure)}`;
     const box = { x: left, y: top, width: width - left - right, height: height - top - bottom };
     element("rect", box, element("clipPath", { id: clip }));
-    const inside = element("g", { "clip-path": `url(#${clip})` });
     if (data.shaded !== null && data.shaded > shown[0]) {
-      element("rect", { ...box, width: Math.max(toX(data.shaded) - left, 0), class: "shade" }, inside);
+      element("rect", { ...box, width: Math.max(toX(data.shaded) - left, 0), class: "shade" });
       if (toX(data.shaded) - left > 70) text("not scored", left + 6, top + 16, "start");
     }
     for (const x of ticks(shown, width / 110)) {
@@ -86,6 +89,7 @@ for (const figure of document.querySelectorAll("figure.chart")) {
     text(data.x, (left + width - right) / 2, height - 8, "middle");
     const middle = (top + height - bottom) / 2;
     text(data.y, 0, 0, "middle", { transform: `translate(15 ${middle}) rotate(-90)` });
+    const inside = element("g", { "clip-path": `url(#${clip})` });
     data.curves.forEach((curve, i) => {
       if (!isOn(i)) return;
       let pen = "M";
@@ -99,6 +103,12 @@ for (const figure of document.querySelectorAll("figure.chart")) {
       });
       const colour = buttons[i].style.getPropertyValue("--curve");
       element("path", { d, class: "curve", "stroke-dasharray": curve.dash, style: `--curve: ${colour}` }, inside);
+      if (!few) return;
+      curve.xs.forEach((x, k) => {
+        if (curve.ys[k] === null) return;
+        const [cx, cy] = [toX(x).toFixed(1), toY(curve.ys[k]).toFixed(1)];
+        element("circle", { cx, cy, r: 3, class: "mark", style: `--curve: ${colour}` }, inside);
+      });
     });
     figure.dataset.from = short(shown[0]);
     figure.dataset.to = short(shown[1]);
