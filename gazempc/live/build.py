@@ -116,7 +116,7 @@ def _make_source(
     kind, address = settings.source_kind, settings.source.partition(":")[2]
     if scene is not None:
         played = BagSource(scene.walk, clock) if kind == "bag" else None
-        return played or ReplaySource(scene.walk, scene.sensor, scene.seed, clock)
+        return played or ReplaySource(scene.walk, scene.sensor, scene.seed, clock, settings.passes)
     if kind not in SOURCE.shipped:
         given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
         own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))
@@ -145,7 +145,7 @@ def _facing(scene: Scene) -> FloatArray:
 
 def _on_loop_clock(true_head: TrueHead, source: Source) -> TrueHeadAt:
     def at(times_s: FloatArray) -> FloatArray:
-        own_s = times_s - (source.start_s if isinstance(source, ReplaySource) else 0.0)
+        own_s = source.own_s(times_s) if isinstance(source, ReplaySource) else times_s
         return np.where(true_head.known(own_s)[:, None], true_head(own_s), np.nan)
 
     return at

@@ -53,11 +53,20 @@ def parse(words: Sequence[str]) -> LiveSettings:
         GazempcError: If settings do not go together, or a part of your own cannot be found.
         SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
     """
-    words, own = take_options(words, RobotOptions.model_fields)
+    words, own = take_options(_with_view(words), RobotOptions.model_fields)
     found = tyro.cli(LiveSettings, args=words, prog="python -m gazempc.live", description=__doc__)
     settings = found.model_copy(update={"options": found.options.with_own(own)})
     check(settings)
     return settings
+
+
+def _with_view(words: Sequence[str]) -> list[str]:
+    """``--view`` alone is ``--view foxglove``."""
+    found = list(words)
+    for k, word in enumerate(words):
+        if word == "--view" and (k + 1 == len(words) or words[k + 1].startswith("-")):
+            found[k] = "--view=foxglove"
+    return found
 
 
 def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
@@ -68,28 +77,42 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     from gazempc.live.run import LiveRun  # noqa: PLC0415
     from gazempc.live.status_line import StatusLine  # noqa: PLC0415
     from gazempc.live.summary import Kept, text  # noqa: PLC0415
+    from gazempc.live.view.start import start_viewers  # noqa: PLC0415
 
     settings.out.mkdir(parents=True, exist_ok=True)
     built = build(settings)
     parts, neck = built.parts, built.parts.neck
-    kept = Kept(settings, neck)
+    viewers = start_viewers(settings, built)
+    kept = Kept(settings, neck, None if viewers is None else viewers.feed.kept)
     status = StatusLine(neck.joint_names)
-    true_state = true_state_of(parts.robot)
-    keeping = Keeping(built.about, kept.keep, settings.log_s, true_state=true_state, show=status.show)
+    keeping = Keeping(
+        built.about,
+        kept.keep,
+        settings.log_s,
+        true_state=true_state_of(parts.robot),
+        show=status.show,
+        watch=None if viewers is None else viewers.feed.watch,
+    )
     if built.true_head_base_m is not None:
         keeping = replace(keeping, true_head_base_m=built.true_head_base_m)
     run = LiveRun(parts, keeping)
     print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}", flush=True)
-    for note in built.notes:
+    for note in (*built.notes, *(() if viewers is None else viewers.said)):
         print(f"  {note}", flush=True)
     try:
         with fast_switching(), without_collection(), status, _warnings_said():
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
     finally:
         summary = kept.write(run)
+        if viewers is not None:
+            viewers.feed.close()
     print(text(summary))
+    for line in () if viewers is None else viewers.trouble:
+        print(f"WARNING {line}")
+    shown = () if viewers is None else viewers.files
+    mcap = sorted(path.name for name in kept.names if (path := (settings.out / name).with_suffix(".mcap")).exists())
     drawn = kept.draw() if settings.figures else []
-    written = [*kept.report(summary, drawn, command), "summary.json", *kept.names, *kept.export(), *drawn]
+    written = [*kept.report(summary, drawn, command), "summary.json", *kept.names, *mcap, *shown, *drawn]
     print(f"Written to {settings.out}/: {', '.join(written)}")
     if kept.violations:
         raise LimitViolationError(

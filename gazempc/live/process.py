@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import multiprocessing
+import os
 import signal
 import sys
 import threading
@@ -13,6 +15,8 @@ from types import FrameType
 # Another thread must not hold the interpreter for longer than a tick can wait.
 _SWITCH_S = 0.0005
 _TIMES_TO_END = 2
+# Where processors are short, commands come first.
+_NICE = 5
 
 
 @contextmanager
@@ -66,3 +70,20 @@ def without_collection() -> Iterator[None]:
     finally:
         gc.enable()
         gc.unfreeze()
+
+
+def second_to_the_run() -> None:
+    """For a process that a run has started: it yields to the run, outlives Ctrl-C, and ends when the run is gone."""
+    # Ctrl-C is for the parent, which brakes the neck before it ends this.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(_NICE)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A parent that was killed cannot end this process, which would keep a camera or a port for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(0)

@@ -13,6 +13,7 @@ from gazempc.live.robots import keeps_any_clock
 from gazempc.live.sources.camera.options import CameraOptions
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
+from gazempc.live.view.orders import PORTS, ViewKind
 from gazempc.part_options import check_options
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own
 from gazempc.robots.options import RobotChoice, RobotOptions
@@ -49,6 +50,9 @@ class LiveSettings(MountedSettings, StageSettings):
     controller: ControllerChoice = Field(default="mpc", description="What plans them; module:Class for your own")
     predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     replay: str = Field(default="subject03_R4", description="Recording of the source replay")
+    passes: int = Field(
+        default=1, ge=1, description="How many times the person of the source replay passes, two seconds apart"
+    )
     camera: CameraOptions = CameraOptions()
     duration_s: float | None = Field(default=None, gt=0, description="Longest time; without it until told to stop")
     stamps: Stamps = Stamps()
@@ -65,8 +69,17 @@ class LiveSettings(MountedSettings, StageSettings):
     out: Path = Field(default=Path("out/live"), description="Where to write")
     log: Literal["npz", "mcap"] | None = Field(
         default=None,
-        description="Format of the logs; mcap: beside .npz, after the run, for Foxglove, rerun and PlotJuggler. "
+        description="Format of the logs; mcap: beside .npz, while it runs, for Foxglove and other viewers. "
         "Without it mcap if the extra view is installed",
+    )
+    view: ViewKind | None = Field(
+        default=None,
+        description="See it while it runs: web, a page in any browser; foxglove (or --view alone), with its layout",
+    )
+    view_at: str = Field(
+        default="127.0.0.1",
+        description="HOST or HOST:PORT that it is served at; 0.0.0.0 for the whole network. Without a port 8080 for "
+        "web, 8765 for foxglove",
     )
     figures: bool = Field(default=True, description="Draw figures of the last log")
 
@@ -79,7 +92,14 @@ class LiveSettings(MountedSettings, StageSettings):
     @property
     def recording(self) -> str | None:
         """What is played: a recording or the folder of a bag; None where a person is there now."""
-        return {"replay": self.replay, "bag": self.source.partition(":")[2]}.get(self.source_kind)
+        address = self.source.partition(":")[2]
+        return {"replay": address or self.replay, "bag": address}.get(self.source_kind)
+
+    @property
+    def view_address(self) -> tuple[str, int]:
+        """Host and port of what is served."""
+        host, colon, port = self.view_at.partition(":")
+        return host, int(port) if colon else PORTS[self.view or "web"]
 
     @property
     def scene(self) -> SceneSettings:
@@ -120,6 +140,7 @@ def check(settings: LiveSettings) -> None:
             f"--simulated-clock: source {settings.source!r} or robot {robot!r} keeps real time; accepted with it: "
             f"source replay, robots {simulated}, and parts of your own whose class says keeps_any_clock = True"
         )
+    _check_view(settings)
     if settings.neck is None and not settings.simulated_robot:
         raise SettingsError(
             f"--neck: a real robot ({robot}) needs its own neck file, with limits that it bears; "
@@ -146,6 +167,20 @@ def _check_source(settings: LiveSettings, source: str) -> None:
         )
     if settings.camera != CameraOptions() and source != "camera":
         raise SettingsError(f"--camera: source {settings.source!r} is none; accepted with --source camera")
+    _check_replay(settings, source)
+
+
+def _check_view(settings: LiveSettings) -> None:
+    host, colon, port = settings.view_at.partition(":")
+    if not host or (colon and not (port.isdecimal() and int(port) < 65536)):
+        raise SettingsError(f"--view-at {settings.view_at}: accepted: HOST or HOST:PORT, such as 0.0.0.0:8080")
+    if settings.view is not None and settings.simulated_clock:
+        raise SettingsError("--view: a run on a simulated clock is over before anybody sees it")
+
+
+def _check_replay(settings: LiveSettings, source: str) -> None:
+    if settings.passes != 1 and source != "replay":
+        raise SettingsError(f"--passes: source {settings.source!r} is no replay; accepted with --source replay")
     if settings.recording == "":
         raise SourceError(f"--source {settings.source}: no bag; accepted: bag:PATH, the folder of a ROS 2 bag")
     if settings.sensor is not None and source == "bag":

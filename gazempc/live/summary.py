@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gazempc.errors import LeftOutError
-from gazempc.export import export
 from gazempc.live.lateness import Lateness
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
@@ -20,7 +19,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.recording import truth_of
 from gazempc.results.compute import measure_compute
 from gazempc.results.limits import limit_violations
-from gazempc.results.log import ComputeTimes, Fault, Log, load_log
+from gazempc.results.log import ComputeTimes, Fault, Log
 from gazempc.results.metrics import measure
 from gazempc.results.report import versions
 
@@ -34,14 +33,16 @@ class Kept:
     Args:
         settings: Settings of the run; `out` is where to write.
         neck: The neck.
+        on_kept: Is told the path of each log that is complete.
 
     Attributes:
         names: Names of the logs written so far.
         violations: Violations of the neck's limits in them.
     """
 
-    def __init__(self, settings: LiveSettings, neck: NeckSpec) -> None:
+    def __init__(self, settings: LiveSettings, neck: NeckSpec, on_kept: Callable[[Path], None] | None = None) -> None:
         self._settings, self._neck = settings, neck
+        self._on_kept = on_kept or (lambda _: None)
         self._last: tuple[Log, ComputeTimes] | None = None
         self._latency = Lateness()
         self.names: list[str] = []
@@ -53,24 +54,12 @@ class Kept:
         log.save(self._settings.out / name)
         times.save(self._settings.out / f"compute_{len(self.names):03}.npz")
         self.names.append(name)
+        self._on_kept(self._settings.out / name)
         self._last = log, times
         for latency_ms in times.latency_ms:
             self._latency.add(float(latency_ms))
         if log.time_s.size > 3:
             self.violations += limit_violations(log, self._neck)
-
-    def export(self) -> list[str]:
-        """Write the logs as MCAP, too, where that is wanted; not during the run, as it takes a core for a while.
-
-        Returns:
-            Names of the files.
-        """
-        wanted = self._settings.log or ("mcap" if find_spec("foxglove") else "npz")
-        if wanted == "npz":
-            return []
-        out = self._settings.out
-        stems = [Path(name).stem for name in self.names]
-        return [path.name for stem in stems for path in export(load_log(out / f"{stem}.npz"), "mcap", out / stem)]
 
     def write(self, run: LiveRun) -> dict[str, Any]:
         """Write `summary.json`.

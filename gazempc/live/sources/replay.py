@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import replace
 
+import numpy as np
+
 from gazempc.live.clock import Clock
 from gazempc.live.sources.source import Arrived
 from gazempc.recordings.recording import Recording
 from gazempc.sim.sensor import SensorSpec, observe
-from gazempc.types import Sighting
+from gazempc.types import FloatArray, Sighting
+
+# Long enough that a person who comes back is a new one to the loop.
+_PAUSE_S = 2.0
 
 
 class ReplaySource:
@@ -20,13 +25,20 @@ class ReplaySource:
         sensor: What is seen of it.
         seed: Seed of the sensor's noise.
         clock: The loop's clock.
+        passes: How many times the person passes; each time with other noise.
     """
 
     keeps_any_clock = True
+    _passes, _pass_s = 1, 1.0
 
-    def __init__(self, placed: Recording, sensor: SensorSpec, seed: int, clock: Clock) -> None:
-        self._sightings = deque(observe(placed, sensor, seed))
-        self._end_s = float(placed.times_s[-1])
+    def __init__(self, placed: Recording, sensor: SensorSpec, seed: int, clock: Clock, passes: int = 1) -> None:
+        last_s = float(placed.times_s[-1])
+        self._pass_s = last_s + _PAUSE_S
+        self._passes = passes
+        self._sightings = deque(
+            _later(sighting, k * self._pass_s) for k in range(passes) for sighting in observe(placed, sensor, seed + k)
+        )
+        self._end_s = (passes - 1) * self._pass_s + last_s
         self._clock = clock
         self.start_s = 0.0
 
@@ -39,11 +51,20 @@ class ReplaySource:
         elapsed_s = self._clock.now_s() - self.start_s
         arrived = []
         while self._sightings and self._sightings[0].arrival_s <= elapsed_s + 1e-9:
-            sighting = self._sightings.popleft()
-            captured_s = self.start_s + sighting.observation.capture_time_s
-            observation = replace(sighting.observation, capture_time_s=captured_s)
-            arrived.append(Sighting(self.start_s + sighting.arrival_s, observation))
+            arrived.append(_later(self._sightings.popleft(), self.start_s))
         return Arrived(tuple(arrived))
+
+    def own_s(self, times_s: FloatArray) -> FloatArray:
+        """The recording's time at times of the loop, in each pass anew.
+
+        Args:
+            times_s: Shape (H,), seconds.
+
+        Returns:
+            Shape (H,), seconds; beyond the recording's end between two passes.
+        """
+        elapsed_s = times_s - self.start_s
+        return elapsed_s - self._pass_s * np.clip(np.floor(elapsed_s / self._pass_s), 0, self._passes - 1)
 
     @property
     def finished(self) -> bool:
@@ -53,3 +74,8 @@ class ReplaySource:
     def close(self) -> None:
         """See `gazempc.live.sources.source.Source.close`."""
         self._sightings.clear()
+
+
+def _later(sighting: Sighting, by_s: float) -> Sighting:
+    captured_s = by_s + sighting.observation.capture_time_s
+    return Sighting(by_s + sighting.arrival_s, replace(sighting.observation, capture_time_s=captured_s))

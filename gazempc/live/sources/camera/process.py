@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import signal
 import sys
-import threading
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 from gazempc.errors import GazempcError
+from gazempc.live.process import second_to_the_run
 from gazempc.live.sources.camera.blazeface import BlazeFace
 from gazempc.live.sources.camera.capture import open_pictures
 from gazempc.live.sources.camera.intrinsics import Intrinsics, from_calibration, from_field_of_view
 from gazempc.live.sources.camera.options import LIKELY_FOV_DEG, CameraOptions
 from gazempc.live.sources.camera.sensor import FaceSensor
+from gazempc.live.sources.camera.shown import Showing, Shown
 from gazempc.live.sources.source import SourceError
 from gazempc.parts import said
 from predictors import HeadObservation
-
-_NICE = 5
 
 
 @dataclass(frozen=True)
@@ -46,28 +43,24 @@ class Failed:
 
 
 # Observations have capture times on the clock of `time.monotonic`; a text is something that was wrong for a moment.
-Message = Opened | Failed | HeadObservation | str
+Message = Opened | Failed | HeadObservation | Shown | str
 
 
-def serve(address: str, options: CameraOptions, parent: Connection) -> None:
+def serve(address: str, options: CameraOptions, parent: Connection, shows: bool = False) -> None:
     """Work until nothing more comes or the parent is gone.
 
     Args:
         address: See `gazempc.live.sources.camera.capture.open_pictures`.
         options: What to ask of the camera.
         parent: Where messages go.
+        shows: Whether small pictures go there, too.
     """
-    # Ctrl-C is for the parent, which brakes the neck before it ends this.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Where processors are short, commands come first.
-    if hasattr(os, "nice"):
-        os.nice(_NICE)
+    second_to_the_run()
     # The camera is let go in order.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         try:
-            _work(address, options, parent)
+            _work(address, options, parent, Showing() if shows else None)
             parent.send(Failed())
         except (GazempcError, ValueError) as error:
             parent.send(Failed(str(error)))
@@ -79,15 +72,7 @@ def serve(address: str, options: CameraOptions, parent: Connection) -> None:
         return  # nobody is there any more
 
 
-def _end_with_parent() -> None:
-    """A parent that was killed cannot end this process, which would keep the camera for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(0)
-
-
-def _work(address: str, options: CameraOptions, parent: Connection) -> None:
+def _work(address: str, options: CameraOptions, parent: Connection, showing: Showing | None) -> None:
     detector = BlazeFace()
     pictures = open_pictures(address, options)
     try:
@@ -109,6 +94,8 @@ def _work(address: str, options: CameraOptions, parent: Connection) -> None:
             observation = sensor.see(picture.rgb, captured_s)
             if observation is not None:
                 parent.send(observation)
+            if showing is not None and (shown := showing.of(picture, captured_s)) is not None:
+                parent.send(shown)
     finally:
         pictures.close()
 

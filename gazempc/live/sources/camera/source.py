@@ -14,7 +14,9 @@ from gazempc.errors import SettingsError
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.camera.options import CameraOptions
 from gazempc.live.sources.camera.process import Failed, Message, Opened, serve
+from gazempc.live.sources.camera.shown import Shown
 from gazempc.live.sources.source import Arrived, SourceError
+from gazempc.results.moments import Moment, PictureMoment
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
@@ -51,6 +53,15 @@ class CameraSource:
         self._process: SpawnProcess | None = None
         self._messages: Connection | None = None
         self._ended = False
+        self._watch: Callable[[Moment], None] | None = None
+
+    def show_to(self, watch: Callable[[Moment], None]) -> None:
+        """Give small pictures to somebody, too; call it before `open`.
+
+        Args:
+            watch: Takes them in the thread of the run, and returns at once.
+        """
+        self._watch = watch
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; waits for the first picture."""
@@ -59,7 +70,10 @@ class CameraSource:
         context = multiprocessing.get_context("spawn")
         self._messages, theirs = context.Pipe(duplex=False)
         self._process = context.Process(
-            target=serve, args=(self._address, self._options, theirs), name="camera", daemon=True
+            target=serve,
+            args=(self._address, self._options, theirs, self._watch is not None),
+            name="camera",
+            daemon=True,
         )
         self._process.start()
         theirs.close()
@@ -80,6 +94,8 @@ class CameraSource:
             if isinstance(message, HeadObservation):
                 captured_s = self._clock.from_monotonic_s(message.capture_time_s)
                 sightings.append(Sighting(now_s, replace(message, capture_time_s=captured_s)))
+            elif isinstance(message, Shown) and self._watch is not None:
+                self._watch(PictureMoment(self._clock.from_monotonic_s(message.captured_s), message.jpeg))
             elif isinstance(message, str):
                 problems.append(message)
             elif isinstance(message, Failed) and message.why:

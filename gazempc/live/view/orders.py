@@ -1,0 +1,72 @@
+"""What the process for viewers is told to do, and what it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from gazempc.results.run_info import RunInfo
+
+ViewKind = Literal["foxglove", "web"]
+# The port that Foxglove offers, and one for pages that needs no rights.
+PORTS: dict[ViewKind, int] = {"foxglove": 8765, "web": 8080}
+
+
+@dataclass(frozen=True)
+class ViewOrders:
+    """What the process for viewers does.
+
+    Attributes:
+        run: What the run is.
+        mcap_folder: Where MCAP files go; None for none.
+        view: What is served; None for nothing.
+        host: Address that it is served at.
+        port: Its port; 0 for any that is free.
+        layout: Where the layout file for Foxglove goes.
+        pictures: Whether a camera's pictures are among the moments.
+    """
+
+    run: RunInfo
+    mcap_folder: Path | None = None
+    view: ViewKind | None = None
+    host: str = "127.0.0.1"
+    port: int = 0
+    layout: Path | None = None
+    pictures: bool = False
+
+
+class LogKept(NamedTuple):
+    """A log is complete, and on disk.
+
+    Attributes:
+        path: The ``.npz`` file; the MCAP file beside it has its name.
+        lost: How many moments of it did not reach the process for viewers.
+    """
+
+    path: Path
+    lost: int
+
+
+class Ended(NamedTuple):
+    """The run is over."""
+
+
+class ViewReady(NamedTuple):
+    """The process for viewers is ready.
+
+    Attributes:
+        said: What the user is told, one line each.
+    """
+
+    said: tuple[str, ...]
+
+
+class ViewFailed(NamedTuple):
+    """Something cannot go on.
+
+    Attributes:
+        why: Why.
+    """
+
+    why: str

@@ -1,0 +1,178 @@
+"""The page of a live run in a real browser: what happens is shown, a lost connection comes back, no script fails."""
+
+import http.client
+import json
+import time
+
+import numpy as np
+import pytest
+from builders.browser import browser
+from builders.ports import free_port
+
+import gazempc as gz
+from gazempc.live.view.child import ViewProcess
+from gazempc.live.view.orders import ViewOrders
+from gazempc.live.view.snapshot import Snapshots
+from gazempc.neck.kinematics import gaze_error_rad
+from gazempc.results.moments import EventMoment, LateMoment, PictureMoment, PlanMoment, TickMoment, moments_of
+
+# The smallest JPEG that browsers show: one grey pixel.
+JPEG = bytes.fromhex(
+    "ffd8ffe000104a46494600010100000100010000ffdb004300030202020202030202020303030304060404040404080606050609080a0a09"
+    "0809090a0c0f0c0a0b0e0b09090d110d0e0f101011100a0c12131210130f101010ffc9000b080001000101011100ffcc0006001010"
+    "05ffda0008010100003f00d2cf20ffd9"
+)
+
+
+@pytest.fixture(scope="module")
+def log():
+    return gz.replay(
+        "subject03_R4",
+        neck="reference_eyes",
+        controller="lookahead",
+        predictor="constant_velocity",
+        sensor="reference",
+    )
+
+
+@pytest.fixture(scope="module")
+def moments(log):
+    """What a live run would send: with plans, lateness and pictures."""
+    found = [PictureMoment(0.0, JPEG), PlanMoment(0.0, 0.0, 0.02, log.command_position_rad[:3], 87.0)]
+    for moment in moments_of(log):
+        if isinstance(moment, TickMoment):
+            found.append(LateMoment(0.25, 0))
+        found.append(moment)
+    return found
+
+
+@pytest.fixture
+def started(log):
+    """Starts the process that serves the page at a port; what is still running is ended."""
+    running = []
+
+    def start(port):
+        process = ViewProcess(ViewOrders(log.run, view="web", port=port))
+        assert process.start() == (f"view: open http://127.0.0.1:{port}/ in a browser",)
+        running.append(process)
+        return process
+
+    yield start
+    for process in running:
+        process.close()
+
+
+def wait_for(driver, element, words):
+    until = time.monotonic() + 15.0
+    while words not in (found := driver.find_element("id", element).text):
+        assert time.monotonic() < until, f"{element} says {found!r}, not {words!r}"
+        time.sleep(0.02)
+
+
+def shown_at(log, moments):
+    """What the page says of the time, once it shows all of them."""
+    snapshots, last_s = Snapshots(log.run), None
+    for moment in moments:
+        if snapshots.take(moment):
+            last_s = snapshots.state()["time_s"]
+    return f"{last_s:.1f} s"
+
+
+def drawn(driver, canvas):
+    """How many pixels of a canvas are not empty."""
+    return driver.execute_script(
+        "const c = document.getElementById(arguments[0]);"
+        "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+        "let n = 0; for (let k = 3; k < d.length; k += 4) n += d[k] > 0; return n;",
+        canvas,
+    )
+
+
+def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments, started):
+    port = free_port()
+    with browser() as driver:
+        run = started(port)
+        driver.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": 400, "height": 800, "deviceScaleFactor": 1, "mobile": True},
+        )
+        driver.get(f"http://127.0.0.1:{port}/")
+        wait_for(driver, "connection", "waiting for the run")
+        half = len(moments) // 2
+        run.send(moments[:half])
+        wait_for(driver, "time", shown_at(log, moments[:half]))
+        assert driver.find_element("id", "connection").text == "live"
+        first = {name: driver.find_element("id", name).text for name in ("person", "error", "time", "joints")}
+        run.send([*moments[half:], EventMoment(float(log.time_s[-1]), "limit_guard", "limit_guard")])
+        run.send([TickMoment(float(log.time_s[-1]) + 0.1, moments[-1].joints, *moments[-1][2:])])
+        wait_for(driver, "events", "limit_guard: the smoother refused")
+        for name, before in first.items():
+            assert driver.find_element("id", name).text != before, name
+        at = moments[-1]
+        error_rad = gaze_error_rad(log.neck.geometry, at.joints.position_rad, at.head_true_base_m)
+        assert driver.find_element("id", "error").text == f"{np.rad2deg(error_rad):.2f} deg"
+        assert driver.find_element("id", "latency").text == "87 ms"
+        assert driver.find_element("id", "joints").text.count("°") == 4
+        assert driver.find_element("id", "camera").is_displayed()
+        assert driver.execute_script("return document.getElementById('picture').naturalWidth") == 1
+        for canvas in ("above", "eye", "errors", "times"):
+            assert drawn(driver, canvas) > 500, canvas
+        # It fits a phone.
+        assert driver.execute_script("return document.documentElement.scrollWidth") <= 400
+
+        run._process.kill()
+        wait_for(driver, "connection", "connection lost")
+        again = started(port)
+        wait_for(driver, "connection", "waiting for the run")
+        again.send(moments[:half])
+        wait_for(driver, "time", first["time"])
+        assert driver.find_element("id", "connection").text == "live"
+        again.close()
+        wait_for(driver, "connection", "the run is over")
+        # That nobody answers is no error of a script.
+        wrong = [each for each in driver.get_log("browser") if each["source"] != "network"]
+        assert wrong == []
+
+
+def asked(port, path, host):
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection.request("GET", path, headers={"Host": host})
+    answer = connection.getresponse()
+    found = answer.status, answer.getheader("Content-Security-Policy"), answer.read()
+    connection.close()
+    return found
+
+
+def test_only_this_computer_and_only_its_own_files_are_asked(started):
+    port = free_port()
+    started(port)
+    status, policy, page = asked(port, "/", f"localhost:{port}")
+    assert status == 200
+    assert "default-src 'self'" in policy
+    assert b"http://" not in page
+    assert b"https://" not in page
+    # A page of somebody else that calls this computer by a name of its own.
+    assert asked(port, "/", "evil.example:80")[0] == 403
+    assert asked(port, "/../web.py", f"127.0.0.1:{port}")[0] == 404
+
+
+def test_a_port_that_is_taken_is_said(started, log):
+    port = free_port()
+    started(port)
+    with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}: Address already in use"):
+        ViewProcess(ViewOrders(log.run, view="web", port=port)).start()
+
+
+def test_the_state_is_json_whatever_is_not_known(moments):
+    log = gz.replay("subject03_R1", controller="reactive", predictor="last_position", sensor="reference")
+    snapshots = Snapshots(log.run)
+    states = []
+    for moment in moments_of(log):
+        unknown = moment._replace(head_true_base_m=None) if isinstance(moment, TickMoment) else moment
+        if snapshots.take(unknown):
+            states.append(snapshots.state())
+    assert states[0]["observed_m"] is None
+    assert states[-1]["true_m"] is None
+    json.dumps(states, allow_nan=False)
+    # Without a true head the error is against the observed one.
+    assert states[-1]["error_deg"] == pytest.approx(np.hypot(*states[-1]["in_view_deg"]))
