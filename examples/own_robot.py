@@ -60,9 +60,9 @@ if __name__ == "__main__":
 # running; Ctrl-C stops
 # stopped by: end of the source
 # 944 ticks, 0 skipped; later than due by 0.00 ms (p50), 0.00 ms (p99), 0.00 ms (max)
-# 138 observations: 138 used, 0 refused
 # from capture to command: 90 ms (p50), 103 ms (p99)
 # gaze error 3.07 deg RMS, eye contact (2.6 deg) 59 %, against the recording's true head
 # limit violations: 0
 #   no_observation_yet 1 x
 # Written to out/live/: summary.json, log_000.npz
+# 138 of 138 used

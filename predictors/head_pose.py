@@ -91,6 +91,11 @@ class HeadPose:
         self._started_at_s: float | None = None
         self._forget_yaw()
 
+    @property
+    def rejections_in_a_row(self) -> int:
+        """Number of observations refused since the last accepted one."""
+        return self._position.rejections_in_a_row
+
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
         self._position.update(observation)

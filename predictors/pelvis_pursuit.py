@@ -55,6 +55,11 @@ class PelvisPursuit:
         self._pelvis_yaw_rad = 0.0
         self._pelvis_time_s = -np.inf
 
+    @property
+    def rejections_in_a_row(self) -> int:
+        """Number of observations refused since the last accepted one."""
+        return self._position.rejections_in_a_row
+
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
         started_at_s = self._position.started_at_s

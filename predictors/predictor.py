@@ -23,6 +23,9 @@ class Predictor(Protocol):
 
     Only `update` and `reset` change a predictor; `forecast` leaves it as it was, so it may be asked for
     any number of horizons between two observations.
+
+    One that refuses mistaken detections may say so by an attribute ``rejections_in_a_row``: the number refused since
+    the last accepted one. Runs then count them.
     """
 
     def reset(self) -> None:

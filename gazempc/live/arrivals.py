@@ -6,10 +6,12 @@ import logging
 from dataclasses import replace
 
 from gazempc.live.mount import JointHistory
+from gazempc.live.offset import ClockOffset
 from gazempc.live.parts import LiveParts
 from gazempc.live.plausible import Plausibility
 from gazempc.live.report import LiveReport
 from gazempc.live.sources.source import Arrived, check_range
+from gazempc.live.stamps import Stamps
 from gazempc.live.watch.frame import Frame
 from gazempc.live.watch.watch import Watch
 from gazempc.loop.events import Event
@@ -37,6 +39,8 @@ class Arrivals:
         self._watch = Watch(parts.clock, parts.stamps, parts.mount, parts.settings, parts.mends)
         self._joints = JointHistory()
         self._plausibility = Plausibility()
+        latency_s = (Stamps() if parts.stamps is None else parts.stamps.stamps).latency_s
+        self._offset = ClockOffset(latency_s, parts.mends)
         self._said: set[Event] = set()
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
@@ -95,7 +99,8 @@ class Arrivals:
             if notice.count:
                 recorder.refused(notice.event, notice.count)
             self._say(now_s, recorder, notice.event, notice.text)
-        for finding in self._watch.findings(now_s):
+        shifted = () if self._offset.finding is None else (self._offset.finding,)
+        for finding in (*shifted, *self._watch.findings(now_s)):
             self._say(now_s, recorder, *finding)
         return found
 
@@ -127,15 +132,20 @@ class Arrivals:
         seen = self._mount.in_sensor(sighting.observation)
         if not self._use_ids:
             seen = replace(seen, person_id=None)
-        head_m = seen.head_position_base_m
+        head_m, stated_s = seen.head_position_base_m, seen.capture_time_s
         check_range(head_m)
+        shift_s = self._offset.shift_s(sighting.arrival_s, stated_s)
+        self._report.least_age_s = min(self._report.least_age_s, self._offset.age_s)
+        self._report.greatest_age_s = max(self._report.greatest_age_s, self._offset.age_s)
+        if shift_s:
+            seen = replace(seen, capture_time_s=stated_s + shift_s)
         moves = self._mount.moves
         angles_rad = self._joints.at(seen.capture_time_s) if moves else None
         known = angles_rad is not None or not moves
         in_base = self._mount.to_base(seen, self._geometry, angles_rad) if known else None
         # Where a wrong stamp does not let it be placed, too: the watch finds out why.
         base_m = None if in_base is None else in_base.head_position_base_m
-        self._watch.see(Frame(sighting.arrival_s, seen.capture_time_s, head_m, base_m, seen.person_id))
+        self._watch.see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
         if in_base is None:
             on = self._mount.on
             raise ValueError(f"the sensor moves with the {on}, and where the {on} was at the capture time is not known")

@@ -76,7 +76,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     from gazempc.live.robots import true_state_of  # noqa: PLC0415
     from gazempc.live.run import LiveRun  # noqa: PLC0415
     from gazempc.live.status_line import StatusLine  # noqa: PLC0415
-    from gazempc.live.summary import Kept, text  # noqa: PLC0415
+    from gazempc.live.summary import Kept, last_line, text  # noqa: PLC0415
     from gazempc.live.view.start import start_viewers  # noqa: PLC0415
 
     settings.out.mkdir(parents=True, exist_ok=True)
@@ -114,6 +114,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     drawn = kept.draw() if settings.figures else []
     written = [*kept.report(summary, drawn, command), "summary.json", *kept.names, *mcap, *shown, *drawn]
     print(f"Written to {settings.out}/: {', '.join(written)}")
+    print(last_line(summary))
     if kept.violations:
         raise LimitViolationError(
             f"{kept.violations} violations of the limits of neck {neck.name}, see {settings.out}/summary.json"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from gazempc.live.lateness import Lateness
@@ -21,6 +22,9 @@ class LiveReport:
         problems: What arrived and could not be used, the first 20.
         n_problems: How many there were.
         warnings: What is probably wrong with the set-up: each kind's event, what it looks like, and what mends it.
+        least_age_s: Least age of the frames that come soonest, by their stamps, over the run, seconds; below 0 if they
+            are of the future.
+        greatest_age_s: The greatest.
         stopped_by: Why the run ended.
     """
 
@@ -31,6 +35,8 @@ class LiveReport:
     problems: list[str] = field(default_factory=list)
     n_problems: int = 0
     warnings: list[str] = field(default_factory=list)
+    least_age_s: float = math.inf
+    greatest_age_s: float = -math.inf
     stopped_by: str = ""
 
     def problem(self, text: str) -> None:

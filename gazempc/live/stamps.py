@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from gazempc.live.clock import RealClock
+from gazempc.live.envelope import Envelope
 
 StampClock = Literal["unix", "monotonic", "other", "arrival"]
 StampUnit = Literal["s", "ms", "us", "ns"]
 
 PER_SECOND: dict[StampUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-# Clocks drift apart by up to 0.1 ms a second. Within this time some frame comes with little delay.
-_MEMORY_S = 10.0
 
 
 class Stamps(BaseModel):
@@ -29,7 +27,10 @@ class Stamps(BaseModel):
     )
     unit: StampUnit = Field(default="s", description="Their unit")
     latency_s: float = Field(
-        default=0.05, ge=0, le=2, description="For the clocks other and arrival: least time from capture to arrival"
+        default=0.05,
+        ge=0,
+        le=2,
+        description="Least time from capture to arrival: for the clocks other and arrival, and where a clock is ahead",
     )
 
 
@@ -44,8 +45,7 @@ class StampReader:
     def __init__(self, stamps: Stamps, clock: RealClock) -> None:
         self.stamps = stamps
         self._clock = clock
-        # Arrival minus stamp, the least first: those that may still become the least.
-        self._delays: deque[tuple[float, float]] = deque()
+        self._envelope = Envelope()
 
     def loop_s(self, stamp: float, arrival_s: float) -> float:
         """A stamp on the loop's clock.
@@ -65,7 +65,8 @@ class StampReader:
             return self._clock.from_monotonic_s(stamp_s)
         if clock == "arrival":
             return arrival_s - self.stamps.latency_s
-        return stamp_s + self._least_delay_s(arrival_s - stamp_s, arrival_s) - self.stamps.latency_s
+        self._envelope.add(arrival_s, arrival_s - stamp_s)
+        return stamp_s + self._envelope.at(arrival_s) - self.stamps.latency_s
 
     def now_loop_s(self, stamp: float) -> float:
         """A stamp that came just now on the loop's clock, as `loop_s`.
@@ -86,11 +87,3 @@ class StampReader:
         """
         to_loop = self._clock.from_unix_s if self.stamps.clock == "unix" else self._clock.from_monotonic_s
         return (capture_s - to_loop(0.0)) * PER_SECOND[self.stamps.unit]
-
-    def _least_delay_s(self, delay_s: float, arrival_s: float) -> float:
-        while self._delays and self._delays[-1][1] >= delay_s:
-            self._delays.pop()
-        self._delays.append((arrival_s, delay_s))
-        while self._delays[0][0] < arrival_s - _MEMORY_S:
-            self._delays.popleft()
-        return self._delays[0][1]

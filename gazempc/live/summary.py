@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -14,7 +15,8 @@ from gazempc.errors import LeftOutError
 from gazempc.live.lateness import Lateness
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
-from gazempc.loop.events import MEANINGS
+from gazempc.live.watch.frame import shown
+from gazempc.loop.events import MEANINGS, Event
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.recording import truth_of
 from gazempc.results.compute import measure_compute
@@ -25,6 +27,21 @@ from gazempc.results.report import versions
 
 _LATE_MS = 1.0
 _SHOWN_PROBLEMS = 5
+# Computers of any time zone differ by less.
+_OTHER_CLOCK_S = 14 * 3600.0
+# Events that say why an observation was not used, in short.
+_REASONS = {
+    Event.STALE_OBSERVATION: "stale",
+    Event.FUTURE_OBSERVATION: "future",
+    Event.OUT_OF_ORDER: "out of order",
+    Event.GATE_REFUSED: "gate",
+    Event.IMPLAUSIBLE_PERSON: "implausible",
+    Event.SENDER_REFUSED: "sender",
+    Event.BAD_OBSERVATION: "unreadable",
+    Event.OBSERVATIONS_DROPPED: "too many",
+    Event.TRACKER_FROZEN: "frozen",
+    Event.FORECAST_FAILED: "predictor failed",
+}
 
 
 class Kept:
@@ -88,6 +105,7 @@ class Kept:
             "observations": report.observations,
             "used": run.logs.used,
             "refused": run.logs.refused,
+            "soonest_age_s": [_known(report.least_age_s), _known(report.greatest_age_s)],
             "warnings": report.warnings,
             "problems": report.problems,
             "events": run.logs.events,
@@ -163,7 +181,6 @@ def text(summary: dict[str, Any]) -> str:
         f"stopped by: {summary['stopped_by']}",
         f"{summary['ticks']} ticks, {summary['skipped_ticks']} skipped; later than due by {late['p50']:.2f} ms (p50), "
         f"{late['p99']:.2f} ms (p99), {late['max']:.2f} ms (max)",
-        _counts(summary),
     ]
     if latency["p50"] is not None:
         lines.append(f"from capture to command: {latency['p50']:.0f} ms (p50), {latency['p99']:.0f} ms (p99)")
@@ -183,12 +200,38 @@ def text(summary: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _counts(summary: dict[str, Any]) -> str:
-    """How many observations came and were used, and why the others were not."""
-    said = f"{summary['observations']} observations: {summary['used'] or 'none'} used"
-    refused = summary["refused"]
-    reasons = ", ".join(f"{count} {name}" for name, count in refused.items())
-    return f"{said}, {sum(refused.values())} refused" + (f" ({reasons})" if reasons else "")
+def last_line(summary: dict[str, Any]) -> str:
+    """How many observations were used, and why the others were not: what a run ends with.
+
+    Args:
+        summary: As `Kept.write` gives it.
+
+    Returns:
+        Such as ``0 of 360 used: 360 future (clock 0.1 s ahead?)``.
+    """
+    reasons = [
+        f"{count} {_REASONS.get(name, name)}{_clock_hint(name, summary)}" for name, count in summary["refused"].items()
+    ]
+    said = f"{summary['used']} of {summary['observations']} used"
+    return f"{said}: {', '.join(reasons)}" if reasons else said
+
+
+def _clock_hint(name: str, summary: dict[str, Any]) -> str:
+    """By how much the tracker's clock may be off, where that explains what was refused."""
+    least_s, greatest_s = summary["soonest_age_s"]
+    off_s = 0.0
+    if name == Event.FUTURE_OBSERVATION and least_s is not None and least_s < 0:
+        off_s = summary["settings"]["stamps"]["latency_s"] - least_s
+    if name == Event.STALE_OBSERVATION and greatest_s is not None:
+        off_s = -greatest_s
+    if abs(off_s) > _OTHER_CLOCK_S:
+        return " (another clock, or another unit?)"
+    off = f"{abs(off_s):.1g}" if abs(off_s) < 1 else shown(abs(off_s))
+    return (f" (clock {off} s ahead?)" if off_s > 0 else f" (clock {off} s behind, or slow?)") if off_s else ""
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _without_nan(metrics: dict[str, Any]) -> dict[str, Any]:

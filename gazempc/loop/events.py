@@ -87,6 +87,11 @@ class Event(StrEnum):
     )
     LOW_FRAME_RATE = "low_frame_rate", "fewer than six frames a second arrive"
     NEW_ID_EACH_FRAME = "new_id_each_frame", "the tracker gives the person another name at every frame"
+    CLOCK_SHIFTED = (
+        "clock_shifted",
+        "the tracker's clock is ahead, far behind or fast; capture times are shifted by as much as the stream shows",
+    )
+    GATE_REFUSED = "gate_refused", "the predictor takes a head for a mistaken detection, or for somebody else; not used"
     CLOCK_STEPPED = "clock_stepped", "the computer's Unix clock was set to another time"
 
 

@@ -43,6 +43,7 @@ class LoopRecorder:
         self._events: list[tuple[float, str]] = []
         self._event_last_s: dict[str, float] = {}
         self._faults: dict[str, Fault] = {}
+        self._used = 0
         self._refused: Counter[str] = Counter()
         self._update_ms: list[float] = []
         self._step_ms: list[float] = []
@@ -69,8 +70,8 @@ class LoopRecorder:
 
     @property
     def used(self) -> int:
-        """Number of observations that the predictor was given."""
-        return len(self._observations)
+        """Number of observations that the predictor used."""
+        return self._used
 
     @property
     def refusals(self) -> dict[str, int]:
@@ -86,16 +87,23 @@ class LoopRecorder:
             self._watch(TickMoment(time_s, state, sent_rad, motions))
 
     def observation(
-        self, time_s: float, observation: HeadObservation, forecast: Forecast | None, update_ms: float
+        self,
+        time_s: float,
+        observation: HeadObservation,
+        forecast: Forecast | None,
+        update_ms: float,
+        used: bool = True,
     ) -> None:
-        """Record an observation that was used.
+        """Record an observation that the predictor was given.
 
         Args:
             time_s: Time of its arrival, seconds.
             observation: The observation.
             forecast: Forecast at `FORECAST_HORIZONS_S` from its capture; None if there is none.
             update_ms: Duration of the predictor's update, milliseconds.
+            used: Whether the predictor used it.
         """
+        self._used += used
         self._observations.append((time_s, observation))
         stated = (
             _NO_FORECAST

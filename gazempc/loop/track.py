@@ -86,7 +86,11 @@ class PersonTrack:
         update_ms = 1e3 * (time.perf_counter() - started)
         self.newest = observation
         forecast = self.forecast(observation.capture_time_s + _RECORDED_HORIZONS_S, time_s, recorder)
-        recorder.observation(time_s, observation, forecast, update_ms)
+        # A predictor that refuses detections may say so.
+        gated = bool(getattr(self.predictor, "rejections_in_a_row", 0))
+        if gated:
+            self._refuse(Event.GATE_REFUSED, time_s, recorder)
+        recorder.observation(time_s, observation, forecast, update_ms, used=not gated)
 
     @staticmethod
     def _refuse(event: Event, time_s: float, recorder: LoopRecorder, error: Exception | None = None) -> None:

@@ -81,6 +81,11 @@ class ConstantAcceleration:
         self._issued_at_s = -np.inf
         self._gate = Gate()
 
+    @property
+    def rejections_in_a_row(self) -> int:
+        """Number of observations refused since the last accepted one."""
+        return self._gate.rejections_in_a_row
+
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
         check_newer(observation, None if self._filter is None else self._time_s)

@@ -120,8 +120,14 @@ def test_a_run_from_standard_input(how, tmp_path):
     assert summary["stopped_by"] == ("end of the source" if how == "end of the source" else "signal")
     assert summary["observations"] >= 5
     if how == "end of the source":
-        assert (summary["observations"], summary["used"], summary["refused"]) == (43, 42, {"bad_observation": 1})
-        assert "43 observations: 42 used, 1 refused (1 bad_observation)" in said
+        # The second walk begins where the first one did, too far away for a step.
+        gated = summary["refused"].pop("gate_refused")
+        assert (summary["observations"], summary["used"] + gated, summary["refused"]) == (
+            43,
+            42,
+            {"bad_observation": 1},
+        )
+        assert said.splitlines()[-1] == f"{42 - gated} of 43 used: {gated} gate, 1 unreadable"
         # While it runs, piped: one line a second.
         lines = [line for line in said.splitlines() if "m away; " in line]
         assert lines[0].split()[0].startswith("1.")
@@ -152,12 +158,13 @@ def test_a_wrong_clock_and_unit_are_said_while_it_runs_and_the_options_that_it_n
         program.until_it_runs()
         program.walk(1.0, stamp=stamp, unit_m=0.001)
         # It runs on: nothing but the loud lines is on standard error.
-        lines = [program.process.stderr.readline().decode() for _ in range(2)]
+        lines = [program.process.stderr.readline().decode() for _ in range(3)]
         program.walk(0.1, stamp=stamp, unit_m=0.001)
         _, complained = program.end()
     assert complained == ""
-    assert "gazempc.live: WARNING wrong_clock: capture times look like this computer's monotonic clock" in lines[0]
-    assert "gazempc.live: WARNING wrong_unit" in lines[1]
+    assert "gazempc.live: WARNING implausible_person: the head is " in lines[0]
+    assert "gazempc.live: WARNING wrong_clock: capture times look like this computer's monotonic clock" in lines[1]
+    assert "gazempc.live: WARNING wrong_unit" in lines[2]
     named = [word.strip("():;") for word in " ".join(lines).split()]
     mends = [each for k, word in enumerate(named) if word.startswith("--") for each in (word, named[k + 1])]
     assert mends == ["--stamps.clock", "monotonic", "--stamps.unit", "ms", "--mount.unit-m", "0.001"]

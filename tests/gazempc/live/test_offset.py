@@ -1,0 +1,158 @@
+"""Clocks that are ahead, behind or drift: found out from the stream and made up for; good streams are left alone."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from builders.checks import assert_sound, undisturbed
+from builders.live import SENSOR, WALK, run_live
+
+from gazempc.live.clock import RealClock
+from gazempc.live.envelope import Envelope
+from gazempc.live.offset import ClockOffset
+from gazempc.live.stamps import StampReader, Stamps
+from gazempc.live.summary import last_line
+from gazempc.live.watch.mends import Mends
+from gazempc.sim.scene import SceneSettings, make_scene
+from gazempc.sim.sensor import observe, sensor_names
+
+LATENCY_S = 0.066
+
+
+def stream(duration_s=20.0, rate_hz=30.0, jitter_s=0.01, seed=0):
+    """Capture times and arrivals: latency and exponential jitter, in order."""
+    rng = np.random.default_rng(seed)
+    captures_s = np.arange(0.0, duration_s, 1 / rate_hz)
+    return captures_s, np.maximum.accumulate(captures_s + LATENCY_S + jitter_s * rng.exponential(size=captures_s.size))
+
+
+def read(stamps_s, arrivals_s):
+    """Capture times as they are used, and what is said."""
+    offset = ClockOffset(0.05, Mends())
+    used_s = [stamp + offset.shift_s(at_s, stamp) for stamp, at_s in zip(stamps_s, arrivals_s, strict=True)]
+    return np.array(used_s), "" if offset.finding is None else offset.finding.text
+
+
+@pytest.mark.parametrize("rate_hz", [10, 30, 100])
+@pytest.mark.parametrize("ahead_s", [0.1, 3.0, 7200.0, -3.0, -1.7e9])
+def test_a_clock_that_is_off_is_made_up_for_within_a_second(ahead_s, rate_hz):
+    captures_s, arrivals_s = stream(5.0, rate_hz)
+    used_s, said = read(captures_s + ahead_s, arrivals_s)
+    error_s = (used_s - captures_s)[captures_s > 1.0]
+    # The soonest frames are taken to be 0.05 s old, and are 0.066 s.
+    assert np.abs(error_s - (LATENCY_S - 0.05)).max() < 0.01
+    assert "ahead" in said if ahead_s > 0 else "behind" in said
+    assert "--stamps.clock other" in said
+
+
+def test_a_clock_that_is_one_percent_fast_is_made_up_for():
+    captures_s, arrivals_s = stream(60.0)
+    used_s, said = read(1.01 * captures_s, arrivals_s)
+    assert np.abs(used_s - captures_s).max() < 0.07
+    assert np.abs(used_s - captures_s)[captures_s > 12.0].max() < 0.02
+    assert np.all(used_s < arrivals_s)
+    assert "runs 1.0 % fast" in said or "runs 0.9 % fast" in said
+
+
+def test_a_clock_that_is_set_is_followed_with_the_age_that_was_believed():
+    captures_s, arrivals_s = stream()
+    used_s, said = read(captures_s + 0.5 * (captures_s >= 10.0), arrivals_s)
+    assert np.abs(used_s - captures_s)[(captures_s < 10.0) | (captures_s > 11.0)].max() < 0.01
+    assert "ahead" in said
+
+
+def hidden(kind, captures_s, arrivals_s):
+    """What is no wrong clock, or cannot be told from a slow tracker."""
+    rng = np.random.default_rng(1)
+    pause = np.where((captures_s > 5.0) & (captures_s < 7.0), 7.0 + LATENCY_S, arrivals_s)
+    return {
+        "good": (captures_s, arrivals_s),
+        "ppm": (captures_s * (1 + 1e-4), arrivals_s),
+        "ppm slow": (captures_s * (1 - 1e-4), arrivals_s),
+        "0.04 s ahead": (captures_s + 0.04, arrivals_s),
+        "0.3 s behind": (captures_s - 0.3, arrivals_s),
+        "a pause": (captures_s, np.maximum(pause, arrivals_s)),
+        "one stamp in twenty is wrong": (captures_s + 0.3 * (rng.random(captures_s.size) < 0.05), arrivals_s),
+        "falls behind": (captures_s, arrivals_s + 0.01 * captures_s),
+        "slower from 8 s on": (captures_s, arrivals_s + 0.1 * (captures_s > 8.0)),
+        "milliseconds": (1e3 * captures_s, arrivals_s),
+        "whole seconds": (np.floor(captures_s), arrivals_s),
+    }[kind]
+
+
+KINDS = (
+    "good", "ppm", "ppm slow", "0.04 s ahead", "0.3 s behind", "a pause", "one stamp in twenty is wrong",
+    "falls behind", "slower from 8 s on", "milliseconds", "whole seconds",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_no_wrong_clock_is_left_alone(kind, seed):
+    stamps_s, arrivals_s = hidden(kind, *stream(seed=seed))
+    used_s, said = read(stamps_s, arrivals_s)
+    assert said == ""
+    assert np.array_equal(used_s, stamps_s)
+
+
+@pytest.mark.parametrize("sensor", sensor_names())
+@pytest.mark.parametrize("walk", ["subject01_R1", "subject08_R6"])
+def test_shipped_sensors_are_left_alone(walk, sensor):
+    scene = make_scene(walk, SceneSettings(sensor=sensor))
+    sightings = observe(scene.walk, scene.sensor, 0)
+    stamps_s = [each.observation.capture_time_s for each in sightings]
+    assert read(stamps_s, [each.arrival_s for each in sightings])[1] == ""
+
+
+@pytest.mark.parametrize("drift", [-0.01, 0.01])
+def test_the_clock_other_follows_drift_both_ways(drift):
+    captures_s, arrivals_s = stream(60.0)
+    reader = StampReader(Stamps(clock="other", latency_s=LATENCY_S), RealClock())
+    stamps_s = 1000.0 + (1.0 + drift) * captures_s
+    used_s = np.array([reader.loop_s(*each) for each in zip(stamps_s, arrivals_s, strict=True)])
+    assert np.abs(used_s - captures_s)[captures_s > 12.0].max() < 0.02
+
+
+def test_memory_does_not_grow():
+    envelope = Envelope()
+    for k in range(20_000):
+        envelope.add(0.001 * k, LATENCY_S)
+    assert len(envelope._recent) <= 1000
+    assert len(envelope._lows) <= 10
+    assert len(envelope._piece) <= 1000
+
+
+def shifted_by(shift_s):
+    def change(now_s, sighting):
+        seen = sighting.observation
+        stamp_s = seen.capture_time_s + shift_s(seen.capture_time_s)
+        return [dataclasses.replace(sighting, observation=dataclasses.replace(seen, capture_time_s=stamp_s))]
+
+    return change
+
+
+def rms_deg(result):
+    now = result.joined("time_s")
+    return float(np.sqrt(np.mean(result.error_deg[(now > 2.0) & (now < result.ended_s)] ** 2)))
+
+
+@pytest.mark.parametrize("shift_s", [lambda t: 0.1, lambda t: 0.01 * t + 0.03, lambda t: -5.0])
+def test_the_gaze_stays_on_the_person_of_a_wrong_clock(shift_s):
+    """Without it not one observation of the first was used, and the error was 45 deg."""
+    result = run_live(change=shifted_by(shift_s), duration_s=None)
+    assert_sound(result)
+    assert "clock_shifted" in result.events
+    assert result.used > 0.8 * len(observe(WALK, SENSOR, 0))
+    assert rms_deg(result) < rms_deg(undisturbed()) + 0.5
+
+
+def test_the_last_line_says_why_observations_were_not_used():
+    def line(used, refused, ages=(None, None)):
+        summary = {"used": used, "observations": used + sum(refused.values()), "refused": refused}
+        return last_line(summary | {"soonest_age_s": ages, "settings": {"stamps": {"latency_s": 0.05}}})
+
+    assert line(7, {}) == "7 of 7 used"
+    assert line(0, {"future_observation": 360}, (-0.05, -0.04)) == "0 of 360 used: 360 future (clock 0.1 s ahead?)"
+    assert line(1, {"stale_observation": 9}, (0.7, 0.8)) == "1 of 10 used: 9 stale (clock 0.8 s behind, or slow?)"
+    assert line(1, {"stale_observation": 9}, (0.7, 1e9)).endswith("9 stale (another clock, or another unit?)")
+    assert line(5, {"gate_refused": 3, "sender_refused": 2}) == "5 of 10 used: 3 gate, 2 sender"
