@@ -14,8 +14,8 @@ from gazempc.robots.options import RobotOptions
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState
 
-# Shipped robots that have eyes or a body, too.
-_ALL_JOINTS = ("simulated", "mujoco")
+# Shipped robots that may have eyes or a body, too.
+_ALL_JOINTS = ("simulated", "mujoco", "reachy_mini", "dynamixel")
 
 
 def keeps_any_clock(kind: Kind, choice: str) -> bool:

@@ -7,23 +7,25 @@ from collections import deque
 
 import numpy as np
 
+from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray, JointState
 
-# The commands of this time are compared with the motion that they should have caused.
+# The motion in this time is compared with the one that the commands should have caused.
 _WINDOW_S = 0.6
-# A joint whose commands moved by this much has moved, too: encoders are ten times as exact. Eyes that follow a walker
+# A joint that should have moved by this much has moved, too: encoders are ten times as exact. Eyes that follow a walker
 # move by so much in every window.
-_COMMANDED_RAD = math.radians(2.0)
-# A joint that follows shows more than this share of its commands' motion.
+_EXPECTED_RAD = math.radians(2.0)
+# A joint that follows shows more than this share of the expected motion.
 _SHARE = 0.2
 
 
 class FollowingWatch:
-    """Compares the motion of each joint with the motion of its commands, over a sliding window.
+    """Compares the motion of each joint with the one that its servo makes of the commands, over a sliding window.
 
     Offsets (gravity, a wrong zero) do not count, and neither does a dead time that is a little off: only motion is
-    compared. A joint that is held is taken to follow again when it has moved by as much as its commands would have to.
+    compared. Commands alone would not do: a leap to and fro moves no joint. A joint that is held is taken to follow again
+    when it has moved by as much as would have to be expected.
 
     Args:
         neck: The neck; joints that take speeds are not watched.
@@ -33,17 +35,29 @@ class FollowingWatch:
         self._watched = [i for i, axis in enumerate(neck.axes) if not axis.takes_speed]
         period_s = neck.servo_period_s
         self._ticks = math.ceil(_WINDOW_S / period_s)
-        # From a command to most of its motion.
-        answer_s = neck.dead_time_s + neck.servo_lag_s
-        self._delay_ticks = [math.ceil(float(each_s) / period_s) for each_s in answer_s]
-        self._sent: deque[FloatArray] = deque(maxlen=self._ticks + max(self._delay_ticks))
+        # Plain numbers: arithmetic with numpy's takes several times as long.
+        self._steps = [zero_order_hold(axis, period_s).tolist() for axis in neck.axes]
+        self._delay_ticks: list[int] = np.rint(neck.dead_time_s / period_s).astype(int).tolist()
+        self._sent: deque[list[float]] = deque(maxlen=max(self._delay_ticks) + 1)
+        # Angle and velocity of each joint as its servo makes them of the commands.
+        self._states: list[tuple[float, float]] = []
+        self._expected: deque[list[float]] = deque(maxlen=self._ticks)
         self._measured: deque[FloatArray] = deque(maxlen=self._ticks)
         #: Joints that do not follow, by their place in `NeckSpec.joint_names`, ascending.
         self.held: tuple[int, ...] = ()
 
     def sent(self, command_rad: FloatArray) -> None:
         """Take note of what was sent in this servo period, shape (N,), radians."""
-        self._sent.append(command_rad.copy())
+        sent = command_rad.tolist()
+        self._sent.append(sent)
+        if not self._states:
+            self._states = [(angle, 0.0) for angle in sent]
+        newest = len(self._sent) - 1
+        for joint, ((qq, qv, qu), (vq, vv, vu)) in enumerate(self._steps):
+            angle, velocity = self._states[joint]
+            acting = self._sent[max(newest - self._delay_ticks[joint], 0)][joint]
+            self._states[joint] = qq * angle + qv * velocity + qu * acting, vq * angle + vv * velocity + vu * acting
+        self._expected.append([angle for angle, _ in self._states])
 
     def measured(self, state: JointState | None) -> None:
         """Take note of what was measured in this servo period; None if nothing was, which changes nothing."""
@@ -56,17 +70,15 @@ class FollowingWatch:
         Returns:
             Joints that follow no longer since the last call.
         """
-        if len(self._sent) < self._sent.maxlen or len(self._measured) < self._ticks:  # type: ignore[operator]
+        if len(self._expected) < self._ticks or len(self._measured) < self._ticks:
             return ()
-        sent, moved_rad = np.array(self._sent), np.ptp(np.array(self._measured), axis=0)
+        expected_rad, moved_rad = (np.ptp(np.array(each), axis=0) for each in (self._expected, self._measured))
         held = []
         for joint in self._watched:
-            end = len(sent) - self._delay_ticks[joint]
-            commanded_rad = float(np.ptp(sent[end - self._ticks : end, joint]))
             if joint in self.held:
-                stands = moved_rad[joint] < _COMMANDED_RAD
+                stands = moved_rad[joint] < _EXPECTED_RAD
             else:
-                stands = commanded_rad > _COMMANDED_RAD and moved_rad[joint] < _SHARE * commanded_rad
+                stands = expected_rad[joint] > _EXPECTED_RAD and moved_rad[joint] < _SHARE * expected_rad[joint]
             if stands:
                 held.append(joint)
         before, self.held = self.held, tuple(held)

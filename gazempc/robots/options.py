@@ -20,9 +20,9 @@ class DynamixelOptions(Settings):
 
     port: str = Field(default="/dev/ttyUSB0", description="Serial port")
     baud_rate_bps: int = Field(default=1_000_000, gt=0, description="As set in the motors")
-    motor_ids: tuple[int, int] = Field(default=(1, 2), description="Of pan and tilt")
-    zero_ticks: tuple[int, int] = Field(default=(2048, 2048), description="Position of angle 0, 4096 ticks a turn")
-    directions: tuple[int, int] = Field(default=(1, 1), description="1 if more ticks turn left or up, else -1")
+    motor_ids: tuple[int, ...] = Field(default=(1, 2), description="Of pan and tilt, then of eyes and body if any")
+    zero_ticks: tuple[int, ...] = Field(default=(2048, 2048), description="Position of angle 0, 4096 ticks a turn")
+    directions: tuple[int, ...] = Field(default=(1, 1), description="1 if more ticks turn left or up, else -1")
     reply_timeout_ms: float = Field(default=4.0, gt=0, le=5000, description="How long one call waits for an answer")
     approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed to the first command after power-up")
     torque_off_on_close: bool = Field(default=False, description="Let the head go limp at the end")

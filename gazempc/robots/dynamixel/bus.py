@@ -1,12 +1,12 @@
-"""Two Dynamixel motors on a serial line: packets of protocol 2.0, each answer checked."""
+"""Dynamixel motors on a serial line: packets of protocol 2.0, each answer checked."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError
-from gazempc.neck.spec import AXES
 
 # Of the control table: address, bytes.
 _HARDWARE_ERROR = (68, 3)  # Status Return Level, Registered Instruction, Hardware Error Status
@@ -36,7 +36,7 @@ class DynamixelBus:
     Args:
         port_name: Serial port.
         baud_rate_bps: As set in the motors.
-        motor_ids: Of pan and tilt.
+        motors: Name of each joint and id of its motor.
         wait_ms: How long to wait for an answer.
 
     Attributes:
@@ -44,9 +44,9 @@ class DynamixelBus:
         wait_ms: How long to wait for an answer; may be changed at any time.
     """
 
-    def __init__(self, port_name: str, baud_rate_bps: int, motor_ids: tuple[int, int], wait_ms: float) -> None:
+    def __init__(self, port_name: str, baud_rate_bps: int, motors: dict[str, int], wait_ms: float) -> None:
         self.port_name, self._baud_rate_bps = port_name, baud_rate_bps
-        self._ids, self.wait_ms = motor_ids, wait_ms
+        self._names, self._ids, self.wait_ms = tuple(motors), tuple(motors.values()), wait_ms
         self._sdk: Any = None
         self._packets: Any = None
         self._port: Any = None
@@ -108,7 +108,7 @@ class DynamixelBus:
 
     def motor(self, i: int) -> str:
         """Port and motor, for messages."""
-        return f"{self.line}, motor {self._ids[i]} ({AXES[i]})"
+        return f"{self.line}, motor {self._ids[i]} ({self._names[i]})"
 
     def ping(self, i: int) -> None:
         """Find one motor; raises RobotError if it does not answer or is of another kind."""
@@ -130,13 +130,13 @@ class DynamixelBus:
             raise RobotError(f"{self.line}: could not send ({self._packets.getTxRxResult(result)})")
 
     def read(self, part: tuple[int, int]) -> list[bytes]:
-        """Read the same part of both motors; raises if one does not answer rightly or has an error."""
-        answers = self._sync_read(part, (0, 1))
+        """Read the same part of all motors; raises if one does not answer rightly or has an error."""
+        answers = self._sync_read(part, range(len(self._ids)))
         for i, (_, error) in enumerate(answers):
             self._refuse_error(i, error)
         return [data for data, _ in answers]
 
-    def _sync_read(self, part: tuple[int, int], axes: tuple[int, ...]) -> list[tuple[bytes, int]]:
+    def _sync_read(self, part: tuple[int, int], axes: Sequence[int]) -> list[tuple[bytes, int]]:
         self._port.is_using = False
         group = self._sdk.GroupSyncRead(self._port, self._packets, *part)
         for i in axes:

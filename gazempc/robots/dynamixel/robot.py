@@ -1,4 +1,4 @@
-"""A pan-tilt neck of two Dynamixel X motors on one serial line (protocol 2.0)."""
+"""A neck of Dynamixel X motors, one a joint, on one serial line (protocol 2.0)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _RETRY_S = 0.1
 
 
 class DynamixelNeck:
-    """Two X motors (or MX with protocol 2.0), in position or extended position mode, driven by sync read and write.
+    """X motors (or MX with protocol 2.0), in position or extended position mode, driven by sync read and write.
 
     Motors are set up by `connect`: Profile Velocity and Profile Acceleration to 0 (no limit), because the smoother
     shapes the motion and a second profile would add a lag that the controller does not know. EEPROM is never written.
@@ -60,13 +60,17 @@ class DynamixelNeck:
         options: Port, motors and how they are driven.
 
     Raises:
-        SettingsError: If ids, zero ticks or directions cannot be right.
+        SettingsError: If ids, zero ticks or directions cannot be right, or are not one for each joint of the neck.
     """
 
     def __init__(self, neck: NeckSpec, clock_s: Callable[[], float], options: DynamixelOptions) -> None:
         motor_ids, directions, zero_ticks = options.motor_ids, options.directions, options.zero_ticks
-        if not all(0 <= i <= 252 for i in motor_ids) or motor_ids[0] == motor_ids[1]:
-            raise SettingsError(f"motor_ids {motor_ids}: must be two different numbers from 0 to 252")
+        for name, values in (("motor_ids", motor_ids), ("zero_ticks", zero_ticks), ("directions", directions)):
+            if len(values) != neck.joints:
+                joints = ", ".join(neck.joint_names)
+                raise SettingsError(f"{name} {values}: neck {neck.name!r} needs {neck.joints} numbers, of {joints}")
+        if not all(0 <= i <= 252 for i in motor_ids) or len(set(motor_ids)) < neck.joints:
+            raise SettingsError(f"motor_ids {motor_ids}: must be different numbers from 0 to 252")
         if any(direction not in (1, -1) for direction in directions):
             raise SettingsError(f"directions {directions}: each must be 1 or -1")
         # Also keeps clear of -131,073, whose bytes look like the header of a packet; the library does not mask it.
@@ -77,7 +81,8 @@ class DynamixelNeck:
         self._zero = np.array(zero_ticks, dtype=np.float64)
         self._direction = np.array(directions, dtype=np.float64)
         self._reply_timeout_ms = options.reply_timeout_ms
-        self._bus = DynamixelBus(options.port, options.baud_rate_bps, motor_ids, options.reply_timeout_ms)
+        motors = dict(zip(neck.joint_names, motor_ids, strict=True))
+        self._bus = DynamixelBus(options.port, options.baud_rate_bps, motors, options.reply_timeout_ms)
         self._step_ticks = options.approach_speed_rad_s * neck.servo_period_s * _TICKS_PER_RAD
         self._torque_off_on_close = options.torque_off_on_close
         ends = self._zero + self._direction * np.stack([neck.position_min_rad, neck.position_max_rad]) * _TICKS_PER_RAD
@@ -90,10 +95,10 @@ class DynamixelNeck:
         self._trouble = ""
         self._answered = False
         self._approaching = True
-        self._goal = np.zeros(2)
+        self._goal = np.zeros(neck.joints)
 
     def connect(self) -> None:
-        """Open the port, find both motors and let them hold where they are; see `gazempc.robots.robot.Robot.connect`.
+        """Open the port, find the motors and let them hold where they are; see `gazempc.robots.robot.Robot.connect`.
 
         Raises:
             RobotError: If the port cannot be opened, a motor does not answer, has an error, is of another kind, is not
@@ -118,7 +123,7 @@ class DynamixelNeck:
         self._retry_at_s = -np.inf
 
     def read_state(self) -> JointState | None:
-        """Read both joints, in one exchange; see `gazempc.robots.robot.Robot.read_state`.
+        """Read all joints, in one exchange; see `gazempc.robots.robot.Robot.read_state`.
 
         Returns:
             Angles and velocities; its time is the middle of the exchange.
@@ -135,18 +140,18 @@ class DynamixelNeck:
         was read in between, they are asked first whether they hold.
 
         Args:
-            position_rad: Pan and tilt, shape (2,), radians.
+            position_rad: One for each joint, shape (N,), radians.
 
         Returns:
-            What was really sent, shape (2,), radians: clamped to the joints' range, in whole ticks, and after the
+            What was really sent, shape (N,), radians: clamped to the joints' range, in whole ticks, and after the
             set-up no farther from the last goal than the approach allows.
 
         Raises:
             RobotError: If the command is not finite, or the robot does not answer.
         """
         position = np.asarray(position_rad, dtype=np.float64)
-        if position.shape != (2,) or not np.all(np.isfinite(position)):
-            raise RobotError(f"refused a command that is not two finite angles: {position_rad}")
+        if position.shape != self._zero.shape or not np.all(np.isfinite(position)):
+            raise RobotError(f"refused a command that is not {self._zero.size} finite angles: {position_rad}")
         ticks = np.rint(self._zero + self._direction * position * _TICKS_PER_RAD)
         return self._perform(lambda: self._send(np.clip(ticks, self._tick_min, self._tick_max)))
 

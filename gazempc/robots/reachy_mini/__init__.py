@@ -1,1 +1,1 @@
-"""The head of Reachy Mini."""
+"""The head of Reachy Mini, and its body."""

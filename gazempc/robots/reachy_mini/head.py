@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from gazempc.neck.spec import AXES
 from gazempc.types import FloatArray
 
 # How far the head turns without the body: the daemon's inverse kinematics (reachy-mini 1.13.0) with all motors within
@@ -49,8 +52,28 @@ def head_angles(matrix: FloatArray) -> FloatArray:
     return np.array([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
 
 
+def joint_angles(matrix: FloatArray, body_yaw_rad: float, joints: int) -> FloatArray:
+    """Angles of the joints.
+
+    Args:
+        matrix: Pose of the head in the daemon's frame, which does not turn with the body, shape (4, 4).
+        body_yaw_rad: Where the body stands.
+        joints: 3 with the body, 2 for a body that is kept straight.
+
+    Returns:
+        Pan and tilt of the head, and the yaw of the body where it moves, shape (2,) or (3,), radians.
+
+    Raises:
+        ValueError: See `head_angles`.
+    """
+    pan_rad, tilt_rad = head_angles(matrix)
+    if joints == len(AXES):
+        return np.array([pan_rad, tilt_rad])
+    return np.array([math.remainder(pan_rad - body_yaw_rad, math.tau), tilt_rad, body_yaw_rad])
+
+
 def clamp_to_head(position_rad: FloatArray) -> FloatArray:
-    """Nearest pan and tilt that the head reaches with its body straight: tilt first, then pan for that tilt.
+    """Nearest pan and tilt, seen from the body, that the head reaches: tilt first, then pan for that tilt.
 
     Args:
         position_rad: Pan and tilt, shape (2,), radians.

@@ -1,4 +1,4 @@
-"""The head of a Reachy Mini, driven through the websocket of its daemon."""
+"""The head of a Reachy Mini and its body, driven through the websocket of its daemon."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.neck.kinematics import head_angles_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import ReachyMiniOptions
-from gazempc.robots.reachy_mini.head import clamp_to_head, head_angles, head_matrix
+from gazempc.robots.reachy_mini.head import clamp_to_head, head_matrix, joint_angles
 from gazempc.types import FloatArray, JointState
 
 # A head that lies (asleep) or a body that is turned would jump when the first command puts them straight.
@@ -40,9 +41,10 @@ class ReachyMiniNeck:
     """Reachy Mini's head (pan is yaw, tilt is pitch, roll 0) over the websocket of ``reachy-mini-daemon``.
 
     One thread listens (and connects again, four times a second, when the connection is lost), another one sends; so no
-    call waits for the network. A command that could not go out yet is replaced by the next one. The body is kept
-    straight and the antennas are left alone. The daemon goes to a target at once: so after every connection, and
-    after the motors were off, the first commands are approached at `approach_speed_rad_s` from where the head is.
+    call waits for the network. A command that could not go out yet is replaced by the next one. The body is turned
+    where the neck has one, else it is kept straight. The antennas are left alone. The daemon goes to a target at once:
+    so after every connection, and after the motors were off, the first commands are approached at
+    `approach_speed_rad_s` from where the head is.
 
     The daemon sends poses without a time; their time is that of their arrival. `close` lets the daemon hold the
     last target with the motors on.
@@ -53,7 +55,7 @@ class ReachyMiniNeck:
         options: Address of the daemon, and speed to the first command.
 
     Raises:
-        SettingsError: If straight ahead is not in the neck's range.
+        SettingsError: If straight ahead is not in the neck's range, or the neck has eyes.
     """
 
     def __init__(
@@ -64,7 +66,9 @@ class ReachyMiniNeck:
     ) -> None:
         if np.any(neck.position_min_rad > 0.0) or np.any(neck.position_max_rad < 0.0):
             # Only then what is clamped to the head's reach, towards the middle, stays in the neck's range.
-            raise SettingsError(f"neck {neck.name!r}: the range for Reachy Mini must contain pan 0 and tilt 0")
+            raise SettingsError(f"neck {neck.name!r}: the range for Reachy Mini must contain 0 of all joints")
+        if neck.eyes is not None:
+            raise SettingsError(f"neck {neck.name!r} has eyes, and those of Reachy Mini do not turn")
         self._neck = neck
         self._clock_s = clock_s
         host, port = options.host, options.port
@@ -145,18 +149,18 @@ class ReachyMiniNeck:
         """Hand a target to the sending thread, without waiting; see `gazempc.robots.robot.Robot.send_command`.
 
         Args:
-            position_rad: Pan and tilt, shape (2,), radians.
+            position_rad: Pan and tilt, and the yaw of a body that turns, shape (N,), radians.
 
         Returns:
-            What is sent, shape (2,), radians: clamped to the neck's range and to what the head reaches, and after a
+            What is sent, shape (N,), radians: clamped to the neck's range and to what the head reaches, and after a
             connection no farther from the last target than the approach allows.
 
         Raises:
             RobotError: If the command is not finite, or the robot does not answer or cannot move.
         """
         position = np.asarray(position_rad, dtype=np.float64)
-        if position.shape != (2,) or not np.all(np.isfinite(position)):
-            raise RobotError(f"refused a command that is not two finite angles: {position_rad}")
+        if position.shape != (self._neck.joints,) or not np.all(np.isfinite(position)):
+            raise RobotError(f"refused a command that is not {self._neck.joints} finite angles: {position_rad}")
         target = self._within_reach(position)
         with self._changed:
             self._require_connection()
@@ -169,8 +173,10 @@ class ReachyMiniNeck:
                 self._approaching = bool(np.any(goal != target))
                 target = goal
             self._goal_rad = target
-            head = head_matrix(target).ravel().tolist()
-            self._message = json.dumps({"type": "set_full_target", "head": head, "body_yaw": 0.0})
+            # The daemon's frame does not turn with the body.
+            head = head_matrix(head_angles_rad(target)).ravel().tolist()
+            body_yaw_rad = 0.0 if self._neck.body is None else float(target[-1])
+            self._message = json.dumps({"type": "set_full_target", "head": head, "body_yaw": body_yaw_rad})
             self._changed.notify_all()
         return target.copy()
 
@@ -185,7 +191,8 @@ class ReachyMiniNeck:
         self._threads = []
 
     def _within_reach(self, position_rad: FloatArray) -> FloatArray:
-        return clamp_to_head(np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad))
+        within = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        return np.concatenate((clamp_to_head(within[:2]), within[2:]))
 
     def _require_connection(self) -> None:
         if not self._threads:
@@ -210,7 +217,7 @@ class ReachyMiniNeck:
             trouble = "the daemon takes no commands any more"
         elif self._goal_rad is None and self._displaced_m > _DISPLACED_M:
             trouble = "the head is not up; wake the robot first"
-        elif self._goal_rad is None and abs(self._body_yaw_rad) > _BODY_TURNED_RAD:
+        elif self._neck.body is None and self._goal_rad is None and abs(self._body_yaw_rad) > _BODY_TURNED_RAD:
             trouble = f"the body is turned by {math.degrees(self._body_yaw_rad):.0f} deg; turn it forward first"
         else:
             return ""
@@ -277,7 +284,10 @@ class ReachyMiniNeck:
             content = json.loads(message)
             if content["type"] == "head_pose":
                 matrix = np.array(content["head_pose"], dtype=np.float64)
-                self._poses.append((now_s, head_angles(matrix)))
+                angles_rad = joint_angles(matrix, self._body_yaw_rad, self._neck.joints)
+                # The daemon sends the body's angle just before the pose of the same moment.
+                if self._joints_known or self._neck.body is None:
+                    self._poses.append((now_s, angles_rad))
                 self._displaced_m = float(np.linalg.norm(matrix[:3, 3]))
                 self._fresh = True
                 heard_s = now_s

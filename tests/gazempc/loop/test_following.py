@@ -64,6 +64,21 @@ def test_a_joint_that_moves_or_cannot_be_seen_is_not_held(measured_of):
     assert not any(watched(measured_of))
 
 
+def test_a_command_that_leaps_to_and_fro_moves_no_joint():
+    """As at the end of a large shift: within the servo's lag the command is back."""
+    watch, servo, dead = FollowingWatch(NECK), DelayedServo(NECK.pan, 0.0, 0.0), np.zeros(NECK.joints)
+    for tick in range(600):
+        now_s = tick * NECK.servo_period_s
+        servo.advance_to(now_s)
+        angles = np.array([servo.state[0], *dead[1:]])
+        watch.measured(JointState(now_s, angles, dead))
+        watch.judge()
+        assert watch.held == ()
+        pan_rad = np.radians(2.5) if 200 <= tick < 206 else 0.0
+        watch.sent(np.array([pan_rad, *dead[1:]]))
+        servo.send(pan_rad)
+
+
 def test_small_commands_decide_nothing():
     assert not any(watched(lambda _, angles: frozen(angles, EYE_PAN), amplitude_rad=0.005))
 

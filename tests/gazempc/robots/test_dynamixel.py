@@ -46,16 +46,16 @@ AT_ONCE_RAD_S = 1e9
 class Rig:
     """A neck, its two motors (ids 1 and 2) and a clock that stands until it is moved."""
 
-    def __init__(self, folder, start=(2048, 2048), mode=3, **options):
-        self.now_s = 0.0
-        self.motors = {i: Motor(p, mode) for i, p in zip((1, 2), start, strict=True)}
+    def __init__(self, folder, start=(2048, 2048), mode=3, spec=NECK, **options):
+        self.now_s, self.spec = 0.0, spec
+        self.motors = {i: Motor(p, mode) for i, p in enumerate(start, 1)}
         self.bus = Bus(folder / f"link{next(links)}", self.motors)
         self.options = {"reply_timeout_ms": PATIENT_MS, "approach_speed_rad_s": AT_ONCE_RAD_S} | options
         self.neck = self.another()
 
     def another(self, **options):
         return DynamixelNeck(
-            NECK, lambda: self.now_s, DynamixelOptions(port=str(self.bus.link), **(self.options | options))
+            self.spec, lambda: self.now_s, DynamixelOptions(port=str(self.bus.link), **(self.options | options))
         )
 
     def goals(self):
@@ -486,11 +486,34 @@ def test_connect_says_what_is_wrong(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"motor_ids": (1, 1)}, {"motor_ids": (1, 254)}, {"directions": (1, 0)}, {"zero_ticks": (0, 131073)}]
+    "wrong",
+    [
+        {"motor_ids": (1, 2, 3)},
+        {"zero_ticks": (2048,)},
+        {"motor_ids": (1, 1)},
+        {"motor_ids": (1, 254)},
+        {"directions": (1, 0)},
+        {"zero_ticks": (0, 131073)},
+    ],
 )
 def test_settings_that_cannot_be_right_are_refused(wrong):
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         DynamixelNeck(NECK, lambda: 0.0, DynamixelOptions(port="nowhere", **wrong))
+
+
+def test_eyes_and_body_are_more_motors_on_the_line(tmp_path):
+    """Five joints, in the order of the neck's names; each in its own direction and within its own range."""
+    parts = {"eyes": load_neck("reference_eyes").eyes, "body": load_neck("reachy_mini_body").body}
+    spec = NECK.model_copy(update=parts)
+    each = {"motor_ids": (1, 2, 3, 4, 5), "zero_ticks": (2048,) * 5, "directions": (1, 1, -1, 1, 1)}
+    with rig_in(tmp_path, start=(2048,) * 5, spec=spec, **each) as rig:
+        rig.neck.read_state()
+        sent = rig.neck.send_command(np.deg2rad([10.0, -5.0, 20.0, 90.0, 120.0]))
+        np.testing.assert_allclose(np.rad2deg(sent), [10.0, -5.0, 20.0, 25.0, 120.0], atol=0.09)
+        moved_deg = (rig.goals() - 2048) * 360 / 4096
+        np.testing.assert_allclose(moved_deg, [10.0, -5.0, -20.0, 25.0, 120.0], atol=0.09)
+    with pytest.raises(SettingsError, match=r"motor_ids \(1, 2\): neck .* needs 5 numbers, of pan, tilt, eye_pan"):
+        DynamixelNeck(spec, lambda: 0.0, DynamixelOptions(port="nowhere"))
 
 
 def test_the_library_is_imported_only_to_connect(monkeypatch):

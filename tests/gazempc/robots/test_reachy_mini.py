@@ -23,7 +23,7 @@ from gazempc.robots.options import ReachyMiniOptions
 from gazempc.robots.reachy_mini.head import clamp_to_head, head_angles, head_matrix
 from gazempc.robots.reachy_mini.robot import ReachyMiniNeck
 
-NECK = load_neck("reachy_mini")
+NECK, BODY = load_neck("reachy_mini"), load_neck("reachy_mini_body")
 WIDE = NeckSpec.model_validate(
     NECK.model_dump()
     | {
@@ -209,6 +209,60 @@ def test_the_first_commands_approach_from_where_the_head_is(server, make):
     np.testing.assert_array_equal(sent[-1], target)
     # Once there, the smoother alone shapes the motion.
     np.testing.assert_array_equal(neck.send_command(np.zeros(2)), [0.0, 0.0])
+
+
+def with_body(server, yaw_rad):
+    server.frames["joint_positions"] = server.frames["joint_positions"] | {
+        "head_joint_positions": [yaw_rad] + [0.6] * 6
+    }
+
+
+def test_the_body_turns_and_takes_the_head_along(server, make):
+    """The daemon's head pose is in a frame that does not turn: its yaw is that of body and head together."""
+    sent = make(BODY).send_command(np.deg2rad([70.0, 10.0, 170.0]))
+    np.testing.assert_allclose(np.rad2deg(sent), [60.0, 10.0, 160.0], atol=1e-9)
+    message = server.commands()[-1]
+    assert message["body_yaw"] == pytest.approx(math.radians(160.0))
+    head = np.array(message["head"]).reshape(4, 4)
+    np.testing.assert_allclose(
+        head[:3, :3], Rotation.from_euler("ZYX", [220.0, -10.0, 0.0], degrees=True).as_matrix(), atol=1e-9
+    )
+
+
+def test_a_turned_body_is_a_state_and_not_refused(server, make):
+    with_body(server, 2.5)
+    server.frames["head_pose"] = pose(-170.0, 5.0)
+    neck = make(BODY, approach_speed_rad_s=0.5)
+    state = until(neck.read_state)
+    pan_deg = -170.0 + 360.0 - math.degrees(2.5)
+    np.testing.assert_allclose(np.rad2deg(state.position_rad), [pan_deg, 5.0, math.degrees(2.5)], atol=1e-6)
+    step = 0.5 * BODY.servo_period_s
+    np.testing.assert_allclose(neck.send_command(np.zeros(3)), state.position_rad - [step, step, step], atol=1e-9)
+
+
+def test_the_speed_of_the_body_is_not_that_of_the_head(server, make):
+    neck, began_s = make(BODY), time.monotonic()
+
+    joints = dict(server.frames["joint_positions"])
+
+    class Turning:
+        def values(self):
+            turned_rad = 0.4 * (time.monotonic() - began_s)
+            body = joints | {"head_joint_positions": [turned_rad] + [0.6] * 6}
+            return [json.dumps(body), json.dumps(pose(math.degrees(turned_rad), 0.0))]
+
+    server.frames = Turning()
+
+    def measured():
+        state = neck.read_state()
+        return state is not None and np.allclose(state.velocity_rad_s, [0.0, 0.0, 0.4], atol=0.08)
+
+    until(measured, "the head rests on a body that turns")
+
+
+def test_eyes_that_do_not_turn_are_refused():
+    with pytest.raises(SettingsError, match="those of Reachy Mini do not turn"):
+        ReachyMiniNeck(load_neck("reference_eyes"), time.monotonic)
 
 
 # ---------------------------------------------------------------- state
@@ -435,7 +489,7 @@ def test_a_daemon_without_a_backend_is_said(server, make, monkeypatch):
 
 def test_a_range_without_straight_ahead_is_refused():
     neck = NeckSpec.model_validate(NECK.model_dump() | {"pan": NECK.pan.model_dump() | {"position_min_deg": 10.0}})
-    with pytest.raises(SettingsError, match="must contain pan 0"):
+    with pytest.raises(SettingsError, match="must contain 0 of all joints"):
         ReachyMiniNeck(neck, time.monotonic)
 
 
