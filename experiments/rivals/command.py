@@ -22,7 +22,7 @@ from experiments.engine.recordings import find_recordings, in_place
 from experiments.rivals.camera import on_the_head
 from experiments.rivals.figures import draw_contact, draw_wrong_model
 from experiments.rivals.jobs import NAMES, RivalJob
-from experiments.rivals.page import Shown, rivals_page, shown_errors, shown_gazes
+from experiments.rivals.page import RivalsPage, rivals_page, shown_errors, shown_gazes
 from experiments.rivals.plan import ALL_WALKS, at_their_best, labelled, make_jobs, summarise
 from experiments.rivals.report import tables
 from experiments.rivals.trials import TRIALS, TURNS
@@ -140,7 +140,7 @@ def _run(settings: RivalsSettings, command: str) -> int:
     return 1 if failed else 0
 
 
-def _report(settings: RivalsSettings, runs: Sequence[Row]) -> Shown:
+def _report(settings: RivalsSettings, runs: Sequence[Row]) -> RivalsPage:
     best = at_their_best(runs)
     rows, drawn = summarise(best), []
     for sensor in dict.fromkeys(row["sensor"] for row in rows):
@@ -154,7 +154,7 @@ def _report(settings: RivalsSettings, runs: Sequence[Row]) -> Shown:
     return shown_gazes(rows, best, drawn)
 
 
-def _report_wrong_model(settings: RivalsSettings, runs: Sequence[Row]) -> Shown:
+def _report_wrong_model(settings: RivalsSettings, runs: Sequence[Row]) -> RivalsPage:
     found = by_error(at_their_best([run for run in runs if run["rival"] in WITH_MODEL]))
     level = summarise(at_their_best([run for run in runs if run["rival"] in WITHOUT_MODEL]))
     shown = {LABELS[name]: [row for row in rows if row["trial"] == ALL_WALKS] for name, rows in found.items()}

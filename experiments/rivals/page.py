@@ -24,7 +24,7 @@ _BEST = 3
 
 
 @dataclass(frozen=True)
-class Shown:
+class RivalsPage:
     """What a comparison shows.
 
     Attributes:
@@ -42,7 +42,7 @@ class Shown:
     pictures: tuple[Path, ...]
 
 
-def shown_gazes(rows: list[Row], runs: Sequence[Row], pictures: Iterable[Path]) -> Shown:
+def shown_gazes(rows: list[Row], runs: Sequence[Row], pictures: Iterable[Path]) -> RivalsPage:
     """What a comparison with the right model shows.
 
     Args:
@@ -50,10 +50,10 @@ def shown_gazes(rows: list[Row], runs: Sequence[Row], pictures: Iterable[Path]) 
         runs: The runs behind them.
         pictures: Figures.
     """
-    return Shown(rows, tuple(_answers(rows)), tuple(page_tables(rows)), tuple(_charts(runs)), tuple(pictures))
+    return RivalsPage(rows, tuple(_answers(rows)), tuple(page_tables(rows)), tuple(_charts(runs)), tuple(pictures))
 
 
-def shown_errors(rows: list[Row], by_label: Mapping[str, Sequence[Row]], pictures: Iterable[Path]) -> Shown:
+def shown_errors(rows: list[Row], by_label: Mapping[str, Sequence[Row]], pictures: Iterable[Path]) -> RivalsPage:
     """What wrong models show.
 
     Args:
@@ -73,10 +73,12 @@ def shown_errors(rows: list[Row], by_label: Mapping[str, Sequence[Row]], picture
         tables.append(PageTable(f"Eye contact in %, by {label}", ("", *(f"{by:+g}" for by in ticks)), tuple(lines)))
         charts.append(Chart(f"Eye contact over {label}", label, "eye contact (%)", tuple(curves)))
     answer = "How much eye contact is lost by what is believed wrongly stands in the tables; 0 is the right model."
-    return Shown(rows, (answer,), tuple(tables), tuple(charts), tuple(pictures))
+    return RivalsPage(rows, (answer,), tuple(tables), tuple(charts), tuple(pictures))
 
 
-def rivals_page(shown: Shown, settings: Mapping[str, Any], failed: Sequence[Row], left_out: int, command: str) -> Page:
+def rivals_page(
+    shown: RivalsPage, settings: Mapping[str, Any], failed: Sequence[Row], left_out: int, command: str
+) -> Page:
     """The report.
 
     Args:

@@ -24,7 +24,7 @@ class FollowingWatch:
     """Compares the motion of each joint with the one that its servo makes of the commands, over a sliding window.
 
     Offsets (gravity, a wrong zero) do not count, and neither does a dead time that is a little off: only motion is
-    compared. Commands alone would not do: a leap to and fro moves no joint. A joint that is held is taken to follow again
+    compared. Commands alone would not do: a leap to and fro moves no joint. A held joint is taken to follow again
     when it has moved by as much as would have to be expected.
 
     Args:

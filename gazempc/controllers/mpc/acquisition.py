@@ -31,10 +31,19 @@ class Acquisition:
         high_rad: Greatest one, radians.
         acceleration_max_rad_s2: Limit of its acceleration, rad/s^2.
         period_s: Control period, seconds.
+        from_rad: Where it begins, radians off the person. Under eyes it is what these cannot cover.
     """
 
-    def __init__(self, low_rad: float, high_rad: float, acceleration_max_rad_s2: float, period_s: float) -> None:
+    def __init__(
+        self,
+        low_rad: float,
+        high_rad: float,
+        acceleration_max_rad_s2: float,
+        period_s: float,
+        from_rad: float = ACQUIRED_FROM_RAD,
+    ) -> None:
         self._low_rad, self._high_rad = low_rad, high_rad
+        self._from_rad = from_rad
         self._acceleration_max_rad_s2, self._period_s = acceleration_max_rad_s2, period_s
         self.reset()
 
@@ -63,7 +72,7 @@ class Acquisition:
         braking_rad = speed_rad_s**2 / (2.0 * self._acceleration_max_rad_s2)
         # A joint that waits at its limit for somebody out of reach is where it can be.
         to_go_rad = max(abs(min(max(aim_rad, self._low_rad), self._high_rad) - joint_rad), braking_rad)
-        self._on = to_go_rad > (CONTACT_RAD if self._on else ACQUIRED_FROM_RAD)
+        self._on = to_go_rad > (CONTACT_RAD if self._on else self._from_rad)
         self._far = self._on and (self._far or to_go_rad > FAR_RAD)
         if not self._on:
             return None

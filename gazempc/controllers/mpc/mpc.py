@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from gazempc.controllers.chain import Chain, slopes
 from gazempc.controllers.controller import Plan, Situation
-from gazempc.controllers.mpc.acquisition import ACQUISITION_DAMPING, Acquisition
+from gazempc.controllers.mpc.acquisition import ACQUIRED_FROM_RAD, ACQUISITION_DAMPING, Acquisition
 from gazempc.controllers.mpc.axis_model import axis_model, growing_steps
 from gazempc.controllers.mpc.ocp import AxisOcp, Solution
 from gazempc.controllers.mpc.qp import iterations_within
@@ -77,8 +79,10 @@ class Mpc:
         self._knots_s: FloatArray = period_s * np.arange(1.0, self._knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)
         self._acquisitions = [
-            Acquisition(low, high, most_rad_s2, period_s)
-            for low, high, most_rad_s2 in zip(low_rad, high_rad, neck.acceleration_max_rad_s2[:2].tolist(), strict=True)
+            Acquisition(low, high, most_rad_s2, period_s, from_rad)
+            for low, high, most_rad_s2, from_rad in zip(
+                low_rad, high_rad, neck.acceleration_max_rad_s2[:2].tolist(), _acquired_from_rad(neck), strict=True
+            )
         ]
         self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes[:2]]
         # The first jerk acts from the last command before the plan on, so that the first command sent is
@@ -162,3 +166,10 @@ class Mpc:
         if bounds_rad is None and not quick:
             return self.ocps[axis].solve(state, reference_rad)
         return self.acquisition_ocps[axis].solve(state, reference_rad, bounds_rad)
+
+
+def _acquired_from_rad(neck: NeckSpec) -> list[float]:
+    # While the eyes reach the person, the head may take its time.
+    if neck.eyes is None:
+        return [ACQUIRED_FROM_RAD, ACQUIRED_FROM_RAD]
+    return [math.radians(min(-eye.position_min_deg, eye.position_max_deg)) for eye in (neck.eyes.pan, neck.eyes.tilt)]

@@ -51,7 +51,7 @@ class Style:
 
 
 @dataclass(frozen=True)
-class Variant:
+class LineStyle:
     """What tells runs of one controller apart, which share its colour: predictors or necks.
 
     Attributes:
@@ -67,12 +67,12 @@ class Variant:
 
 # The first one is that of a picture in which nothing has to be told apart.
 _VARIANTS = (
-    Variant("-", "o", ""),
-    Variant((0, (4, 1.5)), "s", "//"),
-    Variant((0, (1, 1.2)), "^", ".."),
-    Variant((0, (6, 1.5, 1, 1.5)), "D", "xx"),
-    Variant((0, (8, 3)), "v", "\\\\"),
-    Variant((0, (3, 1, 1, 1, 1, 1)), "P", "++"),
+    LineStyle("-", "o", ""),
+    LineStyle((0, (4, 1.5)), "s", "//"),
+    LineStyle((0, (1, 1.2)), "^", ".."),
+    LineStyle((0, (6, 1.5, 1, 1.5)), "D", "xx"),
+    LineStyle((0, (8, 3)), "v", "\\\\"),
+    LineStyle((0, (3, 1, 1, 1, 1, 1)), "P", "++"),
 )
 
 _STYLES = {
@@ -108,7 +108,7 @@ def styles(controllers: Iterable[str]) -> dict[str, Style]:
     return found
 
 
-def variant(index: int) -> Variant:
+def variant(index: int) -> LineStyle:
     """What tells the index-th run of one controller from its others; from the seventh on they repeat."""
     return _VARIANTS[index % len(_VARIANTS)]
 
