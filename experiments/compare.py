@@ -117,10 +117,10 @@ def _run(settings: CompareSettings, command: str) -> int:
     started_s = time.monotonic()
     rows, simulated_s = _replay_all(settings)
     wall_s = time.monotonic() - started_s
-    print(write(settings, rows, command))
+    text, written = write(settings, rows, command)
+    print(text)
     print(throughput(simulated_s, wall_s, settings), end="")
-    drawn = " and figures" if settings.figures else ""
-    print(f"Written to {settings.out}/: report.html, results.csv, summary.json, summary.md{drawn}")
+    print(f"Written to {settings.out}/: {', '.join(written)}")
     return 1 if any(row["failed"] or row.get("limit_violations") for row in rows) else 0
 
 
@@ -190,7 +190,7 @@ def _labels(job: ReplayJob, recording: str, neck: str) -> dict[str, Any]:
     }
 
 
-def write(settings: CompareSettings, rows: list[Row], command: str) -> str:
+def write(settings: CompareSettings, rows: list[Row], command: str) -> tuple[str, list[str]]:
     """Write ``results.csv``, ``summary.json``, ``summary.md``, ``report.html`` and figures.
 
     Args:
@@ -199,7 +199,7 @@ def write(settings: CompareSettings, rows: list[Row], command: str) -> str:
         command: What repeats it.
 
     Returns:
-        The text of ``summary.md``.
+        The text of ``summary.md``, and the names of the files.
     """
     done = [row for row in rows if not row["left_out"] and not row["failed"]]
     columns = list(dict.fromkeys(name for row in rows for name in row if name != "faults"))
@@ -218,7 +218,8 @@ def write(settings: CompareSettings, rows: list[Row], command: str) -> str:
 
     drawn = draw_all(summary["rows"], done, settings.out) if settings.figures and done else []
     write_page(compare_page(summary, done, drawn, command), settings.out)
-    return text
+    files = ["report.html", "results.csv", "summary.json", "summary.md"]
+    return text, [*files, *(path.name for path in drawn)]
 
 
 def _summary(settings: CompareSettings, rows: list[Row], done: list[Row]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from experiments.aggregate import paired_differences
 from experiments.clips import figure_name, groups_of, sensors_of
-from gazempc.results.figures.style import style
+from gazempc.results.figures.style import SeriesLook, readable, series_look, style, styles
 
 Row = dict[str, Any]
 
@@ -55,6 +55,17 @@ def _draw_sensor(rows: Sequence[Row], runs: Sequence[Row], path: Callable[[str],
         _paired(runs, data, by_group, path("mpc_minus_lookahead"))
 
 
+def _looks(series: Sequence[tuple[str, str, str]]) -> list[tuple[str, SeriesLook]]:
+    """Colour of each by its controller, and what tells it from the others of that controller."""
+    colours = styles(dict.fromkeys(controller for controller, _, _ in series))
+    before: Counter[str] = Counter()
+    looks = []
+    for controller, _, _ in series:
+        looks.append((colours[controller].colour, series_look(before[controller])))
+        before[controller] += 1
+    return looks
+
+
 def _series(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
     return list(dict.fromkeys((r["controller"], r["predictor"], r["neck"]) for r in rows))
 
@@ -72,28 +83,28 @@ def _name(series: tuple[str, str, str], all_series: Sequence[tuple[str, str, str
 
 def _bars(rows: Sequence[Row], data: str, figure: str, label: str, factor: float, path: Path) -> None:
     groups, series = groups_of(r for r in rows if r["group"] != "all"), _series(rows)
-    plot = Figure(figsize=(max(8.5, 3.0 + 0.35 * len(groups) * len(series)), 4.2), layout="constrained")
-    ax = plot.subplots()
-    width = 0.8 / len(series)
-    for i, one in enumerate(series):
-        chosen = {r["group"]: r for r in rows if (r["controller"], r["predictor"], r["neck"]) == one}
-        present = [g for g in groups if g in chosen and chosen[g][figure] is not None]
-        x = np.array([groups.index(g) for g in present]) + (i - (len(series) - 1) / 2) * width
-        means = np.array([factor * chosen[g][figure] for g in present])
-        intervals = [chosen[g][f"{figure}_ci95"] for g in present]
-        # Series that share a controller share its colour and differ in hatching.
-        hatch = ("", "//", "..", "xx")[sum(s[0] == one[0] for s in series[:i]) % 4]
-        ax.bar(x, means, width * 0.92, color=style(one[0]).colour, hatch=hatch, label=_name(one, series))
-        for at, mean, interval in zip(x, means, intervals, strict=True):
-            if interval is not None:  # one person alone has no spread over people
-                ends = np.maximum([[mean - factor * interval[0]], [factor * interval[1] - mean]], 0.0)
-                ax.errorbar([at], [mean], ends, fmt="none", color="black", capsize=2, linewidth=1)
-    ax.set_xticks(range(len(groups)), [_group_label(rows, g) for g in groups])
-    ax.set_ylabel(label)
-    plot.legend(frameon=False, fontsize="small", loc="outside right upper")
-    ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
-    plot.supxlabel(data, fontsize="x-small", color="0.4")
-    plot.savefig(path, dpi=150)
+    width_inches = max(8.5, 3.0 + 0.35 * len(groups) * len(series))
+    with readable(width_inches):
+        plot = Figure(figsize=(width_inches, 4.2), layout="constrained")
+        ax = plot.subplots()
+        width = 0.8 / len(series)
+        for i, (one, (colour, look)) in enumerate(zip(series, _looks(series), strict=True)):
+            chosen = {r["group"]: r for r in rows if (r["controller"], r["predictor"], r["neck"]) == one}
+            present = [g for g in groups if g in chosen and chosen[g][figure] is not None]
+            x = np.array([groups.index(g) for g in present]) + (i - (len(series) - 1) / 2) * width
+            means = np.array([factor * chosen[g][figure] for g in present])
+            intervals = [chosen[g][f"{figure}_ci95"] for g in present]
+            ax.bar(x, means, width * 0.92, color=colour, hatch=look.hatch, label=_name(one, series))
+            for at, mean, interval in zip(x, means, intervals, strict=True):
+                if interval is not None:  # one person alone has no spread over people
+                    ends = np.maximum([[mean - factor * interval[0]], [factor * interval[1] - mean]], 0.0)
+                    ax.errorbar([at], [mean], ends, fmt="none", color="black", capsize=2, linewidth=1)
+        ax.set_xticks(range(len(groups)), [_group_label(rows, g) for g in groups])
+        ax.set_ylabel(label)
+        plot.legend(frameon=False, fontsize="small", loc="outside right upper")
+        ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
+        plot.supxlabel(data, fontsize="small", color="0.4")
+        plot.savefig(path, dpi=150)
 
 
 def _group_label(rows: Sequence[Row], group: str) -> str:
@@ -103,56 +114,54 @@ def _group_label(rows: Sequence[Row], group: str) -> str:
 
 def _error_against_acceleration(rows: Sequence[Row], data: str, path: Path) -> None:
     groups, series = groups_of(r for r in rows if r["group"] != "all"), _series(rows)
-    plot = Figure(figsize=(3.2 * len(groups) + 1.0, 3.6), layout="constrained")
-    axes = np.atleast_1d(plot.subplots(1, len(groups), sharey=True))
-    for ax, group in zip(axes, groups, strict=True):
-        for one in series:
-            for r in rows:
-                if r["group"] == group and (r["controller"], r["predictor"], r["neck"]) == one:
-                    ax.plot(
-                        r["rms_acceleration_rad_s2"],
-                        r["gaze_error_rms_deg"],
-                        "o",
-                        color=style(one[0]).colour,
-                        label=_name(one, series),
-                    )
-        ax.set_title(group)
-        ax.set_xlabel("RMS acceleration (rad/s²)")
-        ax.set_xlim(left=0)
-        ax.set_ylim(bottom=0)
-        ax.grid(alpha=0.3)
-    axes[0].set_ylabel("RMS gaze error (deg)")
-    axes[-1].legend(frameon=False, fontsize="small")
-    plot.supxlabel(data, fontsize="x-small", color="0.4")
-    plot.savefig(path, dpi=150)
+    width_inches = 3.2 * len(groups) + 1.0
+    with readable(width_inches):
+        plot = Figure(figsize=(width_inches, 3.6), layout="constrained")
+        axes = np.atleast_1d(plot.subplots(1, len(groups), sharey=True))
+        for ax, group in zip(axes, groups, strict=True):
+            for one, (colour, look) in zip(series, _looks(series), strict=True):
+                for r in rows:
+                    if r["group"] == group and (r["controller"], r["predictor"], r["neck"]) == one:
+                        x, y = r["rms_acceleration_rad_s2"], r["gaze_error_rms_deg"]
+                        ax.plot(x, y, look.marker, color=colour, label=_name(one, series))
+            ax.set_title(group)
+            ax.set_xlabel("RMS acceleration (rad/s²)")
+            ax.set_xlim(left=0)
+            ax.set_ylim(bottom=0)
+            ax.grid(alpha=0.3)
+        axes[0].set_ylabel("RMS gaze error (deg)")
+        axes[-1].legend(frameon=False, fontsize="small")
+        plot.supxlabel(data, fontsize="small", color="0.4")
+        plot.savefig(path, dpi=150)
 
 
 def _paired(runs: Sequence[Row], data: str, differences: Sequence[Row], path: Path) -> None:
     combinations = list(dict.fromkeys((d["predictor"], d["neck"]) for d in differences))
-    plot = Figure(figsize=(7.0, 3.2 * len(combinations)), layout="constrained")
-    axes = np.atleast_1d(plot.subplots(len(combinations), 1))
-    rng = np.random.default_rng(0)
-    for ax, (predictor, neck) in zip(axes, combinations, strict=True):
-        chosen = [d for d in differences if (d["predictor"], d["neck"]) == (predictor, neck)]
-        for x, d in enumerate(chosen):
-            values = [
-                a["gaze_error_rms_deg"] - b["gaze_error_rms_deg"]
-                for a in runs
-                for b in runs
-                if a["controller"] == "mpc"
-                and b["controller"] == "lookahead"
-                and all(a[k] == b[k] for k in ("source", "predictor", "neck", "seed"))
-                and (a["predictor"], a["neck"]) == (predictor, neck)
-                and d["group"] in {"all", a["group"]}
-            ]
-            ax.plot(x + rng.uniform(-0.15, 0.15, len(values)), values, ".", color="0.6", markersize=4)
-            ax.plot([x], [d["difference"]], "o", color=style("mpc").colour)
-            if d["ci95"] is not None:
-                ends = np.maximum([[d["difference"] - d["ci95"][0]], [d["ci95"][1] - d["difference"]]], 0.0)
-                ax.errorbar([x], [d["difference"]], ends, fmt="none", color=style("mpc").colour, capsize=4)
-        ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.set_xticks(range(len(chosen)), [f"{d['group']}\n{d['n_clips']} clips" for d in chosen])
-        ax.set_ylabel("MPC minus look-ahead,\nRMS gaze error (deg)")
-        ax.set_title(f"forecast by {predictor}, neck {neck}; below 0 the MPC is better", fontsize="medium")
-    plot.supxlabel(data, fontsize="x-small", color="0.4")
-    plot.savefig(path, dpi=150)
+    with readable(7.0):
+        plot = Figure(figsize=(7.0, 3.2 * len(combinations)), layout="constrained")
+        axes = np.atleast_1d(plot.subplots(len(combinations), 1))
+        rng = np.random.default_rng(0)
+        for ax, (predictor, neck) in zip(axes, combinations, strict=True):
+            chosen = [d for d in differences if (d["predictor"], d["neck"]) == (predictor, neck)]
+            for x, d in enumerate(chosen):
+                values = [
+                    a["gaze_error_rms_deg"] - b["gaze_error_rms_deg"]
+                    for a in runs
+                    for b in runs
+                    if a["controller"] == "mpc"
+                    and b["controller"] == "lookahead"
+                    and all(a[k] == b[k] for k in ("source", "predictor", "neck", "seed"))
+                    and (a["predictor"], a["neck"]) == (predictor, neck)
+                    and d["group"] in {"all", a["group"]}
+                ]
+                ax.plot(x + rng.uniform(-0.15, 0.15, len(values)), values, ".", color="0.6", markersize=4)
+                ax.plot([x], [d["difference"]], "o", color=style("mpc").colour)
+                if d["ci95"] is not None:
+                    ends = np.maximum([[d["difference"] - d["ci95"][0]], [d["ci95"][1] - d["difference"]]], 0.0)
+                    ax.errorbar([x], [d["difference"]], ends, fmt="none", color=style("mpc").colour, capsize=4)
+            ax.axhline(0.0, color="black", linewidth=0.8)
+            ax.set_xticks(range(len(chosen)), [f"{d['group']}\n{d['n_clips']} clips" for d in chosen])
+            ax.set_ylabel("MPC minus look-ahead,\nRMS gaze error (deg)")
+            ax.set_title(f"forecast by {predictor}, neck {neck}; below 0 the MPC is better", fontsize="medium")
+        plot.supxlabel(data, fontsize="small", color="0.4")
+        plot.savefig(path, dpi=150)

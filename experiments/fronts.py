@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from experiments.engine.command import run_command
 from experiments.margins import CONTACT, ERROR, HEAD, SMOOTHNESS, front, gaze, margins
 from gazempc.errors import SettingsError
+from gazempc.results.figures.style import readable
 
 GROUPS = ("straight", "turn", "sharp", "all")
 Row = dict[str, Any]
@@ -147,19 +148,21 @@ def _read(path: Path) -> list[Row]:
 def _draw(drawn: Sequence[tuple[str, list[list[list[float]]]]], settings: FrontsSettings) -> Figure:
     columns = min(4, len(drawn))
     lines = -(-len(drawn) // columns)
-    figure = Figure(figsize=(3.2 * columns, 2.7 * lines), layout="constrained")
-    axes = figure.subplots(lines, columns, squeeze=False)
-    for ax, (title, means) in zip(axes.flat, drawn, strict=False):
-        for name, style, points in zip((settings.case, settings.rival), ("o-", "s--"), means, strict=True):
-            dots = ax.plot(*zip(*sorted(points), strict=True), style[0], ms=3, alpha=0.5)
-            ends = front([(p[0], p[1]) for p in points], 1.0)
-            ax.plot(*zip(*ends, strict=True), style[1:], color=dots[0].get_color(), label=name)
-        ax.set_title(title, fontsize=9)
-        ax.grid(alpha=0.3)
-    axes[0, 0].legend()
-    figure.supxlabel("RMS acceleration of the joints [rad/s²]")
-    figure.supylabel("RMS gaze error [deg]")
-    return figure
+    width_inches = 3.2 * columns
+    with readable(width_inches):
+        figure = Figure(figsize=(width_inches, 2.7 * lines), layout="constrained")
+        axes = figure.subplots(lines, columns, squeeze=False)
+        for ax, (title, means) in zip(axes.flat, drawn, strict=False):
+            for name, style, points in zip((settings.case, settings.rival), ("o-", "s--"), means, strict=True):
+                dots = ax.plot(*zip(*sorted(points), strict=True), style[0], ms=3, alpha=0.5)
+                ends = front([(p[0], p[1]) for p in points], 1.0)
+                ax.plot(*zip(*ends, strict=True), style[1:], color=dots[0].get_color(), label=name)
+            ax.set_title(title, fontsize=9)
+            ax.grid(alpha=0.3)
+        axes[0, 0].legend()
+        figure.supxlabel("RMS acceleration of the joints [rad/s²]")
+        figure.supylabel("RMS gaze error [deg]")
+        return figure
 
 
 if __name__ == "__main__":

@@ -223,7 +223,8 @@ def _run(settings: RunSettings, command: str) -> None:
     report = _report(logs, repeats, [*notes, *other_seeds], out, drawn, command, shown)
     if remembered := remember_columns(Path(settings.replay or ""), settings.reading):
         print(remembered)
-    written = [report, "summary.json", "settings.yaml", "a log (.npz) of each controller", *drawn]
+    of_each = f"a log (.npz{', .mcap' if settings.log == 'mcap' else ''}) and computing times of each controller"
+    written = [report, "summary.json", "settings.yaml", of_each, *drawn]
     print(f"Written to {out}/: {', '.join(written)}")
     violations = sum(int(sum(r.values("limit_violations"))) for r in repeats)
     if violations:

@@ -31,7 +31,7 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("clips", "colours", "eyes", "page_parts"),
+    ("clips", "eyes", "page_parts"),
     ("engine", "aggregate"),
     ("compare_figures", "compare_report", "least_error", "margins"),
     ("compare_page",),

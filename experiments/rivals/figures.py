@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter
 
 from experiments.rivals.jobs import NAMES, OURS
-from gazempc.results.figures.style import DPI, style
+from gazempc.results.figures.style import DPI, readable, style
 
 Row = dict[str, Any]
 # Colours that colour-blind people tell apart (Paul Tol's muted scheme); with the markers more rivals than there are.
@@ -32,23 +32,25 @@ def draw_contact(rows: Sequence[Row], trial: str, path: Path) -> None:
     """
     shown = [row for row in rows if row["trial"] == trial]
     necks = list(dict.fromkeys(row["neck"] for row in shown))
-    plot = Figure(figsize=(2.2 + 3.8 * len(necks), 5.2), layout="constrained")
-    panels = plot.subplots(1, len(necks), sharey=True, squeeze=False)[0]
-    for ax, neck in zip(panels, necks, strict=True):
-        _points(ax, [row for row in shown if row["neck"] == neck])
-        ax.set_title(f"neck {neck}")
-        ax.set_xlabel("RMS joint acceleration (rad/s$^2$)")
-        ax.set_xscale("log")
-        ax.xaxis.set_major_locator(FixedLocator(_TICKS))
-        ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter(NullFormatter())
-        ax.grid(alpha=0.3, which="both")
-    panels[0].set_ylabel("eye contact within 2.6 deg (% of the time)")
-    handles, labels = panels[0].get_legend_handles_labels()
-    plot.legend(handles, labels, loc="outside right center", fontsize=8)
-    first = shown[0]
-    plot.suptitle(f"{trial}: {first['n_clips']} walks of {first['n_people']} people, sensor {first['sensor']}")
-    plot.savefig(path, dpi=DPI)
+    width_inches = 2.2 + 3.8 * len(necks)
+    with readable(width_inches):
+        plot = Figure(figsize=(width_inches, 5.2), layout="constrained")
+        panels = plot.subplots(1, len(necks), sharey=True, squeeze=False)[0]
+        for ax, neck in zip(panels, necks, strict=True):
+            _points(ax, [row for row in shown if row["neck"] == neck])
+            ax.set_title(f"neck {neck}")
+            ax.set_xlabel("RMS joint acceleration (rad/s$^2$)")
+            ax.set_xscale("log")
+            ax.xaxis.set_major_locator(FixedLocator(_TICKS))
+            ax.xaxis.set_major_formatter("{x:g}")
+            ax.xaxis.set_minor_formatter(NullFormatter())
+            ax.grid(alpha=0.3, which="both")
+        panels[0].set_ylabel("eye contact within 2.6 deg (% of the time)")
+        handles, labels = panels[0].get_legend_handles_labels()
+        plot.legend(handles, labels, loc="outside right center", fontsize=8)
+        first = shown[0]
+        plot.suptitle(f"{trial}: {first['n_clips']} walks of {first['n_people']} people, sensor {first['sensor']}")
+        plot.savefig(path, dpi=DPI)
 
 
 def colour_of(rival: str) -> str:
@@ -76,20 +78,22 @@ def draw_wrong_model(panels: Mapping[str, Sequence[Row]], level: Sequence[Row], 
         level: Rows of rivals that have no model.
         path: PNG file to write.
     """
-    plot = Figure(figsize=(4.6 * len(panels), 5.0), layout="constrained")
-    axes = plot.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for ax, (label, rows) in zip(axes, panels.items(), strict=True):
-        _level_lines(ax, level)
-        for rival in dict.fromkeys(row["rival"] for row in rows):
-            of_rival = sorted((row for row in rows if row["rival"] == rival), key=lambda row: float(row["by"]))
-            look = style(rival)
-            y = [100.0 * row["eye_contact_2p6"] for row in of_rival]
-            ax.plot([row["by"] for row in of_rival], y, "o-", color=look.colour, label=look.label, ms=4)
-        ax.set_xlabel(label)
-        ax.grid(alpha=0.3)
-    axes[0].set_ylabel("eye contact within 2.6 deg (% of the time)")
-    axes[-1].legend(fontsize=8)
-    plot.savefig(path, dpi=DPI)
+    width_inches = 4.6 * len(panels)
+    with readable(width_inches):
+        plot = Figure(figsize=(width_inches, 5.0), layout="constrained")
+        axes = plot.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+        for ax, (label, rows) in zip(axes, panels.items(), strict=True):
+            _level_lines(ax, level)
+            for rival in dict.fromkeys(row["rival"] for row in rows):
+                of_rival = sorted((row for row in rows if row["rival"] == rival), key=lambda row: float(row["by"]))
+                look = style(rival)
+                y = [100.0 * row["eye_contact_2p6"] for row in of_rival]
+                ax.plot([row["by"] for row in of_rival], y, "o-", color=look.colour, label=look.label, ms=4)
+            ax.set_xlabel(label)
+            ax.grid(alpha=0.3)
+        axes[0].set_ylabel("eye contact within 2.6 deg (% of the time)")
+        axes[-1].legend(fontsize=8)
+        plot.savefig(path, dpi=DPI)
 
 
 def _level_lines(ax: Axes, level: Sequence[Row]) -> None:

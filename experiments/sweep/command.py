@@ -84,8 +84,8 @@ def sweep(settings: SweepSettings, command: str = "") -> int:
     write_page(sweep_page(plan, summary, rows, table, pictures, command), out)
     _print(plan, summary, table)
     print(throughput(simulated_s, wall_s, settings), end="")
-    drawn = " and figures" if settings.figures else ""
-    print(f"Written to {out}/: report.html, results.csv, table.csv, summary.json{drawn}")
+    written = ["report.html", "results.csv", "table.csv", "summary.json", *(path.name for path in pictures)]
+    print(f"Written to {out}/: {', '.join(written)}")
     return 1 if summary["failed"] or any(row["limit_violations"] for row in rows) else 0
 
 

@@ -11,16 +11,14 @@ from matplotlib.figure import Figure
 
 from experiments.aggregate import bootstrap_mean
 from experiments.clips import GROUP_ORDER
-from experiments.colours import COLOURS
 from experiments.engine.job import Row
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Objective, direction_of
 from experiments.sweep.tables import pareto_front
-from gazempc.results.figures.style import style
+from gazempc.results.figures.style import COLOURS, readable, series_look, styles
 from gazempc.results.report import LABELS as CONTROLLER_LABELS
 
 _DPI = 150
-_MARKERS = "osD^vP*X"
 
 
 def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Path) -> list[Path]:
@@ -45,7 +43,7 @@ def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Pa
     for x, y, by in plan.spec.figures.pareto:
         drawn[f"pareto_{x}_{y}"] = _pareto(overall, x, y, by)
     for name, figure in drawn.items():
-        figure.supxlabel(recorded_or_synthetic(plan), fontsize="x-small", color="0.4")
+        figure.supxlabel(recorded_or_synthetic(plan), fontsize="small", color="0.4")
         figure.savefig(out / f"{name}.png", dpi=_DPI)
     return [out / f"{name}.png" for name in drawn]
 
@@ -65,40 +63,41 @@ def recorded_or_synthetic(plan: SweepPlan) -> str:
 
 
 def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
-    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
-    ax = figure.subplots()
-    ticks = distinct(rows, x)
-    numeric = is_numeric(ticks)
-    # Cases are different questions: a line never averages over them.
-    cases = distinct(rows, "case")
-    series = [(c, b) for c in cases for b in distinct([r for r in rows if r["case"] == c], by)]
-    for i, (case, one) in enumerate(series):
-        label = said(one) if by == "case" or len(cases) == 1 else f"{said(case)}, {said(one)}"
-        at, means, low, high = [], [], [], []
-        for place, tick in enumerate(ticks):
-            chosen = [r for r in rows if (r["case"], r[by], r[x]) == (case, one, tick) and r[metric] is not None]
-            if not chosen:
-                continue
-            mean, lower, upper = bootstrap_mean([r[metric] for r in chosen], [str(r["subject"]) for r in chosen])
-            # Categories stand side by side, so that their intervals do not hide one another.
-            at.append(tick if numeric else place + 0.12 * (i - (len(series) - 1) / 2))
-            means.append(mean)
-            low.append(lower)
-            high.append(upper)
-        colour = colour_of(rows, by, one, i)
-        if numeric:
-            ax.plot(at, means, f"{_MARKERS[i % 8]}-", color=colour, markersize=4, label=label)
-            ax.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
-        else:
-            ends = np.maximum(np.nan_to_num([np.subtract(means, low), np.subtract(high, means)]), 0.0)
-            ax.errorbar(at, means, ends, fmt=_MARKERS[i % 8], color=colour, capsize=3, label=label)
-    if not numeric:
-        ax.set_xticks(range(len(ticks)), [said(tick) for tick in ticks])
-    ax.set(xlabel=x, ylabel=metric)
-    ax.grid(alpha=0.3)
-    ax.legend(frameon=False, fontsize="small", title=by)
-    ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
-    return figure
+    with readable(7.0):
+        figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+        ax = figure.subplots()
+        ticks = distinct(rows, x)
+        numeric = is_numeric(ticks)
+        # Cases are different questions: a line never averages over them.
+        cases = distinct(rows, "case")
+        series = [(c, b) for c in cases for b in distinct([r for r in rows if r["case"] == c], by)]
+        for i, (case, one) in enumerate(series):
+            label = said(one) if by == "case" or len(cases) == 1 else f"{said(case)}, {said(one)}"
+            at, means, low, high = [], [], [], []
+            for place, tick in enumerate(ticks):
+                chosen = [r for r in rows if (r["case"], r[by], r[x]) == (case, one, tick) and r[metric] is not None]
+                if not chosen:
+                    continue
+                mean, lower, upper = bootstrap_mean([r[metric] for r in chosen], [str(r["subject"]) for r in chosen])
+                # Categories stand side by side, so that their intervals do not hide one another.
+                at.append(tick if numeric else place + 0.12 * (i - (len(series) - 1) / 2))
+                means.append(mean)
+                low.append(lower)
+                high.append(upper)
+            colour, look = colour_of(rows, by, one, i), series_look(i)
+            if numeric:
+                ax.plot(at, means, ls=look.line, marker=look.marker, color=colour, markersize=4, label=label)
+                ax.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
+            else:
+                ends = np.maximum(np.nan_to_num([np.subtract(means, low), np.subtract(high, means)]), 0.0)
+                ax.errorbar(at, means, ends, fmt=look.marker, color=colour, capsize=3, label=label)
+        if not numeric:
+            ax.set_xticks(range(len(ticks)), [said(tick) for tick in ticks])
+        ax.set(xlabel=x, ylabel=metric)
+        ax.grid(alpha=0.3)
+        ax.legend(frameon=False, fontsize="small", title=by)
+        ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
+        return figure
 
 
 def _heatmap(rows: Sequence[Row], x: str, y: str, metric: str) -> Figure:
@@ -136,20 +135,22 @@ def _heatmap(rows: Sequence[Row], x: str, y: str, metric: str) -> Figure:
 
 
 def _pareto(table: Sequence[Row], x: str, y: str, by: str) -> Figure:
-    figure = Figure(figsize=(7.0, 4.8), layout="constrained")
-    ax = figure.subplots()
-    objectives = [Objective(metric=metric, direction=direction_of(metric)) for metric in (x, y)]
-    for i, one in enumerate(distinct(table, by)):
-        chosen = [r for r in table if r[by] == one and r[x] is not None and r[y] is not None]
-        front = pareto_front(chosen, objectives)
-        colour, marker = colour_of(table, by, one, i), _MARKERS[i % 8]
-        ax.plot([r[x] for r in chosen], [r[y] for r in chosen], marker, color=colour, alpha=0.35, markersize=5)
-        ax.plot([r[x] for r in front], [r[y] for r in front], f"{marker}-", color=colour, markersize=5, label=said(one))
-    ax.set(xlabel=x, ylabel=y)
-    ax.grid(alpha=0.3)
-    ax.legend(frameon=False, fontsize="small", title=f"{by}; lines: Pareto fronts")
-    ax.set_title("means over clips", fontsize="medium")
-    return figure
+    with readable(7.0):
+        figure = Figure(figsize=(7.0, 4.8), layout="constrained")
+        ax = figure.subplots()
+        objectives = [Objective(metric=metric, direction=direction_of(metric)) for metric in (x, y)]
+        for i, one in enumerate(distinct(table, by)):
+            chosen = [r for r in table if r[by] == one and r[x] is not None and r[y] is not None]
+            front = pareto_front(chosen, objectives)
+            colour, look = colour_of(table, by, one, i), series_look(i)
+            point: dict[str, Any] = {"marker": look.marker, "color": colour, "markersize": 5}
+            ax.plot([r[x] for r in chosen], [r[y] for r in chosen], ls="", alpha=0.35, **point)
+            ax.plot([r[x] for r in front], [r[y] for r in front], ls=look.line, label=said(one), **point)
+        ax.set(xlabel=x, ylabel=y)
+        ax.grid(alpha=0.3)
+        ax.legend(frameon=False, fontsize="small", title=f"{by}; lines: Pareto fronts")
+        ax.set_title("means over clips", fontsize="medium")
+        return figure
 
 
 def distinct(rows: Sequence[Row], name: str) -> list[Any]:
@@ -166,7 +167,7 @@ def is_numeric(values: Sequence[Any]) -> bool:
 
 
 def colour_of(rows: Sequence[Row], by: str, one: Any, index: int) -> str:
-    """Colour of a line: of one controller the colour that it has everywhere, unless several lines share it.
+    """Colour of a line: that of its controller, where there are several in the picture; else one of its own.
 
     Args:
         rows: What is drawn.
@@ -174,13 +175,10 @@ def colour_of(rows: Sequence[Row], by: str, one: Any, index: int) -> str:
         one: Its value for this line.
         index: Number of the line.
     """
-
-    def controllers(value: Any) -> set[str]:
-        return {row["controller"] for row in rows if row[by] == value}
-
-    own = controllers(one)
-    if len(own) == 1 and all(controllers(other) != own for other in distinct(rows, by) if other != one):
-        return style(next(iter(own))).colour
+    every = dict.fromkeys(row["controller"] for row in rows)
+    own = {row["controller"] for row in rows if row[by] == one}
+    if len(own) == 1 and len(every) > 1:
+        return styles(every)[next(iter(own))].colour
     return COLOURS[index % len(COLOURS)]
 
 

@@ -112,7 +112,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     shown = () if viewers is None else viewers.files
     mcap = sorted(path.name for name in kept.names if (path := (settings.out / name).with_suffix(".mcap")).exists())
     drawn = kept.draw() if settings.figures else []
-    written = [*kept.report(summary, drawn, command), "summary.json", *kept.names, *mcap, *shown, *drawn]
+    written = [*kept.report(summary, drawn, command), "summary.json", *kept.files, *mcap, *shown, *drawn]
     print(f"Written to {settings.out}/: {', '.join(written)}")
     print(last_line(summary))
     if kept.violations:

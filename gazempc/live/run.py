@@ -166,6 +166,8 @@ class LiveRun:
             if stopping_at is not None and (still or now_s - stopping_at > stopping_s):
                 break
             index += 1
+        if self._statuses is not None:
+            self._statuses.finish(now_s)
         if failure is not None:
             raise failure
 

@@ -70,6 +70,10 @@ class StatusMaker:
             self._due_s = max(self._due_s + _PERIOD_S, now_s)
             self._show(self._make(now_s, self._start_s))
 
+    def finish(self, now_s: float) -> None:
+        """Make the last status, so that no event is left out."""
+        self._show(self._make(now_s, now_s if self._start_s is None else self._start_s))
+
     def _make(self, now_s: float, start_s: float) -> Status:
         loop, geometry = self._loop, self._neck.geometry
         command_rad = self._smoother.command.position_rad

@@ -54,6 +54,7 @@ class Kept:
 
     Attributes:
         names: Names of the logs written so far.
+        files: The same with the computing times beside them.
         violations: Violations of the neck's limits in them.
     """
 
@@ -63,14 +64,16 @@ class Kept:
         self._last: tuple[Log, ComputeTimes] | None = None
         self._latency = Lateness()
         self.names: list[str] = []
+        self.files: list[str] = []
         self.violations = 0
 
     def keep(self, log: Log, times: ComputeTimes) -> None:
         """Take a complete log."""
-        name = f"log_{len(self.names):03}.npz"
+        name, compute = (f"{kind}_{len(self.names):03}.npz" for kind in ("log", "compute"))
         log.save(self._settings.out / name)
-        times.save(self._settings.out / f"compute_{len(self.names):03}.npz")
+        times.save(self._settings.out / compute)
         self.names.append(name)
+        self.files += [name, compute]
         self._on_kept(self._settings.out / name)
         self._last = log, times
         for latency_ms in times.latency_ms:

@@ -10,10 +10,12 @@ from bs4 import BeautifulSoup
 from builders.comparisons import rows_of, runs, settings
 
 from experiments.compare import compare, main
+from experiments.compare_figures import _looks
 from experiments.engine.keys import models_hash
 from experiments.engine.recordings import find_recordings
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.recordings.synthetic.walks import synthetic_names
+from gazempc.results.figures.style import style
 from gazempc.settings import WalkerSettings
 from predictors.walker.network import shipped_walker_model
 
@@ -61,7 +63,7 @@ def test_a_comparison_writes_a_report_with_its_numbers(tmp_path):
     assert report.find(class_="command").text.endswith(f"--jobs 1 --out '{out}'")
 
 
-def test_several_sensors_and_kinds_have_tables_and_figures_of_their_own(tmp_path):
+def test_several_sensors_and_kinds_have_tables_and_figures_of_their_own(tmp_path, capsys):
     tracks = tmp_path / "tracks"
     tracks.mkdir()
     times_s = np.arange(0, 2.0, 0.04)
@@ -83,6 +85,8 @@ def test_several_sensors_and_kinds_have_tables_and_figures_of_their_own(tmp_path
     assert errors["perfect", "all"] < errors["reference", "all"]
     assert {r["data_kind"] for r in rows_of(out)} == {"motion capture"}
     assert {r["notes"] for r in rows_of(out)} == {""}
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("Written to "))
+    assert set(line.partition("/: ")[2].split(", ")) == {path.name for path in out.iterdir() if path.is_file()}
     text = (out / "summary.md").read_text()
     assert text.index("## Sensor reference") < text.index("## Sensor perfect")
     assert "| all | starting | 1 | 1 | reference | reactive |" in text
@@ -237,3 +241,16 @@ def test_people_that_the_model_has_seen_are_said(tmp_path):
 def test_wrong_settings_from_python_are_named():
     with pytest.raises(SettingsError, match="recordigs"):
         compare(recordigs=["synthetic"])
+
+
+def test_two_predictors_of_one_gaze_share_its_colour_and_nothing_else():
+    """In bars by hatching, in points by markers; so they are told apart without colours, too."""
+    series = [(gaze, predictor, "reference") for predictor in ("a", "b") for gaze in ("reactive", "mpc")]
+    looks = dict(zip(series, _looks(series), strict=True))
+    for gaze in ("reactive", "mpc"):
+        (colour, first), (same, second) = (looks[gaze, predictor, "reference"] for predictor in ("a", "b"))
+        assert colour == same == style(gaze).colour
+        assert first.marker != second.marker
+        assert first.hatch != second.hatch
+    own = _looks([("mine", "a", "n"), ("yours", "a", "n"), ("theirs", "a", "n")])
+    assert len({colour for colour, _ in own}) == 3

@@ -70,6 +70,22 @@ def test_the_main_job_writes_all_it_promises(main_job):
     assert all(set(row) >= ROW_KEYS for row in summary["rows"])
 
 
+def said_to_be_written(said):
+    (line,) = (line for line in said.splitlines() if line.startswith("Written to "))
+    return line.partition("/: ")[2].split(", ")
+
+
+def test_what_is_said_to_be_written_is_written_and_nothing_else(main_job, tmp_path, capsys):
+    out, said = main_job
+    logs = [f"{name}{end}.npz" for name in LABELS for end in ("", "_compute")]
+    told = [name for name in said_to_be_written(said) if "each controller" not in name]
+    assert sorted([*told, *logs]) == sorted(path.name for path in out.iterdir())
+    # A log measured again, without figures.
+    assert main(["--replay", str(out / "mpc.npz"), "--no-figures", "--out", str(tmp_path)]) == 0
+    told = said_to_be_written(capsys.readouterr().out)
+    assert sorted(told) == sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "summary.json"]
+
+
 def test_the_report_has_all_numbers_and_pictures_of_the_run(main_job):
     out, text = main_job
     report = (out / "report.html").read_text(encoding="utf-8")

@@ -51,8 +51,8 @@ class Style:
 
 
 @dataclass(frozen=True)
-class LineStyle:
-    """What tells runs of one controller apart, which share its colour: predictors or necks.
+class SeriesLook:
+    """What tells lines apart that share a colour, or a print without colours: those of predictors or necks, say.
 
     Attributes:
         line: Line style, as matplotlib takes it.
@@ -66,13 +66,15 @@ class LineStyle:
 
 
 # The first one is that of a picture in which nothing has to be told apart.
-_VARIANTS = (
-    LineStyle("-", "o", ""),
-    LineStyle((0, (4, 1.5)), "s", "//"),
-    LineStyle((0, (1, 1.2)), "^", ".."),
-    LineStyle((0, (6, 1.5, 1, 1.5)), "D", "xx"),
-    LineStyle((0, (8, 3)), "v", "\\\\"),
-    LineStyle((0, (3, 1, 1, 1, 1, 1)), "P", "++"),
+_SERIES = (
+    SeriesLook("-", "o", ""),
+    SeriesLook((0, (4, 1.5)), "s", "//"),
+    SeriesLook((0, (1, 1.2)), "^", ".."),
+    SeriesLook((0, (6, 1.5, 1, 1.5)), "D", "xx"),
+    SeriesLook((0, (8, 3)), "v", "\\\\"),
+    SeriesLook((0, (3, 1, 1, 1, 1, 1)), "P", "++"),
+    SeriesLook((0, (2, 3)), "*", "oo"),
+    SeriesLook((0, (10, 2, 2, 2)), "X", "--"),
 )
 
 _STYLES = {
@@ -108,9 +110,9 @@ def styles(controllers: Iterable[str]) -> dict[str, Style]:
     return found
 
 
-def variant(index: int) -> LineStyle:
-    """What tells the index-th run of one controller from its others; from the seventh on they repeat."""
-    return _VARIANTS[index % len(_VARIANTS)]
+def series_look(index: int) -> SeriesLook:
+    """Look of the index-th line, point or bar; from the ninth on they repeat."""
+    return _SERIES[index % len(_SERIES)]
 
 
 @contextmanager

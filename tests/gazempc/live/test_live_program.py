@@ -182,7 +182,7 @@ def test_a_wrong_clock_and_unit_are_said_while_it_runs_and_the_options_that_it_n
     assert load_log(tmp_path / "mended" / "log_000.npz").head_observed_base_m[:, 0] == pytest.approx(2.5)
 
 
-def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_log(tmp_path):
+def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_log(tmp_path, capsys):
     """Also in process, on the simulated clock: metrics of the log, gaze error included."""
     arguments = ["--source", "replay", "--replay", "subject03_R4", "--simulated-clock", "--no-figures"]
     assert live.main([*arguments, "--out", str(tmp_path), "--log-s", "2"]) == 0
@@ -190,6 +190,8 @@ def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_l
     assert summary["stopped_by"] == "end of the source"
     assert summary["logs"] == ["log_000.npz", "log_001.npz", "log_002.npz"]
     assert summary["skipped_ticks"] == summary["late_ticks"] == 0
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("Written to "))
+    assert sorted(line.partition("/: ")[2].split(", ")) == sorted(path.name for path in tmp_path.iterdir())
     logs = [load_log(tmp_path / name) for name in summary["logs"]]
     times = np.concatenate([log.time_s for log in logs])
     assert np.diff(times) == pytest.approx(0.005, abs=1e-9)

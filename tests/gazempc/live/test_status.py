@@ -44,12 +44,13 @@ def shown():
 
 def test_statuses_come_four_times_a_second(shown):
     statuses, _ = shown
-    assert np.diff([status.time_s for status in statuses]) == pytest.approx(0.25, abs=0.021)
+    assert np.diff([status.time_s for status in statuses[:-1]]) == pytest.approx(0.25, abs=0.021)
 
 
 def test_a_person_is_seen_then_lost_then_seen_again(shown):
     statuses, _ = shown
-    for status in statuses:
+    # While the neck is braked at the end nobody is looked for.
+    for status in statuses[:-1]:
         hidden_s = status.time_s - HIDDEN_FROM_S
         if status.time_s < HIDDEN_FROM_S or status.time_s > HIDDEN_TO_S + 0.1:
             assert not status.lost
@@ -66,12 +67,12 @@ def test_counts_and_events_are_those_of_the_logs(shown):
     statuses, result = shown
     last = statuses[-1]
     assert last.observations == last.used
-    assert result.used - last.used <= 8
+    assert last.used == result.used
     told = [(round(time_s, 6), name) for status in statuses for time_s, name in status.events]
     start_s = result.joined("time_s")[0]
     began = zip(result.joined("event_time_s"), result.joined("event_name").tolist(), strict=True)
     wanted = [(round(time_s - start_s, 6), name) for time_s, name in began]
-    assert told == [each for each in wanted if each[0] <= last.time_s]
+    assert told == wanted
     assert {"no_observation_yet", "target_lost"} <= {name for _, name in told}
 
 

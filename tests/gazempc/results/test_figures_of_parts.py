@@ -23,7 +23,7 @@ from gazempc.results.figures.birds_eye import birds_eye, draw_birds_eye
 from gazempc.results.figures.gaze_error import draw_gaze_error, gaze_error
 from gazempc.results.figures.overview import draw_contact_bars, overview
 from gazempc.results.figures.parts import head_alone, head_error_deg, parts
-from gazempc.results.figures.style import styles, variant
+from gazempc.results.figures.style import series_look, styles
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
 
@@ -201,7 +201,7 @@ def test_controllers_of_the_users_own_never_share_a_colour_in_a_picture() -> Non
     assert styles(["mine"])["mine"] == styles(["mpc", "mine"])["mine"]
 
 
-def test_runs_of_one_controller_are_told_apart_without_colours() -> None:
-    looks = [variant(k) for k in range(6)]
+def test_lines_are_told_apart_without_colours() -> None:
+    looks = [series_look(k) for k in range(6)]
     for name in ("line", "marker", "hatch"):
         assert len({str(getattr(look, name)) for look in looks}) == len(looks)
