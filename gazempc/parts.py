@@ -101,6 +101,21 @@ SOURCE = Kind(
     },
     {"finished": "finished: True once nothing more will come"},
 )
+POLICY = Kind(
+    "policy",
+    {
+        "nearest": "gazempc.people.policies:Nearest",
+        "engaged": "gazempc.people.policies:Engaged",
+        "approaching": "gazempc.people.policies:Approaching",
+        "speaker": "gazempc.people.policies:Speaker",
+    },
+    {
+        "reset": "reset(): forgets everybody",
+        "scores": "scores(company: Company) -> one number a person of company.people; NaN for not at all",
+    },
+)
+# A person by the tracker's name: ``id:anna``.
+BY_NAME = "id:"
 
 
 def is_own(choice: str) -> bool:

@@ -168,9 +168,9 @@ def _run(settings: RunSettings, command: str) -> None:
     from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
     from gazempc.sim.scene import make_scene  # noqa: PLC0415
 
-    scene = make_scene(settings.replay or "", settings)
+    scene = make_scene(settings.replay or "", settings, everybody=settings.attend is not None)
     walk, neck = scene.walk, scene.neck
-    out = settings.out or Path("out") / walk.name
+    out = settings.out or Path("out") / scene.name
     resolved = settings.model_copy(update={"placement": scene.placement, "sensor": scene.sensor.name, "out": out})
     try:
         out.mkdir(parents=True, exist_ok=True)

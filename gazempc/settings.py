@@ -10,7 +10,7 @@ import tyro
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from tyro.constructors import PrimitiveConstructorSpec
 
-from gazempc.parts import CONTROLLER, PREDICTOR, Kind, check_choice
+from gazempc.parts import BY_NAME, CONTROLLER, POLICY, PREDICTOR, Kind, check_choice
 
 
 def on_command_line(kind: Kind) -> PrimitiveConstructorSpec[str]:
@@ -198,8 +198,45 @@ class LoopSettings(Settings):
         return self
 
 
+def _checked_attend(choice: str) -> str:
+    if choice.startswith(BY_NAME):
+        if choice == BY_NAME:
+            raise ValueError("id: needs a name: id:NAME, as the tracker calls the person")
+        return choice
+    return check_choice(POLICY, choice)
+
+
+class AttentionSettings(Settings):
+    """Whom to look at among several people, see `--attend`."""
+
+    hysteresis_s: float = Field(
+        default=0.5, ge=0, description="Somebody else must be the better choice for so long without a break"
+    )
+    dwell_s: float = Field(default=1.5, ge=0, description="Least time that anybody is looked at")
+    enter_m: float | None = Field(
+        default=None, gt=0, description="Nobody farther away than this begins to count; without it no limit"
+    )
+    leave_m: float | None = Field(
+        default=None, gt=0, description="Who counts does so until they are farther away; without it as enter_m"
+    )
+    most_people: int = Field(default=20, ge=1, description="Only so many people count, the nearest")
+
+    @model_validator(mode="after")
+    def _leave_behind_enter(self) -> AttentionSettings:
+        if self.leave_m is not None and (self.enter_m is None or self.leave_m < self.enter_m):
+            raise ValueError(f"leave_m ({self.leave_m}) needs an enter_m that is not more ({self.enter_m})")
+        return self
+
+
 class GazeSettings(PredictorSettings):
     """Settings of predictors, controllers and the loop, in a replay and live."""
+
+    attend: Annotated[str, AfterValidator(_checked_attend)] | None = Field(
+        default=None,
+        description="Whom to look at among several people: nearest, engaged, approaching, speaker, id:NAME as the "
+        "tracker calls them, module:Class for a policy of your own. Without it all observations are one person's",
+    )
+    attention: AttentionSettings = AttentionSettings()
 
     lookahead: LookAheadSettings = LookAheadSettings()
     mpc: MpcSettings = MpcSettings()

@@ -35,7 +35,19 @@ EXPERIMENTS = (
     ("engine", "aggregate"),
     ("compare_figures", "compare_report", "least_error", "margins"),
     ("compare_page",),
-    ("compare", "bound", "fronts", "sweep", "forecast", "fit", "rivals", "paper", "plan_example", "sensor_example"),
+    (
+        "compare",
+        "bound",
+        "fronts",
+        "sweep",
+        "forecast",
+        "fit",
+        "rivals",
+        "paper",
+        "plan_example",
+        "sensor_example",
+        "people",
+    ),
     ("__init__", "console"),
 )
 

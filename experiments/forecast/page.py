@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from experiments.clips import sensors_of
-from experiments.colours import COLOURS
 from experiments.forecast.report import about, forecast_table
 from experiments.forecast.summary import ClipResult, error_m
 from experiments.page_parts import shares
+from gazempc.results.figures.style import COLOURS
 from gazempc.results.page.chart import Chart, Curve
 from gazempc.results.page.content import Page, Unusual
 

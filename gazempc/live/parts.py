@@ -14,6 +14,7 @@ from gazempc.live.stamps import StampReader
 from gazempc.live.status import Status
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.planner import Planner
+from gazempc.loop.track import PersonTrack, Target
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.moments import Moment
@@ -58,6 +59,10 @@ class LiveParts:
     stamps: StampReader | None = None
     use_ids: bool = True
     mends: Mends = field(default_factory=Mends)
+
+    def target(self) -> Target:
+        """Whom the loop looks at."""
+        return PersonTrack(self.predictor, self.settings)
 
     def __post_init__(self) -> None:
         self.neck.check_takes_angles("a live run")

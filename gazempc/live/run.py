@@ -107,7 +107,7 @@ class LiveRun:
         go_in(parts, start_rad, stop)
         smoother = Smoother(parts.neck, start_rad)
         loop = GazeLoop(
-            parts.neck, parts.predictor, parts.planner, smoother, parts.robot, self.logs.recorder, parts.settings
+            parts.neck, parts.target(), parts.planner, smoother, parts.robot, self.logs.recorder, parts.settings
         )
         loop.prepare(self._clock.now_s())
         opened("source: open()", parts.source.open, SourceError)

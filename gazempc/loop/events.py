@@ -92,6 +92,13 @@ class Event(StrEnum):
         "the tracker's clock is ahead, far behind or fast; capture times are shifted by as much as the stream shows",
     )
     GATE_REFUSED = "gate_refused", "the predictor takes a head for a mistaken detection, or for somebody else; not used"
+    PERSON_ENTERED = "person_entered", "somebody is seen for the third time, and counts as a person from now on"
+    PERSON_RETURNED = "person_returned", "somebody who was gone is back, by name or where they were to be by now"
+    PERSON_RENAMED = "person_renamed", "the tracker calls a person otherwise, who has gone on as before; nobody changed"
+    SEEN_TWICE = "seen_twice", "a second detection of a person in one frame; dropped"
+    ATTENTION_SWITCHED = "attention_switched", "somebody else is looked at from now on"
+    NOBODY_ATTENDED = "nobody_attended", "nobody is there, or nobody whom the policy wants looked at"
+    POLICY_FAILED = "policy_failed", "the attention policy raised; who is looked at stays the same"
     CLOCK_STEPPED = "clock_stepped", "the computer's Unix clock was set to another time"
 
 

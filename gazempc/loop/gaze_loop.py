@@ -25,12 +25,12 @@ from gazempc.loop.observer import JointEstimate, JointObserver
 from gazempc.loop.planner import Answer, Planner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
-from gazempc.loop.track import PersonTrack
+from gazempc.loop.track import PersonTrack, Target
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.robot import Robot
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, JointState, Sighting
-from predictors import Forecast, HeadObservation, Predictor
+from predictors import Forecast, HeadObservation
 
 # So many commands in a row may get lost before the motion starts again from rest: on a busy line single ones do.
 _SENDS_FORGIVEN = 2
@@ -38,11 +38,11 @@ _PAN_AND_TILT = 2
 
 
 class GazeLoop:
-    """Joins predictor, controller, smoother and robot.
+    """Joins target, controller, smoother and robot.
 
     Args:
         neck: The neck as the controller knows it.
-        predictor: Forecasts the head.
+        target: Whom to look at.
         planner: Asks the controller for plans.
         smoother: Makes commands of plans; it holds where the command stands.
         robot: Executes the commands; connected.
@@ -53,7 +53,7 @@ class GazeLoop:
     def __init__(
         self,
         neck: NeckSpec,
-        predictor: Predictor,
+        target: Target,
         planner: Planner,
         smoother: Smoother,
         robot: Robot,
@@ -62,7 +62,7 @@ class GazeLoop:
     ) -> None:
         self._neck = neck
         self._ticks_per_plan = neck.servo_ticks_per_plan
-        self._track = PersonTrack(predictor, settings)
+        self._target = target
         self._planner = planner
         self._controller = planner.controller
         self._smoother = smoother
@@ -100,7 +100,7 @@ class GazeLoop:
     @property
     def seen(self) -> HeadObservation | None:
         """The newest observation that was used; None before the first one."""
-        return self._track.newest
+        return self._target.newest
 
     @property
     def plan(self) -> Plan | None:
@@ -125,8 +125,7 @@ class GazeLoop:
         for _ in range(min(left_out, len(self._sent_rad))):
             self._note_sent(self._drive.sent(self._acts, got_through=False).copy())
         self._last_index = index
-        for sighting in arrived:
-            self._track.take_in(sighting, time_s, self._recorder)
+        self._target.take_in(arrived, time_s, self._recorder)
         measured = self._read_state(time_s)
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
@@ -164,20 +163,20 @@ class GazeLoop:
         # Somebody passes so near that limits bind: then the solver is needed, too.
         seen_s = [time_s + i / 30.0 for i in range(5)]
         start_s = time_s + self._delay_ticks * self._neck.servo_period_s
-        failed = Event.FORECAST_FAILED
+        failed, predictor = Event.FORECAST_FAILED, self._target.predictor
         try:
             for i, each_s in enumerate(seen_s):
-                self._track.predictor.update(HeadObservation(each_s, np.array([0.8, 0.1 * i, 0.3])))
+                predictor.update(HeadObservation(each_s, np.array([0.8, 0.1 * i, 0.3])))
             failed = Event.CONTROLLER_FAILED
             times_s = np.asarray(self._controller.forecast_times_s(start_s, seen_s[-1]), dtype=np.float64)
-            forecast = self._track.forecast(times_s, time_s, self._recorder)
+            forecast = PersonTrack(predictor, self._settings).forecast(times_s, time_s, self._recorder)
             if forecast is not None:
                 self._controller.plan(self._at_rest(start_s, forecast))
         except ControllerError:
             pass  # nobody waits for this plan
         except Exception as error:
             self._recorder.event(time_s, failed, error)
-        self._track.predictor.reset()
+        predictor.reset()
         self._controller.reset()
 
     def _at_rest(self, start_s: float, forecast: Forecast) -> Situation:
@@ -252,7 +251,7 @@ class GazeLoop:
     def _ask_for_plan(
         self, index: int, time_s: float, due_s: float, joints: JointEstimate, held: tuple[int, ...]
     ) -> None:
-        newest_s = self._track.newest_capture_s
+        newest_s = self._target.newest_capture_s
         if newest_s is None:
             self._recorder.event(time_s, Event.NO_OBSERVATION_YET)
             return
@@ -265,7 +264,7 @@ class GazeLoop:
         except Exception as error:
             self._recorder.event(time_s, Event.CONTROLLER_FAILED, error)
             return
-        forecast = self._track.forecast(times_s, time_s, self._recorder)
+        forecast = self._target.forecast(times_s, time_s, self._recorder)
         if forecast is None:
             return
         committed = [
@@ -317,7 +316,7 @@ class GazeLoop:
     def _next_command(self, time_s: float, due_s: float) -> FloatArray:
         if self._stopping:
             return self._smoother.step(due_s, None)
-        newest_s = self._track.newest_capture_s
+        newest_s = self._target.newest_capture_s
         unseen_s = 0.0 if newest_s is None else time_s - newest_s
         if unseen_s > self._settings.rest_after_s:
             self._plan = None

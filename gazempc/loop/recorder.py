@@ -41,6 +41,7 @@ class LoopRecorder:
         self._observations: list[tuple[float, HeadObservation]] = []
         self._forecasts: list[tuple[FloatArray, FloatArray, float]] = []
         self._events: list[tuple[float, str]] = []
+        self._attended: list[tuple[float, int, str]] = []
         self._event_last_s: dict[str, float] = {}
         self._faults: dict[str, Fault] = {}
         self._used = 0
@@ -142,6 +143,27 @@ class LoopRecorder:
         """
         self._refused[str(name)] += count
 
+    def refuse(self, name: str, time_s: float, error: Exception | None = None) -> None:
+        """Record an observation that is not used, and its event.
+
+        Args:
+            name: Name of the event.
+            time_s: Time, seconds.
+            error: The exception behind it.
+        """
+        self.refused(name)
+        self.event(time_s, name, error)
+
+    def attended(self, time_s: float, person: int, why: str) -> None:
+        """Record who is looked at from now on.
+
+        Args:
+            time_s: The time, seconds.
+            person: Number of the person; 0 for nobody.
+            why: Why, in a word.
+        """
+        self._attended.append((time_s, person, why))
+
     def event(self, time_s: float, name: str, error: Exception | None = None) -> None:
         """Record something out of the ordinary.
 
@@ -216,6 +238,9 @@ class LoopRecorder:
             forecast_horizon_s=horizons,
             event_time_s=np.array([t for t, _ in self._events]),
             event_name=np.array([name for _, name in self._events], dtype=np.str_),
+            attended_time_s=np.array([t for t, _, _ in self._attended]),
+            attended_person=np.array([person for _, person, _ in self._attended], dtype=np.intp),
+            attended_why=np.array([why for _, _, why in self._attended], dtype=np.str_),
             faults=self.faults,
         )
         return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms), np.array(self._latency_ms))

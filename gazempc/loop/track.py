@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterable
+from typing import Protocol
 
 import numpy as np
 
@@ -16,7 +18,45 @@ from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
 # Two clocks that agree still differ by this much.
 _CLOCK_TOLERANCE_S = 0.01
-_RECORDED_HORIZONS_S = np.array(FORECAST_HORIZONS_S)
+RECORDED_HORIZONS_S = np.array(FORECAST_HORIZONS_S)
+
+
+class Target(Protocol):
+    """Whom the loop looks at: one person, or one of several.
+
+    Attributes:
+        predictor: A predictor of a person, with which the loop prepares itself.
+        newest_capture_s: Capture time of the newest observation of whoever is looked at, seconds; None before the first
+            one.
+        newest: The newest observation that was used; None before the first one.
+    """
+
+    predictor: Predictor
+    newest: HeadObservation | None
+    newest_capture_s: float | None
+
+    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """Take in what has arrived since the last tick; called at every tick.
+
+        Args:
+            sightings: Observations and their arrivals.
+            time_s: The time, seconds.
+            recorder: Records observations and the forecasts after them, or why they were dropped.
+        """
+        ...
+
+    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
+        """Ask where to look.
+
+        Args:
+            times_s: Times to forecast, shape (H,), seconds.
+            time_s: The time, seconds.
+            recorder: Records why there is none.
+
+        Returns:
+            The forecast; None if there is none that can be used.
+        """
+        ...
 
 
 class PersonTrack:
@@ -28,37 +68,29 @@ class PersonTrack:
 
     Attributes:
         predictor: The predictor.
-        newest: The newest observation that was used; None before the first one.
+        newest: See `Target`.
+        newest_capture_s: See `Target`.
     """
 
     def __init__(self, predictor: Predictor, settings: LoopSettings) -> None:
         self.predictor = predictor
         self.newest: HeadObservation | None = None
+        self.newest_capture_s: float | None = None
         self._settings = settings
         self._tracker = FrozenTracker()
         self._jumps = OrientationJumps()
 
-    @property
-    def newest_capture_s(self) -> float | None:
-        """Capture time of the newest observation that was used, seconds; None before the first one."""
-        return None if self.newest is None else self.newest.capture_time_s
+    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """See `Target.take_in`."""
+        for sighting in sightings:
+            self._take_one(sighting, time_s, recorder)
 
-    def take_in(self, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> None:
-        """Take in an observation.
-
-        Args:
-            sighting: The observation and its arrival.
-            time_s: The time, seconds.
-            recorder: Records the observation and the forecast after it, or why it was dropped.
-        """
+    def _take_one(self, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> None:
+        unusable = why_not_usable(sighting, time_s, self._settings)
+        if unusable is not None:
+            recorder.refuse(unusable, time_s)
+            return
         observation = sighting.observation
-        if observation.capture_time_s > time_s + _CLOCK_TOLERANCE_S:
-            # Taken in, it would make all later ones out of order.
-            self._refuse(Event.FUTURE_OBSERVATION, time_s, recorder)
-            return
-        if time_s - observation.capture_time_s > self._settings.stale_after_s:
-            self._refuse(Event.STALE_OBSERVATION, time_s, recorder)
-            return
         was_frozen = self._tracker.frozen
         if self._tracker.see(sighting):
             recorder.refused(Event.TRACKER_FROZEN)
@@ -78,49 +110,75 @@ class PersonTrack:
                 self.predictor.reset()
             self.predictor.update(observation)
         except OutOfOrderError:
-            self._refuse(Event.OUT_OF_ORDER, time_s, recorder)
+            recorder.refuse(Event.OUT_OF_ORDER, time_s)
             return
         except Exception as error:
-            self._refuse(Event.FORECAST_FAILED, time_s, recorder, error)
+            recorder.refuse(Event.FORECAST_FAILED, time_s, error)
             return
         update_ms = 1e3 * (time.perf_counter() - started)
-        self.newest = observation
-        forecast = self.forecast(observation.capture_time_s + _RECORDED_HORIZONS_S, time_s, recorder)
+        self.newest, self.newest_capture_s = observation, observation.capture_time_s
+        forecast = self.forecast(observation.capture_time_s + RECORDED_HORIZONS_S, time_s, recorder)
         # A predictor that refuses detections may say so.
         gated = bool(getattr(self.predictor, "rejections_in_a_row", 0))
         if gated:
-            self._refuse(Event.GATE_REFUSED, time_s, recorder)
+            recorder.refuse(Event.GATE_REFUSED, time_s)
         recorder.observation(time_s, observation, forecast, update_ms, used=not gated)
 
-    @staticmethod
-    def _refuse(event: Event, time_s: float, recorder: LoopRecorder, error: Exception | None = None) -> None:
-        recorder.refused(event)
-        recorder.event(time_s, event, error)
-
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
-        """Ask for a forecast.
+        """See `Target.forecast`."""
+        return checked_forecast(self.predictor.forecast, self.predictor.reset, times_s, time_s, recorder)
 
-        Args:
-            times_s: Times to forecast, shape (H,), seconds.
-            time_s: The time, seconds.
-            recorder: Records why there is none.
 
-        Returns:
-            The forecast; None if the predictor has none that can be used.
-        """
-        try:
-            forecast = self.predictor.forecast(times_s)
-            if not isinstance(forecast, Forecast):
-                raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
-            if forecast.times_s.size != times_s.size:
-                raise ValueError(f"forecast() returned {forecast.times_s.size} times, asked for were {times_s.size}")
-            # An infinite variance is an honest answer; a NaN is none.
-            if np.isfinite(forecast.means_base_m).all() and not np.isnan(forecast.covariances_m2).any():
-                return forecast
-            problem = ValueError("forecast() returned positions that are not finite, or covariances with a NaN")
-            recorder.event(time_s, Event.FORECAST_FAILED, problem)
-            # A filter that holds a NaN holds it for ever: the next observation starts a new track.
-            self.predictor.reset()
-        except Exception as error:
-            recorder.event(time_s, Event.FORECAST_FAILED, error)
-        return None
+def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) -> Event | None:
+    """Judge an observation by its time.
+
+    Args:
+        sighting: The observation and its arrival.
+        time_s: The time, seconds.
+        settings: Age at which observations are given up.
+
+    Returns:
+        Why it is dropped; None if it is not.
+    """
+    captured_s = sighting.observation.capture_time_s
+    if captured_s > time_s + _CLOCK_TOLERANCE_S:
+        # Taken in, it would make all later ones out of order.
+        return Event.FUTURE_OBSERVATION
+    return Event.STALE_OBSERVATION if time_s - captured_s > settings.stale_after_s else None
+
+
+def checked_forecast(
+    ask: Callable[[FloatArray], Forecast],
+    reset: Callable[[], None],
+    times_s: FloatArray,
+    time_s: float,
+    recorder: LoopRecorder,
+) -> Forecast | None:
+    """Ask a predictor for a forecast, whatever it does.
+
+    Args:
+        ask: Gives the forecast for times.
+        reset: Resets the predictor.
+        times_s: Times to forecast, shape (H,), seconds.
+        time_s: The time, seconds.
+        recorder: Records why there is none.
+
+    Returns:
+        The forecast; None if the predictor has none that can be used.
+    """
+    try:
+        forecast = ask(times_s)
+        if not isinstance(forecast, Forecast):
+            raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
+        if forecast.times_s.size != times_s.size:
+            raise ValueError(f"forecast() returned {forecast.times_s.size} times, asked for were {times_s.size}")
+        # An infinite variance is an honest answer; a NaN is none.
+        if np.isfinite(forecast.means_base_m).all() and not np.isnan(forecast.covariances_m2).any():
+            return forecast
+        problem = ValueError("forecast() returned positions that are not finite, or covariances with a NaN")
+        recorder.event(time_s, Event.FORECAST_FAILED, problem)
+        # A filter that holds a NaN holds it for ever: the next observation starts a new track.
+        reset()
+    except Exception as error:
+        recorder.event(time_s, Event.FORECAST_FAILED, error)
+    return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -11,9 +11,11 @@ import numpy as np
 from gazempc.people.association import assign
 from gazempc.people.motion import Motion
 from gazempc.people.person import PersonState, TrackedPerson, noise_of
-from gazempc.types import FloatArray
+from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation, Predictor
 
+# Cameras that look at the same time are not exact; people move by a centimetre meanwhile.
+_ONE_FRAME_S = 0.01
 # Seen so often, it is somebody; a false detection rarely stays for three frames.
 _CONFIRMED_BY = 3
 # A track that is not confirmed ends without a sighting for so long.
@@ -22,6 +24,8 @@ _TENTATIVE_S = 0.3
 _ONE_PERSON_M = 0.25
 # A person who comes back under the same name cannot have gone farther: this fast, and with this error.
 _RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
+# Without a name, who was hidden for not longer than this is where they would have walked to, give or take.
+_WALKED_ON_S, _STRAYED_M_S = 3.0, 0.2
 # Somebody who is nobody any more: names that trackers give again after that are another person's.
 _FORGOTTEN_AFTER_S = 30.0
 
@@ -36,6 +40,25 @@ class Became(StrEnum):
     RENAMED = "renamed"
     DUPLICATE = "duplicate"
     OUT_OF_ORDER = "out_of_order"
+
+
+def frames_of(sightings: Sequence[Sighting]) -> Iterator[tuple[Sighting, ...]]:
+    """Put sightings that have arrived together into frames.
+
+    Args:
+        sightings: The sightings, in any order.
+
+    Yields:
+        Those of one instant, within 10 ms; the oldest first.
+    """
+    frame: list[Sighting] = []
+    for sighting in sorted(sightings, key=lambda each: each.observation.capture_time_s):
+        if frame and sighting.observation.capture_time_s - frame[0].observation.capture_time_s > _ONE_FRAME_S:
+            yield tuple(frame)
+            frame = []
+        frame.append(sighting)
+    if frame:
+        yield tuple(frame)
 
 
 class People:
@@ -67,17 +90,17 @@ class People:
         return max((track.seen_s for track in self._confirmed()), default=None)
 
     def see(self, observations: Sequence[HeadObservation]) -> list[tuple[int, Became]]:
-        """Take in detections of one instant.
+        """Take in detections of one frame.
 
         Args:
-            observations: Detections with one capture time, in the base frame. Others of the same instant may follow.
+            observations: Detections of one instant (`frames_of`), in the base frame. Others of it may follow.
 
         Returns:
             For each, the number of its person (0 where it is nobody's) and what it has become.
         """
         if not observations:
             return []
-        capture_s = observations[0].capture_time_s
+        capture_s = min(seen.capture_time_s for seen in observations)
         self._newest_s = max(self._newest_s, capture_s)
         self._let_go(self._newest_s)
         found: list[tuple[int, Became]] = [(0, Became.DUPLICATE)] * len(observations)
@@ -104,7 +127,14 @@ class People:
         Returns:
             In the order in which they entered.
         """
-        return tuple(t.state(time_s) for t in self._confirmed() if time_s - t.seen_s <= self._coast_s)
+        there = sorted(self._confirmed(), key=lambda track: track.number)
+        there = [track for track in there if time_s - track.seen_s <= self._coast_s]
+        if not there:
+            return ()
+        stacked = Motion.stack([track.motion for track in there])
+        ahead_s = np.array([time_s - track.seen_s for track in there])
+        where_m = stacked.position_m + ahead_s[:, None] * stacked.velocity_m_s
+        return tuple(track.state(time_s, at_m) for track, at_m in zip(there, where_m, strict=True))
 
     def track(self, number: int) -> TrackedPerson | None:
         """The track of a person.
@@ -184,16 +214,18 @@ class People:
         return any(math.dist(t.motion.position_m[0], track.motion.position_m[0]) < _ONE_PERSON_M for t in others)
 
     def _earlier(self, track: TrackedPerson) -> TrackedPerson | None:
-        """Who was called the same and has not been seen since this track began; the nearest in time."""
-        if track.tracker_id is None:
-            return None
-        before = [
-            t
-            for t in (*self._gone, *self._confirmed())
-            if t is not track and t.tracker_id == track.tracker_id and t.seen_s < track.since_s
-        ]
+        """Who this was before: the last one of the same name, or the one who was to be here by now."""
+        before = [t for t in (*self._gone, *self._confirmed()) if t is not track and t.seen_s < track.since_s]
         for earlier in sorted(before, key=lambda t: -t.seen_s):
-            apart_m = math.dist(earlier.motion.position_m[0], track.motion.position_m[0])
-            if apart_m <= _RETURN_ERROR_M + _RETURN_SPEED_M_S * (track.since_s - earlier.seen_s):
+            named = None not in (earlier.tracker_id, track.tracker_id)
+            if named and earlier.tracker_id != track.tracker_id:
+                continue
+            away_s = track.since_s - earlier.seen_s
+            if not named and away_s > _WALKED_ON_S:
+                continue
+            was_m, speed_m_s = earlier.motion.position_m[0], earlier.motion.velocity_m_s[0]
+            expected_m = was_m if named else was_m + (track.seen_s - earlier.seen_s) * speed_m_s
+            error_m_s = _RETURN_SPEED_M_S if named else _STRAYED_M_S
+            if math.dist(expected_m, track.motion.position_m[0]) <= _RETURN_ERROR_M + error_m_s * away_s:
                 return earlier
         return None

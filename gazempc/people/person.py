@@ -130,24 +130,24 @@ class TrackedPerson:
         """Begin the predictor anew with the next sighting: what it said cannot be used."""
         self._predictor.reset()
 
-    def state(self, time_s: float) -> PersonState:
+    def state(self, time_s: float, position_base_m: FloatArray) -> PersonState:
         """The person at a time.
 
         Args:
             time_s: The time, seconds.
+            position_base_m: Where they are then, shape (3,), metres.
 
         Returns:
             What is known.
         """
-        motion = self.motion.after(np.array([time_s - self.seen_s]))
         facing = self._oriented
         lately = facing is not None and time_s - facing.capture_time_s <= _ORIENTATION_LASTS_S
         return PersonState(
             number=self.number,
             tracker_id=self.tracker_id,
             time_s=time_s,
-            position_base_m=motion.position_m[0],
-            velocity_base_m_s=motion.velocity_m_s[0],
+            position_base_m=position_base_m,
+            velocity_base_m_s=self.motion.velocity_m_s[0],
             head_quat_wxyz=facing.head_quat_wxyz if facing is not None and lately else None,
             seen_s=self.seen_s,
             since_s=self.since_s,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -40,28 +41,55 @@ def place(recording: Recording, placement: Placement, distance_m: float, height_
         PlacementError: If the head comes nearer than 0.8 m horizontally to a robot that was not there when the
             recording was made.
     """
-    start_s = recording.times_s[0]
+    return place_together((recording,), placement, distance_m, height_m)[0]
+
+
+def place_together(
+    recordings: Sequence[Recording], placement: Placement, distance_m: float, height_m: float
+) -> tuple[Recording, ...]:
+    """Put a robot among several people in one frame and on one clock; see `place`.
+
+    Args:
+        recordings: A recording a person.
+        placement: Where the robot stands; ``side`` is beside the first one.
+        distance_m: As in `place`.
+        height_m: As in `place`.
+
+    Returns:
+        The recordings in the base frame; time starts at 0 where the earliest begins.
+
+    Raises:
+        PlacementError: As in `place`.
+    """
+    start_s = min(float(recording.times_s[0]) for recording in recordings)
     base_m, yaw_rad = (np.zeros(3), 0.0)
     if placement == "side":
-        base_m, yaw_rad = _beside(recording.truth, distance_m, height_m)
-    placed = replace(
-        recording,
-        times_s=recording.times_s - start_s,
-        truth=_to_base(recording.truth, base_m, yaw_rad),
-        measured=None if recording.measured is None else _to_base(recording.measured, base_m, yaw_rad),
-        has_robot=True,
-    )
-    if placement == "side" or not recording.has_robot:
-        heads = placed.truth.head_position_m[placed.truth.valid]
-        nearest_m = float(np.min(np.hypot(heads[:, 0], heads[:, 1])))
-        if nearest_m < _NEAREST_M:
-            raise PlacementError(
-                f"{recording.name}: the head comes within {nearest_m:.2f} m of a robot that stands "
-                + (f"{distance_m} m beside the walk" if placement == "side" else "at the origin of the recording")
-                + f"; at least {_NEAREST_M} m are needed: use "
-                + ("a larger distance_m" if placement == "side" else "placement side")
-            )
-    return placed
+        base_m, yaw_rad = _beside(recordings[0].truth, distance_m, height_m)
+    every = []
+    for recording in recordings:
+        placed = replace(
+            recording,
+            times_s=recording.times_s - start_s,
+            truth=_to_base(recording.truth, base_m, yaw_rad),
+            measured=None if recording.measured is None else _to_base(recording.measured, base_m, yaw_rad),
+            has_robot=True,
+        )
+        if placement == "side" or not recording.has_robot:
+            _check_distance(placed, placement, distance_m)
+        every.append(placed)
+    return tuple(every)
+
+
+def _check_distance(placed: Recording, placement: Placement, distance_m: float) -> None:
+    heads = placed.truth.head_position_m[placed.truth.valid]
+    nearest_m = float(np.min(np.hypot(heads[:, 0], heads[:, 1])))
+    if nearest_m < _NEAREST_M:
+        raise PlacementError(
+            f"{placed.name}: the head comes within {nearest_m:.2f} m of a robot that stands "
+            + (f"{distance_m} m beside the walk" if placement == "side" else "at the origin of the recording")
+            + f"; at least {_NEAREST_M} m are needed: use "
+            + ("a larger distance_m" if placement == "side" else "placement side")
+        )
 
 
 def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArray, float]:

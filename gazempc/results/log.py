@@ -16,7 +16,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.results.mcap_read import MAGIC, attached_log
 from gazempc.results.run_info import RunInfo
 from gazempc.results.tables import LogFrames, frames_of
-from gazempc.types import FloatArray, StringArray
+from gazempc.types import FloatArray, IntArray, StringArray
 
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
 
@@ -74,6 +74,10 @@ class Log:
         forecast_horizon_s: Shape (3,), seconds.
         event_time_s: Beginning of each event, shape (E,), seconds.
         event_name: Its name, shape (E,).
+        attended_time_s: Of a run among several people, when it changed who is looked at, shape (A,), seconds.
+        attended_person: Number of the person from then on, in the order in which they entered; 0 for nobody; shape
+            (A,).
+        attended_why: Why, see `gazempc.people.attention.Attended`, shape (A,).
         faults: The exceptions that were survived, each event once; as JSON text in the file.
     """
 
@@ -97,6 +101,9 @@ class Log:
     forecast_horizon_s: FloatArray
     event_time_s: FloatArray
     event_name: StringArray
+    attended_time_s: FloatArray
+    attended_person: IntArray
+    attended_why: StringArray
     faults: tuple[Fault, ...] = ()
 
     @property

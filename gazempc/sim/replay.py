@@ -20,6 +20,7 @@ from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
+from gazempc.loop.track import PersonTrack
 from gazempc.loop.tracker_faults import is_low_rate
 from gazempc.neck.narrow import narrowed
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
@@ -28,6 +29,7 @@ from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.run_info import RunInfo
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
+from gazempc.sim.crowd_replay import Crowd
 from gazempc.sim.scene import Scene, SceneSettings
 from gazempc.sim.sensing.view import in_view, seen_from_head
 from gazempc.sim.sensor import observe
@@ -110,9 +112,10 @@ def replay_scene(
     true_head = TrueHead(walk)
     if controller == "perfect":
         predictor = "perfect"
+    crowd = Crowd.of(scene, predictor, settings)
     ready = make_predictor(predictor, settings, Person(walk.labels.subject, true_head), settings.options)
     planning = make_controller(controller, neck, settings, settings.options)
-    sightings = deque(observe(walk, scene.sensor, scene.seed))
+    sightings = deque(observe(walk, scene.sensor, scene.seed) if crowd is None else crowd.sightings)
     smoother = Smoother(neck, scene.first_angles_rad(sightings[0].observation.head_position_base_m))
 
     turns_with_neck = scene.sensor.view.on == "head" and scene.sensor.view.limited
@@ -122,7 +125,8 @@ def replay_scene(
     recorder = LoopRecorder(neck.control_period_s)
     if is_low_rate(np.array([sighting.observation.capture_time_s for sighting in sightings])):
         recorder.event(0.0, Event.LOW_FRAME_RATE)
-    loop = GazeLoop(neck, ready, ImmediatePlanner(planning), smoother, robot, recorder, settings.loop)
+    target = PersonTrack(ready, settings.loop) if crowd is None else crowd.target
+    loop = GazeLoop(neck, target, ImmediatePlanner(planning), smoother, robot, recorder, settings.loop)
     robot.connect()
     period_s = neck.servo_period_s
     for index in range(int(end_s * neck.servo_rate_hz + 1e-6) + 1):
@@ -134,6 +138,8 @@ def replay_scene(
             if not turns_with_neck or _in_turned_view(scene, sighting, true_head, true_joints):
                 arrived.append(sighting)
         loop.tick(index, now_s, arrived)
+        if crowd is not None:
+            crowd.note(now_s)
         if on_tick is not None:
             on_tick(now_s / end_s)
     robot.close()
@@ -142,7 +148,7 @@ def replay_scene(
         return np.where(true_head.known(times_s)[:, None], true_head(times_s), np.nan)
 
     run = RunInfo(
-        recording=walk.name,
+        recording=scene.name,
         kind=walk.kind,
         subject=walk.labels.subject,
         group=walk.labels.group,
@@ -153,6 +159,9 @@ def replay_scene(
         seed=scene.seed,
         settings=_settings_of(scene, predictor, settings),
     )
+    if crowd is not None:
+        log, times = recorder.finish(run, crowd.attended_head, true_joints)
+        return Replayed(crowd.of_one_person(log), times)
     return Replayed(*recorder.finish(run, where_known, true_joints))
 
 

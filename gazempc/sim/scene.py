@@ -11,9 +11,10 @@ from pydantic import Field
 from gazempc.neck.kinematics import head_angles_rad, look_at
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.recordings.load import load
-from gazempc.recordings.placement import Placement, place
+from gazempc.recordings.placement import Placement, place_together
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
+from gazempc.recordings.together import MARK, load_together
 from gazempc.settings import Settings
 from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
@@ -68,6 +69,7 @@ class Scene:
         start_rad: Pan and tilt at the start, radians; None for looking at the first observed head, and
             `start_offset_deg` beside it.
         robot_neck: The neck that is simulated, where it differs from `neck`; it must have the same rates.
+        others: Other people who are there at the same time.
     """
 
     walk: Recording
@@ -79,6 +81,12 @@ class Scene:
     start_offset_deg: float = 0.0
     start_rad: tuple[float, float] | None = None
     robot_neck: NeckSpec | None = None
+    others: tuple[Recording, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the recording, or of all of them."""
+        return MARK.join(walk.name for walk in (self.walk, *self.others))
 
     def first_angles_rad(self, first_seen_base_m: FloatArray) -> FloatArray:
         """Where the neck stands at the start.
@@ -111,14 +119,17 @@ def make_scene(
     settings: SceneSettings = SceneSettings(),  # noqa: B008  (frozen)
     neck: NeckSpec | None = None,
     sensor: SensorSpec | None = None,
+    everybody: bool = False,
 ) -> Scene:
     """Make a scene.
 
     Args:
-        recording: A recording, the name of a synthetic one, or a path.
+        recording: A recording, the name of a synthetic one, or a path; with `everybody` all that
+            `gazempc.recordings.together.load_together` takes.
         settings: Names and numbers of the rest.
         neck: A neck in place of the settings' one.
         sensor: A sensor in place of the settings' one.
+        everybody: Whether all people of the recording are there, and not one alone.
 
     Returns:
         The scene.
@@ -126,17 +137,25 @@ def make_scene(
     Raises:
         GazempcError: If a name does not exist, a file is wrong, or the robot cannot stand there.
     """
-    walk = recording if isinstance(recording, Recording) else load(recording, settings.reading)
+    if isinstance(recording, Recording):
+        walks: tuple[Recording, ...] = (recording,)
+    elif everybody:
+        walks = load_together(recording, settings.reading)
+    else:
+        walks = (load(recording, settings.reading),)
+    walk = walks[0]
     placement = settings.placement or natural_placement(walk)
     neck = neck or load_neck(settings.neck)
+    placed = place_together(walks, placement, settings.distance_m, settings.height_m)
     return Scene(
-        walk=place(walk, placement, settings.distance_m, settings.height_m),
+        walk=placed[0],
         neck=neck,
         sensor=_on_robot(sensor or load_sensor(settings.sensor or default_sensor(walk)), neck),
         placement=placement,
         stands_at_sensor=placement == "recorded" and walk.has_robot,
         seed=settings.seed,
         start_offset_deg=settings.start_offset_deg,
+        others=placed[1:],
     )
 
 

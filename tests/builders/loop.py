@@ -12,6 +12,7 @@ from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
+from gazempc.loop.track import PersonTrack
 from gazempc.neck.spec import load_neck
 from gazempc.results.limits import limit_violations
 from gazempc.settings import LoopSettings
@@ -37,7 +38,7 @@ def make_loop(robot, recorder, controller=None, predictor=None, settings=None, n
     """A loop for a neck at rest straight ahead; look-ahead and constant velocity unless told otherwise."""
     return GazeLoop(
         neck,
-        predictor or ConstantVelocity(),
+        PersonTrack(predictor or ConstantVelocity(), settings or LoopSettings()),
         ImmediatePlanner(controller or LookAhead(neck)),
         Smoother(neck, np.zeros(neck.joints)),
         robot,

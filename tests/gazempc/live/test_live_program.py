@@ -46,7 +46,9 @@ class Program:
         while b"Ctrl-C stops" not in self.said:
             ready, _, _ = select.select([self.process.stdout], [], [], FOREVER_S)
             chunk = self.process.stdout.read1() if ready else b""
-            assert chunk, self.process.stderr.read().decode()
+            if not chunk:
+                self.process.kill()  # else its errors would never end
+                raise AssertionError(self.process.stderr.read().decode())
             self.said += chunk
 
     def walk(self, seconds, rate_hz=30, stamp=lambda: time.time() - 0.03, unit_m=1.0):

@@ -152,7 +152,7 @@ def test_a_jump_of_the_tracker_is_the_same_person_by_name():
     aside_m = A_M + np.array([0.0, -0.6, 0.0])
     end_s = stand(crowd, [aside_m, B_M], names=["a", "b"], from_s=end_s + 0.2)
     assert sorted(numbers_at(crowd, end_s)) == [1, 2]
-    np.testing.assert_allclose(crowd.track(1).state(end_s).position_base_m, aside_m, atol=0.05)
+    np.testing.assert_allclose(crowd.present(end_s)[0].position_base_m, aside_m, atol=0.05)
 
 
 def test_twenty_people_who_enter_at_once():

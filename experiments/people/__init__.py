@@ -1,0 +1,1 @@
+"""People who cross and crowds: whose identities are kept; `python -m experiments.people`."""

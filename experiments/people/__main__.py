@@ -1,0 +1,11 @@
+"""Start of `python -m experiments.people`."""
+
+import sys
+
+from experiments.engine.signals import end_during_imports
+
+if __name__ == "__main__":
+    end_during_imports("people")
+    from experiments.people.command import main
+
+    sys.exit(main())

@@ -1,0 +1,126 @@
+"""Two people who cross before the robot, one behind the other: is each still the same person afterwards?"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.people.nearest import NearestNeighbour
+from gazempc.people.people import People, frames_of
+from gazempc.recordings.load import load
+from gazempc.recordings.recording import Recording, Track, turned
+from gazempc.recordings.synthetic.routes import ROUTES
+from gazempc.sim.crowd import observe_together
+from gazempc.sim.sensor import load_sensor
+from gazempc.types import FloatArray
+from predictors import ConstantVelocity, HeadObservation
+
+TRACKERS = ("people", "nearest_neighbour")
+_SUBJECTS = 14
+# Where they cross: so far ahead of the robot. Directions of travel are across the line of sight, give or take.
+_RANGE_M = (1.8, 3.0)
+_ASIDE_DEG = 45.0
+_BEHIND_M = (0.3, 1.5)
+# Before and after the crossing, who is who is read off here.
+_BEFORE_S, _AFTER_S = (-1.0, -0.5), (0.5, 1.0)
+Numbers = Callable[[Sequence[HeadObservation]], list[int]]
+
+
+class Crossing(NamedTuple):
+    """What became of two people who crossed.
+
+    Attributes:
+        swapped: Whether somebody has the other's identity afterwards.
+        renewed: Whether somebody has a new one afterwards.
+    """
+
+    swapped: bool
+    renewed: bool
+
+
+def crossing_walks(seed: int) -> tuple[Recording, Recording]:
+    """Two synthetic walkers who pass each other behind the robot's line of sight.
+
+    Args:
+        seed: Who walks, where, and how far one is behind the other.
+
+    Returns:
+        The walks in the base frame; they are in one line of sight at time 0.
+    """
+    rng = np.random.default_rng([seed, 22])
+    straight = [name for name, route in ROUTES.items() if route.group == "straight"]
+    who = rng.choice(_SUBJECTS, 2, replace=False) + 1
+    range_m, behind_m = rng.uniform(*_RANGE_M), rng.uniform(*_BEHIND_M)
+    walks = []
+    for side, subject, x_m in zip((1.0, -1.0), who, (range_m, range_m + behind_m), strict=True):
+        walk = load(f"subject{subject:02}_{rng.choice(straight)}")
+        heading = side * np.pi / 2.0 + np.radians(rng.uniform(-_ASIDE_DEG, _ASIDE_DEG))
+        walks.append(_passing(walk, np.array([x_m, 0.0]), heading))
+    return walks[0], walks[1]
+
+
+def _passing(walk: Recording, at_m: FloatArray, heading_rad: float) -> Recording:
+    """The walk, turned and moved so that its middle is there, in this direction, at time 0."""
+    truth = walk.truth
+    middle = walk.times_s.size // 2
+    ahead_m = truth.head_position_m[middle + 5] - truth.head_position_m[middle - 5]
+    yaw = heading_rad - np.arctan2(ahead_m[1], ahead_m[0])
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    shift_m = np.append(at_m - (turn @ truth.head_position_m[middle])[:2], 0.0)
+    moved = Track(
+        head_position_m=truth.head_position_m @ turn.T + shift_m,
+        head_quat_wxyz=turned(truth.head_quat_wxyz, yaw),
+        pelvis_position_m=truth.pelvis_position_m @ turn.T + shift_m,
+        pelvis_quat_wxyz=turned(truth.pelvis_quat_wxyz, yaw),
+        valid=truth.valid,
+    )
+    return replace(walk, times_s=walk.times_s - walk.times_s[middle], truth=moved, measured=None)
+
+
+def cross(seed: int, sensor: str, tracker: str) -> Crossing:
+    """Let two people cross, and see whether a tracker keeps them apart.
+
+    Args:
+        seed: Of the walks and of the sensor's errors.
+        sensor: Name of the sensor; it names nobody.
+        tracker: One of `TRACKERS`.
+
+    Returns:
+        What became of them.
+    """
+    walks = crossing_walks(seed)
+    numbers = tracker_of(tracker)
+    seen = observe_together(walks, load_sensor(sensor), seed)
+    whose = {id(sighting.observation): k for k, sighting in seen}
+    before, after = ([Counter[int](), Counter[int]()] for _ in range(2))
+    for frame in frames_of([sighting for _, sighting in seen]):
+        observations = [sighting.observation for sighting in frame]
+        for number, observation in zip(numbers(observations), observations, strict=True):
+            time_s, k = observation.capture_time_s, whose[id(observation)]
+            for counts, (from_s, to_s) in ((before, _BEFORE_S), (after, _AFTER_S)):
+                if number and from_s <= time_s <= to_s:
+                    counts[k][number] += 1
+    first, last = ([count.most_common(1)[0][0] if count else 0 for count in each] for each in (before, after))
+    return Crossing(
+        swapped=0 not in first and (last[0] == first[1] or last[1] == first[0]),
+        renewed=any(now not in (*first, 0) for now in last),
+    )
+
+
+def tracker_of(name: str) -> Numbers:
+    """Make a tracker.
+
+    Args:
+        name: One of `TRACKERS`.
+
+    Returns:
+        Takes detections of one instant, and gives each one's person; 0 where it is nobody's.
+    """
+    if name == "nearest_neighbour":
+        return NearestNeighbour().numbers
+    people = People(ConstantVelocity)
+    return lambda observations: [number for number, _ in people.see(observations)]

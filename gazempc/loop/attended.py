@@ -1,0 +1,125 @@
+"""Several people as the loop knows them: all observations in, the forecast of whoever is looked at out."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+
+from gazempc.loop.events import Event
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.track import RECORDED_HORIZONS_S, checked_forecast, why_not_usable
+from gazempc.people.attention import Attended, Attention
+from gazempc.people.people import Became, People, frames_of
+from gazempc.people.person import CATCH_UP, TrackedPerson
+from gazempc.settings import LoopSettings
+from gazempc.types import FloatArray, Sighting
+from predictors import Forecast, HeadObservation, Predictor
+
+# Whom to look at is decided so often; half as often would still be within a frame of a camera.
+_DECIDED_EVERY_S = 0.02
+_EVENTS = {
+    Became.ENTERED: Event.PERSON_ENTERED,
+    Became.RETURNED: Event.PERSON_RETURNED,
+    Became.RENAMED: Event.PERSON_RENAMED,
+}
+_REFUSED = {Became.DUPLICATE: Event.SEEN_TWICE, Became.OUT_OF_ORDER: Event.OUT_OF_ORDER}
+
+
+class AttendedPeople:
+    """Tracks everybody, decides whom to look at, and offers that person's forecast.
+
+    Args:
+        make_predictor: Makes one person's predictor.
+        attention: Decides whom to look at.
+        settings: Ages at which observations and tracks are given up.
+
+    Attributes:
+        predictor: A predictor like everybody's.
+        newest_capture_s: Capture time of the newest observation of whoever is looked at, or was looked at last,
+            seconds; None before the first one.
+        newest: The newest observation of whoever is looked at; None before the first one.
+        people: Everybody.
+        attention: Decides whom to look at.
+    """
+
+    def __init__(self, make_predictor: Callable[[], Predictor], attention: Attention, settings: LoopSettings) -> None:
+        self.predictor = make_predictor()
+        self.newest: HeadObservation | None = None
+        self.newest_capture_s: float | None = None
+        self.people = People(make_predictor, settings.lost_after_s)
+        self.attention = attention
+        self._settings = settings
+        self._decided_s = -math.inf
+
+    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """Take in what has arrived, and decide whom to look at.
+
+        Args:
+            sightings: Observations of anybody, in the base frame.
+            time_s: The time, seconds.
+            recorder: Records who entered, whom to look at, and the observations of the one who is looked at.
+        """
+        usable = []
+        for sighting in sightings:
+            event = why_not_usable(sighting, time_s, self._settings)
+            if event is None:
+                usable.append(sighting)
+            else:
+                recorder.refuse(event, time_s)
+        for frame in frames_of(usable):
+            self._take_frame(frame, time_s, recorder)
+        if usable or time_s - self._decided_s >= _DECIDED_EVERY_S:
+            self._decided_s = time_s
+            self._decide(time_s, recorder)
+
+    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
+        """Forecast whoever is looked at; see `gazempc.loop.track.PersonTrack.forecast`."""
+        attended = self._attended()
+        if attended is None:
+            return None
+        return checked_forecast(attended.forecast, attended.forget_forecasts, times_s, time_s, recorder)
+
+    def _take_frame(self, frame: tuple[Sighting, ...], time_s: float, recorder: LoopRecorder) -> None:
+        started = time.perf_counter()
+        found = self.people.see([sighting.observation for sighting in frame])
+        update_ms = 1e3 * (time.perf_counter() - started)
+        for sighting, (number, became) in zip(frame, found, strict=True):
+            if became in _EVENTS:
+                recorder.event(time_s, _EVENTS[became])
+            if became in _REFUSED:
+                recorder.refuse(_REFUSED[became], time_s)
+            elif number and number == self.attention.attended.number:
+                self.newest = sighting.observation
+                self.newest_capture_s = sighting.observation.capture_time_s
+                forecast = self.forecast(self.newest_capture_s + RECORDED_HORIZONS_S, time_s, recorder)
+                recorder.observation(time_s, sighting.observation, forecast, update_ms)
+
+    def _decide(self, time_s: float, recorder: LoopRecorder) -> None:
+        before = self.attention.attended
+        try:
+            self.attention.update(self.people.present(time_s), time_s)
+        except Exception as error:
+            recorder.event(time_s, Event.POLICY_FAILED, error)
+        now = self.attention.attended
+        if now is not before:
+            self._switched(now, time_s, recorder)
+        soon = None if self.attention.candidate is None else self.people.track(self.attention.candidate)
+        if soon is not None:
+            try:
+                soon.catch_up(CATCH_UP)
+            except Exception as error:
+                recorder.event(time_s, Event.FORECAST_FAILED, error)
+
+    def _switched(self, now: Attended, time_s: float, recorder: LoopRecorder) -> None:
+        recorder.attended(time_s, now.number or 0, now.why)
+        track = self._attended()
+        if track is not None:
+            recorder.event(time_s, Event.ATTENTION_SWITCHED)
+            self.newest_capture_s = track.seen_s
+        elif now.number is None:
+            recorder.event(time_s, Event.NOBODY_ATTENDED)
+
+    def _attended(self) -> TrackedPerson | None:
+        number = self.attention.attended.number
+        return None if number is None else self.people.track(number)

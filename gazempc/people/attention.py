@@ -1,0 +1,131 @@
+"""Whom to look at: a policy's judgement, made calm by hysteresis and a least dwell time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gazempc.people.company import AttentionPolicy, Company, Sound
+from gazempc.people.person import PersonState
+from gazempc.settings import AttentionSettings
+
+# Sounds are kept for so long.
+_SOUNDS_S = 2.0
+
+
+@dataclass(frozen=True)
+class Attended:
+    """Who is looked at.
+
+    Attributes:
+        number: Number of the person; None for nobody.
+        since_s: Since when, seconds.
+        why: ``policy`` for whom the policy has chosen; ``left`` where the one before was gone; ``nobody`` for nobody.
+    """
+
+    number: int | None = None
+    since_s: float = -math.inf
+    why: str = "nobody"
+
+
+class Attention:
+    """Decides whom to look at.
+
+    Somebody else is looked at once they have been the better choice for `hysteresis_s` without a break, and the present
+    one has been looked at for `dwell_s`. Only somebody who is gone is left at once.
+
+    Args:
+        policy: Says who is worth looking at.
+        settings: Times and distances.
+
+    Attributes:
+        attended: Who is looked at now.
+        candidate: Number of the person who would be the better choice; None while there is none.
+    """
+
+    def __init__(self, policy: AttentionPolicy, settings: AttentionSettings) -> None:
+        self._policy = policy
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._policy.reset()
+        self.attended = Attended()
+        self.candidate: int | None = None
+        self._candidate_since_s = math.inf
+        self._inside: set[int] = set()
+        self._sounds: list[Sound] = []
+
+    def hear(self, sound: Sound) -> None:
+        """Take in speech.
+
+        Args:
+            sound: When, and from where.
+        """
+        self._sounds.append(sound)
+
+    def update(self, people: Sequence[PersonState], time_s: float) -> Attended:
+        """Decide.
+
+        Args:
+            people: Everybody who is there.
+            time_s: The time, seconds; not less than the last one.
+
+        Returns:
+            Who is looked at from now on.
+
+        Raises:
+            Exception: Whatever the policy raises; who is looked at stays the same then.
+        """
+        self._sounds = [sound for sound in self._sounds if time_s - sound.time_s <= _SOUNDS_S]
+        near = self._within_limits(people)
+        gone = self.attended.number is not None and all(p.number != self.attended.number for p in people)
+        if gone:
+            # Before the policy is asked: if it raises, nobody who is gone is looked at.
+            self._look_at(None, time_s, "left")
+        company = Company(time_s, near, self.attended.number, tuple(self._sounds))
+        best = self._best(company)
+        if best == self.attended.number:
+            self._consider(None, time_s)
+        elif self.attended.number is None and best is not None:
+            self._look_at(best, time_s, "left" if gone else "policy")
+        else:
+            # Somebody else, or nobody any more.
+            if best != self.candidate or math.isinf(self._candidate_since_s):
+                self._consider(best, time_s)
+            better_s, looked_s = time_s - self._candidate_since_s, time_s - self.attended.since_s
+            if better_s >= self._settings.hysteresis_s and looked_s >= self._settings.dwell_s:
+                self._look_at(best, time_s, "policy" if best is not None else "nobody")
+        return self.attended
+
+    def _best(self, company: Company) -> int | None:
+        scores = [float(score) for score in self._policy.scores(company)] if company.people else []
+        if len(scores) != len(company.people):
+            raise ValueError(f"scores() returned {len(scores)} numbers for {len(company.people)} people")
+        judged = [(score, p.number) for score, p in zip(scores, company.people, strict=True) if not math.isnan(score)]
+        most = max((score for score, _ in judged), default=math.nan)
+        best = [number for score, number in judged if score == most]
+        # Whoever is looked at wins a draw.
+        return company.attended if company.attended in best else min(best, default=None)
+
+    def _within_limits(self, people: Sequence[PersonState]) -> tuple[PersonState, ...]:
+        """Who has come near enough and has not left again; at most so many, the nearest."""
+        enter_m = math.inf if self._settings.enter_m is None else self._settings.enter_m
+        leave_m = enter_m if self._settings.leave_m is None else self._settings.leave_m
+        self._inside = {
+            person.number
+            for person in people
+            if person.distance_m <= (leave_m if person.number in self._inside else enter_m)
+        }
+        inside = [person for person in people if person.number in self._inside]
+        nearest = sorted(inside, key=lambda person: person.distance_m)[: self._settings.most_people]
+        return tuple(person for person in inside if person in nearest)
+
+    def _consider(self, number: int | None, time_s: float) -> None:
+        self.candidate, self._candidate_since_s = number, time_s
+
+    def _look_at(self, number: int | None, time_s: float, why: str) -> None:
+        self.attended = Attended(number, time_s, why)
+        self.candidate, self._candidate_since_s = None, math.inf

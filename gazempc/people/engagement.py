@@ -1,0 +1,98 @@
+"""Who is engaged with the robot: by distance, gaze and time.
+
+After the visual social engagement of Webb & Lemaignan ("Measuring Visual Social Engagement from Proxemics and Gaze"),
+as the ROS4HRI node hri_engagement computes it: how near the robot is to the axis of the person's gaze, times a
+factor that falls with the logarithm of the distance; and its mean over some seconds. Its third factor, how near the
+person is to the axis of the robot's gaze, is left out: a robot that has to decide whom to turn to looks elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gazempc.people.company import Company
+from gazempc.people.person import PersonState
+
+# Of hri_engagement: the half angle of a person's field of view, and where engagement ends.
+_FIELD_OF_VIEW_RAD, _FARTHEST_M = math.radians(60.0), 4.0
+# Of nobody who has been watched for less is it decided. hri_engagement waits as long, for half of its window.
+WINDOW_S = 5.0
+# Means over the window above and below which somebody is engaged and is not. On hri_engagement's recordings people who
+# look at the robot have 0.61 to 0.84, the others 0.10 to 0.58. Its own threshold, 0.5, has the third factor in it.
+_ENGAGED_ABOVE, _DISENGAGED_BELOW = 0.60, 0.58
+# Without a face for longer than this, what they do is not known, and a window is not full.
+_GAP_S = 1.0
+_FORWARD = np.array([1.0, 0.0, 0.0])
+
+
+def visual_engagement(person: PersonState) -> float | None:
+    """How much a person is engaged at one time.
+
+    Args:
+        person: The person, with the orientation of the head.
+
+    Returns:
+        0 to 1; None where the orientation is not known.
+    """
+    if person.head_quat_wxyz is None:
+        return None
+    range_m = float(np.linalg.norm(person.position_base_m))
+    if not 0.0 < range_m < _FARTHEST_M:
+        return 0.0
+    forward = Rotation.from_quat(person.head_quat_wxyz, scalar_first=True).apply(_FORWARD)
+    cos_off = -float(forward @ person.position_base_m) / range_m
+    if cos_off <= 0.0:
+        return 0.0
+    off_rad = math.acos(min(cos_off, 1.0))
+    gaze = max(0.0, 1.0 - math.tan(off_rad) / math.tan(_FIELD_OF_VIEW_RAD))
+    return gaze * math.log(_FARTHEST_M - range_m + 1.0) / math.log(_FARTHEST_M + 1.0)
+
+
+class Engagement:
+    """Watches everybody, and decides who is engaged."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._seen: dict[int, deque[tuple[float, float]]] = {}
+        self._decided: dict[int, bool] = {}
+
+    def update(self, company: Company) -> dict[int, bool | None]:
+        """Look at everybody once more.
+
+        Args:
+            company: Who is there.
+
+        Returns:
+            By their number, whether they are engaged; None while it is not decided.
+        """
+        here = {person.number for person in company.people}
+        self._seen = {number: seen for number, seen in self._seen.items() if number in here}
+        self._decided = {number: engaged for number, engaged in self._decided.items() if number in here}
+        for person in company.people:
+            value = visual_engagement(person)
+            if value is not None:
+                self._take_in(person.number, company.time_s, value)
+        return {person.number: self._decided.get(person.number) for person in company.people}
+
+    def _take_in(self, number: int, time_s: float, value: float) -> None:
+        seen = self._seen.setdefault(number, deque())
+        if seen and time_s - seen[-1][0] > _GAP_S:
+            seen.clear()
+            self._decided.pop(number, None)
+        seen.append((time_s, value))
+        if time_s - seen[0][0] < WINDOW_S:
+            return
+        while time_s - seen[1][0] >= WINDOW_S:
+            seen.popleft()
+        mean = sum(each for _, each in seen) / len(seen)
+        if mean > _ENGAGED_ABOVE:
+            self._decided[number] = True
+        elif mean < _DISENGAGED_BELOW:
+            self._decided[number] = False

@@ -1,0 +1,118 @@
+"""The policies that ship: whom to look at."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gazempc.people.company import NOT_AT_ALL, Company
+from gazempc.people.engagement import Engagement
+from gazempc.people.person import PersonState
+
+# Above all distances, which are the scores of whom a policy has nothing to say of.
+_FIRST = 1e3
+# Slower than this nobody comes up to the robot; they shift their weight.
+_APPROACHES_M_S = 0.3
+# Directions of sound are known to some 10 deg; a speaker's pauses are shorter than this.
+_SPEAKER_WITHIN_RAD, _PAUSE_S = math.radians(20.0), 2.0
+
+
+class Nearest:
+    """Whoever is nearest."""
+
+    def reset(self) -> None:
+        """See `AttentionPolicy.reset`."""
+
+    def scores(self, company: Company) -> list[float]:
+        """See `AttentionPolicy.scores`."""
+        return [-person.distance_m for person in company.people]
+
+
+class Approaching:
+    """Whoever comes up fastest; while nobody does, whoever is nearest."""
+
+    def reset(self) -> None:
+        """See `AttentionPolicy.reset`."""
+
+    def scores(self, company: Company) -> list[float]:
+        """See `AttentionPolicy.scores`."""
+        closing = [closing_m_s(person) for person in company.people]
+        return [
+            _FIRST + speed if speed >= _APPROACHES_M_S else -person.distance_m
+            for person, speed in zip(company.people, closing, strict=True)
+        ]
+
+
+class Engaged:
+    """The nearest of those who are engaged with the robot; while nobody is, whoever is nearest."""
+
+    def __init__(self) -> None:
+        self._engagement = Engagement()
+
+    def reset(self) -> None:
+        """See `AttentionPolicy.reset`."""
+        self._engagement.reset()
+
+    def scores(self, company: Company) -> list[float]:
+        """See `AttentionPolicy.scores`."""
+        engaged = self._engagement.update(company)
+        return [(_FIRST if engaged[p.number] else 0.0) - p.distance_m for p in company.people]
+
+
+class Speaker:
+    """Whoever spoke last, by the direction of the sound; until somebody speaks, whoever is nearest."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """See `AttentionPolicy.reset`."""
+        self._spoke_s: dict[int, float] = {}
+        self._heard_s = -math.inf
+
+    def scores(self, company: Company) -> list[float]:
+        """See `AttentionPolicy.scores`."""
+        for sound in company.sounds:
+            if sound.time_s <= self._heard_s or company.time_s - sound.time_s > _PAUSE_S:
+                continue
+            self._heard_s = sound.time_s
+            off_rad = {person.number: abs(_off_rad(person, sound.azimuth_rad)) for person in company.people}
+            speaker = min(off_rad, key=lambda number: off_rad[number], default=None)
+            if speaker is not None and off_rad[speaker] <= _SPEAKER_WITHIN_RAD:
+                self._spoke_s[speaker] = sound.time_s
+        return [
+            _FIRST - (company.time_s - self._spoke_s[person.number])
+            if company.time_s - self._spoke_s.get(person.number, -math.inf) < _FIRST
+            else -person.distance_m
+            for person in company.people
+        ]
+
+
+class Named:
+    """The person whom the tracker calls so, and nobody else.
+
+    Args:
+        name: The name.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def reset(self) -> None:
+        """See `AttentionPolicy.reset`."""
+
+    def scores(self, company: Company) -> list[float]:
+        """See `AttentionPolicy.scores`."""
+        return [0.0 if person.tracker_id == self._name else NOT_AT_ALL for person in company.people]
+
+
+def closing_m_s(person: PersonState) -> float:
+    """How fast somebody comes nearer to the neck, horizontally, m/s."""
+    distance_m = max(person.distance_m, 1e-6)
+    return -float(person.position_base_m[:2] @ person.velocity_base_m_s[:2]) / distance_m
+
+
+def _off_rad(person: PersonState, azimuth_rad: float) -> float:
+    own_rad = math.atan2(person.position_base_m[1], person.position_base_m[0])
+    return float(np.angle(np.exp(1j * (own_rad - azimuth_rad))))

@@ -1,0 +1,103 @@
+"""What one sensor sees of several people at once: who stands behind somebody is hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gazempc.recordings.recording import Recording
+from gazempc.recordings.truth import TrueHead
+from gazempc.sim.sensing.spec import SensorSpec
+from gazempc.sim.sensor import observe
+from gazempc.types import FloatArray, Sighting
+from predictors import Forecast, HeadObservation, Perfect
+
+# Shoulders are 0.45 m wide: whose middle is behind somebody's shoulders is lost by trackers of bodies and faces alike.
+_COVERED_M = 0.225
+
+
+def observe_together(walks: Sequence[Recording], sensor: SensorSpec, seed: int) -> list[tuple[int, Sighting]]:
+    """See several recordings that play at the same time through one sensor.
+
+    Args:
+        walks: The recordings in the robot's base frame; each begins at its own first time.
+        sensor: The sensor.
+        seed: Seed of its errors.
+
+    Returns:
+        Which recording each sighting is of, and the sighting, in the order of arrival.
+
+    Raises:
+        SettingsError: If somebody is never seen.
+    """
+    heads = [TrueHead(walk) for walk in walks]
+    found: list[tuple[int, Sighting]] = []
+    for k, walk in enumerate(walks):
+        # Names tell the noise of one from that of another, even where somebody walks twice.
+        for sighting in observe(replace(walk, name=f"{walk.name} {k}"), sensor, seed):
+            captured_s = sighting.observation.capture_time_s
+            others = [head for j, head in enumerate(heads) if j != k and _plays(walks[j], captured_s)]
+            if not _is_hidden(heads[k], others, captured_s):
+                found.append((k, sighting))
+    return sorted(found, key=lambda each: each[1].arrival_s)
+
+
+def _plays(walk: Recording, time_s: float) -> bool:
+    return bool(walk.times_s[0] <= time_s <= walk.times_s[-1])
+
+
+def _is_hidden(head: TrueHead, others: Sequence[TrueHead], time_s: float) -> bool:
+    own_m = head([time_s])[0]
+    range_m = float(np.linalg.norm(own_m))
+    for other in others:
+        other_m = other([time_s])[0]
+        nearer_m = float(np.linalg.norm(other_m))
+        # The distance of the one before from the line of sight to the one behind.
+        along_m = float(other_m @ own_m) / range_m
+        if nearer_m < range_m and along_m > 0.0 and nearer_m**2 - along_m**2 < _COVERED_M**2:
+            return True
+    return False
+
+
+def nearest_of(heads: Sequence[TrueHead], time_s: float, position_m: FloatArray) -> int:
+    """Who is where somebody is thought to be.
+
+    Args:
+        heads: Everybody's true head.
+        time_s: The time, seconds.
+        position_m: Where, shape (3,), metres.
+
+    Returns:
+        Number in `heads`.
+    """
+    return int(np.argmin([np.linalg.norm(head([time_s])[0] - position_m) for head in heads]))
+
+
+class PerfectOfCrowd:
+    """The predictor `perfect` where several people are: of whoever stood where it first saw somebody.
+
+    Args:
+        heads: Everybody's true head.
+    """
+
+    def __init__(self, heads: Sequence[TrueHead]) -> None:
+        self._heads = heads
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._perfect: Perfect | None = None
+
+    def update(self, observation: HeadObservation) -> None:
+        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        if self._perfect is None:
+            seen_m, captured_s = observation.head_position_base_m, observation.capture_time_s
+            self._perfect = Perfect(self._heads[nearest_of(self._heads, captured_s, seen_m)])
+        self._perfect.update(observation)
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
+        return (self._perfect or Perfect(self._heads[0])).forecast(times_s)

@@ -1,0 +1,170 @@
+"""Whom to look at: policies, hysteresis, dwell time, limits."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gazempc.errors import SettingsError
+from gazempc.people.attention import Attention
+from gazempc.people.build import make_policy
+from gazempc.people.company import NOT_AT_ALL, Company, Sound
+from gazempc.people.person import PersonState
+from gazempc.people.policies import Nearest
+from gazempc.settings import AttentionSettings
+
+TICK_S = 0.02
+
+
+def person(number, x=2.0, y=0.0, velocity=(0.0, 0.0), tracker_id=None, quat=None):
+    return PersonState(
+        number, tracker_id, 0.0, np.array([x, y, 0.4]), np.array([*velocity, 0.0]), quat, seen_s=0.0, since_s=0.0
+    )
+
+
+def scores(choice, people, time_s=0.0, sounds=(), attended=None):
+    policy = make_policy(choice, {}) if isinstance(choice, str) else choice
+    return policy.scores(Company(time_s, tuple(people), attended, tuple(sounds)))
+
+
+def attention(policy="nearest", **settings):
+    return Attention(make_policy(policy, {}), AttentionSettings(**settings))
+
+
+def run(attending, people_at, seconds, from_s=0.0):
+    """Who is looked at at each tick: times and numbers."""
+    times_s = from_s + np.arange(round(seconds / TICK_S)) * TICK_S
+    return times_s, [attending.update(people_at(t), t).number for t in times_s.tolist()]
+
+
+def test_nearest_is_who_is_nearest_across_the_floor():
+    assert np.argmax(scores("nearest", [person(1, 3.0), person(2, 1.0, 1.0), person(3, 2.0)])) == 1
+
+
+def test_approaching_is_who_comes_up_fastest_else_who_is_nearest():
+    comes, goes = person(1, 4.0, velocity=(-1.0, 0.0)), person(2, 1.0, velocity=(1.0, 0.0))
+    passes = person(3, 1.5, velocity=(0.0, 1.5))
+    assert np.argmax(scores("approaching", [comes, goes, passes])) == 0
+    assert np.argmax(scores("approaching", [goes, passes])) == 0
+
+
+def test_the_speaker_is_where_the_sound_comes_from_and_stays_in_a_pause():
+    left, right = person(1, 2.0, 1.0), person(2, 2.0, -1.0)
+    policy = make_policy("speaker", {})
+    said = Sound(0.0, math.atan2(-1.0, 2.0) + math.radians(10.0))
+    assert np.argmax(scores(policy, [left, right], 0.1, [said])) == 1
+    assert np.argmax(scores(policy, [person(1, 1.0, 0.5), right], 5.0)) == 1
+    # From nowhere near anybody, and older than a pause: nobody's.
+    assert np.argmax(scores(policy, [left, right], 6.0, [Sound(5.9, math.pi)])) == 1
+    answer = Sound(6.1, math.atan2(1.0, 2.0))
+    assert np.argmax(scores(policy, [left, right], 6.2, [said, answer])) == 0
+
+
+def test_by_name_nobody_else_will_do():
+    found = scores("id:anna", [person(1, tracker_id="bob"), person(2, tracker_id="anna"), person(3)])
+    assert np.isnan(found).tolist() == [True, False, True]
+
+
+def test_a_policy_of_your_own_is_used_and_checked():
+    class Last:
+        def reset(self):
+            pass
+
+        def scores(self, company):
+            return [float(p.number) for p in company.people]
+
+    assert np.argmax(scores(Last(), [person(1), person(2)])) == 1
+    with pytest.raises(SettingsError, match=r"policy object lacks the method reset\(\)"):
+        make_policy(object(), {})
+    with pytest.raises(SettingsError, match="no policy 'nearst': perhaps you meant 'nearest'"):
+        make_policy("nearst", {})
+
+
+def test_nobody_is_switched_to_before_they_were_the_better_choice_for_the_hysteresis():
+    attending = attention(hysteresis_s=0.5, dwell_s=0.0)
+    times_s, numbers = run(attending, lambda t: [person(1, 2.0), person(2, 3.0 if t < 1.0 else 1.0)], 3.0)
+    switched_s = times_s[numbers.index(2)]
+    assert 1.5 <= switched_s <= 1.5 + 2 * TICK_S
+    assert numbers[0] == 1
+
+
+def test_who_is_the_better_choice_now_and_then_is_never_switched_to():
+    def flickering(t):
+        return [person(1, 2.0), person(2, 1.9 if t % 0.5 < 0.45 else 2.1)]
+
+    assert set(run(attention(hysteresis_s=0.5, dwell_s=0.0), flickering, 20.0)[1]) == {2}
+    assert set(run(attention(hysteresis_s=0.5, dwell_s=0.0), lambda t: flickering(t + 0.45), 20.0)[1]) == {1}
+
+
+@pytest.mark.parametrize("dwell_s", [0.0, 2.0, 4.0])
+def test_nobody_is_left_before_the_dwell_time(dwell_s):
+    attending = attention(hysteresis_s=0.2, dwell_s=dwell_s)
+    times_s, numbers = run(attending, lambda t: [person(1 + int(t) % 2, 1.0), person(2 - int(t) % 2, 2.0)], 60.0)
+    switches_s = times_s[1:][np.diff(numbers) != 0]
+    assert switches_s.size > 5
+    assert np.diff(switches_s).min() >= max(dwell_s, 0.2) - 1e-9
+
+
+def test_who_has_gone_is_left_at_once():
+    attending = attention(dwell_s=5.0, hysteresis_s=1.0)
+    run(attending, lambda t: [person(1, 1.0), person(2, 2.0)], 1.0)
+    now = attending.update([person(2, 2.0)], 1.02)
+    assert (now.number, now.why) == (2, "left")
+
+
+def test_who_comes_in_at_one_metre_stays_until_a_metre_and_a_half():
+    attending = attention(enter_m=1.0, leave_m=1.5, hysteresis_s=0.0, dwell_s=0.0)
+    walk_m = {0.0: 1.2, 1.0: 0.9, 2.0: 1.4, 3.0: 1.6, 4.0: 1.4}
+    found = {t: attending.update([person(1, x)], t).number for t, x in walk_m.items()}
+    assert found == {0.0: None, 1.0: 1, 2.0: 1, 3.0: None, 4.0: None}
+
+
+def test_only_the_nearest_few_count():
+    class Farthest(Nearest):
+        def scores(self, company):
+            return [-score for score in super().scores(company)]
+
+    crowd = [person(k, float(k)) for k in range(1, 6)]
+    assert Attention(Farthest(), AttentionSettings(most_people=3)).update(crowd, 0.0).number == 3
+
+
+def test_a_policy_that_wants_nobody_gets_nobody_after_hysteresis_and_dwell():
+    attending = attention("id:anna", hysteresis_s=0.5, dwell_s=1.0)
+    times_s, numbers = run(attending, lambda t: [person(1, tracker_id="anna" if t < 0.2 else "bob")], 2.0)
+    assert numbers[0] == 1
+    assert 1.0 <= times_s[numbers.index(None)] <= 1.05
+
+
+def test_a_policy_that_raises_leaves_who_is_looked_at():
+    class Broken(Nearest):
+        def scores(self, company):
+            if company.time_s > 0.5:
+                raise RuntimeError("broken")
+            return super().scores(company)
+
+    attending = Attention(Broken(), AttentionSettings())
+    attending.update([person(1)], 0.0)
+    with pytest.raises(RuntimeError):
+        attending.update([person(1), person(2, 1.0)], 1.0)
+    assert attending.attended.number == 1
+    with pytest.raises(RuntimeError):
+        attending.update([person(2, 1.0)], 2.0)
+    assert attending.attended.number is None  # nobody who is gone is looked at
+
+
+@pytest.mark.parametrize("given", [[], [1.0, 2.0]])
+def test_as_many_scores_as_people(given):
+    class Wrong(Nearest):
+        def scores(self, company):
+            return given
+
+    with pytest.raises(ValueError, match=f"returned {len(given)} numbers for 1 people"):
+        Attention(Wrong(), AttentionSettings()).update([person(1)], 0.0)
+
+
+def test_settings_that_contradict_are_refused():
+    with pytest.raises(ValueError, match="leave_m"):
+        AttentionSettings(enter_m=1.5, leave_m=1.0)
+    with pytest.raises(ValueError, match="leave_m"):
+        AttentionSettings(leave_m=1.0)
+    assert math.isnan(NOT_AT_ALL)

@@ -1,0 +1,77 @@
+"""Who is engaged: the published measure, and recordings of people who are and who are not."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gazempc.people.company import Company
+from gazempc.people.engagement import WINDOW_S, Engagement, visual_engagement
+from gazempc.people.person import PersonState
+from gazempc.people.policies import Engaged
+from gazempc.recordings.together import load_together
+
+
+def watcher(distance_m, off_deg=0.0, number=1):
+    """Somebody straight ahead who looks past the robot by an angle."""
+    quat = Rotation.from_euler("z", 180.0 + off_deg, degrees=True).as_quat(scalar_first=True)
+    return PersonState(number, None, 0.0, np.array([distance_m, 0.0, 0.0]), np.zeros(3), quat, 0.0, 0.0)
+
+
+def watched(engagement, state, seconds, from_s=0.0):
+    found = None
+    for k in range(round(seconds * 20) + 1):
+        found = engagement.update(Company(from_s + k / 20, (state,)))[state.number]
+    return found
+
+
+def test_the_measure_is_the_published_one():
+    # gaze = 1 - tan(off) / tan(60 deg), distance = log(4 - d + 1) / log(5).
+    assert visual_engagement(watcher(1.0)) == pytest.approx(math.log(4.0) / math.log(5.0))
+    expected = (1 - math.tan(math.radians(30)) / math.tan(math.radians(60))) * math.log(3.0) / math.log(5.0)
+    assert visual_engagement(watcher(2.0, 30.0)) == pytest.approx(expected)
+    assert visual_engagement(watcher(2.0, 61.0)) == 0.0
+    assert visual_engagement(watcher(2.0, 180.0)) == 0.0
+    assert visual_engagement(watcher(4.1)) == 0.0
+
+
+def test_nobody_is_engaged_before_they_were_watched_for_the_window():
+    engagement = Engagement()
+    assert watched(engagement, watcher(1.0), WINDOW_S - 0.1) is None
+    assert watched(engagement, watcher(1.0), 0.1, WINDOW_S) is True
+    assert watched(engagement, watcher(1.0, 90.0), 1.0, WINDOW_S + 0.2) is True
+    assert watched(engagement, watcher(1.0, 90.0), 4.0, WINDOW_S + 1.3) is False
+
+
+def test_who_was_not_seen_for_a_while_is_watched_anew():
+    engagement = Engagement()
+    assert watched(engagement, watcher(1.0), 6.0) is True
+    assert watched(engagement, watcher(1.0), 1.0, from_s=10.0) is None
+
+
+def test_who_is_engaged_comes_before_who_is_nearer():
+    policy = Engaged()
+    near, far = watcher(1.0, 80.0, number=1), watcher(1.5, number=2)
+    for k in range(120):
+        scores = policy.scores(Company(k / 20, (near, far)))
+        assert np.argmax(scores) == (1 if k / 20 >= WINDOW_S else 0)
+
+
+def test_people_on_recordings_are_engaged_or_not_as_their_names_say(bags_dir):
+    """At least 95 % of the decided time; the name of a bag says what its people do."""
+    right_s = wrong_s = 0.0
+    for folder in sorted(path for path in bags_dir.iterdir() if path.is_dir()):
+        for walk in load_together(folder):
+            engagement, track = Engagement(), walk.measured
+            for k, time_s in enumerate(walk.times_s):
+                quat = track.head_quat_wxyz[k]
+                state = PersonState(1, None, time_s, track.head_position_m[k], np.zeros(3), quat, time_s, 0.0)
+                engaged = engagement.update(Company(float(time_s), (state,)))[1]
+                step_s = 0.0 if k == 0 else time_s - walk.times_s[k - 1]
+                if engaged is not None and engaged == ("eng" in folder.name):
+                    right_s += step_s
+                elif engaged is not None:
+                    wrong_s += step_s
+    assert right_s + wrong_s > 60.0
+    assert right_s / (right_s + wrong_s) >= 0.95
