@@ -1,5 +1,6 @@
 """Fixtures that several test modules share."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -50,3 +51,21 @@ def _there(what: str, folder: Path, variable: str, sign: str = "index.csv") -> P
             pytest.fail(f"{reason}, and CI must not skip this")
         pytest.skip(reason)
     return folder
+
+
+def pytest_collection_finish() -> None:
+    """All test modules are imported."""
+    _leave_out_what_stays()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """After the last test of a module."""
+    if nextitem is None or nextitem.path != item.path:
+        _leave_out_what_stays()
+
+
+def _leave_out_what_stays() -> None:
+    """What has been imported or cached is no garbage: each later search would take time to find that out again."""
+    gc.collect()
+    gc.freeze()

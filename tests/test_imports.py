@@ -3,10 +3,11 @@
 import ast
 import subprocess
 import sys
-from collections import defaultdict
+from collections import defaultdict, deque
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -65,31 +66,40 @@ def source_files():
 FILES = source_files()
 
 
+class Source(NamedTuple):
+    """What a module's source says."""
+
+    imports: frozenset[str]  # of ours
+    relative: bool  # whether an import is
+    classes: tuple[str, ...]
+
+
 @cache
-def trees():
-    """Each module's source as a tree; read in the tests, because every test process imports this file."""
-    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+def sources():
+    """Each module's source; read in the tests, because every test process imports this file."""
+    return {name: said_by(ast.parse(path.read_text(encoding="utf-8"))) for name, path in FILES.items()}
 
 
-def imported_by(tree):
-    """Names of ours that a module imports, wherever in it; `from a import b` is `a.b` where that is a module."""
-    for node in ast.walk(tree):
+def said_by(tree):
+    """`from a import b` is `a.b` where that is a module; imports count wherever they stand in the module."""
+    imports, relative, nodes = set(), False, deque([tree])
+    while nodes:
+        node = nodes.popleft()
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name in FILES)
-        elif isinstance(node, ast.ImportFrom) and node.module in FILES:
-            for alias in node.names:
-                inner = f"{node.module}.{alias.name}"
-                yield inner if inner in FILES else node.module
+            imports.update(alias.name for alias in node.names if alias.name in FILES)
+        elif isinstance(node, ast.ImportFrom):
+            relative |= node.level > 0
+            inner = [f"{node.module}.{alias.name}" for alias in node.names]
+            imports.update(name if name in FILES else node.module for name in inner if node.module in FILES)
+        else:  # a statement; there are no imports in expressions
+            nodes.extend(inner for inner in ast.iter_child_nodes(node) if not isinstance(inner, ast.expr))
+    classes = tuple(node.name for node in tree.body if isinstance(node, ast.ClassDef))
+    return Source(frozenset(imports), relative, classes)
 
 
-@cache
 def imports_of_all():
     """What of ours each module imports."""
-    return {name: set(imported_by(tree)) for name, tree in trees().items()}
-
-
-def relative_imports(parsed):
-    return [name for name, tree in parsed.items() for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.level]
+    return {name: source.imports for name, source in sources().items()}
 
 
 def circle_in(imports):
@@ -120,7 +130,7 @@ def part_of(name, package):
 
 
 def test_no_import_is_relative():
-    assert relative_imports(trees()) == []
+    assert [name for name, source in sources().items() if source.relative] == []
 
 
 def test_no_module_imports_itself_by_a_circle():
@@ -147,9 +157,9 @@ def test_inside_a_package_nobody_imports_a_later_part(package, order):
 
 
 def test_the_checks_of_this_module_notice_what_they_are_for():
-    assert relative_imports({"gazempc.a": ast.parse("def f():\n    from .b import c")}) == ["gazempc.a"]
+    assert said_by(ast.parse("def f():\n    from .b import c")).relative
     late = "if TYPE_CHECKING:\n    from gazempc.live import run\ndef f():\n    import gazempc.errors"
-    assert set(imported_by(ast.parse(late))) == {"gazempc.live.run", "gazempc.errors"}
+    assert said_by(ast.parse(late)).imports == {"gazempc.live.run", "gazempc.errors"}
     assert circle_in({"a": {"b"}, "b": {"c"}, "c": {"a"}}) is not None
     imports = {"gazempc.neck.spec": {"gazempc.loop.smoother"}, "gazempc.live.run": {"gazempc.neck.spec"}}
     assert imports_back_up("gazempc", GAZEMPC, imports) == ["gazempc.neck.spec -> gazempc.loop.smoother"]
@@ -158,10 +168,9 @@ def test_the_checks_of_this_module_notice_what_they_are_for():
 def test_no_two_classes_share_a_name():
     """One word, one meaning."""
     places = defaultdict(list)
-    for name, tree in trees().items():
-        for node in tree.body:
-            if isinstance(node, ast.ClassDef):
-                places[node.name].append(name)
+    for name, source in sources().items():
+        for found in source.classes:
+            places[found].append(name)
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -70,7 +71,7 @@ class Mount(BaseModel):
     @property
     def turn(self) -> Rotation:
         """From the sensor's frame to the one that it is fixed to."""
-        return Rotation.from_euler("xyz", self.roll_pitch_yaw_deg, degrees=True)
+        return _turn(self.roll_pitch_yaw_deg)
 
     def in_sensor(self, observation: HeadObservation) -> HeadObservation:
         """An observation in metres, x forward, y left, z up of the sensor.
@@ -111,6 +112,8 @@ class Mount(BaseModel):
         Raises:
             ValueError: If the sensor moves and the angles are None.
         """
+        if self.on == "base" and not any(self.position_m + self.roll_pitch_yaw_deg):
+            return observation
         turn = self.turn
         shift_m = np.array(self.position_m)
         if self.moves:
@@ -135,6 +138,12 @@ class Mount(BaseModel):
             pelvis_quat_wxyz=turned(observation.pelvis_quat_wxyz),
             position_covariance_m2=covariance,
         )
+
+
+# Every frame asks for it. Safe: three numbers in, a value that nobody changes out.
+@lru_cache(maxsize=16)
+def _turn(roll_pitch_yaw_deg: tuple[float, float, float]) -> Rotation:
+    return Rotation.from_euler("xyz", roll_pitch_yaw_deg, degrees=True)
 
 
 def _renamed(quat_wxyz: FloatArray | None, to_flu: FloatArray) -> FloatArray | None:

@@ -61,15 +61,20 @@ def fast_switching() -> Iterator[None]:
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """No search for garbage: it takes many ticks' time. What a run makes is given back by its references."""
+    """No search for garbage: it takes many ticks' time. What a run makes is given back by its references.
+
+    A program that had frozen its objects before finds them frozen again.
+    """
     gc.collect()
+    frozen_before = gc.get_freeze_count() > 0
     gc.freeze()
     gc.disable()
     try:
         yield
     finally:
         gc.enable()
-        gc.unfreeze()
+        if not frozen_before:
+            gc.unfreeze()
 
 
 def second_to_the_run() -> None:
