@@ -32,7 +32,7 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("clips", "eyes", "page_parts"),
+    ("clips", "colours", "eyes", "page_parts"),
     ("engine", "aggregate"),
     ("compare_figures", "compare_report", "least_error", "margins"),
     ("compare_page",),

@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.clips import groups_of
-from gazempc.results.figures.style import COLOURS, readable
+from experiments.colours import COLOURS
+from gazempc.results.figures.style import readable
 
 _STYLES = ("-", "--", ":", "-.")
 _CUE_LABELS = {"none": "no orientation", "head": "head", "pelvis": "pelvis", "both": "head and pelvis"}

@@ -47,7 +47,7 @@ def draw_contact(rows: Sequence[Row], trial: str, path: Path) -> None:
             ax.grid(alpha=0.3, which="both")
         panels[0].set_ylabel("eye contact within 2.6 deg (% of the time)")
         handles, labels = panels[0].get_legend_handles_labels()
-        plot.legend(handles, labels, loc="outside right center", fontsize=8)
+        plot.legend(handles, labels, loc="outside right center", fontsize="small")
         first = shown[0]
         plot.suptitle(f"{trial}: {first['n_clips']} walks of {first['n_people']} people, sensor {first['sensor']}")
         plot.savefig(path, dpi=DPI)
@@ -92,7 +92,7 @@ def draw_wrong_model(panels: Mapping[str, Sequence[Row]], level: Sequence[Row], 
             ax.set_xlabel(label)
             ax.grid(alpha=0.3)
         axes[0].set_ylabel("eye contact within 2.6 deg (% of the time)")
-        axes[-1].legend(fontsize=8)
+        axes[-1].legend(fontsize="small")
         plot.savefig(path, dpi=DPI)
 
 

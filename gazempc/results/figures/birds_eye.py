@@ -36,13 +36,13 @@ def birds_eye(logs: Logs, path: Path) -> None:
     with readable(_WIDTH):
         figure = Figure(figsize=(_WIDTH, 6.6), dpi=DPI, layout="constrained")
         ax = figure.subplots()
-        draw_birds_eye(ax, logs)
+        draw_birds_eye(ax, logs, detailed=True)
         if ax.get_legend_handles_labels()[0]:
             figure.legend(loc="outside lower center", ncols=2, frameon=False)
         finish(figure, logs, path)
 
 
-def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
+def draw_birds_eye(ax: Axes, logs: Logs, *, detailed: bool) -> tuple[Part, ...]:
     """Draw the walk from above, the robot, and where each controller's gaze was at some instants.
 
     A gaze ray ends as far from the eye as the head is; a dotted line joins its end to the head at that time.
@@ -52,6 +52,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
     Args:
         ax: Axes to draw on.
         logs: The runs.
+        detailed: The observed heads beside the true one, too; else only where nobody knows that.
 
     Returns:
         What is drawn beside the gaze, such as the robot's head.
@@ -62,7 +63,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
     end_s = float(time_s[-1])
     ax.set_aspect("equal", adjustable="datalim")
     observed = next(iter(logs.values())).head_observed_base_m
-    if len(observed):
+    if len(observed) and (detailed or not shown.known.any()):
         ax.plot(observed[:, 1], observed[:, 0], **OBSERVED, zorder=3, label="observed head")
     if shown.known.any():
         draw_known(ax, head[:, 1], head[:, 0], shown, color="0.25", lw=1.5, zorder=4, label=shown.label)

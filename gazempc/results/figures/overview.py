@@ -67,10 +67,11 @@ def overview(logs: Logs, path: Path) -> None:
             width_ratios=[1.0, 1.0],
             height_ratios=[1.0, 0.25 + 0.13 * len(logs)],
         )
-        axes["walk"].set_title(_walk_title(draw_birds_eye(axes["walk"], logs)))
+        beside = draw_birds_eye(axes["walk"], logs, detailed=False)
+        axes["walk"].set_title(_walk_title(beside), fontsize="medium")
         heads_alone = draw_gaze_error(axes["error"], logs, detailed=False)
         said = "; dashed: of the head alone" if heads_alone else f" (within {CONTACT_DEG[0]:g}°); grey: not scored"
-        axes["error"].set_title(f"green: eye contact{said}")
+        axes["error"].set_title(f"green: eye contact{said}", fontsize="medium")
         draw_contact_bars(axes["bars"], logs)
         about = f"{recording_title(logs)}; {setup_title(logs)}"
         lines = filter(None, ("Does the robot keep eye contact with a walking person?", about, known_title(logs)))

@@ -15,6 +15,7 @@ from experiments.sweep.figures import colour_of
 from experiments.sweep.plan import load_plan
 from experiments.sweep.run import run_sweep
 from experiments.sweep.variants import resolve
+from gazempc.results.figures.style import style
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -93,6 +94,13 @@ def test_lines_of_one_controller_have_colours_of_their_own():
     # As figures and reports take them.
     assert all(re.fullmatch("#[0-9A-F]{6}", colour) for colour in found)
     assert len(set(found)) == 2
+
+
+def test_where_there_are_several_controllers_a_line_has_the_colour_of_its_own():
+    gazes = ("mpc", "reactive")
+    rows = [{"controller": gaze, "line": f"{gaze} {k}"} for gaze in gazes for k in range(2)]
+    found = {row["line"]: colour_of(rows, "line", row["line"], k) for k, row in enumerate(rows)}
+    assert found == {row["line"]: style(row["controller"]).colour for row in rows}
 
 
 def test_what_is_there_is_used_and_only_the_rest_is_done(tmp_path, undisturbed):

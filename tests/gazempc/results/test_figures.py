@@ -108,7 +108,7 @@ def test_overview_has_the_promised_size(logs: Logs, tmp_path: Path) -> None:
 
 def test_birds_eye_is_to_scale_and_left_is_left(logs: Logs) -> None:
     ax = Figure().subplots()
-    draw_birds_eye(ax, logs)
+    draw_birds_eye(ax, logs, detailed=True)
     assert ax.get_aspect() == 1.0
     left, right = ax.get_xlim()
     assert left > right
@@ -230,9 +230,9 @@ def test_a_head_that_is_known_at_rare_frames_is_drawn_as_points_and_said(logs: L
     assert inside.sum() > 400
     off_m = np.linalg.norm(head.log.head_true_base_m - logs["mpc"].head_true_base_m, axis=1)[inside]
     assert off_m.max() < 0.05
-    for draw in (draw_birds_eye, lambda ax, some: draw_gaze_error(ax, some, detailed=True)):
+    for draw in (draw_birds_eye, draw_gaze_error):
         ax = Figure().subplots()
-        draw(ax, rare)
+        draw(ax, rare, detailed=True)
         points = [line for line in ax.lines if line.get_marker() == "o" and len(line.get_xdata()) == head.known.sum()]
         assert len(points) == 1
         assert np.isfinite(points[0].get_ydata()).all()

@@ -157,7 +157,7 @@ def lines_of(ax: Axes, style: str) -> int:
 
 def test_birds_eye_shows_the_parts_beside_the_gaze(log: Log) -> None:
     ax = Figure().subplots()
-    beside = draw_birds_eye(ax, {"reactive": log})
+    beside = draw_birds_eye(ax, {"reactive": log}, detailed=True)
     assert [part.label for part in beside] == [part.label for part in parts(log)]
     rays = sum(len(line.get_xdata()) == 2 and line.get_linestyle() == "-" for line in ax.lines)
     assert lines_of(ax, "--") == rays * len(beside)
