@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command
+from experiments.bound_page import bound_page
+from experiments.engine.command import NOT_SAVED, WorkSettings, check, command_of, parse, run_command
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.recordings import find_recordings, in_place
@@ -28,7 +29,9 @@ from experiments.least_error import CONTROLLERS, BoundJob
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.placement import Placement
-from gazempc.results.report import versions
+from gazempc.results.page.content import PageTable
+from gazempc.results.page.write import write_page
+from gazempc.results.report import label, versions
 from gazempc.settings import WalkerSettings
 from gazempc.sim.scene import SceneSettings
 from gazempc.sim.sensor import load_sensor
@@ -57,7 +60,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 1 if a run failed, 2 on bad input, 130 if interrupted.
     """
-    return run_command("bound", lambda: _run(parse(BoundSettings, "bound", __doc__, arguments)))
+    return run_command(
+        "bound", lambda: _run(parse(BoundSettings, "bound", __doc__, arguments), command_of("bound", arguments))
+    )
 
 
 def bound(**settings: Any) -> list[Row]:
@@ -88,26 +93,28 @@ def _bound(settings: BoundSettings) -> list[Row]:
     return [{"recording": Path(name).stem, **row} for name, row in zip(recordings, results, strict=True)]
 
 
-def _run(settings: BoundSettings) -> int:
+def _run(settings: BoundSettings, command: str) -> int:
     rows = _bound(settings)
     done = [row for row in rows if not row["left_out"] and not row["failed"]]
     failed = [row for row in rows if row["failed"]]
     summary = summarise(done)
-    told = {
-        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED}),
-        "versions": versions(),
-        "rows": summary,
-    }
+    saved = settings.model_dump(mode="json", exclude={*NOT_SAVED})
+    told = {"settings": saved, "versions": versions(), "rows": summary}
     (settings.out / "bound.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
     columns = list(dict.fromkeys(name for row in rows for name in row))
     with (settings.out / "bound.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)
-    print(_table(settings, summary, len(rows) - len(done) - len(failed)))
+    table = _table(summary)
+    write_page(bound_page(rows, COLUMNS, table, saved, command), settings.out)
+    print(f"# Least gaze error of the neck {settings.neck}, {settings.distance_m:g} m beside the walk\n")
+    n_left_out = len(rows) - len(done) - len(failed)
+    print(f"RMS gaze error in degrees, means over clips; {n_left_out} recordings left out (too near, or too short).\n")
+    print("\n".join([*table.markdown(), ""]))
     for row in failed:
         print(f"failed: {row['recording']}: {row['failed']}")
-    print(f"Written to {settings.out}/: bound.json, bound.csv")
+    print(f"Written to {settings.out}/: report.html, bound.json, bound.csv")
     return 1 if failed else 0
 
 
@@ -130,20 +137,13 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return summary
 
 
-def _table(settings: BoundSettings, summary: Sequence[dict[str, Any]], left_out: int) -> str:
-    lines = [
-        f"# Least gaze error of the neck {settings.neck}, {settings.distance_m:g} m beside the walk",
-        "",
-        f"RMS gaze error in degrees, means over clips; {left_out} recordings left out (too near, or too short).",
-        "",
-        "| group | clips | look-ahead | MPC | MPC with perfect forecast | least possible | below look-ahead |",
-        "|---|---|---|---|---|---|---|",
-    ]
+def _table(summary: Sequence[dict[str, Any]]) -> PageTable:
+    columns = ("group", "clips", *map(label, CONTROLLERS), "least possible", "below look-ahead")
+    rows = []
     for row in summary:
-        errors = " | ".join(f"{row[name]:.2f}" for name in COLUMNS)
         saved = 100.0 * (1.0 - row["bound_to_lookahead"])
-        lines.append(f"| {row['group']} | {row['clips']} | {errors} | {saved:.1f} % |")
-    return "\n".join([*lines, ""])
+        rows.append((row["group"], str(row["clips"]), *(f"{row[name]:.2f}" for name in COLUMNS), f"{saved:.1f} %"))
+    return PageTable("RMS gaze error in degrees, means over clips", columns, tuple(rows))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from experiments.clips import sensors_of
 from experiments.compare_report import COMPARED, DIFFERENCES, about, difference_table, gaze_table
 from experiments.engine.job import Row
 from experiments.page_parts import failures, left_out, shares, survived
-from gazempc.results.figures.style import style
+from gazempc.results.figures.style import styles
 from gazempc.results.page.chart import Chart
 from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.report import label
@@ -72,6 +72,7 @@ def _tables(summary: Row) -> Iterator[PageTable]:
 
 def _charts(done: Sequence[Row]) -> Iterator[Chart]:
     several = len({run["predictor"] for run in done if run["controller"] != "perfect"}) > 1
+    looks = styles(dict.fromkeys(run["controller"] for run in done))
     places = dict.fromkeys((run["sensor"], run["neck"]) for run in done)
     for sensor, neck in places:
         clips: dict[tuple[str, str], dict[str, float]] = {}
@@ -80,7 +81,7 @@ def _charts(done: Sequence[Row]) -> Iterator[Chart]:
                 continue
             name = label(run["controller"])
             name += f", {run['predictor']}" if several and run["controller"] != "perfect" else ""
-            clips.setdefault((name, style(run["controller"]).colour), {})[run["recording"]] = run["gaze_error_rms_deg"]
+            clips.setdefault((name, looks[run["controller"]].colour), {})[run["recording"]] = run["gaze_error_rms_deg"]
         yield shares(f"Clips by gaze error: neck {neck}, sensor {sensor}", "RMS gaze error of a clip (deg)", clips)
 
 

@@ -35,7 +35,7 @@ EXPERIMENTS = (
     ("clips", "colours", "eyes", "page_parts"),
     ("engine", "aggregate"),
     ("compare_figures", "compare_report", "least_error", "margins"),
-    ("compare_page",),
+    ("compare_page", "bound_page"),
     (
         "compare",
         "bound",

@@ -39,13 +39,11 @@ def sweep_page(
     done = [row for row in rows if not row["failed"] and not row["left_out"]]
     return Page(
         title=f"Sweep {plan.spec.name}",
-        question=" ".join(plan.spec.question.split()) or f"What do {', '.join(plan.spec.varied())} change?",
+        question=" ".join(plan.spec.question.split()) or f"What comes of changing {' and '.join(plan.spec.varied())}?",
         answer=tuple(_answers(plan, overall)),
         setup={
             "recordings": f"{recorded_or_synthetic(plan)} of {people} {'people' if people > 1 else 'person'}",
-            "varied": "; ".join(
-                f"{name}: {', '.join(map(said, distinct(overall, name)))}" for name in plan.spec.varied()
-            ),
+            "varied": "; ".join(f"{name}: {', '.join(map(said, distinct(rows, name)))}" for name in plan.spec.varied()),
             "fixed": ", ".join(f"{name} {value}" for name, value in plan.spec.base.items()) or "defaults",
             "runs": str(summary["n_runs"]),
             "seed": str(summary["seed"]),

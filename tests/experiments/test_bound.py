@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from bs4 import BeautifulSoup
 from builders.replays import replayed
 
 from experiments.bound import COLUMNS, bound, main, summarise
@@ -58,6 +59,8 @@ def test_command_prints_and_saves_all(tmp_path, capsys):
     assert saved["settings"]["neck"] == "slow"
     assert "gazempc" in saved["versions"]
     rows = {row["group"]: row for row in saved["rows"]}
+    report = BeautifulSoup((tmp_path / "report.html").read_text(encoding="utf-8"), "html.parser")
+    assert f"least possible {rows['all']['bound']:.2f}." in report.find(class_="answer").text
     assert rows["all"]["clips"] == 2
     assert rows["all"]["bound"] < min(rows["all"][name] for name in COLUMNS[:-1])
     assert f"{rows['all']['bound']:.2f}" in printed

@@ -9,14 +9,14 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
-
-import matplotlib as mpl
-from matplotlib.axes import Axes
+from typing import TYPE_CHECKING, Any
 
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.results.report import LABELS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Logs = Mapping[str, Log]
 
@@ -122,6 +122,9 @@ def readable(width_inches: float) -> Iterator[None]:
     Args:
         width_inches: Width of the figure, inches.
     """
+    # Reports need the colours only, and matplotlib takes a second to import.
+    import matplotlib as mpl  # noqa: PLC0415
+
     with mpl.rc_context({"font.size": max(_LEAST_POINTS, _POINTS_PER_INCH * width_inches)}):
         yield
 

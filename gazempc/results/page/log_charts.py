@@ -7,13 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from gazempc.results.contact import CONTACT_DEG
-from gazempc.results.figures.style import style
+from gazempc.results.figures.style import COLOURS, styles
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.results.page.chart import Chart, Curve
-
-# Okabe and Ito's colours, which colour-blind people can tell apart; as many as a neck has joints.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 
 
 def error_chart(logs: Mapping[str, Log]) -> Chart:
@@ -25,8 +22,9 @@ def error_chart(logs: Mapping[str, Log]) -> Chart:
     Returns:
         The chart; curves have gaps where the true head or the joints are not known.
     """
+    looks = styles(logs)
     curves = tuple(
-        Curve(style(name).label, style(name).colour, log.time_s - log.time_s[0], gaze_error_deg(log))
+        Curve(looks[name].label, looks[name].colour, log.time_s - log.time_s[0], gaze_error_deg(log))
         for name, log in logs.items()
     )
     levels = ((CONTACT_DEG[0], f"eye contact, {CONTACT_DEG[0]:g}°"),)
@@ -45,6 +43,6 @@ def joints_chart(log: Log) -> Chart:
     time_s, angles_deg = log.time_s - log.time_s[0], np.rad2deg(log.joint_position_rad)
     curves = tuple(
         Curve(name.replace("_", " "), colour, time_s, angles_deg[:, k])
-        for k, (name, colour) in enumerate(zip(log.neck.joint_names, _COLOURS, strict=False))
+        for k, (name, colour) in enumerate(zip(log.neck.joint_names, COLOURS, strict=False))
     )
     return Chart("Joints over time", "time (s)", "angle (deg)", curves)

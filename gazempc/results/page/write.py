@@ -39,7 +39,8 @@ def write_page(page: Page, out: Path) -> str:
     more = len(page.unusual) - _MAX_UNUSUAL
     values = {
         "page": page,
-        "tables": [_cut(table) for table in page.tables],
+        "tables": [_cut(table) for table in page.tables if table.rows],
+        "charts": [chart for chart in page.charts if chart.curves],
         "unusual": (*page.unusual[:_MAX_UNUSUAL], *([Unusual(f"and {more} more")] if more > 0 else [])),
         "settings": yaml.safe_dump(dict(page.settings), sort_keys=False, allow_unicode=True),
         "versions": versions(),

@@ -161,6 +161,13 @@ def gif(width, height):
     return out.getvalue()
 
 
+def test_where_nothing_could_be_scored_the_page_says_so(tmp_path):
+    nothing = {"tables": (PageTable("t", ("a", "b"), ()),), "charts": (Chart("c", "x", "y", ()),), "answer": ()}
+    _, soup = written(plain_page(**nothing, setup={"sensors": ""}), tmp_path)
+    assert soup.find(class_="answer").text == "Nothing could be scored; the reasons stand below."
+    assert soup.find_all(["table", "figure", "dt"]) == []
+
+
 def test_gaps_and_single_points_stay_what_they_are(logs):
     log = logs["reactive"]
     heads = np.where((np.arange(log.time_s.size) % 7 == 0)[:, None], log.head_true_base_m, np.nan)
