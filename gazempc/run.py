@@ -160,9 +160,9 @@ def _config_path(words: Sequence[str]) -> Path | None:
 def _run(settings: RunSettings, command: str) -> None:
     progress = Progress()
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
-    from gazempc.export import export  # noqa: PLC0415
     from gazempc.recordings.readers.table import remember_columns  # noqa: PLC0415
     from gazempc.recordings.recording import truth_of  # noqa: PLC0415
+    from gazempc.results.mcap_file import write_mcap  # noqa: PLC0415
     from gazempc.results.report import faults, label, write_summary  # noqa: PLC0415
     from gazempc.results.table import sentence, table  # noqa: PLC0415
     from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
@@ -185,7 +185,7 @@ def _run(settings: RunSettings, command: str) -> None:
         log.save(out / f"{name}.npz")
         times.save(out / f"{name}_compute.npz")
         if settings.log == "mcap":
-            export(log, "mcap", out / name)
+            write_mcap(log, out / f"{name}.mcap", done.plans[name])
     shown = resolved.model_dump(mode="json") | {"noise_seeds": len(seeds)}
     (out / "settings.yaml").write_text(yaml.safe_dump(shown, sort_keys=False), encoding="utf-8")
     survived = {name: faults(log) for name, log in logs.items()}

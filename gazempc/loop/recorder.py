@@ -13,7 +13,7 @@ import numpy as np
 from gazempc.controllers.controller import AxisMotion, Plan
 from gazempc.parts import said
 from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Fault, Log
-from gazempc.results.moments import EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
+from gazempc.results.moments import AttendedMoment, EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
 from gazempc.results.run_info import RunInfo
 from gazempc.types import FloatArray, JointState
 from predictors import Forecast, HeadObservation
@@ -163,6 +163,8 @@ class LoopRecorder:
             why: Why, in a word.
         """
         self._attended.append((time_s, person, why))
+        if self._watch is not None:
+            self._watch(AttendedMoment(time_s, person, why))
 
     def event(self, time_s: float, name: str, error: Exception | None = None) -> None:
         """Record something out of the ordinary.

@@ -25,6 +25,7 @@ from gazempc.results.mcap_frames import camera_frame, neck_frames, person_frame,
 from gazempc.results.mcap_read import nanoseconds
 from gazempc.results.mcap_scene import forecast_entity, gaze_entity, person_entity, plan_entity
 from gazempc.results.moments import (
+    AttendedMoment,
     EventMoment,
     JointsMoment,
     LateMoment,
@@ -69,6 +70,8 @@ class Channels:
         self._forecasts = numbers("/forecasts", self._forecast_names)
         self._metrics = numbers("/metrics", ("time_s", *METRICS))
         knots = {f"{name}_rad": {"type": "array", "items": {"type": "number"}} for name in names}
+        who = {"person": {"type": "integer"}, "why": {"type": "string"}}
+        self._attended = foxglove.Channel("/attended", schema={"type": "object", "properties": who}, context=context)
         plan = {"start_s": {"type": "number"}, "step_s": {"type": "number"}, **knots}
         self._plans = foxglove.Channel("/plan", schema={"type": "object", "properties": plan}, context=context)
         self._frames = FrameTransformsChannel("/tf", context=context)
@@ -104,6 +107,9 @@ class Channels:
                 self._event(moment)
             case PictureMoment():
                 self._picture(moment)
+            case AttendedMoment():
+                told = {"person": moment.person, "why": moment.why}
+                self._attended.log(told, log_time=nanoseconds(moment.time_s))
 
     def _tick(self, tick: TickMoment) -> None:
         at, joints = nanoseconds(tick.time_s), self._true_joints or tick.joints

@@ -6,15 +6,16 @@ Written with foxglove-sdk, read with the `mcap` library; both are in the extra `
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 from gazempc.errors import SettingsError
 from gazempc.results.log import Log
 from gazempc.results.mcap_read import NEEDS_VIEW
-from gazempc.results.moments import moments_of
+from gazempc.results.moments import PlanMoment, moments_of
 
 
-def write_mcap(log: Log, path: Path | str) -> None:
+def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> None:
     """Write a log as MCAP.
 
     The channels are those of `gazempc.results.mcap_channels.Channels`. A log has neither plans, lateness nor pictures.
@@ -22,6 +23,7 @@ def write_mcap(log: Log, path: Path | str) -> None:
     Args:
         log: The log.
         path: File to write; an old one is replaced.
+        plans: The plans of the run, where they were kept.
 
     Raises:
         SettingsError: If a package is missing or the file cannot be written.
@@ -35,6 +37,6 @@ def write_mcap(log: Log, path: Path | str) -> None:
     log.save(buffer)
     with McapWriter(log.run, Path(path)) as writer:
         channels = Channels(log.run, writer.context)
-        for moment in moments_of(log):
+        for moment in moments_of(log, plans):
             channels.write(moment)
         writer.attach(buffer.getvalue())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -95,6 +95,20 @@ class EventMoment(NamedTuple):
     text: str
 
 
+class AttendedMoment(NamedTuple):
+    """Among several people: who is looked at from now on.
+
+    Attributes:
+        time_s: The time, seconds.
+        person: Number of the person, in the order in which they entered; 0 for nobody.
+        why: Why, in a word.
+    """
+
+    time_s: float
+    person: int
+    why: str
+
+
 class LateMoment(NamedTuple):
     """How late the next tick begins.
 
@@ -123,14 +137,25 @@ class CutMoment(NamedTuple):
     """A log ends here, and the next one begins."""
 
 
-Moment = TickMoment | JointsMoment | SeenMoment | PlanMoment | EventMoment | LateMoment | PictureMoment | CutMoment
+Moment = (
+    TickMoment
+    | JointsMoment
+    | SeenMoment
+    | PlanMoment
+    | EventMoment
+    | AttendedMoment
+    | LateMoment
+    | PictureMoment
+    | CutMoment
+)
 
 
-def moments_of(log: Log) -> Iterator[Moment]:
+def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> Iterator[Moment]:
     """What happened in a run, by its log.
 
     Args:
         log: The log. Plans, lateness and pictures are not in it.
+        plans: The plans of the run, in the order of time, where they were kept.
 
     Yields:
         Each moment in the order of time.
@@ -170,5 +195,12 @@ def moments_of(log: Log) -> Iterator[Moment]:
         for time_s, name in zip(log.event_time_s.tolist(), log.event_name.tolist(), strict=True):
             yield time_s, 1, EventMoment(time_s, name, texts.get(name, name))
 
-    for _, _, moment in heapq.merge(ticks(), seen(), events(), key=lambda each: each[:2]):
+    def attended() -> Iterator[tuple[float, int, Moment]]:
+        for row in zip(
+            log.attended_time_s.tolist(), log.attended_person.tolist(), log.attended_why.tolist(), strict=True
+        ):
+            yield row[0], 0, AttendedMoment(*row)
+
+    planned = ((plan.time_s, 1, plan) for plan in plans)
+    for _, _, moment in heapq.merge(attended(), seen(), events(), planned, ticks(), key=lambda each: each[:2]):
         yield moment

@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from gazempc.progress import Progress
 from gazempc.results.compute import measure_compute
 from gazempc.results.metrics import measure
+from gazempc.results.moments import Moment, PlanMoment
 from gazempc.results.repeats import Repeats, by_controller
 from gazempc.results.report import Row, faults, make_rows
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
@@ -29,12 +31,14 @@ class Repeated:
         repeats: The figures of each controller, in the same order.
         faults: Exceptions that runs survived, by seed, then by the same names; only where there are some.
         said: How often the noise was repeated, and why, for people.
+        plans: The plans of the replays under the first seed, by the names of `first`; a log does not hold them.
     """
 
     first: dict[str, Replayed]
     repeats: list[Repeats]
     faults: dict[int, dict[str, list[dict[str, Any]]]]
     said: str
+    plans: dict[str, list[PlanMoment]]
 
 
 def replay_repeatedly(
@@ -57,6 +61,7 @@ def replay_repeatedly(
         SettingsError: If a part cannot be made, or does not do what it must.
     """
     first: dict[str, Replayed] = {}
+    plans: dict[str, list[PlanMoment]] = {}
     rounds: list[list[Row]] = []
     survived: dict[int, dict[str, list[dict[str, Any]]]] = {}
     reason = ""
@@ -71,17 +76,23 @@ def replay_repeatedly(
             reason = "another one makes no difference"
             break
         progress.say(f"replaying {scene.walk.name}, noise seed {seed}")
-        replayed = _named(_replays(replace(scene, seed=seed), settings, controllers, progress))
+        planned: list[list[PlanMoment]] = []
+        replayed = _named(_replays(replace(scene, seed=seed), settings, controllers, progress, planned))
         rounds.append(_rows(replayed, scene.neck.control_period_s))
         if of_seed := {name: faults(log) for name, (log, _) in replayed.items() if log.faults}:
             survived[seed] = of_seed
+        plans = plans or dict(zip(replayed, planned, strict=True))
         first = first or replayed
     seeds = tuple(range(scene.seed, scene.seed + len(rounds)))
-    return Repeated(first, by_controller(seeds, rounds), survived, _said(seeds, reason))
+    return Repeated(first, by_controller(seeds, rounds), survived, _said(seeds, reason), plans)
 
 
 def _replays(
-    scene: Scene, settings: ReplaySettings, controllers: Sequence[str], progress: Progress
+    scene: Scene,
+    settings: ReplaySettings,
+    controllers: Sequence[str],
+    progress: Progress,
+    planned: list[list[PlanMoment]],
 ) -> Iterator[Replayed]:
     chosen = list(dict.fromkeys(controllers))
     for k, controller in enumerate(chosen):
@@ -89,7 +100,12 @@ def _replays(
         def of_all(share: float, before: int = k) -> None:
             progress.at((before + share) / len(chosen))
 
-        yield replay_scene(scene, controller, settings.predictor, settings, of_all)
+        def keep(moment: Moment, plans: list[PlanMoment]) -> None:
+            if isinstance(moment, PlanMoment):
+                plans.append(moment)
+
+        planned.append([])
+        yield replay_scene(scene, controller, settings.predictor, settings, of_all, partial(keep, plans=planned[-1]))
 
 
 def _named(replays: Iterator[Replayed]) -> dict[str, Replayed]:

@@ -27,6 +27,7 @@ from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import MIN_DURATION_S
+from gazempc.results.moments import Moment
 from gazempc.results.run_info import RunInfo
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
 from gazempc.sim.crowd_replay import Crowd
@@ -81,6 +82,7 @@ def replay_scene(
     predictor: Predictor | str,
     settings: ReplaySettings = ReplaySettings(),  # noqa: B008  (frozen)
     on_tick: Callable[[float], None] | None = None,
+    watch: Callable[[Moment], None] | None = None,
 ) -> Replayed:
     """Replay a scene to one controller on a simulated neck.
 
@@ -93,6 +95,7 @@ def replay_scene(
         predictor: A predictor, or its name.
         settings: Parameters of the parts that are named, and of the loop. What the scene says is taken from there.
         on_tick: Told at each tick which share of the recording is done, 0 to 1.
+        watch: Told what happens as it happens.
 
     Returns:
         The log and the computing times.
@@ -122,7 +125,7 @@ def replay_scene(
     now_s = 0.0
     robot = SimulatedNeck(robot_neck, smoother.command.position_rad, lambda: now_s, scene.seed)
     true_joints = []
-    recorder = LoopRecorder(neck.control_period_s)
+    recorder = LoopRecorder(neck.control_period_s, watch)
     if is_low_rate(np.array([sighting.observation.capture_time_s for sighting in sightings])):
         recorder.event(0.0, Event.LOW_FRAME_RATE)
     target = PersonTrack(ready, settings.loop) if crowd is None else crowd.target

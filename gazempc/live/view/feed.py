@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -18,6 +19,8 @@ from gazempc.types import FloatArray
 _MOST = 8192
 # A viewer sees this as at once.
 _PERIOD_S = 0.04
+# Without ticks, as before the first one.
+_IDLE_S = 0.2
 # Pickling holds the interpreter: so few moments at once take less than a tick can wait.
 _AT_ONCE = 8
 _ENDS_WITHIN_S = 20.0
@@ -44,7 +47,9 @@ class Feed:
         self._process, self._true_head_base_m, self._waits = process, true_head_base_m, waits
         self._waiting: deque[Moment | LogKept] = deque()
         self.lost = 0
-        self._stop = threading.Event()
+        self._stop = False
+        self._due = threading.Event()
+        self._due_s = -math.inf
         # Held while sending: a run on a simulated clock sends, too.
         self._sending = threading.Lock()
         self._thread = threading.Thread(target=self._pump, name="feed", daemon=True)
@@ -57,6 +62,10 @@ class Feed:
             moment: What happened.
         """
         self._waiting.append(moment)
+        if isinstance(moment, TickMoment) and moment.time_s >= self._due_s:
+            # Right after a tick: by the next one it has been sent, and does not hold the interpreter then.
+            self._due_s = moment.time_s + _PERIOD_S
+            self._due.set()
         if len(self._waiting) > _MOST:
             if self._waits:
                 self._send()
@@ -73,7 +82,8 @@ class Feed:
 
     def close(self) -> None:
         """Send what is left, and end the process."""
-        self._stop.set()
+        self._stop = True
+        self._due.set()
         self._thread.join(_ENDS_WITHIN_S)
         if not self._thread.is_alive():
             self._send()
@@ -91,7 +101,9 @@ class Feed:
         self._waiting.extendleft(reversed(kept))
 
     def _pump(self) -> None:
-        while not self._stop.wait(_PERIOD_S):
+        while not self._stop:
+            self._due.wait(_IDLE_S)
+            self._due.clear()
             self._send()
 
     def _send(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import foxglove
 
 from gazempc.errors import SettingsError
+from gazempc.live.view.orders import named
 from gazempc.results.mcap_channels import Channels
 from gazempc.results.moments import Moment
 from gazempc.results.run_info import RunInfo
@@ -33,8 +34,8 @@ class FoxgloveServer:
                 name=f"gazempc {run.recording}", host=host, port=port, context=self._context
             )
         except (OSError, RuntimeError) as error:
-            raise SettingsError(f"--view-at {host}:{port}: {error}") from None
-        self.url = f"ws://{host}:{self._server.port}"
+            raise SettingsError(f"--view-at {host}:{port}: {error}; another port: --view-at {host}:PORT") from None
+        self.url = f"ws://{named(host)}:{self._server.port}"
         self._channels = Channels(run, self._context)
 
     def take(self, moment: Moment) -> None:

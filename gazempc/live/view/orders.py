@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -11,6 +12,12 @@ from gazempc.results.run_info import RunInfo
 ViewKind = Literal["foxglove", "web"]
 # The port that Foxglove offers, and one for pages that needs no rights.
 PORTS: dict[ViewKind, int] = {"foxglove": 8765, "web": 8080}
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+def named(host: str) -> str:
+    """How others call this computer, where something is served at all its addresses; else the address itself."""
+    return socket.gethostname() if host == "0.0.0.0" else host
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.live.process import second_to_the_run
-from gazempc.live.view.orders import Ended, ViewFailed, ViewOrders, ViewReady
+from gazempc.live.view.orders import LOOPBACK, Ended, ViewFailed, ViewOrders, ViewReady
 from gazempc.parts import said
 from gazempc.results.mcap_read import NEEDS_VIEW
 from gazempc.results.moments import Moment
@@ -36,6 +36,8 @@ def serve(orders: ViewOrders, parent: Connection) -> None:
     except (GazempcError, OSError) as error:
         parent.send(ViewFailed(str(error)))
         return
+    if orders.view is not None and orders.host not in LOOPBACK:
+        lines.append(f"view: WARNING whoever is in the network sees this run (--view-at {orders.host})")
     try:
         parent.send(ViewReady(tuple(lines)))
         _work(takers, parent)

@@ -11,6 +11,7 @@ import numpy as np
 from gazempc.loop.events import Event
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.moments import (
+    AttendedMoment,
     EventMoment,
     JointsMoment,
     LateMoment,
@@ -29,6 +30,8 @@ _HISTORY_S = 30.0
 _EVENTS = 20
 # Ellipses of two standard deviations, as in the scene of Foxglove.
 _SDS = 2.0
+# An observation older than this says nothing of where the person is.
+_LOST_S = 1.0
 _MEANINGS = {str(event): event.meaning for event in Event}
 
 
@@ -40,7 +43,7 @@ class Snapshots:
     """
 
     def __init__(self, run: RunInfo) -> None:
-        self._neck = run.neck
+        self._neck, self._knows_true_head = run.neck, run.knows_true_head
         self.about = {
             "recording": run.recording,
             "neck": run.neck.name,
@@ -81,7 +84,7 @@ class Snapshots:
                 self._latency_ms = moment.latency_ms
             case PictureMoment():
                 self.picture = moment.jpeg
-            case EventMoment():
+            case EventMoment() | AttendedMoment():
                 self._begun += 1
                 self._events.append({"id": self._begun, "time_s": moment.time_s, "text": _in_words(moment)})
             case TickMoment():
@@ -106,16 +109,18 @@ class Snapshots:
         eye_m, gaze = gaze_ray(self._neck.geometry, tick.joints.position_rad)
         seen_m = None if seen is None else seen.head_observed_base_m
         true_m = tick.head_true_base_m
-        known = true_m is not None and bool(np.isfinite(true_m).all())
-        target_m = true_m if known else seen_m
+        known_m = true_m if true_m is not None and np.isfinite(true_m).all() else None
+        age_s = math.inf if seen is None else tick.time_s - seen.capture_time_s
+        new_m = seen_m if age_s < _LOST_S else None
+        target_m = known_m if self._knows_true_head else new_m
         in_view = None if target_m is None else _in_view_deg(eye_m, gaze, target_m)
         forecast_m = [] if seen is None or not np.isfinite(seen.means_base_m).all() else list(seen.means_base_m)
         error_deg = math.nan if target_m is None else _angle_deg(gaze, target_m - eye_m)
         state = {
             "time_s": tick.time_s,
-            "age_s": None if seen is None else tick.time_s - seen.capture_time_s,
+            "age_s": _number(age_s),
             "distance_m": None if seen_m is None else float(np.linalg.norm(seen_m - eye_m)),
-            "true_m": true_m.tolist() if true_m is not None and known else None,
+            "true_m": None if known_m is None else known_m.tolist(),
             "observed_m": None if seen_m is None else seen_m.tolist(),
             "forecast_m": [mean.tolist() for mean in forecast_m],
             "ellipses": [
@@ -138,7 +143,9 @@ class Snapshots:
         return state
 
 
-def _in_words(event: EventMoment) -> str:
+def _in_words(event: EventMoment | AttendedMoment) -> str:
+    if isinstance(event, AttendedMoment):
+        return f"looks at person {event.person} ({event.why})" if event.person else f"looks at nobody ({event.why})"
     meaning = _MEANINGS.get(event.name) if event.text == event.name else None
     return event.text if meaning is None else f"{event.name}: {meaning}"
 

@@ -10,6 +10,7 @@ from importlib.resources import files
 from typing import Any, cast
 
 from gazempc.errors import SettingsError
+from gazempc.live.view.orders import LOOPBACK, named
 from gazempc.live.view.snapshot import Snapshots
 from gazempc.results.moments import Moment
 from gazempc.results.run_info import RunInfo
@@ -22,7 +23,6 @@ _STATIC = {
 }
 # Nothing from another host, and nobody frames the page. Its icon is empty.
 _POLICY = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
-_LOOPBACK = ("127.0.0.1", "localhost", "::1")
 # A connection that has heard nothing for so long may be dead; a comment finds out.
 _STILL_THERE_S = 5.0
 
@@ -48,8 +48,9 @@ class WebPage:
         try:
             self._server = _Server((host, port), self)
         except OSError as error:
-            raise SettingsError(f"--view-at {host}:{port}: {error.strerror or error}") from None
-        self.url = f"http://{host}:{self._server.server_address[1]}/"
+            why = error.strerror or error
+            raise SettingsError(f"--view-at {host}:{port}: {why}; another port: --view-at {host}:PORT") from None
+        self.url = f"http://{named(host)}:{self._server.server_address[1]}/"
         threading.Thread(target=self._server.serve_forever, args=(0.1,), name="page", daemon=True).start()
 
     def take(self, moment: Moment) -> None:
@@ -132,7 +133,7 @@ class _Handler(BaseHTTPRequestHandler):
         # A page of somebody else may lead its own name to this computer, and then read what is served here.
         bound = cast(_Server, self.server).server_address[0]
         host = self.headers.get("Host", "").rpartition(":")[0].strip("[]")
-        return bound not in _LOOPBACK or host in _LOOPBACK
+        return bound not in LOOPBACK or host in LOOPBACK
 
     def _answer(self, content: bytes, kind: str) -> None:
         self.send_response(HTTPStatus.OK)

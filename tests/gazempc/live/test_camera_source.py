@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders.cameras import film, studio
+from builders.mcap import decoded
 
 from benchmarks.camera.stream import PictureServer, capture_errors_ms
 from benchmarks.camera.walks import across, angle_deg
@@ -262,6 +263,23 @@ def test_a_video_is_played_at_its_own_pace_and_the_program_uses_it(tmp_path):
         pairs = zip(log.head_observed_base_m, heads_m, strict=True)
         errors.append(np.sqrt(np.mean([angle_deg(a, b) ** 2 for a, b in pairs])))
     assert min(errors) < 0.5
+    check_small_pictures(tmp_path / "out" / "log_000.mcap", log)
+
+
+def check_small_pictures(path, log):
+    """At most five a second, each with its time of capture, in the frame of the camera."""
+    import cv2
+
+    pictures = decoded(path, "/camera")
+    assert 3 <= len(pictures) <= 5 * np.ptp(log.time_s) + 2
+    times_s = np.array([p.timestamp.seconds + 1e-9 * p.timestamp.nanos for _, p in pictures])
+    assert np.diff(times_s).min() >= 0.2 - 1e-6
+    # Those in which the person was seen have the same times of capture.
+    assert np.min(np.abs(times_s[:, None] - log.capture_time_s), axis=1).min() < 1e-6
+    assert {(p.frame_id, p.format) for _, p in pictures} == {("camera", "jpeg")}
+    small = cv2.imdecode(np.frombuffer(pictures[-1][1].data, np.uint8), cv2.IMREAD_COLOR)
+    assert small.shape == (240, 320, 3)
+    assert small.std() > 10.0
 
 
 def test_a_video_gives_its_pictures_in_real_time(tmp_path):

@@ -172,12 +172,39 @@ def test_events_are_log_messages(log, tmp_path):
     assert sent[0][1].message == f"{event} (3 x): ValueError: no"
 
 
+def test_who_is_looked_at_is_a_channel(log, tmp_path):
+    changed_s = np.array([0.0, log.time_s[100]])
+    who = {"attended_person": np.array([2, 0]), "attended_why": np.array(["nearest", "left"])}
+    write_mcap(dataclasses.replace(log, attended_time_s=changed_s, **who), tmp_path / "a.mcap")
+    assert numbers(tmp_path / "a.mcap", "/attended") == [
+        (0, {"person": 2, "why": "nearest"}),
+        (nanoseconds(changed_s)[1], {"person": 0, "why": "left"}),
+    ]
+
+
 def test_fields_are_named_before_the_first_message(path):
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     channel = next(c for c in summary.channels.values() if c.topic == "/metrics")
     schema = json.loads(summary.schemas[channel.schema_id].data)
     assert set(schema["properties"]) == set(json.loads(messages(path, "/metrics")[0][1]))
+
+
+def test_a_replay_writes_its_plans(tmp_path, capsys):
+    words = ["--replay", "subject03_R1", "--controllers", "reactive", "lookahead", "--predictor", "constant_velocity"]
+    words += ["--noise-seeds", "1", "--log", "mcap", "--no-figures", "--out", str(tmp_path)]
+    assert run_main(words) == 0
+    capsys.readouterr()
+    log = gz.load_log(tmp_path / "lookahead.mcap")
+    plans, of_reactive = (numbers(tmp_path / f"{name}.mcap", "/plan") for name in ("lookahead", "reactive"))
+    assert len(plans) == len(of_reactive) > 100
+    for at, plan in plans[50:80]:
+        knots_s = plan["start_s"] + plan["step_s"] * np.arange(len(plan["pan_rad"]))
+        commanded = log.command_position_rad[np.searchsorted(log.time_s, at / 1e9 - 1e-6), 0]
+        assert commanded == pytest.approx(np.interp(at / 1e9, knots_s, plan["pan_rad"]), abs=0.02)
+    assert plans[60][1]["pan_rad"] != of_reactive[60][1]["pan_rad"]
+    latency_ms = column(tmp_path / "lookahead.mcap", "/metrics", "latency_ms")
+    assert 60.0 < np.nanmedian(latency_ms) < 110.0
 
 
 def test_a_log_and_a_bag_are_told_apart(path, tmp_path):

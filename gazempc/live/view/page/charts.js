@@ -112,16 +112,17 @@ export function drawEye(canvas, state) {
   }
 }
 
-// rows: [time, ...values]; lines: [column, colour]; a dashed line at `mark`.
-export function drawLines(canvas, rows, lines, events, mark, least) {
+// rows: [time, ...values]; lines: [column, colour, dashed]; a dashed line at `mark`. The scale reaches from `least` to at
+// most `cap`: what is beyond runs along the top.
+export function drawLines(canvas, rows, lines, events, mark, least, cap) {
   const { context, width, height, colour } = prepared(canvas);
   if (!rows.length) return;
   const now = rows[rows.length - 1][0];
   const left = 34, bottom = 16, top = 6;
   const values = rows.flatMap((row) => lines.map(([column]) => row[column])).filter((v) => v !== null);
-  const most = Math.max(least, ...values) * 1.05;
+  const most = Math.min(Math.max(least, ...values) * 1.05, cap);
   const x = (time) => left + ((time - now + HISTORY_S) / HISTORY_S) * (width - left - 6);
-  const y = (value) => height - bottom - (value / most) * (height - bottom - top);
+  const y = (value) => height - bottom - (Math.min(value, most) / most) * (height - bottom - top);
   context.font = "11px system-ui, sans-serif";
   context.fillStyle = colour("faint");
   const step = [0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].find((each) => most / each <= 4) || most / 4;

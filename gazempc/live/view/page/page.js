@@ -95,8 +95,8 @@ function draw() {
     showPicture();
     drawAbove(at("above"), state);
     drawEye(at("eye"), state);
-    drawLines(at("errors"), rows, [[1, "forecast"]], state.events, 2.6, 5);
-    drawLines(at("times"), rows, [[2, "forecast"], [3, "gaze", true]], [], 0, 10);
+    drawLines(at("errors"), rows, [[1, "forecast"]], state.events, 2.6, 5, 15);
+    drawLines(at("times"), rows, [[2, "forecast"], [3, "gaze", true]], [], 0, 10, 250);
     if (!over && Date.now() - heard > STALE_MS) connection("nothing new from the run", true);
   }
 }

@@ -163,16 +163,31 @@ def test_a_port_that_is_taken_is_said(started, log):
         ViewProcess(ViewOrders(log.run, view="web", port=port)).start()
 
 
-def test_the_state_is_json_whatever_is_not_known(moments):
+def test_a_page_for_the_network_says_so(log):
+    process = ViewProcess(ViewOrders(log.run, view="web", host="0.0.0.0"))
+    _, warning = process.start()
+    process.close()
+    assert warning == "view: WARNING whoever is in the network sees this run (--view-at 0.0.0.0)"
+
+
+@pytest.mark.parametrize("kind", ["live", "synthetic"])
+def test_the_error_is_against_what_is_known(kind):
+    """Of a person who is there now the observed head, while it is new; in a replay only the true one."""
     log = gz.replay("subject03_R1", controller="reactive", predictor="last_position", sensor="reference")
-    snapshots = Snapshots(log.run)
-    states = []
+    snapshots, states = Snapshots(log.run.model_copy(update={"kind": kind})), []
+    lost_from_s = log.time_s[-1] - 1.5
     for moment in moments_of(log):
+        if moment[0] > lost_from_s and not isinstance(moment, TickMoment):
+            continue
         unknown = moment._replace(head_true_base_m=None) if isinstance(moment, TickMoment) else moment
         if snapshots.take(unknown):
             states.append(snapshots.state())
-    assert states[0]["observed_m"] is None
-    assert states[-1]["true_m"] is None
     json.dumps(states, allow_nan=False)
-    # Without a true head the error is against the observed one.
-    assert states[-1]["error_deg"] == pytest.approx(np.hypot(*states[-1]["in_view_deg"]))
+    assert states[0]["observed_m"] is None
+    errors = [state["error_deg"] for state in states]
+    seen = [state["age_s"] is not None and state["age_s"] < 1.0 for state in states]
+    assert [error is not None for error in errors] == (seen if kind == "live" else [False] * len(states))
+    assert not seen[-1]
+    k = len(states) // 2
+    if kind == "live":
+        assert errors[k] == pytest.approx(np.hypot(*states[k]["in_view_deg"]))

@@ -7,8 +7,10 @@ import time
 
 import numpy as np
 import pytest
+from builders.live import NECK
 from builders.mcap import column, decoded, entities, numbers
 from builders.ports import free_port
+from builders.replays import run_info
 from mcap.reader import make_reader
 
 import gazempc as gz
@@ -124,7 +126,7 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
     looking.join(30.0)
     said = capsys.readouterr().out
     assert f"view: open ws://127.0.0.1:{port} in Foxglove, with the layout {tmp_path}/foxglove_layout.json" in said
-    assert "log_000.npz, log_000.mcap, foxglove_layout.json" in said
+    assert "log_000.mcap, foxglove_layout.json" in said
     assert set(json.loads(found["/ticks"])) >= {"time_s", "joint_pan_rad", "command_tilt_rad"}
     metrics = json.loads(found["/metrics"])
     assert metrics["late_ms"] >= 0.0
@@ -167,8 +169,8 @@ def test_a_viewer_that_is_stuck_holds_nothing_up_and_the_newest_is_kept():
     assert len(stuck.got) + feed.lost == 20_001
 
 
-def test_a_process_that_dies_is_said_and_the_run_goes_on(simulated, tmp_path):
-    process = ViewProcess(ViewOrders(simulated[0].run, mcap_folder=tmp_path))
+def test_a_process_that_dies_is_said_and_the_run_goes_on(tmp_path):
+    process = ViewProcess(ViewOrders(run_info(NECK), mcap_folder=tmp_path))
     process.start()
     feed = Feed(process)
     process._process.kill()
@@ -179,10 +181,10 @@ def test_a_process_that_dies_is_said_and_the_run_goes_on(simulated, tmp_path):
     assert process.problem == "the process for viewers has gone"
 
 
-def test_a_folder_that_cannot_be_written_is_said_before_the_run(simulated, tmp_path):
+def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
     (tmp_path / "log_000.mcap").mkdir()
     with pytest.raises(SettingsError, match=r"log_000\.mcap: cannot be written"):
-        ViewProcess(ViewOrders(simulated[0].run, mcap_folder=tmp_path)).start()
+        ViewProcess(ViewOrders(run_info(NECK), mcap_folder=tmp_path)).start()
 
 
 @pytest.mark.parametrize(
