@@ -10,7 +10,7 @@ from gazempc.errors import suggest
 
 COMMANDS = {
     "run": ("gazempc.run", "replay a walk to several gazes, with table and pictures"),
-    "live": ("gazempc.live.command", "look at a person who is there now"),
+    "live": ("gazempc.live.program", "look at a person who is there now"),
     "identify": ("gazempc.identify.command", "measure a neck's dead time and servo"),
     "export": ("gazempc.export", "write a log as csv, parquet or mcap"),
     "compare": ("experiments.compare", "compare gazes over many recordings"),

@@ -13,6 +13,7 @@ from experiments.rivals.camera import camera_of, detect
 from experiments.rivals.encoders import EncoderHistory
 from experiments.rivals.motor import Motor, driven_by
 from experiments.rivals.rival import Detection, HeadCamera, Rival, View
+from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.truth import TrueHead
@@ -134,4 +135,4 @@ class _Run:
             sensor=scene.sensor.model_dump(mode="json"),
             seed=scene.seed,
         )
-        return self._recorder.finish(run, where_known, self._true_joints)[0]
+        return self._recorder.finish(run, where_known, JointColumns(self._neck.joints, self._true_joints))[0]

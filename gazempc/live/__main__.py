@@ -2,7 +2,7 @@
 
 import sys
 
-from gazempc.live.command import main
+from gazempc.live.program import main
 
 if __name__ == "__main__":
     sys.exit(main())

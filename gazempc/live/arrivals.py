@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import logging
+import math
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+from gazempc.live.clock import RealClock
 from gazempc.live.mount import JointHistory
 from gazempc.live.offset import ClockOffset
 from gazempc.live.parts import LiveParts
@@ -22,6 +27,8 @@ from gazempc.types import Sighting
 _LOGGER = logging.getLogger("gazempc.live")
 # What has piled up beyond this is old. Taking it in holds up the tick.
 _NEWEST = 16
+# After so much of a tick no further observation is begun: the command must be sent in time.
+_TICK_SHARE = 0.2
 
 
 class Arrivals:
@@ -38,6 +45,9 @@ class Arrivals:
         self._use_ids = parts.use_ids
         self._watch = Watch(parts.clock, parts.stamps, parts.mount, parts.settings, parts.mends)
         self._joints = JointHistory()
+        self._waiting: deque[Sighting] = deque()
+        # A simulated clock stands still meanwhile.
+        self._longest_s = _TICK_SHARE * parts.neck.servo_period_s if isinstance(parts.clock, RealClock) else math.inf
         self._plausibility = Plausibility()
         latency_s = (Stamps() if parts.stamps is None else parts.stamps.stamps).latency_s
         self._offset = ClockOffset(latency_s, parts.mends)
@@ -52,7 +62,7 @@ class Arrivals:
         """
         self._joints.add(now_s, joints.position_rad, joints.velocity_rad_s)
 
-    def take(self, now_s: float, recorder: LoopRecorder) -> list[Sighting]:
+    def take(self, now_s: float, recorder: LoopRecorder) -> Iterable[Sighting]:
         """What has arrived since the last tick.
 
         Args:
@@ -60,7 +70,7 @@ class Arrivals:
             recorder: Where events go.
 
         Returns:
-            Observations in the base frame.
+            Observations in the base frame, each made when it is asked for: no more of them than there is time for.
         """
         try:
             arrived = self._source.poll()
@@ -68,41 +78,53 @@ class Arrivals:
                 raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
         except Exception as error:
             recorder.event(now_s, Event.SOURCE_FAILED, error)
-            return []
-        found, problems = [], list(arrived.problems)
-        self._report.observations += (
-            len(arrived.sightings) + len(problems) + sum(each.count for each in arrived.notices)
-        )
-        too_many = len(arrived.sightings) - _NEWEST
-        if too_many > 0:
-            recorder.refused(Event.OBSERVATIONS_DROPPED, too_many)
+            return ()
+        self._waiting += arrived.sightings
+        while len(self._waiting) > _NEWEST:
+            self._waiting.popleft()
+            self._report.observations += 1
+            recorder.refused(Event.OBSERVATIONS_DROPPED)
             recorder.event(now_s, Event.OBSERVATIONS_DROPPED)
-        for sighting in arrived.sightings[-_NEWEST:]:
-            try:
-                in_base = self._in_base(sighting)
-                seen = in_base.observation
-                why = self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
-                if why:
-                    recorder.refused(Event.IMPLAUSIBLE_PERSON)
-                    self._say(now_s, recorder, Event.IMPLAUSIBLE_PERSON, why)
-                else:
-                    found.append(in_base)
-            except (ValueError, AttributeError, TypeError) as error:
-                problems.append(str(error))
-        for problem in problems:
-            recorder.refused(Event.BAD_OBSERVATION)
-            recorder.event(now_s, Event.BAD_OBSERVATION)
-            if not self._report.n_problems:
-                _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, problem)
-            self._report.problem(problem)
+        for problem in arrived.problems:
+            self._report.observations += 1
+            self._problem(now_s, recorder, problem)
         for notice in arrived.notices:
             if notice.count:
+                self._report.observations += notice.count
                 recorder.refused(notice.event, notice.count)
             self._say(now_s, recorder, notice.event, notice.text)
         shifted = () if self._offset.finding is None else (self._offset.finding,)
         for finding in (*shifted, *self._watch.findings(now_s)):
             self._say(now_s, recorder, *finding)
-        return found
+        return self._in_time(now_s, recorder)
+
+    def _in_time(self, now_s: float, recorder: LoopRecorder) -> Iterator[Sighting]:
+        """Those that wait, while a tick has time for them; the others wait for the next one."""
+        until_s = time.perf_counter() + self._longest_s
+        while self._waiting:
+            sighting = self._waiting.popleft()
+            self._report.observations += 1
+            try:
+                in_base = self._in_base(sighting)
+            except (ValueError, AttributeError, TypeError) as error:
+                self._problem(now_s, recorder, str(error))
+                continue
+            seen = in_base.observation
+            why = self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
+            if why:
+                recorder.refused(Event.IMPLAUSIBLE_PERSON)
+                self._say(now_s, recorder, Event.IMPLAUSIBLE_PERSON, why)
+            else:
+                yield in_base
+            if time.perf_counter() > until_s:
+                return
+
+    def _problem(self, now_s: float, recorder: LoopRecorder, text: str) -> None:
+        recorder.refused(Event.BAD_OBSERVATION)
+        recorder.event(now_s, Event.BAD_OBSERVATION)
+        if not self._report.n_problems:
+            _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, text)
+        self._report.problem(text)
 
     def _say(self, now_s: float, recorder: LoopRecorder, event: Event, text: str) -> None:
         """Record an event, and say its first text loudly."""
@@ -123,7 +145,7 @@ class Arrivals:
             True once nothing more will come.
         """
         try:
-            return bool(self._source.finished)
+            return bool(self._source.finished) and not self._waiting
         except Exception as error:
             recorder.event(now_s, Event.SOURCE_FAILED, error)
             return False

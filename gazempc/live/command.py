@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
-import logging
 import sys
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 
 import tyro
 
 from gazempc.command import command_line, run_command
 from gazempc.errors import LimitViolationError
+from gazempc.live.aside import said_aside
 from gazempc.live.process import fast_switching, stopped_by_signals, without_collection
 from gazempc.live.settings import LiveSettings, check
 from gazempc.part_options import take_options
 from gazempc.robots.options import RobotOptions
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None, stop: threading.Event | None = None) -> int:
     """Run the command line.
 
     Args:
         arguments: Command line without the program's name; default: the process's.
+        stop: Set by signals, where somebody takes them already; without it they are taken here.
 
     Returns:
         Exit status: 0 after a run that was stopped in order, by a signal, too; 1 on a limit violation; 2 on bad input,
         or a robot or source that cannot be opened.
     """
     words = sys.argv[1:] if arguments is None else arguments
-    return run_command("gazempc.live", lambda: _work(words))
+    return run_command("gazempc.live", lambda: _work(words, stop))
 
 
-def _work(words: Sequence[str]) -> int:
-    settings, stop = parse(words), threading.Event()
+def _work(words: Sequence[str], stop: threading.Event | None) -> int:
+    settings, command = parse(words), command_line("gazempc.live", words)
+    if stop is not None:
+        _run(settings, stop, command)
+        return 0
+    stop = threading.Event()
     with stopped_by_signals(stop):
-        _run(settings, stop, command_line("gazempc.live", words))
+        _run(settings, stop, command)
     return 0
 
 
@@ -81,6 +85,10 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
 
     settings.out.mkdir(parents=True, exist_ok=True)
     built = build(settings)
+    if stop.is_set():
+        built.parts.planner.close()
+        print("gazempc.live: stopped before the robot was connected")
+        return
     parts, neck = built.parts, built.parts.neck
     viewers = start_viewers(settings, built)
     kept = Kept(settings, neck, None if viewers is None else viewers.feed.kept)
@@ -100,7 +108,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     for note in (*built.notes, *(() if viewers is None else viewers.said)):
         print(f"  {note}", flush=True)
     try:
-        with fast_switching(), without_collection(), status, _warnings_said():
+        with fast_switching(), without_collection(), status, said_aside():
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
     finally:
         summary = kept.write(run)
@@ -119,16 +127,3 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
         raise LimitViolationError(
             f"{kept.violations} violations of the limits of neck {neck.name}, see {settings.out}/summary.json"
         )
-
-
-@contextmanager
-def _warnings_said() -> Iterator[None]:
-    """What looks wrong is said at once, not only at the end."""
-    handler = logging.StreamHandler()
-    handler.setFormatter(logging.Formatter("gazempc.live: WARNING %(message)s"))
-    logger = logging.getLogger("gazempc.live")
-    logger.addHandler(handler)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)

@@ -8,11 +8,11 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from gazempc.live.clock import RealClock
 from gazempc.live.parts import Keeping, LiveParts
+from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.results.join import merge_faults
 from gazempc.results.log import Fault
 from gazempc.results.moments import CutMoment, JointsMoment
-from gazempc.types import JointState
 
 
 class LiveLogs:
@@ -35,8 +35,10 @@ class LiveLogs:
         # A simulated run would be far ahead of its logs.
         self._waits = not isinstance(parts.clock, RealClock)
         self.recorder = LoopRecorder(self._control_period_s, keeping.watch)
-        self._true_joints: list[JointState | None] = []
+        self._joints = parts.neck.joints
+        self._true_joints = JointColumns(self._joints)
         self._writer = ThreadPoolExecutor(1, "log")
+        self._writer.submit(int)  # its thread begins now, not in a tick
         self._written: deque[Future[None]] = deque()
         # Guards all below. Nobody holds it for longer than a few microseconds.
         self._lock = threading.Lock()
@@ -62,7 +64,7 @@ class LiveLogs:
 
     def cut(self) -> None:
         """End the log so far and hand it over. That takes many ticks' time, so nobody waits for it."""
-        true_joints, self._true_joints = self._true_joints, []
+        true_joints, self._true_joints = self._true_joints, JointColumns(self._joints)
         with self._lock:
             recorder, self.recorder = self.recorder, LoopRecorder(self._control_period_s, self._keeping.watch)
             asked, self._asked = self._asked, []
@@ -130,6 +132,6 @@ class LiveLogs:
         self.cut()
         self._writer.shutdown()
 
-    def _write(self, recorder: LoopRecorder, true_joints: list[JointState | None]) -> None:
+    def _write(self, recorder: LoopRecorder, true_joints: JointColumns) -> None:
         keeping = self._keeping
-        keeping.keep(*recorder.finish(keeping.about, keeping.true_head_base_m, true_joints or None))
+        keeping.keep(*recorder.finish(keeping.about, keeping.true_head_base_m, true_joints))

@@ -1,7 +1,8 @@
-"""What a live run asks of its process: signals that stop it in order, and threads that do not wait for each other."""
+"""What a live run asks of its process: signals that stop it in order, and commands that wait for nobody."""
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import multiprocessing
 import os
@@ -15,6 +16,8 @@ from types import FrameType
 # Another thread must not hold the interpreter for longer than a tick can wait.
 _SWITCH_S = 0.0005
 _TIMES_TO_END = 2
+# Real-time priorities: of the servo, and of those whom it may have to wait for.
+_SERVO, _OTHERS = 20, 10
 # Where processors are short, commands come first.
 _NICE = 5
 
@@ -75,6 +78,36 @@ def without_collection() -> Iterator[None]:
         gc.enable()
         if not frozen_before:
             gc.unfreeze()
+
+
+@contextmanager
+def in_front() -> Iterator[None]:
+    """The calling thread, which sends commands, goes before other programs, where the system allows it.
+
+    So do all other threads of a program whose main thread it is: one that holds the interpreter must not wait for its
+    turn on a busy computer, as the commands would wait with it.
+    """
+    if not hasattr(os, "sched_setscheduler"):
+        yield
+        return
+    mine = threading.get_native_id()
+    whole = threading.current_thread() is threading.main_thread()
+    threads = {each.native_id for each in threading.enumerate() if each.native_id} if whole else {mine}
+    before = {}
+    # Root may do so, and who has a limit rtprio; threads end.
+    with contextlib.suppress(PermissionError):
+        for thread in sorted(threads):
+            with contextlib.suppress(ProcessLookupError):
+                known = os.sched_getscheduler(thread), os.sched_getparam(thread)
+                urgent = os.sched_param(_SERVO if thread == mine else _OTHERS)
+                os.sched_setscheduler(thread, os.SCHED_RR | os.SCHED_RESET_ON_FORK, urgent)
+                before[thread] = known
+    try:
+        yield
+    finally:
+        for thread, known in before.items():
+            with contextlib.suppress(PermissionError, ProcessLookupError):
+                os.sched_setscheduler(thread, *known)
 
 
 def second_to_the_run() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from gazempc.live.arrivals import Arrivals
 from gazempc.live.clock import RealClock
 from gazempc.live.logs import LiveLogs
 from gazempc.live.parts import Keeping, LiveParts
+from gazempc.live.process import in_front
 from gazempc.live.report import LiveReport
 from gazempc.live.sources.source import SourceError
 from gazempc.live.start import first_position_rad, go_in, opened
@@ -128,7 +129,10 @@ class LiveRun:
         """
         if self._loop is None or self._smoother is None:
             raise RobotError("the run has not been started: call start() first")
-        loop, smoother = self._loop, self._smoother
+        with in_front() if isinstance(self._clock, RealClock) else nullcontext():
+            self._serve(self._loop, self._smoother, stop, duration_s)
+
+    def _serve(self, loop: GazeLoop, smoother: Smoother, stop: threading.Event, duration_s: float | None) -> None:
         start_s, rate_hz = self._clock.now_s(), self._neck.servo_rate_hz
         index, stopping_at = 0, None
         failure: BaseException | None = None

@@ -15,6 +15,7 @@ from pydantic import Field
 from gazempc.controllers.controller import Controller
 from gazempc.errors import LeftOutError
 from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.columns import JointColumns
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.planner import ImmediatePlanner
@@ -162,10 +163,11 @@ def replay_scene(
         seed=scene.seed,
         settings=_settings_of(scene, predictor, settings),
     )
+    joints = JointColumns(neck.joints, true_joints)
     if crowd is not None:
-        log, times = recorder.finish(run, crowd.attended_head, true_joints)
+        log, times = recorder.finish(run, crowd.attended_head, joints)
         return Replayed(crowd.of_one_person(log), times)
-    return Replayed(*recorder.finish(run, where_known, true_joints))
+    return Replayed(*recorder.finish(run, where_known, joints))
 
 
 def _in_turned_view(scene: Scene, sighting: Sighting, true_head: TrueHead, true_joints: Sequence[JointState]) -> bool:

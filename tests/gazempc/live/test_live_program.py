@@ -3,12 +3,14 @@
 import gc
 import json
 import math
+import re
 import select
 import signal
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,6 +66,14 @@ class Program:
     def end(self):
         out, err = self.process.communicate(timeout=FOREVER_S)
         return (self.said + out).decode(), err.decode()
+
+    def until_it_takes_signals(self):
+        """Early in its start: the first thing that it does."""
+        status = Path(f"/proc/{self.process.pid}/status")
+        until_s = time.monotonic() + FOREVER_S
+        while not int(re.search(r"SigCgt:\s*(\w+)", status.read_text()).group(1), 16) >> (signal.SIGTERM - 1) & 1:
+            assert time.monotonic() < until_s
+            time.sleep(0.001)
 
 
 def strict(path):
@@ -148,6 +158,18 @@ def test_a_run_from_standard_input(how, tmp_path):
     assert np.ptp(log.command_position_rad[:, 0]) > 1e-3
     # Nobody told it where the head is but the lines: the forecast is of what they say.
     assert log.head_observed_base_m[:, 0] == pytest.approx(2.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_during_the_start_ends_it_in_order(name, tmp_path):
+    with Program("--source", "stdin", "--robot", "simulated", "--out", tmp_path) as program:
+        program.until_it_takes_signals()
+        program.process.send_signal(getattr(signal, name))
+        said, complained = program.end()
+        assert (program.process.returncode, complained) == (0, "")
+    assert said == "gazempc.live: stopped before the robot was connected\n"
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

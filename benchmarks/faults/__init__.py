@@ -1,0 +1,1 @@
+"""What a live run does under attacks and faults."""

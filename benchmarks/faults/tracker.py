@@ -1,0 +1,97 @@
+"""A tracker as a process of its own, and what it may do wrong: `... -m benchmarks.faults.tracker FAULT PORT SECONDS`.
+
+It sends lines by UDP, or serves them by TCP where the fault is one of long lines.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks.faults.person import head_m
+
+RATE_HZ, LATENCY_S = 30.0, 0.05
+TCP_FAULTS = ("long_lines", "lines_without_end")
+_LONG_LINE, _LONG_EVERY_S = 950_000, 0.1
+_STRANGER_FROM_S = 1.0
+_IMPOSSIBLE_M = ([0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [3.0, 0.0, -9.0])
+
+
+def line(captured_s: float, stamp_s: float, place_m: list[float] | None = None) -> bytes:
+    """A line of what is seen at a time, with some stamp."""
+    seen_m = head_m(np.array([captured_s]))[0].round(4).tolist() if place_m is None else place_m
+    return json.dumps({"capture_time_s": stamp_s, "head_position_m": seen_m}).encode("ascii") + b"\n"
+
+
+def lines_of(fault: str, began_s: float, now_s: float, frame: int) -> bytes:
+    """What the tracker itself sends at a frame."""
+    captured_s = now_s - LATENCY_S
+    stamp_s = {
+        "clock_ahead": captured_s + 0.1,
+        "clock_fast": captured_s + 0.01 * (now_s - began_s),
+        "clock_behind": captured_s - 5.0,
+    }.get(fault, captured_s)
+    place_m = _IMPOSSIBLE_M[frame % len(_IMPOSSIBLE_M)] if fault == "impossible_heads" and frame % 2 else None
+    return line(captured_s, stamp_s, place_m)
+
+
+def strange(now_s: float, frame: int) -> bytes:
+    """What a stranger sends: somebody else at the other side, newer than anything."""
+    return b'{"age_s": 0.0, "head_position_m": [2.0, %.1f, 0.4]}\n' % (2.0 if frame % 60 < 30 else -2.0)
+
+
+def send(fault: str, port: int, seconds: float) -> None:
+    """Send for some seconds."""
+    began_s = time.time()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        rate_hz = 1000.0 if fault in ("flood", "strange_flood") else 60.0 if fault == "stranger" else RATE_HZ
+        every = round(rate_hz / RATE_HZ)
+        for frame in range(int(seconds * rate_hz)):
+            time.sleep(max(0.0, began_s + frame / rate_hz - time.time()))
+            now_s, to = time.time(), ("127.0.0.1", port)
+            if fault in ("stranger", "strange_flood"):
+                if now_s - began_s > _STRANGER_FROM_S:
+                    other.sendto(strange(now_s, frame), to)
+                if frame % every:
+                    continue
+            own.sendto(lines_of(fault, began_s, now_s, frame), to)
+
+
+def serve(fault: str, port: int, seconds: float) -> None:
+    """Serve one client for some seconds."""
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        server.bind(("127.0.0.1", port))
+        server.listen()
+        print("ready", flush=True)
+        connection, _ = server.accept()
+        began_s, long_s = time.time(), 0.0
+        end = b"\n" if fault == "long_lines" else b""
+        with connection:
+            for frame in range(int(seconds * RATE_HZ)):
+                time.sleep(max(0.0, began_s + frame / RATE_HZ - time.time()))
+                now_s = time.time()
+                connection.sendall(b"\n" + lines_of(fault, began_s, now_s, frame))
+                if now_s - long_s > _LONG_EVERY_S:
+                    connection.sendall(b'{"head_position_m": [' + b"1, " * (_LONG_LINE // 3) + b"]}" + end)
+                    long_s = now_s
+
+
+def main(fault: str, port: str, seconds: str) -> None:
+    """Run the process."""
+    work: Callable[[str, int, float], None] = serve if fault in TCP_FAULTS else send
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the run is over
+        work(fault, int(port), float(seconds))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,68 @@
+"""Priorities while commands are sent, where the system allows them."""
+
+import os
+import threading
+
+import pytest
+
+from gazempc.live.process import in_front
+
+
+def policy(thread):
+    kind = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
+    return kind, os.sched_getparam(thread).sched_priority
+
+
+def may():
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    return True
+
+
+@pytest.mark.skipif(not may(), reason="real-time priorities are not allowed to this user (limit rtprio)")
+def test_the_thread_that_sends_commands_goes_first_and_all_is_as_before_afterwards():
+    ended, found = threading.Event(), {}
+    other = threading.Thread(target=ended.wait)
+    other.start()
+    with in_front():
+        found |= {"servo": policy(0), "other": policy(other.native_id)}
+        later = threading.Thread(target=lambda: found.update(later=policy(0)))
+        later.start()
+        later.join()
+    found |= {"servo after": policy(0), "other after": policy(other.native_id)}
+    ended.set()
+    other.join()
+    usual = (os.SCHED_OTHER, 0)
+    assert found == {
+        "servo": (os.SCHED_RR, 20),
+        "other": (os.SCHED_RR, 10),
+        "later": usual,
+        "servo after": usual,
+        "other after": usual,
+    }
+
+
+@pytest.mark.skipif(not may(), reason="real-time priorities are not allowed to this user (limit rtprio)")
+def test_a_servo_thread_of_somebody_else_s_program_touches_its_own_priority_only():
+    found = {}
+
+    def work():
+        with in_front():
+            found.update(servo=policy(0)[0], main=policy(threading.main_thread().native_id)[0])
+
+    servo = threading.Thread(target=work)
+    servo.start()
+    servo.join()
+    assert found == {"servo": os.SCHED_RR, "main": os.SCHED_OTHER}
+
+
+def test_who_may_not_goes_on_without(monkeypatch):
+    def refuse(*_):
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with in_front():
+        assert policy(0)[0] == os.SCHED_OTHER
