@@ -153,8 +153,12 @@ class LookAheadSettings(Settings):
     smoothing_time_s: float = Field(
         default=0.1, ge=0, le=1, description="Time constant of a low-pass on the command, made up for; 0 for none"
     )
-    head_smoothing_time_s: float = Field(
-        default=0.6, ge=0, le=2, description="The same for the head of a neck with eyes"
+    head_smoothing_time_s: float | None = Field(
+        default=None,
+        ge=0,
+        le=2,
+        description="The same for the head of a neck with eyes; without it 0.6, or 0.1 where the head leaves a share "
+        "to the eyes (--motion human)",
     )
 
 
@@ -168,8 +172,12 @@ class MpcSettings(Settings):
     acquisition_time_s: float = Field(
         default=0.09, gt=0, le=1, description="The same on the way to somebody far off the gaze"
     )
-    head_smoothing_time_s: float = Field(
-        default=0.35, gt=0, le=1, description="smoothing_time_s for the head of a neck with eyes"
+    head_smoothing_time_s: float | None = Field(
+        default=None,
+        gt=0,
+        le=1,
+        description="smoothing_time_s for the head of a neck with eyes; without it 0.35, or 0.1 where the head leaves "
+        "a share to the eyes (--motion human)",
     )
 
 

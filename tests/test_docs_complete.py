@@ -15,7 +15,7 @@ from pydantic import BaseModel
 import gazempc
 from gazempc.live.sources.camera.options import CameraOptions
 from gazempc.loop.events import Event
-from gazempc.neck.spec import Axis, Geometry, NeckSpec, neck_names
+from gazempc.neck.spec import Axis, Eyes, Geometry, NeckSpec, neck_names
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.tables.frames import AXES
@@ -62,7 +62,7 @@ DESCRIBED = {
     "recordings": [*settings_of(ReadOptions), *COLUMNS, "index.csv"],
     "formats": [*shipped_mappings(), *ColumnMapping.model_fields, *AXES, *TIMES_S],
     "camera": settings_of(CameraOptions, prefix="camera."),
-    "necks": [*neck_names(), *settings_of(NeckSpec, Geometry, Axis)],
+    "necks": [*neck_names(), *settings_of(NeckSpec, Geometry, Axis, Eyes)],
     "trackers": [*sensor_names(), *setting_names(SensorSpec)],
     "controllers": [
         *settings_of(MpcSettings, prefix="mpc."),

@@ -32,7 +32,7 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("clips", "colours", "eyes", "page_parts"),
+    ("clips", "page_parts"),
     ("engine", "aggregate"),
     ("compare_figures", "compare_report", "least_error", "margins"),
     ("compare_page", "bound_page"),
@@ -48,6 +48,7 @@ EXPERIMENTS = (
         "plan_example",
         "sensor_example",
         "people",
+        "eyes",
     ),
     ("__init__", "console"),
 )

@@ -10,6 +10,9 @@ from gazempc.controllers.eyes import EyeAim
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import BoolArray, FloatArray
 
+# With it shifts of 20 deg come nearest to people's (docs/human_motion.md); less changes nothing more.
+_SHARED_HEAD_TIME_S = 0.1
+
 
 class Chain:
     """Shares the gaze among the joints of a neck, from the slowest to the fastest: body, head, eyes.
@@ -38,9 +41,11 @@ class Chain:
         return float(command_rad[0]) if self.body is None else self.body.gaze_command_rad(command_rad)
 
     def head_rad(self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray) -> FloatArray:
-        """Pan and tilt of the head in the base frame; see `EyeAim.head_without_rad`."""
-        if self.eyes is None or not situation.held:
+        """Pan and tilt of the head in the base frame; see `EyeAim.head_share_rad` and `EyeAim.head_without_rad`."""
+        if self.eyes is None:
             return head_rad
+        if not situation.held:
+            return self.eyes.head_share_rad(head_rad)
         return self.eyes.head_without_rad(situation, means_base_m, head_rad)
 
     def eyes_held(self, situation: Situation) -> BoolArray:
@@ -70,6 +75,23 @@ class Chain:
             return np.concatenate([head_rad, *body], axis=1) if body else head_rad
         others = np.concatenate([head_rad, *body], axis=1)
         return np.concatenate([head_rad, self.eyes.commands_rad(situation, means_base_m, others), *body], axis=1)
+
+
+def head_time_s(neck: NeckSpec, given_s: float | None, usual_s: float) -> float:
+    """Smoothing time of the head of a neck with eyes.
+
+    Args:
+        neck: The neck.
+        given_s: What the user wants, seconds; None for what fits the neck.
+        usual_s: What fits a head that ends facing the person, seconds.
+
+    Returns:
+        Seconds.
+    """
+    if given_s is not None:
+        return given_s
+    shares = neck.eyes is not None and min(neck.eyes.head_share_pan, neck.eyes.head_share_up) < 1.0
+    return _SHARED_HEAD_TIME_S if shares else usual_s
 
 
 def slopes(position: FloatArray, step_s: float) -> FloatArray:

@@ -14,6 +14,10 @@ from gazempc.types import BoolArray, FloatArray
 _TURNS = 3
 
 
+# Eyes stay for long within this share of their range; the rest is for what comes unforeseen.
+_COMFORTABLE_SHARE = 0.8
+
+
 class EyeAim:
     """Commands of the eyes for a person's forecast and a plan of the other joints.
 
@@ -26,6 +30,8 @@ class EyeAim:
     """
 
     def __init__(self, neck: NeckSpec, knots_s: FloatArray) -> None:
+        if neck.eyes is None:
+            raise ValueError(f"neck {neck.name!r} has no eyes")
         self._neck, self._knots_s = neck, knots_s
         self._eyes = [neck.joint_names.index(name) for name in EYE_AXES]
         self._others = [i for i in range(neck.joints) if i not in self._eyes]
@@ -34,6 +40,15 @@ class EyeAim:
         # One set of times where both joints of the eyes are as fast.
         self._ahead_s: FloatArray = np.unique(ahead_s)
         self._at = [int(np.flatnonzero(self._ahead_s == each)[0]) for each in ahead_s]
+        eyes = neck.eyes
+        # What is left to the eyes of a pan and a tilt below and above where the head rests.
+        left_over = 1.0 - np.array(
+            [[eyes.head_share_pan, eyes.head_share_down], [eyes.head_share_pan, eyes.head_share_up]]
+        )
+        self._left_over = left_over if left_over.any() else None
+        limits = neck.command_limits
+        range_rad = np.minimum(-limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes])
+        self._rest_rad, self._reach_rad = neck.rest_rad[:2], _COMFORTABLE_SHARE * range_rad
         self._motions: dict[int, list[MotionAhead]] = {}
 
     def forecast_times_s(self, start_s: float) -> FloatArray:
@@ -81,6 +96,22 @@ class EyeAim:
             zero_rad = np.where(self.held(situation), self._held_rad(situation), zero_rad)
         wanted -= zero_rad
         return np.clip(wanted, limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes])
+
+    def head_share_rad(self, head_rad: FloatArray) -> FloatArray:
+        """Angles of a head that leaves the neck's share of a direction to the eyes.
+
+        Args:
+            head_rad: Pan and tilt of a head whose eyes look straight ahead, in the base frame, shape (H, 2), radians.
+
+        Returns:
+            Shape (H, 2), radians; `head_rad` itself where the head does all.
+        """
+        if self._left_over is None:
+            return head_rad
+        away_rad = head_rad - self._rest_rad
+        eyes_rad = np.where(away_rad < 0.0, self._left_over[0], self._left_over[1]) * away_rad
+        shared_rad: FloatArray = head_rad - np.clip(eyes_rad, -self._reach_rad, self._reach_rad)
+        return shared_rad
 
     def head_without_rad(self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray) -> FloatArray:
         """Angles of the head that look at the person past eyes that are held.

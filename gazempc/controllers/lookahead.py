@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from gazempc.controllers.chain import Chain, slopes
+from gazempc.controllers.chain import Chain, head_time_s, slopes
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.neck.kinematics import look_at_rad, unwrap_pan
 from gazempc.neck.spec import NeckSpec
@@ -19,6 +19,8 @@ _PLAN_S = 0.4
 _ON_ITS_WAY_RAD = math.radians(5.0)
 # The head stays so near the demanded angle that the eyes need no more than this share of their range.
 _EYES_SHARE = 0.4
+# The low-pass of a head with eyes, which make up for it.
+_HEAD_TIME_S = 0.6
 
 
 class LookAhead:
@@ -36,17 +38,22 @@ class LookAhead:
         neck: The neck; its dead time, servo lag (2 zeta / wn) and servo period say how far to look ahead on each axis.
         smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: smoother, and slower to
             follow what was not forecast. 0 for none.
-        head_smoothing_time_s: The same for the head of a neck with eyes.
+        head_smoothing_time_s: The same for the head of a neck with eyes. None: 0.6, or 0.1 for a head that leaves a
+            share to the eyes, which people turn as quickly as they can.
 
     Attributes:
         neck: The neck.
     """
 
-    def __init__(self, neck: NeckSpec, smoothing_time_s: float = 0.1, head_smoothing_time_s: float = 0.6) -> None:
+    def __init__(
+        self, neck: NeckSpec, smoothing_time_s: float = 0.1, head_smoothing_time_s: float | None = None
+    ) -> None:
         self.neck = neck
         knots = round(_PLAN_S / neck.control_period_s) + 1
         self._knots_s: FloatArray = neck.control_period_s * np.arange(knots, dtype=np.float64)
-        time_constant_s = smoothing_time_s if neck.eyes is None else head_smoothing_time_s
+        time_constant_s = smoothing_time_s
+        if neck.eyes is not None:
+            time_constant_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
         self._keep = math.exp(-neck.control_period_s / time_constant_s) if time_constant_s > 0 else 0.0
         # A command is held for a servo period, so on average it is half of that late.
         ahead_s = (neck.dead_time_s + neck.servo_lag_s)[:2] + 0.5 * neck.servo_period_s

@@ -25,6 +25,7 @@ from gazempc.live.stamps import StampReader
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner
+from gazempc.neck.human import with_motion
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import make, options_for
@@ -67,7 +68,8 @@ def build(settings: LiveSettings) -> Built:
     Raises:
         GazempcError: If a name does not exist, a file or option is wrong, or a part does not do what it must.
     """
-    neck = narrowed(load_neck(settings.scene.neck), settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    neck = with_motion(load_neck(settings.scene.neck), settings.motion)
+    neck = narrowed(neck, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
     settings.mount.check_fits(neck)
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
     scene = None if settings.recording is None else make_scene(settings.recording, settings.scene, neck)

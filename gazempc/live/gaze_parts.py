@@ -20,6 +20,7 @@ from gazempc.live.stamps import StampClock, StampReader, Stamps
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner
+from gazempc.neck.human import with_motion
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options
@@ -165,7 +166,7 @@ def make_parts(
     own = settings.options.own
     chosen = ((PREDICTOR, predictor), (CONTROLLER, controller), (ROBOT, robot))
     check_options([(kind, choice) for kind, choice in chosen if isinstance(choice, str)], own)
-    whole = neck if isinstance(neck, NeckSpec) else load_neck(neck)
+    whole = with_motion(neck if isinstance(neck, NeckSpec) else load_neck(neck), settings.motion)
     spec = narrowed(whole, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
     settings.mount.check_fits(spec)
     clock = RealClock()

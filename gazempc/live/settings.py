@@ -14,6 +14,7 @@ from gazempc.live.sources.camera.options import CameraOptions
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
 from gazempc.live.view.orders import PORTS, ViewKind
+from gazempc.neck.human import MOTION_MEANS, Motion
 from gazempc.part_options import check_options
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own
 from gazempc.robots.options import RobotChoice, RobotOptions
@@ -32,6 +33,7 @@ SOURCES = (
 class MountedSettings(GazeSettings):
     """Settings of a live run from Python and from the command line."""
 
+    motion: Motion = Field(default="robot", description=MOTION_MEANS)
     mount: Mount = Mount()
     use_ids: bool = Field(default=True, description="Tell people apart by the names that the tracker gives them")
     # A plan that is made in the background is there a little later.

@@ -39,7 +39,10 @@ def narrowed(neck: NeckSpec, gaze_region_deg: Region | None, speed_max_rad_s: fl
             axes |= _within(joints, low_deg, high_deg, f"neck {neck.name!r}, {chain[0]} of the gaze")
     update: dict[str, Any] = {"pan": axes["pan"], "tilt": axes["tilt"]}
     if neck.eyes is not None:
-        update["eyes"] = {"pan": axes["eye_pan"].model_dump(), "tilt": axes["eye_tilt"].model_dump()}
+        update["eyes"] = neck.eyes.model_dump() | {
+            "pan": axes["eye_pan"].model_dump(),
+            "tilt": axes["eye_tilt"].model_dump(),
+        }
     if neck.body is not None:
         update["body"] = axes["body_yaw"]
     return neck.model_copy(update=update)

@@ -21,6 +21,7 @@ from gazempc.types import FloatArray
 AXES = ("pan", "tilt")
 EYE_AXES = ("eye_pan", "eye_tilt")
 BODY_AXIS = "body_yaw"
+_Share = Annotated[float, Field(ge=0, le=1)]
 _View = Annotated[float, Field(gt=0, le=180)]
 
 
@@ -131,6 +132,12 @@ class Eyes(BaseModel):
 
     pan: Axis
     tilt: Axis
+    head_share_pan: _Share = Field(
+        default=1.0,
+        description="Share of a sideways direction to which the head turns in the end; the eyes do the rest",
+    )
+    head_share_up: _Share = Field(default=1.0, description="The same of a direction above where the head rests")
+    head_share_down: _Share = Field(default=1.0, description="The same of a direction below it")
 
 
 def _plain(value: Any) -> Any:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
+from gazempc.neck.human import MOTION_MEANS, Motion, with_motion
 from gazempc.neck.kinematics import head_angles_rad, look_at
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.recordings.load import load
@@ -52,6 +53,7 @@ class SceneSettings(StageSettings):
     """Settings of a scene."""
 
     neck: str = Field(default="reference", description="Shipped neck or a .toml file")
+    motion: Motion = Field(default="robot", description=MOTION_MEANS)
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ def make_scene(
         walks = (load(recording, settings.reading),)
     walk = walks[0]
     placement = settings.placement or natural_placement(walk)
-    neck = neck or load_neck(settings.neck)
+    neck = with_motion(neck or load_neck(settings.neck), settings.motion)
     placed = place_together(walks, placement, settings.distance_m, settings.height_m)
     return Scene(
         walk=placed[0],

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from gazempc.controllers.chain import Chain, slopes
+from gazempc.controllers.chain import Chain, head_time_s, slopes
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.controllers.mpc.acquisition import ACQUIRED_FROM_RAD, ACQUISITION_DAMPING, Acquisition
 from gazempc.controllers.mpc.axis_model import axis_model, growing_steps
@@ -20,6 +20,8 @@ from gazempc.types import FloatArray
 
 # The plan reaches this far so that there is something to follow while the next one is late.
 _PLAN_S = 0.4
+# The head of a neck with eyes: smooth, as the eyes make up for it.
+_HEAD_TIME_S = 0.35
 # Share of a control period that the solvers of both joints together may take.
 _SOLVERS_SHARE = 0.5
 
@@ -38,7 +40,8 @@ class Mpc:
         smoothing_time_s: T: gaze motion faster than the inverse of this time (in rad/s) is smoothed rather than
             followed; larger is smoother and less exact.
         acquisition_time_s: The same on the way to somebody who is off the gaze; not more than T is used.
-        head_smoothing_time_s: T of the head of a neck with eyes, which look where it does not point yet.
+        head_smoothing_time_s: T of the head of a neck with eyes, which look where it does not point yet. None: 0.35, or
+            0.1 for a head that leaves a share to the eyes, which people turn as quickly as they can.
 
     Raises:
         SettingsError: If the horizon is shorter than two smoothing times: then its end shows in the gaze.
@@ -55,10 +58,10 @@ class Mpc:
         horizon_s: float = 0.8,
         smoothing_time_s: float = 0.12,
         acquisition_time_s: float = 0.09,
-        head_smoothing_time_s: float = 0.35,
+        head_smoothing_time_s: float | None = None,
     ) -> None:
         if neck.eyes is not None:
-            smoothing_time_s = head_smoothing_time_s
+            smoothing_time_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
         if horizon_s < 2.0 * smoothing_time_s:
             needed = (
                 f"for mpc.smoothing_time_s: {smoothing_time_s:g} s; accepted: at least {2.0 * smoothing_time_s:g} s"

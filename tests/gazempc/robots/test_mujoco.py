@@ -347,18 +347,7 @@ def test_eyes_and_body_answer_as_on_our_own_simulation():
 
 @pytest.mark.parametrize("neck", ["reference_eyes", "reachy_mini_body"])
 def test_a_live_run_on_mujoco_with_eyes_or_body_looks_at_a_walker(tmp_path, neck):
-    words = [
-        "--source",
-        "replay",
-        "--simulated-clock",
-        "--no-figures",
-        "--log",
-        "npz",
-        "--robot",
-        "mujoco",
-        "--neck",
-        neck,
-    ]
+    words = ["--source", "replay", "--simulated-clock", "--no-figures", "--robot", "mujoco", "--neck", neck]
     assert live(["--out", str(tmp_path), *words]) == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["limit_violations"] == 0

@@ -1,0 +1,197 @@
+"""Compare shifts of gaze with those of people: `python -m experiments.eyes.human --neck furhat --out out/human`.
+
+Prints what does not fit, then every shift beside the published figures, and draws them. The neck moves with the limits
+and shares of `--motion human`.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from pydantic import Field
+
+from experiments.engine.command import parse, run_command
+from experiments.eyes.shifts import Direction, Shift, make_shift
+from gazempc.errors import SettingsError
+from gazempc.neck.human import (
+    HEAD_SHARE_DOWN,
+    HEAD_SHARE_PAN,
+    HEAD_SHARE_UP,
+    eye_velocity_rad_s,
+    head_velocity_rad_s,
+    motor_scale,
+    with_motion,
+)
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.settings import Settings
+
+_SHARES: dict[Direction, float] = {"sideways": HEAD_SHARE_PAN, "up": HEAD_SHARE_UP, "down": HEAD_SHARE_DOWN}
+_AMPLITUDES_DEG: dict[Direction, tuple[float, ...]] = {
+    "sideways": (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0),
+    "up": (10.0, 20.0, 30.0),
+    "down": (10.0, 20.0, 30.0),
+}
+# Published for sideways shifts: the eyes begin so long before the head, at these amplitudes.
+_LEAD_AT_DEG, _LEAD_S = (10.0, 40.0), (0.140, 0.050)
+# What people themselves differ by is more than this.
+_FITS_SHARE, _FITS_PERCENT, _FITS_S = 0.03, 10.0, 0.02
+_LABELS = {"head's share": "%", "eyes ahead": "ms", "head's peak": "deg/s", "eyes' peak": "deg/s"}
+# A head that hardly moves has no main sequence.
+_LEAST_HEAD_DEG = 3.0
+
+
+class HumanSettings(Settings):
+    """Settings of `python -m experiments.eyes.human`."""
+
+    neck: str = Field(default="reference_eyes", description="Shipped neck or a .toml file, with eyes")
+    controller: Literal["mpc", "lookahead"] = Field(default="mpc", description="Which gaze")
+    out: Path = Field(default=Path("out/human"), description="Folder to write to")
+
+
+class BesidePeople(NamedTuple):
+    """A figure of a shift beside the published one.
+
+    Attributes:
+        label: What it is, one of `_LABELS`.
+        ours: Of the neck.
+        people: Published, scaled to the motors where that is meant.
+        fits: Whether they agree.
+    """
+
+    label: str
+    ours: float
+    people: float
+    fits: bool
+
+
+def compared(shift: Shift, scale: float) -> list[BesidePeople]:
+    """The figures of a shift beside the published ones.
+
+    Args:
+        shift: The shift.
+        scale: Share of a person's head velocity that the motors bear.
+
+    Returns:
+        Those figures for which something is published.
+    """
+    share = _SHARES[shift.direction]
+    figures = [
+        BesidePeople("head's share", 100 * shift.head_share, 100 * share, abs(shift.head_share - share) < _FITS_SHARE)
+    ]
+    low_deg, high_deg = _LEAD_AT_DEG
+    if shift.direction == "sideways" and low_deg <= shift.amplitude_deg <= high_deg:
+        along = (shift.amplitude_deg - low_deg) / (high_deg - low_deg)
+        lead_s = (1.0 - along) * _LEAD_S[0] + along * _LEAD_S[1]
+        fits = abs(shift.lead_s - lead_s) < _FITS_S
+        figures.append(BesidePeople("eyes ahead", 1e3 * shift.lead_s, 1e3 * lead_s, fits))
+    head_deg, eye_deg = abs(float(shift.head_deg[-1])), float(shift.eye_deg.max())
+    if head_deg > _LEAST_HEAD_DEG:
+        law = math.degrees(scale * head_velocity_rad_s(math.radians(head_deg)))
+        figures.append(_velocity("head's peak", shift.head_peak_deg_s, law))
+    law = math.degrees(eye_velocity_rad_s(math.radians(eye_deg)))
+    figures.append(_velocity("eyes' peak", shift.eye_peak_deg_s, law))
+    return figures
+
+
+def make_shifts(neck: NeckSpec, controller: str) -> list[Shift]:
+    """All shifts of the comparison, as far as the neck can look.
+
+    Args:
+        neck: The neck, with its limits and shares.
+        controller: Name of a controller.
+
+    Returns:
+        Sideways, up and down, each from small to large.
+    """
+    low, high = neck.position_min_rad, neck.position_max_rad
+    reach_rad = {"sideways": high[0] + high[2], "up": high[1] + high[3], "down": -(low[1] + low[3])}
+    return [
+        make_shift(neck, controller, direction, amplitude_deg)
+        for direction, amplitudes_deg in _AMPLITUDES_DEG.items()
+        for amplitude_deg in amplitudes_deg
+        if math.radians(amplitude_deg) < reach_rad[direction]
+    ]
+
+
+def table(shifts: Sequence[Shift], scale: float) -> str:
+    """What does not fit, the worst first, then all shifts.
+
+    Args:
+        shifts: The shifts.
+        scale: As of `compared`.
+
+    Returns:
+        Text of several lines.
+    """
+    rows = {_name(shift): {each.label: each for each in compared(shift, scale)} for shift in shifts}
+    lines = ["What does not fit people, the worst first:"]
+    worst: list[tuple[float, str]] = []
+    for label, unit in _LABELS.items():
+        known = {name: row[label] for name, row in rows.items() if label in row}
+        off = {name: each for name, each in known.items() if not each.fits}
+        if off:
+            name, each = max(off.items(), key=lambda item: abs(math.log(item[1].ours / item[1].people)))
+            text = f"  {label}: in {len(off)} of {len(known)} shifts; {name} deg: {each.ours:.0f} {unit}, people "
+            worst.append((abs(math.log(each.ours / each.people)), f"{text}{each.people:.0f}"))
+    lines += [text for _, text in sorted(worst, reverse=True)] or ["  nothing"]
+    lines += ["", "Each figure of the neck, in brackets that of people; * does not fit.", ""]
+    heads = [["shift", "on target", *_LABELS], ["deg", "s", *_LABELS.values()]]
+    cells = [[name, f"{shift.there_s:.2f}", *map(_cell, (row.get(label) for label in _LABELS))]
+             for shift, (name, row) in zip(shifts, rows.items(), strict=True)]  # fmt: skip
+    widths = [max(map(len, column)) for column in zip(*heads, *cells, strict=True)]
+    for row in [*heads, *cells]:
+        first, *others = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        lines.append("  ".join([row[0].ljust(len(first)), *others]).rstrip())
+    return "\n".join(lines)
+
+
+def _cell(each: BesidePeople | None) -> str:
+    return "" if each is None else f"{each.ours:.0f} ({each.people:.0f}) {' ' if each.fits else '*'}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Command line without the program's name; default: the process's.
+
+    Returns:
+        Exit status: 0, 2 on bad input.
+    """
+    return run_command("eyes.human", lambda: _run(parse(HumanSettings, "eyes.human", __doc__, arguments)))
+
+
+def _run(settings: HumanSettings) -> int:
+    given = load_neck(settings.neck)
+    neck = with_motion(given, "human")
+    if neck.body is not None:
+        raise SettingsError(f"--neck {settings.neck}: a body takes part in large shifts; accepted: eyes and no body")
+    scale = min(motor_scale(given.pan), motor_scale(given.tilt))
+    shifts = make_shifts(neck, settings.controller)
+    print(f"Neck {neck.name}, {settings.controller}. The motors bear {scale:.2f} of the velocity of people's heads.")
+    print(table(shifts, scale))
+
+    from experiments.eyes.human_figure import draw  # noqa: PLC0415  (slow to import)
+
+    settings.out.mkdir(parents=True, exist_ok=True)
+    path = settings.out / f"{neck.name}_{settings.controller}.png"
+    draw(shifts, scale, f"{neck.name}, {settings.controller}, --motion human", path)
+    print(f"Written: {path}")
+    return 0
+
+
+def _velocity(label: str, ours_deg_s: float, people_deg_s: float) -> BesidePeople:
+    fits = abs(ours_deg_s / people_deg_s - 1.0) < _FITS_PERCENT / 100
+    return BesidePeople(label, ours_deg_s, people_deg_s, fits)
+
+
+def _name(shift: Shift) -> str:
+    return f"{shift.direction} {shift.amplitude_deg:.0f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
