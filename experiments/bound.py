@@ -21,11 +21,20 @@ import numpy as np
 from pydantic import Field
 
 from experiments.bound_page import bound_page
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, command_of, parse, run_command
+from experiments.engine.command import (
+    NOT_SAVED,
+    WorkSettings,
+    check,
+    command_of,
+    exit_status,
+    parse,
+    run_command,
+)
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.recordings import find_recordings, in_place
 from experiments.least_error import CONTROLLERS, BoundJob
+from gazempc.files.whole import whole, write_whole
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.placement import Placement
@@ -58,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, 1 if a run failed, 2 on bad input, 130 if interrupted.
+        Exit status: 0, 4 if a run failed, 2 on bad input, 130 if interrupted.
     """
     return run_command(
         "bound", lambda: _run(parse(BoundSettings, "bound", __doc__, arguments), command_of("bound", arguments))
@@ -100,9 +109,9 @@ def _run(settings: BoundSettings, command: str) -> int:
     summary = summarise(done)
     saved = settings.model_dump(mode="json", exclude={*NOT_SAVED})
     told = {"settings": saved, "versions": versions(), "rows": summary}
-    (settings.out / "bound.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    write_whole(settings.out / "bound.json", json.dumps(told, indent=2) + "\n")
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    with (settings.out / "bound.csv").open("w", newline="", encoding="utf-8") as file:
+    with whole(settings.out / "bound.csv") as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)
@@ -115,7 +124,7 @@ def _run(settings: BoundSettings, command: str) -> int:
     for row in failed:
         print(f"failed: {row['recording']}: {row['failed']}")
     print(f"Written to {settings.out}/: report.html, bound.json, bound.csv")
-    return 1 if failed else 0
+    return exit_status(False, bool(failed))
 
 
 def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

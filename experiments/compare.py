@@ -28,6 +28,7 @@ from experiments.engine.command import (
     call_of,
     check,
     command_of,
+    exit_status,
     parse,
     run_command,
     throughput,
@@ -37,6 +38,7 @@ from experiments.engine.job import Row
 from experiments.engine.own_parts import check_parts, name_parts, options_of
 from experiments.engine.recordings import find_recordings, in_place
 from experiments.engine.replays import ReplayJob, all_faults, each_sensor
+from gazempc.files.whole import whole, write_whole
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.results.report import versions
@@ -87,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, 1 if runs failed or left the limits, 2 on bad input, 130 if interrupted.
+        Exit status: 0, 1 if runs left the limits, 4 if runs failed, 2 on bad input, 130 if interrupted.
     """
     return run_command(
         "compare", lambda: _run(parse(CompareSettings, "compare", __doc__, arguments), command_of("compare", arguments))
@@ -121,7 +123,7 @@ def _run(settings: CompareSettings, command: str) -> int:
     print(text)
     print(throughput(simulated_s, wall_s, settings), end="")
     print(f"Written to {settings.out}/: {', '.join(written)}")
-    return 1 if any(row["failed"] or row.get("limit_violations") for row in rows) else 0
+    return exit_status(any(row.get("limit_violations") for row in rows), any(row["failed"] for row in rows))
 
 
 def _replay_all(settings: CompareSettings) -> tuple[list[Row], float]:
@@ -203,14 +205,14 @@ def write(settings: CompareSettings, rows: list[Row], command: str) -> tuple[str
     """
     done = [row for row in rows if not row["left_out"] and not row["failed"]]
     columns = list(dict.fromkeys(name for row in rows for name in row if name != "faults"))
-    with (settings.out / "results.csv").open("w", newline="", encoding="utf-8") as file:
+    with whole(settings.out / "results.csv") as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
     summary = _summary(settings, rows, done)
-    (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_whole(settings.out / "summary.json", json.dumps(summary, indent=2) + "\n")
     text = report(summary, done)
-    (settings.out / "summary.md").write_text(text, encoding="utf-8")
+    write_whole(settings.out / "summary.md", text)
     # Slow to import.
     from experiments.compare_figures import draw_all  # noqa: PLC0415
     from experiments.compare_page import compare_page  # noqa: PLC0415

@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from experiments.engine.command import run_command
 from experiments.margins import CONTACT, ERROR, HEAD, SMOOTHNESS, front, gaze, margins
 from gazempc.errors import SettingsError
+from gazempc.files.whole import write_whole
 from gazempc.results.figures.style import readable
 
 GROUPS = ("straight", "turn", "sharp", "all")
@@ -79,7 +80,7 @@ def fronts(settings: FrontsSettings) -> int:
             found.append(dict(zip(by, place, strict=True)) | {"group": group} | margins(*gazes))
             means = [each.means(np.ones(len(names)))[:, :2].tolist() for each in gazes]
             drawn.append((", ".join((*place, group)), means))
-    (settings.sweep / "fronts.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    write_whole(settings.sweep / "fronts.json", json.dumps(found, indent=2) + "\n")
     _draw(drawn, settings).savefig(settings.sweep / "fronts.png", dpi=110)
     print(f"{settings.case} against {settings.rival} at the same RMS acceleration, mean over the front [95 %, people]:")
     head = [*by, "group", "points", "RMS error, %", "worst", "eye contact 2.6 deg, points", "worst"]

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 
 from gazempc.errors import GazempcError, LimitViolationError
 
-VIOLATION, BAD_INPUT = 1, 2
+# 1 says that a limit was left, and only that. Python's own status after an exception is 1, too: so none gets that far.
+VIOLATION, BAD_INPUT, UNEXPECTED, INCOMPLETE = 1, 2, 3, 4
 
 
 def run_command(name: str, work: Callable[[], int]) -> int:
@@ -20,8 +22,8 @@ def run_command(name: str, work: Callable[[], int]) -> int:
         work: Does it, and gives the exit status.
 
     Returns:
-        What `work` gives; 1 on a limit violation; 2 on bad input or a file system that refuses; 0 if whoever read the
-        output has seen enough, as in ``... --list | head``.
+        What `work` gives; 1 on a limit violation; 2 on bad input or a file system that refuses; 3 on any other
+        exception, a fault of the program; 0 if whoever read the output has seen enough, as in ``... --list | head``.
     """
     try:
         return work()
@@ -32,6 +34,10 @@ def run_command(name: str, work: Callable[[], int]) -> int:
     except (GazempcError, OSError) as error:
         print(f"{name}: {error}", file=sys.stderr)
         return VIOLATION if isinstance(error, LimitViolationError) else BAD_INPUT
+    except Exception:
+        traceback.print_exc()
+        print(f"{name}: a fault of this program, not of your input: please report the lines above", file=sys.stderr)
+        return UNEXPECTED
 
 
 def command_line(module: str, words: Sequence[str]) -> str:

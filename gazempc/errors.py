@@ -8,6 +8,8 @@ from pathlib import Path
 
 # A longer list would hide the message; its first and last name show the pattern.
 _NAMES_SHOWN = 30
+# A message about a file that somebody else wrote is no longer than a few lines, whatever stands in the file.
+_PLACE_SHOWN, _PROBLEM_SHOWN = 200, 1000
 
 
 class GazempcError(Exception):
@@ -22,8 +24,8 @@ class RecordingError(GazempcError):
         self.where = where
         self.problem = problem
         self.expected = expected
-        place = f"{source}: {where}" if where else f"{source}"
-        super().__init__(f"{place}: {problem}. Expected: {expected}.")
+        place = f"{source}: {_cut(where, _PLACE_SHOWN)}" if where else f"{source}"
+        super().__init__(f"{place}: {_cut(problem, _PROBLEM_SHOWN)}. Expected: {expected}.")
 
 
 class LeftOutError(GazempcError):
@@ -51,6 +53,28 @@ class MissingOptionalDependencyError(GazempcError):
 
     def __init__(self, feature: str, package: str, extra: str) -> None:
         super().__init__(f"{feature} needs the package {package!r}: pip install {package} (extra {extra!r} of gazempc)")
+
+
+def shown(value: object, limit: int = 40) -> str:
+    """Quote a piece of a file in a message, cut to a length that fits on a line.
+
+    Args:
+        value: What stands in the file.
+        limit: Characters to show at most.
+
+    Returns:
+        The quoted text.
+    """
+    if isinstance(value, str):
+        return repr(_cut(value, limit))
+    try:
+        return _cut(repr(value), limit)
+    except ValueError:  # Python does not write whole numbers of thousands of digits
+        return "a number of thousands of digits"
+
+
+def _cut(text: str, limit: int) -> str:
+    return text if len(text) <= limit else text[:limit] + "..."
 
 
 def suggest(name: str, accepted: Iterable[str]) -> str:

@@ -18,6 +18,7 @@ from pydantic import BaseModel, Field
 
 from gazempc.command import run_command
 from gazempc.errors import SettingsError
+from gazempc.files.whole import whole
 from gazempc.results.log import Log, load_log
 from gazempc.results.tables import Columns, log_tables
 
@@ -84,7 +85,7 @@ def export(log: Log, to: Literal["csv", "parquet", "mcap"], stem: Path) -> list[
 def _write_csv(columns: Columns, path: Path) -> None:
     # Numbers as Python writes them, so that they are read back to the last bit; an empty cell for NaN.
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
         writer.writerows(
@@ -98,7 +99,8 @@ def _write_parquet(columns: Columns, path: Path) -> None:
         import pyarrow.parquet as pq  # noqa: PLC0415
     except ImportError:
         raise SettingsError('parquet needs pyarrow: pip install "gazempc[parquet]"') from None
-    pq.write_table(pa.table(dict(columns)), path)
+    with whole(path) as part:
+        pq.write_table(pa.table(dict(columns)), part)
 
 
 if __name__ == "__main__":

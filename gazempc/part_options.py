@@ -6,10 +6,10 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, get_type_hints
 
-import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from gazempc.errors import SettingsError, suggest
+from gazempc.errors import SettingsError, shown, suggest
+from gazempc.files.documents import parse_yaml
 from gazempc.parts import Kind, check_methods, find, is_own, said
 
 
@@ -146,7 +146,7 @@ def take_options(words: Iterable[str], not_own: Iterable[str] = ()) -> tuple[lis
 
 def _checked(kind: Kind, choice: str, parameter: inspect.Parameter, value: Any) -> Any:
     if parameter.annotation is inspect.Parameter.empty:
-        return yaml.safe_load(value) if isinstance(value, str) else value
+        return parse_yaml(value, f"options.{parameter.name}") if isinstance(value, str) else value
     try:
         config = ConfigDict(arbitrary_types_allowed=True)
         try:
@@ -159,7 +159,8 @@ def _checked(kind: Kind, choice: str, parameter: inspect.Parameter, value: Any) 
         except ValidationError:
             if not isinstance(value, str):
                 raise
-            return adapter.validate_python(yaml.safe_load(value))
-    except (ValidationError, yaml.YAMLError) as error:
+            return adapter.validate_python(parse_yaml(value, f"options.{parameter.name}"))
+    except (ValidationError, SettingsError) as error:
         problem = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "not valid YAML"
-        raise SettingsError(f"{kind.name} {choice}: options.{parameter.name}: {problem} (given: {value!r})") from None
+        given = shown(value, 100)
+        raise SettingsError(f"{kind.name} {choice}: options.{parameter.name}: {problem} (given: {given})") from None

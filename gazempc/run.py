@@ -12,7 +12,9 @@ import yaml
 from pydantic import Field, ValidationError
 
 from gazempc.command import command_line, run_command
-from gazempc.errors import GazempcError, LimitViolationError, SettingsError
+from gazempc.errors import GazempcError, LimitViolationError, SettingsError, shown
+from gazempc.files.documents import parse_yaml, read_settings
+from gazempc.files.whole import begin_folder, naming, write_whole
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR
 from gazempc.progress import Progress
@@ -56,7 +58,9 @@ class RunSettings(ReplaySettings):
         description="How many seeds of the noise to replay, from --seed on; without it 8, or as many as fit into ten "
         "seconds. Logs and figures are of the first",
     )
-    out: Path | None = Field(default=None, description="Where to write; without it out/<recording>")
+    out: Path | None = Field(
+        default=None, description="Where to write, in place of an earlier run; without it out/<recording>"
+    )
     figures: bool = Field(default=True, description="Draw figures and the animation")
     config: Path | None = Field(default=None, description="YAML file with any of these settings; the command line wins")
 
@@ -130,18 +134,11 @@ def load_settings(path: Path) -> RunSettings:
         SettingsError: If the file cannot be read, or with every unknown key (and what it perhaps meant) and every wrong
             value in it.
     """
-    try:
-        data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise SettingsError(f"{path}: not a text file") from None
-    except yaml.YAMLError as error:
-        raise SettingsError(f"{path}: not valid YAML: {error}") from None
+    data = parse_yaml(read_settings(path), str(path))
     if data is None:
         data = {}
     if not isinstance(data, dict):
-        raise SettingsError(f"{path}: expected a mapping of settings such as 'neck: slow', got {data!r}")
+        raise SettingsError(f"{path}: expected a mapping of settings such as 'neck: slow', got {shown(data)}")
     try:
         return RunSettings.model_validate(data)
     except ValidationError as error:
@@ -173,9 +170,9 @@ def _run(settings: RunSettings, command: str) -> None:
     out = settings.out or Path("out") / scene.name
     resolved = settings.model_copy(update={"placement": scene.placement, "sensor": scene.sensor.name, "out": out})
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        begin_folder(out)
     except OSError as error:
-        raise GazempcError(f"--out {out}: cannot make this folder: {error.strerror}") from None
+        raise GazempcError(f"--out {out}: cannot write to this folder: {error.strerror}") from None
 
     done = replay_repeatedly(scene, resolved, settings.controllers, settings.noise_seeds, progress)
     repeats = done.repeats
@@ -187,7 +184,7 @@ def _run(settings: RunSettings, command: str) -> None:
         if settings.log == "mcap":
             write_mcap(log, out / f"{name}.mcap", done.plans[name])
     shown = resolved.model_dump(mode="json") | {"noise_seeds": len(seeds)}
-    (out / "settings.yaml").write_text(yaml.safe_dump(shown, sort_keys=False), encoding="utf-8")
+    write_whole(out / "settings.yaml", yaml.safe_dump(shown, sort_keys=False))
     survived = {name: faults(log) for name, log in logs.items()}
     noise = {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults}
     against = truth_of(walk.kind)
@@ -240,7 +237,11 @@ def _measure(path: Path, settings: RunSettings, command: str) -> None:
 
     log = load_log(path)
     out = settings.out or Path("out") / path.stem
-    out.mkdir(parents=True, exist_ok=True)
+    if path.resolve().parent == out.resolve():
+        # Beside the log stands the rest of its run.
+        out.mkdir(parents=True, exist_ok=True)
+    else:
+        begin_folder(out)
     repeats = measured_again(log)
     about = {"recording": log.run.recording, "kind": log.run.kind, "log": str(path), "settings": log.run.settings}
     write_summary(out / "summary.json", about, list(repeats.rows))
@@ -320,7 +321,8 @@ def _draw(logs: dict[str, Log], out: Path) -> list[str]:
         "gaze.gif": animate,
     }
     for name, draw in figures.items():
-        draw(logs, out / name)
+        with naming(out / name):
+            draw(logs, out / name)
     return list(figures)
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from gazempc.errors import SettingsError, suggest
+from gazempc.errors import SettingsError, shown, suggest
+from gazempc.files.bounds import is_there
+from gazempc.files.documents import parse_toml, read_settings
 
 # A field may state, in `json_schema_extra`, what to write where nobody knows better.
 RULE_OF_THUMB = "rule_of_thumb"
+# More errors than this in one file are no misspelling.
+_ERRORS_SHOWN = 20
+_FIELD_SHOWN = 100
 
 Spec = TypeVar("Spec", bound=BaseModel)
 
@@ -49,16 +53,12 @@ def load_spec(model: type[Spec], folder: str, name_or_path: str | Path) -> Spec:
         text = files("gazempc").joinpath(folder, f"{name_or_path}.toml").read_text(encoding="utf-8")
         return parse_spec(model, text, f"{folder}/{name_or_path}.toml")
     path = Path(name_or_path)
-    if not path.is_file():
+    if not is_there(path):
         raise SettingsError(
-            f"no {Path(folder).name.removesuffix('s')} file {str(name_or_path)!r}: give the path of a .toml file or a "
-            f"shipped name; {suggest(str(name_or_path), shipped)}"
+            f"no {Path(folder).name.removesuffix('s')} file {shown(str(name_or_path), 200)}: give the path of a .toml "
+            f"file or a shipped name; {suggest(str(name_or_path), shipped)}"
         )
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
-    return parse_spec(model, text, str(path))
+    return parse_spec(model, read_settings(path), str(path))
 
 
 def parse_spec(model: type[Spec], text: str, source: str) -> Spec:
@@ -75,10 +75,7 @@ def parse_spec(model: type[Spec], text: str, source: str) -> Spec:
     Raises:
         SettingsError: If the text is not TOML or does not describe a valid specification.
     """
-    try:
-        data: dict[str, Any] = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SettingsError(f"{source}: not valid TOML: {error}") from None
+    data = parse_toml(text, source)
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -97,8 +94,9 @@ def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
         One line an error: source, field, problem, what was given.
     """
     lines = []
-    for item in error.errors():
-        field = ".".join(str(part) for part in item["loc"]) or "(whole file)"
+    found = error.errors()
+    for item in found[:_ERRORS_SHOWN]:
+        field = ".".join(str(part)[:_FIELD_SHOWN] for part in item["loc"]) or "(whole file)"
         message = item["msg"].removeprefix("Value error, ")
         if item["type"] == "extra_forbidden":
             siblings = _fields_at(model, item["loc"][:-1])
@@ -107,8 +105,10 @@ def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
             rule = _rule_at(model, item["loc"])
             message += f"; rule of thumb: {rule}" if rule else ""
         elif item["type"] != "value_error":
-            message += f" (given: {item['input']!r})"
+            message += f" (given: {shown(item['input'], _FIELD_SHOWN)})"
         lines.append(f"{source}: {field}: {message}")
+    if len(found) > _ERRORS_SHOWN:
+        lines.append(f"{source}: and {len(found) - _ERRORS_SHOWN} errors more")
     return "\n".join(lines)
 
 

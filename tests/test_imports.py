@@ -18,6 +18,7 @@ PACKAGES = ("predictors", "gazempc", "experiments")
 # its neighbours. Who reads results needs neither robots nor a loop, so these stand behind them.
 GAZEMPC = (
     ("errors", "types", "progress"),
+    ("files",),
     ("specfiles", "parts", "command"),
     ("recordings", "neck", "ros2", "part_options", "settings"),
     ("results",),

@@ -5,19 +5,22 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import sys
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments.engine.job import Row
-from gazempc.errors import GazempcError
+from gazempc.errors import GazempcError, shown
+from gazempc.files.bounds import MEGABYTE, read_limited
+from gazempc.files.npz import read_npz
+from gazempc.files.whole import write_whole
 
 # Name of the plain part of a result with arrays.
 _PLAIN = "row"
+_MOST_BYTES = 500 * MEGABYTE
+_REASON_SHOWN = 200
 
 
 class Cache:
@@ -70,14 +73,14 @@ class Cache:
         """
         arrays = {name: value for name, value in row.items() if isinstance(value, np.ndarray)}
         plain = {name: value for name, value in row.items() if name not in arrays}
-        text = _sealed(key, plain)
+        text = _sealed(key, plain, arrays)
         if not arrays:
             write_whole(self.folder / f"{key}.json", text)
-            return _opened(text, key)
+            return _opened(text, key, arrays)
         file = io.BytesIO()
         np.savez(file, allow_pickle=False, **{_PLAIN: np.array(text)}, **arrays)
         write_whole(self.folder / f"{key}.npz", file.getvalue())
-        return _opened(text, key) | arrays
+        return _opened(text, key, arrays)
 
 
 def result_file(folder: Path, key: str) -> Path | None:
@@ -98,39 +101,31 @@ def read_result(path: Path) -> Row:
         GazempcError: If the file is damaged, or is not that of the job by whose key it is named.
     """
     try:
+        data = read_limited(path, _MOST_BYTES)
         if path.suffix == ".json":
-            return _opened(path.read_text(encoding="utf-8"), path.stem)
-        with np.load(
-            io.BytesIO(path.read_bytes()), allow_pickle=False
-        ) as data:  # each array has a check sum, which reading compares
-            return _opened(str(data[_PLAIN]), path.stem) | {name: data[name] for name in data.files if name != _PLAIN}
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
-        raise GazempcError(f"{path}: a damaged result ({type(error).__name__}: {error})") from None
+            return _opened(data.decode("utf-8"), path.stem, {})
+        arrays = read_npz(data)
+        return _opened(str(arrays.pop(_PLAIN)), path.stem, arrays)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        problem = shown(str(error), _REASON_SHOWN)
+        raise GazempcError(f"{path}: a damaged result ({type(error).__name__}: {problem})") from None
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file whole or not at all, also if the process is killed.
-
-    Args:
-        path: File to write.
-        content: Text or bytes.
-    """
-    part = path.with_suffix(f".{os.getpid()}.part")
-    try:
-        part.write_bytes(content.encode() if isinstance(content, str) else content)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+def _sealed(key: str, plain: Row, arrays: Row) -> str:
+    """Text of the plain part, with a check sum of all: archives have sums of their own, but not of names and kinds."""
+    return json.dumps({"key": key, "sha256": _sum(plain, arrays), "row": plain})
 
 
-def _sealed(key: str, plain: Row) -> str:
-    text = json.dumps(plain)
-    return json.dumps({"key": key, "sha256": hashlib.sha256(text.encode()).hexdigest(), "row": plain})
-
-
-def _opened(text: str, key: str) -> Row:
+def _opened(text: str, key: str, arrays: Row) -> Row:
     content: dict[str, Any] = json.loads(text)
     row: Row = content["row"]
-    if content["key"] != key or content["sha256"] != hashlib.sha256(json.dumps(row).encode()).hexdigest():
+    if content["key"] != key or content["sha256"] != _sum(row, arrays):
         raise ValueError("its content is not what was written")
-    return row
+    return row | arrays
+
+
+def _sum(plain: Row, arrays: Row) -> str:
+    digest = hashlib.sha256(json.dumps(plain).encode())
+    for name, array in arrays.items():
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

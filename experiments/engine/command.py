@@ -102,7 +102,8 @@ def run_command(name: str, work: Callable[[], int]) -> int:
         work: Does it, and gives the exit status.
 
     Returns:
-        What `work` gives; 2 on bad input or a file system that refuses; 130 after Ctrl-C, 143 after SIGTERM.
+        What `work` gives; 2 on bad input or a file system that refuses; 3 on a fault of the program; 130 after Ctrl-C,
+        143 after SIGTERM.
     """
     try:
         with ending_on_signals():
@@ -111,6 +112,19 @@ def run_command(name: str, work: Callable[[], int]) -> int:
         what = "".join(f": {note}" for note in getattr(stop, "__notes__", ()))
         print(f"{name}: interrupted{what}; run the same command again to go on", file=sys.stderr)
         return 128 + stop.signum
+
+
+def exit_status(left_limits: bool, failed: bool) -> int:
+    """Exit status of a command whose jobs are done.
+
+    Args:
+        left_limits: Whether a limit was left in any of them.
+        failed: Whether any of them failed.
+
+    Returns:
+        1 if a limit was left, else 4 if any failed, else 0.
+    """
+    return command.VIOLATION if left_limits else command.INCOMPLETE if failed else 0
 
 
 def throughput(simulated_s: float, wall_s: float, settings: WorkSettings) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gazempc.errors import GazempcError, suggest
+from gazempc.errors import GazempcError, shown, suggest
 from gazempc.recordings.load import is_recording_folder
 from gazempc.recordings.synthetic.walks import synthetic_names
 
@@ -30,6 +30,12 @@ def find_recordings(words: Sequence[str]) -> list[str]:
     problems = []
     for word in words:
         path = Path(word)
+        try:
+            path.exists()
+        except (OSError, ValueError) as error:  # such as a name longer than the system allows, or with a zero in it
+            why = error.strerror if isinstance(error, OSError) else error
+            problems.append(f"{shown(word, 80)}: not a recording; {why}")
+            continue
         if word == "synthetic":
             found += synthetic_names()
         elif path.is_dir() and not is_recording_folder(path):

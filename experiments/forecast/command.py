@@ -14,7 +14,15 @@ import tyro
 from pydantic import Field
 
 from experiments.clips import figure_name, sensors_of
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, command_of, parse, run_command
+from experiments.engine.command import (
+    NOT_SAVED,
+    WorkSettings,
+    check,
+    command_of,
+    exit_status,
+    parse,
+    run_command,
+)
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.own_parts import check_parts, name_parts, options_of
@@ -26,6 +34,7 @@ from experiments.forecast.page import forecast_page
 from experiments.forecast.report import FAILED, LEFT_OUT, report
 from experiments.forecast.summary import ClipResult, summarise
 from gazempc.errors import GazempcError
+from gazempc.files.whole import write_whole
 from gazempc.loop.build import Person, make_predictor, walker_model
 from gazempc.parts import PREDICTOR, name_of
 from gazempc.recordings.load import load
@@ -82,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, 1 if a forecast failed, 2 on bad input, 130 if interrupted.
+        Exit status: 0, 4 if a forecast failed, 2 on bad input, 130 if interrupted.
     """
     return run_command(
         "forecast",
@@ -134,15 +143,15 @@ def _run(settings: ForecastSettings, command: str) -> int:
         "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED}),
         "versions": versions(),
     }
-    (settings.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_whole(settings.out / "summary.json", json.dumps(summary, indent=2) + "\n")
     text = report(summary)
-    (settings.out / "summary.md").write_text(text, encoding="utf-8")
+    write_whole(settings.out / "summary.md", text)
     pictures = _draw(settings, rows, data_kinds)
     write_page(forecast_page(summary, found.results, pictures, command), settings.out)
     print(text)
     drawn = " and figures" if rows else ""
     print(f"Written to {settings.out}/: report.html, summary.json, summary.md{drawn}")
-    return 1 if found.failed else 0
+    return exit_status(False, bool(found.failed))
 
 
 def _forecast(settings: ForecastSettings) -> Forecasts:

@@ -9,10 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from experiments.colours import COLOURS
 from experiments.forecast.jobs import Seen
 from experiments.forecast.placing import observations_of
-from gazempc.results.figures.style import readable
+from gazempc.results.figures.style import COLOURS, readable
 from predictors import Predictor
 
 _EVERY = 6  # frames between drawn forecasts

@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.clips import groups_of
-from experiments.colours import COLOURS
-from gazempc.results.figures.style import readable
+from gazempc.results.figures.style import COLOURS, readable
 
 _STYLES = ("-", "--", ":", "-.")
 _CUE_LABELS = {"none": "no orientation", "head": "head", "pelvis": "pelvis", "both": "head and pelvis"}

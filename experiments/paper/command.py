@@ -11,8 +11,7 @@ from typing import Any
 
 from pydantic import Field
 
-from experiments.engine.cache import write_whole
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command
+from experiments.engine.command import NOT_SAVED, WorkSettings, check, exit_status, parse, run_command
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.recordings import find_recordings, in_place
@@ -22,6 +21,7 @@ from experiments.paper.frames import RULES, FrameJob, labelled
 from experiments.paper.report import report, side_by_side
 from experiments.paper.validation import check_optuna
 from gazempc.errors import GazempcError
+from gazempc.files.whole import write_whole
 from gazempc.results.report import versions
 from gazempc.sim.scene import make_scene
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, 1 if a recording could not be read, 2 on bad input, 130 if interrupted.
+        Exit status: 0, 4 if a recording could not be read, 2 on bad input, 130 if interrupted.
     """
     return run_command("paper", lambda: _run(parse(PaperSettings, "paper", __doc__, arguments)))
 
@@ -73,7 +73,7 @@ def validate(**settings: Any) -> dict[str, Row]:
 def _run(settings: PaperSettings) -> int:
     summaries = _validate(settings)
     print(f"Written to {settings.out}/")
-    return 1 if any(s["failed"] for s in summaries.values()) else 0
+    return exit_status(False, any(s["failed"] for s in summaries.values()))
 
 
 def _validate(settings: PaperSettings) -> dict[str, Row]:

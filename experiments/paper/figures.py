@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.colours import COLOURS
 from experiments.paper.published import PUBLISHED
-from gazempc.results.figures.style import readable
+from gazempc.results.figures.style import COLOURS, readable
 
 _BASELINE, _PROPOSED = COLOURS[0], COLOURS[1]
 _RULE_LABELS = {

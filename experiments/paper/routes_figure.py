@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Rectangle, Wedge
 
 from experiments.clips import GROUP_ORDER
-from experiments.colours import COLOURS
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.room import PAPER_ROOM, ROUTE_LANDMARKS, Room, way
+from gazempc.results.figures.style import COLOURS
 from gazempc.types import FloatArray
 
 _ROUTES = {"straight": "R12 straight", "turn": "R34 turn", "sharp": "R56 sharp"}

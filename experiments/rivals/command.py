@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import tyro
 from pydantic import Field
 
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, command_of, parse, run_command
+from experiments.engine.command import NOT_SAVED, WorkSettings, check, command_of, exit_status, parse, run_command
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.recordings import find_recordings, in_place
@@ -28,6 +28,7 @@ from experiments.rivals.report import tables
 from experiments.rivals.trials import TRIALS, TURNS
 from experiments.rivals.wrong_model import LABELS, WITH_MODEL, WITHOUT_MODEL, by_error, wrong_jobs
 from gazempc.errors import SettingsError, suggest
+from gazempc.files.whole import write_whole
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.results.page.write import write_page
@@ -72,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, 1 if a run failed, 2 on bad input, 130 if interrupted.
+        Exit status: 0, 4 if a run failed, 2 on bad input, 130 if interrupted.
     """
     return run_command(
         "rivals", lambda: _run(parse(RivalsSettings, "rivals", __doc__, arguments), command_of("rivals", arguments))
@@ -130,14 +131,14 @@ def _run(settings: RivalsSettings, command: str) -> int:
     told = {"settings": saved, "versions": versions(), "rows": shown.rows}
     path = settings.rows or settings.out / "rows.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(told, indent=2) + "\n")
     write_page(rivals_page(shown, saved, failed, left_out, command), settings.out)
     for run in failed:
         print(f"failed: {run['rival']}, {run['trial']}, {run['recording']}, {run['neck']}: {run['failed']}")
     if left_out:
         print(f"{left_out} runs left out: the walk is too near, or too short.")
     print(f"Written to {settings.out}/ (report.html, tables and pictures) and {path}")
-    return 1 if failed else 0
+    return exit_status(False, bool(failed))
 
 
 def _report(settings: RivalsSettings, runs: Sequence[Row]) -> RivalsPage:
@@ -149,7 +150,7 @@ def _report(settings: RivalsSettings, runs: Sequence[Row]) -> RivalsPage:
             drawn.append(settings.out / f"contact_{sensor}.png")
             draw_contact(of_sensor, ALL_WALKS, drawn[-1])
     text = tables(rows)
-    (settings.out / "tables.md").write_text(text + "\n", encoding="utf-8")
+    write_whole(settings.out / "tables.md", text + "\n")
     print(text)
     return shown_gazes(rows, best, drawn)
 

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Ellipse, FancyArrowPatch
 
-from experiments.colours import COLOURS
 from experiments.sensor_example.seen import SHARE, Instant, SeenWalk
+from gazempc.results.figures.style import COLOURS
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.types import FloatArray
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 from pydantic import Field
 
-from experiments.engine.command import WorkSettings, command_of, parse, run_command, throughput
+from experiments.engine.command import WorkSettings, command_of, exit_status, parse, run_command, throughput
 from experiments.engine.job import Row
 from experiments.engine.replays import all_faults, fault_lines
 from experiments.sweep.figures import draw_all, recorded_or_synthetic
@@ -20,6 +20,7 @@ from experiments.sweep.page import sweep_page
 from experiments.sweep.plan import SweepPlan, load_plan, shipped_studies
 from experiments.sweep.run import run_sweep
 from experiments.sweep.tables import pareto_front, point_table, text_table, write_table
+from gazempc.files.whole import write_whole
 from gazempc.results.page.write import write_page
 from gazempc.results.report import versions
 from gazempc.settings import WalkerSettings
@@ -48,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, 1 if runs failed or left the limits, 2 on bad input, 130 if interrupted.
+        Exit status: 0, 1 if runs left the limits, 4 if runs failed, 2 on bad input, 130 if interrupted.
     """
     return run_command(
         "sweep", lambda: sweep(parse(SweepSettings, "sweep", __doc__, arguments), command_of("sweep", arguments))
@@ -78,7 +79,7 @@ def sweep(settings: SweepSettings, command: str = "") -> int:
     write_table(out / "results.csv", rows)
     write_table(out / "table.csv", table)
     summary = _summary(plan, rows, table)
-    (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_whole(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     pictures = draw_all(plan, rows, table, out) if settings.figures and table else []
     command = command or f"experiments.sweep.command.sweep({settings!r})"
     write_page(sweep_page(plan, summary, rows, table, pictures, command), out)
@@ -86,7 +87,7 @@ def sweep(settings: SweepSettings, command: str = "") -> int:
     print(throughput(simulated_s, wall_s, settings), end="")
     written = ["report.html", "results.csv", "table.csv", "summary.json", *(path.name for path in pictures)]
     print(f"Written to {out}/: {', '.join(written)}")
-    return 1 if summary["failed"] or any(row["limit_violations"] for row in rows) else 0
+    return exit_status(any(row["limit_violations"] for row in rows), bool(summary["failed"]))
 
 
 def _summary(plan: SweepPlan, rows: list[Row], table: list[Row]) -> dict[str, Any]:

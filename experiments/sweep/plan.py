@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -9,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from pydantic import ValidationError
 
 from experiments.engine.own_parts import check_parts
@@ -19,12 +19,16 @@ from experiments.sweep.relations import check_relations
 from experiments.sweep.spec import Case, SweepSpec, lines_of
 from experiments.sweep.variants import resolve
 from experiments.sweep.walks import Walk, read_walks
-from gazempc.errors import SettingsError, suggest
+from gazempc.errors import SettingsError, shown, suggest
+from gazempc.files.bounds import is_there
+from gazempc.files.documents import parse_yaml, read_settings
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.settings import DEFAULT_PREDICTOR
 
 # An optuna design has no points yet; so many random ones stand for them in the check.
 _PROBES = 64
+# As many as `n` may be in a random design.
+_MOST_POINTS = 100_000
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,9 @@ def load_plan(
     if spec is not None and not problems:
         spec = spec.model_copy(update={"recordings": tuple(words)})
         for case in spec.all_cases():
+            if case.design == "grid" and (count := math.prod(map(len, case.vary.values()))) > _MOST_POINTS:
+                problems.append(f"case {case.name}: a grid of {count} points; accepted are {_MOST_POINTS} at most")
+                continue
             points[case.name] = [] if case.design == "optuna" else design_points(case, spec.seed)
             problems += _unresolvable(case, points[case.name] or _probes(case, spec.seed))
     if problems or spec is None:
@@ -93,7 +100,7 @@ def load_plan(
 
 def _find(name_or_path: str | Path) -> Path:
     path, shipped = Path(name_or_path), shipped_studies()
-    if path.is_file():
+    if is_there(path):
         return path
     if str(name_or_path) in shipped:
         return shipped[str(name_or_path)]
@@ -101,16 +108,9 @@ def _find(name_or_path: str | Path) -> Path:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError:
-        raise SettingsError(f"{path}: not a text file") from None
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from None
-    except yaml.YAMLError as error:
-        raise SettingsError(f"{path}: not valid YAML: {error}") from None
+    data = parse_yaml(read_settings(path), str(path))
     if not isinstance(data, dict):
-        raise SettingsError(f"{path}: expected a mapping with name, base and vary, got {data!r}")
+        raise SettingsError(f"{path}: expected a mapping with name, base and vary, got {shown(data)}")
     return data
 
 

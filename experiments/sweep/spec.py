@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from experiments.sweep.names import accepted, check_name, check_settings, check_value, is_number, setting_fields
-from gazempc.errors import suggest
+from gazempc.errors import shown, suggest
 from gazempc.results.compute import ComputeMetrics
 from gazempc.results.metrics import Metrics
 
@@ -64,7 +64,7 @@ def _check_vary(vary: dict[str, Any]) -> dict[str, Any]:
             else:
                 problems += [f"{name}: {problem}" for problem in _range_problems(name, checked[name])]
         else:
-            problems.append(f"{name}: expected a list of values or {{low, high}} (given: {entry!r})")
+            problems.append(f"{name}: expected a list of values or {{low, high}} (given: {shown(entry)})")
     if problems:
         raise ValueError("\n".join(problems))
     return checked
@@ -207,7 +207,7 @@ def lines_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
         elif item["type"] == "missing":
             lines.append(f"{place}: missing")
         else:
-            lines.append(f"{place}: {item['msg']} (given: {item['input']!r})")
+            lines.append(f"{place}: {item['msg']} (given: {shown(item['input'], 100)})")
     return lines
 
 

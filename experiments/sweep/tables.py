@@ -17,6 +17,7 @@ from experiments.sweep.designs import Point
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Case, Objective
 from experiments.sweep.walks import Walk
+from gazempc.files.whole import whole
 from gazempc.results.page.content import PageTable
 
 
@@ -131,7 +132,7 @@ def objective_means(rows: Sequence[Row], objectives: Sequence[Objective]) -> lis
 
 def write_table(path: Path, rows: Sequence[Row]) -> None:
     """Write rows as CSV; all have the keys of the first. Faults have a place in `summary.json` only."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         columns = [name for name in rows[0] if name != "faults"] if rows else []
         writer = csv.DictWriter(file, columns, extrasaction="ignore")
         writer.writeheader()

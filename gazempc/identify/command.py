@@ -29,6 +29,7 @@ from pydantic import Field
 
 from gazempc.command import run_command
 from gazempc.errors import GazempcError, RobotError, SettingsError
+from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import ExcitationSettings, excite, moving_joints
 from gazempc.identify.new_neck import DataSheet, new_neck
 from gazempc.identify.record import IdentificationError, NeckRecord, load_record, read, record
@@ -189,7 +190,7 @@ def _run(settings: IdentifySettings) -> None:
         files = f"\nTo look at: {', '.join(map(str, written))}" if written else ""
         raise IdentificationError("no neck file written, the data cannot tell:\n" + "\n".join(refusals) + files)
     text = neck_toml(neck, estimates, settings.out.stem, origin, datetime.date.today())
-    settings.out.write_text(text, encoding="utf-8")
+    write_whole(settings.out, text)
     print(f"\nWritten: {', '.join(map(str, [settings.out, *written]))}")
     print(f"Use it: python -m gazempc.run --replay subject03_R4 --neck {settings.out}")
 

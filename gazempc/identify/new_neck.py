@@ -14,6 +14,7 @@ from typing import TypeVar
 from pydantic import Field
 
 from gazempc.errors import SettingsError
+from gazempc.files.whole import write_whole
 from gazempc.neck import rules
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.settings import Settings
@@ -75,7 +76,7 @@ def new_neck(path: Path, sheet: DataSheet) -> NeckSpec:
     axes = {name: _axis(name, sheet) for name in AXES}
     text = neck_file(path.stem, axes, sheet.head_view_deg, datetime.date.today())
     neck = parse_spec(NeckSpec, text, str(path))
-    path.write_text(text, encoding="utf-8")
+    write_whole(path, text)
     return neck
 
 

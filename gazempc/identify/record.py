@@ -6,7 +6,6 @@ import contextlib
 import json
 import signal
 import threading
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,12 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import GazempcError, RobotError, SettingsError
+from gazempc.errors import GazempcError, RobotError, SettingsError, shown
+from gazempc.files.npz import read_npz
+from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import Excitation, brake
 from gazempc.live.clock import Clock
 from gazempc.neck.spec import NeckSpec
 from gazempc.parts import said
 from gazempc.results.log import load_log
+from gazempc.results.mcap_read import is_mcap
 from gazempc.robots.robot import Robot
 from gazempc.robots.start import wrong_reading
 from gazempc.types import FloatArray, JointState
@@ -29,6 +31,8 @@ _ROBOT_ERRORS = (RobotError, OSError)
 _SILENCE_S = 0.5
 # Held up for longer, going on at the old speed would be a jolt.
 _STALL_S = 0.15
+# Larger numbers than any second since 1970 are damage.
+_LARGEST = 1e12
 
 
 class IdentificationError(GazempcError):
@@ -73,7 +77,7 @@ class NeckRecord:
             path: File to write, ending in ``.npz``.
         """
         arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
-        np.savez_compressed(path, **arrays)
+        write_whole(path, lambda file: np.savez_compressed(file, **arrays))
 
 
 def read(robot: Robot, neck: NeckSpec) -> JointState | None:
@@ -225,15 +229,14 @@ def load_record(path: Path | str) -> NeckRecord:
         SettingsError: If the file is missing or neither of them.
     """
     try:
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
-            values: dict[str, Any] = {name: data[name] for name in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise SettingsError(f"{path}: not a log that can be read: {error}") from None
+        values = {} if is_mcap(Path(path)) else read_npz(Path(path))
+    except (OSError, ValueError) as error:
+        reason = error.strerror or error if isinstance(error, OSError) else error
+        raise SettingsError(f"{path}: not a log that can be read: {reason}") from None
     wanted = [f.name for f in fields(NeckRecord)]
     if all(name in values for name in wanted):
-        values |= {"about": str(values["about"]), "failed_reads": int(values["failed_reads"])}
-        return NeckRecord(**{name: values[name] for name in wanted})
-    if "command_position_rad" not in values:
+        return _record(path, {name: values[name] for name in wanted})
+    if values and "command_position_rad" not in values:
         raise SettingsError(
             f"{path}: neither a record of gazempc.identify (it lacks "
             f"{', '.join(name for name in wanted if name not in values)}) nor a log of gazempc.run"
@@ -248,3 +251,27 @@ def load_record(path: Path | str) -> NeckRecord:
         joint_time_s=log.time_s[measured],
         joint_rad=log.joint_position_rad[measured],
     )
+
+
+def _record(path: Path | str, values: dict[str, Any]) -> NeckRecord:
+    """A record of a file's arrays.
+
+    Raises:
+        SettingsError: If they do not go together, or the description of the neck cannot be read.
+    """
+    try:
+        found = NeckRecord(**values | {"about": str(values["about"]), "failed_reads": int(values["failed_reads"])})
+        joints = found.neck().joints
+    except (ValueError, TypeError, KeyError, RecursionError) as error:  # pydantic's errors are ValueErrors
+        raise SettingsError(f"{path}: the description of the record cannot be read: {shown(str(error), 200)}") from None
+    for side in ("command", "joint"):
+        times_s, angles_rad = values[f"{side}_time_s"], values[f"{side}_rad"]
+        kinds = {times_s.dtype.kind, angles_rad.dtype.kind}
+        if times_s.ndim != 1 or angles_rad.shape != (times_s.size, joints) or kinds != {"f"}:
+            raise SettingsError(
+                f"{path}: {side}_time_s and {side}_rad have the shapes {times_s.shape} and {angles_rad.shape}; "
+                f"accepted: (N,) and (N, {joints}), floating-point numbers"
+            )
+        if not (np.abs(angles_rad) < _LARGEST).all() or not (np.abs(times_s) < _LARGEST).all():
+            raise SettingsError(f"{path}: {side}_time_s or {side}_rad has values that are not finite, or absurd")
+    return found

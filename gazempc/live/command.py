@@ -5,12 +5,14 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import tyro
 
 from gazempc.command import command_line, run_command
 from gazempc.errors import LimitViolationError
+from gazempc.files.whole import begin_folder
 from gazempc.live.aside import said_aside
 from gazempc.live.process import fast_switching, stopped_by_signals, without_collection
 from gazempc.live.settings import LiveSettings, check
@@ -83,7 +85,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     from gazempc.live.summary import Kept, last_line, text  # noqa: PLC0415
     from gazempc.live.view.start import start_viewers  # noqa: PLC0415
 
-    settings.out.mkdir(parents=True, exist_ok=True)
+    begin_folder(settings.out)
     built = build(settings)
     if stop.is_set():
         built.parts.planner.close()
@@ -110,8 +112,14 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     try:
         with fast_switching(), without_collection(), status, said_aside():
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
-    finally:
+    except BaseException:
+        # Whatever ended the run is told, and not that the summary of it cannot be written either.
+        with suppress(OSError):
+            kept.write(run)
+        raise
+    else:
         summary = kept.write(run)
+    finally:
         if viewers is not None:
             viewers.feed.close()
     print(text(summary))

@@ -68,7 +68,7 @@ class LiveSettings(MountedSettings, StageSettings):
         default=False, description="Run as fast as the computer can: source replay and a simulated robot only"
     )
     log_s: float = Field(default=300.0, ge=1, description="A log is written each time so many seconds have passed")
-    out: Path = Field(default=Path("out/live"), description="Where to write")
+    out: Path = Field(default=Path("out/live"), description="Where to write, in place of an earlier run")
     log: Literal["npz", "mcap"] | None = Field(
         default=None,
         description="Format of the logs; mcap: beside .npz, while it runs, for Foxglove and other viewers. "

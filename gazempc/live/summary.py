@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import LeftOutError
+from gazempc.files.whole import write_whole
 from gazempc.live.lateness import Lateness
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
@@ -122,7 +123,7 @@ class Kept:
             "versions": versions(),
         }
         text = json.dumps(summary, indent=2) + "\n"
-        (self._settings.out / "summary.json").write_text(text, encoding="utf-8")
+        write_whole(self._settings.out / "summary.json", text)
         return summary
 
     def draw(self) -> list[str]:

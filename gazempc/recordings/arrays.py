@@ -15,6 +15,7 @@ from gazempc.recordings.readers.checks import (
     check_times_increase,
     check_unit_quaternions,
 )
+from gazempc.recordings.readers.plausible import check_plausible
 from gazempc.recordings.readers.position_checks import check_head_travel
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.types import FloatArray
@@ -56,6 +57,7 @@ def recording_from_arrays(
     check_frame_interval(Path(name), times)
     head_m = _array(name, "head_position_m", head_position_m, (times.size, 3))
     check_head_travel(Path(name), times, head_m)
+    check_plausible(Path(name), times, head_m, in_base_frame)
     pelvis_m = np.full_like(head_m, np.nan)
     if pelvis_position_m is not None:
         pelvis_m = _array(name, "pelvis_position_m", pelvis_position_m, (times.size, 3))

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from gazempc.errors import RecordingError, suggest
+from gazempc.files.bounds import check_file, check_folder, memory_for
 from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
 from gazempc.recordings.readers.bag_recording import read_bag
 from gazempc.recordings.readers.bvh import read_bvh
 from gazempc.recordings.readers.kinect import read_kinect
 from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.plausible import check_plausible
 from gazempc.recordings.readers.table import TABLES, read_table
 from gazempc.recordings.readers.tables.openpose import is_openpose_folder
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.walks import generate, synthetic_names
+
+Reader = Callable[[Path, ReadOptions], Recording]
 
 
 def is_recording_folder(path: Path) -> bool:
@@ -50,13 +55,22 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     if name in names:
         return generate(name)
     try:
-        is_directory, exists, is_file = path.is_dir(), path.exists(), path.is_file()
-    except OSError as error:  # such as a name longer than the system allows
-        raise RecordingError(name, "", f"cannot be opened: {error.strerror}", accepted) from None
+        name.encode()
+    except UnicodeEncodeError:
+        raise RecordingError(ascii(name), "", "the name is not text in UTF-8", "a file with another name") from None
+    try:
+        is_directory, exists = path.is_dir(), path.exists()
+    except (OSError, ValueError) as error:  # such as a name longer than the system allows, or with a zero in it
+        raise RecordingError(name, "", f"cannot be opened: {error}", accepted) from None
     if is_directory and not is_recording_folder(path):
         raise RecordingError(name, "", "this is a directory, and neither a ROS 2 bag nor OpenPose's", accepted)
     if is_directory:
-        return read_table(path, given) if is_openpose_folder(path) else read_bag(path, given)
+        try:
+            size_bytes = check_folder(path)
+        except OSError as error:
+            place = Path(error.filename or path).name
+            raise RecordingError(path, place, f"cannot be read: {error.strerror}", "a folder of files") from None
+        return _read(read_table if is_openpose_folder(path) else read_bag, path, given, size_bytes)
     if not exists:
         looks_like_file = path.suffix.lower() in readers or len(path.parts) > 1
         expected = accepted if looks_like_file else f"{accepted}, or a synthetic name: {suggest(name, names)}"
@@ -64,6 +78,21 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise RecordingError(name, "", f"unknown kind of file {path.suffix!r}", accepted)
-    if not is_file:
-        raise RecordingError(name, "", "this is not a regular file", accepted)
-    return reader(path, given)
+    try:
+        size_bytes = check_file(path)
+    except OSError as error:
+        raise RecordingError(name, "", f"cannot be read: {error.strerror}", accepted) from None
+    return _read(reader, path, given, size_bytes)
+
+
+def _read(reader: Reader, path: Path, options: ReadOptions, size_bytes: int) -> Recording:
+    """Read a recording within bounds, and refuse one that cannot be of a walk."""
+    try:
+        with memory_for(size_bytes):
+            recording = reader(path, options)
+    except OSError as error:
+        raise RecordingError(path, "", f"cannot be read: {error.strerror or error}", "a sound file") from None
+    seen = recording.truth.valid
+    heads_m = recording.truth.head_position_m[seen]
+    check_plausible(path, recording.times_s[seen], heads_m, recording.has_robot)
+    return recording

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -11,13 +10,17 @@ from typing import Any, BinaryIO
 import numpy as np
 from pydantic import ValidationError
 
-from gazempc.errors import SettingsError
+from gazempc.errors import SettingsError, shown
+from gazempc.files.npz import read_npz
+from gazempc.files.whole import write_whole
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.mcap_read import MAGIC, attached_log
+from gazempc.results.log_shapes import check_shapes
+from gazempc.results.mcap_read import attached_log, is_mcap
 from gazempc.results.run_info import RunInfo
 from gazempc.results.tables import LogFrames, frames_of
 from gazempc.types import FloatArray, IntArray, StringArray
 
+_REASON_SHOWN = 400
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
 
 
@@ -122,7 +125,10 @@ class Log:
         }
         arrays["run"] = np.asarray(self.run.as_json())
         arrays["faults"] = np.asarray(json.dumps([vars(fault) for fault in self.faults]))
-        np.savez_compressed(path, **arrays)
+        if isinstance(path, Path | str):
+            write_whole(Path(path), lambda file: np.savez_compressed(file, **arrays))
+        else:
+            np.savez_compressed(path, **arrays)
 
     def to_pandas(self) -> LogFrames:
         """The log as pandas tables of ticks, observations, forecasts and events.
@@ -160,7 +166,7 @@ class ComputeTimes:
         Args:
             path: File to write, ending in ``.npz``.
         """
-        np.savez_compressed(path, update_ms=self.update_ms, step_ms=self.step_ms, latency_ms=self.latency_ms)
+        write_whole(path, lambda file: np.savez_compressed(file, **vars(self)))
 
 
 def load_log(path: Path | str) -> Log:
@@ -176,13 +182,10 @@ def load_log(path: Path | str) -> Log:
         SettingsError: If the file is missing or not a log.
     """
     try:
-        with Path(path).open("rb") as file:
-            is_mcap = file.read(len(MAGIC)) == MAGIC
-            file.seek(0)
-            with np.load(attached_log(Path(path)) if is_mcap else file, allow_pickle=False) as data:
-                values = {name: data[name] for name in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise SettingsError(f"{path}: not a log that can be read: {error}") from None
+        values = read_npz(attached_log(Path(path)) if is_mcap(Path(path)) else Path(path))
+    except (OSError, ValueError) as error:
+        reason = error.strerror or error if isinstance(error, OSError) else error
+        raise SettingsError(f"{path}: not a log that can be read: {reason}") from None
     wanted = {f.name for f in fields(Log)}
     if missing := sorted(wanted - set(values)):
         older = "; an older version wrote it: replay the recording again" if "about" in values else ""
@@ -190,6 +193,9 @@ def load_log(path: Path | str) -> Log:
     try:
         values["run"] = RunInfo.model_validate(json.loads(str(values["run"])))
         values["faults"] = tuple(Fault(**fault) for fault in json.loads(str(values["faults"])))
-    except (ValidationError, ValueError, TypeError) as error:
-        raise SettingsError(f"{path}: the description of the run cannot be read: {error}") from None
+    except (ValidationError, ValueError, TypeError, RecursionError) as error:
+        raise SettingsError(
+            f"{path}: the description of the run cannot be read: {shown(str(error), _REASON_SHOWN)}"
+        ) from None
+    check_shapes(path, values, values["run"].neck.joints, FORECAST_HORIZONS_S)
     return Log(**{name: values[name] for name in wanted})

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gazempc.errors import SettingsError
+from gazempc.files.whole import whole
 from gazempc.results.log import Log
 from gazempc.results.mcap_read import NEEDS_VIEW
 from gazempc.results.moments import PlanMoment, moments_of
@@ -35,7 +36,7 @@ def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> 
         raise SettingsError(NEEDS_VIEW) from None
     buffer = io.BytesIO()
     log.save(buffer)
-    with McapWriter(log.run, Path(path)) as writer:
+    with whole(Path(path)) as part, McapWriter(log.run, part) as writer:
         channels = Channels(log.run, writer.context)
         for moment in moments_of(log, plans):
             channels.write(moment)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import BinaryIO
 
-from gazempc.errors import SettingsError
+from gazempc.errors import SettingsError, shown
+from gazempc.files.bounds import check_file, memory_for
 
 # The first bytes of every MCAP file.
 MAGIC = b"\x89MCAP0\r\n"
@@ -26,6 +26,7 @@ def has_log(path: Path) -> bool:
         True if an attachment of a log's name is in it; False, too, if there is no such file.
     """
     try:
+        check_file(path)
         with path.open("rb") as file:
             size = file.seek(0, io.SEEK_END)
             file.seek(max(0, size - _SUMMARY_BYTES))
@@ -34,12 +35,29 @@ def has_log(path: Path) -> bool:
         return False
 
 
+def is_mcap(path: Path) -> bool:
+    """Whether a file begins as MCAP files do.
+
+    Args:
+        path: The file.
+
+    Returns:
+        True if it does.
+
+    Raises:
+        OSError: If it cannot be read, or is no regular file.
+    """
+    check_file(path)
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
 def nanoseconds(time_s: float) -> int:
     """A time as MCAP files have it: whole nanoseconds, none before zero."""
     return max(0, round(1e9 * time_s))
 
 
-def attached_log(path: Path) -> BinaryIO:
+def attached_log(path: Path) -> bytes:
     """The log in an MCAP file, as it was saved.
 
     Args:
@@ -52,15 +70,14 @@ def attached_log(path: Path) -> BinaryIO:
         SettingsError: If a package is missing, the file cannot be read, or no log is in it.
     """
     try:
-        from mcap.exceptions import McapError  # noqa: PLC0415  (optional)
-        from mcap.reader import make_reader  # noqa: PLC0415
+        from mcap.reader import make_reader  # noqa: PLC0415  (optional)
     except ImportError:
         raise SettingsError(NEEDS_VIEW) from None
     try:
-        with path.open("rb") as file:
+        with memory_for(check_file(path)), path.open("rb") as file:
             found = [each.data for each in make_reader(file).iter_attachments() if each.name == ATTACHMENT]
-    except (McapError, ValueError, OSError) as error:
-        raise SettingsError(f"{path}: not an MCAP file that can be read: {error}") from None
+    except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
+        raise SettingsError(f"{path}: not an MCAP file that can be read: {shown(str(error), 200)}") from None
     if not found:
         raise SettingsError(f"{path}: no log of gazempc is in this MCAP file")
-    return io.BytesIO(found[0])
+    return bytes(found[0])

@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from gazempc.files.whole import write_whole
 from gazempc.results.compute import ComputeMetrics
 from gazempc.results.log import Log
 from gazempc.results.metrics import Metrics, gap_closed
@@ -107,7 +108,7 @@ def write_summary(path: Path, about: dict[str, Any], rows: list[Row]) -> None:
         rows: The figures; NaN becomes null, as JSON has no NaN.
     """
     content = {**about, "versions": versions(), "rows": [row.as_dict() for row in rows]}
-    path.write_text(json.dumps(_without_nan(content), indent=2) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(_without_nan(content), indent=2) + "\n")
 
 
 def _without_nan(value: Any) -> Any:

@@ -124,7 +124,7 @@ def test_a_gaze_that_starts_aside_is_compared_by_contact_and_overshoot(tmp_path)
 def test_a_bad_recording_is_a_row_and_not_a_crash(tmp_path):
     (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
     words = ["--recordings", str(tmp_path / "bad.csv"), "subject01_R1", "--controllers", "reactive", "lookahead"]
-    assert main([*words, "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 1
+    assert main([*words, "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 4
     failed = [r for r in rows_of(tmp_path / "out") if r["failed"]]
     assert len(failed) == 2
     assert "bad.csv" in failed[0]["failed"]

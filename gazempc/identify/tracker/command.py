@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from pathlib import Path
 
+from gazempc.files.whole import write_whole
 from gazempc.identify.tracker.measure import measure_tracker
 from gazempc.identify.tracker.read import read_track
 from gazempc.identify.tracker.report import table, warnings
@@ -36,6 +37,6 @@ def identify_tracker(path: Path, person: str | None, out: Path, progress: Progre
     print(f"\n{table(errors)}\n\n± is one standard deviation.")
     for warning in warnings(errors):
         print(f"Warning: {warning}.")
-    out.write_text(sensor_toml(errors, track, out.stem, path.name, datetime.date.today()), encoding="utf-8")
+    write_whole(out, sensor_toml(errors, track, out.stem, path.name, datetime.date.today()))
     print(f"\nWritten: {out}")
     print(f"Use it: python -m gazempc.run --replay subject03_R4 --sensor {out}")

@@ -11,6 +11,7 @@ import numpy as np
 from gazempc.errors import RecordingError, SettingsError, suggest
 from gazempc.identify.tracker.track import HeadTrack, of_bag, of_lines, of_recording
 from gazempc.recordings.readers.bag import read_bag_tracks
+from gazempc.recordings.readers.plausible import check_plausible
 from gazempc.recordings.readers.table import TABLES
 
 _LINES = (".jsonl", ".ndjson")
@@ -82,6 +83,7 @@ def _check(path: Path, track: HeadTrack) -> None:
             f"{frames} frames in {duration_s:.1f} s",
             f"at least {_MIN_FRAMES} frames in {_MIN_DURATION_S:g} s; better 30 s of a person who stands still",
         )
+    check_plausible(path, track.times_s, track.position_m, at_sensor=True)
     if (np.ptp(track.position_m, axis=0) == 0.0).all():
         raise RecordingError(path, place, "the position never changes", "a tracker that measures")
     if (np.linalg.norm(track.position_m, axis=1) < _LEAST_RANGE_M).any():

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
+import sqlite3
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gazempc.errors import MissingOptionalDependencyError, RecordingError
+from gazempc.errors import MissingOptionalDependencyError, RecordingError, SettingsError, shown
+from gazempc.files.bounds import MEGABYTE, check_file, memory_for, read_limited
+from gazempc.files.documents import check_yaml
 
 TF, TF_STATIC, FACES = "/tf", "/tf_static", "/humans/faces/tracked"
 POSE_TYPES = (
@@ -20,6 +24,7 @@ FILE_ENDINGS = (".mcap", ".db3")
 _TF_TYPE, _IDS_TYPE, _TEXT_TYPE = "tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String"
 _FACE_OF_PERSON = re.compile(r"/humans/persons/([^/]+)/face_id")
 _METADATA = "metadata.yaml"
+_MOST_METADATA_BYTES = 4 * MEGABYTE
 _EXPECTED = f"the folder of a ROS 2 bag ({_METADATA}, and .db3 or .mcap files)"
 # Definitions that no standard type store has.
 _OWN_TYPES = {_IDS_TYPE: "std_msgs/Header header\nstring[] ids"}
@@ -81,7 +86,7 @@ def read_messages(
         path = path.parent
     messages: list[BagMessage] = []
     try:
-        with Reader(path) as reader:
+        with memory_for(_checked(path)), Reader(path) as reader:
             topics = {connection.topic: connection.msgtype for connection in reader.connections}
             wanted = [c for c in reader.connections if _is_wanted(c.topic, c.msgtype)]
             total = max(1, sum(c.msgcount for c in wanted))
@@ -90,9 +95,38 @@ def read_messages(
                 tell(len(messages) / total)
                 content = store.deserialize_cdr(raw, connection.msgtype)
                 messages.append(BagMessage(connection.topic, received_ns, content))
+    except (OSError, SettingsError) as error:
+        said = error.strerror or str(error) if isinstance(error, OSError) else str(error)
+        place = Path(error.filename).name if isinstance(error, OSError) and error.filename else ""
+        raise RecordingError(path, place, f"cannot be read: {said}", _EXPECTED) from None
     except Exception as error:  # a damaged bag makes the library raise errors of many unrelated classes
         raise RecordingError(path, "", f"cannot be read ({_first_line(error)})", _EXPECTED) from None
     return dict(sorted(topics.items())), messages
+
+
+def _checked(path: Path) -> int:
+    """Look at the files of a bag before the library does.
+
+    Returns:
+        Their size, bytes.
+
+    Raises:
+        OSError: If one is no regular file.
+        SettingsError: If the description has aliases.
+        sqlite3.Error: If a database is damaged.
+        ValueError: If a database would compute something.
+    """
+    files = [path] if path.is_file() else [part for part in path.iterdir() if not part.is_dir()]
+    size_bytes = sum(check_file(file) for file in files)
+    for file in files:
+        if file.name == _METADATA:
+            check_yaml(read_limited(file, _MOST_METADATA_BYTES).decode(), str(file))
+        elif file.suffix == ".db3":
+            with closing(sqlite3.connect(f"{file.resolve().as_uri()}?immutable=1", uri=True)) as database:
+                views = database.execute("SELECT name FROM sqlite_master WHERE type IN ('view', 'trigger')").fetchall()
+            if views:
+                raise ValueError(f"{file.name} has a view or trigger, {shown(str(views[0][0]))}, which no bag has")
+    return size_bytes
 
 
 def _is_wanted(topic: str, kind: str) -> bool:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gazempc.errors import RecordingError
-from gazempc.recordings.readers.text import shown
+from gazempc.errors import RecordingError, shown
 
 
 class Lines:

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gazempc.errors import RecordingError
+from gazempc.errors import RecordingError, shown
 from gazempc.recordings.readers.bvh_lines import Lines, parse_number
 from gazempc.recordings.readers.checks import check_finite
-from gazempc.recordings.readers.text import read_text, shown
+from gazempc.recordings.readers.text import read_text
 from gazempc.types import FloatArray
 
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")

@@ -81,8 +81,10 @@ def _parse(path: Path) -> dict[str, Any]:
         place = f"line {error.lineno}, column {error.colno}"
         cut = " (the file may be cut off)" if not text[error.pos :].strip() else ""
         raise RecordingError(path, place, f"not JSON: {error.msg}{cut}", _FORMAT) from None
-    except (ValueError, RecursionError) as error:  # absurdly long numbers, absurdly deep lists
-        raise RecordingError(path, "", f"not JSON: {error}", _FORMAT) from None
+    except ValueError:
+        raise RecordingError(path, "", "not JSON: a whole number of thousands of digits", _FORMAT) from None
+    except RecursionError:
+        raise RecordingError(path, "", "not JSON: nested too deeply", _FORMAT) from None
     if not isinstance(document, dict):
         raise RecordingError(path, "", "the JSON is not an object", f"{_FORMAT}: joint_names, frames")
     return document

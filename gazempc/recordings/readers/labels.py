@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+from gazempc.files.bounds import MOST_TEXT_BYTES, read_limited
 from gazempc.recordings.readers.route_group import route_group
 from gazempc.recordings.recording import Labels
 from gazempc.types import FloatArray
@@ -44,9 +45,9 @@ def _index_row(path: Path) -> dict[str, str]:
     A damaged or unrelated ``index.csv`` must not keep a sound recording from being read, so it is ignored.
     """
     try:
-        text = path.with_name(_INDEX_NAME).read_text(encoding="utf-8-sig", errors="replace")
+        text = read_limited(path.with_name(_INDEX_NAME), MOST_TEXT_BYTES).decode("utf-8-sig", errors="replace")
         rows = list(csv.reader(text.splitlines()))
-    except (OSError, csv.Error):
+    except (OSError, ValueError, csv.Error):
         return {}
     if not rows or not set(rows[0]) >= _INDEX_COLUMNS:
         return {}

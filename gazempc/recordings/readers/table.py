@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from gazempc.errors import RecordingError
+from gazempc.errors import RecordingError, shown
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.tables.guess import Guess, guess
 from gazempc.recordings.readers.tables.long import wide
@@ -30,7 +30,6 @@ from gazempc.recordings.readers.tables.parquet import parquet_table
 from gazempc.recordings.readers.tables.raw_table import RawTable
 from gazempc.recordings.readers.tables.shipped import fitting_mapping
 from gazempc.recordings.readers.tables.text_table import read_text_table
-from gazempc.recordings.readers.text import shown
 from gazempc.recordings.recording import Recording
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gazempc.errors import RecordingError
+from gazempc.files.bounds import MOST_TEXT_BYTES, read_limited
 
 
 def read_text(path: Path, format_name: str) -> str:
@@ -22,7 +23,7 @@ def read_text(path: Path, format_name: str) -> str:
     """
     expected = f"{format_name} as UTF-8 text"
     try:
-        data = path.read_bytes()
+        data = read_limited(path, MOST_TEXT_BYTES)
     except OSError as error:
         raise RecordingError(path, "", f"cannot be read: {error.strerror or error}", "a readable file") from None
     try:
@@ -38,16 +39,3 @@ def read_text(path: Path, format_name: str) -> str:
     if not text.strip():
         raise RecordingError(path, "", "the file is empty", expected)
     return text
-
-
-def shown(text: str, limit: int = 40) -> str:
-    """Quote a piece of a file in a message, cut to a length that fits on a line.
-
-    Args:
-        text: What stands in the file.
-        limit: Characters to show at most.
-
-    Returns:
-        The quoted text.
-    """
-    return repr(text if len(text) <= limit else text[:limit] + "...")

@@ -10,6 +10,7 @@ from pathlib import Path
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from gazempc.files.whole import write_whole
 from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.page.embed import MAX_PAGE_BYTES, embed
 from gazempc.results.report import versions
@@ -51,7 +52,7 @@ def write_page(page: Page, out: Path) -> str:
     room_bytes = MAX_PAGE_BYTES - len(bare.encode()) - 500 * (len(page.pictures) + 1)
     pictures = list(zip(embed(page.pictures, room_bytes), page.pictures.values(), strict=True))
     text = template.render(**values, pictures=pictures)
-    (out / NAME).write_text(_PASSWORD.sub(r"\1***@", text), encoding="utf-8")
+    write_whole(out / NAME, _PASSWORD.sub(r"\1***@", text))
     return NAME
 
 

@@ -216,7 +216,7 @@ def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name
 def test_a_recording_that_cannot_be_read_is_said_and_the_others_are_kept(tmp_path, capsys):
     (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
     words = ["--recordings", str(tmp_path / "bad.csv"), "subject01_R1", "--predictors", "last_position", "--jobs", "1"]
-    assert main([*words, "--out", str(tmp_path / "out")]) == 1
+    assert main([*words, "--out", str(tmp_path / "out")]) == 4
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("- failed")]
     assert "last_position on bad: " in line
     assert "missing column" in line
@@ -230,7 +230,7 @@ def test_a_predictor_that_fails_is_named_with_the_recordings(tmp_path, monkeypat
     fails = "\n\nclass Failing(Steady):\n    def forecast(self, times_s):\n        raise TypeError('no')\n"
     own = own_module(tmp_path, monkeypatch, "failing_parts", more=fails)
     words = ["--recordings", "subject01_R1", "subject01_R4", "--predictors", f"{own}:Failing", "last_position"]
-    assert main([*words, "--jobs", "1", "--out", str(tmp_path / "out")]) == 1
+    assert main([*words, "--jobs", "1", "--out", str(tmp_path / "out")]) == 4
     assert f"- failed {own}:Failing on subject01_R1 and 1 more: predictor steady: " in capsys.readouterr().out
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert {(f["recording"], f["predictor"]) for f in summary["failed"]} == {
@@ -245,7 +245,7 @@ def test_a_predictor_that_fails_is_named_with_the_recordings(tmp_path, monkeypat
 def test_where_everything_fails_the_reasons_are_written_all_the_same(tmp_path, capsys):
     (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
     out = tmp_path / "out"
-    assert main(["--recordings", str(tmp_path / "bad.csv"), "--jobs", "1", "--out", str(out)]) == 1
+    assert main(["--recordings", str(tmp_path / "bad.csv"), "--jobs", "1", "--out", str(out)]) == 4
     assert "missing column" in capsys.readouterr().out
     summary = json.loads((out / "summary.json").read_text())
     assert summary["rows"] == []

@@ -151,7 +151,7 @@ def test_a_broken_recording_is_named_and_the_rest_validated(validated, tmp_path)
     broken = folder / "zed_1.csv"
     broken.write_text("t,head_x\n0,1\n", encoding="utf-8")
     try:
-        assert run(folder, tmp_path) == 1
+        assert run(folder, tmp_path) == 4
     finally:
         broken.unlink()
     summary, whole = (json.loads((o / "summary.json").read_text(encoding="utf-8")) for o in (tmp_path, out))

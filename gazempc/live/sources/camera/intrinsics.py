@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import SettingsError
+from gazempc.files.documents import parse_yaml, read_settings
 from gazempc.live.sources.camera.blazeface import import_opencv
 from gazempc.types import FloatArray
 
@@ -154,15 +155,10 @@ class _Nodes:
 
 def _plain_yaml(path: Path) -> dict[str, Any]:
     """A YAML file that is not OpenCV's own, as ROS writes it; empty if it is OpenCV's."""
-    import yaml  # noqa: PLC0415
-
     if path.suffix not in (".yaml", ".yml"):
         return {}
-    try:
-        text = path.read_text(encoding="utf-8")
-        if text.startswith("%YAML:1.0") or "!!opencv-matrix" in text:
-            return {}
-        values = yaml.safe_load(text)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise SettingsError(f"--camera.calibration {path}: cannot be read ({' '.join(str(error).split())})") from None
+    text = read_settings(path)
+    if text.startswith("%YAML:1.0") or "!!opencv-matrix" in text:
+        return {}
+    values = parse_yaml(text, f"--camera.calibration {path}")
     return values if isinstance(values, dict) else {}

@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from gazempc.errors import RecordingError, suggest
+from gazempc.errors import RecordingError, shown, suggest
 from gazempc.recordings.readers.tables.raw_table import RawTable, split_unit
-from gazempc.recordings.readers.text import shown
 
 # What stands between a group's name and the letter of a column.
 _JOINTS = ("", ".", "_", " ", "/", "-", ":", "__")

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from gazempc.errors import RecordingError, SettingsError
+from gazempc.files.documents import read_settings
+from gazempc.files.whole import write_whole
 from gazempc.recordings.readers.tables.raw_table import Layout
-from gazempc.specfiles import explain
+from gazempc.specfiles import explain, parse_spec
 
 SAVED_ENDING = ".columns.toml"
 SAVED_FOR_ALL = "columns.toml"
@@ -134,14 +135,7 @@ def read_mapping(path: Path) -> ColumnMapping:
     Raises:
         SettingsError: If there is no such file, or it does not hold a mapping.
     """
-    try:
-        return ColumnMapping.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingsError(f"{path}: not valid TOML: {error}") from None
-    except ValidationError as error:
-        raise SettingsError(explain(error, str(path), ColumnMapping)) from None
+    return parse_spec(ColumnMapping, read_settings(path), str(path))
 
 
 def saved_places(path: Path) -> tuple[Path, Path]:
@@ -164,7 +158,7 @@ def save_mapping(path: Path, mapping: ColumnMapping) -> Path:
     """
     saved = saved_places(path)[0]
     try:
-        saved.write_text(f"# Columns of {path.name}\n{mapping.as_toml()}", encoding="utf-8")
+        write_whole(saved, f"# Columns of {path.name}\n{mapping.as_toml()}")
     except OSError as error:
         raise RecordingError(saved, "", f"cannot be written: {error.strerror}", "a writable folder") from None
     return saved

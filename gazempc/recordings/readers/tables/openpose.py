@@ -20,6 +20,8 @@ _NAMES = (
 )  # fmt: skip
 _BODY_25 = 25
 _FRAME = re.compile(r"(\d+)_keypoints$")
+# Ids of people are counted; no place sees more.
+_MOST_PEOPLE = 1e9
 # Nose and hips are so far apart in either unit; see HEAD_TO_PELVIS_RANGE_M.
 _METRES_BELOW = 10.0
 _ACCEPTED = "files of OpenPose --3d --write_json with pose_keypoints_3d of BODY_25: 25 times x, y, z, score"
@@ -76,7 +78,7 @@ def openpose_table(path: Path) -> RawTable:
 def _people(file: Path) -> list[dict[str, object]]:
     try:
         people = json.loads(read_text(file, "a JSON file"))["people"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise RecordingError(file, "", "no JSON with a list 'people'", _ACCEPTED) from None
     if not isinstance(people, list) or not all(isinstance(person, dict) for person in people):
         raise RecordingError(file, "people", "not a list of people", _ACCEPTED)
@@ -87,13 +89,13 @@ def _id(person: dict[str, object], index: int) -> float:
     """OpenPose's id where it tracks people, else the place in the list."""
     given = person.get("person_id")
     number = given[0] if isinstance(given, list) and given else -1
-    return float(number) if isinstance(number, int | float) and number >= 0 else float(index)
+    return float(number) if isinstance(number, int | float) and 0 <= number < _MOST_PEOPLE else float(index)
 
 
 def _key_points(file: Path, points: object) -> list[float]:
     try:
         values = np.array(points, dtype=np.float64).reshape(_BODY_25, 4)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise RecordingError(file, "pose_keypoints_3d", "not 100 numbers", _ACCEPTED) from None
     values[values[:, 3] <= 0.0] = np.nan
     return [float(value) for value in values[: len(_NAMES), :3].ravel()]

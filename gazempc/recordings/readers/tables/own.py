@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from gazempc.errors import RecordingError
+from gazempc.errors import RecordingError, shown
 from gazempc.recordings.readers.tables.mapping import ColumnMapping
 from gazempc.recordings.readers.tables.people import person_column
 from gazempc.recordings.readers.tables.raw_table import RawTable
-from gazempc.recordings.readers.text import shown
 
 NEEDED = ("t", "head_x", "head_y", "head_z")
 # Each of these is there with all of its columns, or not at all.

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gazempc.errors import MissingOptionalDependencyError, RecordingError
 from gazempc.recordings.readers.tables.own import COLUMNS
 from gazempc.recordings.readers.tables.raw_table import RawTable
+
+# An hour of 50 columns at 60 Hz.
+_MOST_CELLS = 10_000_000
+# Names and dates are shorter.
+_LONGEST_TEXT = 200
 
 
 def parquet_table(path: Path) -> RawTable:
@@ -30,7 +36,19 @@ def parquet_table(path: Path) -> RawTable:
     except ImportError:
         raise MissingOptionalDependencyError("Reading Parquet files", "pyarrow", "parquet") from None
     try:
-        table = pq.ParquetFile(path).read()
+        file = pq.ParquetFile(path)
+        arrow = file.schema_arrow
+        # What is nested in columns may be a thousand times as long as the table, and is no number.
+        names = [field.name for field in arrow if not pa.types.is_nested(field.type)]
+        if len(set(names)) < len(names):
+            raise ValueError("a column stands there twice")
+        cells = file.metadata.num_rows * len(names)
+        if cells > _MOST_CELLS:
+            raise ValueError(f"it says that it has {cells} cells; accepted are {_MOST_CELLS} at most")
+        kinds = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary)
+        # As numbers of distinct values: else one long text, repeated, takes gigabytes.
+        texts = [field.name for field in arrow if any(is_kind(field.type) for is_kind in kinds)]
+        table = pq.ParquetFile(path, read_dictionary=texts).read(columns=names)
     except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
         raise RecordingError(path, "", _library_text(error), "a Parquet table") from None
     if table.num_rows == 0:
@@ -40,11 +58,21 @@ def parquet_table(path: Path) -> RawTable:
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             columns.append(column.to_numpy().astype(np.float64))
         elif name in COLUMNS:
-            raise RecordingError(path, f"column {name}", f"it holds {column.type}", "floating-point numbers")
+            raise RecordingError(path, f"column {name}", f"it holds {arrow.field(name).type}", "floating-point numbers")
         else:
-            columns.append(["" if value is None else str(value) for value in column.to_pylist()])
+            columns.append(_texts(column))
     places = [f"row {k + 1}" for k in range(table.num_rows)]
     return RawTable(path, "plain", tuple(table.column_names), columns, places)
+
+
+def _texts(column: Any) -> list[str]:
+    """Cells of a column that holds no numbers, as text; equal ones are one text in memory."""
+    cells: list[str] = []
+    for chunk in column.chunks:
+        words = chunk if hasattr(chunk, "dictionary") else chunk.dictionary_encode()
+        texts = ["" if value is None else str(value)[:_LONGEST_TEXT] for value in words.dictionary.to_pylist()]
+        cells += ["" if index is None else texts[index] for index in words.indices.to_pylist()]
+    return cells
 
 
 def _library_text(error: Exception) -> str:

@@ -10,8 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from gazempc.errors import RecordingError
-from gazempc.recordings.readers.text import shown
+from gazempc.errors import RecordingError, shown
 from gazempc.types import FloatArray
 
 Layout = Literal["plain", "no header", "motive", "vicon", "mvnx", "openpose"]

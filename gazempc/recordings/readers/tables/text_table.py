@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from gazempc.errors import RecordingError
+from gazempc.files.bounds import MOST_TEXT_BYTES, read_limited
 from gazempc.recordings.readers.tables.mocap_headers import motive_table, vicon_table
 from gazempc.recordings.readers.tables.raw_table import UNIT_WORDS, RawTable, has_decimal_comma, is_number
 from gazempc.recordings.readers.text import read_text
@@ -51,7 +52,7 @@ def read_text_table(path: Path) -> RawTable:
 def _text(path: Path) -> str:
     """The file's text: UTF-8, UTF-16 by its mark, or Windows' letters where they stand in the first line only."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
-        data = path.read_bytes()
+        data = read_limited(path, MOST_TEXT_BYTES)
         if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return data.decode("utf-16")
         header, newline, rest = data.partition(b"\n")

@@ -7,9 +7,8 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from gazempc.errors import RecordingError
+from gazempc.errors import RecordingError, shown
 from gazempc.recordings.readers.tables.columns import Columns, split_options
-from gazempc.recordings.readers.text import shown
 from gazempc.types import FloatArray
 
 TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}

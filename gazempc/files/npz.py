@@ -1,0 +1,71 @@
+"""Files of numpy arrays (``.npz``) that anybody may have made: nothing in them is executed, or larger than it says."""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+from pathlib import Path
+from typing import Any
+
+from numpy.lib import format as npy
+
+from gazempc.errors import shown
+from gazempc.files.bounds import MEGABYTE, memory_for, read_limited
+
+# A log of an hour has a tenth of it.
+_MOST_BYTES = 500 * MEGABYTE
+_MOST_ARRAYS = 200
+_KINDS = "biufU"
+
+
+def read_npz(file: Path | bytes) -> dict[str, Any]:
+    """Read all arrays of a file.
+
+    Args:
+        file: Its path, or its bytes.
+
+    Returns:
+        Each array by its name.
+
+    Raises:
+        OSError: If it cannot be read, or its content is far larger than the file.
+        ValueError: If it is no such file, is damaged or encrypted, or holds anything but numbers and text.
+    """
+    data = file if isinstance(file, bytes) else read_limited(file, _MOST_BYTES)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive, memory_for(len(data)):
+            members = archive.infolist()
+            if len(members) > _MOST_ARRAYS:
+                raise ValueError(f"{len(members)} arrays; accepted are {_MOST_ARRAYS} at most")
+            for member in members:
+                _check(archive, member)
+            return {member.filename.removesuffix(".npy"): _array(archive, member) for member in members}
+    except (OSError, ValueError):
+        raise
+    except Exception as error:  # a damaged archive makes the libraries raise errors of many unrelated classes
+        raise ValueError(f"a damaged archive ({type(error).__name__}: {shown(str(error), 100)})") from None
+
+
+def _check(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
+    """Refuse an array that is not what its header says, before it is unpacked.
+
+    Raises:
+        ValueError: Names the array.
+    """
+    if member.flag_bits & 1:
+        raise ValueError(f"{shown(member.filename, 80)} is encrypted")
+    with archive.open(member) as file:
+        version = npy.read_magic(file)
+        read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, _, kind = read_header(file)
+        header_bytes = file.tell()
+    if kind.kind not in _KINDS or kind.hasobject:
+        raise ValueError(f"{shown(member.filename, 80)} holds {kind!s:.80}; accepted: numbers and text")
+    if header_bytes + math.prod(shape) * kind.itemsize != member.file_size:
+        raise ValueError(f"{shown(member.filename, 80)} has {member.file_size} bytes, which is not what its shape says")
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Any:
+    with archive.open(member) as file:
+        return npy.read_array(file, allow_pickle=False)

@@ -1,0 +1,91 @@
+"""Files that are written whole or not at all, and the folder that a run writes to."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+# What a run writes, by its name. A controller's log has its computing times beside it.
+_OURS = re.compile(
+    r"(summary\.json|settings\.yaml|report\.html|(overview|birds_eye|angles|gaze_error)\.png|gaze\.gif|"
+    r"(log|compute)_\d{3,}\.(npz|mcap))(\.\d+\.part)?"
+)
+_TIMES = "_compute.npz"
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A file to write in here, which takes the place of another one only once it is complete.
+
+    Args:
+        path: Where it is to stand at the end. A link there is replaced, not followed.
+
+    Yields:
+        Where to write it.
+
+    Raises:
+        OSError: If it cannot be written; names the file.
+    """
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        with naming(path):
+            part.unlink(missing_ok=True)
+            yield part
+            part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: str | bytes | Callable[[IO[bytes]], object]) -> None:
+    """Write a file whole or not at all, also if the process is killed or the disk is full.
+
+    Args:
+        path: File to write.
+        content: Text, bytes, or what writes to an open file.
+
+    Raises:
+        OSError: If it cannot be written; names the file.
+    """
+    with whole(path) as part, part.open("xb") as file:
+        if callable(content):
+            content(file)
+        else:
+            file.write(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Say in errors of the file system what was to be written: a write that fails does not know its file.
+
+    Args:
+        path: What is written in here.
+
+    Raises:
+        OSError: With the path.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror or error}", str(path)) from None
+
+
+def begin_folder(out: Path) -> None:
+    """Make the folder that a run writes to, and take away what an earlier run wrote there: results are not mixed.
+
+    Args:
+        out: The folder. Files of other names stay; folders are not looked into.
+
+    Raises:
+        OSError: If it cannot be made, or an old file cannot be removed.
+    """
+    with naming(out):
+        out.mkdir(parents=True, exist_ok=True)
+    logs = {path.name.removesuffix(_TIMES) for path in out.glob(f"*{_TIMES}")}
+    old = {f"{log}{ending}" for log in logs for ending in (".npz", ".mcap", _TIMES)}
+    for path in out.iterdir():
+        if (path.name in old or _OURS.fullmatch(path.name)) and not path.is_dir():
+            path.unlink()

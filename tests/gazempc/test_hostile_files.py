@@ -1,0 +1,271 @@
+"""Files made to hang or to fill the memory: each is refused by name, at once, and nothing in them is done."""
+
+import io
+import json
+import os
+import resource
+import sqlite3
+import stat
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from builders import bags, exports
+
+from experiments.engine.cache import read_result
+from experiments.engine.recordings import find_recordings
+from experiments.sweep.plan import load_plan
+from gazempc.errors import GazempcError
+from gazempc.files.bounds import memory_for
+from gazempc.identify.record import load_record
+from gazempc.identify.tracker.read import read_track
+from gazempc.neck.spec import load_neck
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.tables.mapping import read_mapping
+from gazempc.results.log import load_log
+from gazempc.run import load_settings
+
+MOST_S, MOST_MB, MOST_CHARACTERS = 2.0, 500, 5000
+READERS = {
+    "walk.csv": load, "walk.tsv": load, "walk.txt": load, "walk.parquet": load, "walk.mvnx": load, "walk.json": load,
+    "walk.bvh": load, "walk.mcap": load, "walk.db3": load, "log.npz": load_log, "log.mcap": load_log,
+    "record.npz": load_record, "neck.toml": load_neck, "columns.toml": read_mapping, "run.yaml": load_settings,
+    "sweep.yaml": load_plan, "result.json": read_result,
+    "walk.jsonl": lambda path: read_track(path, None, lambda share: None),
+}  # fmt: skip
+
+
+def refused(read, path):
+    """What is said of a file that is refused at once and with little memory."""
+    before_mb, started_s = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, time.process_time()
+    with pytest.raises(GazempcError) as caught:
+        read(path)
+    assert time.process_time() - started_s < MOST_S
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before_mb < MOST_MB
+    said = str(caught.value)
+    assert str(path) in said
+    assert len(said) < MOST_CHARACTERS
+    return said
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_pipes_and_devices_are_not_waited_for(name, tmp_path):
+    pipe, device = tmp_path / name, tmp_path / "linked" / name
+    os.mkfifo(pipe)
+    assert "a pipe" in refused(READERS[name], pipe)
+    device.parent.mkdir()
+    device.symlink_to("/dev/zero")
+    assert "a device" in refused(READERS[name], device)
+
+
+@pytest.mark.parametrize("name", [name for name in READERS if not name.endswith((".mcap", ".db3", ".parquet"))])
+def test_files_of_gigabytes_are_not_read(name, tmp_path):
+    path = tmp_path / name
+    with path.open("wb") as file:
+        file.truncate(20 * 2**30)  # takes no room
+    assert "too large" in refused(READERS[name], path)
+
+
+@pytest.mark.parametrize("inside", ["index.csv", "walk.csv.columns.toml"])
+def test_what_stands_beside_a_table_may_be_a_pipe(inside, tmp_path):
+    table = tmp_path / "walk.csv"
+    rows = (f"{t},{t},0,1.6" for t in np.arange(60) / 30.0)
+    table.write_text("t,head_x,head_y,head_z\n" + "\n".join(rows) + "\n")
+    os.mkfifo(tmp_path / inside)
+    assert load(table).labels.subject == "walk"
+
+
+def test_a_folder_with_a_pipe_in_it_is_no_recording(tmp_path):
+    folder = exports.openpose(tmp_path / "walk")
+    os.mkfifo(folder / "walk_000000000900_keypoints.json")
+    assert "a pipe" in refused(load, folder)
+    bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
+    os.mkfifo(bag / "more.db3")
+    assert "a pipe" in refused(load, bag)
+
+
+ALIASES = "a: &a [x, x, x, x, x, x, x, x]\n"
+for before, after in zip("abcdefgh", "bcdefghi", strict=True):
+    ALIASES += f"{after}: &{after} [{', '.join([f'*{before}'] * 8)}]\n"
+
+
+@pytest.mark.parametrize("read", [load_settings, load_plan])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (ALIASES, "aliases"),
+        ("seed: " + "9" * 5000, "digits"),
+        ("seed: 0x" + "f" * 5000, "digits"),
+        ("seed: " + "[" * 20000, "nested"),
+        ("seed: !!python/object/apply:os.system ['touch harmed']", "could not determine a constructor"),
+        ('replay: "\\ud800"', "YAML"),
+        ("x" * 300_000 + ": 1", "too large"),
+    ],
+)
+def test_yaml_is_bounded_and_never_executed(read, text, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "run.yaml"
+    path.write_text(text)
+    assert said in refused(read, path)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.yaml"]
+
+
+def test_aliases_in_the_description_of_a_bag_are_refused(tmp_path):
+    bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
+    (bag / "metadata.yaml").write_text(ALIASES)
+    assert "aliases" in refused(load, bag)
+
+
+def test_a_database_that_computes_is_no_bag(tmp_path):
+    bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
+    file = next(bag.glob("*.db3"))
+    with sqlite3.connect(file) as database:
+        database.execute("ALTER TABLE messages RENAME TO sound")
+        forever = "WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n)"
+        database.execute(
+            f"CREATE VIEW messages AS {forever} SELECT id, 1 AS topic_id, 0 AS timestamp, 'x' AS data FROM n"
+        )
+    assert "view" in refused(load, bag)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("name = " + "9" * 5000, "digits"),
+        ("name = 0x" + "f" * 5000, "digits"),
+        ("name = " + "[" * 20000, "nested"),
+        ("x" * 3000 + " = 1", "unknown field"),
+        ("".join(f"x{k} = 1\n" for k in range(5000)), "errors more"),
+    ],
+)
+def test_toml_is_bounded(text, said, tmp_path):
+    path = tmp_path / "neck.toml"
+    path.write_text(text)
+    assert said in refused(load_neck, path)
+
+
+@pytest.mark.parametrize("text", ["[" * 200_000, '{"joint_names": ' + "9" * 5000 + "}", '{"a":' * 100_000])
+def test_json_is_bounded(text, tmp_path):
+    path = tmp_path / "walk.json"
+    path.write_text(text)
+    assert "not JSON" in refused(load, path)
+
+
+def test_entities_in_xml_are_not_resolved(tmp_path):
+    path = tmp_path / "walk.mvnx"
+    secret = tmp_path / "secret.txt"
+    secret.write_text("secret")
+    path.write_text(f'<!DOCTYPE x [<!ENTITY e SYSTEM "file://{secret}">]><mvnx>&e;</mvnx>')
+    assert "secret" not in refused(load, path).replace(str(secret), "")
+
+
+def npz(members):
+    """An archive of members with a header of their own; see the format of numpy's files."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, (shape, kind, data) in members.items():
+            header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+            archive.writestr(
+                f"{name}.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + data
+            )
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("member", "said"),
+    [
+        (((10**12,), "<f8", b""), "not what its shape says"),
+        (((2**40, 2**40), "<f8", b""), "not what its shape says"),
+        (((1,), "|O", b"\x80\x04."), "accepted: numbers and text"),
+        (((3,), "<f8", bytes(8)), "not what its shape says"),
+    ],
+)
+def test_arrays_are_what_they_say(member, said, tmp_path):
+    path = tmp_path / "log.npz"
+    path.write_bytes(npz({"time_s": member}))
+    assert said in refused(load_log, path)
+    assert said in refused(load_record, path)
+
+
+def test_an_encrypted_archive_is_said(tmp_path):
+    path = tmp_path / "log.npz"
+    data = bytearray(npz({"time_s": ((1,), "<f8", bytes(8))}))
+    data[6] |= 1
+    data[data.index(b"PK\x01\x02") + 8] |= 1
+    path.write_bytes(data)
+    assert "encrypted" in refused(load_log, path)
+
+
+@pytest.mark.slow
+def test_half_a_packed_gigabyte_is_not_unpacked(tmp_path):
+    path, size = tmp_path / "log.npz", 2**29
+    path.write_bytes(npz({"time_s": ((size // 8,), "<f8", bytes(size))}))
+    assert path.stat().st_size < 2**21
+    assert "far more memory" in refused(load_log, path)
+
+
+def test_a_text_that_a_table_repeats_stands_once_in_memory(tmp_path):
+    rows = 5000
+    note = pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, dtype=np.int32)), ["x" * 2**20])
+    path = tmp_path / "walk.parquet"
+    columns = {"t": np.arange(rows) / 30.0, "head_x": np.zeros(rows), "head_y": np.zeros(rows)}
+    pq.write_table(pa.table({**columns, "note": note}), path)
+    assert "head_z" in refused(load, path)
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path):
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/walk_\xff.csv"))
+    path.write_text("t\n1\n")
+    with pytest.raises(GazempcError, match="not text"):
+        load(path)
+
+
+@pytest.mark.parametrize("word", ["x" * 5000, "a\0b", "subject01_R\0"])
+def test_absurd_names_are_refused(word):
+    for read in (load, load_log, load_neck, lambda name: find_recordings([name])):
+        with pytest.raises(GazempcError) as caught:
+            read(word)
+        assert len(str(caught.value)) < 7000
+
+
+def head_track(times_s, head_m):
+    rows = np.column_stack([times_s, head_m])
+    return "t,head_x,head_y,head_z\n" + "\n".join(",".join(f"{v:.6f}" for v in row) for row in rows) + "\n"
+
+
+TIMES_S = np.arange(90) / 30.0
+WALK_M = np.column_stack([1.1 * TIMES_S, 0.0 * TIMES_S, 1.6 + 0.0 * TIMES_S])
+
+
+@pytest.mark.parametrize(
+    ("times_s", "head_m", "said"),
+    [
+        (np.append(TIMES_S[:-1], 1e6), WALK_M, "a gap of 1e+06 s"),
+        (np.arange(7400) / 2.0, np.tile(WALK_M[:1], (7400, 1)), "lasts 1.028 h"),
+        (TIMES_S, np.vstack([WALK_M[:-1], [[5000.0, 0.0, 1.6]]]), "is 4998 m from the middle"),
+    ],
+)
+def test_what_cannot_be_a_walk_is_refused_with_the_reason(times_s, head_m, said, tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text(head_track(times_s, head_m))
+    assert said in refused(load, path)
+
+
+def test_memory_is_bounded_and_given_back():
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    with pytest.raises(OSError, match="far more memory"), memory_for(1000):
+        bytearray(2**31)
+    assert resource.getrlimit(resource.RLIMIT_AS) == before
+    with memory_for(2**30):
+        assert len(bytearray(2**29)) == 2**29
+
+
+def test_a_long_text_in_a_file_is_cut_in_the_message(tmp_path):
+    path = tmp_path / "run.yaml"
+    path.write_text(json.dumps({"neck": ["x" * 100_000], "seed": "y" * 100_000}))
+    assert "..." in refused(load_settings, path)
+    assert stat.S_ISREG(path.stat().st_mode)

@@ -1,0 +1,54 @@
+"""The lock file: everything that an installation needs, each in one version and known by its hash."""
+
+import re
+import tomllib
+from importlib.metadata import requires
+from pathlib import Path
+
+from packaging.markers import default_environment
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parents[1]
+TEXT = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+
+
+def locked():
+    """Version by name, of what is to be installed on this machine."""
+    found = {}
+    for entry in re.split(r"\n(?=\w)", "\n".join(line for line in TEXT.splitlines() if not line.startswith("#"))):
+        requirement, *hashes = entry.replace("\\\n", " ").split("--hash=")
+        assert hashes, f"{requirement}: no hash"
+        assert all(re.fullmatch(r"sha256:[0-9a-f]{64}", each.strip()) for each in hashes), requirement
+        stated = Requirement(requirement.strip())
+        (version,) = stated.specifier
+        assert version.operator == "==", requirement
+        if stated.marker is None or stated.marker.evaluate():
+            assert canonicalize_name(stated.name) not in found, f"{stated.name} stands there twice"
+            found[canonicalize_name(stated.name)] = version.version
+    return found
+
+
+def test_all_that_is_needed_is_in_it_and_fits():
+    pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    found, waiting, seen = locked(), [Requirement(text) for text in pyproject["project"]["dependencies"]], set()
+    while waiting:
+        wanted = waiting.pop()
+        name = canonicalize_name(wanted.name)
+        assert name in found, f"{name} is not in requirements.lock: make it anew, see its first lines"
+        assert wanted.specifier.contains(found[name]), f"{wanted}, but requirements.lock has {found[name]}"
+        key = (name, frozenset(wanted.extras))
+        if key in seen:
+            continue
+        seen.add(key)
+        # What other packages need may change with their versions; those installed here say it nearly.
+        for text in requires(name) or ():
+            inner = Requirement(text)
+            environments = [default_environment() | {"extra": extra} for extra in ("", *wanted.extras)]
+            if inner.marker is None or any(inner.marker.evaluate(environment) for environment in environments):
+                waiting.append(Requirement(inner.name))
+
+
+def test_it_names_no_host():
+    assert "://" not in TEXT
+    assert not re.search(r"^--|@", TEXT, flags=re.MULTILINE)
