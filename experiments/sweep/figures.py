@@ -19,6 +19,8 @@ from gazempc.results.figures.style import COLOURS, readable, series_look, styles
 from gazempc.results.report import LABELS as CONTROLLER_LABELS
 
 _DPI = 150
+# What makes a gaze: two lines that differ in one of these and not in their controller have one colour.
+_OF_A_GAZE = ("case", "controller", "predictor", "neck")
 
 
 def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Path) -> list[Path]:
@@ -70,7 +72,8 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
         numeric = is_numeric(ticks)
         # Cases are different questions: a line never averages over them.
         cases = distinct(rows, "case")
-        series = [(c, b) for c in cases for b in distinct([r for r in rows if r["case"] == c], by)]
+        of_case = {c: [r for r in rows if r["case"] == c and r[x] is not None] for c in cases}
+        series = [(c, b) for c in cases for b in distinct(of_case[c], by)]
         for i, (case, one) in enumerate(series):
             label = said(one) if by == "case" or len(cases) == 1 else f"{said(case)}, {said(one)}"
             at, means, low, high = [], [], [], []
@@ -84,10 +87,12 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
                 means.append(mean)
                 low.append(lower)
                 high.append(upper)
-            colour, look = colour_of(rows, by, one, i), series_look(i)
+            colour, look = colour_of(rows, by, one, i, case), series_look(i)
             if numeric:
                 ax.plot(at, means, ls=look.line, marker=look.marker, color=colour, markersize=4, label=label)
                 ax.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
+                # Intervals of one colour are told apart by their edges.
+                ax.plot(at, np.column_stack([low, high]), ls=look.line, color=colour, linewidth=0.7)
             else:
                 ends = np.maximum(np.nan_to_num([np.subtract(means, low), np.subtract(high, means)]), 0.0)
                 ax.errorbar(at, means, ends, fmt=look.marker, color=colour, capsize=3, label=label)
@@ -95,7 +100,7 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
             ax.set_xticks(range(len(ticks)), [said(tick) for tick in ticks])
         ax.set(xlabel=x, ylabel=metric)
         ax.grid(alpha=0.3)
-        ax.legend(frameon=False, fontsize="small", title=by)
+        ax.legend(framealpha=0.85, edgecolor="none", fontsize="small", title=by)
         ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
         return figure
 
@@ -148,7 +153,7 @@ def _pareto(table: Sequence[Row], x: str, y: str, by: str) -> Figure:
             ax.plot([r[x] for r in front], [r[y] for r in front], ls=look.line, label=said(one), **point)
         ax.set(xlabel=x, ylabel=y)
         ax.grid(alpha=0.3)
-        ax.legend(frameon=False, fontsize="small", title=f"{by}; lines: Pareto fronts")
+        ax.legend(framealpha=0.85, edgecolor="none", fontsize="small", title=f"{by}; lines: Pareto fronts")
         ax.set_title("means over clips", fontsize="medium")
         return figure
 
@@ -166,18 +171,19 @@ def is_numeric(values: Sequence[Any]) -> bool:
     return bool(values) and all(isinstance(value, (int, float)) for value in values)
 
 
-def colour_of(rows: Sequence[Row], by: str, one: Any, index: int) -> str:
-    """Colour of a line: that of its controller, where there are several in the picture; else one of its own.
+def colour_of(rows: Sequence[Row], by: str, one: Any, index: int, case: str | None = None) -> str:
+    """Colour of a line: that of its gaze, unless other things are compared than gazes; then one of its own.
 
     Args:
         rows: What is drawn.
         by: What tells the lines apart.
         one: Its value for this line.
         index: Number of the line.
+        case: The line's case; None where it is of all.
     """
     every = dict.fromkeys(row["controller"] for row in rows)
-    own = {row["controller"] for row in rows if row[by] == one}
-    if len(own) == 1 and len(every) > 1:
+    own = {row["controller"] for row in rows if row[by] == one and (case is None or row["case"] == case)}
+    if len(own) == 1 and (len(every) > 1 or by in _OF_A_GAZE):
         return styles(every)[next(iter(own))].colour
     return COLOURS[index % len(COLOURS)]
 

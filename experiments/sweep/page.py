@@ -78,7 +78,8 @@ def _responses(plan: SweepPlan, done: Sequence[Row]) -> Iterator[Chart]:
             at = distinct(of_line, x)
             means = [np.mean([row[metric] for row in of_line if row[x] == tick]) for tick in at]
             name = said(one) if by == "case" or len({case for case, _ in series}) == 1 else f"{case}, {said(one)}"
-            curves.append(Curve(name, colour_of(done, by, one, i), np.array(at, float), np.array(means, float)))
+            colour = colour_of(done, by, one, i, case)
+            curves.append(Curve(name, colour, np.array(at, float), np.array(means, float)))
         yield Chart(f"{metric} over {x}", x, metric, tuple(curves))
 
 

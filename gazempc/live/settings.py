@@ -83,7 +83,7 @@ class LiveSettings(MountedSettings, StageSettings):
         description="HOST or HOST:PORT that it is served at; 0.0.0.0 for the whole network. Without a port 8080 for "
         "web, 8765 for foxglove",
     )
-    figures: bool = Field(default=True, description="Draw figures of the last log")
+    figures: bool = Field(default=True, description="Draw angles.png, of the last log")
 
     @property
     def source_kind(self) -> str:

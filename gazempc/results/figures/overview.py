@@ -70,7 +70,9 @@ def overview(logs: Logs, path: Path) -> None:
         beside = draw_birds_eye(axes["walk"], logs, detailed=False)
         axes["walk"].set_title(_walk_title(beside), fontsize="medium")
         heads_alone = draw_gaze_error(axes["error"], logs, detailed=False)
-        said = "; dashed: of the head alone" if heads_alone else f" (within {CONTACT_DEG[0]:g}°); grey: not scored"
+        said = (
+            "; dashed: error of the head alone" if heads_alone else f" (within {CONTACT_DEG[0]:g}°); grey: not scored"
+        )
         axes["error"].set_title(f"green: eye contact{said}", fontsize="medium")
         draw_contact_bars(axes["bars"], logs)
         about = f"{recording_title(logs)}; {setup_title(logs)}"

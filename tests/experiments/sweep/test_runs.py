@@ -103,6 +103,16 @@ def test_where_there_are_several_controllers_a_line_has_the_colour_of_its_own():
     assert found == {row["line"]: style(row["controller"]).colour for row in rows}
 
 
+def test_two_predictors_of_one_gaze_have_its_colour_in_each_case():
+    cases = {"ahead": "lookahead", "late": "reactive"}
+    rows = [{"case": c, "controller": gaze, "predictor": p} for c, gaze in cases.items() for p in ("walker", "other")]
+    for k, row in enumerate(rows):
+        found = colour_of(rows, "predictor", row["predictor"], k, row["case"])
+        assert found == style(row["controller"]).colour
+    alone = {colour_of(rows[:2], "predictor", p, k) for k, p in enumerate(("walker", "other"))}
+    assert alone == {style("lookahead").colour}
+
+
 def test_what_is_there_is_used_and_only_the_rest_is_done(tmp_path, undisturbed):
     """As after an interruption: three of eight results are there."""
     runs = tmp_path / "out" / "runs"
