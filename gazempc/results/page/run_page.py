@@ -29,6 +29,7 @@ _ABOUT = {
 }
 # Every run begins with the first; the second is a note of the whole.
 _USUAL = ("no_observation_yet", "low_frame_rate")
+_TIMES_TOLD = 5
 
 
 def run_page(
@@ -120,9 +121,10 @@ def unusual_of(log: Log, meanings: Mapping[str, str], whose: str = "") -> list[U
         times_s = log.event_time_s[log.event_name == event] - log.time_s[0]
         fault = faults.get(event)
         times = f"{fault.count if fault else times_s.size} x"
-        since = f", first at {times_s[0]:.2f} s" if times_s.size else ""
+        each = ", ".join(f"{time_s:.2f}" for time_s in times_s[:_TIMES_TOLD])
+        when = f" at {each}{', ...' if times_s.size > _TIMES_TOLD else ''} s" if times_s.size else ""
         text = ": ".join(filter(None, (meanings.get(event, ""), fault.error if fault else "")))
-        found.append(Unusual(f"{whose}{event}, {times}{since}", text, fault.traceback if fault else ""))
+        found.append(Unusual(f"{whose}{event}, {times}{when}", text, fault.traceback if fault else ""))
     return found
 
 

@@ -102,13 +102,18 @@ def test_the_password_of_a_camera_is_not_handed_on(tmp_path):
     assert "rtsp://me:***@192.0.2.1/x" in text
 
 
-def test_what_was_out_of_the_ordinary_comes_once_with_its_first_time(logs, tmp_path):
+def test_what_was_out_of_the_ordinary_comes_once_with_its_first_times(logs, tmp_path):
     log = logs["reactive"]
-    times = log.time_s[0] + np.array([0.0, 0.5, 2.0])
-    named = replace(log, event_time_s=times, event_name=np.array(["no_observation_yet", "late_plan", "late_plan"]))
+    times = log.time_s[0] + np.array([0.0, 0.5, 2.0, *[0.0] * 6])
+    names = np.array(["no_observation_yet", "late_plan", "late_plan", *["target_lost"] * 6])
+    named = replace(log, event_time_s=times, event_name=names)
     _, soup = written(page_of({"reactive": named}, notes=["a note"]), tmp_path)
     entries = [entry.strong.text for entry in soup.find(id="unusual").find_all("li")]
-    assert entries == ["a note", "late_plan, 2 x, first at 0.50 s"]
+    assert entries == [
+        "a note",
+        "late_plan, 2 x at 0.50, 2.00 s",
+        "target_lost, 6 x at 0.00, 0.00, 0.00, 0.00, 0.00, ... s",
+    ]
     _, soup = written(page_of(logs), tmp_path)
     assert soup.find(id="unusual").p.text == "Nothing."
 
