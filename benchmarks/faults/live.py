@@ -10,9 +10,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -203,7 +202,7 @@ def _fill(run: LiveRun, neck: NeckSpec, seconds: float) -> None:
     empty = Forecast(np.zeros(3), np.zeros((3, 3)), np.tile(np.eye(3), (3, 1, 1)), 0.0)
     for frame in range(int(seconds * RATE_HZ)):
         seen = HeadObservation(frame / RATE_HZ - seconds, np.array([2.0, 0.0, 0.4]))
-        run.logs.recorder.observation(frame / RATE_HZ - seconds, seen, empty, 0.1)
+        run.logs.recorder.observation(frame / RATE_HZ - seconds, seen, empty, 0.1, used=False)
 
 
 def _changed(parts: LiveParts, fault: str) -> LiveParts:
@@ -240,8 +239,8 @@ def _free_port() -> int:
 def _tracker(fault: str, port: int, seconds: float) -> Iterator[None]:
     words = [sys.executable, "-m", "benchmarks.faults.tracker", fault, str(port), str(seconds)]
     with subprocess.Popen(words, stdout=subprocess.PIPE) as process:
-        if fault in TCP_FAULTS and process.stdout is not None:
-            process.stdout.readline()  # it serves
+        if process.stdout is not None:
+            process.stdout.readline()  # it is ready
         try:
             yield
         finally:
@@ -262,8 +261,3 @@ def busy(cores: int) -> Iterator[None]:
         for process in processes:
             process.kill()
             process.wait()
-
-
-def as_row(count: LiveCount) -> dict[str, Any]:
-    """The count as JSON takes it."""
-    return asdict(count)

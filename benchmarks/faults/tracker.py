@@ -19,7 +19,7 @@ from benchmarks.faults.person import head_m
 RATE_HZ, LATENCY_S = 30.0, 0.05
 TCP_FAULTS = ("long_lines", "lines_without_end")
 _LONG_LINE, _LONG_EVERY_S = 950_000, 0.1
-_STRANGER_FROM_S = 1.0
+_STRANGER_FROM_S = 0.5
 _IMPOSSIBLE_M = ([0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [3.0, 0.0, -9.0])
 
 
@@ -34,7 +34,7 @@ def lines_of(fault: str, began_s: float, now_s: float, frame: int) -> bytes:
     captured_s = now_s - LATENCY_S
     stamp_s = {
         "clock_ahead": captured_s + 0.1,
-        "clock_fast": captured_s + 0.01 * (now_s - began_s),
+        "clock_fast": captured_s + 0.03 * (now_s - began_s),
         "clock_behind": captured_s - 5.0,
     }.get(fault, captured_s)
     place_m = _IMPOSSIBLE_M[frame % len(_IMPOSSIBLE_M)] if fault == "impossible_heads" and frame % 2 else None
@@ -48,13 +48,14 @@ def strange(now_s: float, frame: int) -> bytes:
 
 def send(fault: str, port: int, seconds: float) -> None:
     """Send for some seconds."""
-    began_s = time.time()
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
     ):
         rate_hz = 1000.0 if fault in ("flood", "strange_flood") else 60.0 if fault == "stranger" else RATE_HZ
         every = round(rate_hz / RATE_HZ)
+        print("ready", flush=True)
+        began_s = time.time()
         for frame in range(int(seconds * rate_hz)):
             time.sleep(max(0.0, began_s + frame / rate_hz - time.time()))
             now_s, to = time.time(), ("127.0.0.1", port)

@@ -1,0 +1,171 @@
+"""Trackers that misbehave, in simulated time: a walk, seen by the reference sensor, and spoilt on its way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event as StopEvent
+
+import numpy as np
+
+from gazempc.live.build import build
+from gazempc.live.parts import Keeping
+from gazempc.live.run import LiveRun
+from gazempc.live.settings import LiveSettings
+from gazempc.live.sources.source import Arrived, Source
+from gazempc.results.limits import limit_violations
+from gazempc.results.log import Log
+from gazempc.results.metrics import measure
+from gazempc.types import FloatArray, Sighting
+
+Spoil = Callable[[Sighting, int, np.random.Generator], list[Sighting]]
+WALKS = ("subject03_R4", "subject08_R6")
+_FRAME_HZ = 30.0
+
+
+@dataclass(frozen=True)
+class SimulatedCount:
+    """What came of one run.
+
+    Attributes:
+        fault: What was wrong.
+        walk: Who walked.
+        commands: Commands sent.
+        outside_limits: Violations of the neck's limits in the log.
+        observations: How many arrived.
+        used: How many were used.
+        refused: How many were not, by reason.
+        gaze_error_rms_deg: Against the true head.
+        eye_contact_2p6: Share of the time within 2.6 deg.
+    """
+
+    fault: str
+    walk: str
+    commands: int
+    outside_limits: int
+    observations: int
+    used: int
+    refused: dict[str, int]
+    gaze_error_rms_deg: float
+    eye_contact_2p6: float
+
+
+class Spoilt:
+    """A source whose observations are spoilt on their way."""
+
+    def __init__(self, inner: Source, spoil: Spoil) -> None:
+        self._inner, self._spoil = inner, spoil
+        self._frames = 0
+        self._rng = np.random.default_rng(0)
+
+    def open(self) -> None:
+        """See `gazempc.live.sources.source.Source.open`."""
+        self._inner.open()
+
+    def poll(self) -> Arrived:
+        """See `gazempc.live.sources.source.Source.poll`."""
+        found: list[Sighting] = []
+        for sighting in self._inner.poll().sightings:
+            found += self._spoil(sighting, self._frames, self._rng)
+            self._frames += 1
+        return Arrived(tuple(found))
+
+    @property
+    def finished(self) -> bool:
+        """See `gazempc.live.sources.source.Source.finished`."""
+        return self._inner.finished
+
+    def close(self) -> None:
+        """See `gazempc.live.sources.source.Source.close`."""
+        self._inner.close()
+
+
+def _at(sighting: Sighting, head_m: FloatArray) -> list[Sighting]:
+    return [replace(sighting, observation=replace(sighting.observation, head_position_base_m=head_m))]
+
+
+def _head_m(sighting: Sighting) -> FloatArray:
+    return sighting.observation.head_position_base_m
+
+
+def _stamped(sighting: Sighting, later_s: float) -> list[Sighting]:
+    seen = sighting.observation
+    return [replace(sighting, observation=replace(seen, capture_time_s=seen.capture_time_s + later_s))]
+
+
+def _each(frames: int) -> Spoil:
+    return lambda s, k, rng: [s] if k % frames == 0 else []
+
+
+def _now_and_then(every_s: float, long_s: float, spoil: Spoil) -> Spoil:
+    """For `long_s` of each `every_s`."""
+    return lambda s, k, rng: spoil(s, k, rng) if k / _FRAME_HZ % every_s > every_s - long_s else [s]
+
+
+def _spike(sighting: Sighting, frame: int, rng: np.random.Generator) -> list[Sighting]:
+    way = rng.normal(size=3)
+    far_m = rng.uniform(0.1, 0.5) * way / np.linalg.norm(way)
+    return _at(sighting, _head_m(sighting) + far_m * (rng.random() < 0.1))
+
+
+_ELSEWHERE_M, _TO_THE_LEFT = np.array([0.3, 1.5, 0.0]), np.array([0.0, 1.0, 0.0])
+SIMULATED_FAULTS: dict[str, Spoil] = {
+    "none": lambda s, k, rng: [s],
+    "10 frames a second": _each(3),
+    "5 frames a second": _each(6),
+    "one frame in three is lost": lambda s, k, rng: [s] if rng.random() > 1 / 3 else [],
+    "stamps 60 ms late": lambda s, k, rng: _stamped(s, 0.06),
+    "stamps 100 ms early": lambda s, k, rng: _stamped(s, -0.1),
+    "stamps 100 ms ahead of the clock": lambda s, k, rng: _stamped(s, 0.166),
+    "clock 1 % fast": lambda s, k, rng: _stamped(s, 0.01 * s.observation.capture_time_s),
+    "a clock of its own, hours off": lambda s, k, rng: _stamped(s, 7200.0),
+    "one frame in ten is a spike of 0.1 to 0.5 m": _spike,
+    "range wrong by 15 % at each frame": lambda s, k, rng: _at(s, _head_m(s) * (1 + 0.15 * rng.normal())),
+    "two people, alternate frames": lambda s, k, rng: _at(s, _head_m(s) + _ELSEWHERE_M * (k % 2)),
+    "somebody else for 0.7 s of 1.8 s": _now_and_then(1.8, 0.7, lambda s, k, rng: _at(s, _head_m(s) + _ELSEWHERE_M)),
+    "nobody for 1 s of 3 s": _now_and_then(3.0, 1.0, lambda s, k, rng: []),
+    "frozen for 1 s of 3 s": _now_and_then(3.0, 1.0, lambda s, k, rng: _at(s, np.array([2.0, 0.5, 0.4]))),
+    "impossible heads, every other frame": lambda s, k, rng: _at(s, _head_m(s) * (1.0 if k % 2 else 1e6)),
+    "each frame twice": lambda s, k, rng: [s, s],
+    "flies at 8 m/s for 1 s of 4 s": _now_and_then(
+        4.0, 1.0, lambda s, k, rng: _at(s, _head_m(s) + _TO_THE_LEFT * 8.0 * (k / _FRAME_HZ % 4.0 - 3.0))
+    ),
+}
+
+
+def run_simulated(fault: str, walk: str, neck: str = "reference") -> SimulatedCount:
+    """One run.
+
+    Args:
+        fault: One of `SIMULATED_FAULTS`.
+        walk: A synthetic recording.
+        neck: The neck.
+
+    Returns:
+        What came of it; the same each time.
+    """
+    settings = LiveSettings(source="replay", replay=walk, neck=neck, simulated_clock=True, out=Path())
+    built = build(settings)
+    parts = replace(built.parts, source=Spoilt(built.parts.source, SIMULATED_FAULTS[fault]))
+    logs: list[Log] = []
+    true_state = getattr(parts.robot, "true_state", None)
+    keeping = Keeping(built.about, lambda log, times: logs.append(log), 300.0, true_state=true_state)
+    if built.true_head_base_m is not None:
+        # The source that is wrapped knows when it was opened: at zero of a simulated clock.
+        keeping = replace(keeping, true_head_base_m=built.true_head_base_m)
+    run = LiveRun(parts, keeping)
+    run.run(StopEvent())
+    (log,) = logs
+    metrics = measure(log)
+    return SimulatedCount(
+        fault=fault,
+        walk=walk,
+        commands=run.report.ticks,
+        outside_limits=limit_violations(log, parts.neck),
+        observations=run.report.observations,
+        used=run.logs.used,
+        refused=run.logs.refused,
+        gaze_error_rms_deg=round(metrics.gaze_error_rms_deg, 2),
+        eye_contact_2p6=round(metrics.eye_contact_2p6, 3),
+    )
