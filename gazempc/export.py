@@ -1,7 +1,7 @@
 """Write a log in a format that others read: `python -m gazempc.export out/walk/mpc.npz --to csv`.
 
 csv and parquet: one file each for ticks, observations, forecasts and events. mcap: one file for Foxglove, rerun and
-PlotJuggler, which is also a log that gazempc reads.
+other viewers, which is also a log that gazempc reads.
 """
 
 from __future__ import annotations

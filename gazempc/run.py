@@ -49,7 +49,7 @@ class RunSettings(ReplaySettings):
     )
     log: Literal["npz", "mcap"] = Field(
         default="npz",
-        description="Format of the logs; mcap: beside .npz, one that Foxglove, rerun and PlotJuggler open",
+        description="Format of the logs; mcap: beside .npz, with plans, for Foxglove, rerun and other viewers",
     )
     noise_seeds: int | None = Field(
         default=None,

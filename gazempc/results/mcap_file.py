@@ -12,8 +12,9 @@ from pathlib import Path
 from gazempc.errors import SettingsError
 from gazempc.files.whole import whole
 from gazempc.results.log import Log
+from gazempc.results.log_moments import moments_of
 from gazempc.results.mcap_read import NEEDS_VIEW
-from gazempc.results.moments import PlanMoment, moments_of
+from gazempc.results.moments import PlanMoment
 
 
 def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> None:

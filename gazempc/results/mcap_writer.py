@@ -44,6 +44,10 @@ class McapWriter:
         """
         self._writer.write_metadata(name, about)
 
+    def flush(self) -> None:
+        """Hand over to the system what has come so far: then it is on disk, whatever becomes of this program."""
+        self._writer.flush()
+
     def attach(self, log: bytes) -> None:
         """Attach the log itself.
 

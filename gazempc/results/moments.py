@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from gazempc.results.log import Log
 from gazempc.types import FloatArray, JointState
 
 
@@ -148,59 +143,3 @@ Moment = (
     | PictureMoment
     | CutMoment
 )
-
-
-def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> Iterator[Moment]:
-    """What happened in a run, by its log.
-
-    Args:
-        log: The log. Plans, lateness and pictures are not in it.
-        plans: The plans of the run, in the order of time, where they were kept.
-
-    Yields:
-        Each moment in the order of time.
-    """
-
-    def ticks() -> Iterator[tuple[float, int, Moment]]:
-        positions = log.command_position_rad.tolist()
-        speeds = log.command_velocity_rad_s.tolist()
-        accelerations = log.command_acceleration_rad_s2.tolist()
-        for k, (time_s, read_s) in enumerate(zip(log.time_s.tolist(), log.joint_time_s.tolist(), strict=True)):
-            joints = JointState(read_s, log.joint_position_rad[k], log.joint_velocity_rad_s[k])
-            motions = tuple(zip(positions[k], speeds[k], accelerations[k], strict=True))
-            known = joints if np.isfinite(joints.position_rad).all() else None
-            moment = TickMoment(time_s, known, log.command_position_rad[k], motions, log.head_true_base_m[k])
-            yield time_s, 2, moment
-
-    def seen() -> Iterator[tuple[float, int, Moment]]:
-        for k, time_s in enumerate(log.arrival_time_s.tolist()):
-            yield (
-                time_s,
-                0,
-                SeenMoment(
-                    time_s,
-                    float(log.capture_time_s[k]),
-                    log.head_observed_base_m[k],
-                    None,
-                    str(log.person_id[k]),
-                    log.forecast_mean_base_m[k],
-                    log.forecast_covariance_m2[k],
-                    float(log.forecast_degrees_of_freedom[k]),
-                    log.forecast_true_base_m[k],
-                ),
-            )
-
-    def events() -> Iterator[tuple[float, int, Moment]]:
-        texts = {fault.event: fault.line for fault in log.faults}
-        for time_s, name in zip(log.event_time_s.tolist(), log.event_name.tolist(), strict=True):
-            yield time_s, 1, EventMoment(time_s, name, texts.get(name, name))
-
-    def attended() -> Iterator[tuple[float, int, Moment]]:
-        for row in zip(
-            log.attended_time_s.tolist(), log.attended_person.tolist(), log.attended_why.tolist(), strict=True
-        ):
-            yield row[0], 0, AttendedMoment(*row)
-
-    planned = ((plan.time_s, 1, plan) for plan in plans)
-    for _, _, moment in heapq.merge(attended(), seen(), events(), planned, ticks(), key=lambda each: each[:2]):
-        yield moment

@@ -8,8 +8,11 @@ from pathlib import Path
 from gazempc.live.view.orders import LogKept
 from gazempc.results.mcap_channels import Channels
 from gazempc.results.mcap_writer import McapWriter
-from gazempc.results.moments import CutMoment, Moment
+from gazempc.results.moments import CutMoment, Moment, TickMoment
 from gazempc.results.run_info import RunInfo
+
+# So much a run that is killed may lose.
+_FLUSH_EVERY_S = 2.0
 
 
 class McapFiles:
@@ -28,6 +31,7 @@ class McapFiles:
         self._number = 0
         self._lost = 0
         self._begun = False
+        self._flush_s = 0.0
         self._complete: deque[McapWriter] = deque()
         self._open: tuple[McapWriter, Channels] | None = self._next()
 
@@ -45,8 +49,12 @@ class McapFiles:
             self._finish(moment)
         elif not isinstance(moment, CutMoment):
             self._open = self._open or self._next()
-            self._open[1].write(moment)
+            writer, channels = self._open
+            channels.write(moment)
             self._begun = True
+            if isinstance(moment, TickMoment) and moment.time_s >= self._flush_s:
+                self._flush_s = moment.time_s + _FLUSH_EVERY_S
+                writer.flush()
         elif self._open is not None:
             self._complete.append(self._open[0])
             self._open = None

@@ -11,7 +11,8 @@ from builders.live import NECK
 from builders.mcap import column, decoded, entities, numbers
 from builders.ports import free_port
 from builders.replays import run_info
-from mcap.reader import make_reader
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, make_reader
 
 import gazempc as gz
 from gazempc.errors import SettingsError
@@ -20,6 +21,7 @@ from gazempc.live.view.child import ViewProcess
 from gazempc.live.view.feed import Feed
 from gazempc.live.view.orders import ViewOrders
 from gazempc.recordings.load import load
+from gazempc.results.log_moments import moments_of
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.moments import CutMoment, EventMoment
 from gazempc.run import main as run_main
@@ -179,6 +181,38 @@ def test_a_process_that_dies_is_said_and_the_run_goes_on(tmp_path):
         feed.watch(EventMoment(float(k), "event", ""))
     feed.close()
     assert process.problem == "the process for viewers has gone"
+
+
+def test_what_a_killed_run_leaves_can_be_read(simulated, tmp_path):
+    """All but the last two seconds."""
+    log, _ = simulated
+    process = ViewProcess(ViewOrders(log.run, mcap_folder=tmp_path))
+    process.start()
+    process.send(list(moments_of(log)))
+    path, until = tmp_path / "log_000.mcap", time.monotonic() + 20.0
+    # Three flushes: at the first tick, two seconds later, and what is left of 2.5 s stays in memory.
+    found = []
+    while len(found) < 2.0 * log.neck.servo_rate_hz:
+        assert time.monotonic() < until
+        time.sleep(0.05)
+        found = times_of_what_is_there(path)
+    process._process.kill()
+    process.close()
+    assert times_of_what_is_there(path)[: len(found)] == found
+    np.testing.assert_array_equal(found, log.time_s[: len(found)])
+
+
+def times_of_what_is_there(path):
+    found = []
+    with path.open("rb") as file:
+        reader = NonSeekingReader(file)
+        try:
+            for _, channel, message in reader.iter_messages(log_time_order=False):
+                if channel.topic == "/ticks":
+                    found.append(json.loads(message.data)["time_s"])
+        except McapError:
+            pass  # where it was cut off
+    return found
 
 
 def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
