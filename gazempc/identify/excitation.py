@@ -13,7 +13,7 @@ from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-ExcitedAxes = Literal["all", "in_turn", "pan", "tilt", "eye_pan", "eye_tilt", "body_yaw"]
+ExcitedAxes = tuple[Literal["all", "in_turn", "pan", "tilt", "eye_pan", "eye_tilt", "body_yaw"], ...]
 
 # Share of the command limits that is used: what the neck file says of a neck not yet measured may be optimistic.
 _MARGIN = 0.9
@@ -37,9 +37,10 @@ class ExcitationSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     axes: ExcitedAxes = Field(
-        default="all",
-        description="all joints at once, one after the other (in_turn), or one only; what does not move is kept as it "
-        "is in the neck file",
+        default=("all",),
+        min_length=1,
+        description="all joints, or those named; at once, or one after the other with in_turn; what does not move is "
+        "kept as it is in the neck file",
     )
     duration_s: float = Field(default=24.0, ge=8, le=300, description="Length of the motion of an axis")
     amplitude_deg: float = Field(default=20.0, gt=0, le=90, description="Largest angle from the middle of the motion")
@@ -82,14 +83,15 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
         SettingsError: If the neck has no such joint.
     """
     moving = moving_joints(neck, settings.axes)
+    in_turn = "in_turn" in settings.axes
     columns = []
     for axis, name in enumerate(neck.joint_names):
         moves = name in moving
         part = _motion(neck, axis, settings)
-        if not moves:
-            part = np.zeros_like(part)
-        elif settings.axes == "in_turn":
-            part = np.pad(part, (axis * part.size, (neck.joints - 1 - axis) * part.size))
+        parts = [np.zeros_like(part)] * (len(moving) if in_turn else 1)
+        if moves:
+            parts[moving.index(name) if in_turn else 0] = part
+        part = np.concatenate(parts)
         centre = _centre(neck, axis, settings) if moves else float(start_rad[axis])
         approach = _move(neck, axis, float(start_rad[axis]), centre, _APPROACH_SPEED)
         columns.append((approach, centre + part))
@@ -112,12 +114,12 @@ def moving_joints(neck: NeckSpec, axes: ExcitedAxes) -> tuple[str, ...]:
     Raises:
         SettingsError: If the neck has no such joint.
     """
-    if axes in ("all", "in_turn"):
-        return neck.joint_names
-    if axes not in neck.joint_names:
-        names = ", ".join(neck.joint_names)
-        raise SettingsError(f"--axes {axes}: neck {neck.name!r} has no such joint; accepted: all, in_turn, {names}")
-    return (axes,)
+    named = [name for name in axes if name not in ("all", "in_turn")]
+    for name in named:
+        if name not in neck.joint_names:
+            names = ", ".join(neck.joint_names)
+            raise SettingsError(f"--axes {name}: neck {neck.name!r} has no such joint; accepted: all, in_turn, {names}")
+    return tuple(name for name in neck.joint_names if name in named or not named or "all" in axes)
 
 
 def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:

@@ -158,11 +158,15 @@ def altered_axis(axis, dead_time_s, wn):
 
 def test_in_turn_one_joint_moves_at_a_time_also_of_the_eyes():
     neck = load_neck("reference_eyes")
-    motion = excite(neck, neck.rest_rad, ExcitationSettings(axes="in_turn", duration_s=8.0)).position_rad
+    motion = excite(neck, neck.rest_rad, ExcitationSettings(axes=("in_turn",), duration_s=8.0)).position_rad
     moves = np.abs(np.diff(motion, axis=0)) > 0
     assert np.all(moves.sum(axis=1) <= 1)
     assert np.all(moves.any(axis=0))
-    only = excite(neck, neck.rest_rad, ExcitationSettings(axes="eye_tilt", duration_s=8.0)).position_rad
+    only = excite(neck, neck.rest_rad, ExcitationSettings(axes=("eye_tilt",), duration_s=8.0)).position_rad
     assert np.flatnonzero(np.ptp(only, axis=0)).tolist() == [3]
+    two = ExcitationSettings(axes=("in_turn", "eye_pan", "pan"), duration_s=8.0)
+    moves = np.abs(np.diff(excite(neck, neck.rest_rad, two).position_rad, axis=0)) > 0
+    assert np.flatnonzero(moves.any(axis=0)).tolist() == [0, 2]
+    assert np.all(moves.sum(axis=1) <= 1)
     with pytest.raises(SettingsError, match="--axes body_yaw: neck 'reference_eyes' has no such joint"):
-        excite(neck, neck.rest_rad, ExcitationSettings(axes="body_yaw"))
+        excite(neck, neck.rest_rad, ExcitationSettings(axes=("body_yaw",)))

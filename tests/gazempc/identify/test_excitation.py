@@ -36,7 +36,7 @@ axes = st.builds(
     rates=st.sampled_from([(50.0, 50.0), (50.0, 200.0), (100.0, 500.0)]),
     how=st.builds(
         ExcitationSettings,
-        axes=st.sampled_from(["all", "in_turn", "pan"]),
+        axes=st.sampled_from([("all",), ("in_turn",), ("pan",)]),
         duration_s=st.just(8.0),
         amplitude_deg=st.floats(1, 90),
         seed=st.integers(0, 9),
@@ -57,11 +57,11 @@ def test_excitation_stays_within_limits(pan, tilt, rates, how):
         peak = np.abs(np.diff(u, order, axis=0)).max(axis=0) / h**order
         assert np.all(peak <= bound * (1 + 1e-6) + 1e-13 / h**order), order
     assert np.ptp(motion.position_rad[:, 0]) > 0
-    assert (np.ptp(motion.position_rad[:, 1]) > 0) == (how.axes != "pan")
+    assert (np.ptp(motion.position_rad[:, 1]) > 0) == (how.axes != ("pan",))
 
 
 def test_in_turn_moves_one_axis_at_a_time_and_seeds_differ():
-    turn = excite(REFERENCE, REFERENCE.rest_rad, ExcitationSettings(axes="in_turn", duration_s=10.0))
+    turn = excite(REFERENCE, REFERENCE.rest_rad, ExcitationSettings(axes=("in_turn",), duration_s=10.0))
     moving = np.abs(np.diff(turn.position_rad, axis=0)) > 0
     assert moving.any(axis=0).all()
     assert not moving.all(axis=1).any()
