@@ -66,7 +66,7 @@ def _say(row: LiveCount | SimulatedCount) -> None:
     gaps = f"gaps {row.gap_p99_ms:5.1f} p99, {row.gap_max_ms:5.1f} ms max, " if isinstance(row, LiveCount) else ""
     print(
         f"{row.fault:<44} {row.commands:5} commands, {row.outside_limits} outside limits, {gaps}"
-        f"{row.gaze_error_rms_deg:6.2f} deg; {row.used} of {row.observations} used",
+        f"{row.gaze_error_rms_deg:6.2f} deg; {row.used} of {row.observations} used{reasons}",
         flush=True,
     )
 
