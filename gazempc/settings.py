@@ -47,9 +47,11 @@ class Settings(BaseModel):
 class ConstantVelocitySettings(Settings):
     """Predictor `constant_velocity`."""
 
-    acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
+    acceleration_psd: float = Field(
+        default=0.05, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
+    )
     position_noise_m: float = Field(
-        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
     )
 
 
@@ -58,7 +60,7 @@ class HeadPoseSettings(ConstantVelocitySettings):
 
     weight: float = Field(default=0.5, ge=0, le=1, description="w in equation 4")
     yaw_noise_rad: float = Field(
-        default=0.05, gt=0, description="Standard deviation of a measurement, where none is stated"
+        default=0.05, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
     )
     yaw_from: Literal["waist", "travel"] = Field(
         default="waist", description="What the head's yaw is relative to: the waist, or the direction of travel"
@@ -81,30 +83,34 @@ class PelvisPursuitSettings(Settings):
 
     gain: float = Field(default=0.75, ge=0, le=1, description="Share of the angle to the pelvis that is turned")
     turn_time_s: float = Field(default=0.11, gt=0, description="Time constant of the turn")
-    acceleration_psd: float = Field(default=0.02, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
+    acceleration_psd: float = Field(
+        default=0.02, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
+    )
     position_noise_m: float = Field(
-        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
     )
 
 
 class ConstantAccelerationSettings(Settings):
     """Predictor `constant_acceleration`."""
 
-    jerk_psd: float = Field(default=0.003, gt=0, description="Noise density of the head's jerk, m^2/s^5")
+    jerk_psd: float = Field(default=0.003, gt=0, le=1e6, description="Noise density of the head's jerk, m^2/s^5")
     position_noise_m: float = Field(
-        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
     )
 
 
 class _TurningSettings(Settings):
     """What the predictors `coordinated_turn` and `particle` have in common."""
 
-    acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the speed's change, m^2/s^3")
-    heading_psd: float = Field(default=0.1, gt=0, description="Noise density of the heading's rate, rad^2/s")
-    turn_psd: float = Field(default=0.1, gt=0, description="Noise density of the turn rate's change, rad^2/s^3")
+    acceleration_psd: float = Field(
+        default=0.05, gt=0, le=1e6, description="Noise density of the speed's change, m^2/s^3"
+    )
+    heading_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the heading's rate, rad^2/s")
+    turn_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the turn rate's change, rad^2/s^3")
     turn_time_s: float = Field(default=1.0, gt=0, description="Time constant with which a turn dies away")
     position_noise_m: float = Field(
-        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
     )
 
 
@@ -120,17 +126,21 @@ class CoordinatedTurnSettings(_TurningSettings):
 class ParticleSettings(_TurningSettings):
     """Predictor `particle`."""
 
-    particles: int = Field(default=400, ge=2, description="How many")
+    particles: int = Field(default=400, ge=2, le=100_000, description="How many")
 
 
 class InteractingModelsSettings(Settings):
     """Predictor `interacting_models`."""
 
-    turn_rate_rad_s: float = Field(default=0.5, gt=0, description="Rate of the turns to the left and to the right")
+    turn_rate_rad_s: float = Field(
+        default=0.5, gt=0, le=100, description="Rate of the turns to the left and to the right"
+    )
     mode_time_s: float = Field(default=10.0, gt=0, description="Mean time that straight or turning lasts")
-    acceleration_psd: float = Field(default=0.05, gt=0, description="Noise density of the head's acceleration, m^2/s^3")
+    acceleration_psd: float = Field(
+        default=0.05, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
+    )
     position_noise_m: float = Field(
-        default=0.01, gt=0, description="Standard deviation of a measurement, where none is stated"
+        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
     )
 
 

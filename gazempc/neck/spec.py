@@ -22,7 +22,10 @@ AXES = ("pan", "tilt")
 EYE_AXES = ("eye_pan", "eye_tilt")
 BODY_AXIS = "body_yaw"
 _Share = Annotated[float, Field(ge=0, le=1)]
+# A replay of a whole walk works over all of the ranges below; beyond them equations lose their digits.
 _View = Annotated[float, Field(gt=0, le=180)]
+# Longer than any robot's arm or mast, metres.
+_Offset = Annotated[float, Field(ge=-3, le=3)]
 
 
 class Geometry(BaseModel):
@@ -33,10 +36,10 @@ class Geometry(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    tilt_axis_in_pan_m: tuple[float, float, float] = Field(
+    tilt_axis_in_pan_m: tuple[_Offset, _Offset, _Offset] = Field(
         default=(0.0, 0.0, 0.0), description="Tilt axis, seen from the pan axis, metres"
     )
-    eye_in_tilt_m: tuple[float, float, float] = Field(
+    eye_in_tilt_m: tuple[_Offset, _Offset, _Offset] = Field(
         default=(0.0, 0.0, 0.0), description="Eye, seen from the tilt axis, metres; it looks along +x"
     )
 
@@ -61,10 +64,10 @@ class Axis(BaseModel):
     )
     position_min_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_min_deg"))
     position_max_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_max_deg"))
-    velocity_max_rad_s: float = Field(ge=0.01, json_schema_extra=_rule("velocity_max_rad_s"))
-    acceleration_max_rad_s2: float = Field(ge=0.01, json_schema_extra=_rule("acceleration_max_rad_s2"))
-    jerk_max_rad_s3: float = Field(ge=0.1, json_schema_extra=_rule("jerk_max_rad_s3"))
-    natural_frequency_rad_s: float = Field(gt=0, json_schema_extra=_rule("natural_frequency_rad_s"))
+    velocity_max_rad_s: float = Field(ge=0.01, le=1e3, json_schema_extra=_rule("velocity_max_rad_s"))
+    acceleration_max_rad_s2: float = Field(ge=0.01, le=1e6, json_schema_extra=_rule("acceleration_max_rad_s2"))
+    jerk_max_rad_s3: float = Field(ge=0.1, le=1e9, json_schema_extra=_rule("jerk_max_rad_s3"))
+    natural_frequency_rad_s: float = Field(ge=0.01, le=1e3, json_schema_extra=_rule("natural_frequency_rad_s"))
     damping_ratio: float = Field(gt=0.1, le=10, json_schema_extra=_rule("damping_ratio"))
     dead_time_s: float = Field(ge=0, le=5, json_schema_extra=_rule("dead_time_s"))
     rest_deg: float = Field(

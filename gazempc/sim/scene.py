@@ -30,8 +30,8 @@ class PlaceSettings(Settings):
         description="Where the robot stands; without it where the recording's sensor stood, "
         "or at the side if there was none",
     )
-    distance_m: float = Field(default=2.5, gt=0, description="Distance from the walk, for placement side")
-    height_m: float = Field(default=1.2, description="Height above the floor, for placement side")
+    distance_m: float = Field(default=2.5, gt=0, le=100, description="Distance from the walk, for placement side")
+    height_m: float = Field(default=1.2, ge=-100, le=100, description="Height above the floor, for placement side")
     seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
     start_offset_deg: float = Field(
         default=0.0, ge=-360, le=360, description="Pan at the start, from looking at the first observed head"

@@ -13,6 +13,10 @@ from gazempc.types import FloatArray
 
 # Joint angle and velocity; command, its velocity and acceleration.
 STATE = ("q", "v", "u", "du", "ddu")
+# The command is held between servo ticks. A joint with more than this, natural frequency times servo period, answers
+# each of its steps with an acceleration that says nothing of the motion: the mean over a servo period counts. Slower
+# ones hardly tell the two apart.
+_FAST = 0.15
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,7 @@ class Prediction:
     Attributes:
         joint: Joint angles, shape (n, 5 + n).
         velocity: Joint velocities, shape (n, 5 + n).
-        acceleration: Joint accelerations, shape (n, 5 + n).
+        acceleration: Joint accelerations, shape (n, 5 + n); of a fast joint the means over the last servo period.
         command: Command position, velocity and acceleration, stacked, shape (3 n, 5 + n).
         knots: The same at the end of each of the first K control periods, shape (3 K, 5 + n).
     """
@@ -64,22 +68,31 @@ def predict(axis: Axis, neck: NeckSpec, lengths: Sequence[int], jerk_scale: floa
     M, m = servo_step(axis, neck.servo_period_s)
     over_period, by_jerk = np.eye(5), np.zeros(5)
     for _ in range(neck.servo_ticks_per_plan):
+        before_last, before_by_jerk = over_period[1], by_jerk[1]
         over_period, by_jerk = M @ over_period, M @ by_jerk + m * jerk_scale
+    faster, faster_by_jerk = over_period[1] - before_last, by_jerk[1] - before_by_jerk
     z = np.eye(5, 5 + len(lengths))
     at_knots: list[FloatArray] = []
     at_ends: list[FloatArray] = []
+    gains: list[FloatArray] = []
     for k, length in enumerate(lengths):
         for _ in range(length):
+            gained = faster @ z
+            gained[5 + k] += faster_by_jerk
             z = over_period @ z
             z[:, 5 + k] += by_jerk
             if len(at_knots) < knots:
                 at_knots.append(z[2:])
         at_ends.append(z)
+        gains.append(gained)
     ends = np.array(at_ends)
+    acceleration = np.einsum("i,kij->kj", servo_model(axis)[1], ends[:, :3])
+    if axis.natural_frequency_rad_s * neck.servo_period_s > _FAST:
+        acceleration = np.array(gains) / neck.servo_period_s
     return Prediction(
         joint=ends[:, 0],
         velocity=ends[:, 1],
-        acceleration=np.einsum("i,kij->kj", servo_model(axis)[1], ends[:, :3]),
+        acceleration=acceleration,
         command=np.concatenate(ends[:, 2:].transpose(1, 0, 2)),
         knots=np.concatenate(np.array(at_knots).transpose(1, 0, 2)),
     )

@@ -25,6 +25,9 @@ _DAQP_RHO = 100.0
 _BOUND_TOLERANCE = 1e-2
 # Far more than a program of 16 steps takes.
 ITERATIONS = 1000
+# Iterations bound the time, the same on any processor. Should one of them hang, the clock ends it: no answer in time
+# depends on this.
+_MOST_S = 0.5
 # Time of one iteration, with n variables: (this + n^2 times the other), see docs/benchmarks.md.
 _ITERATION_S, _ITERATION_S_PER_SQUARE = 1e-6, 6e-9
 
@@ -68,7 +71,7 @@ class Daqp:
         self._model = daqp.Model()
         h, a = data.h * np.outer(self._scale, self._scale), np.ascontiguousarray(data.a * self._scale)
         self._model.setup(h, np.zeros(n), a, self._upper, self._lower, self._sense.copy())
-        self._model.settings = {"iter_limit": iteration_limit}
+        self._model.settings = {"iter_limit": iteration_limit, "time_limit": _MOST_S}
         slope, curvature = np.full(n + rows, data.penalty), np.full(n + rows, _DAQP_RHO)
         self._model.soft_weights(w_l=slope, w_u=slope, rho_l=curvature, rho_u=curvature)
 
