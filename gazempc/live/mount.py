@@ -113,7 +113,7 @@ class Mount(BaseModel):
             ValueError: If the sensor moves and the angles are None.
         """
         if self.on == "base" and not any(self.position_m + self.roll_pitch_yaw_deg):
-            return observation
+            return replace(observation)  # checked anew: a source may give one that no check has seen
         turn = self.turn
         shift_m = np.array(self.position_m)
         if self.moves:
