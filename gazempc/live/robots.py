@@ -14,9 +14,6 @@ from gazempc.robots.options import RobotOptions
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState
 
-# Shipped robots that may have eyes or a body, too.
-_ALL_JOINTS = ("simulated", "mujoco", "reachy_mini", "dynamixel")
-
 
 def keeps_any_clock(kind: Kind, choice: str) -> bool:
     """Whether a robot or source lives in the loop's time, simulated or not: what its class says.
@@ -65,8 +62,6 @@ def make_robot(
     if is_own(choice):
         own: Robot = make(ROBOT, choice, given, options_for(ROBOT, choice, options.own))
         return own
-    if choice not in _ALL_JOINTS:
-        neck.check_pan_and_tilt(f"robot {choice}")
     if choice in type(options).model_fields:
         given["options"] = getattr(options, choice)
     if choice == "ros2":

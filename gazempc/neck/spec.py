@@ -247,20 +247,6 @@ class NeckSpec(BaseModel):
                     'command = "position". A replay can drive both'
                 )
 
-    def check_pan_and_tilt(self, what: str) -> None:
-        """Refuse a neck with more joints than pan and tilt.
-
-        Args:
-            what: What moves these two only, for the message.
-
-        Raises:
-            SettingsError: If there are eyes or a body.
-        """
-        if more := self.joint_names[len(AXES) :]:
-            raise SettingsError(
-                f"neck {self.name!r} has {', '.join(more)} besides pan and tilt, and {what} moves pan and tilt only"
-            )
-
     def _per_axis(self, name: str) -> FloatArray:
         return np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)
 

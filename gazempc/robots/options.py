@@ -34,8 +34,10 @@ class Ros2Options(Settings):
     endpoint: str = Field(default="tcp/localhost:7447", description="Zenoh router")
     domain_id: int = Field(default=0, ge=0, description="ROS_DOMAIN_ID")
     humble: bool = Field(default=False, description="Whether the other nodes are of ROS 2 Humble")
-    joint_names: tuple[str, str] = Field(default=("head_pan_joint", "head_tilt_joint"), description="Pan and tilt")
-    joint_signs: tuple[float, float] = Field(
+    joint_names: tuple[str, ...] = Field(
+        default=("head_pan_joint", "head_tilt_joint"), description="Pan and tilt, then eyes and body if any"
+    )
+    joint_signs: tuple[float, ...] = Field(
         default=(1.0, 1.0), description="1, or -1 for a joint that is positive to the right, or down"
     )
     command_topic: str = Field(default="/head_controller/joint_trajectory", description="Where commands go")

@@ -54,10 +54,11 @@ class Ros2Neck:
         node_name: str = "gazempc",
     ) -> None:
         joint_names, joint_signs, command_type = options.joint_names, options.joint_signs, options.command_type
-        if len(set(joint_names)) != 2 or not all(joint_names):
-            raise SettingsError(f"joint_names {joint_names!r}: expected the names of two joints, pan and tilt")
-        if tuple(map(abs, joint_signs)) != (1, 1):
-            raise SettingsError(f"joint_signs {joint_signs!r}: accepted are 1 and -1 for pan and tilt")
+        joints = ", ".join(neck.joint_names)
+        if not len(joint_names) == len(set(joint_names)) == neck.joints or not all(joint_names):
+            raise SettingsError(f"joint_names {joint_names!r}: expected the names of {neck.joints} joints, {joints}")
+        if tuple(map(abs, joint_signs)) != (1,) * neck.joints:
+            raise SettingsError(f"joint_signs {joint_signs!r}: accepted are 1 and -1 for each of {joints}")
         from_start_s = neck.servo_period_s if options.time_from_start_s is None else options.time_from_start_s
         self._neck = neck
         self._clock_s = clock_s
@@ -119,8 +120,8 @@ class Ros2Neck:
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`; the controller holds the last position that it got."""
-        if np.shape(position_rad) != (2,) or not np.all(np.isfinite(position_rad)):
-            raise RobotError(f"refused a command that is not two finite angles: {position_rad}")
+        if np.shape(position_rad) != self._signs.shape or not np.all(np.isfinite(position_rad)):
+            raise RobotError(f"refused a command that is not {self._signs.size} finite angles: {position_rad}")
         commands = self._connected()
         if not commands.has_listeners:
             raise RobotError(f"nobody listens to the commands on {self._command_topic}: has the controller stopped?")
@@ -180,7 +181,7 @@ class Ros2Neck:
             self._heard_s, self._newest_s, self._latest = now_s, state.time_s, state
 
     def _joints(self, message: Any, now_s: float) -> JointState:
-        """The two joints of a message that may be about others too, in any order."""
+        """The neck's joints of a message that may be about others too, in any order."""
         missing = [name for name in self._names if name not in message.name]
         if missing:
             raise WireError(f"it has no joint {missing[0]!r}, only {', '.join(message.name) or 'none'}")
@@ -195,7 +196,8 @@ class Ros2Neck:
         if not np.all(np.isfinite(position_rad)):
             raise WireError(f"its positions are not finite: {position_rad}")
         # Many drivers leave the velocities out.
-        velocity_rad_s = self._signs * message.velocity[at] if len(message.velocity) == n_joints else np.full(2, np.nan)
+        known = len(message.velocity) == n_joints
+        velocity_rad_s = self._signs * message.velocity[at] if known else np.full_like(self._signs, np.nan)
         return JointState(time_s, position_rad, velocity_rad_s)
 
     def _command(self, position_rad: FloatArray) -> Any:

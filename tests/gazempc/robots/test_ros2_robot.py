@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 import zenoh
-from builders.ros2_network import NECK, quiet, wait_for
+from builders.ros2_network import NECK, quiet, wait_for, zenoh_listener
 from builders.ros2_wire import (
     GOOD,
     POSITIONS,
@@ -21,7 +21,8 @@ from builders.ros2_wire import (
     read_trajectory,
 )
 
-from gazempc.errors import RobotError
+from gazempc.errors import RobotError, SettingsError
+from gazempc.neck.spec import load_neck
 from gazempc.ros2 import wire as ros2_wire
 
 
@@ -70,6 +71,30 @@ def test_bare_positions_with_a_joint_that_turns_the_other_way(scene):
     scene.states.put(joint_state([0.1, 0.2], velocities=[1.0, 2.0]))
     state = wait_for(robot.read_state)
     assert (list(state.position_rad), list(state.velocity_rad_s)) == ([0.1, -0.2], [1.0, -2.0])
+
+
+def test_eyes_are_more_joints_of_the_same_trajectory(scene):
+    eyes, names = load_neck("reference_eyes"), ["pan", "tilt", "eyes_version", "eyes_tilt"]
+    neck = eyes.model_copy(update={"reports_joints": False})
+    robot = scene.connected(neck, joint_names=tuple(names), joint_signs=(1, 1, -1, 1))
+    sent = robot.send_command(np.array([0.1, 0.2, 0.3, 2.0]))
+    assert list(sent) == [0.1, 0.2, 0.3, neck.position_max_rad[3]]
+    (sample,) = scene.sent(1)
+    found = read_trajectory(sample.payload.to_bytes())
+    assert (found["names"], found["positions"]) == (names, [0.1, 0.2, -0.3, neck.position_max_rad[3]])
+    with pytest.raises(SettingsError, match="expected the names of 4 joints, pan, tilt, eye_pan, eye_tilt"):
+        scene.neck(eyes)
+
+
+def test_joint_states_of_eyes_are_found_by_name(scene):
+    names = ["pan", "tilt", "eyes_version", "eyes_tilt"]
+    robot = scene.neck(load_neck("reference_eyes"), joint_names=tuple(names), joint_signs=(1, 1, -1, 1))
+    with zenoh_listener(scene.states, joint_state([0.4, 0.1, 0.2, 0.3], ["eyes_tilt", *names[:3]])):
+        robot.connect()
+        state = wait_for(robot.read_state)
+    assert list(state.position_rad) == [0.1, 0.2, -0.3, 0.4]
+    assert np.isnan(state.velocity_rad_s).all()
+    assert state.velocity_rad_s.shape == (4,)
 
 
 @pytest.mark.parametrize("bad", [[np.nan, 0.0], [0.0, np.inf], [0.0], [0.0, 0.0, 0.0]])
