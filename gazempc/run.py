@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -198,6 +199,7 @@ def _run(settings: RunSettings, command: str) -> None:
         "settings": shown,
         "faults": survived,
         "noise": noise,
+        **_attention(settings, logs),
     }
     write_summary(out / "summary.json", about, [r.first for r in repeats])
 
@@ -293,7 +295,17 @@ def _notes(log: Log) -> list[str]:
     return notes
 
 
+def _attention(settings: RunSettings, logs: dict[str, Log]) -> dict[str, Any]:
+    """Whom each gaze was on, and when it looked away; nothing where it was one person all the time."""
+    from gazempc.results.attention import measure_attention  # noqa: PLC0415
+
+    if settings.attend is None and settings.look_away.rhythm == "no":
+        return {}
+    return {"attention": {name: asdict(measure_attention(log)) for name, log in logs.items()}}
+
+
 def _events(log: Log) -> list[str]:
+    from gazempc.results.attention import attention_lines, measure_attention  # noqa: PLC0415
     from gazempc.results.report import fault_lines  # noqa: PLC0415
 
     with_text = {fault.event for fault in log.faults}
@@ -303,7 +315,7 @@ def _events(log: Log) -> list[str]:
         # Every run begins with no_observation_yet; the rate is a note of the whole.
         if event not in ("no_observation_yet", "low_frame_rate", *with_text)
     ]
-    return lines + fault_lines(log)
+    return [*attention_lines(measure_attention(log)), *lines, *fault_lines(log)]
 
 
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:

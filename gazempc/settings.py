@@ -246,6 +246,19 @@ class AttentionSettings(Settings):
         return self
 
 
+LookAwayMode = Literal["no", "told", "listening", "speaking"]
+
+
+class LookAwaySettings(Settings):
+    """When to look away from a person, see `--look-away`."""
+
+    rhythm: LookAwayMode = Field(
+        default="no",
+        description="Look away as people do who listen or who speak, or only when a program tells it (told); or never",
+    )
+    seed: int = Field(default=0, ge=0, description="Seed of times and directions")
+
+
 class GazeSettings(PredictorSettings):
     """Settings of predictors, controllers and the loop, in a replay and live."""
 
@@ -255,6 +268,12 @@ class GazeSettings(PredictorSettings):
         "tracker calls them, module:Class for a policy of your own. Without it all observations are one person's",
     )
     attention: AttentionSettings = AttentionSettings()
+    look_away: LookAwaySettings = LookAwaySettings()
+
+    @property
+    def several(self) -> bool:
+        """Whether there is more to look at than one person all the time."""
+        return self.attend is not None or self.look_away.rhythm != "no"
 
     lookahead: LookAheadSettings = LookAheadSettings()
     mpc: MpcSettings = MpcSettings()

@@ -1,7 +1,8 @@
 """Are people taken for each other? `python -m experiments.people --out out/people`.
 
 Two synthetic walkers cross, 0.3 to 1.5 m behind each other, under each sensor. With `--tracks FOLDER` crowds are made
-of recorded head tracks, too. Each is followed by gazempc and by plain nearest neighbour; no sensor tells names.
+of recorded head tracks, too. Each is followed by gazempc and by plain nearest neighbour; no sensor tells names. With
+`--returns` it measures how late contact is back after a look away.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pydantic import Field
 from experiments.engine.command import parse, run_command
 from experiments.people.crossing import TRACKERS, cross
 from experiments.people.crowds import CrowdScore, crowd_of, score
+from experiments.people.returns import CONTROLLERS, return_late_s, row
 from gazempc.settings import Settings
 
 
@@ -30,6 +32,8 @@ class PeopleStudySettings(Settings):
     )
     people_per_s: tuple[float, ...] = Field(default=(1.0, 2.0), description="How many enter a crowd in a second")
     most: int = Field(default=60, ge=2, description="People in a crowd, at most")
+    returns: bool = Field(default=False, description="Measure how late contact is back after a look away, too")
+    every: int = Field(default=6, ge=1, description="For that, one of so many synthetic walks")
     out: Path = Field(default=Path("out/people"), description="Folder to write to")
 
 
@@ -49,6 +53,8 @@ def _run(settings: PeopleStudySettings) -> int:
     text = crossing_table(settings)
     if settings.tracks is not None:
         text += "\n\n" + crowd_table(settings, settings.tracks)
+    if settings.returns:
+        text += "\n\n" + return_table(settings)
     settings.out.mkdir(parents=True, exist_ok=True)
     path = settings.out / "report.md"
     path.write_text(f"{text}\n", encoding="utf-8")
@@ -93,6 +99,21 @@ def crowd_table(settings: PeopleStudySettings, folder: Path) -> str:
             rows.extend(_row(found, people_per_s) for found in score(crowd, walks, settings.sensors[0], 0))
     return f"Crowds of recorded people, sensor {settings.sensors[0]}\n\n" + _table(
         ["crowd", "people a second", "people", "at once", "tracker", "MOTA", "IDF1", "switches"], rows
+    )
+
+
+def return_table(settings: PeopleStudySettings) -> str:
+    """Look away once from each walker.
+
+    Args:
+        settings: How many walks.
+
+    Returns:
+        A table: how late contact is back.
+    """
+    rows = [row(name, return_late_s(name, settings.every, "reference")) for name in CONTROLLERS]
+    return "Contact back after a look away, neck reference\n\n" + _table(
+        ["controller", "median after plan [ms]", "90 % within [ms]", "walks without"], rows
     )
 
 

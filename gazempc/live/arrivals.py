@@ -20,6 +20,7 @@ from gazempc.live.stamps import Stamps
 from gazempc.live.watch.frame import Frame
 from gazempc.live.watch.watch import Watch
 from gazempc.loop.events import Event
+from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.types import Sighting
@@ -27,6 +28,8 @@ from gazempc.types import Sighting
 _LOGGER = logging.getLogger("gazempc.live")
 # What has piled up beyond this is old. Taking it in holds up the tick.
 _NEWEST = 16
+# Twenty people of two frames.
+_NEWEST_OF_SEVERAL = 40
 # After so much of a tick no further observation is begun: the command must be sent in time.
 _TICK_SHARE = 0.2
 
@@ -43,6 +46,9 @@ class Arrivals:
         self._source, self._mount, self._geometry = parts.source, parts.mount, parts.neck.geometry
         self._report = report
         self._use_ids = parts.use_ids
+        # Of several people who are seen in turn nobody leaps, and the names change all the time.
+        self._one_person = not (isinstance(parts.several, LookingAway) and parts.several.several)
+        self._newest = _NEWEST if self._one_person else _NEWEST_OF_SEVERAL
         self._watch = Watch(parts.clock, parts.stamps, parts.mount, parts.settings, parts.mends)
         self._joints = JointHistory()
         self._waiting: deque[Sighting] = deque()
@@ -80,7 +86,7 @@ class Arrivals:
             recorder.event(now_s, Event.SOURCE_FAILED, error)
             return ()
         self._waiting += arrived.sightings
-        while len(self._waiting) > _NEWEST:
+        while len(self._waiting) > self._newest:
             self._waiting.popleft()
             self._report.observations += 1
             recorder.refused(Event.OBSERVATIONS_DROPPED)
@@ -110,7 +116,9 @@ class Arrivals:
                 self._problem(now_s, recorder, str(error))
                 continue
             seen = in_base.observation
-            why = self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
+            why = ""
+            if self._one_person:
+                why = self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
             if why:
                 recorder.refused(Event.IMPLAUSIBLE_PERSON)
                 self._say(now_s, recorder, Event.IMPLAUSIBLE_PERSON, why)
@@ -167,7 +175,8 @@ class Arrivals:
         in_base = self._mount.to_base(seen, self._geometry, angles_rad) if known else None
         # Where a wrong stamp does not let it be placed, too: the watch finds out why.
         base_m = None if in_base is None else in_base.head_position_base_m
-        self._watch.see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
+        if self._one_person:
+            self._watch.see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
         if in_base is None:
             on = self._mount.on
             raise ValueError(f"the sensor moves with the {on}, and where the {on} was at the capture time is not known")

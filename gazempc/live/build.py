@@ -25,6 +25,7 @@ from gazempc.live.stamps import StampReader
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner
+from gazempc.loop.target import make_target
 from gazempc.neck.human import with_motion
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
@@ -72,7 +73,9 @@ def build(settings: LiveSettings) -> Built:
     neck = narrowed(neck, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
     settings.mount.check_fits(neck)
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
-    scene = None if settings.recording is None else make_scene(settings.recording, settings.scene, neck)
+    scene = None
+    if settings.recording is not None:
+        scene = make_scene(settings.recording, settings.scene, neck, everybody=settings.attend is not None)
     stamps = None
     if isinstance(clock, RealClock) and settings.source_kind in STAMPED:
         stamps = StampReader(settings.stamps, clock)
@@ -98,8 +101,10 @@ def build(settings: LiveSettings) -> Built:
         stamps=stamps,
         use_ids=settings.use_ids,
         mends=mends,
+        several=make_target(settings.predictor, predictor, neck, settings, own) if settings.several else None,
     )
-    known = None if true_head is None else _on_loop_clock(true_head, source)
+    # Among several people nobody keeps, live, who is which of the recordings.
+    known = None if true_head is None or (scene is not None and scene.others) else _on_loop_clock(true_head, source)
     names = {
         "controller": name_of(CONTROLLER, controller),
         "predictor": name_of(PREDICTOR, predictor),
@@ -117,8 +122,8 @@ def _make_source(
 ) -> Source:
     kind, address = settings.source_kind, settings.source.partition(":")[2]
     if scene is not None:
-        played = BagSource(scene.walk, clock) if kind == "bag" else None
-        return played or ReplaySource(scene.walk, scene.sensor, scene.seed, clock, settings.passes)
+        played = BagSource(scene.walk, clock, scene.others) if kind == "bag" else None
+        return played or ReplaySource(scene.walk, scene.sensor, scene.seed, clock, settings.passes, scene.others)
     if kind not in SOURCE.shipped:
         given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
         own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))

@@ -14,13 +14,17 @@ from gazempc.live.gaze_parts import check_settings, make_parts
 from gazempc.live.parts import Keeping
 from gazempc.live.process import fast_switching
 from gazempc.live.run import LiveRun
-from gazempc.live.sources.pushed import Stated
+from gazempc.live.sources.pushed import Stated, checked
+from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.neck.spec import NeckSpec
+from gazempc.people.attention import Attended
+from gazempc.people.company import Sound
+from gazempc.people.cues import Glance, Rhythm, Speech, Thinking
 from gazempc.results.join import join_logs
 from gazempc.results.log import ComputeTimes, Fault, Log
 from gazempc.robots.robot import Robot
-from gazempc.settings import DEFAULT_PREDICTOR
+from gazempc.settings import DEFAULT_PREDICTOR, LookAwayMode
 from predictors import Predictor
 
 # A log takes some milliseconds to make, in which the servo thread may have to wait: small ones, often.
@@ -168,6 +172,59 @@ class Gaze:
             self._warned += 1
             warnings.warn(text, UserWarning, stacklevel=2)
         self._source.push(time_s, head_m, stated)
+
+    def hear(self, azimuth_rad: float) -> None:
+        """Tell that somebody speaks now, for the policy ``speaker``.
+
+        Args:
+            azimuth_rad: Direction of the sound in the base frame, radians, positive to the left.
+        """
+        self._parts.cues.tell(Sound(0.0, azimuth_rad))
+
+    def think(self, lasts_s: float = 1.5) -> None:
+        """Look away as somebody who thinks, as soon as the neck can; needs ``attend`` or ``look_away``.
+
+        Args:
+            lasts_s: For how long there is no contact, seconds.
+        """
+        self._parts.cues.tell(Thinking(lasts_s))
+
+    def speech_starts(self, in_s: float) -> None:
+        """Hold the floor before an utterance: look away, and be back as it starts.
+
+        Args:
+            in_s: Time until then, seconds; from 2 s on there is time to look away.
+        """
+        self._parts.cues.tell(Speech(in_s))
+
+    def glance(self, target_base_m: Any, lasts_s: float = 1.0) -> None:
+        """Glance at an object.
+
+        Args:
+            target_base_m: Where it is in the base frame, shape (3,), metres.
+            lasts_s: For how long there is no contact with the person, seconds.
+
+        Raises:
+            ValueError: If it is no position.
+        """
+        self._parts.cues.tell(
+            Glance(checked("target_base_m", target_base_m, (3,), "metres in the base frame"), lasts_s)
+        )
+
+    def look_away(self, rhythm: LookAwayMode) -> None:
+        """Look away by another rhythm from now on.
+
+        Args:
+            rhythm: ``listening``, ``speaking``, or ``told`` for none.
+        """
+        self._parts.cues.tell(Rhythm(rhythm))
+
+    @property
+    def attended(self) -> Attended | None:
+        """Who is looked at among several people, since when, and why; None without ``attend``."""
+        target = self._parts.several
+        several = target.several if isinstance(target, LookingAway) else None
+        return None if several is None else several.attention.attended
 
     @property
     def joints(self) -> JointEstimate | None:

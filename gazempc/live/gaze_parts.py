@@ -20,11 +20,14 @@ from gazempc.live.stamps import StampClock, StampReader, Stamps
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner
+from gazempc.loop.target import make_target
+from gazempc.loop.track import Target
 from gazempc.neck.human import with_motion
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, check_methods, name_of
+from gazempc.people.cues import Cues
 from gazempc.results.run_info import RunInfo
 from gazempc.robots.robot import Robot
 from gazempc.specfiles import explain
@@ -84,6 +87,8 @@ class GazeParts:
         clock: The loop's clock.
         stamps: How the times that `see` is given are read.
         settings: The settings.
+        several: Whom to look at, where that is one of several people, or is looked away from; None for one person.
+        cues: What the program tells besides observations.
     """
 
     about: RunInfo
@@ -95,6 +100,8 @@ class GazeParts:
     clock: RealClock
     stamps: StampReader
     settings: LiveGazeSettings
+    several: Target | None
+    cues: Cues
 
     def run(self, keeping: Keeping) -> LiveRun:
         """Make the run; the planner's thread begins here.
@@ -117,6 +124,7 @@ class GazeParts:
             stamps=self.stamps,
             use_ids=self.settings.use_ids,
             mends=Mends(python=True),
+            several=self.several,
         )
         return LiveRun(parts, replace(keeping, true_state=true_state_of(self.robot)))
 
@@ -193,4 +201,6 @@ def make_parts(
     )
     stamps = StampReader(Stamps(clock=settings.clock), clock)
     source = PushedSource(clock, stamps)
-    return GazeParts(about, spec, forecasting, planning, ready, source, clock, stamps, settings)
+    cues = Cues()
+    several = make_target(predictor, forecasting, spec, settings, own, cues) if settings.several else None
+    return GazeParts(about, spec, forecasting, planning, ready, source, clock, stamps, settings, several, cues)

@@ -43,6 +43,7 @@ class LiveParts:
         stamps: How the source's time stamps are read; None if it gives the loop's times.
         use_ids: Whether the tracker's names of people count.
         mends: How settings are named to the user.
+        several: Whom to look at, where that is one of several people, or is looked away from; None for one person.
 
     Raises:
         SettingsError: If a joint of the neck takes speeds: the start of a live run sends angles.
@@ -59,10 +60,11 @@ class LiveParts:
     stamps: StampReader | None = None
     use_ids: bool = True
     mends: Mends = field(default_factory=Mends)
+    several: Target | None = None
 
     def target(self) -> Target:
         """Whom the loop looks at."""
-        return PersonTrack(self.predictor, self.settings)
+        return PersonTrack(self.predictor, self.settings) if self.several is None else self.several
 
     def __post_init__(self) -> None:
         self.neck.check_takes_angles("a live run")

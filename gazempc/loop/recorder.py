@@ -44,6 +44,7 @@ class LoopRecorder:
         self._seen = PackedRows(_pack_seen)
         self._events: list[tuple[float, str]] = []
         self._attended: list[tuple[float, int, str]] = []
+        self._away: list[tuple[float, float, str]] = []
         self._event_last_s: dict[str, float] = {}
         self._faults: dict[str, Fault] = {}
         self._used = 0
@@ -165,6 +166,16 @@ class LoopRecorder:
         if self._watch is not None:
             self._watch(AttendedMoment(time_s, person, why))
 
+    def looks_away(self, start_s: float, end_s: float, why: str) -> None:
+        """Record a look away that has begun.
+
+        Args:
+            start_s: When contact ends, seconds.
+            end_s: When contact is due again, seconds.
+            why: Why, in a word.
+        """
+        self._away.append((start_s, end_s, why))
+
     def event(self, time_s: float, name: str, error: Exception | None = None) -> None:
         """Record something out of the ordinary.
 
@@ -240,6 +251,9 @@ class LoopRecorder:
             attended_time_s=np.array([t for t, _, _ in self._attended]),
             attended_person=np.array([person for _, person, _ in self._attended], dtype=np.intp),
             attended_why=np.array([why for _, _, why in self._attended], dtype=np.str_),
+            away_start_s=np.array([start_s for start_s, _, _ in self._away]),
+            away_end_s=np.array([end_s for _, end_s, _ in self._away]),
+            away_why=np.array([why for _, _, why in self._away], dtype=np.str_),
             faults=self.faults,
         )
         return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms), np.array(self._latency_ms))

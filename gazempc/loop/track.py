@@ -22,18 +22,22 @@ RECORDED_HORIZONS_S = np.array(FORECAST_HORIZONS_S)
 
 
 class Target(Protocol):
-    """Whom the loop looks at: one person, or one of several.
+    """Whom the loop looks at: one person, or one of several."""
 
-    Attributes:
-        predictor: A predictor of a person, with which the loop prepares itself.
-        newest_capture_s: Capture time of the newest observation of whoever is looked at, seconds; None before the first
-            one.
-        newest: The newest observation that was used; None before the first one.
-    """
+    @property
+    def predictor(self) -> Predictor:
+        """A predictor of a person, with which the loop prepares itself."""
+        ...
 
-    predictor: Predictor
-    newest: HeadObservation | None
-    newest_capture_s: float | None
+    @property
+    def newest_capture_s(self) -> float | None:
+        """Capture time of the newest observation of whoever is looked at, seconds; None before the first one."""
+        ...
+
+    @property
+    def newest(self) -> HeadObservation | None:
+        """The newest observation that was used; None before the first one."""
+        ...
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
         """Take in what has arrived since the last tick; called at every tick.

@@ -18,7 +18,7 @@ from gazempc.results.log_shapes import check_shapes
 from gazempc.results.mcap_read import attached_log, is_mcap
 from gazempc.results.run_info import RunInfo
 from gazempc.results.tables import LogFrames, frames_of
-from gazempc.types import FloatArray, IntArray, StringArray
+from gazempc.types import BoolArray, FloatArray, IntArray, StringArray
 
 _REASON_SHOWN = 400
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
@@ -81,6 +81,9 @@ class Log:
         attended_person: Number of the person from then on, in the order in which they entered; 0 for nobody; shape
             (A,).
         attended_why: Why, see `gazempc.people.attention.Attended`, shape (A,).
+        away_start_s: Of each look away that was begun, when contact was to end, shape (W,), seconds.
+        away_end_s: When contact was due again, shape (W,), seconds.
+        away_why: Why, see `gazempc.people.aversion.Aversion`, shape (W,).
         faults: The exceptions that were survived, each event once; as JSON text in the file.
     """
 
@@ -107,7 +110,18 @@ class Log:
     attended_time_s: FloatArray
     attended_person: IntArray
     attended_why: StringArray
+    away_start_s: FloatArray
+    away_end_s: FloatArray
+    away_why: StringArray
     faults: tuple[Fault, ...] = ()
+
+    @property
+    def looks_away(self) -> BoolArray:
+        """Ticks at which the gaze is to be elsewhere than on the person, shape (M,)."""
+        away = np.zeros(self.time_s.size, dtype=np.bool_)
+        for start_s, end_s in zip(self.away_start_s.tolist(), self.away_end_s.tolist(), strict=True):
+            away |= (self.time_s >= start_s) & (self.time_s <= end_s)
+        return away
 
     @property
     def neck(self) -> NeckSpec:

@@ -93,7 +93,8 @@ def measure(log: Log) -> Metrics:
     # head is scored still.
     knows_head = log.run.knows_true_head
     judged = error if knows_head else log.joint_position_rad.sum(axis=1)
-    scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(judged)
+    # Nor is contact that is not due.
+    scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(judged) & ~log.looks_away
     long_enough = log.time_s[-1] - log.time_s[0] >= MIN_DURATION_S
     if scored.sum() < _FEWEST_SCORED and knows_head and long_enough:
         raise LeftOutError(

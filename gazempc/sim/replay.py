@@ -18,13 +18,15 @@ from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
+from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
-from gazempc.loop.track import PersonTrack
+from gazempc.loop.track import PersonTrack, Target
 from gazempc.loop.tracker_faults import is_low_rate
 from gazempc.neck.narrow import narrowed
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
+from gazempc.people.schedule import LookAways
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import MIN_DURATION_S
@@ -84,6 +86,7 @@ def replay_scene(
     settings: ReplaySettings = ReplaySettings(),  # noqa: B008  (frozen)
     on_tick: Callable[[float], None] | None = None,
     watch: Callable[[Moment], None] | None = None,
+    look_aways: LookAways | None = None,
 ) -> Replayed:
     """Replay a scene to one controller on a simulated neck.
 
@@ -97,6 +100,7 @@ def replay_scene(
         settings: Parameters of the parts that are named, and of the loop. What the scene says is taken from there.
         on_tick: Told at each tick which share of the recording is done, 0 to 1.
         watch: Told what happens as it happens.
+        look_aways: Looks away that were told already; without them those of the settings.
 
     Returns:
         The log and the computing times.
@@ -129,7 +133,11 @@ def replay_scene(
     recorder = LoopRecorder(neck.control_period_s, watch)
     if is_low_rate(np.array([sighting.observation.capture_time_s for sighting in sightings])):
         recorder.event(0.0, Event.LOW_FRAME_RATE)
-    target = PersonTrack(ready, settings.loop) if crowd is None else crowd.target
+    target: Target = PersonTrack(ready, settings.loop) if crowd is None else crowd.target
+    if look_aways is None and settings.look_away.rhythm != "no":
+        look_aways = LookAways(neck, settings.look_away.rhythm, settings.look_away.seed)
+    if look_aways is not None:
+        target = LookingAway(target, look_aways)
     loop = GazeLoop(neck, target, ImmediatePlanner(planning), smoother, robot, recorder, settings.loop)
     robot.connect()
     period_s = neck.servo_period_s

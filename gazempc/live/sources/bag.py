@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,10 +20,12 @@ class BagSource(ReplaySource):
     Args:
         placed: The recording in the base frame, with what was measured.
         clock: The loop's clock.
+        others: Other people of the bag.
     """
 
-    def __init__(self, placed: Recording, clock: Clock) -> None:
-        self._sightings = deque(bag_sightings(placed))
+    def __init__(self, placed: Recording, clock: Clock, others: Sequence[Recording] = ()) -> None:
+        found = [sighting for walk in (placed, *others) for sighting in bag_sightings(walk)]
+        self._sightings = deque(sorted(found, key=lambda sighting: sighting.arrival_s))
         self._end_s = self._sightings[-1].arrival_s
         self._clock = clock
         self.start_s = 0.0

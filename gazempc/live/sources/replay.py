@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from gazempc.live.clock import Clock
 from gazempc.live.sources.source import Arrived
 from gazempc.recordings.recording import Recording
+from gazempc.sim.crowd import observe_together
 from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.types import FloatArray, Sighting
 
@@ -26,17 +28,33 @@ class ReplaySource:
         seed: Seed of the sensor's noise.
         clock: The loop's clock.
         passes: How many times the person passes; each time with other noise.
+        others: Other people who are there at the same time.
     """
 
     keeps_any_clock = True
     _passes, _pass_s = 1, 1.0
 
-    def __init__(self, placed: Recording, sensor: SensorSpec, seed: int, clock: Clock, passes: int = 1) -> None:
-        last_s = float(placed.times_s[-1])
+    def __init__(
+        self,
+        placed: Recording,
+        sensor: SensorSpec,
+        seed: int,
+        clock: Clock,
+        passes: int = 1,
+        others: Sequence[Recording] = (),
+    ) -> None:
+        everybody = (placed, *others)
+        last_s = max(float(walk.times_s[-1]) for walk in everybody)
+
+        def seen(seed: int) -> Iterable[Sighting]:
+            if not others:
+                return observe(placed, sensor, seed)
+            return [sighting for _, sighting in observe_together(everybody, sensor, seed)]
+
         self._pass_s = last_s + _PAUSE_S
         self._passes = passes
         self._sightings = deque(
-            _later(sighting, k * self._pass_s) for k in range(passes) for sighting in observe(placed, sensor, seed + k)
+            _later(sighting, k * self._pass_s) for k in range(passes) for sighting in seen(seed + k)
         )
         self._end_s = (passes - 1) * self._pass_s + last_s
         self._clock = clock

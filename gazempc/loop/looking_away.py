@@ -1,0 +1,89 @@
+"""A target that is looked away from now and then; it is tracked all the time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from gazempc.loop.attended import AttendedPeople
+from gazempc.loop.events import Event
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.track import Target
+from gazempc.people.company import Sound
+from gazempc.people.cues import Cue, Cues, Rhythm, Speech, Thinking
+from gazempc.people.schedule import LookAways
+from gazempc.types import FloatArray, Sighting
+from predictors import Forecast, HeadObservation, Predictor
+
+
+class LookingAway:
+    """Puts looks away into a target's forecasts, so that any controller plans the way there and back ahead of time.
+
+    Args:
+        target: Whom to look at else.
+        look_aways: When to look away.
+        cues: What a program tells; None for nothing.
+    """
+
+    def __init__(self, target: Target, look_aways: LookAways, cues: Cues | None = None) -> None:
+        self._target = target
+        self._look_aways = look_aways
+        self._cues = cues
+        self._person_base_m: FloatArray | None = None
+        self._recorded_s = -float("inf")
+        self._left_out = 0
+
+    @property
+    def several(self) -> AttendedPeople | None:
+        """Everybody, where there are several people."""
+        return self._target if isinstance(self._target, AttendedPeople) else None
+
+    @property
+    def predictor(self) -> Predictor:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.predictor
+
+    @property
+    def newest(self) -> HeadObservation | None:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.newest
+
+    @property
+    def newest_capture_s(self) -> float | None:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.newest_capture_s
+
+    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """See `gazempc.loop.track.Target.take_in`."""
+        for cue in () if self._cues is None else self._cues.take():
+            self._take_cue(cue, time_s)
+        self._target.take_in(sightings, time_s, recorder)
+
+    def _take_cue(self, cue: Cue, time_s: float) -> None:
+        if isinstance(cue, Sound):
+            if self.several is not None:
+                self.several.attention.hear(Sound(time_s, cue.azimuth_rad))
+        elif isinstance(cue, Thinking):
+            self._look_aways.think(time_s, cue.lasts_s)
+        elif isinstance(cue, Speech):
+            self._look_aways.speech_starts(time_s, time_s + cue.in_s)
+        elif isinstance(cue, Rhythm):
+            self._look_aways.set_mode(cue.mode, time_s)
+        elif self._person_base_m is not None:
+            self._look_aways.glance(time_s, cue.target_base_m, self._person_base_m, cue.lasts_s)
+
+    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
+        """See `gazempc.loop.track.Target.forecast`: where to look, which is elsewhere than the person at times."""
+        forecast = self._target.forecast(times_s, time_s, recorder)
+        if forecast is None:
+            return None
+        self._person_base_m = forecast.means_base_m[0]
+        composed = self._look_aways.into(forecast, time_s)
+        for each in self._look_aways.planned(time_s):
+            # Once it has begun it is carried out.
+            if self._recorded_s < each.start_s <= time_s:
+                self._recorded_s = each.start_s
+                recorder.looks_away(each.start_s, each.end_s, each.why)
+        if self._look_aways.left_out > self._left_out:
+            self._left_out = self._look_aways.left_out
+            recorder.event(time_s, Event.LOOK_AWAY_LEFT_OUT)
+        return composed

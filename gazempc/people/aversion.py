@@ -1,0 +1,174 @@
+"""One look away: when, where to, and how the gaze gets there and back in time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
+from predictors import Forecast
+
+# Contact ends and begins 2.6 deg from the person (see docs/metrics.md). Heads round the shift off, and forecasts err.
+# So it is planned for this angle: gazes then leave and return within 0.04 s of the plan. Eyes follow it as it is.
+_HEAD_CONTACT_RAD, _EYE_CONTACT_RAD = math.radians(0.6), math.radians(2.4)
+# A shift uses this share of the limits: the person walks meanwhile, and forecasts change.
+_LIMITS_SHARE = 0.8
+# No shift is quicker: a neck that could do more would startle.
+_QUICKEST_S = 0.25
+# Peaks of a minimum-jerk motion of 1 rad in 1 s: velocity, acceleration, jerk.
+_PEAK_VELOCITY, _PEAK_ACCELERATION, _PEAK_JERK = 1.875, 5.774, 60.0
+# A look away that is shortened to less is none.
+_SMALLEST_RAD = math.radians(6.0)
+
+
+@dataclass(frozen=True)
+class Aversion:
+    """A look away.
+
+    Attributes:
+        start_s: When contact ends, seconds.
+        end_s: When contact is due again, seconds.
+        aside_rad: How far from the person it goes to the left, radians.
+        up_rad: How far up, radians.
+        why: ``listening``, ``speaking``, ``thinking``, ``speech`` or ``glance``.
+        target_base_m: What is looked at instead, shape (3,), metres; None for a direction from the person.
+    """
+
+    start_s: float
+    end_s: float
+    aside_rad: float
+    up_rad: float
+    why: str
+    target_base_m: FloatArray | None = None
+
+    @property
+    def angle_rad(self) -> float:
+        """How far from the person it goes, radians."""
+        return math.hypot(self.aside_rad, self.up_rad)
+
+
+@dataclass(frozen=True)
+class GazeShift:
+    """How a neck looks away by some angle.
+
+    Attributes:
+        lasts_s: Duration of the way there, and of that back, seconds.
+        leaves_after_s: From its beginning until contact ends, seconds.
+    """
+
+    lasts_s: float
+    leaves_after_s: float
+
+    @property
+    def beyond_contact_s(self) -> float:
+        """The part of it without contact, seconds."""
+        return self.lasts_s - self.leaves_after_s
+
+
+def shift_of(neck: NeckSpec, aside_rad: float, up_rad: float) -> GazeShift:
+    """How a neck can look away: along a minimum-jerk motion that its limits allow.
+
+    Args:
+        neck: The neck.
+        aside_rad: Angle to the side, radians.
+        up_rad: Angle up, radians.
+
+    Returns:
+        The shift.
+    """
+    angles = np.abs([aside_rad, up_rad])
+    limits = neck.command_limits
+    lasts_s = np.max(
+        [
+            _PEAK_VELOCITY * angles / (_LIMITS_SHARE * limits.velocity_max_rad_s[:2]),
+            np.sqrt(_PEAK_ACCELERATION * angles / (_LIMITS_SHARE * limits.acceleration_max_rad_s2[:2])),
+            np.cbrt(_PEAK_JERK * angles / (_LIMITS_SHARE * limits.jerk_max_rad_s3[:2])),
+        ]
+    )
+    lasts_s = max(float(lasts_s), _QUICKEST_S)
+    contact_rad = _HEAD_CONTACT_RAD if neck.eyes is None else _EYE_CONTACT_RAD
+    share = contact_rad / max(math.hypot(aside_rad, up_rad), contact_rad)
+    leaves_after: float = brentq(lambda x: float(_minimum_jerk(np.float64(x))) - share, 0.0, 1.0)
+    return GazeShift(lasts_s, leaves_after * lasts_s)
+
+
+def fitted(aversion: Aversion, neck: NeckSpec) -> Aversion | None:
+    """Make a look away one that the neck can do in its time.
+
+    Args:
+        aversion: The look away.
+        neck: The neck.
+
+    Returns:
+        The same, or one to a smaller angle; None if even a small one does not fit. One to a target has to fit as it is.
+    """
+    angle_rad = aversion.angle_rad
+    while angle_rad >= _SMALLEST_RAD:
+        scale = angle_rad / aversion.angle_rad
+        shift = shift_of(neck, scale * aversion.aside_rad, scale * aversion.up_rad)
+        if aversion.end_s - aversion.start_s >= 2.0 * shift.beyond_contact_s:
+            return replace(aversion, aside_rad=scale * aversion.aside_rad, up_rad=scale * aversion.up_rad)
+        if aversion.target_base_m is not None:
+            return None
+        angle_rad *= 0.9
+    return None
+
+
+def with_aversion(forecast: Forecast, aversion: Aversion, shift: GazeShift) -> Forecast:
+    """Where to look while somebody is forecast and a look away is planned.
+
+    The way there begins before contact ends, and the way back ends after contact is due, each by the time in which the
+    gaze is still, or already, within the cone.
+
+    Args:
+        forecast: Of the person.
+        aversion: The look away.
+        shift: How the neck does it.
+
+    Returns:
+        The forecast with other positions where the gaze is to be elsewhere; its covariances are the person's.
+    """
+    since_s = (forecast.times_s - aversion.start_s + shift.leaves_after_s) / shift.lasts_s
+    until_s = (aversion.end_s + shift.leaves_after_s - forecast.times_s) / shift.lasts_s
+    weight = _minimum_jerk(np.clip(np.minimum(since_s, until_s), 0.0, 1.0))
+    if not weight.any():
+        return forecast
+    azimuth, elevation, range_m = _spherical(forecast.means_base_m)
+    away = np.array([[aversion.aside_rad], [aversion.up_rad], [0.0]])
+    if aversion.target_base_m is not None:
+        away = np.array(_spherical(aversion.target_base_m[None])) - np.array([azimuth, elevation, range_m])
+        away[0] = (away[0] + np.pi) % (2.0 * np.pi) - np.pi
+    azimuth, elevation, range_m = np.array([azimuth, elevation, range_m]) + weight * away
+    elevation = np.clip(elevation, -1.5, 1.5)
+    flat_m = range_m * np.cos(elevation)
+    means = np.column_stack([flat_m * np.cos(azimuth), flat_m * np.sin(azimuth), range_m * np.sin(elevation)])
+    # What is far from any look away stays as it was, to the last bit.
+    return replace(forecast, means_base_m=np.where(weight[:, None] > 0.0, means, forecast.means_base_m))
+
+
+def angles_to(target_base_m: FloatArray, person_base_m: FloatArray) -> tuple[float, float]:
+    """How far a target is from a person, seen from the neck.
+
+    Args:
+        target_base_m: Shape (3,), metres.
+        person_base_m: Shape (3,), metres.
+
+    Returns:
+        Angles to the left and up, radians.
+    """
+    azimuth, elevation, _ = _spherical(np.stack([target_base_m, person_base_m]))
+    return float((azimuth[0] - azimuth[1] + np.pi) % (2.0 * np.pi) - np.pi), float(elevation[0] - elevation[1])
+
+
+def _spherical(positions_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    x, y, z = positions_m.T
+    flat_m = np.hypot(x, y)
+    return np.arctan2(y, x), np.arctan2(z, flat_m), np.hypot(flat_m, z)
+
+
+def _minimum_jerk(share: FloatArray | np.float64) -> FloatArray:
+    return np.asarray(share**3 * (10.0 - 15.0 * share + 6.0 * share**2))

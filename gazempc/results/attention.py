@@ -1,0 +1,127 @@
+"""Metrics of a run among several people, and of looks away, from the log alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.log import Log
+from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
+from gazempc.types import BoolArray, FloatArray
+
+
+@dataclass(frozen=True)
+class AttentionMetrics:
+    """Metrics of whom the gaze was on, and when; NaN where there is nothing to measure.
+
+    Attributes:
+        contact_attended: Share of the scored time with eye contact (2.6 deg) with whoever is looked at, where contact
+            is due.
+        switches_per_minute: How often it changed who is looked at, a minute.
+        time_to_contact_after_switch_s: Median time from a switch to contact, seconds; of switches with contact.
+        switches_without_contact: Switches before whose end there was no contact.
+        away_share: Share of the scored time without contact during looks away.
+        away_share_planned: Share of it that was planned.
+        away_duration_ratio: Mean of the realised over the planned duration of looks away.
+        return_late_s: Median of how much later than planned contact was back, seconds.
+        return_late_p95_s: 95 % of them came back sooner.
+    """
+
+    contact_attended: float
+    switches_per_minute: float
+    time_to_contact_after_switch_s: float
+    switches_without_contact: int
+    away_share: float
+    away_share_planned: float
+    away_duration_ratio: float
+    return_late_s: float
+    return_late_p95_s: float
+
+
+def measure_attention(log: Log) -> AttentionMetrics:
+    """Compute the metrics.
+
+    Args:
+        log: The run.
+
+    Returns:
+        The metrics.
+    """
+    error_deg = gaze_error_deg(log)
+    contact = error_deg <= CONTACT_DEG[0]
+    scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(error_deg)
+    away = log.looks_away
+    to_contact_s = _times_to_contact(log, contact)
+    minutes = (log.time_s[-1] - log.time_s[0]) / 60.0
+    realised, planned_s = _realised(log, contact)
+    late_s, ratio = realised[:, 1] - planned_s[:, 1], np.ptp(realised, axis=1) / np.ptp(planned_s, axis=1)
+    return AttentionMetrics(
+        contact_attended=_mean(contact[scored & ~away]),
+        switches_per_minute=max(to_contact_s.size - 1, 0) / minutes if minutes > 0 else float("nan"),
+        time_to_contact_after_switch_s=_median(to_contact_s[1:][np.isfinite(to_contact_s[1:])]),
+        switches_without_contact=int(np.isnan(to_contact_s[1:]).sum()),
+        away_share=_mean((away & ~contact)[scored]),
+        away_share_planned=_mean(away[scored]),
+        away_duration_ratio=_mean(ratio),
+        return_late_s=_median(late_s),
+        return_late_p95_s=float(np.percentile(late_s, 95)) if late_s.size else float("nan"),
+    )
+
+
+def attention_lines(found: AttentionMetrics) -> list[str]:
+    """Say it in words, for people.
+
+    Args:
+        found: The metrics.
+
+    Returns:
+        A line on whom the gaze was on, and one on looks away; only what there was.
+    """
+    lines = []
+    if np.isfinite(found.time_to_contact_after_switch_s) or found.switches_without_contact:
+        without = f", {found.switches_without_contact} without contact" if found.switches_without_contact else ""
+        lines.append(
+            f"contact with whoever was looked at {found.contact_attended:.1%} of the time; "
+            f"{found.switches_per_minute:.1f} switches a minute, contact after "
+            f"{found.time_to_contact_after_switch_s:.2f} s{without}"
+        )
+    if np.isfinite(found.return_late_s):
+        lines.append(
+            f"looked away {found.away_share:.1%} of the time (planned {found.away_share_planned:.1%}); contact came "
+            f"back {1e3 * found.return_late_s:.0f} ms after plan (95 % within {1e3 * found.return_late_p95_s:.0f} ms)"
+        )
+    return lines
+
+
+def _times_to_contact(log: Log, contact: BoolArray) -> FloatArray:
+    """Of the first person and of each switch to somebody, time to contact before the next switch; NaN without."""
+    found = []
+    starts_s = log.attended_time_s.tolist()
+    ends_s = [*starts_s, float(log.time_s[-1])][1:]
+    for start_s, end_s, person in zip(starts_s, ends_s, log.attended_person.tolist(), strict=True):
+        if person:
+            there = np.flatnonzero(contact & (log.time_s >= start_s) & (log.time_s < end_s))
+            found.append(log.time_s[there[0]] - start_s if there.size else float("nan"))
+    return np.array(found)
+
+
+def _realised(log: Log, contact: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """When contact ended and was back, and when that was planned, shape (W, 2), seconds; of those that are over."""
+    realised, planned_s = [], []
+    for start_s, end_s in zip(log.away_start_s.tolist(), log.away_end_s.tolist(), strict=True):
+        middle = int(np.searchsorted(log.time_s, 0.5 * (start_s + end_s)))
+        before, after = np.flatnonzero(contact[:middle]), np.flatnonzero(contact[middle:])
+        if before.size and after.size and after[0] > 0:
+            realised.append((log.time_s[before[-1]], log.time_s[middle + after[0]]))
+            planned_s.append((start_s, end_s))
+    return np.array(realised).reshape(-1, 2), np.array(planned_s).reshape(-1, 2)
+
+
+def _mean(values: BoolArray | FloatArray) -> float:
+    return float(np.mean(values)) if values.size else float("nan")
+
+
+def _median(values: FloatArray) -> float:
+    return float(np.median(values)) if values.size else float("nan")

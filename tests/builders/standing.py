@@ -1,0 +1,12 @@
+"""People who stand before the robot, and sway a little."""
+
+import numpy as np
+
+from gazempc.recordings.arrays import recording_from_arrays
+
+
+def standing(name, at_m, seconds, from_s=0.0):
+    """A recording of somebody who stands there."""
+    times_s = from_s + np.arange(0.0, seconds, 1.0 / 30.0)
+    sway_m = [0.02 * np.sin(0.8 * times_s), 0.03 * np.sin(1.3 * times_s), 0.01 * np.sin(1.1 * times_s)]
+    return recording_from_arrays(name, times_s, np.asarray(at_m) + np.column_stack(sway_m))

@@ -1,0 +1,78 @@
+"""Gaze among several people, and what a program tells it besides."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+from builders.checks import assert_within_limits
+from builders.live import NECK
+
+import gazempc as gz
+from gazempc.sim.simulated import SimulatedNeck
+
+LEFT_M, RIGHT_M = [2.0, 0.8, 0.3], [2.5, -1.0, 0.3]
+
+
+class Kept(SimulatedNeck):
+    def __init__(self):
+        super().__init__(NECK, np.radians([5.0, 2.0]), time.monotonic)
+        self.received = []
+
+    def send_command(self, position_rad):
+        self.received.append(position_rad.copy())
+        return super().send_command(position_rad)
+
+
+def see_both(opened, seconds, tell=lambda elapsed_s: None):
+    start_s = time.monotonic()
+    while (elapsed_s := time.monotonic() - start_s) < seconds:
+        now_s = time.time() - 0.03
+        opened.see(now_s, LEFT_M, person_id="anna")
+        opened.see(now_s, RIGHT_M, person_id="bob")
+        tell(elapsed_s)
+        time.sleep(1 / 30)
+
+
+@pytest.mark.parametrize(("attend", "at_m", "number"), [("nearest", LEFT_M, 1), ("id:bob", RIGHT_M, 2)])
+def test_it_looks_at_whom_the_policy_says(attend, at_m, number):
+    robot = Kept()
+    with gz.Gaze(NECK, robot, predictor="constant_velocity", attend=attend) as opened:
+        see_both(opened, 1.6)
+        assert opened.attended.number == number
+        assert opened.joints.position_rad[0] == pytest.approx(math.atan2(at_m[1], at_m[0]), abs=0.1)
+        assert opened.warnings == ()
+    assert_within_limits(np.array(robot.received), np.radians([5.0, 2.0]), ends=True)
+    assert opened.log().attended_person.tolist() == [number]
+
+
+def test_who_speaks_is_looked_at_and_it_looks_away_when_it_thinks():
+    def tell(opened, elapsed_s):
+        if elapsed_s > 0.5:
+            opened.hear(math.atan2(RIGHT_M[1], RIGHT_M[0]))
+        if elapsed_s > 1.5 and not told:
+            told.append(opened.think(1.2))
+
+    told = []
+    settings = {"hysteresis_s": 0.2, "dwell_s": 0.2}
+    with gz.Gaze(NECK, Kept(), predictor="constant_velocity", attend="speaker", attention=settings) as opened:
+        see_both(opened, 2.6, lambda elapsed_s: tell(opened, elapsed_s))
+        assert opened.attended.number == 2
+    log = opened.log()
+    assert log.attended_person.tolist() == [1, 2]
+    assert log.away_why.tolist() == ["thinking"]
+    assert log.away_end_s[0] - log.away_start_s[0] == pytest.approx(1.2)
+
+
+def test_one_person_is_looked_away_from_too():
+    with gz.Gaze(NECK, Kept(), predictor="constant_velocity", look_away={"rhythm": "told"}) as opened:
+        start_s, told = time.monotonic(), []
+        while time.monotonic() - start_s < 1.6:
+            opened.see(time.time() - 0.03, LEFT_M)
+            if time.monotonic() - start_s > 0.4 and not told:
+                told.append(opened.glance([1.5, -0.6, -0.2], 1.5))
+            time.sleep(1 / 30)
+        assert opened.attended is None
+    assert opened.log().away_why.tolist() == ["glance"]
+    with pytest.raises(ValueError, match="target_base_m"):
+        opened.glance([1.0, 2.0])

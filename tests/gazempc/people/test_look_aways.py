@@ -1,0 +1,186 @@
+"""When to look away: the plan by itself, and in a replay."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from builders.standing import standing
+
+from gazempc.neck.kinematics import look_at
+from gazempc.neck.spec import load_neck, neck_names
+from gazempc.people.aversion import Aversion, fitted, shift_of, with_aversion
+from gazempc.people.schedule import RHYTHMS, LookAways
+from gazempc.results.attention import measure_attention
+from gazempc.results.limits import limit_violations
+from gazempc.settings import LookAwaySettings
+from gazempc.sim.replay import ReplaySettings, replay_scene
+from gazempc.sim.scene import SceneSettings, make_scene
+from predictors import Forecast
+
+NECK = load_neck("reference")
+PERSON_M = np.array([2.5, 0.3, 0.3])
+
+
+def forecast(times_s):
+    count = len(times_s)
+    return Forecast(np.asarray(times_s), np.tile(PERSON_M, (count, 1)), np.tile(np.eye(3), (count, 1, 1)), 0.0)
+
+
+def run_for(look_aways, seconds, from_s=0.0):
+    """All that is planned over some time, asked for as often as a loop asks."""
+    found = {}
+    for k in range(int(seconds / 0.02)):
+        now_s = from_s + 0.02 * k
+        found |= {each.start_s: each for each in look_aways.planned(now_s) if each.start_s <= now_s}
+    return [found[start_s] for start_s in sorted(found)]
+
+
+def off_deg(composed):
+    rays = composed.means_base_m / np.linalg.norm(composed.means_base_m, axis=1)[:, None]
+    return np.degrees(np.arccos(np.clip(rays @ (PERSON_M / np.linalg.norm(PERSON_M)), -1.0, 1.0)))
+
+
+@pytest.mark.parametrize("mode", ["listening", "speaking"])
+def test_durations_and_intervals_are_the_published_ones(mode):
+    aways = run_for(LookAways(NECK, mode), 1000.0)
+    lasts_s = np.array([each.end_s - each.start_s for each in aways])
+    every_s = np.diff([each.start_s for each in aways])
+    assert lasts_s.mean() == pytest.approx(RHYTHMS[mode].lasts_s[0], rel=0.05)
+    assert every_s.mean() == pytest.approx(RHYTHMS[mode].every_s[0], rel=0.05)
+    assert np.std(lasts_s) > 0.1
+    gaps_s = np.array([b.start_s - a.end_s for a, b in pairwise(aways)])
+    assert gaps_s.min() >= 0.8 - 1e-9
+
+
+def test_the_same_seed_gives_the_same_plan_and_another_one_another():
+    plans = [run_for(LookAways(NECK, "listening", seed), 60.0) for seed in (1, 1, 2)]
+    assert plans[0] == plans[1] != plans[2]
+
+
+def test_directions_are_natural():
+    aways = run_for(LookAways(NECK, "listening"), 1000.0)
+    aside = np.array([abs(each.aside_rad) > abs(each.up_rad) for each in aways])
+    assert aside.mean() == pytest.approx(0.7, abs=0.1)
+    assert {np.sign(each.aside_rad) for each in aways} == {-1.0, 1.0}
+
+
+def test_a_forecast_far_from_a_look_away_stays_as_it_was():
+    given = forecast(np.linspace(0.0, 1.0, 9))
+    assert with_aversion(given, Aversion(5.0, 6.0, 0.26, 0.0, "thinking"), shift_of(NECK, 0.26, 0.0)) is given
+
+
+def test_the_way_there_and_back_keeps_the_necks_limits():
+    for name in neck_names():
+        neck = load_neck(name)
+        shift = shift_of(neck, 0.26, 0.1)
+        away = Aversion(1.0, 4.0, 0.26, 0.1, "thinking")
+        times_s = np.arange(0.0, 5.0, 0.002)
+        means_m = with_aversion(forecast(times_s), away, shift).means_base_m
+        pan_rad = np.arctan2(means_m[:, 1], means_m[:, 0])
+        limits = neck.command_limits
+        assert np.abs(np.gradient(pan_rad, times_s)).max() <= limits.velocity_max_rad_s[0]
+        assert np.abs(np.gradient(np.gradient(pan_rad, times_s), times_s)).max() <= limits.acceleration_max_rad_s2[0]
+
+
+def test_a_look_away_goes_where_it_says_and_is_back_in_time():
+    away, shift = Aversion(1.0, 2.5, 0.26, 0.0, "thinking"), shift_of(NECK, 0.26, 0.0)
+    off = off_deg(with_aversion(forecast([0.5, 1.0, 1.75, 2.5, 3.0]), away, shift))
+    assert off[[0, 4]].tolist() == [0.0, 0.0]
+    assert off[2] == pytest.approx(np.degrees(0.26), abs=0.3)
+    assert np.all(off[[1, 3]] < 2.6)
+
+
+def test_a_glance_is_at_its_target():
+    target_m = np.array([1.5, -0.8, -0.3])
+    look_aways = LookAways(NECK)
+    assert look_aways.glance(0.0, target_m, PERSON_M, 2.0)
+    [away] = look_aways.planned(0.0)
+    middle_s = 0.5 * (away.start_s + away.end_s)
+    composed = look_aways.into(forecast([middle_s]), 0.0)
+    np.testing.assert_allclose(composed.means_base_m[0], target_m, atol=1e-9)
+    assert away.why == "glance"
+
+
+def test_what_is_told_begins_as_soon_as_the_neck_can():
+    look_aways = LookAways(NECK)
+    assert look_aways.think(10.0, 1.5)
+    [away] = look_aways.planned(10.0)
+    assert 10.4 < away.start_s < 11.0
+    assert away.end_s - away.start_s == pytest.approx(1.5)
+
+
+def test_the_floor_is_held_until_the_utterance():
+    look_aways = LookAways(NECK)
+    assert look_aways.speech_starts(10.0, 13.0)
+    [away] = look_aways.planned(10.0)
+    assert (away.start_s, away.end_s) == pytest.approx((11.97, 13.0))
+    assert not look_aways.speech_starts(20.0, 20.3)  # told too late
+    assert look_aways.left_out == 1
+
+
+def test_what_the_neck_cannot_do_is_smaller_or_left_out():
+    slow = load_neck("slow")
+    asked = Aversion(0.0, 1.0, 0.26, 0.0, "speaking")
+    done = fitted(asked, slow)
+    assert 0.1 < done.aside_rad < 0.26
+    assert fitted(Aversion(0.0, 0.2, 0.26, 0.0, "speaking"), slow) is None
+    assert not LookAways(slow).glance(0.0, np.array([0.0, 2.0, 0.0]), PERSON_M, 0.5)
+
+
+def test_told_comes_before_the_rhythm_and_never_clashes():
+    look_aways = LookAways(NECK, "listening", 3)
+    assert look_aways.think(0.0, 3.0, start_s=2.0)
+    assert not look_aways.think(0.0, 1.0, start_s=4.0)
+    aways = run_for(look_aways, 60.0)
+    assert aways[0].why == "thinking"
+    assert all(b.start_s - a.end_s >= 0.8 - 1e-9 for a, b in pairwise(aways))
+
+
+def test_another_rhythm_from_now_on():
+    look_aways = LookAways(NECK, "listening")
+    run_for(look_aways, 20.0)
+    look_aways.set_mode("speaking", 20.0)
+    later = run_for(look_aways, 40.0, 20.0)
+    assert {each.why for each in later if each.start_s > 23.0} == {"speaking"}
+    look_aways.set_mode("told", 60.0)
+    assert [each for each in run_for(look_aways, 20.0, 60.0) if each.start_s > 62.0] == []
+
+
+@pytest.mark.parametrize("mode", ["listening", "speaking"])
+def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time(mode):
+    scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 25.0), SceneSettings(sensor="reference", placement="recorded"))
+    settings = ReplaySettings(look_away=LookAwaySettings(rhythm=mode))
+    log = replay_scene(scene, "mpc", "constant_velocity", settings).log
+    found = measure_attention(log)
+    assert found.away_duration_ratio == pytest.approx(1.0, abs=0.05)
+    assert abs(found.return_late_s) <= 0.05
+    assert found.return_late_p95_s <= 0.1
+    assert found.contact_attended > 0.97
+    assert found.away_share == pytest.approx(found.away_share_planned, rel=0.1)
+    assert limit_violations(log, log.neck) == 0
+    assert "target_lost" not in log.event_name
+
+
+def test_a_gaze_that_reacts_is_late():
+    scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 12.0), SceneSettings(sensor="reference", placement="recorded"))
+    log = replay_scene(
+        scene, "reactive", "constant_velocity", ReplaySettings(look_away=LookAwaySettings(rhythm="listening"))
+    ).log
+    assert measure_attention(log).return_late_s > 0.4
+
+
+def test_a_switch_between_two_people_passes_nobody_by_more_than_a_degree():
+    two = [standing("ann", [2.4, 1.0, 0.3], 8.0), standing("bob", [2.6, -1.0, 0.3], 8.0)]
+    # Ann leaves, so that Bob is all there is.
+    scene = make_scene(two[0], SceneSettings(sensor="reference", placement="recorded"))
+    leaves = replace(scene.walk.truth, valid=scene.walk.times_s < 4.0)
+    bob = make_scene(two[1], SceneSettings(sensor="reference", placement="recorded")).walk
+    scene = replace(scene, walk=replace(scene.walk, truth=leaves), others=(bob,))
+    log = replay_scene(scene, "mpc", "constant_velocity", ReplaySettings(attend="nearest")).log
+    switched_s = float(log.attended_time_s[log.attended_person == 2][0])
+    there_rad = look_at(log.neck.geometry, np.array([2.6, -1.0, 0.3])).angles_rad[0]
+    after = log.time_s > switched_s
+    passed_deg = np.degrees(there_rad - log.joint_position_rad[after, 0])
+    assert passed_deg.max() < 1.0 + np.degrees(0.03 / 2.6)
+    assert measure_attention(log).time_to_contact_after_switch_s < 1.6
