@@ -27,7 +27,7 @@ def neck_of(base="reference", rates=None, **of_axis):
     content = load_neck(base).model_dump() | (rates or {})
     for axis in (content["pan"], content["tilt"], *(content["eyes"] or {}).values(), content["body"]):
         if axis is not None:
-            axis |= of_axis
+            axis.update(of_axis)
     return NeckSpec.model_validate(content)
 
 
