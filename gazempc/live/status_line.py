@@ -19,6 +19,8 @@ from gazempc.neck.spec import AXES
 
 # Rates are over this time; piped, so often a line comes.
 _LINE_S = 1.0
+# At the end the last lines are waited for; they take milliseconds.
+_LAST_DRAWN_S = 2.0
 _MEANINGS = {str(event): event.meaning for event in Event}
 
 
@@ -58,7 +60,8 @@ class StatusLine:
     ) -> None:
         """Draw what is left."""
         self._queue.put(None)
-        self._thread.join()
+        # Whoever does not read the pipe any more keeps nothing from being written and ended.
+        self._thread.join(_LAST_DRAWN_S)
         if self._live is not None:
             self._live.stop()
 

@@ -1,13 +1,18 @@
 """What a live run shows while it runs: the statuses of a run with known trouble, and how they read."""
 
+import contextlib
 import dataclasses
 import io
+import os
+import threading
+import time
 
 import numpy as np
 import pytest
 from builders.live import NECK, run_live
 from rich.console import Console
 
+from gazempc.live import status_line
 from gazempc.live.status import Status
 from gazempc.live.status_line import StatusLine, observations, person
 from gazempc.loop.events import Event
@@ -149,3 +154,21 @@ def test_a_closed_pipe_does_not_end_a_run():
     with StatusLine(("pan", "tilt"), Console(file=Closed())) as line:
         for k in range(9):
             line.show(at(float(k)))
+
+
+def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(monkeypatch):
+    monkeypatch.setattr(status_line, "_LAST_DRAWN_S", 0.1)
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(write, bytes(4096))
+    os.set_blocking(write, True)
+    began_s = time.monotonic()
+    with os.fdopen(write, "w") as full, StatusLine(NECK.joint_names, Console(file=full)) as line:
+        line.show(STATUS)
+        line.__exit__(None, None, None)
+        took_s = time.monotonic() - began_s
+        # Read by now, so that the pipe can be closed.
+        threading.Thread(target=os.read, args=(read, 1 << 20), daemon=True).start()
+    assert took_s < 1.0
