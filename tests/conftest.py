@@ -7,6 +7,8 @@ from pathlib import Path
 # One numerical thread a process, before NumPy is loaded: the matrices are small, and the tests' processes are the
 # parallelism. Else the threads of several processes wait for each other.
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+# JAX reads this when it is imported: its functions are compiled for a few short runs.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # MuJoCo reads this when it is imported: pictures are rendered without a screen.
 os.environ.setdefault("MUJOCO_GL", "egl")
 
