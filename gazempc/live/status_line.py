@@ -106,7 +106,7 @@ class StatusLine:
             self._console.print(Text(text))
 
     def _line(self, status: Status) -> str:
-        joints = f"; {self._joints(status)}" if self._shared else ""
+        joints = f"; joints {self._joints(status)}" if self._shared else ""
         began = f"; began: {_counts(self._began)}" if self._began else ""
         seen = f"{person(status)}; {observations(status, self._recent[0])}"
         loop = f"{plan(status)}; {ticks(self._late_ms, status.left_out)}"

@@ -130,6 +130,14 @@ def test_piped_it_is_one_line_a_second_and_each_new_event_is_explained():
     ]
 
 
+def test_of_a_shared_gaze_each_joint_is_named():
+    joints = {"joints_rad": (-0.2, 0.1, 0.05), "gaze_rad": (-0.15, 0.1)}
+    said = drawn(("pan", "tilt", "body_yaw"), [at(0.0, **joints), at(1.0, **joints)])
+    assert (
+        "looks at pan -8.6, tilt +5.7 deg; aims at -14.3, +6.9; joints pan -11.5, tilt +5.7, body_yaw +2.9 deg" in said
+    )
+
+
 def test_on_a_terminal_all_lines_fit_80_columns_and_the_last_state_stays():
     names = ("pan", "tilt", "eye_pan", "eye_tilt", "body_yaw")
     wide = {"joints_rad": (-1.9, 0.5, -0.6, -0.4, -2.6), "gaze_rad": (-2.5, -0.5), "aim_rad": (-2.6, -0.5)}
