@@ -10,8 +10,9 @@ import numpy as np
 
 from gazempc.errors import SettingsError
 
-# What each array's axes count: M ticks, J joints, F observations, H horizons, E events. See `gazempc.results.log.Log`.
-_SHAPES: Mapping[str, tuple[str | int, ...]] = {
+# What each array's axes count: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at.
+# See `gazempc.results.log.Log`.
+SHAPES: Mapping[str, tuple[str | int, ...]] = {
     "time_s": ("M",),
     "head_true_base_m": ("M", 3),
     "joint_time_s": ("M",),
@@ -31,12 +32,15 @@ _SHAPES: Mapping[str, tuple[str | int, ...]] = {
     "forecast_horizon_s": ("H",),
     "event_time_s": ("E",),
     "event_name": ("E",),
+    "attended_time_s": ("A",),
+    "attended_person": ("A",),
+    "attended_why": ("A",),
 }
 # Larger numbers than any second since 1970 or any metre are damage, and their squares would overflow.
 _LARGEST = 1e12
 # No run holds still for so long, and no reading is so old.
 _LONGEST_GAP_S = 60.0
-_TEXTS = ("person_id", "event_name")
+_KINDS = {"person_id": "U", "event_name": "U", "attended_why": "U", "attended_person": "i"}
 _FINITE = ("time_s", "command_position_rad", "capture_time_s", "arrival_time_s", "event_time_s")
 
 
@@ -53,10 +57,9 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
         SettingsError: Names the array.
     """
     counts: dict[str | int, int] = {"J": joints}
-    for name, axes in _SHAPES.items():
+    for name, axes in SHAPES.items():
         array = values[name]
-        wanted_kind = "U" if name in _TEXTS else "f"
-        if array.dtype.kind != wanted_kind and not (name in _TEXTS and not array.size):
+        if array.size and array.dtype.kind != _KINDS.get(name, "f"):
             raise _damaged(path, name, f"it holds {array.dtype}")
         if array.ndim != len(axes):
             raise _damaged(path, name, f"its shape is {array.shape}, expected {_said(axes)}")

@@ -8,6 +8,7 @@ import sqlite3
 import stat
 import time
 import zipfile
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,8 @@ from gazempc.identify.tracker.read import read_track
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.tables.mapping import read_mapping
-from gazempc.results.log import load_log
+from gazempc.results.log import Log, load_log
+from gazempc.results.log_shapes import SHAPES
 from gazempc.run import load_settings
 
 MOST_S, MOST_MB, MOST_CHARACTERS = 2.0, 500, 5000
@@ -189,6 +191,10 @@ def test_arrays_are_what_they_say(member, said, tmp_path):
     path.write_bytes(npz({"time_s": member}))
     assert said in refused(load_log, path)
     assert said in refused(load_record, path)
+
+
+def test_the_shape_of_every_array_of_a_log_is_checked():
+    assert set(SHAPES) == {field.name for field in fields(Log)} - {"run", "faults"}
 
 
 def test_an_encrypted_archive_is_said(tmp_path):

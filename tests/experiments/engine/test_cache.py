@@ -98,3 +98,25 @@ def test_the_file_is_json_that_people_can_read(tmp_path):
     content = json.loads((tmp_path / "key.json").read_text())
     assert content["key"] == "key"
     assert content["row"] == PLAIN
+
+
+@pytest.mark.parametrize("change", ["another name", "another kind", "another order of axes", "one more", "one less"])
+def test_arrays_that_were_written_anew_are_noticed(change, tmp_path):
+    """An archive whose own check sums hold."""
+    Cache(tmp_path).keep("key", ARRAYS)
+    path = result_file(tmp_path, "key")
+    with np.load(path) as data:
+        arrays = dict(data)
+    if change == "another name":
+        arrays["error_mm"] = arrays.pop("error_m")
+    elif change == "another kind":
+        arrays["seen"] = arrays["seen"].astype(np.int8)
+    elif change == "another order of axes":
+        arrays["error_m"] = arrays["error_m"].ravel()
+    elif change == "one more":
+        arrays["more"] = np.zeros(1)
+    else:
+        del arrays["seen"]
+    np.savez(path, **arrays)
+    with pytest.raises(GazempcError, match="damaged"):
+        read_result(path)
