@@ -49,7 +49,7 @@ def replay(
         placement: ``recorded`` or ``side``; None for the one that fits the recording.
         seed: Seed of the sensor's noise.
         **settings: Any other setting of `gazempc.sim.replay.ReplaySettings`, such as ``distance_m=1.0``,
-            ``mpc={"horizon_s": 0.6}`` or ``options={"gain": 0.3}`` for a part of your own.
+            ``mpc={"horizon_s": 0.6}``, ``attend="nearest"`` or ``options={"gain": 0.3}`` for a part of your own.
 
     Returns:
         The log.
@@ -77,5 +77,6 @@ def replay(
         checked,
         neck if isinstance(neck, NeckSpec) else None,
         sensor if isinstance(sensor, SensorSpec) else None,
+        everybody=checked.attend is not None,
     )
     return replay_scene(scene, controller, predictor, checked).log

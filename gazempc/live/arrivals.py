@@ -45,7 +45,7 @@ class Arrivals:
     def __init__(self, parts: LiveParts, report: LiveReport) -> None:
         self._source, self._mount, self._geometry = parts.source, parts.mount, parts.neck.geometry
         self._report = report
-        self._use_ids = parts.use_ids
+        self._use_ids, self._cues = parts.use_ids, parts.cues
         # Of several people who are seen in turn nobody leaps, and the names change all the time.
         self._one_person = not (isinstance(parts.several, LookingAway) and parts.several.several)
         self._newest = _NEWEST if self._one_person else _NEWEST_OF_SEVERAL
@@ -85,6 +85,8 @@ class Arrivals:
         except Exception as error:
             recorder.event(now_s, Event.SOURCE_FAILED, error)
             return ()
+        for cue in arrived.cues:
+            self._cues.tell(cue)
         self._waiting += arrived.sightings
         while len(self._waiting) > self._newest:
             self._waiting.popleft()

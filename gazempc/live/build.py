@@ -31,6 +31,7 @@ from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import make, options_for
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, name_of
+from gazempc.people.cues import Cues
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.run_info import RunInfo
 from gazempc.sim.scene import Scene, make_scene
@@ -88,7 +89,7 @@ def build(settings: LiveSettings) -> Built:
     start_rad = neck.rest_rad if scene is None else _facing(scene)
     robot = make_robot(settings.robot, settings.options, neck, clock, start_rad, settings.seed)
     planner = ImmediatePlanner(controller) if settings.simulated_clock else BackgroundPlanner(controller)
-    mends = Mends(own_source=stamps is None)
+    mends, cues = Mends(own_source=stamps is None), Cues()
     parts = LiveParts(
         neck,
         predictor,
@@ -101,7 +102,8 @@ def build(settings: LiveSettings) -> Built:
         stamps=stamps,
         use_ids=settings.use_ids,
         mends=mends,
-        several=make_target(settings.predictor, predictor, neck, settings, own) if settings.several else None,
+        several=make_target(settings.predictor, predictor, neck, settings, own, cues) if settings.several else None,
+        cues=cues,
     )
     # Among several people nobody keeps, live, who is which of the recordings.
     known = None if true_head is None or (scene is not None and scene.others) else _on_loop_clock(true_head, source)

@@ -125,6 +125,7 @@ class GazeParts:
             use_ids=self.settings.use_ids,
             mends=Mends(python=True),
             several=self.several,
+            cues=self.cues,
         )
         return LiveRun(parts, replace(keeping, true_state=true_state_of(self.robot)))
 

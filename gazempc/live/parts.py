@@ -16,6 +16,7 @@ from gazempc.live.watch.mends import Mends
 from gazempc.loop.planner import Planner
 from gazempc.loop.track import PersonTrack, Target
 from gazempc.neck.spec import NeckSpec
+from gazempc.people.cues import Cues
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.moments import Moment
 from gazempc.results.run_info import RunInfo
@@ -44,6 +45,7 @@ class LiveParts:
         use_ids: Whether the tracker's names of people count.
         mends: How settings are named to the user.
         several: Whom to look at, where that is one of several people, or is looked away from; None for one person.
+        cues: What is told besides observations, for that target.
 
     Raises:
         SettingsError: If a joint of the neck takes speeds: the start of a live run sends angles.
@@ -61,6 +63,7 @@ class LiveParts:
     use_ids: bool = True
     mends: Mends = field(default_factory=Mends)
     several: Target | None = None
+    cues: Cues = field(default_factory=Cues)
 
     def target(self) -> Target:
         """Whom the loop looks at."""

@@ -51,9 +51,9 @@ def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float])
     try:
         data: Any = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise LineError(f"not JSON ({error}): {_short(text)}") from None
+        raise LineError(f"not JSON ({error}): {short(text)}") from None
     if not isinstance(data, dict):
-        raise LineError(f"expected an object with {', '.join(FIELDS)}, got {_short(text)}")
+        raise LineError(f"expected an object with {', '.join(FIELDS)}, got {short(text)}")
     if unknown := [name for name in data if name not in FIELDS]:
         raise LineError(f"unknown field {unknown[0]!r}: {suggest(unknown[0], FIELDS)}")
     if data.get("head_position_m") is None:
@@ -62,7 +62,7 @@ def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float])
     if has_time == has_age:
         raise LineError("needed is one of capture_time_s (Unix time) and age_s (seconds since capture)")
     if has_age:
-        age_s = _number("age_s", data["age_s"])
+        age_s = number("age_s", data["age_s"])
         if age_s < 0:
             raise LineError(f"age_s is {age_s:g}: needed are 0 or more seconds")
         if age_s > _OLDEST_S:
@@ -71,8 +71,8 @@ def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float])
             )
         capture_s = arrival_s - age_s
     else:
-        capture_s = to_loop_s(_number("capture_time_s", data["capture_time_s"]))
-    position_m = _numbers("head_position_m", data["head_position_m"], 3)
+        capture_s = to_loop_s(number("capture_time_s", data["capture_time_s"]))
+    position_m = numbers("head_position_m", data["head_position_m"], 3)
     stated = {name: _stated(name, data[name]) for name in FIELDS[3:] if data.get(name) is not None}
     try:
         return HeadObservation(capture_s, np.array(position_m), **stated)
@@ -82,35 +82,61 @@ def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float])
 
 def _stated(name: str, value: Any) -> Any:
     if name in _QUATERNIONS:
-        return np.array(_numbers(name, value, 4))
+        return np.array(numbers(name, value, 4))
     if name == "position_covariance_m2":
         if not isinstance(value, list) or len(value) != _AXES:
-            raise LineError(f"{name} is {_short(repr(value))}: needed are 3 lists of 3 numbers")
-        return np.array([_numbers(name, row, _AXES) for row in value])
+            raise LineError(f"{name} is {short(repr(value))}: needed are 3 lists of 3 numbers")
+        return np.array([numbers(name, row, _AXES) for row in value])
     if name in _NUMBERS:
-        return _number(name, value)
+        return number(name, value)
     if isinstance(value, bool) or not isinstance(value, int | str):
-        raise LineError(f"{name} is {_short(repr(value))}: needed is a text or a whole number")
+        raise LineError(f"{name} is {short(repr(value))}: needed is a text or a whole number")
     return str(value)
 
 
-def _number(name: str, value: Any) -> float:
+def number(name: str, value: Any) -> float:
+    """A finite number.
+
+    Args:
+        name: Name of the field, for the message.
+        value: Its value.
+
+    Returns:
+        The number.
+
+    Raises:
+        LineError: If it is none.
+    """
     if not isinstance(value, bool) and isinstance(value, int | float):
         try:
-            number = float(value)
+            found = float(value)
         except OverflowError:
-            number = math.inf
-        if math.isfinite(number):
-            return number
-    raise LineError(f"{name} has {_short(repr(value))}: needed is a finite number")
+            found = math.inf
+        if math.isfinite(found):
+            return found
+    raise LineError(f"{name} has {short(repr(value))}: needed is a finite number")
 
 
-def _numbers(name: str, values: Any, size: int) -> list[float]:
+def numbers(name: str, values: Any, size: int) -> list[float]:
+    """Finite numbers.
+
+    Args:
+        name: Name of the field, for the message.
+        values: Its value.
+        size: How many are needed.
+
+    Returns:
+        The numbers.
+
+    Raises:
+        LineError: If it is no list of so many.
+    """
     if not isinstance(values, list) or len(values) != size:
-        raise LineError(f"{name} is {_short(repr(values))}: needed is a list of {size} numbers")
-    return [_number(name, value) for value in values]
+        raise LineError(f"{name} is {short(repr(values))}: needed is a list of {size} numbers")
+    return [number(name, value) for value in values]
 
 
-def _short(text: str) -> str:
+def short(text: str) -> str:
+    """The beginning of a text, for a message."""
     text = text.strip()
     return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")

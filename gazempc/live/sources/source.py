@@ -9,6 +9,7 @@ import numpy as np
 
 from gazempc.errors import GazempcError
 from gazempc.loop.events import Event
+from gazempc.people.cues import Cue
 from gazempc.types import FloatArray, Sighting
 
 # A head is ten times as wide: nobody's is so near to a sensor.
@@ -59,11 +60,13 @@ class Arrived:
             loop's clock.
         problems: What came and could not be used, and why, a sentence each.
         notices: What else is to be known, and what was not used for reasons of other names.
+        cues: What else was told, such as sounds.
     """
 
     sightings: tuple[Sighting, ...] = ()
     problems: tuple[str, ...] = field(default=())
     notices: tuple[Notice, ...] = ()
+    cues: tuple[Cue, ...] = ()
 
 
 class Source(Protocol):

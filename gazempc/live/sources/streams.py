@@ -8,6 +8,7 @@ from collections import deque
 from dataclasses import replace
 
 from gazempc.live.clock import RealClock
+from gazempc.live.sources.cue_lines import is_cue, parse_cue
 from gazempc.live.sources.json_lines import LineError, parse_line
 from gazempc.live.sources.senders import Address, Senders
 from gazempc.live.sources.signing import Signatures, UnsignedError
@@ -15,6 +16,7 @@ from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.live.sources.wires import Chunk, UdpPort, Wire
 from gazempc.live.stamps import StampReader, Stamps
 from gazempc.loop.events import Event
+from gazempc.people.cues import Cue
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
@@ -62,6 +64,7 @@ class LineSource:
         # Guards all below. Nobody holds it for longer than a few microseconds.
         self._lock = threading.Lock()
         self._arrived: deque[Sighting] = deque()
+        self._cues: deque[Cue] = deque(maxlen=_WAITING_MAX)
         self._problems: list[str] = []
         self._notices: dict[Event, Notice] = {}
 
@@ -86,7 +89,9 @@ class LineSource:
             sightings, self._arrived = self._arrived, deque()
             problems, self._problems = self._problems, []
             notices, self._notices = self._notices, {}
-        return Arrived(tuple(sightings), tuple(problems), tuple(notices.values()))
+            cues = tuple(self._cues)
+            self._cues.clear()
+        return Arrived(tuple(sightings), tuple(problems), tuple(notices.values()), cues)
 
     @property
     def finished(self) -> bool:
@@ -155,7 +160,9 @@ class LineSource:
         try:
             if self._signatures is not None:
                 line = self._signatures.body(line)
-            sighting = Sighting(arrival_s, self._observation(line, arrival_s))
+            text = line.decode("utf-8", errors="replace")
+            cue = parse_cue(text, arrival_s) if is_cue(text) else None
+            sighting = None if cue is not None else Sighting(arrival_s, self._observation(text, arrival_s))
         except UnsignedError as error:
             return self._note(Event.SENDER_REFUSED, f"{self._wire.name}, line {self._lines}: {error}")
         except LineError as error:
@@ -163,7 +170,10 @@ class LineSource:
         if sender is not None:
             self._senders.heard(sender, arrival_s)
         with self._lock:
-            self._arrived.append(sighting)
+            if cue is not None:
+                self._cues.append(cue)
+            if sighting is not None:
+                self._arrived.append(sighting)
             full = len(self._arrived) > _WAITING_MAX
             if full:
                 self._arrived.popleft()
@@ -171,8 +181,7 @@ class LineSource:
             self._note(Event.OBSERVATIONS_DROPPED, "more observations are waiting than can be taken in")
         return None
 
-    def _observation(self, line: bytes, arrival_s: float) -> HeadObservation:
-        text = line.decode("utf-8", errors="replace")
+    def _observation(self, text: str, arrival_s: float) -> HeadObservation:
         return parse_line(text, arrival_s, lambda stamp: self._stamps.loop_s(stamp, arrival_s))
 
     def _problem(self, why: str) -> None:
