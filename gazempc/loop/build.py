@@ -9,6 +9,7 @@ from typing import Any
 
 from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
+from gazempc.files.bounds import MEGABYTE, check_file, memory_for
 from gazempc.loop.trial import check_controller, check_predictor, check_same_neck
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
@@ -17,6 +18,9 @@ from gazempc.settings import GazeSettings, PredictorSettings
 from gazempc.types import FloatArray
 from predictors import Predictor
 from predictors.walker.network import WalkerModel, WalkerModelError, load_walker_model, model_file, shipped_walker_model
+
+# A hundred times the model that ships.
+_MOST_MODEL_BYTES = 50 * MEGABYTE
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,13 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
     Raises:
         SettingsError: If there is none.
     """
+    if fitted is None:
+        return shipped_walker_model()
     try:
-        return shipped_walker_model() if fitted is None else load_walker_model(model_file(fitted, person))
+        path = model_file(fitted, person)
+        with memory_for(check_file(path, _MOST_MODEL_BYTES)):
+            return load_walker_model(path)
     except WalkerModelError as error:
         raise SettingsError(f"walker.fitted: {error}") from None
+    except OSError as error:
+        raise SettingsError(f"walker.fitted: {fitted}: cannot be read: {error.strerror or error}") from None

@@ -10,8 +10,8 @@ import numpy as np
 
 from gazempc.errors import SettingsError
 
-# What each array's axes count: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at.
-# See `gazempc.results.log.Log`.
+# What each array's axes count: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at,
+# W looks away. See `gazempc.results.log.Log`.
 SHAPES: Mapping[str, tuple[str | int, ...]] = {
     "time_s": ("M",),
     "head_true_base_m": ("M", 3),
@@ -35,12 +35,15 @@ SHAPES: Mapping[str, tuple[str | int, ...]] = {
     "attended_time_s": ("A",),
     "attended_person": ("A",),
     "attended_why": ("A",),
+    "away_start_s": ("W",),
+    "away_end_s": ("W",),
+    "away_why": ("W",),
 }
 # Larger numbers than any second since 1970 or any metre are damage, and their squares would overflow.
 _LARGEST = 1e12
 # No run holds still for so long, and no reading is so old.
 _LONGEST_GAP_S = 60.0
-_KINDS = {"person_id": "U", "event_name": "U", "attended_why": "U", "attended_person": "i"}
+_KINDS = {"person_id": "U", "event_name": "U", "attended_why": "U", "away_why": "U", "attended_person": "i"}
 _FINITE = ("time_s", "command_position_rad", "capture_time_s", "arrival_time_s", "event_time_s")
 
 

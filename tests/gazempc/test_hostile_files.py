@@ -24,6 +24,7 @@ from gazempc.errors import GazempcError
 from gazempc.files.bounds import memory_for
 from gazempc.identify.record import load_record
 from gazempc.identify.tracker.read import read_track
+from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.tables.mapping import read_mapping
@@ -37,6 +38,7 @@ READERS = {
     "walk.bvh": load, "walk.mcap": load, "walk.db3": load, "log.npz": load_log, "log.mcap": load_log,
     "record.npz": load_record, "neck.toml": load_neck, "columns.toml": read_mapping, "run.yaml": load_settings,
     "sweep.yaml": load_plan, "result.json": read_result,
+    "walker.npz": lambda path: walker_model(path, "anna"),
     "walk.jsonl": lambda path: read_track(path, None, lambda share: None),
 }  # fmt: skip
 

@@ -25,7 +25,12 @@ def walk():
 
 def neck_of(base="reference", rates=None, **of_axis):
     content = load_neck(base).model_dump() | (rates or {})
-    for axis in (content["pan"], content["tilt"], *(content["eyes"] or {}).values(), content["body"]):
+    for axis in (
+        content["pan"],
+        content["tilt"],
+        *((content["eyes"] or {}).get(name) for name in ("pan", "tilt")),
+        content["body"],
+    ):
         if axis is not None:
             axis.update(of_axis)
     return NeckSpec.model_validate(content)
