@@ -62,7 +62,7 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
 
 
 def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: None)
+    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
     shown = ["--predictors", "walker", "constant_velocity", "--out", str(tmp_path), "--walker.fitted"]
     assert forecast(["--recordings", "subject01_R1", "subject03_R1", *shown, str(finished)]) == 0
     rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
