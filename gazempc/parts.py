@@ -92,6 +92,7 @@ SOURCE = Kind(
         "replay": "gazempc.live.sources.replay:ReplaySource",
         "bag": "gazempc.live.sources.bag:BagSource",
         "ros2": "gazempc.live.sources.ros2:Ros2Person",
+        "ros4hri": "gazempc.live.sources.ros4hri:Ros4HriPeople",
         "camera": "gazempc.live.sources.camera.source:CameraSource",
     },
     {

@@ -16,6 +16,7 @@ from gazempc.live.sources.bag import BagSource
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Person
+from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.live.sources.senders import Senders
 from gazempc.live.sources.signing import Signatures, read_key
 from gazempc.live.sources.source import Source
@@ -134,6 +135,8 @@ def _make_source(
         return CameraSource(address, settings.camera, clock)
     if not isinstance(clock, RealClock) or stamps is None:
         raise SettingsError(f"source {settings.source!r} keeps real time")
+    if kind == "ros4hri":
+        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, settings.options.ros2.network)
     if kind == "ros2":
         ros2 = settings.options.ros2
         frame_id = None if settings.mount.axes == "flu" else ANY_FRAME

@@ -22,11 +22,11 @@ from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, 
 from gazempc.sim.scene import SceneSettings, StageSettings
 
 # Sources that read time stamps of somebody else.
-STAMPED = ("stdin", "udp", "tcp", "ros2")
+STAMPED = ("stdin", "udp", "tcp", "ros2", "ros4hri")
 LINES = ("stdin", "udp", "tcp")
 SOURCES = (
-    "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, camera, camera:1, camera:FILE, "
-    "module:Class for a source of your own"
+    "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, ros4hri, camera, camera:1, "
+    "camera:FILE, module:Class for a source of your own"
 )
 
 

@@ -23,6 +23,8 @@ PoseType = Literal["geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithC
 _STAMP_OFF_MAX_S = 5.0
 # How plain CDR begins, big-endian and little-endian; older rosbags take others for one of these.
 _PLAIN_CDR = (b"\0\0", b"\0\1")
+# A definition that no standard store has.
+_IDS_LIST = "std_msgs/Header header\nstring[] ids"
 _NO_HASH = "TypeHashNotSupported"
 _TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 _DOMAIN_MAX = 232
@@ -76,11 +78,13 @@ def typestore() -> Any:
         MissingOptionalDependencyError: If the extra `ros2` is not installed.
     """
     try:
-        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
     except ImportError:
         raise MissingOptionalDependencyError("ROS 2", "rosbags", "ros2") from None
     # The messages used here are the same in Humble and all later releases.
-    return get_typestore(Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(_IDS_LIST, "hri_msgs/msg/IdsList"))
+    return store
 
 
 def make_message(type_name: str, **fields: Any) -> Any:
