@@ -155,7 +155,7 @@ def run_live(fault: str, seconds: float, neck: str = "reference") -> LiveCount:
     """
     port, kind = _free_port(), "tcp" if fault in TCP_FAULTS else "udp"
     log_s = _LONG_LOG_S if fault == "long_log" else 300.0
-    with tempfile.TemporaryDirectory() as folder, _tracker(fault, port, seconds + 3.0):
+    with tempfile.TemporaryDirectory() as folder, _tracker(fault, port, seconds + 3.0) as tracker:
         settings = LiveSettings(source=f"{kind}:127.0.0.1:{port}", neck=neck, out=Path(folder), log_s=log_s)
         built = build(settings)
         spec = built.parts.neck
@@ -167,6 +167,13 @@ def run_live(fault: str, seconds: float, neck: str = "reference") -> LiveCount:
             log.save(Path(folder) / f"log_{len(logs)}.npz")
             logs.append(log)
 
+        def begun() -> None:
+            if tracker.stdin is not None:
+                tracker.stdin.write(b"\n")
+                tracker.stdin.flush()
+            if fault == "long_log":
+                _fill(run, spec, log_s - 1.0)
+
         def true_head(times_s: FloatArray) -> FloatArray:
             return head_m(times_s + unix_s)
 
@@ -174,7 +181,7 @@ def run_live(fault: str, seconds: float, neck: str = "reference") -> LiveCount:
         run = LiveRun(replace(_changed(built.parts, fault), robot=robot), keeping)
         with fast_switching(), without_collection():
             began_s = built.parts.clock.now_s()
-            run.run(threading.Event(), seconds, lambda: _fill(run, spec, log_s - 1.0) if fault == "long_log" else None)
+            run.run(threading.Event(), seconds, begun)
     gaps_ms = 1e3 * np.diff(robot.times_s)
     return LiveCount(
         fault=fault,
@@ -236,13 +243,13 @@ def _free_port() -> int:
 
 
 @contextmanager
-def _tracker(fault: str, port: int, seconds: float) -> Iterator[None]:
+def _tracker(fault: str, port: int, seconds: float) -> Iterator[subprocess.Popen[bytes]]:
     words = [sys.executable, "-m", "benchmarks.faults.tracker", fault, str(port), str(seconds)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         if process.stdout is not None:
             process.stdout.readline()  # it is ready
         try:
-            yield
+            yield process
         finally:
             process.kill()
 

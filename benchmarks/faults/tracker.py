@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import select
 import socket
 import sys
 import time
@@ -19,7 +20,7 @@ from benchmarks.faults.person import head_m
 RATE_HZ, LATENCY_S = 30.0, 0.05
 TCP_FAULTS = ("long_lines", "lines_without_end")
 _LONG_LINE, _LONG_EVERY_S = 950_000, 0.1
-_STRANGER_FROM_S = 0.5
+_STRANGER_AFTER_S = 0.3
 _IMPOSSIBLE_M = ([0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [3.0, 0.0, -9.0])
 
 
@@ -55,12 +56,15 @@ def send(fault: str, port: int, seconds: float) -> None:
         rate_hz = 1000.0 if fault in ("flood", "strange_flood") else 60.0 if fault == "stranger" else RATE_HZ
         every = round(rate_hz / RATE_HZ)
         print("ready", flush=True)
-        began_s = time.time()
+        began_s, strange_from_s = time.time(), None
         for frame in range(int(seconds * rate_hz)):
             time.sleep(max(0.0, began_s + frame / rate_hz - time.time()))
             now_s, to = time.time(), ("127.0.0.1", port)
             if fault in ("stranger", "strange_flood"):
-                if now_s - began_s > _STRANGER_FROM_S:
+                # The run says by a line when it has begun: the tracker is its first sender.
+                if strange_from_s is None and select.select([sys.stdin], [], [], 0.0)[0]:
+                    strange_from_s = now_s + _STRANGER_AFTER_S
+                if strange_from_s is not None and now_s > strange_from_s:
                     other.sendto(strange(now_s, frame), to)
                 if frame % every:
                     continue
