@@ -321,6 +321,7 @@ def _events(log: Log) -> list[str]:
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:
     from gazempc.results.figures.angles import angles  # noqa: PLC0415
     from gazempc.results.figures.animation import animate  # noqa: PLC0415
+    from gazempc.results.figures.attended import attended, has_attention  # noqa: PLC0415
     from gazempc.results.figures.birds_eye import birds_eye  # noqa: PLC0415
     from gazempc.results.figures.gaze_error import gaze_error  # noqa: PLC0415
     from gazempc.results.figures.overview import overview  # noqa: PLC0415
@@ -332,6 +333,8 @@ def _draw(logs: dict[str, Log], out: Path) -> list[str]:
         "gaze_error.png": gaze_error,
         "gaze.gif": animate,
     }
+    if has_attention(logs):
+        figures["attended.png"] = attended
     for name, draw in figures.items():
         with naming(out / name):
             draw(logs, out / name)

@@ -56,7 +56,10 @@ class LookingAway:
         """See `gazempc.loop.track.Target.take_in`."""
         for cue in () if self._cues is None else self._cues.take():
             self._take_cue(cue, time_s)
+        before = self.several and self.several.attention.attended
         self._target.take_in(sightings, time_s, recorder)
+        if self.several is not None and self.several.attention.attended is not before:
+            self._look_aways.begin_anew(time_s)
 
     def _take_cue(self, cue: Cue, time_s: float) -> None:
         if isinstance(cue, Sound):

@@ -109,6 +109,14 @@ class LookAways:
         self._planned = [each for each in self._planned if self._begins_s(each) <= begun_by_s or _is_told(each)]
         self._rhythm_from_s = max([now_s, *(each.end_s for each in self._planned)])
 
+    def begin_anew(self, now_s: float) -> None:
+        """Plan the rhythm anew, as somebody else is looked at: nobody is looked away from as soon as it is their turn.
+
+        Args:
+            now_s: The time, seconds.
+        """
+        self.set_mode(self._mode, now_s)
+
     def think(self, now_s: float, lasts_s: float, start_s: float | None = None) -> bool:
         """Look away as somebody does who thinks.
 

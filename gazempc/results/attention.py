@@ -81,12 +81,13 @@ def attention_lines(found: AttentionMetrics) -> list[str]:
     """
     lines = []
     if np.isfinite(found.time_to_contact_after_switch_s) or found.switches_without_contact:
-        without = f", {found.switches_without_contact} without contact" if found.switches_without_contact else ""
-        lines.append(
-            f"contact with whoever was looked at {found.contact_attended:.1%} of the time; "
-            f"{found.switches_per_minute:.1f} switches a minute, contact after "
-            f"{found.time_to_contact_after_switch_s:.2f} s{without}"
-        )
+        line = f"contact with whoever was looked at {found.contact_attended:.1%} of the time; "
+        line += f"{found.switches_per_minute:.1f} switches a minute"
+        if np.isfinite(found.time_to_contact_after_switch_s):
+            line += f", contact after {found.time_to_contact_after_switch_s:.2f} s"
+        if found.switches_without_contact:
+            line += f", {found.switches_without_contact} without contact"
+        lines.append(line)
     if np.isfinite(found.return_late_s):
         lines.append(
             f"looked away {found.away_share:.1%} of the time (planned {found.away_share_planned:.1%}); contact came "

@@ -26,6 +26,7 @@ _ABOUT = {
     "birds_eye.png": "The walk from above: where the person went, and where the robot looked",
     "angles.png": "Angles of the joints, and those that they should have",
     "gaze_error.png": "Gaze error over time, with the cones of eye contact",
+    "attended.png": "Who was looked at over time and why, looks away, and contact",
 }
 # Every run begins with the first; the second is a note of the whole.
 _USUAL = ("no_observation_yet", "low_frame_rate")

@@ -12,6 +12,7 @@ from gazempc.neck.spec import load_neck, neck_names
 from gazempc.people.aversion import Aversion, fitted, shift_of, with_aversion
 from gazempc.people.schedule import RHYTHMS, LookAways
 from gazempc.results.attention import measure_attention
+from gazempc.results.figures.attended import attended, has_attention
 from gazempc.results.limits import limit_violations
 from gazempc.settings import LookAwaySettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
@@ -184,3 +185,31 @@ def test_a_switch_between_two_people_passes_nobody_by_more_than_a_degree():
     passed_deg = np.degrees(there_rad - log.joint_position_rad[after, 0])
     assert passed_deg.max() < 1.0 + np.degrees(0.03 / 2.6)
     assert measure_attention(log).time_to_contact_after_switch_s < 1.6
+
+
+def test_nobody_is_looked_away_from_as_soon_as_it_is_their_turn():
+    ann = make_scene(standing("ann", [2.4, 1.0, 0.3], 16.0), SceneSettings(sensor="reference", placement="recorded"))
+    bob = make_scene(
+        standing("bob", [2.2, -0.6, 0.3], 9.0), SceneSettings(sensor="reference", placement="recorded")
+    ).walk
+    scene = replace(ann, others=(replace(bob, times_s=bob.times_s + 7.0),))
+    settings = ReplaySettings(attend="nearest", look_away=LookAwaySettings(rhythm="listening"))
+    log = replay_scene(scene, "lookahead", "constant_velocity", settings).log
+    switched_s = float(log.attended_time_s[log.attended_person == 2][0])
+    after_s = log.away_start_s[log.away_start_s > switched_s]
+    assert after_s.size
+    assert after_s[0] - switched_s >= 0.8
+
+
+def test_a_time_line_is_drawn_where_somebody_was_chosen_or_looked_away_from(tmp_path):
+    scene = make_scene(standing("ann", [2.4, 1.0, 0.3], 8.0), SceneSettings(sensor="reference", placement="recorded"))
+    plain, told = (
+        replay_scene(
+            scene, "lookahead", "constant_velocity", ReplaySettings(look_away=LookAwaySettings(rhythm=rhythm))
+        ).log
+        for rhythm in ("no", "listening")
+    )
+    assert not has_attention({"lookahead": plain})
+    assert has_attention({"lookahead": told})
+    attended({"lookahead": told}, tmp_path / "attended.png")
+    assert (tmp_path / "attended.png").stat().st_size > 10_000
