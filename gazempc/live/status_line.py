@@ -21,6 +21,8 @@ from gazempc.neck.spec import AXES
 _LINE_S = 1.0
 # At the end the last lines are waited for; they take milliseconds.
 _LAST_DRAWN_S = 2.0
+# Statuses that wait for a terminal or a pipe that is not read; 15 s of them.
+_WAITING = 60
 _MEANINGS = {str(event): event.meaning for event in Event}
 
 
@@ -66,8 +68,9 @@ class StatusLine:
             self._live.stop()
 
     def show(self, status: Status) -> None:
-        """Take a status; returns at once."""
-        self._queue.put(status)
+        """Take a status; returns at once. While nobody reads, later ones are lost."""
+        if self._queue.qsize() < _WAITING:
+            self._queue.put(status)
 
     def _work(self) -> None:
         readers = True
