@@ -94,6 +94,8 @@ class AttendedPeople:
                 self.newest_capture_s = sighting.observation.capture_time_s
                 forecast = self.forecast(self.newest_capture_s + RECORDED_HORIZONS_S, time_s, recorder)
                 recorder.observation(time_s, sighting.observation, forecast, update_ms)
+            else:
+                recorder.refused(Event.ANOTHER_PERSON)
 
     def _decide(self, time_s: float, recorder: LoopRecorder) -> None:
         before = self.attention.attended

@@ -95,6 +95,7 @@ class Event(StrEnum):
     PERSON_ENTERED = "person_entered", "somebody is seen for the third time, and counts as a person from now on"
     PERSON_RETURNED = "person_returned", "somebody who was gone is back, by name or where they were to be by now"
     PERSON_RENAMED = "person_renamed", "the tracker calls a person otherwise, who has gone on as before; nobody changed"
+    ANOTHER_PERSON = "another_person", "an observation of somebody who is not looked at; kept for their track"
     SEEN_TWICE = "seen_twice", "a second detection of a person in one frame; dropped"
     ATTENTION_SWITCHED = "attention_switched", "somebody else is looked at from now on"
     NOBODY_ATTENDED = "nobody_attended", "nobody is there, or nobody whom the policy wants looked at"

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
+from gazempc.errors import SettingsError
 from gazempc.neck.human import MOTION_MEANS, Motion, with_motion
 from gazempc.neck.kinematics import head_angles_rad, look_at
 from gazempc.neck.spec import NeckSpec, load_neck
@@ -143,6 +144,8 @@ def make_scene(
         walks: tuple[Recording, ...] = (recording,)
     elif everybody:
         walks = load_together(recording, settings.reading)
+    elif MARK in str(recording) and not Path(recording).exists():
+        raise SettingsError(f"{recording}: these are several people: say whom to look at, such as --attend nearest")
     else:
         walks = (load(recording, settings.reading),)
     walk = walks[0]

@@ -27,6 +27,8 @@ def test_two_recordings_are_one_scene():
 def test_several_people_need_to_be_told_whom_to_look_at():
     with pytest.raises(SettingsError, match="say whom to look at, such as --attend nearest"):
         replayed(None)
+    with pytest.raises(SettingsError, match="several people: say whom to look at, such as --attend nearest"):
+        make_scene(TWO, SceneSettings())
 
 
 def test_the_gaze_is_on_whoever_is_looked_at():
