@@ -71,3 +71,8 @@ def _leave_out_what_stays() -> None:
     """What has been imported or cached is no garbage: each later search would take time to find that out again."""
     gc.collect()
     gc.freeze()
+
+
+def pytest_sessionfinish() -> None:
+    """What is left out of collection would be reported as leaked when the process ends."""
+    gc.unfreeze()
