@@ -6,8 +6,6 @@ from builders.sentences import sentences, words
 
 LONGEST = 30
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-# Pages that still have longer ones. The test fails when such a page is mended, so that its name is taken out.
-NOT_YET = {"docs/robots.md"}
 
 
 def too_long(text):
@@ -16,11 +14,7 @@ def too_long(text):
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_sentences_are_short(path):
-    found = too_long(path.read_text(encoding="utf-8"))
-    if str(path.relative_to(ROOT)) in NOT_YET:
-        assert found != [], "every sentence is short now: take the page out of NOT_YET"
-    else:
-        assert found == []
+    assert too_long(path.read_text(encoding="utf-8")) == []
 
 
 def test_what_is_a_sentence():
