@@ -6,23 +6,19 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import tyro
 import yaml
-from pydantic import Field, ValidationError
 
 from gazempc.command import command_line, run_command
-from gazempc.errors import GazempcError, LimitViolationError, SettingsError, shown
-from gazempc.files.documents import parse_yaml, read_settings
+from gazempc.errors import GazempcError, LimitViolationError
 from gazempc.files.whole import begin_folder, naming, write_whole
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR
 from gazempc.progress import Progress
 from gazempc.results.mcap_read import has_log
-from gazempc.settings import ControllerChoice
-from gazempc.sim.replay import ReplaySettings
-from gazempc.specfiles import explain
+from gazempc.run_settings import RunSettings, config_path, load_settings
 
 if TYPE_CHECKING:
     from gazempc.results.log import Log
@@ -32,38 +28,6 @@ if TYPE_CHECKING:
 
 # A true head that is known for less of the time is worth a note: so much of it figures do not tell.
 _MOSTLY = 0.9
-
-
-class RunSettings(ReplaySettings):
-    """Settings of `python -m gazempc.run`."""
-
-    replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
-        default=None,
-        description="Recording: subject03_R4 (synthetic), a table (.csv, .tsv, .txt, .parquet, .mvnx), a .json or .bvh "
-        "file, or the folder of a ROS 2 bag or of OpenPose; a log (.npz, .mcap) is measured again",
-    )
-    list: bool = Field(default=False, description="Print what can be replayed, and the necks and sensors")
-    controllers: tuple[ControllerChoice, ...] = Field(
-        default=("reactive", "lookahead", "mpc", "perfect"),
-        min_length=1,
-        description="What to compare; perfect is the mpc with the true future; module:Class for your own",
-    )
-    log: Literal["npz", "mcap"] = Field(
-        default="npz",
-        description="Format of the logs; mcap: beside .npz, with plans, for Foxglove, rerun and other viewers",
-    )
-    noise_seeds: int | None = Field(
-        default=None,
-        ge=1,
-        le=1000,
-        description="How many seeds of the noise to replay, from --seed on; without it 8, or as many as fit into ten "
-        "seconds. Logs and figures are of the first",
-    )
-    out: Path | None = Field(
-        default=None, description="Where to write, in place of an earlier run; without it out/<recording>"
-    )
-    figures: bool = Field(default=True, description="Draw figures and the animation")
-    config: Path | None = Field(default=None, description="YAML file with any of these settings; the command line wins")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -113,46 +77,13 @@ def parse(words: Sequence[str]) -> RunSettings:
         SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
     """
     words, options = take_options(words)
-    config = _config_path(words)
+    config = config_path(words)
     base = RunSettings() if config is None else load_settings(config)
     found = tyro.cli(RunSettings, default=base, args=words, prog="python -m gazempc.run", description=__doc__)
     settings = found.model_copy(update={"options": {**base.options, **options}})
     choices = [(CONTROLLER, choice) for choice in settings.controllers]
     check_options([(PREDICTOR, settings.predictor), *choices], settings.options)
     return settings
-
-
-def load_settings(path: Path) -> RunSettings:
-    """Read settings from a YAML file.
-
-    Args:
-        path: File with a mapping of settings; nested ones as nested mappings.
-
-    Returns:
-        The settings, defaults where the file says nothing.
-
-    Raises:
-        SettingsError: If the file cannot be read, or with every unknown key (and what it perhaps meant) and every wrong
-            value in it.
-    """
-    data = parse_yaml(read_settings(path), str(path))
-    if data is None:
-        data = {}
-    if not isinstance(data, dict):
-        raise SettingsError(f"{path}: expected a mapping of settings such as 'neck: slow', got {shown(data)}")
-    try:
-        return RunSettings.model_validate(data)
-    except ValidationError as error:
-        raise SettingsError(explain(error, str(path), RunSettings)) from None
-
-
-def _config_path(words: Sequence[str]) -> Path | None:
-    for i, word in enumerate(words):
-        if word == "--config" and i + 1 < len(words):
-            return Path(words[i + 1])
-        if word.startswith("--config="):
-            return Path(word.removeprefix("--config="))
-    return None
 
 
 def _run(settings: RunSettings, command: str) -> None:

@@ -27,7 +27,7 @@ from gazempc.results.compute import ComputeMetrics
 from gazempc.results.log import Fault, Log
 from gazempc.results.metrics import Metrics
 from gazempc.results.run_info import RunInfo
-from gazempc.run import RunSettings
+from gazempc.run_settings import RunSettings
 from gazempc.settings import (
     ConstantAccelerationSettings,
     ConstantVelocitySettings,

@@ -28,7 +28,7 @@ GAZEMPC = (
     ("sim",),
     ("live", "listing"),
     ("identify",),
-    ("front",),
+    ("front", "run_settings"),
     ("run",),
     ("__init__",),
 )

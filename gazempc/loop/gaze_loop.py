@@ -21,6 +21,7 @@ from gazempc.errors import RobotError
 from gazempc.loop.drive import Drive
 from gazempc.loop.events import Event
 from gazempc.loop.following import FollowingWatch
+from gazempc.loop.joint_reading import read_joints
 from gazempc.loop.observer import JointEstimate, JointObserver
 from gazempc.loop.planner import Answer, Planner
 from gazempc.loop.recorder import LoopRecorder
@@ -126,7 +127,7 @@ class GazeLoop:
             self._note_sent(self._drive.sent(self._acts, got_through=False).copy())
         self._last_index = index
         self._target.take_in(arrived, time_s, self._recorder)
-        measured = self._read_state(time_s)
+        measured = read_joints(self._robot, self._neck.joints, time_s, self._recorder)
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
         held = self._watch_joints(time_s, measured, plans)
@@ -229,24 +230,6 @@ class GazeLoop:
             self._following.sent(sent_rad)
         self._sent_rad[:-1] = self._sent_rad[1:]
         self._sent_rad[-1] = sent_rad
-
-    def _read_state(self, time_s: float) -> JointState | None:
-        # RobotError is what is promised. The loop goes on whatever a driver raises or returns.
-        try:
-            state = self._robot.read_state()
-            if state is None:
-                return None
-            float(state.time_s)
-            shapes = state.position_rad.shape, state.velocity_rad_s.shape
-            needed = (self._neck.joints,)
-            if shapes != (needed, needed):
-                raise ValueError(
-                    f"read_state() returned position and velocity of shapes {shapes}, needed is {needed} each"
-                )
-        except Exception as error:
-            self._recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
-            return None
-        return state
 
     def _ask_for_plan(
         self, index: int, time_s: float, due_s: float, joints: JointEstimate, held: tuple[int, ...]

@@ -26,7 +26,7 @@ from gazempc.recordings.readers.tables.mapping import read_mapping
 from gazempc.results.log import load_log
 from gazempc.results.mcap_file import write_mcap
 from gazempc.results.measured import measured_again
-from gazempc.run import load_settings
+from gazempc.run_settings import load_settings
 from gazempc.sim.sensor import load_sensor
 
 # What files are damaged with: numbers, marks and bytes on which programs trip.

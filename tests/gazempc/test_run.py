@@ -17,7 +17,8 @@ from gazempc.part_options import take_options
 from gazempc.results.log import load_log
 from gazempc.results.metrics import gap_closed, measure
 from gazempc.results.report import LABELS
-from gazempc.run import RunSettings, load_settings, main, parse
+from gazempc.run import main, parse
+from gazempc.run_settings import RunSettings, load_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 ROW_KEYS = {

@@ -13,7 +13,7 @@ from gazempc.recordings.arrays import recording_from_arrays
 from gazempc.results.metrics import measure
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState
-from tests.builders.control import run
+from tests.builders.control import run, still
 
 EYES, BODY = load_neck("reference_eyes"), load_neck("reachy_mini_body")
 EYE_LIMIT_DEG = 35.0
@@ -196,3 +196,13 @@ def test_a_walker_round_the_robot_is_followed_by_body_and_head(controller):
     head_m = np.stack([2.0 * np.cos(around_rad), 2.0 * np.sin(around_rad), np.full_like(times_s, 0.35)], axis=-1)
     walk = recording_from_arrays("round", times_s, head_m, in_base_frame=True)
     assert measure(replay(walk, neck=BODY, controller=controller)).longest_break_s == 0.0
+
+
+def test_the_mpcs_head_takes_its_time_where_the_eyes_reach():
+    """25 deg aside: the head alone hurries; under eyes that reach 35 deg it does not."""
+    path, peaks = still(np.deg2rad(25.0)), []
+    for neck in (EYES, load_neck("reference")):
+        joints, _, error_deg = run(Mpc(neck), neck, path, 400, start_rad=np.zeros(neck.joints))
+        peaks.append(np.abs(np.diff(joints[:, 0], 2)).max() / neck.servo_period_s**2)
+        assert error_deg[-1] < 0.01
+    assert peaks[0] < 0.5 * peaks[1]  # 3.2 and 9.3 rad/s^2

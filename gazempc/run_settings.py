@@ -1,0 +1,89 @@
+"""Settings of the command `gazempc run`, and how a YAML file gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from pydantic import Field, ValidationError
+
+from gazempc.errors import SettingsError, shown
+from gazempc.files.documents import parse_yaml, read_settings
+from gazempc.settings import ControllerChoice
+from gazempc.sim.replay import ReplaySettings
+from gazempc.specfiles import explain
+
+
+class RunSettings(ReplaySettings):
+    """Settings of `python -m gazempc.run`."""
+
+    replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
+        default=None,
+        description="Recording: subject03_R4 (synthetic), a table (.csv, .tsv, .txt, .parquet, .mvnx), a .json or .bvh "
+        "file, or the folder of a ROS 2 bag or of OpenPose; a log (.npz, .mcap) is measured again",
+    )
+    list: bool = Field(default=False, description="Print what can be replayed, and the necks and sensors")
+    controllers: tuple[ControllerChoice, ...] = Field(
+        default=("reactive", "lookahead", "mpc", "perfect"),
+        min_length=1,
+        description="What to compare; perfect is the mpc with the true future; module:Class for your own",
+    )
+    log: Literal["npz", "mcap"] = Field(
+        default="npz",
+        description="Format of the logs; mcap: beside .npz, with plans, for Foxglove, rerun and other viewers",
+    )
+    noise_seeds: int | None = Field(
+        default=None,
+        ge=1,
+        le=1000,
+        description="How many seeds of the noise to replay, from --seed on; without it 8, or as many as fit into ten "
+        "seconds. Logs and figures are of the first",
+    )
+    out: Path | None = Field(
+        default=None, description="Where to write, in place of an earlier run; without it out/<recording>"
+    )
+    figures: bool = Field(default=True, description="Draw figures and the animation")
+    config: Path | None = Field(default=None, description="YAML file with any of these settings; the command line wins")
+
+
+def load_settings(path: Path) -> RunSettings:
+    """Read settings from a YAML file.
+
+    Args:
+        path: File with a mapping of settings; nested ones as nested mappings.
+
+    Returns:
+        The settings, defaults where the file says nothing.
+
+    Raises:
+        SettingsError: If the file cannot be read, or with every unknown key (and what it perhaps meant) and every wrong
+            value in it.
+    """
+    data = parse_yaml(read_settings(path), str(path))
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise SettingsError(f"{path}: expected a mapping of settings such as 'neck: slow', got {shown(data)}")
+    try:
+        return RunSettings.model_validate(data)
+    except ValidationError as error:
+        raise SettingsError(explain(error, str(path), RunSettings)) from None
+
+
+def config_path(words: Sequence[str]) -> Path | None:
+    """The file that `--config` names.
+
+    Args:
+        words: Command line without the program's name.
+
+    Returns:
+        The file; None if the command line names none.
+    """
+    for i, word in enumerate(words):
+        if word == "--config" and i + 1 < len(words):
+            return Path(words[i + 1])
+        if word.startswith("--config="):
+            return Path(word.removeprefix("--config="))
+    return None
