@@ -252,10 +252,11 @@ def _events(log: Log) -> list[str]:
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:
     from gazempc.results.figures.angles import angles  # noqa: PLC0415
     from gazempc.results.figures.animation import animate  # noqa: PLC0415
-    from gazempc.results.figures.attended import attended, has_attention  # noqa: PLC0415
+    from gazempc.results.figures.attended import attended  # noqa: PLC0415
     from gazempc.results.figures.birds_eye import birds_eye  # noqa: PLC0415
     from gazempc.results.figures.gaze_error import gaze_error  # noqa: PLC0415
     from gazempc.results.figures.overview import overview  # noqa: PLC0415
+    from gazempc.results.figures.people import has_attention  # noqa: PLC0415
 
     figures = {
         "overview.png": overview,

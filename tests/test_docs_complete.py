@@ -23,18 +23,21 @@ from gazempc.recordings.readers.tables.mapping import ColumnMapping
 from gazempc.recordings.readers.tables.own import COLUMNS
 from gazempc.recordings.readers.tables.shipped import shipped_mappings
 from gazempc.recordings.readers.tables.times import TIMES_S
+from gazempc.results.attention import AttentionMetrics
 from gazempc.results.compute import ComputeMetrics
 from gazempc.results.log import Fault, Log
 from gazempc.results.metrics import Metrics
 from gazempc.results.run_info import RunInfo
 from gazempc.run_settings import RunSettings
 from gazempc.settings import (
+    AttentionSettings,
     ConstantAccelerationSettings,
     ConstantVelocitySettings,
     CoordinatedTurnSettings,
     HeadPoseSettings,
     InteractingModelsSettings,
     LookAheadSettings,
+    LookAwaySettings,
     LoopSettings,
     MpcSettings,
     ParticleSettings,
@@ -79,11 +82,15 @@ DESCRIBED = {
         *settings_of(ParticleSettings, prefix="particle."),
         *settings_of(WalkerSettings, prefix="walker."),
     ],
-    "metrics": [f.name for model in (Metrics, ComputeMetrics, Log, Fault) for f in fields(model)]
+    "metrics": [f.name for model in (Metrics, AttentionMetrics, ComputeMetrics, Log, Fault) for f in fields(model)]
     + ["gap_closed", *RunInfo.model_fields],
     "own_parts": [
         *(method for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for method in kind.methods),
         *(name for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for name in kind.properties),
+    ],
+    "people": [
+        *settings_of(AttentionSettings, prefix="attention."),
+        *settings_of(LookAwaySettings, prefix="look_away."),
     ],
     "api": [f"gz.{name}" for name in gazempc.__all__],
     "safety": [*(event.value for event in Event), *settings_of(LoopSettings)],

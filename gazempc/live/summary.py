@@ -134,12 +134,16 @@ class Kept:
         """
         # Matplotlib takes a second to import, which no run may wait for.
         from gazempc.results.figures.angles import angles  # noqa: PLC0415
+        from gazempc.results.figures.attended import attended  # noqa: PLC0415
+        from gazempc.results.figures.people import has_attention  # noqa: PLC0415
 
         if self._last is None or self._last[0].time_s.size < 2:
             return []
         logs: dict[str, Log] = {self._last[0].run.controller: self._last[0]}
-        angles(logs, self._settings.out / "angles.png")
-        return ["angles.png"]
+        figures = {"angles.png": angles} | ({"attended.png": attended} if has_attention(logs) else {})
+        for name, draw in figures.items():
+            draw(logs, self._settings.out / name)
+        return list(figures)
 
     def report(self, summary: dict[str, Any], drawn: list[str], command: str) -> list[str]:
         """Write the report of the run.

@@ -254,6 +254,7 @@ class LoopRecorder:
             away_start_s=np.array([start_s for start_s, _, _ in self._away]),
             away_end_s=np.array([end_s for _, end_s, _ in self._away]),
             away_why=np.array([why for _, _, why in self._away], dtype=np.str_),
+            identity_swap_time_s=np.empty(0),
             faults=self.faults,
         )
         return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms), np.array(self._latency_ms))

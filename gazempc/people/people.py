@@ -87,7 +87,7 @@ class People:
     @property
     def newest_capture_s(self) -> float | None:
         """Capture time of the newest detection of a person; None before the first one."""
-        return max((track.seen_s for track in self._confirmed()), default=None)
+        return max((track.seen_s for track in self.confirmed), default=None)
 
     def see(self, observations: Sequence[HeadObservation]) -> list[tuple[int, Became]]:
         """Take in detections of one frame.
@@ -127,7 +127,7 @@ class People:
         Returns:
             In the order in which they entered.
         """
-        there = sorted(self._confirmed(), key=lambda track: track.number)
+        there = sorted(self.confirmed, key=lambda track: track.number)
         there = [track for track in there if time_s - track.seen_s <= self._coast_s]
         if not there:
             return ()
@@ -145,9 +145,11 @@ class People:
         Returns:
             The track; None if there is no such person any more.
         """
-        return next((t for t in self._confirmed() if t.number == number), None)
+        return next((t for t in self.confirmed if t.number == number), None)
 
-    def _confirmed(self) -> list[TrackedPerson]:
+    @property
+    def confirmed(self) -> list[TrackedPerson]:
+        """The tracks of everybody who counts as a person."""
         return [track for track in self._tracks if track.confirmed]
 
     def _let_go(self, time_s: float) -> None:
@@ -210,12 +212,12 @@ class People:
         return (0, Became.TENTATIVE)
 
     def _is_seen_twice(self, track: TrackedPerson) -> bool:
-        others = [t for t in self._confirmed() if abs(t.seen_s - track.seen_s) <= _TENTATIVE_S]
+        others = [t for t in self.confirmed if abs(t.seen_s - track.seen_s) <= _TENTATIVE_S]
         return any(math.dist(t.motion.position_m[0], track.motion.position_m[0]) < _ONE_PERSON_M for t in others)
 
     def _earlier(self, track: TrackedPerson) -> TrackedPerson | None:
         """Who this was before: the last one of the same name, or the one who was to be here by now."""
-        before = [t for t in (*self._gone, *self._confirmed()) if t is not track and t.seen_s < track.since_s]
+        before = [t for t in (*self._gone, *self.confirmed) if t is not track and t.seen_s < track.since_s]
         for earlier in sorted(before, key=lambda t: -t.seen_s):
             named = None not in (earlier.tracker_id, track.tracker_id)
             if named and earlier.tracker_id != track.tracker_id:

@@ -65,7 +65,8 @@ class TrackedPerson:
         number: Which person.
         tracker_id: What the tracker called them last.
         motion: Their motion when they were seen last.
-        seen_s: Capture time of the last sighting, seconds.
+        newest: The last sighting.
+        seen_s: Its capture time, seconds.
         since_s: Capture time of the first one, seconds.
         sightings: How many there were.
         confirmed: Whether it is somebody, and not a single false detection.
@@ -89,7 +90,7 @@ class TrackedPerson:
             observation: The sighting, newer than the last one.
             motion: Their motion, corrected by it.
         """
-        self.motion, self.seen_s = motion, observation.capture_time_s
+        self.motion, self.newest, self.seen_s = motion, observation, observation.capture_time_s
         self.tracker_id = observation.person_id or self.tracker_id
         self.sightings += 1
         if observation.head_quat_wxyz is not None:

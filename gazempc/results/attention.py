@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,21 @@ from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.types import BoolArray, FloatArray
+
+# Names of the metrics for people, with their factors.
+WORDS: Mapping[str, tuple[str, float]] = {
+    "contact_attended": ("contact with whoever was looked at [%]", 100.0),
+    "switches_per_minute": ("switches a minute", 1.0),
+    "time_to_contact_after_switch_s": ("contact after a switch, median [s]", 1.0),
+    "switches_without_contact": ("switches without contact", 1.0),
+    "identity_swaps": ("people taken for each other", 1.0),
+    "away_share": ("looked away [%]", 100.0),
+    "away_share_planned": ("            as planned [%]", 100.0),
+    "away_duration_ratio": ("looks away, realised / planned duration", 1.0),
+    "away_interval_ratio": ("            interval", 1.0),
+    "return_late_s": ("contact back after plan, median [ms]", 1e3),
+    "return_late_p95_s": ("            95 % within [ms]", 1e3),
+}
 
 
 @dataclass(frozen=True)
@@ -21,10 +37,13 @@ class AttentionMetrics:
             is due.
         switches_per_minute: How often it changed who is looked at, a minute.
         time_to_contact_after_switch_s: Median time from a switch to contact, seconds; of switches with contact.
-        switches_without_contact: Switches before whose end there was no contact.
+        switches_without_contact: Switches after which there was no contact before the next one.
+        identity_swaps: How often observations of one person were first taken for somebody else's; two people who
+            exchange their numbers count twice.
         away_share: Share of the scored time without contact during looks away.
         away_share_planned: Share of it that was planned.
-        away_duration_ratio: Mean of the realised over the planned duration of looks away.
+        away_duration_ratio: Mean realised over mean planned duration of looks away, from contact to contact.
+        away_interval_ratio: The same of the intervals from the beginning of one to that of the next.
         return_late_s: Median of how much later than planned contact was back, seconds.
         return_late_p95_s: 95 % of them came back sooner.
     """
@@ -32,10 +51,12 @@ class AttentionMetrics:
     contact_attended: float
     switches_per_minute: float
     time_to_contact_after_switch_s: float
-    switches_without_contact: int
+    switches_without_contact: float
+    identity_swaps: float
     away_share: float
     away_share_planned: float
     away_duration_ratio: float
+    away_interval_ratio: float
     return_late_s: float
     return_late_p95_s: float
 
@@ -53,18 +74,21 @@ def measure_attention(log: Log) -> AttentionMetrics:
     contact = error_deg <= CONTACT_DEG[0]
     scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(error_deg)
     away = log.looks_away
-    to_contact_s = _times_to_contact(log, contact)
+    knows_head, to_contact_s = log.run.knows_true_head, _times_to_contact(log, contact)
     minutes = (log.time_s[-1] - log.time_s[0]) / 60.0
     realised, planned_s = _realised(log, contact)
-    late_s, ratio = realised[:, 1] - planned_s[:, 1], np.ptp(realised, axis=1) / np.ptp(planned_s, axis=1)
+    late_s = realised[:, 1] - planned_s[:, 1]
+    chosen = bool(log.attended_time_s.size)
     return AttentionMetrics(
         contact_attended=_mean(contact[scored & ~away]),
         switches_per_minute=max(to_contact_s.size - 1, 0) / minutes if minutes > 0 else float("nan"),
         time_to_contact_after_switch_s=_median(to_contact_s[1:][np.isfinite(to_contact_s[1:])]),
-        switches_without_contact=int(np.isnan(to_contact_s[1:]).sum()),
+        switches_without_contact=float(np.isnan(to_contact_s[1:]).sum()) if knows_head else float("nan"),
+        identity_swaps=float(log.identity_swap_time_s.size) if knows_head and chosen else float("nan"),
         away_share=_mean((away & ~contact)[scored]),
         away_share_planned=_mean(away[scored]),
-        away_duration_ratio=_mean(ratio),
+        away_duration_ratio=_ratio(np.ptp(realised, axis=1), np.ptp(planned_s, axis=1)),
+        away_interval_ratio=_ratio(np.diff(realised[:, 0]), np.diff(planned_s[:, 0])),
         return_late_s=_median(late_s),
         return_late_p95_s=float(np.percentile(late_s, 95)) if late_s.size else float("nan"),
     )
@@ -80,14 +104,17 @@ def attention_lines(found: AttentionMetrics) -> list[str]:
         A line on whom the gaze was on, and one on looks away; only what there was.
     """
     lines = []
-    if np.isfinite(found.time_to_contact_after_switch_s) or found.switches_without_contact:
-        line = f"contact with whoever was looked at {found.contact_attended:.1%} of the time; "
-        line += f"{found.switches_per_minute:.1f} switches a minute"
+    if found.switches_per_minute > 0:
+        line = f"{found.switches_per_minute:.1f} switches a minute"
+        if np.isfinite(found.contact_attended):
+            line = f"contact with whoever was looked at {found.contact_attended:.1%} of the time; {line}"
         if np.isfinite(found.time_to_contact_after_switch_s):
             line += f", contact after {found.time_to_contact_after_switch_s:.2f} s"
-        if found.switches_without_contact:
-            line += f", {found.switches_without_contact} without contact"
+        if found.switches_without_contact > 0:
+            line += f", {found.switches_without_contact:.0f} without contact"
         lines.append(line)
+    if found.identity_swaps > 0:
+        lines.append(f"people were taken for each other {found.identity_swaps:.0f} times")
     if np.isfinite(found.return_late_s):
         lines.append(
             f"looked away {found.away_share:.1%} of the time (planned {found.away_share_planned:.1%}); contact came "
@@ -118,6 +145,10 @@ def _realised(log: Log, contact: BoolArray) -> tuple[FloatArray, FloatArray]:
             realised.append((log.time_s[before[-1]], log.time_s[middle + after[0]]))
             planned_s.append((start_s, end_s))
     return np.array(realised).reshape(-1, 2), np.array(planned_s).reshape(-1, 2)
+
+
+def _ratio(realised_s: FloatArray, planned_s: FloatArray) -> float:
+    return float(np.mean(realised_s) / np.mean(planned_s)) if realised_s.size else float("nan")
 
 
 def _mean(values: BoolArray | FloatArray) -> float:

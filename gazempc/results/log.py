@@ -84,6 +84,8 @@ class Log:
         away_start_s: Of each look away that was begun, when contact was to end, shape (W,), seconds.
         away_end_s: When contact was due again, shape (W,), seconds.
         away_why: Why, see `gazempc.people.aversion.Aversion`, shape (W,).
+        identity_swap_time_s: Of a replay among several people, when observations of one person were first taken for
+            somebody else's who has a number already, shape (S,), seconds; live nobody knows.
         faults: The exceptions that were survived, each event once; as JSON text in the file.
     """
 
@@ -113,6 +115,7 @@ class Log:
     away_start_s: FloatArray
     away_end_s: FloatArray
     away_why: StringArray
+    identity_swap_time_s: FloatArray
     faults: tuple[Fault, ...] = ()
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 from gazempc.errors import SettingsError
 
 # What each array's axes count: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at,
-# W looks away. See `gazempc.results.log.Log`.
+# W looks away, S swaps of identity. See `gazempc.results.log.Log`.
 SHAPES: Mapping[str, tuple[str | int, ...]] = {
     "time_s": ("M",),
     "head_true_base_m": ("M", 3),
@@ -38,6 +38,7 @@ SHAPES: Mapping[str, tuple[str | int, ...]] = {
     "away_start_s": ("W",),
     "away_end_s": ("W",),
     "away_why": ("W",),
+    "identity_swap_time_s": ("S",),
 }
 # Larger numbers than any second since 1970 or any metre are damage, and their squares would overflow.
 _LARGEST = 1e12

@@ -15,7 +15,7 @@ from gazempc.people.build import make_policy
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import Log
 from gazempc.settings import GazeSettings
-from gazempc.sim.crowd import PerfectOfCrowd, nearest_of, observe_together
+from gazempc.sim.crowd import PerfectOfCrowd, observe_together
 from gazempc.sim.scene import Scene
 from gazempc.types import FloatArray, IntArray
 from predictors import Predictor
@@ -31,17 +31,20 @@ class Crowd:
         target: Whom the loop looks at.
 
     Attributes:
-        sightings: What the sensor sees of everybody, in the order of arrival.
+        heads: Everybody's true head.
+        seen: Whom the sensor sees, as a number in `heads`, and the sighting, in the order of arrival.
         target: Whom the loop looks at.
     """
 
     def __init__(self, scene: Scene, target: AttendedPeople) -> None:
         walks = (scene.walk, *scene.others)
-        self.sightings = [sighting for _, sighting in observe_together(walks, scene.sensor, scene.seed)]
+        self.seen = observe_together(walks, scene.sensor, scene.seed)
         self.target = target
-        self._heads = [TrueHead(walk) for walk in walks]
+        self.heads = [TrueHead(walk) for walk in walks]
+        self._whose = {id(sighting.observation): k for k, sighting in self.seen}
+        self._owners: dict[int, int] = {}
+        self._swaps_s: list[float] = []
         self._whom: list[tuple[float, int]] = []
-        self._last = (0, -np.inf, _NOBODY)
 
     @staticmethod
     def of(scene: Scene, predictor: Predictor | str, settings: GazeSettings) -> Crowd | None:
@@ -56,8 +59,7 @@ class Crowd:
             The crowd; None where all observations are one person's.
 
         Raises:
-            SettingsError: If several people are there and nothing says whom to look at, or the sensor turns with the
-                head.
+            SettingsError: If several people are there and nothing says whom to look at.
         """
         if settings.attend is None:
             if scene.others:
@@ -65,10 +67,6 @@ class Crowd:
                     f"{scene.name}: several people are there: say whom to look at, such as --attend nearest"
                 )
             return None
-        if scene.sensor.view.on == "head" and scene.sensor.view.limited:
-            raise SettingsError(
-                f"--attend: sensor {scene.sensor.name!r} turns with the head; accepted: one on the base"
-            )
         options = dict(getattr(settings, "options", {}))
         attention = Attention(make_policy(settings.attend, options), settings.attention)
         heads = [TrueHead(walk) for walk in (scene.walk, *scene.others)]
@@ -83,19 +81,21 @@ class Crowd:
         return Crowd(scene, AttendedPeople(make, attention, settings.loop))
 
     def note(self, now_s: float) -> None:
-        """Keep who is looked at; called after each tick.
+        """Keep who is looked at, and who has become somebody else; called after each tick.
 
         Args:
             now_s: The time, seconds.
         """
-        number = self.target.attention.attended.number
-        track = None if number is None else self.target.people.track(number)
-        if number is None or track is None:
-            self._last = (0, -np.inf, _NOBODY)
-        elif (number, track.seen_s) != self._last[:2]:
-            # Whose detections they are may change while their number does not.
-            self._last = (number, track.seen_s, nearest_of(self._heads, track.seen_s, track.motion.position_m[0]))
-        self._whom.append((now_s, self._last[2]))
+        attended = _NOBODY
+        for track in self.target.people.confirmed:
+            # Whose observations they are may change while their number does not.
+            owner = self._whose[id(track.newest)]
+            if self._owners.setdefault(track.number, owner) != owner:
+                self._owners[track.number] = owner
+                self._swaps_s.append(now_s)
+            if track.number == self.target.attention.attended.number:
+                attended = owner
+        self._whom.append((now_s, attended))
 
     def attended_head(self, times_s: FloatArray) -> FloatArray:
         """Where the head of whoever was looked at then really was.
@@ -108,14 +108,14 @@ class Crowd:
         """
         found = np.full((times_s.size, 3), np.nan)
         whom = self._whom_at(times_s)
-        for k, head in enumerate(self._heads):
+        for k, head in enumerate(self.heads):
             mine = (whom == k) & head.known(times_s)
             if mine.any():
                 found[mine] = head(times_s[mine])
         return found
 
-    def of_one_person(self, log: Log) -> Log:
-        """Take out of a log what would compare a forecast of one person with another one.
+    def completed(self, log: Log) -> Log:
+        """Take out of a log what would compare a forecast of one person with another one, and add whom it mixed up.
 
         Args:
             log: The log.
@@ -126,7 +126,11 @@ class Crowd:
         then = self._whom_at(log.capture_time_s)[:, None]
         ahead = log.capture_time_s[:, None] + log.forecast_horizon_s
         same = self._whom_at(ahead.ravel()).reshape(ahead.shape) == then
-        return replace(log, forecast_true_base_m=np.where(same[:, :, None], log.forecast_true_base_m, np.nan))
+        return replace(
+            log,
+            forecast_true_base_m=np.where(same[:, :, None], log.forecast_true_base_m, np.nan),
+            identity_swap_time_s=np.array(self._swaps_s),
+        )
 
     def _whom_at(self, times_s: FloatArray) -> IntArray:
         ticks_s, whom = (np.array(values) for values in zip(*self._whom, strict=True))

@@ -123,15 +123,16 @@ def replay_scene(
     crowd = Crowd.of(scene, predictor, settings)
     ready = make_predictor(predictor, settings, Person(walk.labels.subject, true_head), settings.options)
     planning = make_controller(controller, neck, settings, settings.options)
-    sightings = deque(observe(walk, scene.sensor, scene.seed) if crowd is None else crowd.sightings)
-    smoother = Smoother(neck, scene.first_angles_rad(sightings[0].observation.head_position_base_m))
+    alone = [(0, sighting) for sighting in observe(walk, scene.sensor, scene.seed)] if crowd is None else []
+    seen, heads = deque(alone if crowd is None else crowd.seen), [true_head] if crowd is None else crowd.heads
+    smoother = Smoother(neck, scene.first_angles_rad(seen[0][1].observation.head_position_base_m))
 
     turns_with_neck = scene.sensor.view.on == "head" and scene.sensor.view.limited
     now_s = 0.0
     robot = SimulatedNeck(robot_neck, smoother.command.position_rad, lambda: now_s, scene.seed)
     true_joints = []
     recorder = LoopRecorder(neck.control_period_s, watch)
-    if is_low_rate(np.array([sighting.observation.capture_time_s for sighting in sightings])):
+    if is_low_rate(np.array([sighting.observation.capture_time_s for _, sighting in seen])):
         recorder.event(0.0, Event.LOW_FRAME_RATE)
     target: Target = PersonTrack(ready, settings.loop) if crowd is None else crowd.target
     if look_aways is None and settings.look_away.rhythm != "no":
@@ -145,9 +146,9 @@ def replay_scene(
         now_s = index * period_s
         true_joints.append(robot.true_state())
         arrived = []
-        while sightings and sightings[0].arrival_s <= now_s + 1e-9:
-            sighting = sightings.popleft()
-            if not turns_with_neck or _in_turned_view(scene, sighting, true_head, true_joints):
+        while seen and seen[0][1].arrival_s <= now_s + 1e-9:
+            whose, sighting = seen.popleft()
+            if not turns_with_neck or _in_turned_view(scene, sighting, heads[whose], true_joints):
                 arrived.append(sighting)
         loop.tick(index, now_s, arrived)
         if crowd is not None:
@@ -174,7 +175,7 @@ def replay_scene(
     joints = JointColumns(neck.joints, true_joints)
     if crowd is not None:
         log, times = recorder.finish(run, crowd.attended_head, joints)
-        return Replayed(crowd.of_one_person(log), times)
+        return Replayed(crowd.completed(log), times)
     return Replayed(*recorder.finish(run, where_known, joints))
 
 

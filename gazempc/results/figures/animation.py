@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Ellipse
@@ -18,6 +19,7 @@ from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.known import shown_head
 from gazempc.results.figures.parts import parts
+from gazempc.results.figures.people import draw_turns, has_attention, looks_away, person_colour, turns
 from gazempc.results.figures.style import CONTACT_COLOUR, Logs, Style, recording_title, styles
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
@@ -31,6 +33,8 @@ _HEAD_WIDTH_M, _HEAD_HEIGHT_M = 0.16, 0.23
 _FIELD_DEG, _PART_FIELD_DEG = 20.0, 18.5
 _DPI = 100
 _PANEL_PX, _SIDE_PX, _BELOW_PX, _HEIGHT_PX = 225, 9, 46, 300
+# Among several people a time line stands below each view.
+_TIME_LINE_PX, _TIME_LINE_ROOM_PX = 9, 18
 _COLOURS = 96
 _NO_CONTACT_COLOUR = "0.6"
 # Where head and body point.
@@ -80,7 +84,7 @@ def running_contact(log: Log) -> FloatArray:
         Shares, shape (M,); NaN before the window begins. The last one is the eye contact of `measure`.
     """
     error_deg = gaze_error_deg(log)
-    scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(error_deg)
+    scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(error_deg) & ~log.looks_away
     if not scored.any():
         scored[-1] = True
     contact = scored & (error_deg <= CONTACT_DEG[0])
@@ -102,18 +106,41 @@ def frame_times(length_s: float) -> FloatArray:
     return np.append(np.arange(0.0, length_s - 0.5 * period_s, period_s), length_s)
 
 
+class _TimeLine:
+    """Whom the gaze is for, in the view and below it."""
+
+    def __init__(self, view: Axes, line: Axes, log: Log) -> None:
+        length_s = float(log.time_s[-1] - log.time_s[0])
+        draw_turns(line, log, 0.0, 1.0, letters=0)
+        line.set(xlim=(0.0, length_s), ylim=(-0.5, 0.5), xticks=[], yticks=[])
+        line.spines[:].set_visible(False)
+        self._now = line.axvline(0.0, color="k", lw=1.5)
+        self._turns, self._away = turns(log), looks_away(log)
+        self._text = view.text(0.03, 0.97, "", transform=view.transAxes, ha="left", va="top", fontsize=8.5, zorder=10)
+
+    def show(self, at_s: float) -> None:
+        """Move to a time, seconds from the start."""
+        self._now.set_xdata([at_s, at_s])
+        turn = next((turn for turn in reversed(self._turns) if turn.from_s <= at_s), None)
+        away = next((why for from_s, to_s, why in self._away if from_s <= at_s <= to_s), "")
+        number, text = (turn.number, turn.texts[0]) if turn else (0, "nobody")
+        self._text.set_text(f"person {number}, looks away: {away}" if away and number else text)
+        self._text.set_bbox({"fc": person_colour(number), "ec": "none", "pad": 1.5})
+
+
 class _Panel:
     """One controller's view. Artists are made once and moved, which is much faster than drawing anew."""
 
-    def __init__(self, figure: Figure, left_px: float, width_px: float, look: Style, log: Log) -> None:
-        side_px = _PANEL_PX - 2 * _SIDE_PX
-        box = (
-            (left_px + _SIDE_PX) / width_px,
-            _BELOW_PX / _HEIGHT_PX,
-            side_px / width_px,
-            side_px / _HEIGHT_PX,
-        )
+    def __init__(self, figure: Figure, left_px: float, look: Style, log: Log, with_people: bool) -> None:
+        width_px, height_px = figure.get_size_inches() * _DPI
+        side_px, left = _PANEL_PX - 2 * _SIDE_PX, (left_px + _SIDE_PX) / width_px
+        below_px = _BELOW_PX + with_people * _TIME_LINE_ROOM_PX
+        box = (left, below_px / height_px, side_px / width_px, side_px / height_px)
         self._ax = ax = figure.add_axes(box, facecolor="#F4F6F8")
+        self._people: _TimeLine | None = None
+        if with_people:
+            box = (left, (_BELOW_PX - 4) / height_px, side_px / width_px, _TIME_LINE_PX / height_px)
+            self._people = _TimeLine(ax, figure.add_axes(box), log)
         ax.set(xlim=(-_FIELD_DEG, _FIELD_DEG), ylim=(-_FIELD_DEG, _FIELD_DEG), xticks=[], yticks=[])
         label_box = {"fc": look.colour, "alpha": 0.4, "ec": "none", "pad": 1.5}
         ax.set_title(look.label, fontsize=9.5, pad=6, bbox=label_box)
@@ -144,7 +171,8 @@ class _Panel:
         self._pointer = ax.plot([], [], color="#B0603A", lw=4, solid_capstyle="butt")[0]
         self._cone = ax.add_patch(Circle((0, 0), CONTACT_DEG[0], fill=False, lw=1.6, zorder=8))
         ax.plot(0, 0, "+", color="0.35", ms=6, mew=0.8, zorder=1)
-        self._text = ax.text(0.5, -0.05, "", transform=ax.transAxes, ha="center", va="top", fontsize=9)
+        lower = _TIME_LINE_ROOM_PX / side_px if with_people else 0.0
+        self._text = ax.text(0.5, -0.05 - lower, "", transform=ax.transAxes, ha="center", va="top", fontsize=9)
 
     def show(self, at_s: float) -> None:
         """Move everything to a time, seconds from the start."""
@@ -162,6 +190,8 @@ class _Panel:
             marker.set_data(*(offset_deg[tick, :, None] / edge))
         share = self._share[tick]
         self._text.set_text("not scored yet" if np.isnan(share) else f"eye contact {100 * share:.0f} %")
+        if self._people is not None:
+            self._people.show(at_s)
         self.frame(bool(self._contact[tick]))
 
     def frame(self, contact: bool) -> None:
@@ -181,12 +211,14 @@ def animate(logs: Logs, path: Path) -> None:
     """
     # At least two panels wide, so that the title has room.
     width_px = _PANEL_PX * max(len(logs), 2)
-    figure = Figure(figsize=(width_px / _DPI, _HEIGHT_PX / _DPI), dpi=_DPI)
+    with_people = has_attention(logs)
+    height_px = _HEIGHT_PX + with_people * _TIME_LINE_ROOM_PX
+    figure = Figure(figsize=(width_px / _DPI, height_px / _DPI), dpi=_DPI)
     canvas = FigureCanvasAgg(figure)
     left_px = (width_px - _PANEL_PX * len(logs)) / 2
     looks = styles(logs)
     panels = [
-        _Panel(figure, left_px + i * _PANEL_PX, width_px, looks[name], log)
+        _Panel(figure, left_px + i * _PANEL_PX, looks[name], log, with_people)
         for i, (name, log) in enumerate(logs.items())
     ]
     edge = _SIDE_PX / width_px

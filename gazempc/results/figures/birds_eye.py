@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.figures.known import draw_known, finish, shown_head
 from gazempc.results.figures.parts import Part, parts
+from gazempc.results.figures.people import person_colour, turns
 from gazempc.results.figures.style import DPI, OBSERVED, Logs, readable, say, styles
+from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.types import FloatArray
 
@@ -24,6 +27,8 @@ _RAYS_AT_MOST = 5
 _PART_REACH = 0.45
 # Labels need about this share of the drawing in the overview.
 _LABEL_GAP = 0.1
+# Of the person who is looked at, below their path.
+_BAND: dict[str, Any] = {"lw": 8.0, "solid_capstyle": "round", "zorder": 2}
 
 
 def birds_eye(logs: Logs, path: Path) -> None:
@@ -65,8 +70,9 @@ def draw_birds_eye(ax: Axes, logs: Logs, *, detailed: bool) -> tuple[Part, ...]:
     observed = next(iter(logs.values())).head_observed_base_m
     if len(observed) and (detailed or not shown.known.any()):
         ax.plot(observed[:, 1], observed[:, 0], **OBSERVED, zorder=3, label="observed head")
+    path_m = _whom_by_whom(ax, shown.log)
     if shown.known.any():
-        draw_known(ax, head[:, 1], head[:, 0], shown, color="0.25", lw=1.5, zorder=4, label=shown.label)
+        draw_known(ax, path_m[:, 1], path_m[:, 0], shown, color="0.25", lw=1.5, zorder=4, label=shown.label)
     if not np.isfinite(head).any():
         say(ax, "nobody was seen")
         _finish_plan(ax)
@@ -105,6 +111,27 @@ def draw_birds_eye(ax: Axes, logs: Logs, *, detailed: bool) -> tuple[Part, ...]:
     _label_times(ax, head, at, marks_s)
     _finish_plan(ax)
     return tuple(beside.values())
+
+
+def _whom_by_whom(ax: Axes, log: Log) -> FloatArray:
+    """Draw a band along each person's path while they were looked at.
+
+    Returns:
+        The head with a gap where somebody else is looked at from then on, shape (M, 3), metres.
+    """
+    head = log.head_true_base_m.copy()
+    if not log.attended_time_s.size:
+        return head
+    labelled = set[int]()
+    for turn in turns(log):
+        span = np.searchsorted(log.time_s - log.time_s[0], [turn.from_s - 1e-6, turn.to_s - 1e-6])
+        mine = head[slice(*span)]
+        if turn.number and np.isfinite(mine).any():
+            label = None if turn.number in labelled else f"person {turn.number}"
+            labelled.add(turn.number)
+            ax.plot(mine[:, 1], mine[:, 0], color=person_colour(turn.number), label=label, **_BAND)
+        head[span[0]] = np.nan
+    return head
 
 
 def _finish_plan(ax: Axes) -> None:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.known import contact_shares, draw_known, finish, shown_head
 from gazempc.results.figures.parts import HEAD_LINE, head_error_deg
+from gazempc.results.figures.people import away_in_all
 from gazempc.results.figures.style import CONTACT_COLOUR, DPI, Logs, readable, say, shade_unscored, styles
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg
@@ -69,7 +70,7 @@ def draw_gaze_error(ax: Axes, logs: Logs, *, detailed: bool) -> bool:
     if heads_alone:
         ax.plot([], [], color="0.3", lw=1.1, ls=HEAD_LINE, label="of the robot's head alone")
     _say_if_unknown(ax, logs)
-    shade_unscored(ax, end_s)
+    shade_unscored(ax, end_s, away_in_all(logs))
     ax.set(xlim=(0.0, end_s), ylim=(0.0, max(1.05 * top, 8.0)), xlabel="time (s)", ylabel="gaze error (deg)")
     if detailed:
         # On a logarithmic scale each passage through zero would be a spike of no meaning.

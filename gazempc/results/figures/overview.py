@@ -15,12 +15,16 @@ from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.gaze_error import draw_gaze_error
 from gazempc.results.figures.known import contact_shares, known_title
 from gazempc.results.figures.parts import Part, head_alone
+from gazempc.results.figures.people import are_alike, draw_turns, has_attention, question
 from gazempc.results.figures.style import DPI, Logs, readable, recording_title, setup_title, styles
+from gazempc.results.log import Log
 
 _WIDTH = 32 / 3
 # Beside a bar of a larger share its words have no room.
 _LONG_BAR = 0.75
 _OF_ROBOT = "robot's"
+# Letters that have room in the time line of whom the gaze was for.
+_LETTERS = 52
 
 
 def draw_contact_bars(ax: Axes, logs: Logs) -> None:
@@ -62,11 +66,15 @@ def overview(logs: Logs, path: Path) -> None:
     # Few inches and many dots make letters that still read at half size.
     with readable(_WIDTH):
         figure = Figure(figsize=(_WIDTH, 6.0), dpi=DPI, layout="constrained")
-        axes = figure.subplot_mosaic(
-            [["walk", "error"], ["walk", "bars"]],
-            width_ratios=[1.0, 1.0],
-            height_ratios=[1.0, 0.25 + 0.13 * len(logs)],
-        )
+        rows, heights = ["error", "bars"], [1.0, 0.25 + 0.13 * len(logs)]
+        people = _time_lines(logs) if has_attention(logs) else {}
+        if people:
+            rows, heights = ["people", *rows], [0.06 + 0.09 * len(people), *heights]
+        # The right half has the names of the controllers.
+        halves = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.3])
+        column = halves[1].subgridspec(len(rows), 1, height_ratios=heights)
+        axes = {row: figure.add_subplot(column[k]) for k, row in enumerate(rows)}
+        axes["walk"] = figure.add_subplot(halves[0])
         beside = draw_birds_eye(axes["walk"], logs, detailed=False)
         axes["walk"].set_title(_walk_title(beside), fontsize="medium")
         heads_alone = draw_gaze_error(axes["error"], logs, detailed=False)
@@ -74,11 +82,30 @@ def overview(logs: Logs, path: Path) -> None:
             "; dashed: error of the head alone" if heads_alone else f" (within {CONTACT_DEG[0]:g}°); grey: not scored"
         )
         axes["error"].set_title(f"green: eye contact{said}", fontsize="medium")
+        if people:
+            _draw_people(axes["people"], people, axes["error"].get_xlim())
         draw_contact_bars(axes["bars"], logs)
         about = f"{recording_title(logs)}; {setup_title(logs)}"
-        lines = filter(None, ("Does the robot keep eye contact with a walking person?", about, known_title(logs)))
+        lines = filter(None, (question(logs), about, known_title(logs)))
         figure.suptitle("\n".join(lines))
         figure.savefig(path, dpi=DPI)
+
+
+def _time_lines(logs: Logs) -> dict[str, Log]:
+    """Whose time lines are drawn: one of all gazes where these are alike."""
+    if are_alike(logs):
+        return {"": next(iter(logs.values()))}
+    return {look.label.split(" with ")[0]: logs[name] for name, look in styles(logs).items()}
+
+
+def _draw_people(ax: Axes, people: dict[str, Log], shown_s: tuple[float, float]) -> None:
+    for row, log in enumerate(people.values()):
+        draw_turns(ax, log, float(row), 0.9, _LETTERS)
+    ax.set_title("whom the gaze is for; hatched: it looks away", fontsize="medium")
+    ax.set_yticks(range(len(people)), list(people) if len(people) > 1 else [""] * len(people))
+    ax.tick_params(left=False)
+    ax.set(xticks=[], xlim=shown_s, ylim=(len(people) - 0.5, -0.5))
+    ax.spines[:].set_visible(False)
 
 
 def _walk_title(beside: tuple[Part, ...]) -> str:

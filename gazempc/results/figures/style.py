@@ -145,9 +145,17 @@ def setup_title(logs: Logs) -> str:
     return f"predictor {', '.join(predictors) or 'perfect'}; neck {neck}; sensor {sensor}; seed {seed}"
 
 
-def shade_unscored(ax: Axes, end_s: float) -> None:
-    """Shade the part of a time axis that is not scored; `end_s` is its end, seconds."""
+def shade_unscored(ax: Axes, end_s: float, away_s: Iterable[tuple[float, float]] = ()) -> None:
+    """Shade the parts of a time axis that are not scored.
+
+    Args:
+        ax: Axes to draw on.
+        end_s: Its end, seconds.
+        away_s: Beginnings and ends of looks away, seconds.
+    """
     ax.axvspan(0.0, min(SCORED_FROM_S, end_s), color=_UNSCORED, lw=0, zorder=0.5, label="not scored")
+    for from_s, to_s in away_s:
+        ax.axvspan(from_s, to_s, color=_UNSCORED, lw=0, zorder=0.5)
 
 
 def say(ax: Axes, why: str, height: float = 0.5) -> None:

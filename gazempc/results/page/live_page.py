@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from gazempc.results.figures.people import question
 from gazempc.results.log import Log
 from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.page.log_charts import error_chart, joints_chart
-from gazempc.results.page.run_page import QUESTION, captions, setup_of
+from gazempc.results.page.people_tables import people_tables
+from gazempc.results.page.run_page import captions, setup_of
 
 _UNKNOWN = "Nobody knows where the head really was, so the gaze error is not known."
 
@@ -43,10 +45,10 @@ def live_page(
     chart = error_chart({log.run.controller: log}) if known else joints_chart(log)
     return Page(
         title=f"Live gaze from {log.run.recording}",
-        question=QUESTION,
+        question=question({log.run.controller: log}),
         answer=(answer,),
         setup=setup_of(log) | {"gaze": f"{log.run.controller}, predictor {log.run.predictor}", "log": of_log},
-        tables=_tables(summary, of_log),
+        tables=(*_tables(summary, of_log), *people_tables({log.run.controller: log})),
         charts=(chart,),
         pictures=captions(pictures),
         unusual=tuple(_unusual(summary, meanings)),

@@ -10,15 +10,16 @@ import numpy as np
 
 from gazempc.neck.spec import Axis, NeckSpec
 from gazempc.recordings.recording import truth_of
+from gazempc.results.figures.people import question
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.page.log_charts import error_chart
+from gazempc.results.page.people_tables import people_tables
 from gazempc.results.repeats import Repeats
 from gazempc.results.report import label
 from gazempc.results.table import sentence, table_lines
 
-QUESTION = "Does the robot keep eye contact with a walking person?"
 # Of what a run draws, in the order in which a reader wants it.
 _ABOUT = {
     "overview.png": "The walk from above, the gaze error over time, and the time with eye contact",
@@ -67,10 +68,10 @@ def run_page(
         unusual += unusual_of(log, meanings, f"{label(name)}: " if len(logs) > 1 else "")
     return Page(
         title=f"Gaze on {first.run.recording}",
-        question=QUESTION,
+        question=question(logs),
         answer=(sentence(repeats),),
         setup=setup_of(first) | {"noise": _noise(seeds)},
-        tables=(PageTable("", ("", *names), rows),),
+        tables=(PageTable("", ("", *names), rows), *people_tables(logs)),
         charts=(error_chart(logs),) if known else (),
         pictures=captions(pictures),
         unusual=tuple(unusual),

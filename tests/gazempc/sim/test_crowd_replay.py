@@ -1,13 +1,18 @@
 """Several people in a replay: one scene, one gaze."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from builders.standing import standing
 
 from gazempc.errors import SettingsError
+from gazempc.people import people
 from gazempc.recordings.together import load_together
 from gazempc.results.limits import limit_violations
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
+from gazempc.sim.sensing.tables import FieldOfView
 
 TWO = "subject03_R4+subject05_R1"
 
@@ -60,6 +65,47 @@ def test_the_perfect_forecast_is_that_of_whoever_is_looked_at():
     assert known.sum() > 100
     apart_m = np.linalg.norm(log.forecast_mean_base_m - log.forecast_true_base_m, axis=2)[known]
     assert np.percentile(apart_m, 90) < 1e-6
+
+
+def two_standing(seconds, *places_m):
+    """A scene of people who stand."""
+    settings = SceneSettings(sensor="reference", placement="recorded")
+    first, *others = (make_scene(standing(f"p{k}", at_m, seconds), settings) for k, at_m in enumerate(places_m))
+    return replace(first, others=tuple(other.walk for other in others))
+
+
+@pytest.mark.parametrize("exchanged_from_frame", [None, 40])
+def test_observations_that_are_taken_for_somebody_elses_are_swaps(monkeypatch, exchanged_from_frame):
+    """From some frame on each has the other's number: one swap each, in that frame, and none after."""
+    calls = []
+    right = people.assign
+
+    def by_side(expected, unseen_s, track_names, measured_m, *others):
+        calls.append(1)
+        if not len(track_names) == len(measured_m) == 2:
+            return right(expected, unseen_s, track_names, measured_m, *others)
+        left = int(np.argmax(measured_m[:, 1]))
+        exchanged = exchanged_from_frame is not None and len(calls) >= exchanged_from_frame
+        return [(0, 1 - left), (1, left)] if exchanged else [(0, left), (1, 1 - left)]
+
+    monkeypatch.setattr(people, "assign", by_side)
+    scene = two_standing(2.5, [2.0, 0.8, 0.3], [2.0, -0.8, 0.3])
+    log = replay_scene(scene, "lookahead", "constant_velocity", ReplaySettings(attend="nearest")).log
+    assert log.identity_swap_time_s.size == (0 if exchanged_from_frame is None else 2)
+    assert np.unique(log.identity_swap_time_s).size <= 1
+
+
+def test_a_sensor_on_the_head_sees_whom_it_is_turned_to():
+    """The robot begins with Ann. Bob is nearer, but 70 deg beside her, which a view of 60 deg never shows."""
+    ann = two_standing(2.0, [2.2, 1.3, 0.3], [1.4, -1.2, 0.3])
+    view = FieldOfView(on="head", horizontal_deg=60.0, vertical_deg=60.0)
+    for sensor, left in ((ann.sensor, False), (ann.sensor.model_copy(update={"view": view}), True)):
+        settings = ReplaySettings(attend="nearest")
+        log = replay_scene(replace(ann, sensor=sensor), "lookahead", "constant_velocity", settings).log
+        assert limit_violations(log, log.neck) == 0
+        known = np.isfinite(log.head_true_base_m).all(axis=1)
+        assert known.mean() > 0.9
+        assert np.all((log.head_true_base_m[known, 1] > 0.0) == left)
 
 
 def test_a_policy_that_raises_is_survived(monkeypatch):

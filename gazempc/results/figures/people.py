@@ -1,0 +1,174 @@
+"""Whom the gaze was for over time, as all figures draw it: a bar a person, hatched where it looks away."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gazempc.results.figures.style import Logs
+from gazempc.results.log import Log
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Paul Tol's light scheme, for colour-blind people, too. Controllers have none of it, nor has contact.
+_COLOURS = ("#EEDD88", "#99DDFF", "#FFAABB", "#BBCC33", "#EE8866", "#AAAA00")
+_NOBODY = "0.88"
+_WHY = {"policy": "chosen", "left": "the one before left"}
+_HATCH, _BOX = "////", {"fc": "w", "ec": "none", "pad": 1.0}
+
+
+@dataclass(frozen=True)
+class Turn:
+    """For so long the gaze was for one person, or away from them; times are from the start of the log.
+
+    Attributes:
+        from_s: Seconds.
+        to_s: Seconds.
+        number: Which person; 0 for nobody.
+        why: As it stands in the log.
+    """
+
+    from_s: float
+    to_s: float
+    number: int
+    why: str
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """What it is called, the longest text first."""
+        if not self.number:
+            return ("nobody",)
+        name = f"person {self.number}"
+        return (f"{name}: {_WHY[self.why]}", name, str(self.number)) if self.why in _WHY else (name, str(self.number))
+
+
+def has_attention(logs: Logs) -> bool:
+    """Whether there is anything to draw: somebody was chosen, or looked away from.
+
+    Args:
+        logs: The runs.
+    """
+    return any(log.attended_time_s.size or log.away_start_s.size for log in logs.values())
+
+
+def question(logs: Logs) -> str:
+    """What a picture or a report of a run answers.
+
+    Args:
+        logs: The runs.
+
+    Returns:
+        A question.
+    """
+    several = any(log.attended_time_s.size for log in logs.values())
+    return f"Does the robot keep eye contact with {'the person it attends to' if several else 'a walking person'}?"
+
+
+def turns(log: Log) -> tuple[Turn, ...]:
+    """Whom the gaze was for, one after the other.
+
+    Args:
+        log: The run.
+
+    Returns:
+        The turns; one person for the whole run where nobody chose.
+    """
+    start_s, end_s = float(log.time_s[0]), float(log.time_s[-1])
+    if not log.attended_time_s.size:
+        return (Turn(0.0, end_s - start_s, 1, ""),)
+    at_s = [*(log.attended_time_s - start_s).tolist(), end_s - start_s]
+    each = zip(at_s, at_s[1:], log.attended_person.tolist(), log.attended_why.tolist(), strict=False)
+    return tuple(Turn(*turn) for turn in each)
+
+
+def looks_away(log: Log) -> tuple[tuple[float, float, str], ...]:
+    """Looks away: from when to when, seconds from the start of the log, and why.
+
+    Args:
+        log: The run.
+
+    Returns:
+        They, up to the end of the log.
+    """
+    start_s, end_s = float(log.time_s[0]), float(log.time_s[-1])
+    each = zip(log.away_start_s.tolist(), log.away_end_s.tolist(), log.away_why.tolist(), strict=True)
+    return tuple((from_s - start_s, min(to_s, end_s) - start_s, why) for from_s, to_s, why in each)
+
+
+def are_alike(logs: Logs) -> bool:
+    """Whether the gazes of all runs were for the same people at the same times, to a hundredth of a second.
+
+    Args:
+        logs: The runs.
+    """
+    first, *others = [_marks(log) for log in logs.values()]
+    return all(marks == first for marks in others)
+
+
+def away_in_all(logs: Logs) -> tuple[tuple[float, float], ...]:
+    """When contact is due in none of the runs.
+
+    Args:
+        logs: The runs.
+
+    Returns:
+        Beginnings and ends, seconds from the start.
+    """
+    ticks = min(log.time_s.size for log in logs.values())
+    away = np.logical_and.reduce([log.looks_away[:ticks] for log in logs.values()])
+    first = next(iter(logs.values()))
+    edges = np.flatnonzero(np.diff(away, prepend=False, append=False))
+    at_s = np.append(first.time_s, first.time_s[-1])[edges] - first.time_s[0]
+    return tuple(zip(at_s[::2].tolist(), at_s[1::2].tolist(), strict=True))
+
+
+def draw_turns(ax: Axes, log: Log, at: float, height: float, letters: float) -> None:
+    """Draw the time line of a run.
+
+    Args:
+        ax: Axes, with the time along x.
+        log: The run.
+        at: Middle of the bars, on the y axis.
+        height: Their height.
+        letters: How many letters have room in the time from 0 to the end of the log.
+    """
+    per_s = letters / max(float(log.time_s[-1] - log.time_s[0]), 1e-9)
+    spans = looks_away(log)
+    for turn in turns(log):
+        lasts_s = turn.to_s - turn.from_s
+        ax.barh(at, lasts_s, height, turn.from_s, color=person_colour(turn.number), ec="w", lw=0.8)
+        # Words stand where they have most room between looks away.
+        inside = [(from_s, to_s) for from_s, to_s, _ in spans if turn.from_s <= from_s < turn.to_s]
+        ends_s = np.array([turn.from_s, *(at_s for span in inside for at_s in span), turn.to_s]).reshape(-1, 2)
+        from_s, to_s = max(ends_s.tolist(), key=lambda free: free[1] - free[0])
+        _write(ax, 0.5 * (from_s + to_s), at, turn.texts, per_s * (to_s - from_s))
+    for from_s, to_s, why in spans:
+        ax.barh(at, to_s - from_s, height, from_s, fc=(1, 1, 1, 0.55), ec="0.35", hatch=_HATCH, lw=0.6)
+        _write(ax, 0.5 * (from_s + to_s), at, (why,), per_s * (to_s - from_s), bbox=_BOX)
+
+
+def person_colour(number: int) -> str:
+    """Colour of a person in all figures.
+
+    Args:
+        number: Which person; 0 for nobody.
+
+    Returns:
+        A colour as matplotlib takes it.
+    """
+    return _COLOURS[(number - 1) % len(_COLOURS)] if number else _NOBODY
+
+
+def _write(ax: Axes, x: float, y: float, texts: Sequence[str], letters: float, **look: Any) -> None:
+    fits = next((text for text in texts if len(text) + 1 <= letters), None)
+    if fits is not None:
+        ax.text(x, y, fits, ha="center", va="center", fontsize="small", clip_on=True, **look)
+
+
+def _marks(log: Log) -> list[tuple[object, ...]]:
+    of_turns = [(round(turn.from_s, 2), round(turn.to_s, 2), turn.number, turn.why) for turn in turns(log)]
+    return [*of_turns, *((round(from_s, 2), round(to_s, 2), why) for from_s, to_s, why in looks_away(log))]
