@@ -136,7 +136,8 @@ def _make_source(
     if not isinstance(clock, RealClock) or stamps is None:
         raise SettingsError(f"source {settings.source!r} keeps real time")
     if kind == "ros4hri":
-        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, settings.options.ros2.network)
+        ros2 = settings.options.ros2
+        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, ros2.network, ros2.base_frame)
     if kind == "ros2":
         ros2 = settings.options.ros2
         frame_id = None if settings.mount.axes == "flu" else ANY_FRAME

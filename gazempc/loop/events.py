@@ -73,6 +73,7 @@ class Event(StrEnum):
         "somebody else sends than the first sender or those allowed, or a line is not signed with the key; dropped",
     )
     OPEN_TO_ALL = "open_to_all", "the source listens on all interfaces, and takes lines from whoever sends first"
+    NO_SENDER = "no_sender", "nobody sends on a ROS 2 topic that is listened to; it counts once somebody does"
     SOURCE_FAILED = "source_failed", "the source of observations raised; its data are lost, and it is read again"
     OBSERVATIONS_DROPPED = (
         "observations_dropped",

@@ -49,6 +49,9 @@ class Ros2Options(Settings):
         default=None, gt=0, description="When a trajectory's point is to be reached; without it a servo period"
     )
     silent_after_s: float = Field(default=0.5, gt=0, description="Without a joint state for so long: not answering")
+    base_frame: str | None = Field(
+        default=None, description="Frame of tf that people are put into; without it that of the tracker's sensor"
+    )
     pose_type: PoseType = Field(default="geometry_msgs/msg/PoseStamped", description="What the source's poses come as")
 
     @property

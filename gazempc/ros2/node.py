@@ -29,8 +29,10 @@ _WAITING_MAX = 256
 # A client of Zenoh waits so long before it tries the router again.
 _RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2.0}
 _ASK_S = 1.0
-# In the notation of rmw_zenoh: reliable, volatile, the last 10 kept; what is empty is the default.
-_QOS = "::,10:,:,:,,"
+# In the notation of rmw_zenoh: reliable, volatile or transient local, the last 10 kept; what is empty is the default.
+_QOS, _QOS_LATCHED = "::,10:,:,:,,", ":1:,10:,:,:,,"
+# Stands for one part of a topic's name.
+_ANY = "*"
 _NODE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -69,11 +71,18 @@ class Publication:
 
 
 class Subscription:
-    """A topic that is listened to; made by `Ros2Node`."""
+    """A topic that is listened to; made by `Ros2Node`.
 
-    def __init__(self, subscriber: Any, type_name: str) -> None:
+    Attributes:
+        type_name: Of its messages.
+    """
+
+    def __init__(self, subscriber: Any, type_name: str, announced: Any) -> None:
         self._subscriber = subscriber
-        self._type_name = type_name
+        self.type_name = type_name
+        self._announced = announced
+        self._senders: set[str] = set()
+        self._heard = False
 
     def take(self) -> list[Any | WireError]:
         """The messages that have come since the last call, oldest first; for a broken one what is wrong with it.
@@ -81,17 +90,35 @@ class Subscription:
         Raises:
             WireError: If the session is closed.
         """
-        taken: list[Any | WireError] = []
+        return [message for _, message in self.take_named()]
+
+    def take_named(self) -> list[tuple[str, Any | WireError]]:
+        """The same as `take`, each message with the name of its topic, for a subscription to several."""
+        taken: list[tuple[str, Any | WireError]] = []
         for _ in range(_WAITING_MAX):
             with _wire_errors():
                 sample = self._subscriber.try_recv()
             if sample is None:
                 break
+            # Between the domain, and type and hash.
+            self._heard = True
+            topic = "/" + "/".join(str(sample.key_expr).split("/")[1:-2])
             try:
-                taken.append(decode(sample.payload.to_bytes(), self._type_name))
+                taken.append((topic, decode(sample.payload.to_bytes(), self.type_name)))
             except WireError as error:
-                taken.append(error)
+                taken.append((topic, error))
         return taken
+
+    @property
+    def has_senders(self) -> bool:
+        """Whether any node says that it sends on this topic with this type, or did send without a word of that."""
+        with contextlib.suppress(Exception):
+            while self._announced is not None and (sample := self._announced.try_recv()) is not None:
+                # From now on what senders say of themselves is all that counts.
+                self._heard = False
+                came = sample.kind == sample.kind.PUT
+                (self._senders.add if came else self._senders.discard)(str(sample.key_expr))
+        return self._heard or bool(self._senders)
 
 
 class Ros2Node:
@@ -115,6 +142,7 @@ class Ros2Node:
             raise SettingsError(f"node {name!r}: expected letters, digits and _")
         try:
             import zenoh  # noqa: PLC0415
+            import zenoh.ext  # noqa: PLC0415
         except ImportError:
             raise MissingOptionalDependencyError("ROS 2", "eclipse-zenoh", "ros2") from None
         typestore()
@@ -161,16 +189,35 @@ class Ros2Node:
             )
         return Publication(publisher, self._declare_topic("MP", topic, type_name))
 
-    def subscription(self, topic: str, type_name: str) -> Subscription:
-        """Announce a topic to listen to; see `publication` for the arguments."""
+    def subscription(self, topic: str, type_name: str, latched: bool = False) -> Subscription:
+        """Announce a topic to listen to.
+
+        Args:
+            topic: Its full name; with ``*`` for one part of it, all topics of such names.
+            type_name: Such as ``std_msgs/msg/String``.
+            latched: Ask senders for what they sent last before, where they keep it (transient local).
+        """
+        key = topic_key(self._network.domain_id, topic, type_name, self._network.humble)
         # A ring buffer inside Zenoh: no thread of Python's runs, and nothing is left but the newest messages.
+        ring = self._zenoh.handlers.RingChannel
         with _wire_errors():
-            subscriber = self._session.declare_subscriber(
-                topic_key(self._network.domain_id, topic, type_name, self._network.humble),
-                self._zenoh.handlers.RingChannel(_WAITING_MAX),
-            )
-        self._declare_topic("MS", topic, type_name)
-        return Subscription(subscriber, type_name)
+            if latched:
+                history = self._zenoh.ext.HistoryConfig(detect_late_publishers=True)
+                subscriber = self._zenoh.ext.declare_advanced_subscriber(
+                    self._session, key, ring(_WAITING_MAX), history=history, subscriber_detection=True
+                )
+            else:
+                subscriber = self._session.declare_subscriber(key, ring(_WAITING_MAX))
+            digest = type_hash(type_name, self._network.humble)
+            entity = f"{topic.replace('/', '%')}/{dds_name(type_name)}/{digest}"
+            sent = f"@ros2_lv/{self._network.domain_id}/*/*/*/MP/*/*/*/{entity}/*"
+            senders = None
+            if _ANY not in topic:
+                senders = self._session.liveliness().declare_subscriber(sent, ring(_WAITING_MAX), history=True)
+        if _ANY not in topic:
+            # Who listens to topics by a pattern has no entry in the graph.
+            self._declare_topic("MS", topic, type_name, _QOS_LATCHED if latched else _QOS)
+        return Subscription(subscriber, type_name, senders)
 
     def why_nobody(self, kind: str, topic: str, type_name: str) -> str:
         """Why this topic finds no other side, for people to read; takes up to a second.
@@ -201,10 +248,10 @@ class Ros2Node:
         with contextlib.suppress(Exception):
             self._session.close()
 
-    def _declare_topic(self, kind: str, topic: str, type_name: str) -> str:
+    def _declare_topic(self, kind: str, topic: str, type_name: str, qos: str = _QOS) -> str:
         mangled = topic.replace("/", "%")
         digest = type_hash(type_name, self._network.humble)
-        return self._declare(f"{kind}/%/%/{self._name}/{mangled}/{dds_name(type_name)}/{digest}/{_QOS}")
+        return self._declare(f"{kind}/%/%/{self._name}/{mangled}/{dds_name(type_name)}/{digest}/{qos}")
 
     def _declare(self, entity: str) -> str:
         token = f"@ros2_lv/{self._network.domain_id}/{self._session.zid()}/0/{len(self._tokens)}/{entity}"

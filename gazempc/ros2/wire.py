@@ -112,6 +112,20 @@ def decode(data: bytes, type_name: str) -> Any:
         raise WireError(f"not a {type_name} in CDR: {error}") from None
 
 
+def stamp_s(stamp: Any) -> float:
+    """The time of a message's header, seconds of ROS time.
+
+    Args:
+        stamp: A ``builtin_interfaces/msg/Time``.
+
+    Raises:
+        WireError: If it is not stamped.
+    """
+    if stamp.sec == 0 and stamp.nanosec == 0:
+        raise WireError("its header has no time stamp")
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+
 def stamp_to_loop_s(stamp: Any, to_loop_s: Callable[[float], float], now_s: float) -> float:
     """The time of a message's header on the loop's clock, seconds.
 
@@ -123,9 +137,21 @@ def stamp_to_loop_s(stamp: Any, to_loop_s: Callable[[float], float], now_s: floa
     Raises:
         WireError: If it is not stamped, or so that the clocks cannot agree.
     """
-    if stamp.sec == 0 and stamp.nanosec == 0:
-        raise WireError("its header has no time stamp")
-    time_s = to_loop_s(stamp.sec + 1e-9 * stamp.nanosec)
+    return on_loop_clock(stamp_s(stamp), to_loop_s, now_s)
+
+
+def on_loop_clock(unix_s: float, to_loop_s: Callable[[float], float], now_s: float) -> float:
+    """A stamp on the loop's clock, seconds.
+
+    Args:
+        unix_s: The stamp, seconds.
+        to_loop_s: Converts Unix time to the loop's clock.
+        now_s: Present time on the loop's clock, seconds.
+
+    Raises:
+        WireError: If the clocks cannot agree.
+    """
+    time_s = to_loop_s(unix_s)
     off_s = time_s - now_s
     if not abs(off_s) <= _STAMP_OFF_MAX_S:
         raise WireError(

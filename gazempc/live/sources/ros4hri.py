@@ -1,37 +1,37 @@
-"""People as ROS4HRI trackers tell them: frames ``face_<id>`` and ``head_<id>`` in ``/tf``, lists of who is tracked."""
+"""People as ROS4HRI trackers tell them (REP 155): frames in tf, lists of who is tracked, and whose face it is."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any
 
-import numpy as np
-
+from gazempc.live.sources.dead_topics import DeadTopics
+from gazempc.live.sources.hri_frames import HeadFrames, HeadInFrame
+from gazempc.live.sources.hri_ids import HriIds
 from gazempc.live.sources.source import Arrived, SourceError
-from gazempc.recordings.readers.bag_axes import forward
-from gazempc.recordings.readers.bag_frames import Poses
-from gazempc.ros2.node import Ros2Node, Subscription
-from gazempc.ros2.wire import Ros2Network, WireError, stamp_to_loop_s
-from gazempc.types import Sighting
+from gazempc.live.sources.tf import TfListener
+from gazempc.ros2.node import Ros2Node
+from gazempc.ros2.wire import Ros2Network, WireError
+from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
-_NODE_NAME = "gazempc_people"
-_TF, _TRACKED = ("/tf", "tf2_msgs/msg/TFMessage"), ("/humans/faces/tracked", "hri_msgs/msg/IdsList")
-# Between the eyes, x out of the face, z up (REP 155).
-_PREFIXES = ("face_", "head_")
+_NODE_NAME = "gazempc_people"  # this program in the graph of ROS 2
+# While a face is seen, what a skeleton says of this head is worse. No two heads are so near to each other.
+_FACE_COUNTS_S, _ONE_HEAD_M = 0.5, 0.4
 
 
 class Ros4HriPeople:
-    """Takes everybody's head from ``/tf``, over Zenoh as rmw_zenoh does; each with the tracker's id.
+    """Takes everybody's head from tf, over Zenoh as rmw_zenoh does; each with the person's id, or the tracker's.
 
-    Positions are in the frame that the transforms are stated in, which is the sensor's: optical axes are turned to x
-    forward, and the mount says where it is. Static transforms are not followed. A face that the tracker's list does not
-    name is left out: some trackers go on sending the last pose of a face that they lost.
+    A head is where ``face_<id>`` is, else ``head_<id>`` of a skeleton, else over the hips of ``body_<id>``. Whoever the
+    tracker's list does not name is left out.
 
     Args:
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         network: Router, domain and release of ROS 2.
+        base_frame: Frame of tf that positions are given in, on the robot; without it that of the tracker's sensor,
+            with optical axes turned to x forward. The mount says where it is.
     """
 
     def __init__(
@@ -39,13 +39,13 @@ class Ros4HriPeople:
         clock_s: Callable[[], float],
         to_loop_s: Callable[[float], float],
         network: Ros2Network | None = None,
+        base_frame: str | None = None,
     ) -> None:
         self._clock_s, self._to_loop_s = clock_s, to_loop_s
-        self._network = network or Ros2Network()
+        self._network, self._base_frame = network or Ros2Network(), base_frame
         self._node: Ros2Node | None = None
-        self._transforms: Subscription | None = None
-        self._lists: Subscription | None = None
-        self._tracked: frozenset[str] | None = None
+        # By the tracker's name: capture time and place.
+        self._faces: dict[str, tuple[float, FloatArray]] = {}
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; does not wait until somebody sends."""
@@ -53,39 +53,36 @@ class Ros4HriPeople:
             return
         try:
             self._node = Ros2Node(_NODE_NAME, self._network)
-            self._transforms = self._node.subscription(*_TF)
-            self._lists = self._node.subscription(*_TRACKED)
+            self._tf, self._ids = TfListener(self._node), HriIds(self._node)
         except WireError as error:
             self.close()
             raise SourceError(f"ROS4HRI: {error}") from None
+        self._heads = HeadFrames(self._tf.transforms, self._to_loop_s, self._base_frame)
+        self._dead = DeadTopics({self._tf.topic: self._tf.moving}, self._clock_s())
 
     def poll(self) -> Arrived:
         """See `gazempc.live.sources.source.Source.poll`."""
-        if self._transforms is None or self._lists is None:
+        if self._node is None:
             return Arrived()
         sightings: list[Sighting] = []
         problems: list[str] = []
         now_s = self._clock_s()
         try:
-            for message in self._lists.take():
-                if isinstance(message, WireError):
-                    problems.append(f"{_TRACKED[0]}: {message}")
-                else:
-                    self._tracked = frozenset(message.ids)
-            for message in self._transforms.take():
-                if isinstance(message, WireError):
-                    problems.append(f"{_TF[0]}: {message}")
-                    continue
-                for transform in message.transforms:
-                    try:
-                        seen = self._observation(transform, now_s)
-                    except ValueError as error:
-                        problems.append(f"{_TF[0]}, {transform.child_frame_id}: {error}")
-                    else:
-                        sightings += [] if seen is None else [Sighting(now_s, seen)]
+            problems += self._ids.listen()
+            moved, unusable = self._tf.listen()
+            problems += unusable
         except WireError as error:
-            problems.append(str(error))
-        return Arrived(tuple(sightings), tuple(problems))
+            return Arrived((), (str(error),))
+        heads, unplaced = self._heads.heads(moved, now_s)
+        problems += [f"{self._tf.topic}, {problem}" for problem in unplaced]
+        for head in heads:
+            try:
+                seen = self._observation(head)
+            except ValueError as error:
+                problems.append(f"{self._tf.topic}, {head.kind}_{head.part_id}: {error}")
+            else:
+                sightings += [] if seen is None else [Sighting(now_s, seen)]
+        return Arrived(tuple(sightings), tuple(problems), self._dead.notices(now_s))
 
     @property
     def finished(self) -> bool:
@@ -96,20 +93,24 @@ class Ros4HriPeople:
         """See `gazempc.live.sources.source.Source.close`."""
         if self._node is not None:
             self._node.close()
-        self._node = self._transforms = self._lists = None
+        self._node = None
+        self._faces = {}
 
-    def _observation(self, transform: Any, now_s: float) -> HeadObservation | None:
-        """The head that a transform shows; None where it shows none, or one that is not tracked any more."""
-        child, parent = transform.child_frame_id, transform.header.frame_id
-        prefix = next((prefix for prefix in _PREFIXES if child.startswith(prefix)), None)
-        # A robot has heads, too, as links of a chain: `head_1_link`. Ids of people have no underscore.
-        person_id = "" if prefix is None else child.removeprefix(prefix)
-        if prefix is None or not person_id.isalnum():
+    def _observation(self, head: HeadInFrame) -> HeadObservation | None:
+        """A head that counts; None for one that is not tracked any more, or whose face is seen."""
+        if not self._ids.is_tracked(head.kind, head.part_id):
             return None
-        if prefix == "face_" and self._tracked is not None and person_id not in self._tracked:
+        captured_s = head.captured_s
+        self._faces = {name: face for name, face in self._faces.items() if captured_s - face[0] <= _FACE_COUNTS_S}
+        if head.kind == "face":
+            self._faces[head.part_id] = captured_s, head.position_m
+        elif any(math.dist(head.position_m, place_m) < _ONE_HEAD_M for _, place_m in self._faces.values()):
             return None
-        place, turn = transform.transform.translation, transform.transform.rotation
-        position_m, quat_wxyz = np.array([[place.x, place.y, place.z]]), np.array([[turn.w, turn.x, turn.y, turn.z]])
-        captured_s = stamp_to_loop_s(transform.header.stamp, self._to_loop_s, now_s)
-        poses, _ = forward(parent, Poses(np.array([captured_s]), np.zeros(1), position_m, quat_wxyz))
-        return HeadObservation(captured_s, poses.position_m[0], poses.quat_wxyz[0], person_id=person_id)
+        is_body = head.kind == "body"
+        return HeadObservation(
+            captured_s,
+            head.position_m,
+            head_quat_wxyz=None if is_body else head.quat_wxyz,
+            pelvis_quat_wxyz=head.quat_wxyz if is_body else None,
+            person_id=self._ids.person(head.kind, head.part_id) or head.part_id,
+        )

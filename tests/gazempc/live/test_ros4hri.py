@@ -1,123 +1,253 @@
-"""The source ros4hri: everybody in /tf with the tracker's ids, as a tracker puts them on the wire."""
-
-import math
+"""The source ros4hri: everybody in tf, by whom and by what they are tracked, as trackers put it on the wire."""
 
 import numpy as np
 import pytest
-import zenoh
 from builders.ports import free_port
-from builders.ros2_network import wait_for, zenoh_session
-from builders.ros2_wire import NOW_S, UNIX_START_S
+from builders.ros2_network import wait_for
+from builders.ros2_tf import IDS, OPTICAL, TEXT, TF, Stage, frames, polled, text, tracked, transform
+from builders.ros2_wire import NOW_S
+from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.live.sources.source import SourceError
-from gazempc.ros2.wire import Ros2Network, encode, make_message, topic_key
+from gazempc.loop.events import Event
+from gazempc.ros2.wire import Ros2Network
 
-OPTICAL = "camera_color_optical_frame"
-
-
-def header(frame_id, at_s):
-    whole = math.floor(at_s)
-    stamp = make_message("builtin_interfaces/msg/Time", sec=UNIX_START_S + whole, nanosec=round(1e9 * (at_s - whole)))
-    return make_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
-
-
-def transform(child, position_m, quat_wxyz=(1.0, 0.0, 0.0, 0.0), frame_id="camera_link", at_s=NOW_S - 0.1):
-    w, x, y, z = quat_wxyz
-    moved = make_message(
-        "geometry_msgs/msg/Transform",
-        translation=make_message("geometry_msgs/msg/Vector3", **dict(zip("xyz", position_m, strict=True))),
-        rotation=make_message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
-    )
-    return make_message(
-        "geometry_msgs/msg/TransformStamped", header=header(frame_id, at_s), child_frame_id=child, transform=moved
-    )
-
-
-def frames(*transforms):
-    return encode(make_message("tf2_msgs/msg/TFMessage", transforms=list(transforms)))
-
-
-def tracked(*ids):
-    return encode(make_message("hri_msgs/msg/IdsList", header=header("", NOW_S), ids=list(ids)))
+FACES, BODIES, PERSONS = (f"/humans/{part}/tracked" for part in ("faces", "bodies", "persons"))
+# x of a face against the camera's z.
+FACING = (0.5, 0.5, 0.5, -0.5)
 
 
 @pytest.fixture
 def stage():
-    port = free_port()
-    router = zenoh_session("router", port)
-    block = {"congestion_control": zenoh.CongestionControl.BLOCK}
-    tf = router.declare_publisher(topic_key(0, "/tf", "tf2_msgs/msg/TFMessage"), **block)
-    lists = router.declare_publisher(topic_key(0, "/humans/faces/tracked", "hri_msgs/msg/IdsList"), **block)
-    network = Ros2Network(f"tcp/127.0.0.1:{port}")
-    source = Ros4HriPeople(lambda: NOW_S, lambda unix_s: unix_s - UNIX_START_S, network)
-    source.open()
-    wait_for(lambda: tf.matching_status.matching and lists.matching_status.matching)
-    yield source, tf, lists
-    source.close()
-    router.close()
+    made = Stage()
+    yield made
+    made.close()
 
 
-def polled(source, count):
-    sightings, problems = [], []
+def opened(stage, base_frame=None):
+    return stage.listening(Ros4HriPeople(stage.clock_s, stage.to_loop_s, stage.network, base_frame))
 
-    def enough():
-        arrived = source.poll()
-        sightings.extend(arrived.sightings)
-        problems.extend(arrived.problems)
-        return len(sightings) + len(problems) >= count
 
-    wait_for(enough)
-    return [sighting.observation for sighting in sightings], problems
+def heard(source, stage, topic, type_name, data, then):
+    """Send, and wait until the source goes by it."""
+    stage.put(topic, type_name, data)
+    wait_for(lambda: source.poll() is not None and then())
+
+
+def names(found):
+    return [each.person_id for each in found]
 
 
 def test_everybody_in_tf_is_seen_with_their_id(stage):
-    source, tf, _ = stage
-    tf.put(
-        frames(
-            transform("face_a1b2c", [1.0, 0.2, 0.1]),
-            transform("gaze_a1b2c", [0.0, 0.0, 0.0], frame_id="face_a1b2c"),
-            transform("head_1_link", [0.0, 0.0, 0.5], frame_id="torso"),
-            transform("face_zzzzz", [2.0, -0.2, 0.3]),
-        )
+    source = opened(stage)
+    stage.tf(
+        transform("face_a1b2c", [1.0, 0.2, 0.1]),
+        transform("gaze_a1b2c", [0.0, 0.0, 0.0], frame_id="face_a1b2c"),
+        transform("head_1_link", [0.0, 0.0, 0.5], frame_id="torso"),
+        transform("head_link", [0.0, 0.0, 0.5], frame_id="torso"),
+        transform("face_zzzzz", [2.0, -0.2, 0.3]),
     )
     seen, problems = polled(source, 2)
     assert problems == []
-    assert [each.person_id for each in seen] == ["a1b2c", "zzzzz"]
+    assert names(seen) == ["a1b2c", "zzzzz"]
     np.testing.assert_allclose(seen[1].head_position_base_m, [2.0, -0.2, 0.3])
     assert seen[0].capture_time_s == pytest.approx(NOW_S - 0.1)
 
 
 def test_optical_axes_are_turned(stage):
-    source, tf, _ = stage
-    # Two metres ahead, half a metre to the right, 0.1 m up; x of the face against the camera's z.
-    facing = (0.5, 0.5, 0.5, -0.5)
-    tf.put(frames(transform("face_a", [0.5, -0.1, 2.0], facing, OPTICAL)))
+    source = opened(stage)
+    # Two metres ahead, half a metre to the right, 0.1 m up.
+    stage.tf(transform("face_a", [0.5, -0.1, 2.0], FACING, OPTICAL))
     (seen,), _ = polled(source, 1)
     np.testing.assert_allclose(seen.head_position_base_m, [2.0, -0.5, 0.1], atol=1e-12)
 
 
+def test_a_camera_on_a_head_that_turns(stage):
+    """From the face to the robot's base by moving and static frames, at the time of capture."""
+    source = opened(stage, "base_link")
+    stage.tf_static(
+        transform("neck_link", [0.1, 0.0, 1.2], frame_id="base_link", at_s=None),
+        transform(OPTICAL, [0.05, 0.02, 0.1], (0.5, -0.5, 0.5, -0.5), "head_link", at_s=None),
+    )
+    pan = [Rotation.from_euler("z", deg, degrees=True).as_quat(scalar_first=True) for deg in (20.0, 40.0)]
+    captured_s = NOW_S - 0.1
+    stage.tf(transform("head_link", [0.0, 0.0, 0.0], pan[0], "neck_link", captured_s - 0.015))
+    # Where the robot's head is becomes known later than the face.
+    stage.tf(transform("face_a", [0.3, -0.2, 2.0], FACING, OPTICAL, captured_s))
+    assert source.poll().sightings == ()
+    stage.tf(transform("head_link", [0.0, 0.0, 0.0], pan[1], "neck_link", captured_s + 0.005))
+    (seen,), problems = polled(source, 1)
+    assert problems == []
+    assert seen.capture_time_s == pytest.approx(captured_s)
+    turn = Rotation.from_euler("z", 35.0, degrees=True)
+    # Along the optical axis 2 m, 0.3 m to the right, 0.2 m up.
+    expected_m = np.array([0.1, 0.0, 1.2]) + turn.apply([0.05 + 2.0, 0.02 - 0.3, 0.1 + 0.2])
+    np.testing.assert_allclose(seen.head_position_base_m, expected_m, atol=1e-5)
+    facing = Rotation.from_quat(seen.head_quat_wxyz, scalar_first=True).apply([1.0, 0.0, 0.0])
+    np.testing.assert_allclose(facing, turn.apply([-1.0, 0.0, 0.0]), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("told", "why"),
+    [
+        ([], "tf knows no way from 'face_a' to 'base_link': nobody tells where 'base_link' is"),
+        ([-0.35], "where 'camera_link' is in 'base_link' was told last 0.25 s before"),
+        ([0.1], "where 'camera_link' is in 'base_link' was told first 0.20 s after"),
+        ([-1.0, 0.5], "where 'camera_link' is in 'base_link' was not told for 1.50 s"),
+    ],
+    ids=["unknown", "silent", "too-late", "gap"],
+)
+def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_that_says_where(stage, told, why):
+    source = opened(stage, "base_link")
+    camera = [transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=NOW_S + s) for s in told]
+    stage.tf(*camera, transform("face_a", [1.0, 0.0, 0.0]))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("face_a"))
+    stage.now_s += 0.25
+    _, (problem,) = polled(source, 1)
+    assert problem == f"/tf, face_a: {why}"
+
+
+def test_two_cameras_need_a_common_frame(stage):
+    source = opened(stage)
+    stage.tf(transform("face_a", [1.0, 0.0, 0.0]), transform("face_b", [1.0, 0.5, 0.0], frame_id="rear_camera"))
+    wait_for(lambda: len(source.poll().sightings) == 1)
+    stage.now_s += 0.25
+    _, (problem,) = polled(source, 1)
+    assert "face_b: it is seen from 'rear_camera', others from 'camera_link': say --options.ros2.base-frame" in problem
+
+
+def test_what_was_said_before_is_asked_for(stage):
+    """Static frames, lists and matches are sent once, by nodes that may have begun long before."""
+    stage.sends("/tf_static", TF, latched=True).put(
+        frames(transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=None))
+    )
+    stage.sends("/humans/persons/anna/face_id", TEXT, latched=True).put(text("a"))
+    source = opened(stage, "base_link")
+    wait_for(lambda: source.poll() is not None and source._ids.person("face", "a") == "anna")
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("camera_link"))
+    stage.tf(transform("face_a", [1.0, 0.0, 0.0]))
+    (seen,), problems = polled(source, 1)
+    assert (seen.person_id, problems) == ("anna", [])
+    np.testing.assert_allclose(seen.head_position_base_m, [1.0, 0.0, 1.0])
+
+
 def test_a_face_that_is_not_listed_any_more_is_nobody(stage):
-    source, tf, lists = stage
-    lists.put(tracked("a"))
-    wait_for(lambda: source.poll() is not None and source._tracked is not None)
-    tf.put(frames(transform("face_a", [1.0, 0.0, 0.0]), transform("face_gone", [2.0, 0.0, 0.0])))
-    tf.put(frames(transform("face_a", [1.0, 0.1, 0.0], at_s=NOW_S - 0.05)))
+    source = opened(stage)
+    heard(source, stage, FACES, IDS, tracked("a"), lambda: not source._ids.is_tracked("face", "gone"))
+    stage.tf(transform("face_a", [1.0, 0.0, 0.0]), transform("face_gone", [2.0, 0.0, 0.0]))
+    stage.tf(transform("face_a", [1.0, 0.1, 0.0], at_s=NOW_S - 0.05))
     seen, problems = polled(source, 2)
-    assert ([each.person_id for each in seen], problems) == (["a", "a"], [])
+    assert (names(seen), problems) == (["a", "a"], [])
+
+
+def test_a_person_has_one_name_whatever_face_they_have(stage):
+    source, ids = opened(stage), lambda face: source._ids.person("face", face)
+    heard(source, stage, PERSONS, IDS, tracked("anna"), lambda: not source._ids._is_listed("person", "bob"))
+    heard(source, stage, "/humans/persons/anna/face_id", TEXT, text("f1"), lambda: ids("f1") == "anna")
+    stage.tf(transform("face_f1", [1.0, 0.0, 0.0]), transform("face_f9", [2.0, 1.0, 0.0]))
+    assert names(polled(source, 2)[0]) == ["anna", "f9"]
+    heard(source, stage, "/humans/persons/anna/face_id", TEXT, text("f2"), lambda: ids("f2") == "anna")
+    stage.tf(transform("face_f2", [1.0, 0.0, 0.0]), transform("face_f1", [1.0, 2.0, 0.0], at_s=NOW_S - 0.05))
+    assert names(polled(source, 2)[0]) == ["anna", "f1"]
+    # Who is not tracked any more has no face: their old one is known by its own name.
+    heard(source, stage, PERSONS, IDS, tracked("bob"), lambda: ids("f2") is None)
+    stage.tf(transform("face_f2", [1.0, 0.0, 0.0], at_s=NOW_S - 0.02))
+    assert names(polled(source, 1)[0]) == ["f2"]
+
+
+def test_a_body_counts_where_there_is_no_face(stage):
+    source = opened(stage)
+    leaning = Rotation.from_euler("zy", [90.0, 30.0], degrees=True)
+    hips_m = np.array([2.0, 0.0, -0.5])
+    head_m = hips_m + 0.69 * leaning.apply([0.0, 0.0, 1.0])
+    body = leaning.as_quat(scalar_first=True)
+    heard(source, stage, BODIES, IDS, tracked("b"), lambda: not source._ids.is_tracked("body", "other"))
+    stage.tf(transform("body_b", hips_m, body, at_s=NOW_S - 0.3), transform("body_other", hips_m))
+    (seen,), problems = polled(source, 1)
+    assert (seen.person_id, problems, seen.head_quat_wxyz) == ("b", [], None)
+    np.testing.assert_allclose(seen.head_position_base_m, head_m)
+    np.testing.assert_allclose(seen.pelvis_quat_wxyz, body)
+    stage.tf(
+        transform("face_a", head_m + 0.1, at_s=NOW_S - 0.2),
+        transform("body_b", hips_m, body, at_s=NOW_S - 0.19),
+        transform("face_c", head_m + 1.0, at_s=NOW_S - 0.18),
+    )
+    assert names(polled(source, 2)[0]) == ["a", "c"]
+    stage.now_s += 0.6
+    stage.tf(transform("body_b", hips_m, body, at_s=NOW_S + 0.5))
+    assert names(polled(source, 1)[0]) == ["b"]
+
+
+def test_a_skeleton_with_a_head_is_where_its_head_is(stage):
+    """The head is fixed to the last joint of a neck, which moves in the torso, which moves in the hips."""
+    source = opened(stage)
+    heard(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"), lambda: source._ids.person("body", "b"))
+    stage.tf_static(transform("head_b", [0.0, 0.0, 0.1], frame_id="p_head_b", at_s=None))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("head_b"))
+    for at_s in (NOW_S - 0.1, NOW_S - 0.05):
+        stage.tf(
+            transform("p_head_b", [0.0, 0.0, 0.2], frame_id="torso_b", at_s=at_s),
+            transform("torso_b", [0.0, 0.0, 0.4], frame_id="body_b", at_s=at_s),
+        )
+        stage.tf(transform("body_b", [2.0, 0.3, -0.4], at_s=at_s))
+    seen, problems = polled(source, 2)
+    assert (names(seen), problems) == (["anna", "anna"], [])
+    np.testing.assert_allclose([each.head_position_base_m for each in seen], [[2.0, 0.3, 0.3]] * 2)
 
 
 def test_what_cannot_be_used_is_a_problem_that_names_the_frame(stage):
-    source, tf, _ = stage
-    tf.put(frames(transform("face_a", [np.nan, 0.0, 0.0]), transform("face_b", [1.0, 0.0, 0.0], at_s=NOW_S - 60.0)))
-    tf.put(b"hello")
-    _, problems = polled(source, 3)
-    assert problems[0].startswith("/tf, face_a: head_position_base_m is not finite")
-    assert "use_sim_time" in problems[1]
-    assert "not a tf2_msgs/msg/TFMessage" in problems[2]
+    source = opened(stage)
+    stage.tf(
+        transform("face_a", [np.nan, 0.0, 0.0]),
+        transform("face_b", [1.0, 0.0, 0.0], at_s=NOW_S - 60.0),
+        transform("face_c", [1.0, 0.0, 0.0], at_s=None),
+        transform("face_d", [1.0, 0.0, 0.0], (0.0, 0.0, 0.0, 0.0)),
+        transform("face_e", [0.0, 0.0, 0.0]),
+        transform("", [1.0, 0.0, 0.0]),
+    )
+    stage.put("/tf", TF, b"hello")
+    stage.put(FACES, IDS, b"hello")
+    stage.put("/humans/persons/anna/face_id", TEXT, b"hello")
+    seen, problems = polled(source, 9)
+    said = "\n".join(sorted(problems))
+    for part in (
+        "/tf, face_a: its position is not finite, or its quaternion not of unit length",
+        "/tf, face_b: its time stamp is -60.0 s from this computer's clock",
+        "/tf, face_c: its header has no time stamp",
+        "/tf, face_d: its position is not finite, or its quaternion not of unit length",
+        "/tf, : its frame is '' in 'camera_link'",
+        "/tf: not a tf2_msgs/msg/TFMessage",
+        "/humans/faces/tracked: not a hri_msgs/msg/IdsList",
+        "/humans/persons/anna/face_id: not a std_msgs/msg/String",
+    ):
+        assert part in said
+    # That nobody can be at the sensor itself is found where all observations are.
+    assert names(seen) == ["e"]
+
+
+def test_that_nobody_sends_is_said_once_and_again_when_the_sender_has_gone(stage):
+    source = opened(stage)
+    assert source.poll().notices == ()
+    stage.now_s += 3.1
+    (notice,) = source.poll().notices
+    assert (notice.event, notice.count) == (Event.NO_SENDER, 0)
+    assert "nobody sends on /tf (tf2_msgs/msg/TFMessage)" in notice.text
+    node = stage.announced("/tf", TF)
+    wait_for(lambda: source._tf.moving.has_senders)
+    stage.now_s += 3.1
+    assert source.poll().notices == ()
+    node.undeclare()
+    wait_for(lambda: not source._tf.moving.has_senders)
+    stage.now_s += 3.1
+    assert len(source.poll().notices) == 1
+    stage.now_s += 3.1
+    assert source.poll().notices == ()
 
 
 def test_without_a_router_it_says_so():
     source = Ros4HriPeople(lambda: 0.0, lambda s: s, Ros2Network(f"tcp/127.0.0.1:{free_port()}"))
     with pytest.raises(SourceError, match="no Zenoh router answers"):
         source.open()
+    assert source.poll().sightings == ()
+    source.close()

@@ -1,0 +1,235 @@
+"""Frames as tf tells them while a program runs: where each was in the last seconds, seen from any other."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections import defaultdict, deque
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from gazempc.ros2.wire import WireError, stamp_s
+from gazempc.types import FloatArray
+
+# Nobody asks for what is older: observations are used within a second.
+_KEPT_S = 5.0
+# A frame that is told so seldom may have moved anyhow in between.
+_LONGEST_GAP_S = 1.0
+# Who tells times so far back has started again, as a bag does that is played in a circle.
+_STARTED_AGAIN_S = 1.0
+# Frames of people who have gone are forgotten after so long.
+_FORGOTTEN_AFTER_S = 30.0
+# Drivers round quaternions off; what is farther from unit length is none.
+_NORM_ERROR = 0.05
+_Sample = tuple[float, FloatArray]
+
+
+class Moved(NamedTuple):
+    """A frame that has moved.
+
+    Attributes:
+        frame: Its name.
+        time_s: Stamp, seconds of ROS time.
+    """
+
+    frame: str
+    time_s: float
+
+
+class Transforms:
+    """The tree of frames. Times are ROS time, seconds: those of the stamps, whatever clock they are of.
+
+    Poses are homogeneous matrices, shape (4, 4), metres: of a point in a frame they make that in another. Twenty people
+    a frame leave no time for anything else.
+    """
+
+    def __init__(self) -> None:
+        self._parent: dict[str, str] = {}
+        self._fixed: dict[str, FloatArray] = {}
+        self._moving: dict[str, deque[_Sample]] = {}
+        self._fixed_children: dict[str, set[str]] = defaultdict(set)
+        self._newest_s = -math.inf
+        self._pruned_s = -math.inf
+
+    def take(self, transforms: Sequence[Any], fixed: bool = False) -> tuple[list[Moved], list[str]]:
+        """Take in what one message says.
+
+        Args:
+            transforms: Each a ``geometry_msgs/msg/TransformStamped``.
+            fixed: Whether they are from ``/tf_static``, and hold at all times.
+
+        Returns:
+            Frames that have moved; and what could not be used, and why.
+        """
+        moved: list[Moved] = []
+        problems: list[str] = []
+        for transform, pose in zip(transforms, _poses(transforms), strict=True):
+            child = transform.child_frame_id.lstrip("/")
+            try:
+                time_s = self._take(transform.header, child, pose, fixed)
+            except WireError as error:
+                problems.append(f"{child}: {error}")
+            else:
+                moved += [] if fixed else [Moved(child, time_s)]
+        return moved, problems
+
+    def _take(self, header: Any, child: str, pose: FloatArray, fixed: bool) -> float:
+        parent = header.frame_id.lstrip("/")
+        if not parent or not child or parent == child:
+            raise WireError(f"its frame is {child!r} in {parent!r}: needed are two frames")
+        if not np.isfinite(pose).all():
+            raise WireError("its position is not finite, or its quaternion not of unit length")
+        time_s = 0.0 if fixed else stamp_s(header.stamp)
+        if self._parent.get(child, parent) != parent or (child in self._fixed) != fixed:
+            self._forget(child)
+        self._parent[child] = parent
+        if fixed:
+            self._fixed[child] = pose
+            self._fixed_children[parent].add(child)
+        else:
+            self._note(child, (time_s, pose))
+        return time_s
+
+    def knows(self, frame: str) -> bool:
+        """Whether anybody told where a frame is."""
+        return frame in self._parent
+
+    def ancestors(self, frame: str) -> tuple[str, ...]:
+        """The frames that a frame stands in, its parent first.
+
+        Args:
+            frame: Its name.
+
+        Returns:
+            Their names; what stands in itself is given once.
+        """
+        found: list[str] = []
+        while (parent := self._parent.get(frame)) is not None and parent not in found:
+            found.append(parent)
+            frame = parent
+        return tuple(found)
+
+    def moved_with(self, frame: str) -> Iterable[str]:
+        """A frame, and all that are fixed to it.
+
+        Args:
+            frame: Its name.
+
+        Yields:
+            Their names.
+        """
+        waiting, been = [frame], set[str]()
+        while waiting:
+            here = waiting.pop()
+            if here not in been:
+                been.add(here)
+                yield here
+                waiting += self._fixed_children.get(here, ())
+
+    def pose(self, frame: str, seen_from: str, time_s: float | None = None) -> FloatArray:
+        """Pose of a frame in another at a time.
+
+        Args:
+            frame: The one.
+            seen_from: The other.
+            time_s: When, seconds; None for the newest time at which all frames between are known.
+
+        Returns:
+            The pose, shape (4, 4).
+
+        Raises:
+            WireError: If it is not known, or not yet; says which frame is missing.
+        """
+        up, down = (frame, *self.ancestors(frame)), (seen_from, *self.ancestors(seen_from))
+        common = next((name for name in up if name in down), None)
+        if common is None:
+            lost = seen_from if len(down) == 1 else frame
+            raise WireError(f"tf knows no way from {frame!r} to {seen_from!r}: nobody tells where {lost!r} is")
+        ways = [list(way[: way.index(common)]) for way in (up, down)]
+        if time_s is None:
+            newest_s = [self._moving[name][-1][0] for way in ways for name in way if name in self._moving]
+            time_s = min(newest_s, default=0.0)
+        pose, back = (self._along(way, time_s) for way in ways)
+        return _inverse(back) @ pose if ways[1] else pose
+
+    def _along(self, way: Iterable[str], time_s: float) -> FloatArray:
+        pose = np.eye(4)
+        for name in way:
+            pose = self._at(name, time_s) @ pose
+        return pose
+
+    def _at(self, child: str, time_s: float) -> FloatArray:
+        """A frame in its parent."""
+        if child in self._fixed:
+            return self._fixed[child]
+        samples = self._moving[child]
+        after = bisect_left(samples, time_s, key=lambda sample: sample[0])
+        if after < len(samples) and samples[after][0] == time_s:
+            return samples[after][1]
+        where = f"where {child!r} is in {self._parent[child]!r}"
+        if after == len(samples):
+            raise WireError(f"{where} was told last {time_s - samples[-1][0]:.2f} s before")
+        if after == 0:
+            raise WireError(f"{where} was told first {samples[0][0] - time_s:.2f} s after")
+        early, late = samples[after - 1], samples[after]
+        if late[0] - early[0] > _LONGEST_GAP_S:
+            raise WireError(f"{where} was not told for {late[0] - early[0]:.2f} s")
+        return _between(early, late, time_s)
+
+    def _note(self, child: str, sample: _Sample) -> None:
+        samples = self._moving.setdefault(child, deque())
+        time_s = sample[0]
+        if samples and time_s < samples[-1][0] - _STARTED_AGAIN_S:
+            samples.clear()
+            self._newest_s = time_s
+        if samples and time_s <= samples[-1][0]:
+            return
+        samples.append(sample)
+        while samples[0][0] < time_s - _KEPT_S:
+            samples.popleft()
+        self._newest_s = max(self._newest_s, time_s)
+        if abs(self._newest_s - self._pruned_s) > 1.0:
+            self._pruned_s = self._newest_s
+            gone = [name for name, kept in self._moving.items() if kept[-1][0] < time_s - _FORGOTTEN_AFTER_S]
+            for name in gone:
+                self._forget(name)
+
+    def _forget(self, child: str) -> None:
+        self._fixed_children.get(self._parent.pop(child, ""), set()).discard(child)
+        self._fixed.pop(child, None)
+        self._moving.pop(child, None)
+
+
+def _poses(transforms: Sequence[Any]) -> FloatArray:
+    """Poses of all, shape (T, 4, 4); NaN where the numbers are none."""
+    rows = [
+        (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
+        for p, q in ((t.transform.translation, t.transform.rotation) for t in transforms)
+    ]
+    numbers = np.array(rows, dtype=np.float64).reshape(-1, 7)
+    norms = np.linalg.norm(numbers[:, 3:], axis=1)
+    good = np.isfinite(numbers).all(axis=1) & (np.abs(norms - 1.0) <= _NORM_ERROR)
+    poses = np.full((len(numbers), 4, 4), np.nan)
+    poses[good] = np.eye(4)
+    poses[good, :3, 3] = numbers[good, :3]
+    if good.any():
+        poses[good, :3, :3] = Rotation.from_quat(numbers[good, 3:], scalar_first=True).as_matrix()
+    return poses
+
+
+def _inverse(pose: FloatArray) -> FloatArray:
+    inverse = np.eye(4)
+    inverse[:3, :3] = pose[:3, :3].T
+    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return inverse
+
+
+def _between(early: _Sample, late: _Sample, time_s: float) -> FloatArray:
+    share = (time_s - early[0]) / (late[0] - early[0])
+    pose: FloatArray = early[1] + share * (late[1] - early[1])
+    turns = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([early[1][:3, :3], late[1][:3, :3]])))
+    pose[:3, :3] = turns(share).as_matrix()
+    return pose

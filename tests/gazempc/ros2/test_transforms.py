@@ -1,0 +1,97 @@
+"""The tree of frames against matrices, and what is not known in it."""
+
+import numpy as np
+import pytest
+from builders.ros2_tf import transform
+from builders.ros2_wire import UNIX_START_S
+from scipy.spatial.transform import Rotation
+
+from gazempc.ros2.transforms import Transforms
+from gazempc.ros2.wire import WireError
+
+
+def taken(*edges):
+    """A tree of (parent, child, position, rotation vector, time); a time of None is static."""
+    tree = Transforms()
+    for edge in edges:
+        take(tree, *edge)
+    return tree
+
+
+def take(tree, parent, child, position_m, rotvec, at_s):
+    quat_wxyz = Rotation.from_rotvec(rotvec).as_quat(scalar_first=True)
+    moved, problems = tree.take([transform(child, position_m, quat_wxyz, parent, at_s)], fixed=at_s is None)
+    assert (len(moved), problems) == (at_s is not None, [])
+
+
+def rotvec_of(pose):
+    return Rotation.from_matrix(pose[:3, :3]).as_rotvec()
+
+
+def matrix(position_m, rotvec):
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = Rotation.from_rotvec(rotvec).as_matrix(), position_m
+    return found
+
+
+def test_poses_between_any_two_frames_of_random_trees():
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        edges, in_root = [], {"f0": np.eye(4)}
+        for k in range(1, 7):
+            parent = f"f{rng.integers(k)}"
+            edge = parent, f"f{k}", rng.normal(size=3), rng.normal(size=3), rng.choice([None, 5.0])
+            edges.append(edge)
+            in_root[f"f{k}"] = in_root[parent] @ matrix(edge[2], edge[3])
+        tree = taken(*edges)
+        for one, of_one in in_root.items():
+            for other, of_other in in_root.items():
+                pose = tree.pose(one, other, UNIX_START_S + 5.0)
+                assert abs(of_other @ pose - of_one).max() < 1e-9
+
+
+def test_between_two_times_a_frame_goes_straight_on_and_turns_steadily():
+    tree = taken(("base", "head", [1.0, 0.0, 0.0], [0.0, 0.0, 0.2], 5.0))
+    take(tree, "base", "head", [2.0, 0.0, 1.0], [0.0, 0.0, 0.6], 5.5)
+    pose = tree.pose("head", "base", UNIX_START_S + 5.125)
+    np.testing.assert_allclose(pose[:3, 3], [1.25, 0.0, 0.25], atol=1e-6)
+    np.testing.assert_allclose(rotvec_of(pose), [0.0, 0.0, 0.3], atol=1e-6)
+    # The newest time is that of the frame which was told last the longest ago.
+    take(tree, "head", "eye", [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], 5.25)
+    np.testing.assert_allclose(rotvec_of(tree.pose("eye", "base")), [0.0, 0.0, 0.5], atol=1e-6)
+
+
+def test_a_frame_that_gets_another_parent_is_elsewhere():
+    tree = taken(
+        ("base", "left", [0.0, 1.0, 0.0], [0.0] * 3, None), ("base", "right", [0.0, -1.0, 0.0], [0.0] * 3, None)
+    )
+    for parent, y_m in (("left", 1.0), ("right", -1.0)):
+        take(tree, parent, "cup", [0.0, 0.0, 0.0], [0.0] * 3, 5.0)
+        np.testing.assert_allclose(tree.pose("cup", "base")[:3, 3], [0.0, y_m, 0.0])
+    take(tree, "right", "cup", [0.0, 0.0, 3.0], [0.0] * 3, None)
+    np.testing.assert_allclose(tree.pose("cup", "base", UNIX_START_S)[:3, 3], [0.0, -1.0, 3.0])
+
+
+def test_frames_in_a_circle_end_nowhere():
+    tree = taken(("a", "b", [1.0, 0.0, 0.0], [0.0] * 3, 5.0), ("b", "a", [1.0, 0.0, 0.0], [0.0] * 3, 5.0))
+    with pytest.raises(WireError, match="no way from 'a' to 'base'"):
+        tree.pose("a", "base")
+
+
+def test_time_that_begins_again_and_frames_that_nobody_tells_any_more():
+    tree = taken(("base", "head", [1.0, 0.0, 0.0], [0.0] * 3, 50.0), ("base", "gone", [0.0] * 3, [0.0] * 3, 50.0))
+    # A little late: what is known already stays.
+    take(tree, "base", "head", [9.0, 0.0, 0.0], [0.0] * 3, 49.9)
+    np.testing.assert_allclose(tree.pose("head", "base")[:3, 3], [1.0, 0.0, 0.0])
+    for at_s in (5.0, 6.0):
+        take(tree, "base", "head", [at_s, 0.0, 0.0], [0.0] * 3, at_s)
+    np.testing.assert_allclose(tree.pose("head", "base", UNIX_START_S + 5.5)[:3, 3], [5.5, 0.0, 0.0], atol=1e-6)
+    take(tree, "base", "head", [1.0, 0.0, 0.0], [0.0] * 3, 90.0)
+    assert (tree.knows("head"), tree.knows("gone")) == (True, False)
+
+
+def test_what_is_old_is_not_kept():
+    tree = Transforms()
+    moved, _ = tree.take([transform("head", [1.0, 0.0, 0.0], at_s=5.0 + 0.01 * k) for k in range(1000)])
+    assert len(moved) == 1000
+    assert len(tree._moving["head"]) == pytest.approx(500, abs=2)
