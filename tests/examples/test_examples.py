@@ -52,3 +52,12 @@ def test_the_examples_are_few_and_short():
 def test_every_example_is_shown_in_the_documentation():
     page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
     assert [path.name for path in EXAMPLES if f"../examples/{path.name}\n" not in page] == []
+
+
+def test_every_example_has_a_thumbnail_in_the_gallery():
+    """The build of the pages draws those that `gallery.py` names."""
+    page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
+    drawn = (ROOT / "docs" / "extensions" / "gallery.py").read_text(encoding="utf-8")
+    names = [path.stem for path in EXAMPLES]
+    assert [name for name in names if f":img-top: _thumbnails/{name}.png\n" not in page] == []
+    assert [name for name in names if f'    "{name}": thumbnails.' not in drawn] == []
