@@ -21,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.engine.command import run_command
 from experiments.margins import CONTACT, ERROR, HEAD, SMOOTHNESS, front, gaze, margins
+from gazempc.command import TYRO_CONFIG
 from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.results.figures.style import readable
@@ -48,7 +49,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 2 on bad input.
     """
-    settings = tyro.cli(FrontsSettings, args=arguments, prog="python -m experiments.fronts", description=__doc__)
+    settings = tyro.cli(
+        FrontsSettings, config=TYRO_CONFIG, args=arguments, prog="python -m experiments.fronts", description=__doc__
+    )
     return run_command("fronts", lambda: fronts(settings))
 
 

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from pydantic import Field
 
 from experiments.engine.command import run_command
+from gazempc.command import TYRO_CONFIG
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import SettingsError
@@ -80,7 +81,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0, 2 on bad input.
     """
     settings = tyro.cli(
-        PlanExampleSettings, args=arguments, prog="python -m experiments.plan_example", description=__doc__
+        PlanExampleSettings,
+        config=TYRO_CONFIG,
+        args=arguments,
+        prog="python -m experiments.plan_example",
+        description=__doc__,
     )
     return run_command("plan_example", lambda: plan_example(settings))
 

@@ -8,10 +8,14 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 
+from tyro.conf import HelptextFromCommentsOff
+
 from gazempc.errors import GazempcError, LimitViolationError
 
 # 1 says that a limit was left, and only that. Python's own status after an exception is 1, too: so none gets that far.
 VIOLATION, BAD_INPUT, UNEXPECTED, INCOMPLETE = 1, 2, 3, 4
+# For `tyro.cli`: help texts are descriptions and docstrings. To look for comments, too, takes a quarter of a second.
+TYRO_CONFIG = (HelptextFromCommentsOff,)
 
 
 def run_command(name: str, work: Callable[[], int]) -> int:

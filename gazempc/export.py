@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import tyro
 from pydantic import BaseModel, Field
 
-from gazempc.command import run_command
+from gazempc.command import TYRO_CONFIG, run_command
 from gazempc.errors import SettingsError
 from gazempc.files.whole import whole
 from gazempc.results.log import Log, load_log
@@ -42,7 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, or 2 on bad input.
     """
-    settings = tyro.cli(ExportSettings, args=arguments, prog="python -m gazempc.export", description=__doc__)
+    settings = tyro.cli(
+        ExportSettings, config=TYRO_CONFIG, args=arguments, prog="python -m gazempc.export", description=__doc__
+    )
     return run_command("gazempc.export", lambda: _work(settings))
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 import yaml
 
-from gazempc.command import command_line, run_command
+from gazempc.command import TYRO_CONFIG, command_line, run_command
 from gazempc.errors import GazempcError, LimitViolationError
 from gazempc.files.whole import begin_folder, naming, write_whole
 from gazempc.part_options import check_options, take_options
@@ -79,7 +79,9 @@ def parse(words: Sequence[str]) -> RunSettings:
     words, options = take_options(words)
     config = config_path(words)
     base = RunSettings() if config is None else load_settings(config)
-    found = tyro.cli(RunSettings, default=base, args=words, prog="python -m gazempc.run", description=__doc__)
+    found = tyro.cli(
+        RunSettings, config=TYRO_CONFIG, default=base, args=words, prog="python -m gazempc.run", description=__doc__
+    )
     settings = found.model_copy(update={"options": {**base.options, **options}})
     choices = [(CONTROLLER, choice) for choice in settings.controllers]
     check_options([(PREDICTOR, settings.predictor), *choices], settings.options)

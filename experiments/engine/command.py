@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError
 
 from experiments.engine.signals import Interrupted, ending_on_signals
 from gazempc import command
+from gazempc.command import TYRO_CONFIG
 from gazempc.errors import SettingsError
 from gazempc.part_options import take_options
 from gazempc.settings import Settings
@@ -54,9 +55,11 @@ def parse(model: type[S], name: str, about: str | None, arguments: Sequence[str]
     words = list(sys.argv[1:] if arguments is None else arguments)
     prog = f"python -m experiments.{name}"
     if "options" not in model.model_fields:
-        return tyro.cli(model, args=words, prog=prog, description=about)
+        return tyro.cli(model, config=TYRO_CONFIG, args=words, prog=prog, description=about)
     words, options = take_options(words)
-    return tyro.cli(model, args=words, prog=prog, description=about).model_copy(update={"options": options})
+    return tyro.cli(model, config=TYRO_CONFIG, args=words, prog=prog, description=about).model_copy(
+        update={"options": options}
+    )
 
 
 def command_of(name: str, arguments: Sequence[str] | None) -> str:

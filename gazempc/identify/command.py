@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
-from gazempc.command import run_command
+from gazempc.command import TYRO_CONFIG, run_command
 from gazempc.errors import GazempcError, RobotError, SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import ExcitationSettings, excite, moving_joints
@@ -132,7 +132,9 @@ def parse(words: Sequence[str]) -> IdentifySettings:
         SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
     """
     words, own = take_options(words, RobotOptions.model_fields)
-    found = tyro.cli(IdentifySettings, args=words, prog="python -m gazempc.identify", description=__doc__)
+    found = tyro.cli(
+        IdentifySettings, config=TYRO_CONFIG, args=words, prog="python -m gazempc.identify", description=__doc__
+    )
     settings = found.model_copy(update={"options": found.options.with_own(own)})
     check_options([(ROBOT, settings.robot or "simulated")], own)
     return settings

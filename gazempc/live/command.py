@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import tyro
 
-from gazempc.command import command_line, run_command
+from gazempc.command import TYRO_CONFIG, command_line, run_command
 from gazempc.errors import LimitViolationError
 from gazempc.files.whole import begin_folder
 from gazempc.live.aside import said_aside
@@ -60,7 +60,7 @@ def parse(words: Sequence[str]) -> LiveSettings:
         SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
     """
     words, own = take_options(_with_view(words), RobotOptions.model_fields)
-    found = tyro.cli(LiveSettings, args=words, prog="python -m gazempc.live", description=__doc__)
+    found = tyro.cli(LiveSettings, config=TYRO_CONFIG, args=words, prog="python -m gazempc.live", description=__doc__)
     settings = found.model_copy(update={"options": found.options.with_own(own)})
     check(settings)
     return settings

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
+
 import numpy as np
 
 from gazempc.sim.sensing.tables import Bouts
@@ -23,8 +25,11 @@ def wander(times_s: FloatArray, time_s: float, axes: int, rng: np.random.Generat
     values = rng.standard_normal((times_s.size, axes))
     keeps = np.exp(-np.diff(times_s) / time_s)
     kicks = values[1:] * np.sqrt(1.0 - keeps**2)[:, None]
-    for i, kept in enumerate(keeps):
-        values[i + 1] = kept * values[i] + kicks[i]
+    # In plain numbers: an operation on an array of a few takes ten times as long.
+    kept = keeps.tolist()
+    for a, start in enumerate(values[0].tolist()):
+        steps = zip(kept, kicks[:, a].tolist(), strict=True)
+        values[:, a] = list(accumulate(steps, lambda value, step: step[0] * value + step[1], initial=start))
     return values
 
 
