@@ -17,7 +17,7 @@ from gazempc.identify.toml import as_toml
 from gazempc.neck.spec import NeckSpec
 
 _MEASURED, _MODEL = "#E69F00", "#00405F"
-_DPI = 150
+_DPI = 110
 _DETAIL_S = 4.0
 # More than two joints do not fit beside each other in a terminal.
 _BESIDE = 2
