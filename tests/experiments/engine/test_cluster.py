@@ -21,7 +21,7 @@ def cluster():
     """A cluster of two single-threaded processes that find the tests' modules."""
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", silence_logs=50
     ) as running:
         yield running
 
