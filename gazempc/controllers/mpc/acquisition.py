@@ -10,7 +10,7 @@ from gazempc.types import FloatArray
 
 # Farther off than forecasts of somebody who is followed are wrong: the joint goes by the acquisition's program.
 ACQUIRED_FROM_RAD = math.radians(15.0)
-# Until it is within this: there is eye contact (Horstmann & Linke 2021, see docs/metrics.md).
+# Until it is within this, slow enough to stay so: there is eye contact (Horstmann & Linke 2021, see docs/metrics.md).
 CONTACT_RAD = math.radians(2.6)
 # Farther off than somebody who was looked at can get before the neck answers (at 1.7 m/s, 2.5 m away, in 0.6 s they
 # turn by 23 deg): they have come into view beside the gaze.
@@ -29,8 +29,8 @@ class Acquisition:
     Args:
         low_rad: Least angle that the joint is commanded to, radians.
         high_rad: Greatest one, radians.
-        acceleration_max_rad_s2: Limit of its acceleration, rad/s^2.
         period_s: Control period, seconds.
+        smoothing_time_s: T of the program that takes over, seconds: it lets a joint go on by about T times its speed.
         from_rad: Where it begins, radians off the person. Under eyes it is what these cannot cover.
     """
 
@@ -38,13 +38,13 @@ class Acquisition:
         self,
         low_rad: float,
         high_rad: float,
-        acceleration_max_rad_s2: float,
         period_s: float,
+        smoothing_time_s: float,
         from_rad: float = ACQUIRED_FROM_RAD,
     ) -> None:
         self._low_rad, self._high_rad = low_rad, high_rad
         self._from_rad = from_rad
-        self._acceleration_max_rad_s2, self._period_s = acceleration_max_rad_s2, period_s
+        self._period_s, self._smoothing_time_s = period_s, smoothing_time_s
         self.reset()
 
     def reset(self) -> None:
@@ -67,13 +67,13 @@ class Acquisition:
         """
         aim_rad = float(reference_rad[0])
         gap_rad = aim_rad - joint_rad
-        # The speed at which the gap grows, and how far the joint goes until it turns as the person does.
+        # The speed at which the gap grows.
         speed_rad_s = turning_rad_s - joint_rad_s
-        braking_rad = speed_rad_s**2 / (2.0 * self._acceleration_max_rad_s2)
         # A joint that waits at its limit for somebody out of reach is where it can be.
-        to_go_rad = max(abs(min(max(aim_rad, self._low_rad), self._high_rad) - joint_rad), braking_rad)
-        self._on = to_go_rad > (CONTACT_RAD if self._on else self._from_rad)
-        self._far = self._on and (self._far or to_go_rad > FAR_RAD)
+        off_rad = abs(min(max(aim_rad, self._low_rad), self._high_rad) - joint_rad)
+        to_go_rad = max(off_rad, self._smoothing_time_s * abs(speed_rad_s))
+        self._on = off_rad > self._from_rad or (self._on and to_go_rad > CONTACT_RAD)
+        self._far = self._on and (self._far or off_rad > FAR_RAD)
         if not self._on:
             return None
         low_rad = np.full(reference_rad.size, -_ANYWHERE_RAD)

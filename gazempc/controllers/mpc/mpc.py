@@ -82,10 +82,8 @@ class Mpc:
         self._knots_s: FloatArray = period_s * np.arange(1.0, self._knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)
         self._acquisitions = [
-            Acquisition(low, high, most_rad_s2, period_s, from_rad)
-            for low, high, most_rad_s2, from_rad in zip(
-                low_rad, high_rad, neck.acceleration_max_rad_s2[:2].tolist(), _acquired_from_rad(neck), strict=True
-            )
+            Acquisition(low, high, period_s, smoothing_time_s, from_rad)
+            for low, high, from_rad in zip(low_rad, high_rad, _acquired_from_rad(neck), strict=True)
         ]
         self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes[:2]]
         # The first jerk acts from the last command before the plan on, so that the first command sent is
