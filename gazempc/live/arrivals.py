@@ -13,10 +13,11 @@ from gazempc.live.clock import RealClock
 from gazempc.live.mount import JointHistory
 from gazempc.live.offset import ClockOffset
 from gazempc.live.parts import LiveParts
-from gazempc.live.plausible import Plausibility
+from gazempc.live.plausible import Plausibility, out_of_place
 from gazempc.live.report import LiveReport
 from gazempc.live.sources.source import Arrived, check_range
 from gazempc.live.stamps import Stamps
+from gazempc.live.watch.followed import FollowedPerson
 from gazempc.live.watch.frame import Frame
 from gazempc.live.watch.watch import Watch
 from gazempc.loop.events import Event
@@ -24,6 +25,7 @@ from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.types import Sighting
+from predictors import HeadObservation
 
 _LOGGER = logging.getLogger("gazempc.live")
 # What has piled up beyond this is old. Taking it in holds up the tick.
@@ -46,10 +48,12 @@ class Arrivals:
         self._source, self._mount, self._geometry = parts.source, parts.mount, parts.neck.geometry
         self._report = report
         self._use_ids, self._cues = parts.use_ids, parts.cues
-        # Of several people who are seen in turn nobody leaps, and the names change all the time.
-        self._one_person = not (isinstance(parts.several, LookingAway) and parts.several.several)
-        self._newest = _NEWEST if self._one_person else _NEWEST_OF_SEVERAL
+        people = parts.several.several if isinstance(parts.several, LookingAway) else None
+        self._one_person = people is None
+        self._newest = _NEWEST if people is None else _NEWEST_OF_SEVERAL
         self._watch = Watch(parts.clock, parts.stamps, parts.mount, parts.settings, parts.mends)
+        # Among several people whose frames follow each other nobody leaps: one of them is judged.
+        self._see = self._watch.see if people is None else FollowedPerson(self._watch.see, people).see
         self._joints = JointHistory()
         self._waiting: deque[Sighting] = deque()
         # A simulated clock stands still meanwhile.
@@ -118,16 +122,20 @@ class Arrivals:
                 self._problem(now_s, recorder, str(error))
                 continue
             seen = in_base.observation
-            why = ""
-            if self._one_person:
-                why = self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
-            if why:
+            if why := self._refusal(seen):
                 recorder.refused(Event.IMPLAUSIBLE_PERSON)
                 self._say(now_s, recorder, Event.IMPLAUSIBLE_PERSON, why)
             else:
                 yield in_base
             if time.perf_counter() > until_s:
                 return
+
+    def _refusal(self, seen: HeadObservation) -> str:
+        """Why a head cannot be a person's; empty if it can be."""
+        if not self._one_person and seen.person_id is None:
+            # Nobody knows yet whose motion it is part of.
+            return out_of_place(seen.head_position_base_m)
+        return self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
 
     def _problem(self, now_s: float, recorder: LoopRecorder, text: str) -> None:
         recorder.refused(Event.BAD_OBSERVATION)
@@ -177,8 +185,7 @@ class Arrivals:
         in_base = self._mount.to_base(seen, self._geometry, angles_rad) if known else None
         # Where a wrong stamp does not let it be placed, too: the watch finds out why.
         base_m = None if in_base is None else in_base.head_position_base_m
-        if self._one_person:
-            self._watch.see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
+        self._see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
         if in_base is None:
             on = self._mount.on
             raise ValueError(f"the sensor moves with the {on}, and where the {on} was at the capture time is not known")

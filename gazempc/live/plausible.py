@@ -38,7 +38,7 @@ class Plausibility:
         Returns:
             A sentence; empty if it can be.
         """
-        if why := _out_of_place(head_base_m):
+        if why := out_of_place(head_base_m):
             return why
         return self._too_fast(capture_s, head_base_m, person_id)
 
@@ -71,7 +71,15 @@ class Plausibility:
         return ""
 
 
-def _out_of_place(head_base_m: FloatArray) -> str:
+def out_of_place(head_base_m: FloatArray) -> str:
+    """Why no head can be there.
+
+    Args:
+        head_base_m: The place, shape (3,), metres.
+
+    Returns:
+        A sentence; empty if one can be.
+    """
     range_m, up_m = float(np.linalg.norm(head_base_m)), float(head_base_m[2])
     if range_m < _NEAREST_M:
         return f"the head is {range_m:.2f} m from the neck's pan axis: nearer than {_NEAREST_M} m it is the robot's own"

@@ -12,6 +12,7 @@ from gazempc.loop.track import RECORDED_HORIZONS_S, checked_forecast, why_not_us
 from gazempc.people.attention import Attended, Attention
 from gazempc.people.people import Became, People, frames_of
 from gazempc.people.person import CATCH_UP, TrackedPerson
+from gazempc.people.tracker_faults import FrozenPeople
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
@@ -51,6 +52,7 @@ class AttendedPeople:
         self.attention = attention
         self._settings = settings
         self._decided_s = -math.inf
+        self._frozen = FrozenPeople()
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
         """Take in what has arrived, and decide whom to look at.
@@ -81,6 +83,7 @@ class AttendedPeople:
         return checked_forecast(attended.forecast, attended.forget_forecasts, times_s, time_s, recorder)
 
     def _take_frame(self, frame: tuple[Sighting, ...], time_s: float, recorder: LoopRecorder) -> None:
+        frame = tuple(sighting for sighting in frame if not self._is_frozen(sighting, recorder))
         started = time.perf_counter()
         found = self.people.see([sighting.observation for sighting in frame])
         update_ms = 1e3 * (time.perf_counter() - started)
@@ -89,13 +92,39 @@ class AttendedPeople:
                 recorder.event(time_s, _EVENTS[became])
             if became in _REFUSED:
                 recorder.refuse(_REFUSED[became], time_s)
-            elif number and number == self.attention.attended.number:
-                self.newest = sighting.observation
-                self.newest_capture_s = sighting.observation.capture_time_s
-                forecast = self.forecast(self.newest_capture_s + RECORDED_HORIZONS_S, time_s, recorder)
-                recorder.observation(time_s, sighting.observation, forecast, update_ms)
+                continue
+            track = self.people.track(number)
+            if track is not None and self._guarded(track, sighting, time_s, recorder):
+                recorder.refuse(Event.TRACKER_FROZEN, time_s)
+            elif track is not None and number == self.attention.attended.number:
+                self._take_attended(track, sighting.observation, update_ms, time_s, recorder)
             else:
                 recorder.refused(Event.ANOTHER_PERSON)
+
+    def _is_frozen(self, sighting: Sighting, recorder: LoopRecorder) -> bool:
+        if not self._frozen.repeats(sighting):
+            return False
+        recorder.refused(Event.TRACKER_FROZEN)
+        return True
+
+    def _guarded(self, track: TrackedPerson, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> bool:
+        """Judge a sighting of a person by those before; gives whether the tracker stands frozen."""
+        if track.jumped:
+            recorder.event(time_s, Event.ORIENTATION_JUMPED)
+        frozen, goes_on = self._frozen.see(track.number, sighting)
+        if goes_on:
+            # It ends with half a second of somebody who only seemed to stand.
+            track.begin_anew()
+        return frozen
+
+    def _take_attended(
+        self, track: TrackedPerson, seen: HeadObservation, update_ms: float, time_s: float, recorder: LoopRecorder
+    ) -> None:
+        self.newest, self.newest_capture_s = seen, seen.capture_time_s
+        forecast = self.forecast(seen.capture_time_s + RECORDED_HORIZONS_S, time_s, recorder)
+        if track.refused:
+            recorder.refuse(Event.GATE_REFUSED, time_s)
+        recorder.observation(time_s, seen, forecast, update_ms, used=not track.refused)
 
     def _decide(self, time_s: float, recorder: LoopRecorder) -> None:
         before = self.attention.attended

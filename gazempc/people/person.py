@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gazempc.people.motion import Motion
+from gazempc.people.tracker_faults import OrientationJumps
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
@@ -70,6 +71,7 @@ class TrackedPerson:
         since_s: Capture time of the first one, seconds.
         sightings: How many there were.
         confirmed: Whether it is somebody, and not a single false detection.
+        jumped: Whether the orientation of the last sighting jumped, the first time for a second; it is not used.
     """
 
     def __init__(self, number: int, first: HeadObservation, predictor: Predictor) -> None:
@@ -79,6 +81,7 @@ class TrackedPerson:
         self.sightings = 0
         self.since_s = first.capture_time_s
         self._predictor = predictor
+        self._jumps = OrientationJumps()
         self._waiting: deque[HeadObservation] = deque()
         self._oriented: HeadObservation | None = None
         self.take(first, Motion.begin(first.head_position_base_m, noise_of(first)))
@@ -93,6 +96,7 @@ class TrackedPerson:
         self.motion, self.newest, self.seen_s = motion, observation, observation.capture_time_s
         self.tracker_id = observation.person_id or self.tracker_id
         self.sightings += 1
+        observation, self.jumped = self._jumps.without(observation)
         if observation.head_quat_wxyz is not None:
             self._oriented = observation
         self._waiting.append(observation)
@@ -126,6 +130,17 @@ class TrackedPerson:
         for _ in range(min(most, len(self._waiting))):
             with contextlib.suppress(OutOfOrderError):
                 self._predictor.update(self._waiting.popleft())
+
+    @property
+    def refused(self) -> bool:
+        """Whether the predictor has refused the last sighting that it was given."""
+        return bool(getattr(self._predictor, "rejections_in_a_row", 0))
+
+    def begin_anew(self) -> None:
+        """Forecast from the last sighting on: what was seen before was not the person."""
+        self._predictor.reset()
+        while len(self._waiting) > 1:
+            self._waiting.popleft()
 
     def forget_forecasts(self) -> None:
         """Begin the predictor anew with the next sighting: what it said cannot be used."""

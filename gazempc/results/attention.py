@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.contact import CONTACT_DEG, overshoot_deg
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.types import BoolArray, FloatArray
@@ -18,6 +18,7 @@ WORDS: Mapping[str, tuple[str, float]] = {
     "switches_per_minute": ("switches a minute", 1.0),
     "time_to_contact_after_switch_s": ("contact after a switch, median [s]", 1.0),
     "switches_without_contact": ("switches without contact", 1.0),
+    "switch_overshoot_deg": ("overshoot after a switch, at most [deg]", 1.0),
     "identity_swaps": ("people taken for each other", 1.0),
     "away_share": ("looked away [%]", 100.0),
     "away_share_planned": ("            as planned [%]", 100.0),
@@ -38,6 +39,8 @@ class AttentionMetrics:
         switches_per_minute: How often it changed who is looked at, a minute.
         time_to_contact_after_switch_s: Median time from a switch to contact, seconds; of switches with contact.
         switches_without_contact: Switches after which there was no contact before the next one.
+        switch_overshoot_deg: How far the gaze passes the new person to the side after a switch, at most, degrees; see
+            `gazempc.results.contact.overshoot_deg`.
         identity_swaps: How often observations of one person were first taken for somebody else's; two people who
             exchange their numbers count twice.
         away_share: Share of the scored time without contact during looks away.
@@ -52,6 +55,7 @@ class AttentionMetrics:
     switches_per_minute: float
     time_to_contact_after_switch_s: float
     switches_without_contact: float
+    switch_overshoot_deg: float
     identity_swaps: float
     away_share: float
     away_share_planned: float
@@ -84,6 +88,7 @@ def measure_attention(log: Log) -> AttentionMetrics:
         switches_per_minute=max(to_contact_s.size - 1, 0) / minutes if minutes > 0 else float("nan"),
         time_to_contact_after_switch_s=_median(to_contact_s[1:][np.isfinite(to_contact_s[1:])]),
         switches_without_contact=float(np.isnan(to_contact_s[1:]).sum()) if knows_head else float("nan"),
+        switch_overshoot_deg=_most([overshoot_deg(log, ticks) for ticks in _turns(log)[1:]]),
         identity_swaps=float(log.identity_swap_time_s.size) if knows_head and chosen else float("nan"),
         away_share=_mean((away & ~contact)[scored]),
         away_share_planned=_mean(away[scored]),
@@ -126,13 +131,21 @@ def attention_lines(found: AttentionMetrics) -> list[str]:
 def _times_to_contact(log: Log, contact: BoolArray) -> FloatArray:
     """Of the first person and of each switch to somebody, time to contact before the next switch; NaN without."""
     found = []
-    starts_s = log.attended_time_s.tolist()
-    ends_s = [*starts_s, float(log.time_s[-1])][1:]
-    for start_s, end_s, person in zip(starts_s, ends_s, log.attended_person.tolist(), strict=True):
-        if person:
-            there = np.flatnonzero(contact & (log.time_s >= start_s) & (log.time_s < end_s))
-            found.append(log.time_s[there[0]] - start_s if there.size else float("nan"))
+    for ticks in _turns(log):
+        there = np.flatnonzero(contact[ticks])
+        found.append(log.time_s[ticks][there[0]] - log.time_s[ticks.start] if there.size else float("nan"))
     return np.array(found)
+
+
+def _turns(log: Log) -> list[slice]:
+    """The ticks of each person's turn, from the first tick at which they were looked at."""
+    starts = np.searchsorted(log.time_s, log.attended_time_s - 1e-9).tolist()
+    ends = [*starts, log.time_s.size][1:]
+    return [
+        slice(start, end)
+        for start, end, person in zip(starts, ends, log.attended_person.tolist(), strict=True)
+        if person and start < end
+    ]
 
 
 def _realised(log: Log, contact: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -153,6 +166,11 @@ def _ratio(realised_s: FloatArray, planned_s: FloatArray) -> float:
 
 def _mean(values: BoolArray | FloatArray) -> float:
     return float(np.mean(values)) if values.size else float("nan")
+
+
+def _most(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return max(known, default=float("nan"))
 
 
 def _median(values: FloatArray) -> float:

@@ -47,28 +47,29 @@ def longest_break_s(log: Log, error_deg: FloatArray, scored: BoolArray) -> float
     return float(np.max(until_s[edges[1::2]] - until_s[edges[::2]], initial=0.0))
 
 
-def overshoot_deg(log: Log) -> float:
+def overshoot_deg(log: Log, ticks: slice = slice(None)) -> float:
     """How far the gaze passes a person that it was far from at the start, to the side.
 
     Counted for 1 s from the first contact on.
 
     Args:
         log: The run.
+        ticks: The part of it that counts.
 
     Returns:
         Degrees, 0 if it stays short of them; NaN if it was near at the start or never arrives.
     """
-    eye_base_m, direction = gaze_ray(log.neck.geometry, log.joint_position_rad)
-    to_head_m = log.head_true_base_m - eye_base_m
+    eye_base_m, direction = gaze_ray(log.neck.geometry, log.joint_position_rad[ticks])
+    to_head_m, time_s = log.head_true_base_m[ticks] - eye_base_m, log.time_s[ticks]
     off_rad = np.arctan2(direction[:, 1], direction[:, 0]) - np.arctan2(to_head_m[:, 1], to_head_m[:, 0])
     off_deg = np.rad2deg((off_rad + np.pi) % (2.0 * np.pi) - np.pi)
-    if not abs(off_deg[0]) > CONTACT_DEG[-1]:
+    if not (off_deg.size and abs(off_deg[0]) > CONTACT_DEG[-1]):
         return float("nan")
     passed_deg = -np.sign(off_deg[0]) * off_deg
     there = np.flatnonzero(passed_deg >= -CONTACT_DEG[0])
     if not there.size:
         return float("nan")
-    soon = log.time_s <= log.time_s[there[0]] + OVERSHOOT_S
+    soon = time_s <= time_s[there[0]] + OVERSHOOT_S
     return max(0.0, float(np.nanmax(passed_deg[there[0] :][soon[there[0] :]])))
 
 

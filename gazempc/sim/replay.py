@@ -23,10 +23,10 @@ from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import PersonTrack, Target
-from gazempc.loop.tracker_faults import is_low_rate
 from gazempc.neck.narrow import narrowed
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.people.schedule import LookAways
+from gazempc.people.tracker_faults import is_low_rate
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import MIN_DURATION_S

@@ -9,7 +9,7 @@ import numpy as np
 from gazempc.live.watch.frame import Finding, Frame
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.events import Event
-from gazempc.loop.tracker_faults import LOW_RATE_HZ, is_low_rate
+from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
 from gazempc.types import FloatArray
 
 # Of so many frames nearly each has a name of its own.

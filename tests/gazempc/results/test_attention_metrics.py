@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders.attention import attention_log, error_in
+from builders.attention import TICK_S, attention_log, error_in
 
 from gazempc.results.attention import attention_lines, measure_attention
 from gazempc.results.log import load_log
@@ -26,6 +26,18 @@ def test_a_switch_without_contact_before_the_next_one_is_counted():
     assert found.switches_without_contact == 1
     assert found.time_to_contact_after_switch_s == pytest.approx(1.1)
     assert "1 without contact" in attention_lines(found)[0]
+
+
+def test_overshoot_is_that_of_the_worst_switch():
+    """Past the first person by 0.5 deg, past the second by 3 deg; a person who was near from the start counts not."""
+    error_deg = error_in(12.0, 20.0)
+    time_s = TICK_S * np.arange(error_deg.size)
+    error_deg[time_s >= 5.0] = -0.5
+    error_deg[time_s >= 8.0] = -30.0
+    error_deg[time_s >= 10.0] = 3.0
+    error_deg[time_s >= 11.5] = 9.0  # a second after arrival
+    assert measure_attention(attention_log(error_deg, TWO_SWITCHES)).switch_overshoot_deg == pytest.approx(3.0)
+    assert np.isnan(measure_attention(attention_log(error_deg, TWO_SWITCHES[:1])).switch_overshoot_deg)
 
 
 def test_swaps_are_those_of_the_log():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders.standing import standing
+from builders.standing import standing_together
 
 from gazempc.errors import SettingsError
 from gazempc.people import people
@@ -67,13 +67,6 @@ def test_the_perfect_forecast_is_that_of_whoever_is_looked_at():
     assert np.percentile(apart_m, 90) < 1e-6
 
 
-def two_standing(seconds, *places_m):
-    """A scene of people who stand."""
-    settings = SceneSettings(sensor="reference", placement="recorded")
-    first, *others = (make_scene(standing(f"p{k}", at_m, seconds), settings) for k, at_m in enumerate(places_m))
-    return replace(first, others=tuple(other.walk for other in others))
-
-
 @pytest.mark.parametrize("exchanged_from_frame", [None, 40])
 def test_observations_that_are_taken_for_somebody_elses_are_swaps(monkeypatch, exchanged_from_frame):
     """From some frame on each has the other's number: one swap each, in that frame, and none after."""
@@ -89,7 +82,7 @@ def test_observations_that_are_taken_for_somebody_elses_are_swaps(monkeypatch, e
         return [(0, 1 - left), (1, left)] if exchanged else [(0, left), (1, 1 - left)]
 
     monkeypatch.setattr(people, "assign", by_side)
-    scene = two_standing(2.5, [2.0, 0.8, 0.3], [2.0, -0.8, 0.3])
+    scene = standing_together(2.5, [2.0, 0.8, 0.3], [2.0, -0.8, 0.3])
     log = replay_scene(scene, "lookahead", "constant_velocity", ReplaySettings(attend="nearest")).log
     assert log.identity_swap_time_s.size == (0 if exchanged_from_frame is None else 2)
     assert np.unique(log.identity_swap_time_s).size <= 1
@@ -97,7 +90,7 @@ def test_observations_that_are_taken_for_somebody_elses_are_swaps(monkeypatch, e
 
 def test_a_sensor_on_the_head_sees_whom_it_is_turned_to():
     """The robot begins with Ann. Bob is nearer, but 70 deg beside her, which a view of 60 deg never shows."""
-    ann = two_standing(2.0, [2.2, 1.3, 0.3], [1.4, -1.2, 0.3])
+    ann = standing_together(2.0, [2.2, 1.3, 0.3], [1.4, -1.2, 0.3])
     view = FieldOfView(on="head", horizontal_deg=60.0, vertical_deg=60.0)
     for sensor, left in ((ann.sensor, False), (ann.sensor.model_copy(update={"view": view}), True)):
         settings = ReplaySettings(attend="nearest")

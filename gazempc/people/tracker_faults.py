@@ -67,8 +67,7 @@ class FrozenTracker:
         time_s = observation.capture_time_s
         if time_s <= self._newest_s:
             return False  # out of order, which the predictor tells
-        seen_m = sighting.head_position_sensor_m
-        position = (observation.head_position_base_m if seen_m is None else seen_m).tolist()
+        position = _position_of(sighting)
         if position == self._position:
             self._newest_s = time_s
             self.frozen = self.frozen or (self._walked and time_s - self._since_s > _FROZEN_AFTER_S)
@@ -80,6 +79,22 @@ class FrozenTracker:
         self._walked = self._speed_m_s(time_s, observation.head_position_base_m) > _WALKED_M_S
         return False
 
+    def repeats(self, sighting: Sighting) -> bool:
+        """Whether a sighting, of whomever, is the position at which the tracker stands frozen.
+
+        Args:
+            sighting: The sighting.
+        """
+        return self.frozen and _position_of(sighting) == self._position
+
+    def is_over(self, time_s: float) -> bool:
+        """Whether nothing has been seen for so long that this is no longer the same person's standstill.
+
+        Args:
+            time_s: The time, seconds.
+        """
+        return time_s - self._newest_s > _LONGEST_STEP_S
+
     def _speed_m_s(self, time_s: float, head_base_m: FloatArray) -> float:
         """Mean speed over the last quarter of a second, or since the frame before where that is longer ago."""
         while len(self._path) > 1 and self._path[1][0] <= time_s - _WALKED_OVER_S:
@@ -87,6 +102,38 @@ class FrozenTracker:
         self._path.append((time_s, head_base_m))
         first_s, first_m = self._path[0]
         return math.dist(head_base_m, first_m) / (time_s - first_s) if first_s < time_s else 0.0
+
+
+class FrozenPeople:
+    """Notices the same among several people, each by their number."""
+
+    def __init__(self) -> None:
+        self._trackers: dict[int, FrozenTracker] = {}
+
+    def repeats(self, sighting: Sighting) -> bool:
+        """Whether a sighting, before it is known whose it is, repeats a position at which a tracker stands frozen.
+
+        Args:
+            sighting: The sighting.
+        """
+        return any(tracker.repeats(sighting) and tracker.see(sighting) for tracker in self._trackers.values())
+
+    def see(self, number: int, sighting: Sighting) -> tuple[bool, bool]:
+        """Take note of a sighting of a person.
+
+        Args:
+            number: Which person.
+            sighting: The sighting.
+
+        Returns:
+            Whether the tracker counts as frozen from now on, and whether it was and has gone on.
+        """
+        time_s = sighting.observation.capture_time_s
+        self._trackers = {n: each for n, each in self._trackers.items() if n == number or not each.is_over(time_s)}
+        tracker = self._trackers.setdefault(number, FrozenTracker())
+        was_frozen = tracker.frozen
+        frozen = tracker.see(sighting)
+        return frozen, was_frozen and not frozen
 
 
 class OrientationJumps:
@@ -124,6 +171,13 @@ class OrientationJumps:
         self._jumped_s = time_s
         head, pelvis = (None if name in jumped else quat for name, quat in seen.items())
         return replace(observation, head_quat_wxyz=head, pelvis_quat_wxyz=pelvis), first
+
+
+def _position_of(sighting: Sighting) -> list[float]:
+    """A head as the sensor sees it, where that moves: its own motion makes others of one position."""
+    seen_m = sighting.head_position_sensor_m
+    position_m: list[float] = (sighting.observation.head_position_base_m if seen_m is None else seen_m).tolist()
+    return position_m
 
 
 def _turn_rad(from_rad: float | None, to_rad: float) -> float:

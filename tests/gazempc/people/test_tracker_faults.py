@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.people import yaw_quat
 
-from gazempc.loop.tracker_faults import FrozenTracker, OrientationJumps
+from gazempc.people.tracker_faults import FrozenTracker, OrientationJumps
 from gazempc.types import Sighting
 from predictors import HeadObservation
 

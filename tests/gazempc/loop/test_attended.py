@@ -1,0 +1,154 @@
+"""Several people as the loop knows them: what trackers do to each of them, and what becomes of it."""
+
+import numpy as np
+import pytest
+from builders.loop import make_recorder
+from builders.people import yaw_quat
+from builders.replays import run_info
+
+from gazempc.loop.attended import AttendedPeople
+from gazempc.people.attention import Attention
+from gazempc.people.policies import Nearest
+from gazempc.settings import AttentionSettings, LoopSettings
+from gazempc.types import Sighting
+from predictors import ConstantVelocity, HeadObservation
+
+FRAME_S, LATENCY_S = 1.0 / 30.0, 0.05
+CALM = AttentionSettings(hysteresis_s=0.2, dwell_s=0.2)
+
+
+class Bench:
+    """Shows people to `AttendedPeople`, a frame at a time; people are functions of the time."""
+
+    def __init__(self, policy=None, predictor=ConstantVelocity):
+        self.recorder = make_recorder()
+        self.target = AttendedPeople(predictor, Attention(policy or Nearest(), CALM), LoopSettings())
+        self.time_s = 0.0
+
+    def show(self, seconds, *people):
+        """Show whoever a function gives a position for, with an orientation and a name where it says so."""
+        for _ in range(round(seconds / FRAME_S)):
+            self.time_s += FRAME_S
+            seen = [person(self.time_s) for person in people]
+            now_s = self.time_s + LATENCY_S
+            sightings = [
+                Sighting(now_s, HeadObservation(self.time_s, np.array(head_m), quat, person_id=name))
+                for head_m, quat, name in (each for each in seen if each is not None)
+            ]
+            self.target.take_in(sightings, now_s, self.recorder)
+        return self
+
+    @property
+    def events(self):
+        return self.recorder.events
+
+    @property
+    def attended(self):
+        log, _ = self.recorder.finish(run_info(), lambda times_s: np.full((times_s.size, 3), np.nan))
+        return list(zip(log.attended_person.tolist(), log.attended_why.tolist(), strict=True))
+
+
+def walker(x_m=2.0, speed_m_s=1.0, from_y_m=-1.0, name=None, frozen_s=(9.0, 9.0), quat=lambda time_s: None):
+    """Walks to the left; within some time the tracker stands frozen, and is then where the person is."""
+
+    def at(time_s):
+        shown_s = frozen_s[0] if frozen_s[0] <= time_s < frozen_s[1] else time_s
+        return [x_m, from_y_m + speed_m_s * shown_s, 0.3], quat(time_s), name
+
+    return at
+
+
+def stands(x_m, y_m=1.0, name=None, until_s=99.0):
+    return lambda time_s: ([x_m, y_m + 1e-3 * np.sin(9.0 * time_s), 0.3], None, name) if time_s < until_s else None
+
+
+def test_whoever_is_frozen_is_not_used_and_is_left_while_the_others_go_on():
+    bench = Bench().show(3.4, walker(name="a", frozen_s=(1.5, 3.0)), stands(3.0, name="b"))
+    assert bench.attended[0] == (1, "policy")
+    assert "tracker_frozen" in bench.events
+    # Noticed after 0.5 s; a second later nobody of that number is there, and the other one is looked at.
+    assert bench.recorder.refusals["tracker_frozen"] == pytest.approx(30, abs=2)
+    assert bench.attended[1] == (2, "left")
+    # As soon as the tracker goes on the first one is back under the same number.
+    assert [state.number for state in bench.target.people.present(bench.time_s)] == [1, 2]
+    assert "person_returned" in bench.events
+
+
+def test_who_was_frozen_is_forecast_from_where_they_go_on():
+    bench = Bench().show(2.5, walker(frozen_s=(1.4, 2.2)))
+    assert bench.events.count("tracker_frozen") == 1
+    times_s = np.array([bench.time_s + 0.3])
+    forecast = bench.target.forecast(times_s, bench.time_s, bench.recorder)
+    np.testing.assert_allclose(forecast.means_base_m[0], [2.0, -1.0 + times_s[0], 0.3], atol=0.15)
+
+
+def test_several_who_stand_still_to_the_last_bit_are_not_frozen():
+    bench = Bench().show(2.0, lambda _: ([2.0, 0.0, 0.3], None, None), lambda _: ([2.0, 1.0, 0.3], None, None))
+    assert "tracker_frozen" not in bench.events
+
+
+def test_the_orientation_of_each_person_is_judged_by_their_own():
+    """Two who face each other's back are no jump; one who is turned round within a frame is."""
+    quiet = Bench().show(1.0, walker(quat=lambda _: yaw_quat(0.0)), walker(3.0, quat=lambda _: yaw_quat(np.pi)))
+    assert "orientation_jumped" not in quiet.events
+    turned = walker(3.0, quat=lambda time_s: yaw_quat(np.pi if 0.49 < time_s < 0.51 else 0.0))
+    bench = Bench().show(1.0, walker(quat=lambda _: yaw_quat(0.0)), turned)
+    assert bench.events.count("orientation_jumped") == 1
+
+
+def test_what_the_predictor_refuses_is_counted():
+    class Refuses(ConstantVelocity):
+        rejections_in_a_row = 1
+
+    bench = Bench(predictor=Refuses).show(0.5, walker())
+    assert bench.recorder.refusals["gate_refused"] > 5
+    assert bench.recorder.used == 0
+
+
+def test_a_name_that_is_given_again_is_somebody_else():
+    bench = Bench().show(1.0, stands(2.0, 1.0, "7", until_s=0.8))
+    bench.show(1.5, stands(6.0, -3.0, "7"))
+    assert bench.attended == [(1, "policy"), (2, "left")]
+    assert bench.events.count("person_entered") == 2
+
+
+def test_when_everybody_is_lost_nobody_is_looked_at_until_somebody_is_there():
+    bench = Bench().show(0.8, stands(2.0, 1.0), stands(3.0, -1.0)).show(1.2)
+    assert bench.events[-1] == "nobody_attended"
+    assert bench.target.forecast(np.array([2.5]), bench.time_s, bench.recorder) is None
+    bench.show(0.5, stands(5.0, 2.0))
+    assert [number for number, _ in bench.attended] == [1, 0, 3]
+
+
+def test_twenty_who_enter_at_once_are_twenty():
+    crowd = [stands(1.5 + 0.6 * k, 0.5 * (-1) ** k) for k in range(20)]
+    bench = Bench().show(0.3, *crowd)
+    assert len(bench.target.people.present(bench.time_s)) == 20
+    assert bench.attended == [(1, "policy")]
+
+
+@pytest.mark.parametrize("answer", [None, "a", [1.0, 2.0, 3.0], float("nan")])
+def test_a_policy_that_answers_nonsense_is_survived(answer):
+    class Nonsense:
+        def reset(self):
+            pass
+
+        def scores(self, company):
+            return answer
+
+    bench = Bench(Nonsense()).show(0.5, stands(2.0))
+    assert "policy_failed" in bench.events
+    assert bench.attended == []
+
+
+def test_a_policy_that_wants_nobody_gets_nobody():
+    class Nobody:
+        def reset(self):
+            pass
+
+        def scores(self, company):
+            return [np.nan if company.time_s > 0.6 else 1.0] * len(company.people)
+
+    bench = Bench(Nobody()).show(1.5, stands(2.0))
+    assert bench.attended == [(1, "policy"), (0, "nobody")]
+    assert "nobody_attended" in bench.events

@@ -1,0 +1,67 @@
+"""A switch from one person to another: as early as the neck can, without passing them, and never on a whim."""
+
+import numpy as np
+import pytest
+from builders.standing import standing_together
+from ruckig import InputParameter, Ruckig, Trajectory
+
+from gazempc.people.policies import Nearest
+from gazempc.results.attention import measure_attention
+from gazempc.results.limits import limit_violations
+from gazempc.results.metrics import gaze_error_deg
+from gazempc.settings import AttentionSettings
+from gazempc.sim.replay import ReplaySettings, replay_scene
+
+WANTED_FROM_S, HYSTERESIS_S = 1.4, 0.2
+CALM = AttentionSettings(hysteresis_s=HYSTERESIS_S, dwell_s=1.0)
+PLACES_M = ([1.5, 1.2, 0.0], [1.5, -1.2, 0.5])
+
+
+def wants(monkeypatch, second_from_s):
+    """A policy that wants the second person whenever `second_from_s` says so of the time, else the first."""
+
+    def scores(self, company):
+        wanted = 2 if second_from_s(company.time_s) else 1
+        return [float(person.number == wanted) for person in company.people]
+
+    monkeypatch.setattr(Nearest, "scores", scores)
+
+
+def least_time_s(neck, angle_rad, within_rad):
+    """Of a motion from rest to rest, until it is within some angle of its end, behind dead time and lag."""
+    asked, limits = InputParameter(1), neck.command_limits
+    asked.current_position, asked.target_position = [0.0], [angle_rad]
+    asked.max_velocity = [limits.velocity_max_rad_s[0]]
+    asked.max_acceleration = [limits.acceleration_max_rad_s2[0]]
+    asked.max_jerk = [limits.jerk_max_rad_s3[0]]
+    motion = Trajectory(1)
+    Ruckig(1).calculate(asked, motion)
+    times_s = np.linspace(0.0, motion.duration, 1000)
+    left_rad = np.array([angle_rad - motion.at_time(time_s)[0][0] for time_s in times_s])
+    return times_s[left_rad <= within_rad][0] + neck.dead_time_s[0] + neck.servo_lag_s[0]
+
+
+@pytest.mark.parametrize("controller", ["mpc", "lookahead"])
+def test_a_switch_arrives_early_and_passes_nobody_by_more_than_a_degree(controller, monkeypatch):
+    wants(monkeypatch, lambda time_s: time_s >= WANTED_FROM_S)
+    settings = ReplaySettings(attend="nearest", attention=CALM)
+    log = replay_scene(standing_together(4.2, *PLACES_M), controller, "walker", settings).log
+    assert log.attended_person.tolist() == [1, 2]
+    switched_s = float(log.attended_time_s[1])
+    assert switched_s == pytest.approx(WANTED_FROM_S + HYSTERESIS_S, abs=0.03)
+    found = measure_attention(log)
+    assert found.switch_overshoot_deg < 1.0
+    at = np.searchsorted(log.time_s, switched_s)
+    away_deg = gaze_error_deg(log)[at]
+    assert away_deg > 60.0
+    least_s = least_time_s(log.neck, np.radians(away_deg), np.radians(2.6))
+    assert found.time_to_contact_after_switch_s < least_s + 0.12
+    assert limit_violations(log, log.neck) == 0
+
+
+def test_nobody_is_switched_to_within_the_hysteresis(monkeypatch):
+    """The second person is wanted again and again, each time for a little less than the hysteresis."""
+    wants(monkeypatch, lambda time_s: (time_s + 0.2) % 0.4 < 0.9 * HYSTERESIS_S)
+    settings = ReplaySettings(attend="nearest", attention=CALM)
+    log = replay_scene(standing_together(2.5, *PLACES_M), "reactive", "last_position", settings).log
+    assert log.attended_person.size == 1
