@@ -46,6 +46,7 @@ class Arrivals:
 
     def __init__(self, parts: LiveParts, report: LiveReport) -> None:
         self._source, self._mount, self._geometry = parts.source, parts.mount, parts.neck.geometry
+        self._sources = [parts.source] if parts.telling is None else [parts.source, parts.telling]
         self._report = report
         self._use_ids, self._cues = parts.use_ids, parts.cues
         people = parts.several.several if isinstance(parts.several, LookingAway) else None
@@ -82,13 +83,22 @@ class Arrivals:
         Returns:
             Observations in the base frame, each made when it is asked for: no more of them than there is time for.
         """
-        try:
-            arrived = self._source.poll()
-            if not isinstance(arrived, Arrived):
-                raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
-        except Exception as error:
-            recorder.event(now_s, Event.SOURCE_FAILED, error)
-            return ()
+        for source in self._sources:
+            try:
+                arrived = source.poll()
+                if not isinstance(arrived, Arrived):
+                    raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
+            except Exception as error:
+                recorder.event(now_s, Event.SOURCE_FAILED, error)
+            else:
+                self._sort(arrived, now_s, recorder)
+        shifted = () if self._offset.finding is None else (self._offset.finding,)
+        for finding in (*shifted, *self._watch.findings(now_s)):
+            self._say(now_s, recorder, *finding)
+        return self._in_time(now_s, recorder)
+
+    def _sort(self, arrived: Arrived, now_s: float, recorder: LoopRecorder) -> None:
+        """Put what has arrived where it belongs."""
         for cue in arrived.cues:
             self._cues.tell(cue)
         self._waiting += arrived.sightings
@@ -104,11 +114,7 @@ class Arrivals:
             if notice.count:
                 self._report.observations += notice.count
                 recorder.refused(notice.event, notice.count)
-            self._say(now_s, recorder, notice.event, notice.text)
-        shifted = () if self._offset.finding is None else (self._offset.finding,)
-        for finding in (*shifted, *self._watch.findings(now_s)):
-            self._say(now_s, recorder, *finding)
-        return self._in_time(now_s, recorder)
+            self._say(now_s, recorder, notice.event, notice.text, again=not notice.count)
 
     def _in_time(self, now_s: float, recorder: LoopRecorder) -> Iterator[Sighting]:
         """Those that wait, while a tick has time for them; the others wait for the next one."""
@@ -144,10 +150,10 @@ class Arrivals:
             _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, text)
         self._report.problem(text)
 
-    def _say(self, now_s: float, recorder: LoopRecorder, event: Event, text: str) -> None:
-        """Record an event, and say its first text loudly."""
+    def _say(self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again: bool = False) -> None:
+        """Record an event, and say its first text loudly; all of its texts where these are few."""
         recorder.event(now_s, event)
-        if event not in self._said:
+        if again or event not in self._said:
             self._said.add(event)
             self._report.warnings.append(f"{event}: {text}")
             _LOGGER.warning("%s: %s", event, text)

@@ -23,6 +23,7 @@ from gazempc.live.sources.source import Source
 from gazempc.live.sources.streams import LineSource
 from gazempc.live.sources.wires import StandardInput, TcpClient, UdpPort, Wire, parse_address
 from gazempc.live.stamps import StampReader
+from gazempc.live.telling import make_telling
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner
@@ -105,6 +106,7 @@ def build(settings: LiveSettings) -> Built:
         mends=mends,
         several=make_target(settings.predictor, predictor, neck, settings, own, cues) if settings.several else None,
         cues=cues,
+        telling=make_telling(settings, neck, clock, settings.source_kind == "ros4hri"),
     )
     # Among several people nobody keeps, live, who is which of the recordings.
     known = None if true_head is None or (scene is not None and scene.others) else _on_loop_clock(true_head, source)

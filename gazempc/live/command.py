@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 
 import tyro
@@ -78,6 +78,7 @@ def _with_view(words: Sequence[str]) -> list[str]:
 def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
     from gazempc.live.build import build  # noqa: PLC0415
+    from gazempc.live.outlet import AttentionOutlet, attention_sink  # noqa: PLC0415
     from gazempc.live.parts import Keeping  # noqa: PLC0415
     from gazempc.live.robots import true_state_of  # noqa: PLC0415
     from gazempc.live.run import LiveRun  # noqa: PLC0415
@@ -86,12 +87,14 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     from gazempc.live.view.start import start_viewers  # noqa: PLC0415
 
     begin_folder(settings.out)
+    sink = attention_sink(settings)
     built = build(settings)
     if stop.is_set():
         built.parts.planner.close()
         print("gazempc.live: stopped before the robot was connected")
         return
     parts, neck = built.parts, built.parts.neck
+    outlet = None if sink is None else AttentionOutlet(sink, parts.clock)
     viewers = start_viewers(settings, built)
     kept = Kept(settings, neck, None if viewers is None else viewers.feed.kept)
     status = StatusLine(neck.joint_names)
@@ -101,6 +104,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
         settings.log_s,
         true_state=true_state_of(parts.robot),
         show=status.show,
+        tell=None if outlet is None else outlet.tell,
         watch=None if viewers is None else viewers.feed.watch,
     )
     if built.true_head_base_m is not None:
@@ -110,7 +114,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     for note in (*built.notes, *(() if viewers is None else viewers.said)):
         print(f"  {note}", flush=True)
     try:
-        with fast_switching(), without_collection(), status, said_aside():
+        with fast_switching(), without_collection(), status, outlet or nullcontext(), said_aside():
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
     except BaseException:
         # Whatever ended the run is told, and not that the summary of it cannot be written either.

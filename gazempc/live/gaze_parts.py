@@ -16,7 +16,9 @@ from gazempc.live.robots import make_robot, true_state_of
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import MountedSettings
 from gazempc.live.sources.pushed import PushedSource
+from gazempc.live.sources.source import Source
 from gazempc.live.stamps import StampClock, StampReader, Stamps
+from gazempc.live.telling import make_telling
 from gazempc.live.watch.mends import Mends
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner
@@ -89,6 +91,7 @@ class GazeParts:
         settings: The settings.
         several: Whom to look at, where that is one of several people, or is looked away from; None for one person.
         cues: What the program tells besides observations.
+        telling: Listens to cues of others; None for nothing.
     """
 
     about: RunInfo
@@ -102,6 +105,7 @@ class GazeParts:
     settings: LiveGazeSettings
     several: Target | None
     cues: Cues
+    telling: Source | None
 
     def run(self, keeping: Keeping) -> LiveRun:
         """Make the run; the planner's thread begins here.
@@ -126,6 +130,7 @@ class GazeParts:
             mends=Mends(python=True),
             several=self.several,
             cues=self.cues,
+            telling=self.telling,
         )
         return LiveRun(parts, replace(keeping, true_state=true_state_of(self.robot)))
 
@@ -204,4 +209,5 @@ def make_parts(
     source = PushedSource(clock, stamps)
     cues = Cues()
     several = make_target(predictor, forecasting, spec, settings, own, cues) if settings.several else None
-    return GazeParts(about, spec, forecasting, planning, ready, source, clock, stamps, settings, several, cues)
+    telling = make_telling(settings, spec, clock, mounted=False)
+    return GazeParts(about, spec, forecasting, planning, ready, source, clock, stamps, settings, several, cues, telling)

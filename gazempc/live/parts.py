@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +17,7 @@ from gazempc.loop.planner import Planner
 from gazempc.loop.track import PersonTrack, Target
 from gazempc.neck.spec import NeckSpec
 from gazempc.people.cues import Cues
+from gazempc.people.state import AttentionState
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.moments import Moment
 from gazempc.results.run_info import RunInfo
@@ -46,6 +47,7 @@ class LiveParts:
         mends: How settings are named to the user.
         several: Whom to look at, where that is one of several people, or is looked away from; None for one person.
         cues: What is told besides observations, for that target.
+        telling: Listens to cues besides the source; None for nothing.
 
     Raises:
         SettingsError: If a joint of the neck takes speeds: the start of a live run sends angles.
@@ -64,6 +66,7 @@ class LiveParts:
     mends: Mends = field(default_factory=Mends)
     several: Target | None = None
     cues: Cues = field(default_factory=Cues)
+    telling: Source | None = None
 
     def target(self) -> Target:
         """Whom the loop looks at."""
@@ -89,6 +92,8 @@ class Keeping:
             not known.
         true_state: Where the joints of a simulated robot really are; None for any other robot.
         show: Takes a status four times a second, in the thread of the run: it must return at once. None for nobody.
+        tell: Is told at every tick the time, seconds, and whom the robot looks at, in the thread of the run; returns at
+            once what could not be passed on before, and why. None for nobody.
         watch: Is told what happens as it happens, in the thread of the run, and returns at once; None for nobody.
     """
 
@@ -98,4 +103,5 @@ class Keeping:
     true_head_base_m: Callable[[FloatArray], FloatArray] = _unknown
     true_state: Callable[[], JointState] | None = None
     show: Callable[[Status], None] | None = None
+    tell: Callable[[float, AttentionState], Sequence[Exception]] | None = None
     watch: Callable[[Moment], None] | None = None

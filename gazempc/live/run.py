@@ -20,6 +20,7 @@ from gazempc.live.start import first_position_rad, go_in, opened
 from gazempc.live.status_maker import StatusMaker
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
+from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import NeckSpec
@@ -48,7 +49,7 @@ class LiveRun:
         self.logs = LiveLogs(parts, keeping)
         self._watch = keeping.watch
         self._arrivals = Arrivals(parts, self.report)
-        self._show = keeping.show
+        self._show, self._tell = keeping.show, keeping.tell
         self._statuses: StatusMaker | None = None
         self._smoother: Smoother | None = None
         self._loop: GazeLoop | None = None
@@ -112,6 +113,8 @@ class LiveRun:
         )
         loop.prepare(self._clock.now_s())
         opened("source: open()", parts.source.open, SourceError)
+        if parts.telling is not None:
+            parts.telling.open()
         self._smoother, self._loop = smoother, loop
         if self._show is not None:
             self._statuses = StatusMaker(parts, loop, smoother, self.report, self.logs, self._show)
@@ -182,6 +185,8 @@ class LiveRun:
             closing.callback(self._parts.planner.close)
             closing.callback(self._close, self._parts.robot.close, Event.ROBOT_NOT_ANSWERING)
             closing.callback(self._close, self._parts.source.close, Event.SOURCE_FAILED)
+            if self._parts.telling is not None:
+                closing.callback(self._parts.telling.close)
 
     def _close(self, close: Callable[[], None], event: Event) -> None:
         # It promises not to raise; what it raises all the same must not hide how the run ended.
@@ -208,6 +213,9 @@ class LiveRun:
             self._arrivals.note_joints(now_s, loop.joints)
         if self._statuses is not None:
             self._statuses.after_tick(index, now_s)
+        if self._tell is not None and isinstance(self._parts.several, LookingAway):
+            for failure in self._tell(now_s, self._parts.several.state(now_s)):
+                recorder.event(now_s, Event.ATTENTION_NOT_SENT, failure)
         if self.logs.due:
             self.logs.cut()
             loop.record_to(self.logs.recorder)

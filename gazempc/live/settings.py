@@ -83,6 +83,11 @@ class LiveSettings(MountedSettings, StageSettings):
         description="HOST or HOST:PORT that it is served at; 0.0.0.0 for the whole network. Without a port 8080 for "
         "web, 8765 for foxglove",
     )
+    attention_out: str | None = Field(
+        default=None,
+        description="Where a line of JSON goes whenever the robot looks at somebody else, or away: udp:HOST:PORT, "
+        "ros2:TOPIC, or a file FILE.jsonl",
+    )
     figures: bool = Field(default=True, description="Draw angles.png, of the last log")
 
     @property

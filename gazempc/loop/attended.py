@@ -12,6 +12,7 @@ from gazempc.loop.track import RECORDED_HORIZONS_S, checked_forecast, why_not_us
 from gazempc.people.attention import Attended, Attention
 from gazempc.people.people import Became, People, frames_of
 from gazempc.people.person import CATCH_UP, TrackedPerson
+from gazempc.people.state import AttentionState
 from gazempc.people.tracker_faults import FrozenPeople
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, Sighting
@@ -53,6 +54,19 @@ class AttendedPeople:
         self._settings = settings
         self._decided_s = -math.inf
         self._frozen = FrozenPeople()
+
+    @property
+    def state(self) -> AttentionState:
+        """Whom the robot looks at."""
+        attended, track = self.attention.attended, self._attended()
+        decided = math.isfinite(attended.since_s)
+        return AttentionState(
+            person=attended.number,
+            person_id=None if track is None else track.tracker_id,
+            why=attended.why,
+            since_s=attended.since_s if decided else None,
+            stays_until_s=None if attended.number is None else attended.since_s + self.attention.dwell_s,
+        )
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
         """Take in what has arrived, and decide whom to look at.

@@ -101,6 +101,7 @@ class Event(StrEnum):
     ATTENTION_SWITCHED = "attention_switched", "somebody else is looked at from now on"
     NOBODY_ATTENDED = "nobody_attended", "nobody is there, or nobody whom the policy wants looked at"
     POLICY_FAILED = "policy_failed", "the attention policy raised; who is looked at stays the same"
+    ATTENTION_NOT_SENT = "attention_not_sent", "whom the robot looks at could not be sent or written; the run goes on"
     LOOK_AWAY_LEFT_OUT = "look_away_left_out", "a look away cannot be done in its time, or clashes with one; left out"
     CLOCK_STEPPED = "clock_stepped", "the computer's Unix clock was set to another time"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from gazempc.loop.attended import AttendedPeople
 from gazempc.loop.events import Event
@@ -11,6 +12,7 @@ from gazempc.loop.track import Target
 from gazempc.people.company import Sound
 from gazempc.people.cues import Cue, Cues, Rhythm, Speech, Thinking
 from gazempc.people.schedule import LookAways
+from gazempc.people.state import AttentionState
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
 
@@ -36,6 +38,21 @@ class LookingAway:
     def several(self) -> AttendedPeople | None:
         """Everybody, where there are several people."""
         return self._target if isinstance(self._target, AttendedPeople) else None
+
+    def state(self, time_s: float) -> AttentionState:
+        """Whom the robot looks at.
+
+        Args:
+            time_s: The time, seconds.
+
+        Returns:
+            The state; asking changes nothing.
+        """
+        state = AttentionState(why="one") if self.several is None else self.several.state
+        away = self._look_aways.going_on(time_s)
+        if away is None:
+            return state
+        return replace(state, away_why=away.why, away_since_s=away.start_s, away_until_s=away.end_s)
 
     @property
     def predictor(self) -> Predictor:

@@ -58,6 +58,11 @@ class Attention:
         self._inside: set[int] = set()
         self._sounds: list[Sound] = []
 
+    @property
+    def dwell_s(self) -> float:
+        """Least time that anybody is looked at who does not leave, seconds."""
+        return self._settings.dwell_s
+
     def hear(self, sound: Sound) -> None:
         """Take in speech.
 

@@ -97,6 +97,17 @@ class LookAways:
             self._draw_next(now_s, self._rhythm_from_s)
         return tuple(each for each in self._planned if each.end_s > now_s)
 
+    def going_on(self, now_s: float) -> Aversion | None:
+        """The look away that is going on; asking changes no plan.
+
+        Args:
+            now_s: The time, seconds.
+
+        Returns:
+            It; None while there is contact, or contact is due.
+        """
+        return next((each for each in self._planned if each.start_s <= now_s < each.end_s), None)
+
     def set_mode(self, mode: LookAwayMode, now_s: float) -> None:
         """Go on by another rhythm; what has not begun is planned anew.
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 
 from gazempc.parts import ROBOT, check_choice
-from gazempc.ros2.wire import PoseType, Ros2Network
+from gazempc.ros2.wire import PoseType, Ros2Network, SoundType
 from gazempc.settings import Settings, on_command_line
 
 # A shipped name, or module:Class for a robot of the user's own.
@@ -50,7 +50,18 @@ class Ros2Options(Settings):
     )
     silent_after_s: float = Field(default=0.5, gt=0, description="Without a joint state for so long: not answering")
     base_frame: str | None = Field(
-        default=None, description="Frame of tf that people are put into; without it that of the tracker's sensor"
+        default=None, description="Frame of tf that people and points are put into; without it that of the sensor"
+    )
+    point_topic: str | None = Field(
+        default=None, description="Topic of points (geometry_msgs/msg/PointStamped) to glance at; needs base_frame"
+    )
+    point_lasts_s: float = Field(default=1.0, gt=0, description="For how long such a point is glanced at")
+    sound_topic: str | None = Field(default=None, description="Topic of directions of speech, for --attend speaker")
+    sound_type: SoundType = Field(
+        default="std_msgs/msg/Int32", description="Whole degrees; std_msgs/msg/Float32 for radians; left is positive"
+    )
+    sound_frame: str | None = Field(
+        default=None, description="Frame of tf that they are in; without it the base frame of the neck"
     )
     pose_type: PoseType = Field(default="geometry_msgs/msg/PoseStamped", description="What the source's poses come as")
 

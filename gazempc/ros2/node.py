@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import re
-import time
-from collections.abc import Iterator
 from typing import Any
 
 from gazempc.errors import MissingOptionalDependencyError, SettingsError
-from gazempc.ros2.wire import (
-    Ros2Network,
-    WireError,
-    attachment,
-    dds_name,
-    decode,
-    encode,
-    ros_name,
-    topic_key,
-    type_hash,
-    typestore,
-)
+from gazempc.ros2.topics import WAITING_MAX, Publication, Subscription, wire_errors
+from gazempc.ros2.wire import Ros2Network, WireError, dds_name, ros_name, topic_key, type_hash, typestore
 
-# The newest count; a message that has waited for so many others to be read is out of date.
-_WAITING_MAX = 256
 # A client of Zenoh waits so long before it tries the router again.
 _RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2.0}
 _ASK_S = 1.0
@@ -34,91 +19,6 @@ _QOS, _QOS_LATCHED = "::,10:,:,:,,", ":1:,10:,:,:,,"
 # Stands for one part of a topic's name.
 _ANY = "*"
 _NODE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-
-
-@contextlib.contextmanager
-def _wire_errors() -> Iterator[None]:
-    """Whatever Zenoh raises becomes a WireError; the end of its text, where in its source it was raised, is cut off."""
-    try:
-        yield
-    except Exception as error:
-        raise WireError(str(error).split(" at /")[0].strip()) from None
-
-
-class Publication:
-    """A topic that is sent on; made by `Ros2Node`."""
-
-    def __init__(self, publisher: Any, token: str) -> None:
-        self._publisher = publisher
-        # rmw_zenoh takes another hash of the token; to whoever listens it is only a name that no other sender has.
-        self._gid = hashlib.blake2b(token.encode(), digest_size=16).digest()
-        self._sequence = 0
-
-    @property
-    def has_listeners(self) -> bool:
-        """Whether anybody subscribes to this topic with this type."""
-        return bool(self._publisher.matching_status.matching)
-
-    def publish(self, message: Any) -> None:
-        """Send a message; does not wait until it has arrived.
-
-        Raises:
-            WireError: If it cannot be sent.
-        """
-        self._sequence += 1
-        with _wire_errors():
-            self._publisher.put(encode(message), attachment=attachment(self._sequence, time.time_ns(), self._gid))
-
-
-class Subscription:
-    """A topic that is listened to; made by `Ros2Node`.
-
-    Attributes:
-        type_name: Of its messages.
-    """
-
-    def __init__(self, subscriber: Any, type_name: str, announced: Any) -> None:
-        self._subscriber = subscriber
-        self.type_name = type_name
-        self._announced = announced
-        self._senders: set[str] = set()
-        self._heard = False
-
-    def take(self) -> list[Any | WireError]:
-        """The messages that have come since the last call, oldest first; for a broken one what is wrong with it.
-
-        Raises:
-            WireError: If the session is closed.
-        """
-        return [message for _, message in self.take_named()]
-
-    def take_named(self) -> list[tuple[str, Any | WireError]]:
-        """The same as `take`, each message with the name of its topic, for a subscription to several."""
-        taken: list[tuple[str, Any | WireError]] = []
-        for _ in range(_WAITING_MAX):
-            with _wire_errors():
-                sample = self._subscriber.try_recv()
-            if sample is None:
-                break
-            # Between the domain, and type and hash.
-            self._heard = True
-            topic = "/" + "/".join(str(sample.key_expr).split("/")[1:-2])
-            try:
-                taken.append((topic, decode(sample.payload.to_bytes(), self.type_name)))
-            except WireError as error:
-                taken.append((topic, error))
-        return taken
-
-    @property
-    def has_senders(self) -> bool:
-        """Whether any node says that it sends on this topic with this type, or did send without a word of that."""
-        with contextlib.suppress(Exception):
-            while self._announced is not None and (sample := self._announced.try_recv()) is not None:
-                # From now on what senders say of themselves is all that counts.
-                self._heard = False
-                came = sample.kind == sample.kind.PUT
-                (self._senders.add if came else self._senders.discard)(str(sample.key_expr))
-        return self._heard or bool(self._senders)
 
 
 class Ros2Node:
@@ -154,8 +54,10 @@ class Ros2Node:
             "connect/endpoints": [network.endpoint],
             "connect/retry": _RETRY,
             "scouting/multicast/enabled": False,
+            # What is kept for later listeners is told apart by it.
+            "timestamping/enabled": True,
         }.items():
-            with _wire_errors():
+            with wire_errors():
                 config.insert_json5(key, json.dumps(value))
         try:
             self._session: Any = zenoh.open(config)
@@ -164,8 +66,16 @@ class Ros2Node:
                 f"no Zenoh router answers at {network.endpoint}: start one (ros2 run rmw_zenoh_cpp rmw_zenohd), and "
                 "check address and firewall"
             ) from None
+        self._was_connected = True
         self._tokens: list[Any] = []
         self._declare(f"NN/%/%/{name}")
+
+    def lost_router(self) -> str:
+        """What is to be said if the router has gone since the last call; empty if it has not."""
+        before, self._was_connected = self._was_connected, self.connected
+        if not before or self._was_connected:
+            return ""
+        return f"the Zenoh router at {self._network.endpoint} has gone; trying to reach it again"
 
     @property
     def connected(self) -> bool:
@@ -173,21 +83,26 @@ class Ros2Node:
         info = self._session.info
         return bool(info.routers_zid() or info.peers_zid())
 
-    def publication(self, topic: str, type_name: str) -> Publication:
+    def publication(self, topic: str, type_name: str, latched: bool = False) -> Publication:
         """Announce a topic to send on.
 
         Args:
             topic: Its full name.
             type_name: Such as ``std_msgs/msg/String``.
+            latched: Keep the last message for whoever listens later and asks for it (transient local).
         """
+        key = topic_key(self._network.domain_id, topic, type_name, self._network.humble)
         # Late commands are worth nothing: no waiting for others in a batch; a network that is stuck loses them.
-        with _wire_errors():
-            publisher = self._session.declare_publisher(
-                topic_key(self._network.domain_id, topic, type_name, self._network.humble),
-                congestion_control=self._zenoh.CongestionControl.DROP,
-                express=True,
-            )
-        return Publication(publisher, self._declare_topic("MP", topic, type_name))
+        sent: dict[str, Any] = {"congestion_control": self._zenoh.CongestionControl.DROP, "express": True}
+        with wire_errors():
+            if latched:
+                cache = self._zenoh.ext.CacheConfig(1)
+                publisher = self._zenoh.ext.declare_advanced_publisher(
+                    self._session, key, cache=cache, publisher_detection=True, **sent
+                )
+            else:
+                publisher = self._session.declare_publisher(key, **sent)
+        return Publication(publisher, self._declare_topic("MP", topic, type_name, _QOS_LATCHED if latched else _QOS))
 
     def subscription(self, topic: str, type_name: str, latched: bool = False) -> Subscription:
         """Announce a topic to listen to.
@@ -200,20 +115,20 @@ class Ros2Node:
         key = topic_key(self._network.domain_id, topic, type_name, self._network.humble)
         # A ring buffer inside Zenoh: no thread of Python's runs, and nothing is left but the newest messages.
         ring = self._zenoh.handlers.RingChannel
-        with _wire_errors():
+        with wire_errors():
             if latched:
                 history = self._zenoh.ext.HistoryConfig(detect_late_publishers=True)
                 subscriber = self._zenoh.ext.declare_advanced_subscriber(
-                    self._session, key, ring(_WAITING_MAX), history=history, subscriber_detection=True
+                    self._session, key, ring(WAITING_MAX), history=history, subscriber_detection=True
                 )
             else:
-                subscriber = self._session.declare_subscriber(key, ring(_WAITING_MAX))
+                subscriber = self._session.declare_subscriber(key, ring(WAITING_MAX))
             digest = type_hash(type_name, self._network.humble)
             entity = f"{topic.replace('/', '%')}/{dds_name(type_name)}/{digest}"
             sent = f"@ros2_lv/{self._network.domain_id}/*/*/*/MP/*/*/*/{entity}/*"
             senders = None
             if _ANY not in topic:
-                senders = self._session.liveliness().declare_subscriber(sent, ring(_WAITING_MAX), history=True)
+                senders = self._session.liveliness().declare_subscriber(sent, ring(WAITING_MAX), history=True)
         if _ANY not in topic:
             # Who listens to topics by a pattern has no entry in the graph.
             self._declare_topic("MS", topic, type_name, _QOS_LATCHED if latched else _QOS)
@@ -256,6 +171,6 @@ class Ros2Node:
     def _declare(self, entity: str) -> str:
         token = f"@ros2_lv/{self._network.domain_id}/{self._session.zid()}/0/{len(self._tokens)}/{entity}"
         # It stands for as long as it is referred to.
-        with _wire_errors():
+        with wire_errors():
             self._tokens.append(self._session.liveliness().declare_token(token))
         return token

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
+from gazempc.ros2.poses import between, inverse_of, poses_of
 from gazempc.ros2.wire import WireError, stamp_s
 from gazempc.types import FloatArray
 
@@ -22,8 +22,6 @@ _LONGEST_GAP_S = 1.0
 _STARTED_AGAIN_S = 1.0
 # Frames of people who have gone are forgotten after so long.
 _FORGOTTEN_AFTER_S = 30.0
-# Drivers round quaternions off; what is farther from unit length is none.
-_NORM_ERROR = 0.05
 _Sample = tuple[float, FloatArray]
 
 
@@ -66,7 +64,7 @@ class Transforms:
         """
         moved: list[Moved] = []
         problems: list[str] = []
-        for transform, pose in zip(transforms, _poses(transforms), strict=True):
+        for transform, pose in zip(transforms, poses_of(transforms), strict=True):
             child = transform.child_frame_id.lstrip("/")
             try:
                 time_s = self._take(transform.header, child, pose, fixed)
@@ -81,7 +79,7 @@ class Transforms:
         if not parent or not child or parent == child:
             raise WireError(f"its frame is {child!r} in {parent!r}: needed are two frames")
         if not np.isfinite(pose).all():
-            raise WireError("its position is not finite, or its quaternion not of unit length")
+            raise WireError("its position is no place on earth, or its quaternion not of unit length")
         time_s = 0.0 if fixed else stamp_s(header.stamp)
         if self._parent.get(child, parent) != parent or (child in self._fixed) != fixed:
             self._forget(child)
@@ -153,7 +151,7 @@ class Transforms:
             newest_s = [self._moving[name][-1][0] for way in ways for name in way if name in self._moving]
             time_s = min(newest_s, default=0.0)
         pose, back = (self._along(way, time_s) for way in ways)
-        return _inverse(back) @ pose if ways[1] else pose
+        return inverse_of(back) @ pose if ways[1] else pose
 
     def _along(self, way: Iterable[str], time_s: float) -> FloatArray:
         pose = np.eye(4)
@@ -177,7 +175,7 @@ class Transforms:
         early, late = samples[after - 1], samples[after]
         if late[0] - early[0] > _LONGEST_GAP_S:
             raise WireError(f"{where} was not told for {late[0] - early[0]:.2f} s")
-        return _between(early, late, time_s)
+        return between(early[1], late[1], (time_s - early[0]) / (late[0] - early[0]))
 
     def _note(self, child: str, sample: _Sample) -> None:
         samples = self._moving.setdefault(child, deque())
@@ -201,35 +199,3 @@ class Transforms:
         self._fixed_children.get(self._parent.pop(child, ""), set()).discard(child)
         self._fixed.pop(child, None)
         self._moving.pop(child, None)
-
-
-def _poses(transforms: Sequence[Any]) -> FloatArray:
-    """Poses of all, shape (T, 4, 4); NaN where the numbers are none."""
-    rows = [
-        (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
-        for p, q in ((t.transform.translation, t.transform.rotation) for t in transforms)
-    ]
-    numbers = np.array(rows, dtype=np.float64).reshape(-1, 7)
-    norms = np.linalg.norm(numbers[:, 3:], axis=1)
-    good = np.isfinite(numbers).all(axis=1) & (np.abs(norms - 1.0) <= _NORM_ERROR)
-    poses = np.full((len(numbers), 4, 4), np.nan)
-    poses[good] = np.eye(4)
-    poses[good, :3, 3] = numbers[good, :3]
-    if good.any():
-        poses[good, :3, :3] = Rotation.from_quat(numbers[good, 3:], scalar_first=True).as_matrix()
-    return poses
-
-
-def _inverse(pose: FloatArray) -> FloatArray:
-    inverse = np.eye(4)
-    inverse[:3, :3] = pose[:3, :3].T
-    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
-    return inverse
-
-
-def _between(early: _Sample, late: _Sample, time_s: float) -> FloatArray:
-    share = (time_s - early[0]) / (late[0] - early[0])
-    pose: FloatArray = early[1] + share * (late[1] - early[1])
-    turns = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([early[1][:3, :3], late[1][:3, :3]])))
-    pose[:3, :3] = turns(share).as_matrix()
-    return pose

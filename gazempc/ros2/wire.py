@@ -18,6 +18,8 @@ from gazempc.errors import MissingOptionalDependencyError, SettingsError
 
 # What a person's poses come as.
 PoseType = Literal["geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"]
+# What a direction of sound comes as: whole degrees, as of respeaker_ros, or radians.
+SoundType = Literal["std_msgs/msg/Int32", "std_msgs/msg/Float32"]
 # Who stamps with the time of a simulation, or with a clock that was never set, is off by far more than this; a sensor
 # is never so late.
 _STAMP_OFF_MAX_S = 5.0

@@ -51,11 +51,14 @@ class Stage:
 
     def __init__(self):
         self.port = free_port()
-        self.router = zenoh_session("router", self.port)
         self.network = Ros2Network(f"tcp/127.0.0.1:{self.port}")
         self.now_s = NOW_S
         self.opened = []
-        self._senders = {}
+        self.start()
+
+    def start(self):
+        """Begin anew, with nobody who sends."""
+        self.router, self._senders = zenoh_session("router", self.port), {}
 
     def clock_s(self):
         return self.now_s

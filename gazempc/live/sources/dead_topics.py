@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from gazempc.live.sources.source import Notice
 from gazempc.loop.events import Event
-from gazempc.ros2.node import Subscription
+from gazempc.ros2.topics import Subscription
 
 # Nodes find each other within less.
 _PATIENCE_S = 3.0

@@ -66,9 +66,10 @@ class HriIds:
             part_id: The tracker's name of that.
 
         Returns:
-            False once a list has come without them.
+            Whether they are in the list. A face counts before the first list, too; a robot has heads and bodies itself.
         """
-        return self._is_listed(_PART[kind], part_id)
+        part = _PART[kind]
+        return (kind == "face" or part in self._listed) and self._is_listed(part, part_id)
 
     def person(self, kind: Kind, part_id: str) -> str | None:
         """Whose face or body something is.

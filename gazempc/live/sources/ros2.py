@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from gazempc.live.sources.source import Arrived, SourceError
-from gazempc.ros2.node import Ros2Node, Subscription
+from gazempc.ros2.node import Ros2Node
+from gazempc.ros2.topics import Subscription
 from gazempc.ros2.wire import PoseType, Ros2Network, WireError, stamp_to_loop_s, topic_name
 from gazempc.types import Sighting
 from predictors import HeadObservation
@@ -60,7 +61,6 @@ class Ros2Person:
         self._use_orientation = use_orientation
         self._node: Ros2Node | None = None
         self._poses: Subscription | None = None
-        self._was_connected = True
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; does not wait until somebody sends."""
@@ -79,10 +79,8 @@ class Ros2Person:
             return Arrived()
         sightings: list[Sighting] = []
         problems: list[str] = []
-        connected = self._node.connected
-        if self._was_connected and not connected:
-            problems.append(f"the Zenoh router at {self._network.endpoint} has gone; trying to reach it again")
-        self._was_connected = connected
+        if lost := self._node.lost_router():
+            problems.append(lost)
         now_s = self._clock_s()
         try:
             for message in self._poses.take():
@@ -104,7 +102,6 @@ class Ros2Person:
         if self._node is not None:
             self._node.close()
         self._node = self._poses = None
-        self._was_connected = True
 
     def _observation(self, message: Any, now_s: float) -> HeadObservation:
         if isinstance(message, WireError):

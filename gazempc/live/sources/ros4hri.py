@@ -65,8 +65,8 @@ class Ros4HriPeople:
         if self._node is None:
             return Arrived()
         sightings: list[Sighting] = []
-        problems: list[str] = []
-        now_s = self._clock_s()
+        now_s, lost = self._clock_s(), self._node.lost_router()
+        problems = [lost] if lost else []
         try:
             problems += self._ids.listen()
             moved, unusable = self._tf.listen()

@@ -162,7 +162,9 @@ def test_a_body_counts_where_there_is_no_face(stage):
     hips_m = np.array([2.0, 0.0, -0.5])
     head_m = hips_m + 0.69 * leaning.apply([0.0, 0.0, 1.0])
     body = leaning.as_quat(scalar_first=True)
-    heard(source, stage, BODIES, IDS, tracked("b"), lambda: not source._ids.is_tracked("body", "other"))
+    # A robot may have such frames.
+    stage.tf(transform("body_b", hips_m, body, at_s=NOW_S - 0.4))
+    heard(source, stage, BODIES, IDS, tracked("b"), lambda: source._ids.is_tracked("body", "b"))
     stage.tf(transform("body_b", hips_m, body, at_s=NOW_S - 0.3), transform("body_other", hips_m))
     (seen,), problems = polled(source, 1)
     assert (seen.person_id, problems, seen.head_quat_wxyz) == ("b", [], None)
@@ -183,6 +185,7 @@ def test_a_skeleton_with_a_head_is_where_its_head_is(stage):
     """The head is fixed to the last joint of a neck, which moves in the torso, which moves in the hips."""
     source = opened(stage)
     heard(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"), lambda: source._ids.person("body", "b"))
+    heard(source, stage, BODIES, IDS, tracked("b"), lambda: source._ids.is_tracked("body", "b"))
     stage.tf_static(transform("head_b", [0.0, 0.0, 0.1], frame_id="p_head_b", at_s=None))
     wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("head_b"))
     for at_s in (NOW_S - 0.1, NOW_S - 0.05):
@@ -203,19 +206,23 @@ def test_what_cannot_be_used_is_a_problem_that_names_the_frame(stage):
         transform("face_b", [1.0, 0.0, 0.0], at_s=NOW_S - 60.0),
         transform("face_c", [1.0, 0.0, 0.0], at_s=None),
         transform("face_d", [1.0, 0.0, 0.0], (0.0, 0.0, 0.0, 0.0)),
+        transform("face_f", [1.0, 1e300, 0.0]),
+        transform("face_g", [1.0, 0.0, 0.0], (1e300, 0.0, 0.0, 0.0)),
         transform("face_e", [0.0, 0.0, 0.0]),
         transform("", [1.0, 0.0, 0.0]),
     )
     stage.put("/tf", TF, b"hello")
     stage.put(FACES, IDS, b"hello")
     stage.put("/humans/persons/anna/face_id", TEXT, b"hello")
-    seen, problems = polled(source, 9)
+    seen, problems = polled(source, 11)
     said = "\n".join(sorted(problems))
     for part in (
-        "/tf, face_a: its position is not finite, or its quaternion not of unit length",
+        "/tf, face_a: its position is no place on earth, or its quaternion not of unit length",
         "/tf, face_b: its time stamp is -60.0 s from this computer's clock",
         "/tf, face_c: its header has no time stamp",
-        "/tf, face_d: its position is not finite, or its quaternion not of unit length",
+        "/tf, face_f: its position is no place on earth",
+        "/tf, face_g: its position is no place on earth",
+        "/tf, face_d: its position is no place on earth, or its quaternion not of unit length",
         "/tf, : its frame is '' in 'camera_link'",
         "/tf: not a tf2_msgs/msg/TFMessage",
         "/humans/faces/tracked: not a hri_msgs/msg/IdsList",
@@ -243,6 +250,22 @@ def test_that_nobody_sends_is_said_once_and_again_when_the_sender_has_gone(stage
     assert len(source.poll().notices) == 1
     stage.now_s += 3.1
     assert source.poll().notices == ()
+
+
+def test_a_router_that_goes_and_comes_back(stage):
+    source = opened(stage, "base_link")
+    stage.tf_static(transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=None))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("camera_link"))
+    stage.router.close()
+    _, (problem,) = polled(source, 1)
+    assert "the Zenoh router at" in problem
+    stage.now_s += 3.1
+    assert "nobody sends on /tf" in source.poll().notices[0].text
+    stage.start()
+    # Static frames are still known.
+    stage.tf(transform("face_a", [1.0, 0.0, 0.0], at_s=stage.now_s - 0.1))
+    (seen,), problems = polled(source, 1)
+    assert (seen.person_id, problems) == ("a", [])
 
 
 def test_without_a_router_it_says_so():

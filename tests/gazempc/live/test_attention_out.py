@@ -1,0 +1,164 @@
+"""Whom the robot looks at, told to others: lines at each change, by UDP, ROS 2 and into a file."""
+
+import json
+import socket
+import time
+
+import pytest
+from builders.ports import free_port
+from builders.ros2_network import wait_for
+from builders.ros2_tf import Stage
+
+from gazempc.errors import SettingsError
+from gazempc.live.clock import RealClock, SimulatedClock
+from gazempc.live.outlet import AttentionOutlet, attention_sink
+from gazempc.live.settings import LiveSettings
+from gazempc.live.sinks import FileSink, Ros2Sink, UdpSink, make_sink
+from gazempc.people.state import AttentionState
+from gazempc.ros2.node import Ros2Node
+from gazempc.ros2.wire import Ros2Network
+
+ANNA = AttentionState(1, "anna", "policy", 2.0, 3.5)
+AWAY = AttentionState(1, "anna", "policy", 2.0, 3.5, "thinking", 2.5, 4.0)
+STRING = "std_msgs/msg/String"
+
+
+class Gathered:
+    """A sink that keeps what it gets, or fails."""
+
+    def __init__(self, fails=()):
+        self.lines, self.fails, self.closed = [], list(fails), False
+
+    def open(self):
+        pass
+
+    def send(self, line):
+        if self.fails and self.fails.pop(0):
+            raise OSError("No space left on device")
+        self.lines.append(json.loads(line))
+
+    def close(self):
+        self.closed = True
+
+
+def test_a_line_at_each_change_and_one_at_the_end():
+    sink = Gathered()
+    with AttentionOutlet(sink, SimulatedClock()) as outlet:
+        for time_s, state in ((2.0, ANNA), (2.1, ANNA), (2.5, AWAY), (4.0, ANNA)):
+            assert outlet.tell(time_s, state) == []
+    assert sink.closed
+    assert sink.lines[0] == {
+        "time_s": 2.0,
+        "person": 1,
+        "person_id": "anna",
+        "why": "policy",
+        "since_s": 2.0,
+        "stays_until_s": 3.5,
+        "away_why": None,
+        "away_since_s": None,
+        "away_until_s": None,
+    }
+    assert [(each["time_s"], each["away_why"], each["why"]) for each in sink.lines] == [
+        (2.0, None, "policy"),
+        (2.5, "thinking", "policy"),
+        (4.0, None, "policy"),
+        (0.0, None, "ended"),
+    ]
+    assert (sink.lines[1]["away_since_s"], sink.lines[1]["away_until_s"]) == (2.5, 4.0)
+
+
+def test_times_are_unix_time_in_real_time():
+    sink, clock = Gathered(), RealClock()
+    with AttentionOutlet(sink, clock) as outlet:
+        outlet.tell(clock.now_s(), AttentionState(1, None, "policy", clock.now_s() - 1.0))
+    assert sink.lines[0]["time_s"] == pytest.approx(time.time(), abs=1.0)
+    assert sink.lines[0]["since_s"] == pytest.approx(sink.lines[0]["time_s"] - 1.0, abs=0.01)
+
+
+def test_what_cannot_be_written_is_said_and_the_next_line_is_tried():
+    sink = Gathered(fails=[True])
+    with AttentionOutlet(sink, SimulatedClock()) as outlet:
+        outlet.tell(2.0, ANNA)
+        failed = wait_for(lambda: outlet.tell(2.0, ANNA))
+        assert [str(each) for each in failed] == ["No space left on device"]
+        assert outlet.tell(2.5, AWAY) == []
+    assert [each["why"] for each in sink.lines] == ["policy", "ended"]
+
+
+def test_datagrams():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(5.0)
+        sink = make_sink(f"udp:localhost:{listener.getsockname()[1]}", Ros2Network())
+        assert isinstance(sink, UdpSink)
+        sink.open()
+        sink.send('{"person": 1}')
+        assert listener.recv(100) == b'{"person": 1}\n'
+        sink.close()
+
+
+def test_a_topic_whose_last_line_whoever_listens_later_gets():
+    stage = Stage()
+    try:
+        sink = make_sink("ros2:attention", stage.network)
+        assert isinstance(sink, Ros2Sink)
+        sink.open()
+        sink.send("first")
+        sink.send("last")
+        node = Ros2Node("listener", stage.network)
+        late = node.subscription("/attention", STRING, latched=True)
+        assert [each.data for each in wait_for(late.take)] == ["last"]
+        assert late.has_senders
+        plain = node.subscription("/attention", STRING)
+        time.sleep(0.05)
+        sink.send("next")
+        assert [each.data for each in wait_for(plain.take)] == ["next"]
+        stage.router.close()
+        wait_for(lambda: not sink._node.connected)
+        with pytest.raises(ValueError, match="has gone"):
+            sink.send("lost")
+        sink.close()
+        node.close()
+    finally:
+        stage.close()
+
+
+def test_a_file_begins_anew(tmp_path):
+    path = tmp_path / "attention.jsonl"
+    path.write_text("of an earlier run\n")
+    sink = make_sink(str(path), Ros2Network())
+    assert isinstance(sink, FileSink)
+    sink.open()
+    sink.send("one")
+    assert path.read_text() == "one\n"
+    sink.close()
+
+
+@pytest.mark.parametrize("word", ["udp:5005", "udp:host:0", "udp:host:x", "ros2:", "attention.json", "tcp:host:1"])
+def test_what_is_no_place(word):
+    with pytest.raises(SettingsError, match=r"accepted: udp:HOST:PORT, ros2:TOPIC, or a file FILE\.jsonl"):
+        make_sink(word, Ros2Network())
+
+
+def test_places_that_cannot_be_opened(tmp_path):
+    for word, why in (
+        (str(tmp_path / "none" / "a.jsonl"), "cannot be written: No such file"),
+        ("ros2:/attention", "no Zenoh router answers"),
+        ("udp:no..host:5005", "udp:no..host:5005: "),
+    ):
+        sink = make_sink(word, Ros2Network(f"tcp/127.0.0.1:{free_port()}"))
+        with pytest.raises(SettingsError, match=why):
+            sink.open()
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ({}, "there is one person"),
+        ({"attend": "nearest", "simulated_clock": True}, "ROS 2 keeps real time"),
+        ({"attend": "nearest", "attention_out": "here"}, "'here' is no place"),
+    ],
+)
+def test_settings_that_do_not_go_together(settings, why):
+    with pytest.raises(SettingsError, match=why):
+        attention_sink(LiveSettings(**{"source": "replay", "attention_out": "ros2:a", **settings}))

@@ -1,0 +1,210 @@
+"""Points and sounds of ROS 2 topics as cues, and what of them cannot be used."""
+
+import math
+
+import numpy as np
+import pytest
+from builders.ros2_network import wait_for
+from builders.ros2_tf import OPTICAL, Stage, header, polled, transform
+from builders.ros2_wire import NOW_S
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import SettingsError
+from gazempc.live.clock import RealClock, SimulatedClock
+from gazempc.live.settings import LiveSettings
+from gazempc.live.sources.ros2_cues import Ros2Cues
+from gazempc.live.sources.source import SourceError
+from gazempc.live.telling import make_telling
+from gazempc.loop.events import Event
+from gazempc.neck.spec import load_neck
+from gazempc.people.company import Sound
+from gazempc.people.cues import Glance
+from gazempc.robots.options import RobotOptions, Ros2Options
+from gazempc.ros2.wire import encode, make_message
+
+POINT, INT, FLOAT = "geometry_msgs/msg/PointStamped", "std_msgs/msg/Int32", "std_msgs/msg/Float32"
+
+
+@pytest.fixture
+def stage():
+    made = Stage()
+    yield made
+    made.close()
+
+
+def opened(stage, to_base=lambda place_m: place_m, **options):
+    named = Ros2Options(endpoint=stage.network.endpoint, **options)
+    return stage.listening(Ros2Cues(stage.clock_s, stage.to_loop_s, named, to_base))
+
+
+def pointing(stage, **options):
+    return opened(stage, point_topic="pointing", base_frame="base_link", **options)
+
+
+def point(frame_id, place_m, at_s=None):
+    place = make_message("geometry_msgs/msg/Point", **dict(zip("xyz", map(float, place_m), strict=True)))
+    return encode(make_message(POINT, header=header(frame_id, at_s), point=place))
+
+
+def told(source, count=1):
+    return polled(source, count)
+
+
+def test_a_point_in_the_frame_of_a_camera_is_glanced_at_where_it_was(stage):
+    """The camera turns; the point is placed by where it was at its stamp, or by its newest place without one."""
+    source = pointing(stage, point_lasts_s=1.5)
+    stage.tf_static(transform(OPTICAL, [0.0, 0.0, 0.5], (0.5, -0.5, 0.5, -0.5), "head", at_s=None))
+    left = [Rotation.from_euler("z", deg, degrees=True).as_quat(scalar_first=True) for deg in (30.0, 90.0)]
+    for quat, at_s in zip(left, (NOW_S - 0.2, NOW_S - 0.1), strict=True):
+        stage.tf(transform("head", [0.0, 0.0, 1.0], quat, "base_link", at_s))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("head"))
+    for at_s, azimuth in ((NOW_S - 0.15, math.radians(60.0)), (None, math.radians(90.0))):
+        stage.put("/pointing", POINT, point(OPTICAL, [0.0, 0.5, 2.0], at_s))
+        (glance,), problems = told(source)
+        assert problems == []
+        assert (type(glance), glance.lasts_s) == (Glance, 1.5)
+        expected_m = [2.0 * math.cos(azimuth), 2.0 * math.sin(azimuth), 1.0]
+        np.testing.assert_allclose(glance.target_base_m, expected_m, atol=1e-5)
+
+
+def test_one_thing_that_is_told_again_and_again_is_glanced_at_once(stage):
+    source, seen = pointing(stage), []
+
+    def tell(place_m, then_s):
+        stage.put("/pointing", POINT, point("base_link", place_m))
+        # What is behind it shows that it has been read.
+        stage.put("/pointing", POINT, point("", place_m))
+        seen.append(len(told(source, 1)[0]))
+        stage.now_s += then_s
+
+    for place_m, then_s in (
+        ([1, 0.5, 0], 0.1),
+        ([1, 0.6, 0], 1.9),
+        ([1, 0.5, 0], 0.1),
+        ([1, 1, 0], 2.1),
+        ([1, 1, 0], 0),
+    ):
+        tell(place_m, then_s)
+    assert seen == [1, 0, 0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("payload", "why"),
+    [
+        (point("base_link", [np.nan, 0, 0]), "a point is at [nan, 0.0, 0.0]: needed are finite metres"),
+        (point("", [1, 0, 0]), "a point's header names no frame"),
+        (point("base_link", [0, 0, 0.01]), "a point is in the neck itself"),
+        (point("base_link", [1, 0, 0], NOW_S - 60), "its time stamp is -60.0 s from this computer's clock"),
+        (b"hello", f"not a {POINT}"),
+    ],
+    ids=["nan", "frame", "neck", "old", "text"],
+)
+def test_a_point_that_cannot_be_used_is_a_problem(stage, payload, why):
+    source = pointing(stage)
+    stage.put("/pointing", POINT, payload)
+    found, (problem,) = told(source)
+    assert found == []
+    assert problem.startswith("/pointing: ")
+    assert why in problem
+
+
+def test_a_point_in_a_frame_that_nobody_tells_is_waited_for_and_then_a_problem(stage):
+    source = pointing(stage)
+    stage.put("/pointing", POINT, point("cup", [1, 0, 0]))
+    wait_for(lambda: source.poll() is not None and source._waiting)
+    stage.tf_static(transform("cup", [0, 1, 0], frame_id="base_link", at_s=None))
+    (glance,), problems = told(source)
+    assert problems == []
+    np.testing.assert_allclose(glance.target_base_m, [1, 1, 0])
+    stage.put("/pointing", POINT, point("bottle", [1, 0, 0]))
+    wait_for(lambda: source.poll() is not None and source._waiting)
+    stage.now_s += 0.25
+    _, (problem,) = told(source)
+    assert "a point is in the frame 'bottle': tf knows no way from 'bottle' to 'base_link'" in problem
+
+
+@pytest.mark.parametrize(
+    ("type_name", "value", "azimuth_rad"), [(INT, -90, -math.pi / 2), (FLOAT, 0.5, 0.5)], ids=["degrees", "radians"]
+)
+def test_a_direction_of_speech(stage, type_name, value, azimuth_rad):
+    source = opened(stage, sound_topic="/sound_direction", sound_type=type_name)
+    stage.put("/sound_direction", type_name, encode(make_message(type_name, data=value)))
+    (sound,), problems = told(source)
+    assert problems == []
+    assert sound == Sound(NOW_S, azimuth_rad)
+
+
+def test_speech_heard_by_a_head_that_is_turned(stage):
+    def turned_left(place_m):
+        return Rotation.from_euler("z", 10.0, degrees=True).apply(place_m) + 1.0
+
+    source = opened(stage, turned_left, sound_topic="heard", sound_frame="microphones", base_frame="base_link")
+    stage.put("/heard", INT, encode(make_message(INT, data=20)))
+    _, (problem,) = told(source)
+    assert "/heard: tf knows no way from 'microphones' to 'base_link'" in problem
+    quat = Rotation.from_euler("z", -50.0, degrees=True).as_quat(scalar_first=True)
+    stage.tf(transform("microphones", [0, 0, 1], quat, "base_link"))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("microphones"))
+    stage.put("/heard", INT, encode(make_message(INT, data=20)))
+    (sound,), _ = told(source)
+    assert math.degrees(sound.azimuth_rad) == pytest.approx(20 - 50 + 10)
+
+
+@pytest.mark.parametrize(
+    ("type_name", "value", "why"),
+    [(INT, 1000, "is 1000: needed are degrees"), (FLOAT, 90.0, "radians"), (FLOAT, math.nan, "is nan")],
+)
+def test_a_direction_that_is_none_is_a_problem(stage, type_name, value, why):
+    source = opened(stage, sound_topic="heard", sound_type=type_name)
+    stage.put("/heard", type_name, encode(make_message(type_name, data=value)))
+    _, (problem,) = told(source)
+    assert why in problem
+
+
+def test_topics_that_nobody_sends_on_are_named(stage):
+    source = opened(stage, sound_topic="heard", point_topic="pointing", base_frame="base_link")
+    with stage.announced("/heard", INT):
+        wait_for(lambda: source._sounds.has_senders)
+        stage.now_s += 3.1
+        (notice,) = source.poll().notices
+    assert notice.event == Event.NO_SENDER
+    assert "nobody sends on /pointing (geometry_msgs/msg/PointStamped), /tf (tf2_msgs/msg/TFMessage)" in notice.text
+
+
+def test_without_a_router_it_says_so(stage):
+    stage.router.close()
+    with pytest.raises(SourceError, match="/heard: no Zenoh router answers"):
+        opened(stage, sound_topic="heard")
+
+
+@pytest.mark.parametrize(
+    ("ros2", "settings", "why"),
+    [
+        ({"point_topic": "p"}, {"attend": "nearest"}, "needs options.ros2.base_frame"),
+        ({"point_topic": "p", "base_frame": "b"}, {}, "nobody is looked away from"),
+        ({"sound_topic": "s"}, {"look_away": {"rhythm": "told"}}, "there is nobody to choose"),
+        ({"sound_topic": "s", "sound_frame": "m"}, {"attend": "speaker"}, "needs options.ros2.base_frame"),
+        ({"point_topic": "p", "base_frame": "b"}, {"attend": "nearest", "mount": {"on": "head"}}, "accepted: base"),
+        ({"sound_topic": "no topic"}, {"attend": "speaker"}, "topic 'no topic'"),
+    ],
+)
+def test_topics_that_do_not_go_with_the_settings(ros2, settings, why):
+    told = LiveSettings(source="ros4hri", options=RobotOptions(ros2=Ros2Options(**ros2)), **settings)
+    with pytest.raises(SettingsError, match=why):
+        make_telling(told, load_neck("reference"), RealClock(), mounted=True)
+
+
+def test_a_simulated_clock_hears_nothing():
+    told = LiveSettings(source="replay", attend="speaker", options=RobotOptions(ros2=Ros2Options(sound_topic="heard")))
+    with pytest.raises(SettingsError, match="ROS 2 keeps real time"):
+        make_telling(told, load_neck("reference"), SimulatedClock(), mounted=False)
+
+
+def test_the_mount_says_where_the_base_frame_is(stage):
+    mount = {"position_m": (0.0, 0.0, -1.0), "roll_pitch_yaw_deg": (0.0, 0.0, 90.0)}
+    ros2 = Ros2Options(endpoint=stage.network.endpoint, point_topic="p", base_frame="base_link")
+    settings = LiveSettings(source="ros4hri", attend="nearest", mount=mount, options=RobotOptions(ros2=ros2))
+    source = stage.listening(make_telling(settings, load_neck("reference"), RealClock(), mounted=True))
+    stage.put("/p", POINT, point("base_link", [1, 0, 1]))
+    (glance,), _ = told(source)
+    np.testing.assert_allclose(glance.target_base_m, [0, 1, 0], atol=1e-9)

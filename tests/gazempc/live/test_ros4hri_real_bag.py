@@ -1,0 +1,84 @@
+"""What real ROS4HRI nodes sent, once more on the wire: the source sees what they meant."""
+
+import numpy as np
+from builders.ros2_network import wait_for
+from builders.ros2_tf import Stage
+from rosbags.rosbag2 import Reader
+
+from gazempc.live.sources.ros4hri import Ros4HriPeople
+from gazempc.recordings.readers.bag import read_bag_tracks
+from gazempc.ros2.wire import decode
+
+NAME, PEOPLE = "2p_AA_FV_eng_1", {"eloek", "ghfbv"}
+SHOWN_S = 1.8
+# Of two people at 30 frames a second.
+LEAST = 90
+READ = ("tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String")
+
+
+def first_messages(path):
+    """Topic, type, time of recording and bytes of what was sent in the first moments."""
+    with Reader(path) as bag:
+        found = [(c.topic, c.msgtype, 1e-9 * ns, raw) for c, ns, raw in bag.messages() if c.msgtype in READ]
+    return [message for message in found if message[2] <= found[0][2] + SHOWN_S]
+
+
+def seen_live(messages, base_frame):
+    """Observations of all people, with times as recorded."""
+    stage, start_s = Stage(), messages[0][2]
+    found, problems = [], []
+    try:
+        stage.now_s = 0.0
+        for topic, type_name, *_ in messages:
+            stage.sends(topic, type_name)
+        source = stage.listening(
+            Ros4HriPeople(stage.clock_s, lambda unix_s: unix_s - start_s, stage.network, base_frame)
+        )
+
+        def poll():
+            arrived = source.poll()
+            found.extend(sighting.observation for sighting in arrived.sightings)
+            problems.extend(arrived.problems)
+
+        tf = stage.sends("/tf", READ[0])
+        wait_for(lambda: tf.matching_status.matching)
+        for topic, type_name, at_s, raw in messages:
+            stage.now_s = at_s - start_s
+            stage.sends(topic, type_name).put(raw)
+            poll()
+        wait_for(lambda: poll() or len(found) >= LEAST)
+    finally:
+        stage.close()
+    return found, problems, start_s
+
+
+def test_faces_are_where_the_recording_has_them(bags_dir):
+    messages = first_messages(bags_dir / NAME)
+    found, problems, start_s = seen_live(messages, None)
+    assert problems == []
+    tracks = read_bag_tracks(bags_dir / NAME)
+    times_s = np.concatenate([track.times_s for track in tracks]) - start_s
+    position_m = np.concatenate([track.position_m for track in tracks])
+    for seen in found:
+        at = abs(times_s - seen.capture_time_s) < 1e-4
+        error_m = np.linalg.norm(position_m[at] - seen.head_position_base_m, axis=1)
+        assert error_m.min() < 1e-9
+    assert {seen.person_id for seen in found[len(found) // 2 :]} == PEOPLE
+
+
+def test_in_the_frame_of_the_map_they_are_where_the_person_manager_put_them(bags_dir):
+    messages = first_messages(bags_dir / NAME)
+    found, _, start_s = seen_live(messages, "map")
+    errors_m = []
+    for _, type_name, _, raw in messages:
+        for told in decode(raw, type_name).transforms if type_name == READ[0] else ():
+            person = told.child_frame_id.removeprefix("person_")
+            at_s = told.header.stamp.sec + 1e-9 * told.header.stamp.nanosec - start_s
+            place = told.transform.translation
+            # It tells where a face was a moment ago, with a stamp of now.
+            near = [s for s in found if s.person_id == person and -0.1 < at_s - s.capture_time_s < 0.3]
+            if person in PEOPLE and near:
+                here_m = np.array([place.x, place.y, place.z])
+                errors_m.append(min(np.linalg.norm(s.head_position_base_m - here_m) for s in near))
+    assert len(errors_m) > 15
+    assert np.median(errors_m) < 1e-3
