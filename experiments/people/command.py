@@ -2,21 +2,30 @@
 
 Two synthetic walkers cross, 0.3 to 1.5 m behind each other, under each sensor. With `--tracks FOLDER` crowds are made
 of recorded head tracks, too. Each is followed by gazempc and by plain nearest neighbour; no sensor tells names. With
-`--returns` it measures how late contact is back after a look away.
+`--bags FOLDER` it is judged who is engaged. `--parts` measures looks away from people who stand and walk (`returns`),
+their durations and intervals (`schedule`), and switches between two people (`switches`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 
 from experiments.engine.command import parse, run_command
-from experiments.people.crossing import TRACKERS, cross
-from experiments.people.crowds import CrowdScore, crowd_of, score
-from experiments.people.returns import CONTROLLERS, return_late_s, row
+from experiments.people.tables import (
+    crossing_table,
+    crowd_table,
+    engaged_table,
+    return_table,
+    schedule_table,
+    switch_table,
+)
 from gazempc.settings import Settings
+
+Part = Literal["crossing", "returns", "schedule", "switches"]
 
 
 class PeopleStudySettings(Settings):
@@ -32,8 +41,10 @@ class PeopleStudySettings(Settings):
     )
     people_per_s: tuple[float, ...] = Field(default=(1.0, 2.0), description="How many enter a crowd in a second")
     most: int = Field(default=60, ge=2, description="People in a crowd, at most")
-    returns: bool = Field(default=False, description="Measure how late contact is back after a look away, too")
-    every: int = Field(default=6, ge=1, description="For that, one of so many synthetic walks")
+    bags: Path | None = Field(default=None, description="Folder of ROS 2 bags whose names say who is engaged")
+    parts: tuple[Part, ...] = Field(default=("crossing",), description="What is measured")
+    every: int = Field(default=6, ge=1, description="For returns: one of so many synthetic walks")
+    seconds: float = Field(default=1000.0, ge=30.0, le=3000.0, description="For schedule: length of each talk")
     out: Path = Field(default=Path("out/people"), description="Folder to write to")
 
 
@@ -50,77 +61,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(settings: PeopleStudySettings) -> int:
-    text = crossing_table(settings)
+    measure = {
+        "crossing": lambda: crossing_table(settings.sensors, settings.seeds),
+        "returns": lambda: return_table(settings.every),
+        "schedule": lambda: schedule_table(settings.seconds),
+        "switches": switch_table,
+    }
+    tables = [measure[part]() for part in settings.parts]
     if settings.tracks is not None:
-        text += "\n\n" + crowd_table(settings, settings.tracks)
-    if settings.returns:
-        text += "\n\n" + return_table(settings)
+        crowds, rates, sensor = settings.crowds, settings.people_per_s, settings.sensors[0]
+        tables.append(crowd_table(settings.tracks, crowds, rates, settings.most, sensor))
+    if settings.bags is not None:
+        tables.append(engaged_table(settings.bags))
+    text = "\n\n".join(tables)
     settings.out.mkdir(parents=True, exist_ok=True)
     path = settings.out / "report.md"
     path.write_text(f"{text}\n", encoding="utf-8")
     print(f"{text}\n\n{path}")
     return 0
-
-
-def crossing_table(settings: PeopleStudySettings) -> str:
-    """Let pairs cross.
-
-    Args:
-        settings: Sensors and number of pairs.
-
-    Returns:
-        A table: of how many pairs somebody has the other's identity afterwards, or a new one.
-    """
-    rows = []
-    for sensor in settings.sensors:
-        for tracker in TRACKERS:
-            each = [cross(seed, sensor, tracker) for seed in range(settings.seeds)]
-            swapped, renewed = (100.0 * sum(values) / len(each) for values in zip(*each, strict=True))
-            rows.append([Path(sensor).stem, tracker, f"{swapped:.0f}", f"{renewed:.0f}"])
-    return f"{settings.seeds} pairs who cross\n\n" + _table(
-        ["sensor", "tracker", "identities swapped [%]", "identities renewed [%]"], rows
-    )
-
-
-def crowd_table(settings: PeopleStudySettings, folder: Path) -> str:
-    """Follow crowds under the first sensor.
-
-    Args:
-        settings: Which crowds.
-        folder: Folder of the tracks.
-
-    Returns:
-        A table of their scores.
-    """
-    rows: list[list[str]] = []
-    for crowd in settings.crowds:
-        for people_per_s in settings.people_per_s:
-            walks = crowd_of(folder, crowd, people_per_s, settings.most)
-            rows.extend(_row(found, people_per_s) for found in score(crowd, walks, settings.sensors[0], 0))
-    return f"Crowds of recorded people, sensor {settings.sensors[0]}\n\n" + _table(
-        ["crowd", "people a second", "people", "at once", "tracker", "MOTA", "IDF1", "switches"], rows
-    )
-
-
-def return_table(settings: PeopleStudySettings) -> str:
-    """Look away once from each walker.
-
-    Args:
-        settings: How many walks.
-
-    Returns:
-        A table: how late contact is back.
-    """
-    rows = [row(name, return_late_s(name, settings.every, "reference")) for name in CONTROLLERS]
-    return "Contact back after a look away, neck reference\n\n" + _table(
-        ["controller", "median after plan [ms]", "90 % within [ms]", "walks without"], rows
-    )
-
-
-def _row(found: CrowdScore, people_per_s: float) -> list[str]:
-    scores = [f"{found.mota:.3f}", f"{found.idf1:.3f}", str(found.switches)]
-    return [found.crowd, f"{people_per_s:g}", str(found.people), str(found.at_once), found.tracker, *scores]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join(["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)])

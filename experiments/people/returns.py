@@ -40,20 +40,23 @@ def return_late_s(controller: str, every: int, neck: str) -> list[float]:
     return found
 
 
-def row(controller: str, late_s: Sequence[float]) -> list[str]:
+def row(controller: str, neck: str, late_s: Sequence[float]) -> list[str]:
     """A row of the table.
 
     Args:
         controller: Name of the controller.
+        neck: Name of the neck.
         late_s: Of each walk.
 
     Returns:
-        Controller, median, 90 % within, and number of walks after which contact was never back.
+        Controller, neck, median, 90 % within, number of walks, and of those after which contact was never back.
     """
     ms = 1e3 * np.array(late_s)
     return [
         controller,
+        neck,
         f"{np.median(ms):.0f}",
         f"{np.percentile(ms, 90, method='inverted_cdf'):.0f}",
+        str(ms.size),
         str(int(np.isinf(ms).sum())),
     ]

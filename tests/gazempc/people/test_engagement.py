@@ -10,7 +10,6 @@ from gazempc.people.company import Company
 from gazempc.people.engagement import WINDOW_S, Engagement, visual_engagement
 from gazempc.people.person import PersonState
 from gazempc.people.policies import Engaged
-from gazempc.recordings.together import load_together
 
 
 def watcher(distance_m, off_deg=0.0, number=1):
@@ -56,22 +55,3 @@ def test_who_is_engaged_comes_before_who_is_nearer():
     for k in range(120):
         scores = policy.scores(Company(k / 20, (near, far)))
         assert np.argmax(scores) == (1 if k / 20 >= WINDOW_S else 0)
-
-
-def test_people_on_recordings_are_engaged_or_not_as_their_names_say(bags_dir):
-    """At least 95 % of the decided time; the name of a bag says what its people do."""
-    right_s = wrong_s = 0.0
-    for folder in sorted(path for path in bags_dir.iterdir() if path.is_dir()):
-        for walk in load_together(folder):
-            engagement, track = Engagement(), walk.measured
-            for k, time_s in enumerate(walk.times_s):
-                quat = track.head_quat_wxyz[k]
-                state = PersonState(1, None, time_s, track.head_position_m[k], np.zeros(3), quat, time_s, 0.0)
-                engaged = engagement.update(Company(float(time_s), (state,)))[1]
-                step_s = 0.0 if k == 0 else time_s - walk.times_s[k - 1]
-                if engaged is not None and engaged == ("eng" in folder.name):
-                    right_s += step_s
-                elif engaged is not None:
-                    wrong_s += step_s
-    assert right_s + wrong_s > 60.0
-    assert right_s / (right_s + wrong_s) >= 0.95

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from builders.standing import standing_together
-from ruckig import InputParameter, Ruckig, Trajectory
 
+from experiments.people.standing import least_time_s
 from gazempc.people.policies import Nearest
 from gazempc.results.attention import measure_attention
 from gazempc.results.limits import limit_violations
@@ -27,20 +27,6 @@ def wants(monkeypatch, second_from_s):
     monkeypatch.setattr(Nearest, "scores", scores)
 
 
-def least_time_s(neck, angle_rad, within_rad):
-    """Of a motion from rest to rest, until it is within some angle of its end, behind dead time and lag."""
-    asked, limits = InputParameter(1), neck.command_limits
-    asked.current_position, asked.target_position = [0.0], [angle_rad]
-    asked.max_velocity = [limits.velocity_max_rad_s[0]]
-    asked.max_acceleration = [limits.acceleration_max_rad_s2[0]]
-    asked.max_jerk = [limits.jerk_max_rad_s3[0]]
-    motion = Trajectory(1)
-    Ruckig(1).calculate(asked, motion)
-    times_s = np.linspace(0.0, motion.duration, 1000)
-    left_rad = np.array([angle_rad - motion.at_time(time_s)[0][0] for time_s in times_s])
-    return times_s[left_rad <= within_rad][0] + neck.dead_time_s[0] + neck.servo_lag_s[0]
-
-
 @pytest.mark.parametrize("controller", ["mpc", "lookahead"])
 def test_a_switch_arrives_early_and_passes_nobody_by_more_than_a_degree(controller, monkeypatch):
     wants(monkeypatch, lambda time_s: time_s >= WANTED_FROM_S)
@@ -54,7 +40,7 @@ def test_a_switch_arrives_early_and_passes_nobody_by_more_than_a_degree(controll
     at = np.searchsorted(log.time_s, switched_s)
     away_deg = gaze_error_deg(log)[at]
     assert away_deg > 60.0
-    least_s = least_time_s(log.neck, np.radians(away_deg), np.radians(2.6))
+    least_s = least_time_s(log.neck, away_deg)
     assert found.time_to_contact_after_switch_s < least_s + 0.12
     assert limit_violations(log, log.neck) == 0
 
