@@ -1,4 +1,4 @@
-"""Where lines of text go: a UDP address, a ROS 2 topic, or a file."""
+"""Where lines of `--attention-out` go: a UDP address, a ROS 2 topic, or a file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from gazempc.ros2.node import Ros2Node
 from gazempc.ros2.topics import Publication
 from gazempc.ros2.wire import Ros2Network, WireError, make_message, topic_name
 
-ACCEPTED = "udp:HOST:PORT, ros2:TOPIC, or a file FILE.jsonl"
+_OPTION = "--attention-out"
+_ACCEPTED = "udp:HOST:PORT, ros2:TOPIC, or a file FILE.jsonl"
 _NODE_NAME = "gazempc_attention"  # this program in the graph of ROS 2
 _TEXT = "std_msgs/msg/String"
 
@@ -53,7 +54,7 @@ class UdpSink:
             self._to = address
         except (OSError, UnicodeError) as error:  # the last one: a name with an empty part
             why = getattr(error, "strerror", None) or error
-            raise SettingsError(f"udp:{self._host}:{self._port}: {why}") from None
+            raise SettingsError(f"{_OPTION} udp:{self._host}:{self._port}: {why}") from None
 
     def send(self, line: str) -> None:
         """See `Sink.send`."""
@@ -90,7 +91,7 @@ class Ros2Sink:
             self._publication = self._node.publication(self._topic, _TEXT, latched=True)
         except WireError as error:
             self.close()
-            raise SettingsError(f"ros2:{self._topic}: {error}") from None
+            raise SettingsError(f"{_OPTION} ros2:{self._topic}: {error}") from None
 
     def send(self, line: str) -> None:
         """See `Sink.send`."""
@@ -123,7 +124,7 @@ class FileSink:
         try:
             self._file = self._path.open("w", encoding="utf-8")
         except OSError as error:
-            raise SettingsError(f"{self._path}: cannot be written: {error.strerror or error}") from None
+            raise SettingsError(f"{_OPTION} {self._path}: cannot be written: {error.strerror or error}") from None
 
     def send(self, line: str) -> None:
         """See `Sink.send`."""
@@ -160,4 +161,4 @@ def make_sink(word: str, network: Ros2Network) -> Sink:
         return Ros2Sink(address, network)
     elif word.endswith(".jsonl"):
         return FileSink(Path(word))
-    raise SettingsError(f"{word!r} is no place for lines; accepted: {ACCEPTED}")
+    raise SettingsError(f"{_OPTION} {word}: no such place; accepted: {_ACCEPTED}")

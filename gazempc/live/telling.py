@@ -33,7 +33,7 @@ def make_telling(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounte
         return None
     named = "options.ros2.point_topic" if ros2.point_topic is not None else "options.ros2.sound_topic"
     if not isinstance(clock, RealClock):
-        raise SettingsError(f"{named}: ROS 2 keeps real time; without the simulated clock it is accepted")
+        raise SettingsError(f"{named}: ROS 2 keeps real time; accepted without --simulated-clock")
     if ros2.point_topic is not None and not settings.several:
         raise SettingsError(f"{named}: nobody is looked away from; accepted with attend, or look_away.rhythm told")
     if ros2.sound_topic is not None and settings.attend is None:

@@ -123,16 +123,14 @@ class Ros2Node:
                 )
             else:
                 subscriber = self._session.declare_subscriber(key, ring(WAITING_MAX))
-            digest = type_hash(type_name, self._network.humble)
-            entity = f"{topic.replace('/', '%')}/{dds_name(type_name)}/{digest}"
-            sent = f"@ros2_lv/{self._network.domain_id}/*/*/*/MP/*/*/*/{entity}/*"
-            senders = None
+            announced = None
             if _ANY not in topic:
-                senders = self._session.liveliness().declare_subscriber(sent, ring(WAITING_MAX), history=True)
+                sent = f"@ros2_lv/{self._network.domain_id}/*/*/*/MP/*/*/*/{topic.replace('/', '%')}/*/*/*"
+                announced = self._session.liveliness().declare_subscriber(sent, ring(WAITING_MAX), history=True)
         if _ANY not in topic:
             # Who listens to topics by a pattern has no entry in the graph.
             self._declare_topic("MS", topic, type_name, _QOS_LATCHED if latched else _QOS)
-        return Subscription(subscriber, type_name, senders)
+        return Subscription(subscriber, type_name, type_hash(type_name, self._network.humble), announced)
 
     def why_nobody(self, kind: str, topic: str, type_name: str) -> str:
         """Why this topic finds no other side, for people to read; takes up to a second.

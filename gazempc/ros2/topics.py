@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from gazempc.ros2.wire import WireError, attachment, decode, encode
+from gazempc.ros2.wire import WireError, attachment, decode, encode, ros_name
 
 # The newest count; a message that has waited for so many others to be read is out of date.
 WAITING_MAX = 256
@@ -51,15 +51,23 @@ class Publication:
 class Subscription:
     """A topic that is listened to; made by `Ros2Node`.
 
+    Args:
+        subscriber: Of Zenoh.
+        type_name: Of its messages.
+        digest: Hash of this type.
+        announced: Subscriber to what senders on this topic say of themselves; None for several topics.
+
     Attributes:
         type_name: Of its messages.
     """
 
-    def __init__(self, subscriber: Any, type_name: str, announced: Any) -> None:
+    def __init__(self, subscriber: Any, type_name: str, digest: str, announced: Any) -> None:
         self._subscriber = subscriber
         self.type_name = type_name
+        self._digest = digest
         self._announced = announced
-        self._senders: set[str] = set()
+        # Type and its hash of each.
+        self._senders: dict[str, tuple[str, str]] = {}
         self._heard = False
 
     def take(self) -> list[Any | WireError]:
@@ -90,10 +98,24 @@ class Subscription:
     @property
     def has_senders(self) -> bool:
         """Whether any node says that it sends on this topic with this type, or did send without a word of that."""
+        self._listen_to_senders()
+        return self._heard or (self.type_name, self._digest) in self._senders.values()
+
+    @property
+    def other_types(self) -> tuple[str, ...]:
+        """Types with which others send on this topic, so that nothing arrives."""
+        self._listen_to_senders()
+        others = {sent for sent in self._senders.values() if sent != (self.type_name, self._digest)}
+        return tuple(sorted(name if name != self.type_name else f"another {name}" for name, _ in others))
+
+    def _listen_to_senders(self) -> None:
         with contextlib.suppress(Exception):
             while self._announced is not None and (sample := self._announced.try_recv()) is not None:
                 # From now on what senders say of themselves is all that counts.
                 self._heard = False
-                came = sample.kind == sample.kind.PUT
-                (self._senders.add if came else self._senders.discard)(str(sample.key_expr))
-        return self._heard or bool(self._senders)
+                entity = str(sample.key_expr)
+                if sample.kind == sample.kind.PUT:
+                    type_name, digest = entity.split("/")[10:12]
+                    self._senders[entity] = ros_name(type_name), digest
+                else:
+                    self._senders.pop(entity, None)

@@ -43,5 +43,10 @@ class DeadTopics:
         newly, self._dead = sorted(dead - self._dead), dead
         if not newly:
             return ()
-        named = ", ".join(f"{name} ({self._topics[name].type_name})" for name in newly)
+        named = ", ".join(map(self._named, newly))
         return (Notice(Event.NO_SENDER, f"nobody sends on {named}: is that node active, in this domain?", 0),)
+
+    def _named(self, name: str) -> str:
+        others = self._topics[name].other_types
+        but = f", but somebody does as {' and '.join(others)}" if others else ""
+        return f"{name} as {self._topics[name].type_name}{but}"

@@ -2,16 +2,23 @@
 
 import json
 import socket
+import threading
 import time
 
+import numpy as np
 import pytest
+from builders.bags import face_rows, write_bag
 from builders.ports import free_port
 from builders.ros2_network import wait_for
 from builders.ros2_tf import Stage
 
 from gazempc.errors import SettingsError
+from gazempc.live import command
+from gazempc.live.build import build
 from gazempc.live.clock import RealClock, SimulatedClock
 from gazempc.live.outlet import AttentionOutlet, attention_sink
+from gazempc.live.parts import Keeping
+from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.sinks import FileSink, Ros2Sink, UdpSink, make_sink
 from gazempc.people.state import AttentionState
@@ -134,6 +141,22 @@ def test_a_file_begins_anew(tmp_path):
     sink.close()
 
 
+def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
+    """On a full disk, say: an event of the log with the reason; the next line is written."""
+    times_s = np.arange(40) / 30.0
+    bag = write_bag(tmp_path / "bag", face_rows("face_a", 1e9 + times_s, [2.0, 0.3, 0.3], "camera_link"))
+    words = ["--source", f"bag:{bag}", "--simulated-clock", "--attend", "nearest"]
+    built = build(command.parse([*words, "--controller", "lookahead", "--predictor", "constant_velocity"]))
+    sink, logs = Gathered(fails=[False, True]), []
+    with AttentionOutlet(sink, built.parts.clock) as outlet:
+        run = LiveRun(built.parts, Keeping(built.about, lambda log, _: logs.append(log), tell=outlet.tell))
+        run.run(threading.Event())
+    assert [each["why"] for each in sink.lines] == ["nobody", "ended"]
+    assert run.logs.events["attention_not_sent"] == 1
+    assert "No space left on device" in next(f.line for f in run.logs.faults if f.event == "attention_not_sent")
+    assert logs[0].attended_person.tolist() == [1]
+
+
 @pytest.mark.parametrize("word", ["udp:5005", "udp:host:0", "udp:host:x", "ros2:", "attention.json", "tcp:host:1"])
 def test_what_is_no_place(word):
     with pytest.raises(SettingsError, match=r"accepted: udp:HOST:PORT, ros2:TOPIC, or a file FILE\.jsonl"):
@@ -156,7 +179,7 @@ def test_places_that_cannot_be_opened(tmp_path):
     [
         ({}, "there is one person"),
         ({"attend": "nearest", "simulated_clock": True}, "ROS 2 keeps real time"),
-        ({"attend": "nearest", "attention_out": "here"}, "'here' is no place"),
+        ({"attend": "nearest", "attention_out": "here"}, "--attention-out here: no such place"),
     ],
 )
 def test_settings_that_do_not_go_together(settings, why):

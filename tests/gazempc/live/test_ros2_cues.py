@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from builders.ros2_network import wait_for
-from builders.ros2_tf import OPTICAL, Stage, header, polled, transform
+from builders.ros2_tf import OPTICAL, TF, Stage, header, polled, transform
 from builders.ros2_wire import NOW_S
 from scipy.spatial.transform import Rotation
 
@@ -23,6 +23,7 @@ from gazempc.robots.options import RobotOptions, Ros2Options
 from gazempc.ros2.wire import encode, make_message
 
 POINT, INT, FLOAT = "geometry_msgs/msg/PointStamped", "std_msgs/msg/Int32", "std_msgs/msg/Float32"
+POSE = "geometry_msgs/msg/PoseStamped"
 
 
 @pytest.fixture
@@ -163,12 +164,12 @@ def test_a_direction_that_is_none_is_a_problem(stage, type_name, value, why):
 
 def test_topics_that_nobody_sends_on_are_named(stage):
     source = opened(stage, sound_topic="heard", point_topic="pointing", base_frame="base_link")
-    with stage.announced("/heard", INT):
-        wait_for(lambda: source._sounds.has_senders)
+    with stage.announced("/heard", INT), stage.announced("/pointing", POSE):
+        wait_for(lambda: source._sounds.has_senders and source._points.other_types)
         stage.now_s += 3.1
         (notice,) = source.poll().notices
     assert notice.event == Event.NO_SENDER
-    assert "nobody sends on /pointing (geometry_msgs/msg/PointStamped), /tf (tf2_msgs/msg/TFMessage)" in notice.text
+    assert f"nobody sends on /pointing as {POINT}, but somebody does as {POSE}, /tf as {TF}: is" in notice.text
 
 
 def test_without_a_router_it_says_so(stage):

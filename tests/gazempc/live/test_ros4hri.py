@@ -239,7 +239,7 @@ def test_that_nobody_sends_is_said_once_and_again_when_the_sender_has_gone(stage
     stage.now_s += 3.1
     (notice,) = source.poll().notices
     assert (notice.event, notice.count) == (Event.NO_SENDER, 0)
-    assert "nobody sends on /tf (tf2_msgs/msg/TFMessage)" in notice.text
+    assert "nobody sends on /tf as tf2_msgs/msg/TFMessage: is" in notice.text
     node = stage.announced("/tf", TF)
     wait_for(lambda: source._tf.moving.has_senders)
     stage.now_s += 3.1
