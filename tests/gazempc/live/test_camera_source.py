@@ -252,7 +252,7 @@ def test_a_video_is_played_at_its_own_pace_and_the_program_uses_it(tmp_path):
     log = load_log(tmp_path / "out" / "log_000.npz")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["used"] == log.capture_time_s.size
-    assert summary["warnings"] == []
+    assert [said for said in summary["warnings"] if not said.startswith("low_frame_rate")] == []  # a busy machine's
     assert log.capture_time_s.size >= 2  # a busy machine leaves pictures out, and does not delay them
     times_s = log.capture_time_s - log.capture_time_s[0]
     frames = np.round(times_s * 15)
