@@ -61,13 +61,21 @@ class HeadFrames:
 
     Args:
         transforms: The tree.
+        is_tracked: Whether a face or body, by the tracker's name, is somebody who is tracked.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         base_frame: Frame that heads are given in. Without it that of the sensor, with optical axes turned to x forward;
             then all heads must be in one frame.
     """
 
-    def __init__(self, transforms: Transforms, to_loop_s: Callable[[float], float], base_frame: str | None) -> None:
-        self._transforms, self._to_loop_s, self._base_frame = transforms, to_loop_s, base_frame
+    def __init__(
+        self,
+        transforms: Transforms,
+        is_tracked: Callable[[Kind, str], bool],
+        to_loop_s: Callable[[float], float],
+        base_frame: str | None,
+    ) -> None:
+        self._transforms, self._is_tracked = transforms, is_tracked
+        self._to_loop_s, self._base_frame = to_loop_s, base_frame
         self._sensor_frame: str | None = None
         self._waiting: deque[_Waiting] = deque(maxlen=_WAITING_MAX)
 
@@ -104,11 +112,12 @@ class HeadFrames:
         return self._in_frame(found) if found else [], problems
 
     def _is_head(self, name: str) -> bool:
-        found = _KIND.fullmatch(name)
-        if not found or not is_person(name):
+        if not _KIND.fullmatch(name) or not is_person(name):
             return False
+        kind, part_id = _kind_and_id(name)
         # Of a skeleton with a head the hips are of no use.
-        return found[1] != "body" or not self._transforms.knows(f"head_{found[2]}")
+        counts = kind != "body" or not self._transforms.knows(f"head_{part_id}")
+        return counts and self._is_tracked(kind, part_id)
 
     def _seen_from(self, name: str) -> str:
         if self._base_frame is not None:

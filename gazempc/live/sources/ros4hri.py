@@ -57,7 +57,7 @@ class Ros4HriPeople:
         except WireError as error:
             self.close()
             raise SourceError(f"ROS4HRI: {error}") from None
-        self._heads = HeadFrames(self._tf.transforms, self._to_loop_s, self._base_frame)
+        self._heads = HeadFrames(self._tf.transforms, self._ids.is_tracked, self._to_loop_s, self._base_frame)
         self._dead = DeadTopics({self._tf.topic: self._tf.moving}, self._clock_s())
 
     def poll(self) -> Arrived:
@@ -97,9 +97,7 @@ class Ros4HriPeople:
         self._faces = {}
 
     def _observation(self, head: HeadInFrame) -> HeadObservation | None:
-        """A head that counts; None for one that is not tracked any more, or whose face is seen."""
-        if not self._ids.is_tracked(head.kind, head.part_id):
-            return None
+        """A head that counts; None for one whose face is seen."""
         captured_s = head.captured_s
         self._faces = {name: face for name, face in self._faces.items() if captured_s - face[0] <= _FACE_COUNTS_S}
         if head.kind == "face":

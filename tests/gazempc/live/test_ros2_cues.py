@@ -1,6 +1,7 @@
 """Points and sounds of ROS 2 topics as cues, and what of them cannot be used."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError
 from gazempc.live.clock import RealClock, SimulatedClock
+from gazempc.live.gaze_parts import check_settings, make_parts
+from gazempc.live.parts import Keeping
 from gazempc.live.settings import LiveSettings
 from gazempc.live.sources.ros2_cues import Ros2Cues
 from gazempc.live.sources.source import SourceError
@@ -193,6 +196,28 @@ def test_topics_that_do_not_go_with_the_settings(ros2, settings, why):
     told = LiveSettings(source="ros4hri", options=RobotOptions(ros2=Ros2Options(**ros2)), **settings)
     with pytest.raises(SettingsError, match=why):
         make_telling(told, load_neck("reference"), RealClock(), mounted=True)
+
+
+def test_a_gaze_from_python_hears_them_too(stage):
+    ros2 = {"endpoint": stage.network.endpoint, "sound_topic": "heard"}
+    settings = check_settings({"attend": "speaker", "options": {"ros2": ros2}})
+    parts = make_parts("reference", "simulated", "lookahead", "constant_velocity", settings)
+    run = parts.run(Keeping(parts.about, lambda log, times: None))
+    stop = threading.Event()
+    try:
+        assert run.start(stop)
+        serving = threading.Thread(target=run.serve, args=(stop, 5.0))
+        serving.start()
+        stage.put("/heard", INT, encode(make_message(INT, data=20)))
+        stage.put("/heard", INT, b"hello")
+        wait_for(lambda: "bad_observation" in run.logs.events)
+        stop.set()
+        serving.join()
+    finally:
+        run.close()
+    (sound,) = parts.several.several.attention._sounds
+    assert math.degrees(sound.azimuth_rad) == pytest.approx(20)
+    assert "/heard: not a std_msgs/msg/Int32" in run.report.problems[0]
 
 
 def test_a_simulated_clock_hears_nothing():
