@@ -55,8 +55,12 @@ def row(controller: str, neck: str, late_s: Sequence[float]) -> list[str]:
     return [
         controller,
         neck,
-        f"{np.median(ms):.0f}",
-        f"{np.percentile(ms, 90, method='inverted_cdf'):.0f}",
+        _said(float(np.median(ms))),
+        _said(float(np.percentile(ms, 90, method="inverted_cdf"))),
         str(ms.size),
         str(int(np.isinf(ms).sum())),
     ]
+
+
+def _said(ms: float) -> str:
+    return f"{ms:.0f}" if np.isfinite(ms) else "never"

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # Paul Tol's light scheme, for colour-blind people, too. Controllers have none of it, nor has contact.
 _COLOURS = ("#EEDD88", "#99DDFF", "#FFAABB", "#BBCC33", "#EE8866", "#AAAA00")
-_NOBODY = "0.88"
+_NOBODY = "#E0E0E0"
 _WHY = {"policy": "chosen", "left": "the one before left"}
 _HATCH, _BOX = "////", {"fc": "w", "ec": "none", "pad": 1.0}
 
@@ -158,7 +158,7 @@ def person_colour(number: int) -> str:
         number: Which person; 0 for nobody.
 
     Returns:
-        A colour as matplotlib takes it.
+        A colour as matplotlib and CSS take it.
     """
     return _COLOURS[(number - 1) % len(_COLOURS)] if number else _NOBODY
 

@@ -35,6 +35,23 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class Span:
+    """A part of the axis.
+
+    Attributes:
+        start: Where it begins.
+        end: Where it ends.
+        name: What it is.
+        colour: CSS colour of a bar along the top; empty for a grey ground.
+    """
+
+    start: float
+    end: float
+    name: str
+    colour: str = ""
+
+
+@dataclass(frozen=True)
 class Chart:
     """Curves over one axis.
 
@@ -44,7 +61,7 @@ class Chart:
         y_label: Name and unit.
         curves: The curves; the first ones are drawn below the others.
         levels: Heights of horizontal lines, with their names.
-        shaded_to: The chart is grey up to this x.
+        spans: Parts of the axis that are marked.
     """
 
     title: str
@@ -52,7 +69,7 @@ class Chart:
     y_label: str
     curves: tuple[Curve, ...]
     levels: tuple[tuple[float, str], ...] = ()
-    shaded_to: float | None = None
+    spans: tuple[Span, ...] = ()
 
     def dash(self, index: int) -> str:
         """Dashes of a curve, as SVG takes them."""
@@ -64,7 +81,7 @@ class Chart:
             "x": self.x_label,
             "y": self.y_label,
             "levels": self.levels,
-            "shaded": self.shaded_to,
+            "spans": [vars(span) for span in self.spans],
             "curves": [
                 {"label": c.label, "dash": self.dash(i), **_points(c)} | ({"names": c.names} if c.names else {})
                 for i, c in enumerate(self.curves)

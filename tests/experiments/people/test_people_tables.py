@@ -58,7 +58,7 @@ def test_the_tables_of_returns_have_each_controller_standing_and_walking(talks):
         ["mpc", "slow"],
     ]
     assert all(float(late) == pytest.approx(100.0, abs=6.0) for _, _, late, _ in rows[:5])
-    assert rows[5] == ["reactive", "reference", "20", "inf", "3", "1"]
+    assert rows[5] == ["reactive", "reference", "20", "never", "3", "1"]
 
 
 @pytest.mark.slow

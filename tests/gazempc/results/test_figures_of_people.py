@@ -122,6 +122,14 @@ def test_pictures_are_drawn(log, tmp_path):
 def test_the_report_says_whom_the_gaze_was_for(log):
     page = run_page({"mpc": log}, [measured_again(log)], [], MEANINGS, [], "command", {})
     _, metrics, line = page.tables
+    [chart] = page.charts
+    assert [(span.start, span.end, span.name) for span in chart.spans] == [
+        (0.0, 1.0, "not scored"),
+        (pytest.approx(5.0, abs=0.006), pytest.approx(6.5, abs=0.006), "looks away"),
+        (0.5, 4.0, "person 1: chosen"),
+        (4.0, 8.0, "person 2: the one before left"),
+        (8.0, 10.0, "nobody"),
+    ]
     assert dict(metrics.rows)["switches a minute"] == "6"
     assert line.rows == (
         ("0.50", "4.00", "person 1: chosen"),

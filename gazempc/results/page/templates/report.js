@@ -10,7 +10,7 @@ for (const figure of document.querySelectorAll("figure.chart")) {
   const all = data.curves.flatMap((curve) => [curve.xs[0], curve.xs[curve.xs.length - 1]]).filter(Number.isFinite);
   const whole = all.length ? [Math.min(...all), Math.max(...all)] : [0, 1];
   // Few points are results of their own: each gets a mark, and none stands on the edge.
-  const few = data.curves.every((curve) => curve.xs.length <= 200 && data.shaded === null);
+  const few = data.curves.every((curve) => curve.xs.length <= 200 && data.spans.length === 0);
   const margin = whole[0] === whole[1] ? 0.5 : few ? 0.03 * (whole[1] - whole[0]) : 0;
   whole[0] -= margin;
   whole[1] += margin;
@@ -69,9 +69,19 @@ for (const figure of document.querySelectorAll("figure.chart")) {
     const clip = `clip-${[...document.querySelectorAll("figure.chart")].indexOf(figure)}`;
     const box = { x: left, y: top, width: width - left - right, height: height - top - bottom };
     element("rect", box, element("clipPath", { id: clip }));
-    if (data.shaded !== null && data.shaded > shown[0]) {
-      element("rect", { ...box, width: Math.max(toX(data.shaded) - left, 0), class: "shade" });
-      if (toX(data.shaded) - left > 70) text("not scored", left + 6, top + 16, "start");
+    const bar = 18;
+    const lower = data.spans.some((span) => span.colour) ? bar : 0;
+    for (const span of data.spans) {
+      const [from, to] = [Math.max(toX(span.start), left), Math.min(toX(span.end), width - right)];
+      if (to <= from) continue;
+      const room = span.colour
+        ? { y: top, height: bar, style: `fill: ${span.colour}` }
+        : { y: top + lower, height: box.height - lower, class: "shade" };
+      element("rect", { ...room, x: from, width: to - from });
+      // A letter is some 7 pixels wide.
+      if (to - from < 7 * span.name.length + 12) continue;
+      const look = span.colour ? { style: "fill: #1b1b1b" } : {};
+      text(span.name, from + 6, (span.colour ? top : top + lower) + (span.colour ? 13 : 16), "start", look);
     }
     for (const x of ticks(shown, width / 110)) {
       element("line", { x1: toX(x), x2: toX(x), y1: top, y2: height - bottom, class: "grid" });
