@@ -1,1 +1,1 @@
-"""Benchmarks: medians and 99th percentiles of one run, ratios inside it; never part of a timed test."""
+"""Benchmarks: medians and 99th percentiles of one run, ratios inside it. May import all packages."""

@@ -19,9 +19,19 @@ project_copyright = "2026, The gazempc authors"
 release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 version = release
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_design", "gallery"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_design",
+    "gallery",
+    "glossary_links",
+]
 myst_enable_extensions = ["colon_fence"]
-source_suffix = {".md": "markdown"}
+# Pages of modules are made by autosummary, as reStructuredText.
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+templates_path = ["_templates"]
 exclude_patterns = ["_build"]
 default_role = "py:obj"
 nitpicky = False
@@ -34,6 +44,8 @@ html_copy_source = False
 html_static_path = ["_static"]
 html_css_files = ["pages.css"]
 
+# Each page is of one module, which is its title.
+add_module_names = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"

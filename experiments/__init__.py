@@ -1,1 +1,1 @@
-"""Comparisons and studies made with gazempc; nothing imports this package."""
+"""Comparisons and studies made with gazempc; nothing imports this package. May import gazempc."""

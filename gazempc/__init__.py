@@ -1,4 +1,4 @@
-"""Predictive gaze for robots: forecast a walking person's head, plan the neck over the forecast, measure the gaze.
+"""Predictive gaze for robots: forecast a head, plan the neck over it, measure the gaze. May import predictors.
 
     import gazempc as gz
 

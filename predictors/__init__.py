@@ -1,4 +1,4 @@
-"""Forecasts of a walking person's head: one method a file, no knowledge of robots or gaze.
+"""Forecasts of a walking person's head: one method a file. May import nothing of gazempc.
 
 Each name below is imported when it is first used: SciPy, which most of them need, takes a third of a second.
 """

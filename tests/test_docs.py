@@ -1,25 +1,23 @@
 """The documentation stays true: its code runs and prints what the pages say, its links lead somewhere."""
 
-import contextlib
-import io
 import re
 import sys
-from itertools import pairwise
 
 import pytest
-from builders.pages import DOCS, FENCE, PAGES, page
+from builders.in_process import workers_in_this_process
+from builders.page_code import code_blocks, not_printed, run_block
+from builders.pages import DOCS, FENCE, PAGES, TUTORIALS, page
 
 from gazempc.run import main as run_command
 
+WITH_PYTHON = [name for name in PAGES if "python" in {block.language for block in code_blocks(page(name))}]
 
-def code_blocks(text):
-    """Each Python block with its line and, where a text block follows at once, what it must print."""
-    fences = [*FENCE.finditer(text), None]
-    for fence, after in pairwise(fences):
-        if fence[1] != "python":
-            continue
-        follows = after is not None and after[1] == "text" and not text[fence.end() : after.start()].strip()
-        yield text.count("\n", 0, fence.start()) + 1, fence[2], after[2] if follows else None
+
+@pytest.fixture
+def in_this_process():
+    """Studies start no worker process."""
+    with workers_in_this_process():
+        yield
 
 
 @pytest.fixture
@@ -27,26 +25,41 @@ def own_folder(tmp_path, monkeypatch):
     """A working directory whose modules are forgotten after the test."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "my_parts", raising=False)  # of another test, under the pages' name
+    for name in ("my_parts", "my_gaze", "my_tracker", "my_robot"):  # of another test, under the pages' name
+        monkeypatch.delitem(sys.modules, name, raising=False)
     yield tmp_path
     for name in [n for n, m in sys.modules.items() if str(getattr(m, "__file__", "")).startswith(str(tmp_path))]:
         del sys.modules[name]
 
 
-@pytest.mark.parametrize("name", [name for name in PAGES if any(code_blocks(page(name)))])
-def test_python_blocks_run_and_print_what_the_page_says(name, own_folder):
-    """A block that begins with `# name.py` is a file of that name."""
+def run_page(name, languages):
+    """Each block of these languages, from top to bottom; each prints what the page says."""
     namespace = {"__name__": "__main__"}
-    for line, code, expected in code_blocks(page(name)):
-        if file := re.match(r"# (\w+\.py)\n", code):
-            (own_folder / file[1]).write_text(code, encoding="utf-8")
-            continue
-        printed = io.StringIO()
-        with contextlib.redirect_stdout(printed):
-            # Blank lines put an error at its line in the page.
-            exec(compile("\n" * line + code, f"docs/{name}.md", "exec"), namespace)
-        if expected is not None:
-            assert printed.getvalue().strip() == expected.strip(), f"docs/{name}.md, line {line}"
+    for block in code_blocks(page(name)):
+        if block.language in languages:
+            printed = run_block(block, f"docs/{name}.md", namespace)
+            if block.prints is not None:
+                assert not_printed(block.prints, printed) is None, f"docs/{name}.md, line {block.line}:\n{printed}"
+
+
+@pytest.mark.parametrize("name", WITH_PYTHON)
+def test_python_blocks_run_and_print_what_the_page_says(name, own_folder, in_this_process):
+    """A block that begins with `# name.py` is a file of that name."""
+    run_page(name, {"python"})
+
+
+@pytest.mark.parametrize("name", TUTORIALS)
+def test_tutorials_run_and_print_what_they_say(name, own_folder, in_this_process):
+    """Commands, too."""
+    run_page(name, {"python", "console", "yaml", "toml"})
+
+
+def test_what_is_left_out_of_a_printout():
+    printed = "a\nb\nc\nd\n"
+    for shown in ("a\nb\nc\nd", "...\nb\n...", "a\n...", "...\nd", "a\n...\nc\nd", "..."):
+        assert not_printed(shown, printed) is None, shown
+    for shown, wrong in (("b\n...", "b"), ("...\nc\nb", "b"), ("a\nb\nc", "d"), ("...\ne\n...", "e"), ("...\nc", "d")):
+        assert not_printed(shown, printed) == wrong, shown
 
 
 def test_the_quick_start_shows_what_the_command_prints(own_folder, capsys):
@@ -64,7 +77,7 @@ def test_the_quick_start_shows_what_the_command_prints(own_folder, capsys):
 
 
 def test_there_is_code_to_run():
-    assert sum(1 for name in PAGES for _ in code_blocks(page(name))) >= 15
+    assert sum(block.language == "python" for name in PAGES for block in code_blocks(page(name))) >= 15
 
 
 def test_every_page_is_in_the_toctree():
@@ -78,7 +91,11 @@ def test_every_page_is_in_the_toctree():
     assert sorted(entries) == [name for name in PAGES if name != "index"]
 
 
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", [*PAGES, *TUTORIALS])
 def test_links_between_pages_lead_somewhere(name):
     for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page(name)):
-        assert (DOCS / target).is_file(), target
+        assert ((DOCS / name).parent / target).is_file(), target
+
+
+def test_every_tutorial_is_on_the_page_of_tutorials():
+    assert sorted(re.findall(r"^tutorials/\w+$", page("tutorials"), re.MULTILINE)) == TUTORIALS

@@ -1,10 +1,10 @@
-"""No sentence of a page is longer than 30 words: many who read these pages read English as a second language."""
+"""No sentence of a page is longer than 25 words: many who read these pages read English as a second language."""
 
 import pytest
 from builders.pages import ROOT
 from builders.sentences import sentences, words
 
-LONGEST = 30
+LONGEST = 25
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -26,5 +26,5 @@ def test_what_is_a_sentence():
 
 
 def test_a_long_sentence_is_found():
-    assert too_long(f"Short. {'word ' * 31}end. Short.") == [f"{'word ' * 31}end."]
-    assert too_long(f"{'word ' * 29}end. Short.") == []
+    assert too_long(f"Short. {'word ' * 26}end. Short.") == [f"{'word ' * 26}end."]
+    assert too_long(f"{'word ' * 24}end. Short.") == []

@@ -1,1 +1,1 @@
-"""How well the camera source sees, measured on rendered pictures."""
+"""How well the camera source sees, measured on rendered pictures. May import gazempc."""

@@ -1,1 +1,1 @@
-"""What a live run does under attacks and faults."""
+"""What a live run does under attacks and faults. May import gazempc."""

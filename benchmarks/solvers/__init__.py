@@ -1,1 +1,1 @@
-"""The gaze MPC's problem, several ways to solve it, and their figures; see `benchmarks.mpc_solvers`."""
+"""The MPC's problem, several ways to solve it, and their figures. May import benchmarks and gazempc."""

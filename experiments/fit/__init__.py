@@ -1,1 +1,1 @@
-"""Fit of the predictor `walker`. May import `experiments.engine`."""
+"""Fit of the predictor `walker`. May import experiments.engine."""

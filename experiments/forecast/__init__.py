@@ -1,1 +1,1 @@
-"""Comparison of forecasts over many recordings. May import `experiments.engine`."""
+"""Comparison of forecasts over many recordings. May import experiments.engine."""

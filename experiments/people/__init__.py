@@ -1,1 +1,1 @@
-"""People who cross and crowds: whose identities are kept; `python -m experiments.people`."""
+"""People who cross, and crowds: whose identities are kept. May import experiments.engine."""

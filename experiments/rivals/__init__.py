@@ -1,1 +1,1 @@
-"""Control laws that robots and cameras run today, beside ours, in one simulation."""
+"""Control laws that robots and cameras run, in one simulation with ours. May import experiments.engine."""

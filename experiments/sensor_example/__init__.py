@@ -1,1 +1,1 @@
-"""Pictures of what sensors see of a walk."""
+"""Pictures of what sensors see of a walk. May import experiments.engine."""

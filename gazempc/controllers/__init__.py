@@ -1,1 +1,1 @@
-"""Controllers: each turns a forecast of the head into a plan of commands. May import neck and predictors."""
+"""Controllers: each turns a forecast into a plan of commands. May import gazempc.neck and predictors."""

@@ -1,1 +1,1 @@
-"""Files that anybody may have made: looked at before they are read, read within bounds, written whole."""
+"""Files that anybody may have made: checked, read within bounds, written whole. May import gazempc.errors."""

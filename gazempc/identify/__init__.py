@@ -1,1 +1,1 @@
-"""Measuring a neck: excitation, record, fit of dead time and servo. May import live.clock, robots and results."""
+"""Measuring a neck: excitation, record, fit of dead time and servo. May import gazempc.live."""

@@ -1,1 +1,1 @@
-"""The loop joins predictor, controller, smoother and robot. May import controllers, robots and results."""
+"""Predictor, controller, smoother and robot in one loop. May import gazempc.controllers, people, robots, results."""

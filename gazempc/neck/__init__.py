@@ -1,1 +1,1 @@
-"""The neck: its file, its kinematics and its servos. May import errors, types and settings files."""
+"""The neck: its file, its kinematics and its servos. May import gazempc.specfiles."""

@@ -1,1 +1,1 @@
-"""Several people: a track each, whom to look at, and when to look away."""
+"""Several people: a track each, whom to look at, when to look away. May import gazempc.neck and predictors."""

@@ -1,1 +1,1 @@
-"""Recorded walks: read, generated, placed beside a robot; the true head. May import errors and types."""
+"""Recorded walks: read, generated, placed beside a robot; the true head. May import gazempc.files."""

@@ -1,1 +1,1 @@
-"""What a run leaves: log, metrics, report, figures. May import recordings and neck, never what makes a run."""
+"""What a run leaves: log, metrics, report, figures. May import gazempc.recordings and neck."""

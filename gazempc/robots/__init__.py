@@ -1,1 +1,1 @@
-"""Robots: the interface, and one robot a file or folder. May import neck and ros2."""
+"""Robots: the interface, and one robot a file or folder. May import gazempc.neck and ros2."""

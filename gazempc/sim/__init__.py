@@ -1,1 +1,1 @@
-"""Simulation: what a sensor sees of a recording, the simulated neck, a replay in simulated time. May import loop."""
+"""Simulation: what a sensor sees of a recording, the simulated neck, a replay. May import gazempc.loop."""

@@ -1,4 +1,4 @@
-"""The control laws of robots and cameras, one a module, and their table by name."""
+"""The control laws of robots and cameras, one a module, and their table by name. May import experiments.rivals."""
 
 from collections.abc import Callable
 

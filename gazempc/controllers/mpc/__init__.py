@@ -1,1 +1,1 @@
-"""The model-predictive controller: program, solvers, and what it aims at. May import controllers and neck."""
+"""The model-predictive controller: program, solvers, and what it aims at. May import gazempc.controllers."""

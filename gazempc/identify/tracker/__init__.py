@@ -1,1 +1,1 @@
-"""Errors of a tracker, measured from a recording of it."""
+"""Errors of a tracker, measured from a recording of it. May import gazempc.live."""

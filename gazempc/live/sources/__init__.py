@@ -1,1 +1,1 @@
-"""Where observations come from in a live run, one source a module. May import `gazempc.live.clock`, sim and ros2."""
+"""Where observations come from in a live run, one source a module. May import gazempc.live."""

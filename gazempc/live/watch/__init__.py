@@ -1,1 +1,1 @@
-"""What arrives in a live run, looked at each second: clock, unit, axes, plausibility, rate and ids."""
+"""What arrives in a live run, checked each second: clock, unit, axes, rate and ids. May import gazempc.live."""

@@ -1,1 +1,1 @@
-"""File formats of recordings, one a module. May import `gazempc.recordings.recording`."""
+"""File formats of recordings, one a module. May import gazempc.recordings."""

@@ -1,1 +1,1 @@
-"""The synthetic data set: gait, routes, room. May import `gazempc.recordings.recording`."""
+"""The synthetic data set: gait, routes, room. May import gazempc.recordings."""

@@ -1,1 +1,1 @@
-"""Pictures drawn from logs. May import `gazempc.results` and neck."""
+"""Pictures drawn from logs. May import gazempc.results."""

@@ -1,1 +1,1 @@
-"""A neck of two Dynamixel motors."""
+"""A neck of Dynamixel motors. May import gazempc.robots."""

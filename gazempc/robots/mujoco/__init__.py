@@ -1,1 +1,1 @@
-"""A neck simulated by MuJoCo."""
+"""A neck simulated by MuJoCo. May import gazempc.robots."""

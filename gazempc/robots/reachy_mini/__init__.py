@@ -1,1 +1,1 @@
-"""The head of Reachy Mini, and its body."""
+"""The head of Reachy Mini, and its body. May import gazempc.robots."""

@@ -1,1 +1,1 @@
-"""Errors of a simulated sensor, one subject a module: the fields of its file, random processes, errors, times, view."""
+"""Errors of a simulated sensor, one subject a module. May import gazempc.recordings and gazempc.neck."""

@@ -1,1 +1,1 @@
-"""Tables as programs export them: their layouts, and what their columns mean."""
+"""Tables as programs export them: layouts, and what columns mean. May import gazempc.recordings."""
