@@ -2,7 +2,7 @@
 
 Draws necks from the whole range that a neck file may state (rates from 5 to 1000 plans a second, limits, servos and
 dead times over orders of magnitude), and joints, commands and forecasts from anywhere, within the limits and outside.
-Counts the plans that took longer than a control period (in CPU time) and those whose solver gave up: then the plan is
+Counts the plans that took longer than a control period (in CPU time) and those whose solver gave up. Then the plan is
 the best one without limits, and the smoother keeps the limits. The first two plans of each neck are not counted:
 solvers are set up then, before a run begins.
 """

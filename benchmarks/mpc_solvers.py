@@ -1,10 +1,10 @@
 """The gaze MPC's solver beside other ways to solve the same problem: `python -m benchmarks.mpc_solvers`.
 
-One closed-loop run of the MPC is simulated: a person walks past, first with their way known ahead, then forecast from
-noisy sightings; after that the one to look at changes every second, 50 to 90 degrees away and once beyond the limits,
-so that limits of position, velocity, acceleration and jerk bind. Every solver gets the states and references of this
-run's control ticks, one after the other; its commands are compared with an accurate solution. Times are process CPU
-time of whole calls as seen from Python, for both joints, on one thread. They depend on the machine: read the ratios.
+One closed-loop run of the MPC is simulated. A person walks past, first with their way known ahead, then forecast from
+noisy sightings. After that the target changes every second, 50 to 90 degrees away and once beyond the limits. So limits
+of position, velocity, acceleration and jerk bind. Every solver gets the states and references of this run's control
+ticks, one after the other; its commands are compared with an accurate solution. Times are process CPU time of whole
+calls as seen from Python, for both joints, on one thread. They depend on the machine: read the ratios.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A long live run on the real clock: `python -m benchmarks.soak`.
 
-A synthetic person walks to and fro for ever; the loop plans in the background and sends commands to a simulated neck,
+A synthetic person walks to and fro for ever. The loop plans in the background and sends commands to a simulated neck,
 as `python -m gazempc.live` does, and writes its logs to a temporary folder. Reported: how late the ticks were, skipped
 ticks, the time from capture to command, memory after the first minute and at the end, and violated limits. Progress
 goes to standard error. Lateness depends on the machine, and on what else it does.

@@ -97,7 +97,17 @@ def rejoin_property(app: object, what: str, name: str, obj: object, options: obj
         lines[:] = [f"{types[0].removeprefix(':type: ')}: {text[0]}", *text[1:]]
 
 
+def drop_old_pages(app: object) -> None:
+    """Pages of modules that are gone: autosummary makes new pages, and leaves the old ones."""
+    folder = ROOT / "docs" / "api"
+    listed = " ".join(page.read_text(encoding="utf-8") for page in folder.glob("*.md")).split()
+    for page in (folder / "modules").glob("*.rst"):
+        if page.stem not in listed:
+            page.unlink()
+
+
 def setup(app: Any) -> None:
     """Register the hooks before and after napoleon's, which has priority 500."""
+    app.connect("builder-inited", drop_old_pages, priority=100)  # before autosummary looks
     app.connect("autodoc-process-docstring", to_rst, priority=400)
     app.connect("autodoc-process-docstring", rejoin_property, priority=600)

@@ -1,9 +1,9 @@
 """Compare the fronts of two gazes in a sweep: `python -m experiments.fronts out/sweep/fronts`.
 
 Each case of the sweep has swept what trades exactness against smoothness. At every point of the rival's front that the
-other's front reaches (not smoother than its smoothest point), the two are compared at the same RMS acceleration:
-the error as a ratio, the eye contact as a difference. A line of the table is the mean over these points with its 95 %
-interval over people, and the point where the case does worst. With eyes it is the acceleration of the head.
+other's front reaches (not smoother than its smoothest point), the two are compared at the same RMS acceleration. The
+error is compared as a ratio, the eye contact as a difference. A line of the table is the mean over these points with
+its 95 % interval over people, and the point where the case does worst. With eyes it is the acceleration of the head.
 """
 
 from __future__ import annotations

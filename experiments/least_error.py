@@ -3,7 +3,7 @@
 The whole walk is known from the moment at which the gazes first know of the person. The command's limits, the dead time
 and the servo count; the tilt is taken to be on the person. The motion with the least sum of squared errors, over what
 is scored of the run, is a quadratic program. In it an error is the arc along the circle of equal tilt, which for errors
-below 57 deg is at most 4 % longer than the angle: the true least error is lower by at most that.
+below 57 deg is at most 4 % longer than the angle. The true least error is lower by at most that.
 """
 
 from __future__ import annotations

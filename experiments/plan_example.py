@@ -1,7 +1,7 @@
 """Draw one plan of the MPC: `python -m experiments.plan_example --replay subject03_R4 --at-s 1.6 --out plan.png`.
 
-What was known and planned at one instant: the commands on their way through the dead time, the forecast with its
-confidence, the planned command and the joint that will follow it, and the limits.
+What was known and planned at one instant. It shows the commands on their way through the dead time, the forecast with
+its confidence, the plan, the joint that will follow it, and the limits.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """How well the camera source sees: `python -m benchmarks.camera --json out/camera.json`.
 
-On rendered pictures (MuJoCo, in software; 640 x 480 pixels, 60 degrees across) of a real face before clutter: bearing,
-range, head yaw and detection by distance and by the turn of the head, false faces, processor time. Then the error of
-the time of capture, with pictures that a server sends at known times. Last a whole live run: a camera on the head of
-MuJoCo's neck, and a person who walks past. It takes about two minutes.
+On rendered pictures (MuJoCo, in software; 640 x 480 pixels, 60 degrees across) of a real face before clutter. Measured
+are bearing, range, head yaw and detection by distance and by the turn of the head, false faces, and processor time.
+Then the error of the time of capture, with pictures that a server sends at known times. Last a whole live run: a camera
+on the head of MuJoCo's neck, and a person who walks past. It takes about two minutes.
 """
 
 from __future__ import annotations

@@ -42,9 +42,9 @@ def forecasts(neck: NeckSpec, steps: int, ticks: int, seed: int) -> Iterator[For
         seed: For the noise of what is seen.
 
     Yields:
-        In the first four tenths the way that a person really walks past, in the next two tenths a constant-velocity
-        forecast of them from noisy sightings, then people who stand in one place after the other, each forecast to
-        be where the mean of their noisy sightings is.
+        In the first four tenths, the way that a person really walks past. In the next two tenths, a constant-velocity
+        forecast of them from noisy sightings. Then people who stand in one place after the other, each forecast at the
+        mean of their noisy sightings.
     """
     rng = np.random.default_rng(seed)
     period_s, known, walking = neck.control_period_s, 4 * ticks // 10, 6 * ticks // 10

@@ -90,15 +90,15 @@ def command_and_joint(ax: Axes, logs: Sequence[Log]) -> None:
 def who_is_looked_at(ax: Axes, logs: Sequence[Log]) -> None:
     """Who is looked at over time, and looks away."""
     log = logs[-1]
-    starts_s = log.attended_time_s - log.time_s[0]
-    ends_s = np.append(starts_s[1:], log.time_s[-1] - log.time_s[0])
+    starts_s, lasts_s = log.attended_time_s - log.time_s[0], log.time_s[-1] - log.time_s[0]
+    ends_s = np.append(starts_s, lasts_s)[1:]
     for start_s, end_s, person in zip(starts_s, ends_s, log.attended_person, strict=True):
         ax.barh(-person, end_s - start_s, 0.6, start_s, color=COLOURS[(1, 5)[person % 2]])
     for start_s, end_s in zip(log.away_start_s - log.time_s[0], log.away_end_s - log.time_s[0], strict=True):
         ax.axvspan(start_s, end_s, color=_GREY, alpha=0.5, lw=0)
     people = np.unique(log.attended_person)
     ax.set_yticks(-people, [f"person {person}" for person in people])
-    ax.set(xlabel="time (s); grey: looks away", xlim=(0.0, ends_s[-1]))
+    ax.set(xlabel="time (s); grey: looks away", xlim=(0.0, lasts_s))
 
 
 def error_against_acceleration(ax: Axes, logs: Sequence[Log]) -> None:

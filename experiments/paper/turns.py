@@ -54,9 +54,9 @@ def turns_needed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         rows: As made by `experiments.paper.frames.execute`.
 
     Returns:
-        One row a group: median speed, how far they turn from one half second to the next (median and 95th percentile
-        of the absolute angle over frames), the published error of the baseline, and the turn in half a second that
-        would cause that error at the median speed at *every* frame (None if none would).
+        One row a group. It has the median speed, and how far people turn from one half second to the next (median and
+        95th percentile of the absolute angle over frames). It has the published error of the baseline, too, and the
+        turn in half a second that would cause it at every frame at the median speed (None if none would).
     """
     table = []
     for published in PUBLISHED:

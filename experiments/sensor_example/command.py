@@ -1,6 +1,6 @@
 """Draw what sensors see of a walk: `python -m experiments.sensor_example --replay subject03_R4 --out out/sensors`.
 
-A picture a sensor, seen from above with the robot at the origin: the true path, what the sensor saw, and at some
+A picture a sensor, seen from above with the robot at the origin. It has the true path, what the sensor saw, and at some
 instants the forecast from all that had arrived by then. Ellipses should hold 95 % of its errors. With several sensors
 one more, `all_sensors.png`, shows the instant in the middle as each saw it.
 """

@@ -19,9 +19,8 @@ _FREE_TIMES = 25.0
 class ServoModel:
     """Responses of ``q'' = wn^2 (u(t - d) - q) - 2 zeta wn q'`` to one axis's commands, at the times of the readings.
 
-    The servo runs without delay on a grid of about 2 ms, exactly for held commands, and is read off at time - d: by
-    cubic Hermite interpolation, so that d need not be a multiple of anything. Before the first command the joint rests
-    at it.
+    The servo runs without delay on a grid of about 2 ms, exactly for held commands. It is read off at time - d by cubic
+    Hermite interpolation, so d need not be a multiple of anything. Before the first command the joint rests at it.
 
     Args:
         command_time_s: When commands were sent, shape (K,), increasing, seconds.

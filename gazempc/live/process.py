@@ -84,7 +84,7 @@ def without_collection() -> Iterator[None]:
 def in_front() -> Iterator[None]:
     """The calling thread, which sends commands, goes before other programs, where the system allows it.
 
-    So do all other threads of a program whose main thread it is: one that holds the interpreter must not wait for its
+    So do all other threads of a program whose main thread it is. One that holds the interpreter must not wait for its
     turn on a busy computer, as the commands would wait with it.
     """
     if not hasattr(os, "sched_setscheduler"):

@@ -84,7 +84,7 @@ class Event(StrEnum):
     WRONG_AXES = "wrong_axes", "positions look as if they were on other axes than x forward, y left, z up"
     IMPLAUSIBLE_PERSON = (
         "implausible_person",
-        "the head is where hardly any head is, or faster than anybody walks; where it cannot be, it is dropped",
+        "the head is at an unlikely place, or faster than anybody walks; at an impossible place it is dropped",
     )
     LOW_FRAME_RATE = "low_frame_rate", "fewer than six frames a second arrive"
     NEW_ID_EACH_FRAME = "new_id_each_frame", "the tracker gives the person another name at every frame"
@@ -94,8 +94,8 @@ class Event(StrEnum):
     )
     GATE_REFUSED = "gate_refused", "the predictor takes a head for a mistaken detection, or for somebody else; not used"
     PERSON_ENTERED = "person_entered", "somebody is seen for the third time, and counts as a person from now on"
-    PERSON_RETURNED = "person_returned", "somebody who was gone is back, by name or where they were to be by now"
-    PERSON_RENAMED = "person_renamed", "the tracker calls a person otherwise, who has gone on as before; nobody changed"
+    PERSON_RETURNED = "person_returned", "somebody who was gone is back: by name, or where they were expected"
+    PERSON_RENAMED = "person_renamed", "the tracker gave a person another name; the person goes on as before"
     ANOTHER_PERSON = "another_person", "an observation of somebody who is not looked at; kept for their track"
     SEEN_TWICE = "seen_twice", "a second detection of a person in one frame; dropped"
     ATTENTION_SWITCHED = "attention_switched", "somebody else is looked at from now on"

@@ -131,10 +131,10 @@ def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
 def look_at_rad(geometry: Geometry, target_base_m: FloatArray) -> FloatArray:
     """Joint angles whose gaze ray passes through a target, in closed form.
 
-    The target's lateral offset is constant while the neck pans, which gives the pan angle; the height of the
-    gaze ray above the tilt axis is constant while it tilts, which gives the tilt angle. Of the two solutions
-    the one that faces the target is taken. A target behind the robot is reached by panning beyond +-90 deg;
-    whether the neck can do that is for its limits to say.
+    The target's lateral offset is constant while the neck pans, which gives the pan angle. The height of the gaze ray
+    above the tilt axis is constant while it tilts, which gives the tilt angle. Of the two solutions the one that faces
+    the target is taken. A target behind the robot is reached by panning beyond +-90 deg; whether the neck can do that
+    is for its limits to say.
 
     Args:
         geometry: The neck's geometry.
@@ -198,8 +198,8 @@ def angle_deviations_rad(target_base_m: FloatArray, covariance_m2: FloatArray) -
 def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad: float) -> FloatArray:
     """Make a sequence of pan angles continuous, on the turn of the circle that the neck can best reach.
 
-    Without this, a person who walks round behind the robot would make the pan angle jump from +180 to -180 deg; and a
-    neck that followed them past its limit would have to stay there until they came back the same way.
+    Without this, a person who walks round behind the robot would make the pan angle jump from +180 to -180 deg. A neck
+    that followed them past its limit would stay there until they came back the same way.
 
     Args:
         angles_rad: Pan and tilt over time, shape (H, 2), radians.

@@ -16,7 +16,7 @@ _CHAINS = (("pan", "eye_pan", "body_yaw"), ("tilt", "eye_tilt"))
 def narrowed(neck: NeckSpec, gaze_region_deg: Region | None, speed_max_rad_s: float | None) -> NeckSpec:
     """Narrow a neck's limits, which controllers, smoother and robot then all keep.
 
-    Where several joints share the gaze, each gets the part of the region that it has of their common range: so the sum
+    Where several joints share the gaze, each gets the part of the region that it has of their common range. So the sum
     stays in the region whatever each of them does.
 
     Args:

@@ -1,9 +1,9 @@
 """Who is engaged with the robot: by distance, gaze and time.
 
 After the visual social engagement of Webb & Lemaignan ("Measuring Visual Social Engagement from Proxemics and Gaze"),
-as the ROS4HRI node hri_engagement computes it: how near the robot is to the axis of the person's gaze, times a
-factor that falls with the logarithm of the distance; and its mean over some seconds. Its third factor, how near the
-person is to the axis of the robot's gaze, is left out: a robot that has to decide whom to turn to looks elsewhere.
+as the ROS4HRI node hri_engagement computes it. How near the robot is to the axis of the person's gaze is multiplied by
+a factor that falls with the logarithm of the distance. The mean over some seconds counts. Its third factor, how near
+the person is to the axis of the robot's gaze, is left out: a robot that has to decide whom to turn to looks elsewhere.
 """
 
 from __future__ import annotations

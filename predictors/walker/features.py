@@ -83,8 +83,8 @@ class WalkerInputs:
 class WalkerHistory:
     """The last 1.2 s of one person, with what was learned of person and tracker on the way.
 
-    That is: the constant offsets of head and pelvis yaw from the direction of travel, which differ from person to
-    person, how fast the tracker's error changes, and how far the line's own forecasts were off.
+    These are the constant offsets of head and pelvis yaw from the direction of travel, which differ from person to
+    person. They are also how fast the tracker's error changes, and how far the line's own forecasts were off.
     """
 
     def __init__(self) -> None:

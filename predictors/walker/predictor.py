@@ -21,9 +21,9 @@ class Walker:
     """Forecast of a person on foot from the last 1.2 s of head position, head yaw and pelvis yaw.
 
     A constant-velocity filter, to which gait is noise, gives a line through the walk. How people leave that line (sway,
-    bob, a turn or a stop that has begun) is learned: in the line's own frame, so that it does not matter where and in
-    which direction somebody walks. What is learned while it runs: the constant offset of the person's head and pelvis
-    yaw from their direction of travel, and the tracker's error, its size, direction and colour.
+    bob, a turn or a stop that has begun) is learned. It is learned in the line's own frame, so place and direction of
+    the walk do not matter. What is learned while it runs: the constant offset of the person's head and pelvis yaw from
+    their direction of travel, and the tracker's error, its size, direction and colour.
 
     Stated covariances of positions are used as they are, in the filter and in the path that the network sees; without
     them measured ones are. Outliers are refused by the filter, whose forecast this one turns into for somebody who

@@ -1,9 +1,9 @@
 """AutoPTZ 2.2.0-rc9 with its default settings: speeds for a camera that is commanded in speeds.
 
-The face's place in the image, its velocity without the camera's own, a zone in which the camera rests, a lead of the
-velocity, a one-euro filter, and a gain that grows with error, velocity and delay. The lead covers the computer's own
-delay, not that of the stream. No encoder is used: the camera's own motion is seen in the background, here it is what
-the joints did between the two frames.
+It takes the face's place in the image, and its velocity without the camera's own. It has a zone in which the camera
+rests, a lead of the velocity, a one-euro filter, and a gain that grows with error, velocity and delay. The lead covers
+the computer's own delay, not that of the stream. No encoder is used: the camera's own motion is seen in the background,
+here it is what the joints did between the two frames.
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ class Scale:
 def up_axis(path: Path, wanted: str | None, head_position: FloatArray, hips_position: FloatArray) -> FloatArray:
     """Unit vector of the file's axis that points up, shape (3,).
 
-    It is where the head is from the hips in the motion, not in the rest pose: some files keep their skeleton
-    along another axis and turn it upright in every frame.
+    It is where the head is from the hips in the motion, not in the rest pose. Some files keep their skeleton along
+    another axis and turn it upright in every frame.
     """
     axis = np.zeros(3)
     if wanted is not None:

@@ -48,9 +48,9 @@ def neck_mjcf(neck: NeckSpec) -> str:
     as in `NeckSpec.joint_names`, the actuators in that order; they take positions in radians. The camera is named
     ``eye``. Both eyes are drawn as one.
 
-    The actuators are what a geared position servo is, a spring and a damper on the joint's inertia J with the
-    head straight ahead: stiffness kp = J wn^2, damping kv = 2 zeta wn J. Weight is compensated (a balanced head).
-    A dead time shorter than one step acts as one step, which is the least that MuJoCo can delay.
+    The actuators are what a geared position servo is, a spring and a damper on the joint's inertia J with the head
+    straight ahead. Stiffness kp = J wn^2, damping kv = 2 zeta wn J. Weight is compensated (a balanced head). A dead
+    time shorter than one step acts as one step, which is the least that MuJoCo can delay.
 
     Args:
         neck: The neck.
