@@ -169,7 +169,7 @@ def _on_loop_clock(true_head: TrueHead, source: Source) -> TrueHeadAt:
 def _about(settings: LiveSettings, neck: NeckSpec, scene: Scene | None, names: dict[str, str]) -> RunInfo:
     walk = None if scene is None else scene.walk
     return RunInfo(
-        recording=settings.source if walk is None else walk.name,
+        recording=settings.source if scene is None else scene.name,
         kind="live" if walk is None else walk.kind,
         subject="unknown" if walk is None else walk.labels.subject,
         group=None if walk is None else walk.labels.group,

@@ -78,7 +78,7 @@ def measure_attention(log: Log) -> AttentionMetrics:
     contact = error_deg <= CONTACT_DEG[0]
     scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(error_deg)
     away = log.looks_away
-    knows_head, to_contact_s = log.run.knows_true_head, _times_to_contact(log, contact)
+    known, to_contact_s = bool(np.isfinite(error_deg).any()), _times_to_contact(log, contact)
     minutes = (log.time_s[-1] - log.time_s[0]) / 60.0
     realised, planned_s = _realised(log, contact)
     late_s = realised[:, 1] - planned_s[:, 1]
@@ -87,9 +87,9 @@ def measure_attention(log: Log) -> AttentionMetrics:
         contact_attended=_mean(contact[scored & ~away]),
         switches_per_minute=max(to_contact_s.size - 1, 0) / minutes if minutes > 0 else float("nan"),
         time_to_contact_after_switch_s=_median(to_contact_s[1:][np.isfinite(to_contact_s[1:])]),
-        switches_without_contact=float(np.isnan(to_contact_s[1:]).sum()) if knows_head else float("nan"),
+        switches_without_contact=float(np.isnan(to_contact_s[1:]).sum()) if known else float("nan"),
         switch_overshoot_deg=_most([overshoot_deg(log, ticks) for ticks in _turns(log)[1:]]),
-        identity_swaps=float(log.identity_swap_time_s.size) if knows_head and chosen else float("nan"),
+        identity_swaps=float(log.identity_swap_time_s.size) if known and chosen else float("nan"),
         away_share=_mean((away & ~contact)[scored]),
         away_share_planned=_mean(away[scored]),
         away_duration_ratio=_ratio(np.ptp(realised, axis=1), np.ptp(planned_s, axis=1)),

@@ -25,6 +25,7 @@ _LONG_BAR = 0.75
 _OF_ROBOT = "robot's"
 # Letters that have room in the time line of whom the gaze was for.
 _LETTERS = 52
+_LONGEST_TITLE = 100
 
 
 def draw_contact_bars(ax: Axes, logs: Logs) -> None:
@@ -86,6 +87,8 @@ def overview(logs: Logs, path: Path) -> None:
             _draw_people(axes["people"], people, axes["error"].get_xlim())
         draw_contact_bars(axes["bars"], logs)
         about = f"{recording_title(logs)}; {setup_title(logs)}"
+        if len(about) > _LONGEST_TITLE:
+            about = f"{recording_title(logs)}\n{setup_title(logs)}"
         lines = filter(None, (question(logs), about, known_title(logs)))
         figure.suptitle("\n".join(lines))
         figure.savefig(path, dpi=DPI)

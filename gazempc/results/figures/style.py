@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from gazempc.recordings.together import MARK
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.results.report import LABELS
@@ -33,6 +34,8 @@ _OWN_COLOURS = ("#332288", "#999933", "#882255", "#44AA99", "#117733")
 # 830 pixels: then medium letters are 11 pixels high.
 _POINTS_PER_INCH = 0.96
 _LEAST_POINTS = 10.0
+# Names of recordings that play together are joined; a longer one leaves no room for the rest of a title.
+_LONGEST_NAME = 48
 
 
 @dataclass(frozen=True)
@@ -130,11 +133,15 @@ def readable(width_inches: float) -> Iterator[None]:
 
 
 def recording_title(logs: Logs) -> str:
-    """Name and origin of the recording, such as ``subject03_R4 (turn), synthetic data``."""
+    """Name and origin of the recording, such as ``subject03_R4 (turn), synthetic data``; of many the first one."""
     run = next(iter(logs.values())).run
+    name, *others = run.recording.split(MARK)
+    if len(run.recording) <= _LONGEST_NAME:
+        name, others = run.recording, []
+    name += f" and {len(others)} more" if others else ""
     group = f" ({run.group})" if run.group else ""
     data = " data" if run.kind == "synthetic" else ""
-    return f"{run.recording}{group}, {run.kind}{data}"
+    return f"{name}{group}, {run.kind}{data}"
 
 
 def setup_title(logs: Logs) -> str:

@@ -55,4 +55,5 @@ def joints_chart(log: Log) -> Chart:
         Curve(name.replace("_", " "), colour, time_s, angles_deg[:, k])
         for k, (name, colour) in enumerate(zip(log.neck.joint_names, COLOURS, strict=False))
     )
-    return Chart("Joints over time", "time (s)", "angle (deg)", curves)
+    spans = tuple(_people({log.run.controller: log}))
+    return Chart("Joints over time", "time (s)", "angle (deg)", curves, spans=spans)

@@ -24,6 +24,7 @@ from gazempc.types import Sighting
 from predictors import ConstantVelocity, HeadObservation
 
 SECONDS = 4.0
+FROZEN_M, TURNS = np.array([2.0, 0.5, 0.3]), (np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]))
 MPC = Mpc(NECK)
 
 
@@ -47,6 +48,10 @@ class Whim:
 
 def seen_at(rng, time_s, places_m, names):
     for k, place_m in enumerate(places_m):
+        if k == 0 and 1.5 < time_s < 2.5:
+            # The tracker stands frozen at one of them.
+            yield Sighting(time_s, HeadObservation(time_s - 0.066, FROZEN_M, TURNS[rng.integers(2)]))
+            continue
         if rng.random() < 0.2:
             continue
         leap_m = 5.0 * rng.standard_normal(3) if rng.random() < 0.02 else 0.02 * rng.standard_normal(3)

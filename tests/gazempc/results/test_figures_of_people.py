@@ -18,6 +18,7 @@ from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.gaze_error import draw_gaze_error
 from gazempc.results.figures.overview import overview
 from gazempc.results.figures.people import are_alike, draw_turns, has_attention, person_colour, question, turns
+from gazempc.results.figures.style import recording_title
 from gazempc.results.measured import measured_again
 from gazempc.results.metrics import measure
 from gazempc.results.page.run_page import run_page
@@ -67,6 +68,14 @@ def test_runs_with_the_same_turns_are_alike(log):
     other = replace(log, attended_time_s=log.attended_time_s + np.array([0.0, 0.1, 0.0]))
     assert are_alike({"a": log, "b": replace(log, attended_time_s=log.attended_time_s + 1e-6)})
     assert not are_alike({"a": log, "b": other})
+
+
+def test_the_title_of_many_recordings_names_the_first(log):
+    def title(name):
+        return recording_title({"mpc": replace(log, run=log.run.model_copy(update={"recording": name}))})
+
+    assert title("subject03_R4+subject05_R1").startswith("subject03_R4+subject05_R1,")
+    assert title("+".join(f"subject{k:02d}_R4" for k in range(1, 9))).startswith("subject01_R4 and 7 more,")
 
 
 def test_the_overview_has_one_time_line_or_one_a_run(log, tmp_path, monkeypatch):
