@@ -44,20 +44,18 @@ def link_words(app: Sphinx, page: nodes.document, name: str) -> None:
 
 def _linked(text: nodes.Text, left: dict[str, str], words: dict[str, tuple[str, str]], uri: str) -> list[nodes.Node]:
     """The text with links to words; those words are no longer left."""
+    longest_first = "|".join(re.escape(word) for word in sorted(words, key=len, reverse=True))
     parts: list[nodes.Node] = []
-    rest = text.astext()
-    while left:
-        longest_first = "|".join(re.escape(word) for word in sorted(left, key=len, reverse=True))
-        found = re.search(rf"(?<![\w`/-])({longest_first})(?:s?)(?![\w-])", rest, re.IGNORECASE)
-        if found is None:
-            break
+    end, whole = 0, text.astext()
+    for found in re.finditer(rf"(?<![\w`/-])({longest_first})s?(?![\w-])", whole, re.IGNORECASE):
+        if found[1].lower() not in left:
+            continue
         target, meaning = words[left.pop(found[1].lower())]
-        parts.append(nodes.Text(rest[: found.start()]))
         link = nodes.reference("", found[0], refuri=f"{uri}#{target}", internal=True, reftitle=meaning)
         link["classes"].append("glossary-word")
-        parts.append(link)
-        rest = rest[found.end() :]
-    return [*parts, nodes.Text(rest)]
+        parts += [nodes.Text(whole[end : found.start()]), link]
+        end = found.end()
+    return [*parts, nodes.Text(whole[end:])]
 
 
 def _is_in(node: Any, kinds: tuple[type, ...]) -> bool:
