@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -89,10 +90,11 @@ def draw_wrong_model(panels: Mapping[str, Sequence[Row]], level: Sequence[Row], 
                 look = style(rival)
                 y = [100.0 * row["eye_contact_2p6"] for row in of_rival]
                 ax.plot([row["by"] for row in of_rival], y, "o-", color=look.colour, label=look.label, ms=4)
-            ax.set_xlabel(label)
+            ax.set_xlabel(fill(label, 30))
             ax.grid(alpha=0.3)
         axes[0].set_ylabel("eye contact within 2.6 deg (% of the time)")
-        axes[-1].legend(fontsize="small")
+        # Between the curve of a law that needs its model and the level lines there is room.
+        axes[len(axes) // 2].legend(fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 0.12))
         plot.savefig(path, dpi=DPI)
 
 

@@ -73,7 +73,7 @@ class Acquisition:
         off_rad = abs(min(max(aim_rad, self._low_rad), self._high_rad) - joint_rad)
         to_go_rad = max(off_rad, self._smoothing_time_s * abs(speed_rad_s))
         self._on = off_rad > self._from_rad or (self._on and to_go_rad > CONTACT_RAD)
-        self._far = self._on and (self._far or off_rad > FAR_RAD)
+        self._far = off_rad > (CONTACT_RAD if self._far else FAR_RAD)
         if not self._on:
             return None
         low_rad = np.full(reference_rad.size, -_ANYWHERE_RAD)
