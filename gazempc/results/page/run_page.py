@@ -131,9 +131,11 @@ def unusual_of(log: Log, meanings: Mapping[str, str], whose: str = "") -> list[U
 
 
 def captions(pictures: Iterable[Path]) -> dict[Path, str]:
-    """Pictures of a run in reading order, with what each shows."""
+    """Pictures of a run in reading order, with what each shows; others come last, with their file's name."""
     by_name = {path.name: path for path in pictures}
-    return {by_name[name]: about for name, about in _ABOUT.items() if name in by_name}
+    about = {name: _ABOUT[name] for name in _ABOUT if name in by_name}
+    about |= {name: path.stem.replace("_", " ") for name, path in by_name.items() if name not in _ABOUT}
+    return {by_name[name]: words for name, words in about.items()}
 
 
 def _noise(seeds: Sequence[int]) -> str:

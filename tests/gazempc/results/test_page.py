@@ -23,7 +23,7 @@ from gazempc.results.page.chart import Chart, Curve
 from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.page.embed import MAX_PAGE_BYTES, embed
 from gazempc.results.page.log_charts import error_chart
-from gazempc.results.page.run_page import run_page
+from gazempc.results.page.run_page import captions, run_page
 from gazempc.results.page.write import write_page
 
 EVIL = '</script><script>throw 1</script><img src="https://outside.example/x.png" onerror="throw 2">\'"&'
@@ -140,6 +140,13 @@ def test_a_page_stays_small_whatever_it_is_given(tmp_path):
     assert set(empty["ys"]) == {None}
     assert soup.find(id="pictures").find("img") is None
     assert soup.find(id="pictures").figcaption.text == "an animation: too large for this page, see the file large.gif"
+
+
+def test_a_picture_without_a_caption_comes_last_with_its_name(tmp_path):
+    own, known = tmp_path / "my_own_figure.png", tmp_path / "angles.png"
+    about = captions([own, known])
+    assert list(about) == [known, own]
+    assert about[own] == "my own figure"
 
 
 def test_pictures_are_embedded_as_far_as_there_is_room(tmp_path):
