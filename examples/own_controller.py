@@ -40,7 +40,7 @@ if __name__ == "__main__":
         )
 
 # It prints:
-# early_0.5 gaze  2.44 deg, 1.07 rad/s^2, limit violations: 0
-# early_1.0 gaze  5.36 deg, 1.64 rad/s^2, limit violations: 0
-# lookahead gaze  1.30 deg, 0.86 rad/s^2, limit violations: 0
-# mpc       gaze  1.29 deg, 0.81 rad/s^2, limit violations: 0
+# early_0.5 gaze  2.38 deg, 0.98 rad/s^2, limit violations: 0
+# early_1.0 gaze  5.60 deg, 1.51 rad/s^2, limit violations: 0
+# lookahead gaze  1.32 deg, 0.83 rad/s^2, limit violations: 0
+# mpc       gaze  1.29 deg, 0.73 rad/s^2, limit violations: 0

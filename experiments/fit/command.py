@@ -26,6 +26,7 @@ from experiments.fit.jobs import ExamplesJob, NetworksJob, examples_of, model_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
 from gazempc.results.report import versions
+from gazempc.sim.sensor import SensorSpec, load_sensor
 from predictors.walker.network import WalkerModel
 
 MODEL_FILE = "walker.npz"
@@ -40,10 +41,13 @@ class FitSettings(WorkSettings):
     recordings: tuple[str, ...] = Field(
         min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names; of two people at least"
     )
+    tracker: str | None = Field(
+        default=None, description="Fit for this tracker alone, a shipped sensor or .toml file; without it for all kinds"
+    )
     variants: int = Field(
         default=60, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
     )
-    networks: int = Field(default=4, ge=1, le=20, description="Networks in the ensemble")
+    networks: int = Field(default=3, ge=1, le=20, description="Networks in each of the two ensembles")
     steps: int = Field(default=8000, ge=1, description="Steps of gradient descent for each network")
     seed: int = Field(default=0, ge=0, description="Seed of all that is random")
     out: Path = Field(default=Path("out/fit"), description="Where to write; an interrupted fit goes on there")
@@ -97,14 +101,16 @@ def _fit(settings: FitSettings) -> WalkerModel:
         )
     if any("/" in name or "\\" in name for name in names):
         raise GazempcError("people's names become file names and must not contain '/' or '\\'")
+    tracker = None if settings.tracker is None else load_sensor(settings.tracker)
     print(f"{len(paths)} recordings of {len(names)} people: {', '.join(names)}")
     left_out: list[str | None] = [*names, None]
-    models, scoring = _networks(settings, paths, people, left_out)
+    models, scoring = _networks(settings, tracker, paths, people, left_out)
     found = errors_on_left_out(dict(zip(names, models, strict=False)), people, scoring)
     about = {
         "command": f"python -m experiments.fit --recordings {' '.join(Path(r).name for r in settings.recordings)}",
         "recordings": [Path(path).stem for path in paths],
-        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED, "recordings"}),
+        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED, "recordings", "tracker"}),
+        "tracker": tracker.name if tracker else "drawn at random",
         "versions": {k: v for k, v in versions().items() if k in _COMPUTE} | {k: version(k) for k in ("jax", "optax")},
     }
     folder = settings.out / FOLDS
@@ -122,21 +128,28 @@ def _fit(settings: FitSettings) -> WalkerModel:
 
 
 def _networks(
-    settings: FitSettings, paths: Sequence[str], people: Sequence[str], left_out: Sequence[str | None]
+    settings: FitSettings,
+    tracker: SensorSpec | None,
+    paths: Sequence[str],
+    people: Sequence[str],
+    left_out: Sequence[str | None],
 ) -> tuple[list[WalkerModel], list[Examples]]:
     folder = settings.out / "runs"
-    with Engine(folder, settings.jobs, settings.dask, unit="job", total=2 * len(paths) + len(left_out)) as engine:
-        examples = [ExamplesJob(in_place(path), settings.seed, settings.variants) for path in paths]
+    with Engine(folder, settings.jobs, settings.dask, unit="job", total=2 * (len(paths) + len(left_out))) as engine:
+        examples = [ExamplesJob(in_place(path), settings.seed, settings.variants, tracker) for path in paths]
         _check(engine.run(examples))
         # Other chance than in the examples that networks are fitted on.
-        scoring = [ExamplesJob(in_place(path), settings.seed + 1, 0) for path in paths]
+        scoring = [ExamplesJob(in_place(path), settings.seed + 1, 0, tracker) for path in paths]
         scored = [examples_of(row) for row in _check(engine.run(scoring))]
         files = [result_file(folder.resolve(), job.key()) for job in examples]
         jobs = []
         for person in left_out:
             used = [file for file, name in zip(files, people, strict=True) if name != person and file is not None]
-            jobs.append(NetworksJob(tuple(used), settings.seed, settings.networks, settings.steps))
-        models = [model_of(row, job.key()) for row, job in zip(_check(engine.run(jobs)), jobs, strict=True)]
+            own = settings.seed, settings.networks, settings.steps
+            jobs += [NetworksJob(tuple(used), *own, sees_yaws) for sees_yaws in (True, False)]
+        rows = _check(engine.run(jobs))
+        pairs = zip(rows[::2], rows[1::2], jobs[::2], strict=True)
+        models = [model_of(seeing, blind, job.key()) for seeing, blind, job in pairs]
         return models, scored
 
 

@@ -38,11 +38,9 @@ _USUAL_HZ = 30.0
 _FEWEST_FRAMES = 20
 _SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 12, 2.0
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
-_BLANK = WalkerModel(
-    (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
-    (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
-    np.zeros((N_DOUBT, KNOTS_S.size, 3)),
-)
+_NO_WEIGHTS = (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),)
+_NO_BIASES = (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),)
+_BLANK = WalkerModel(_NO_WEIGHTS, _NO_BIASES, _NO_WEIGHTS, _NO_BIASES, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
 
 
 @dataclass(frozen=True)
@@ -112,13 +110,14 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
     )
 
 
-def fitting_examples(path: str, seed: int, variants: int) -> Examples:
-    """Examples of a recording and its variants, each seen through a tracker drawn at random.
+def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | None = None) -> Examples:
+    """Examples of a recording and its variants, each seen through a tracker.
 
     Args:
         path: Name or path of the recording.
         seed: Seed of all that is random, with the recording's name.
         variants: How many variants to make.
+        tracker: The tracker; without it, each variant has one drawn at random.
 
     Returns:
         The examples.
@@ -127,17 +126,19 @@ def fitting_examples(path: str, seed: int, variants: int) -> Examples:
         GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
     """
     name, walk, rng = _walk_and_chance(path, seed)
-    return _joined(_variants(walk, rng, [_PLAIN[k % len(_PLAIN)] for k in range(variants)]), name)
+    return _joined(_variants(walk, rng, [_PLAIN[k % len(_PLAIN)] for k in range(variants)], tracker), name)
 
 
-def _variants(walk: GaplessWalk, rng: np.random.Generator, plain: Sequence[bool]) -> list[Examples]:
+def _variants(
+    walk: GaplessWalk, rng: np.random.Generator, plain: Sequence[bool], given: SensorSpec | None
+) -> list[Examples]:
     straight = is_straight(walk)
     parts = []
     for each in plain:
         varied, bent, kind = _variant(walk, straight, each, rng)
         if varied.times_s.size < _FEWEST_FRAMES:
             continue
-        tracker, sensor = draw_tracker(rng, "plain" if each else "other")
+        tracker, sensor = ("given", given) if given else draw_tracker(rng, "plain" if each else "other")
         if tracker == "street":
             varied = flatten(varied)
             if rng.random() < _WOBBLE_SHARE:
@@ -173,12 +174,13 @@ def scoring_sensors() -> tuple[SensorSpec, ...]:
     return (load_sensor("perfect"), reference, blind, load_sensor("body_tracker"), load_sensor("face_camera"))
 
 
-def scoring_examples(path: str, seed: int) -> Examples:
+def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) -> Examples:
     """Examples of a recording as it is, through each of `scoring_sensors`, and of other walks made of it.
 
     Args:
         path: Name or path of the recording.
         seed: Seed of the trackers' errors.
+        tracker: The only tracker; without it, there are `scoring_sensors`, and trackers drawn at random.
 
     Returns:
         The examples.
@@ -190,10 +192,10 @@ def scoring_examples(path: str, seed: int) -> Examples:
     # Errors in real turns are larger than in bent walks, and real turns are rare in recordings.
     weight = 1.0 if is_straight(walk) else _SCORED_TURNING_WEIGHT
     parts = []
-    for sensor in scoring_sensors():
+    for sensor in (tracker,) if tracker else scoring_sensors():
         placed = beside(walk, rng)
-        parts.append(examples_of_walk(placed, seen_through(placed, sensor.name, sensor, rng), weight))
-    parts += _variants(walk, rng, [False] * _SCORED_VARIANTS)
+        parts.append(examples_of_walk(placed, seen_through(placed, "given", sensor, rng), weight))
+    parts += _variants(walk, rng, [False] * _SCORED_VARIANTS, tracker)
     return _joined(parts, name)
 
 

@@ -13,6 +13,7 @@ from experiments.engine.job import Row
 from experiments.engine.keys import key_of, recording_hash
 from experiments.fit.examples import Examples, fitting_examples, join, scoring_examples
 from experiments.fit.networks import fit_networks
+from gazempc.sim.sensor import SensorSpec
 from predictors.walker.network import KNOTS_S, N_DOUBT, WalkerModel
 
 LIBRARIES = ("jax", "jaxlib", "optax")
@@ -26,22 +27,29 @@ class ExamplesJob:
         recording: Synthetic name or path.
         seed: Seed of all that is random.
         variants: How many variants to fit networks on; 0 for the examples that errors are measured on.
+        tracker: The tracker that all walks are seen through; None for many.
     """
 
     recording: str
     seed: int
     variants: int
+    tracker: SensorSpec | None
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
-        content = {"recording": recording_hash(self.recording), "seed": self.seed, "variants": self.variants}
+        content = {
+            "recording": recording_hash(self.recording),
+            "seed": self.seed,
+            "variants": self.variants,
+            "tracker": None if self.tracker is None else self.tracker.model_dump(mode="json"),
+        }
         return key_of(content, *_PROGRAM)
 
     def run(self) -> Row:
         """The examples, array by array."""
         if self.variants:
-            return vars(fitting_examples(self.recording, self.seed, self.variants))
-        return vars(scoring_examples(self.recording, self.seed))
+            return vars(fitting_examples(self.recording, self.seed, self.variants, self.tracker))
+        return vars(scoring_examples(self.recording, self.seed, self.tracker))
 
 
 @dataclass(frozen=True)
@@ -53,18 +61,20 @@ class NetworksJob:
         seed: Seed of all that is random.
         networks: How many networks.
         steps: Steps of gradient descent for each.
+        sees_yaws: Whether they are shown orientations.
     """
 
     examples: tuple[Path, ...]
     seed: int
     networks: int
     steps: int
+    sees_yaws: bool
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
         content = {
             "examples": [path.stem for path in self.examples],
-            "settings": [self.seed, self.networks, self.steps],
+            "settings": [self.seed, self.networks, self.steps, self.sees_yaws],
             "versions": [_version(library) for library in LIBRARIES],
         }
         return key_of(content, *_PROGRAM)
@@ -72,7 +82,7 @@ class NetworksJob:
     def run(self) -> Row:
         """Weights and biases, layer by layer."""
         examples = join([examples_of(read_result(path)) for path in self.examples])
-        weights, biases = fit_networks(examples, self.seed, self.networks, self.steps)
+        weights, biases = fit_networks(examples, self.seed, self.networks, self.steps, self.sees_yaws)
         layers = range(len(weights))
         return {f"weights_{i}": weights[i] for i in layers} | {f"biases_{i}": biases[i] for i in layers}
 
@@ -82,19 +92,23 @@ def examples_of(row: Row) -> Examples:
     return Examples(**{f.name: row[f.name] for f in fields(Examples)})
 
 
-def model_of(networks: Row, key: str) -> WalkerModel:
+def model_of(seeing: Row, blind: Row, key: str) -> WalkerModel:
     """A model without a fitted uncertainty.
 
     Args:
-        networks: Result of `NetworksJob`.
-        key: Its key.
+        seeing: Result of `NetworksJob` with orientations.
+        blind: Its result without.
+        key: Key of the first.
 
     Returns:
         The model.
     """
-    layers = range(sum(name.startswith("weights_") for name in networks))
-    weights, biases = (tuple(networks[f"{what}_{i}"] for i in layers) for what in ("weights", "biases"))
-    return WalkerModel(weights, biases, np.zeros((N_DOUBT, KNOTS_S.size, 3)), about={"key": key})
+    layers = range(sum(name.startswith("weights_") for name in seeing))
+    weights, biases, blind_weights, blind_biases = (
+        tuple(row[f"{what}_{i}"] for i in layers) for row in (seeing, blind) for what in ("weights", "biases")
+    )
+    no_spread = np.zeros((N_DOUBT, KNOTS_S.size, 3))
+    return WalkerModel(weights, biases, blind_weights, blind_biases, no_spread, about={"key": key})
 
 
 def _version(library: str) -> str:

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from experiments.fit.examples import Examples
 from gazempc.errors import MissingOptionalDependencyError
+from predictors.walker.features import N_INPUTS, OF_YAWS
 from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S
 
 Float32Array = NDArray[np.float32]
 
-HIDDEN = (48, 48)
+HIDDEN = (96, 64)
 _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 2e-3, 0.2
 # Errors at the first knot and at the last are of less use than those a neck acts on, 0.1 to 1 s ahead.
 _KNOT_WEIGHTS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5])
@@ -22,7 +23,7 @@ _USUAL_ERROR_M = np.array([0.02, 0.03, 0.04, 0.06, 0.08, 0.12, 0.18, 0.3])
 
 
 def fit_networks(
-    examples: Examples, seed: int, networks: int, steps: int
+    examples: Examples, seed: int, networks: int, steps: int, sees_yaws: bool = True
 ) -> tuple[tuple[Float32Array, ...], tuple[Float32Array, ...]]:
     """Fit an ensemble for the least mean distance between forecast and truth.
 
@@ -33,6 +34,7 @@ def fit_networks(
         seed: Seed of starting weights and batches.
         networks: How many networks.
         steps: Steps of gradient descent for each.
+        sees_yaws: Whether they are shown pelvis and head orientation. Of those that are not, these weights are zero.
 
     Returns:
         Weights and biases by layer, see `predictors.walker.network.WalkerModel`.
@@ -47,7 +49,8 @@ def fit_networks(
     except ImportError:
         raise MissingOptionalDependencyError("fitting a predictor", "jax optax", "fit") from None
 
-    x, weight = jnp.asarray(examples.network), jnp.asarray(examples.weight)
+    shown = np.arange(N_INPUTS) if sees_yaws else np.setdiff1d(np.arange(N_INPUTS), OF_YAWS)
+    x, weight = jnp.asarray(examples.network[:, shown]), jnp.asarray(examples.weight)
     known = jnp.asarray(np.isfinite(examples.departure_m[..., 0]))
     y = jnp.asarray(np.nan_to_num(examples.departure_m))
     scale = jnp.asarray(DEPARTURE_SCALE_M, dtype=jnp.float32)[:, None]
@@ -89,7 +92,10 @@ def fit_networks(
             )
             for i, (a, b) in enumerate(pairwise(sizes))
         ]
-        fitted.append([(np.asarray(W), np.asarray(b)) for W, b in fit(layers, jax.random.key(1000 * seed + k))])
+        found = [(np.asarray(W), np.asarray(b)) for W, b in fit(layers, jax.random.key(1000 * seed + k))]
+        first = np.zeros((N_INPUTS, HIDDEN[0]), dtype=np.float32)
+        first[shown] = found[0][0]
+        fitted.append([(first, found[0][1]), *found[1:]])
     return (
         tuple(np.stack([network[i][0] for network in fitted]) for i in range(len(sizes) - 1)),
         tuple(np.stack([network[i][1][None] for network in fitted]) for i in range(len(sizes) - 1)),

@@ -1,6 +1,6 @@
 """The inner loops of `Walker`, compiled by numba (extra ``fast``): the same answers in a fraction of the time.
 
-`predictors.walker.window` and `predictors.walker.network` say what is computed, in numpy, and do it without numba.
+`predictors.walker.window` and `predictors.walker.between` say what is computed, in numpy, and do it without numba.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from predictors.types import FloatArray, HeadObservation
 from predictors.walker.errors import N_ERRORS, LineErrors
 from predictors.walker.line import Line
 from predictors.walker.noise import N_COLOURS, MeasuredColour, without_stated
+from predictors.walker.slow import N_SLOW, SLOW_MIRROR, SlowLines
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 from predictors.yaw import wrap_rad
 
@@ -41,8 +42,13 @@ _POSITIONS = slice(0, 3 * WINDOW)
 _YAWS = slice(3 * WINDOW, 5 * WINDOW)
 _SCALARS = 5 * WINDOW
 _ODD_SCALARS = 3  # the first of the scalars change their sign from left to right
-N_INPUTS = _SCALARS + 14 + N_COLOURS
-N_SPREAD = 11 + N_ERRORS + N_COLOURS
+_COLOURS = slice(_SCALARS + 14, _SCALARS + 14 + N_COLOURS)
+_SLOW = slice(_COLOURS.stop, _COLOURS.stop + N_SLOW)
+N_INPUTS = _SLOW.stop
+# Inputs that say how far pelvis and head orientation are known, 0 to 1; and all that is known of orientation.
+KNOWN = slice(_SCALARS + 7, _SCALARS + 9)
+OF_YAWS = np.r_[_YAWS, _SCALARS : _SCALARS + 2, KNOWN, _COLOURS.start + 6 : _COLOURS.stop]
+N_SPREAD = 12 + N_ERRORS + N_COLOURS
 
 
 def _mirror() -> FloatArray:
@@ -50,6 +56,7 @@ def _mirror() -> FloatArray:
     signs[_POSITIONS][1::3] = -1.0
     signs[_YAWS] = -1.0
     signs[_SCALARS : _SCALARS + _ODD_SCALARS] = -1.0
+    signs[_SLOW] = SLOW_MIRROR
     return signs
 
 
@@ -93,6 +100,7 @@ class WalkerHistory:
         self._offset_weights = [0.0, 0.0]
         self._colour = MeasuredColour()
         self._errors = LineErrors()
+        self._slow = SlowLines()
 
     def add(self, observation: HeadObservation, state: FloatArray, covariance_m2: FloatArray) -> WalkerInputs:
         """Take in an observation that is newer than all before it.
@@ -135,7 +143,7 @@ class WalkerHistory:
         frames = math.log(max(window.times_s.size - 1, 1) / max(m - 1, 1))
         colours = self._colour.learn(seen)
         stated = observation.position_covariance_m2 is not None
-        x[_SCALARS:-N_COLOURS] = (
+        x[_SCALARS : _COLOURS.start] = (
             known[0] * offsets[0] / _OFFSET_SCALE_RAD,
             known[1] * offsets[1] / _OFFSET_SCALE_RAD,
             float(noise[0, 1]) / (sd_m[0] * sd_m[1]),
@@ -148,7 +156,9 @@ class WalkerHistory:
             float(stated),
             frames,
         )
-        x[-N_COLOURS:] = colours
+        x[_COLOURS] = colours
+        self._slow.add(now_s, window.values[-1, :3])
+        x[_SLOW] = self._slow.inputs(line)
         np.minimum(np.maximum(x, -_LARGEST, out=x), _LARGEST, out=x)
         newest = relative[-1].tolist()
         spread = np.empty(N_SPREAD)
@@ -163,6 +173,7 @@ class WalkerHistory:
             min(max(speed - _USUAL_SPEED_M_S, -_USUAL_SPEED_M_S), 0.6),
             1.0 - walks,
             frames,
+            float(stated),
         )
         # What is stated of the tracker's error is in the forecast's covariance by itself, with its own directions.
         stated_m2 = noise.diagonal() if stated else _NOTHING_STATED_M2

@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike
 from predictors.constant_velocity import ConstantVelocity
 from predictors.predictor import NotReadyError, as_times, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
+from predictors.walker.between import BetweenKnots
 from predictors.walker.features import WalkerHistory, WalkerInputs
-from predictors.walker.network import BetweenKnots, WalkerModel, shipped_walker_model
+from predictors.walker.network import WalkerModel, shipped_walker_model
 from predictors.walker.noise import MeasuredNoise
 from predictors.walker.optional import compiled
 

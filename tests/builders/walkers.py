@@ -11,6 +11,11 @@ from predictors import HeadObservation, Walker
 from predictors.walker.features import N_INPUTS
 from predictors.walker.network import KNOTS_S, N_DOUBT, WalkerModel
 
+# Layers of networks that say that people keep to the line.
+NOTHING = (
+    (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
+    (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
+)
 AHEAD_S = np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.4])
 
 
@@ -19,12 +24,19 @@ def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
     """Weights at random: what holds of any weights can be tried with these."""
     rng = np.random.default_rng(seed)
     sizes = ((N_INPUTS, 7), (7, 7), (7, 3 * KNOTS_S.size))
-    weights = tuple(size * rng.standard_normal((2, *shape)).astype(np.float32) for shape in sizes)
-    biases = tuple(size * rng.standard_normal((2, 1, shape[1])).astype(np.float32) for shape in sizes)
+
+    def layers():
+        weights = tuple(size * rng.standard_normal((2, *shape)).astype(np.float32) for shape in sizes)
+        return weights, tuple(size * rng.standard_normal((2, 1, shape[1])).astype(np.float32) for shape in sizes)
+
+    seeing, blind = layers(), layers()
     log_spread = 0.1 * size * rng.standard_normal((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(0.05) + np.linspace(0.0, 1.0, KNOTS_S.size)[:, None]
     noise_share = np.linspace([0.3, 0.5], [1.0, 0.8], KNOTS_S.size).T
-    return WalkerModel(weights, biases, log_spread, noise_share, degrees_of_freedom)
+    hidden, log_spread_hidden = (size * rng.standard_normal(shape) for shape in ((N_DOUBT, 5), (5, KNOTS_S.size, 3)))
+    return WalkerModel(
+        *seeing, *blind, log_spread, hidden, log_spread_hidden, noise_share, degrees_of_freedom=degrees_of_freedom
+    )
 
 
 def straight_model(spread_m=0.1, degrees_of_freedom=5.0, measured_share=0.0, stated_share=0.0):
@@ -35,11 +47,10 @@ def straight_model(spread_m=0.1, degrees_of_freedom=5.0, measured_share=0.0, sta
     log_spread = np.zeros((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(spread_m)
     return WalkerModel(
-        (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
-        (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
+        *2 * NOTHING,
         log_spread,
-        np.tile([[measured_share], [stated_share]], KNOTS_S.size),
-        degrees_of_freedom,
+        noise_share=np.tile([[measured_share], [stated_share]], KNOTS_S.size),
+        degrees_of_freedom=degrees_of_freedom,
     )
 
 

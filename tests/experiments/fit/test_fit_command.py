@@ -11,7 +11,7 @@ from contextlib import redirect_stdout
 import numpy as np
 import pytest
 from builders.fits import toy
-from builders.walkers import straight_model
+from builders.walkers import NOTHING, straight_model
 
 from experiments.engine.cache import Cache
 from experiments.fit.command import fit, main
@@ -19,7 +19,6 @@ from experiments.fit.doubt import errors_on_left_out
 from experiments.fit.jobs import NetworksJob, model_of
 from experiments.fit.spread import Spread
 from experiments.forecast.command import main as forecast
-from predictors.walker.features import N_INPUTS
 from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, WalkerModel, load_walker_model
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
@@ -37,9 +36,9 @@ def finished(tmp_path_factory, in_this_process):
     words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
     said = io.StringIO()
     with redirect_stdout(said), pytest.MonkeyPatch.context() as patch:
-        # How well the spread is fitted is tested elsewhere; here, two tails on some rows will do.
+        # How well the spread is fitted is tested elsewhere; here, a few steps on some rows will do.
         patch.setattr("experiments.fit.spread._ENOUGH_ROWS", 300)
-        patch.setattr("experiments.fit.spread._DEGREES_OF_FREEDOM", (5.0, 8.0))
+        patch.setattr("experiments.fit.spread._STEPS", 5)
         assert main([*words, "--jobs", "1", "--out", str(folder)]) == 0
     assert "--walker.fitted" in said.getvalue()
     return folder
@@ -79,7 +78,7 @@ def no_doubt(monkeypatch):
     monkeypatch.setattr("experiments.fit.command.errors_on_left_out", lambda models, people, _: people)
     monkeypatch.setattr(
         "experiments.fit.command.fit_doubt",
-        lambda _: Spread(straight_model().log_spread, np.zeros((2, KNOTS_S.size)), 5.0),
+        lambda _: Spread(**{f.name: getattr(straight_model(), f.name) for f in dataclasses.fields(Spread)}),
     )
 
 
@@ -98,7 +97,7 @@ def test_finished_fits_are_used_again_and_only_those(tmp_path, finished):
     """Interrupted between the fits, the next start makes only what is missing; with other settings, all networks."""
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     first, before = load_walker_model(tmp_path / "walker.npz"), networks_in(tmp_path)
-    assert len(before) == 3
+    assert len(before) == 6
     gone, *kept = before
     gone.unlink()
     again = fit(**settings(tmp_path))
@@ -108,7 +107,7 @@ def test_finished_fits_are_used_again_and_only_those(tmp_path, finished):
     assert all(after[path] == before[path] for path in kept)
     other = fit(**settings(tmp_path, steps=21))
     assert not np.array_equal(first.weights[0], other.weights[0])
-    assert len(networks_in(tmp_path)) == 6
+    assert len(networks_in(tmp_path)) == 12
 
 
 def test_one_person_is_not_enough(tmp_path, capsys):
@@ -120,11 +119,8 @@ def constant_model(value):
     """A model that says the same departure along, whatever it is asked: `value` at each knot in units of its scale."""
     bias = np.zeros((1, 1, KNOTS_S.size, 3), dtype=np.float32)
     bias[..., 0] = value
-    return WalkerModel(
-        (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
-        (bias.reshape(1, 1, -1),),
-        straight_model().log_spread,
-    )
+    layers = NOTHING[0], (bias.reshape(1, 1, -1),)
+    return WalkerModel(*2 * layers, straight_model().log_spread)
 
 
 def test_errors_are_by_the_model_that_has_not_seen_the_person():
@@ -158,7 +154,9 @@ def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
     # Errors are measured on other chance than networks are fitted on.
     assert [(job.recording, job.seed, job.variants) for job in scoring] == [(name, 1, 0) for name in people]
     read = [[person_of[path.stem] for path in job.examples] for job in fits]
-    assert read == [["subject02"], ["subject01"] * 2, ["subject01", "subject02", "subject01"]]
+    everybody = ["subject01", "subject02", "subject01"]
+    assert read == [["subject02"]] * 2 + [["subject01"] * 2] * 2 + [everybody] * 2
+    assert [job.sees_yaws for job in fits] == [True, False] * 3
 
 
 def test_a_fit_reads_the_examples_it_is_given(tmp_path, monkeypatch):
@@ -168,17 +166,20 @@ def test_a_fit_reads_the_examples_it_is_given(tmp_path, monkeypatch):
         cache.keep(f"part{k}", vars(dataclasses.replace(toy(3, k), weight=np.full(3, float(k)))))
     seen = []
 
-    def spy(examples, seed, networks, steps):
+    def spy(examples, seed, networks, steps, sees_yaws):
         seen.append(examples.weight.tolist())
-        model = constant_model(0.0)
+        model = constant_model(1.0 + sees_yaws)
         return model.weights, model.biases
 
     monkeypatch.setattr("experiments.fit.jobs.fit_networks", spy)
-    job = NetworksJob((tmp_path / "part2.npz", tmp_path / "part0.npz"), 0, 1, 1)
-    model = model_of(job.run(), job.key())
-    assert seen == [[2.0] * 3 + [0.0] * 3]
-    np.testing.assert_array_equal(model.biases[0], constant_model(0.0).biases[0])
-    assert model.about == {"key": job.key()}
+    files = tmp_path / "part2.npz", tmp_path / "part0.npz"
+    seeing, blind = (NetworksJob(files, 0, 1, 1, sees_yaws) for sees_yaws in (True, False))
+    assert seeing.key() != blind.key()
+    model = model_of(seeing.run(), blind.run(), seeing.key())
+    assert seen == [[2.0] * 3 + [0.0] * 3] * 2
+    np.testing.assert_array_equal(model.biases[0], constant_model(2.0).biases[0])
+    np.testing.assert_array_equal(model.blind_biases[0], constant_model(1.0).biases[0])
+    assert model.about == {"key": seeing.key()}
 
 
 @pytest.mark.usefixtures("no_doubt")

@@ -184,7 +184,7 @@ def watched(monkeypatch):
 def test_half_of_the_walks_in_streets_wobble_and_no_others(monkeypatch):
     """Marked by a height that nobody has; those in streets are flat, with their wobble or without."""
     seen, wobbled = watched(monkeypatch)
-    parts = _variants(straight_walk(3.0), np.random.default_rng(0), [False] * 200 + [True] * 100)
+    parts = _variants(straight_walk(3.0), np.random.default_rng(0), [False] * 200 + [True] * 100, None)
     assert len(parts) == len(seen)
     shaken = {kind: [walk.head_m[:, 2].min() > 5.0 for k, _, walk in seen if k == kind] for kind in KINDS}
     street = shaken.pop("street")
@@ -208,3 +208,15 @@ def test_scoring_sees_other_walks_of_the_person_as_well(monkeypatch):
     assert {kind for kind, _, _ in others} >= {"street", "white"}
     sizes = [np.linalg.norm(np.diff(other.head_m, axis=0), axis=1).sum() for _, _, other in others]
     assert np.ptp(sizes) > 1.0
+
+
+def test_a_fit_for_one_tracker_sees_every_walk_through_it(monkeypatch):
+    """Scoring as well; a shipped sensor that is called `street` has its own errors only, and its walks no wobble."""
+    seen, wobbled = watched(monkeypatch)
+    street = load_sensor("street")
+    fitting_examples("subject03_R1", 0, 4, street)
+    scoring_examples("subject03_R1", 0, street)
+    assert [(kind, name) for kind, name, _ in seen[:4]] == [("given", "street")] * 4
+    assert [name for _, name, _ in seen[4:]] == ["street"] * 13
+    assert {kind for kind, _, _ in seen[5:]} == {"given"}
+    assert not wobbled

@@ -6,7 +6,7 @@ from builders.people import yaw_quat
 from builders.walkers import random_covariance
 
 from predictors import HeadObservation, Walker
-from predictors.walker import network, window
+from predictors.walker import between, window
 from predictors.walker.optional import compiled
 
 
@@ -14,7 +14,7 @@ from predictors.walker.optional import compiled
 def numpy_only(monkeypatch):
     def switch():
         monkeypatch.setattr(window, "compiled", lambda: None)
-        monkeypatch.setattr(network, "compiled", lambda: None)
+        monkeypatch.setattr(between, "compiled", lambda: None)
 
     return switch
 

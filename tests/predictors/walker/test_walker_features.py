@@ -12,6 +12,7 @@ from predictors import HeadObservation, Walker
 from predictors.walker.errors import N_ERRORS
 from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD, WalkerHistory
 from predictors.walker.noise import N_COLOURS
+from predictors.walker.slow import N_SLOW
 from predictors.walker.window import WINDOW
 
 STATE = np.array([0.0, 0.0, 0.4, 1.2, 0.0, 0.0])
@@ -114,7 +115,7 @@ def test_where_each_known_number_stands():
         state = STATE + np.array([1.2 * k / 60, 0, 0, 0, 0, 0])
         stated = HeadObservation(k / 60, state[:3], position_covariance_m2=covariance)
         inputs = history.add(stated, state, covariance)
-    scalars = inputs.network[5 * WINDOW : -N_COLOURS]
+    scalars = inputs.network[5 * WINDOW : -N_COLOURS - N_SLOW]
     assert scalars[2] == pytest.approx(0.5)
     assert scalars[3] == pytest.approx((1.2 - 1.1) / 0.3)
     assert scalars[4] == scalars[5] == 1.0
@@ -126,6 +127,7 @@ def test_where_each_known_number_stands():
     np.testing.assert_array_equal(inputs.spread[6:8], 1.0)
     assert inputs.spread[8] == pytest.approx(0.1)
     assert inputs.spread[10] == scalars[-1]
+    assert inputs.spread[11] == 1.0
     assert np.all(inputs.spread[-N_ERRORS - N_COLOURS : -N_COLOURS] < -0.9)
 
 
@@ -160,7 +162,8 @@ def test_errors_are_doubted_relative_to_what_the_tracker_states(sds):
             for history, each in zip(histories, told, strict=True)
         ]
     untold, stated = found
-    np.testing.assert_array_equal(stated[: -N_ERRORS - N_COLOURS], untold[: -N_ERRORS - N_COLOURS])
+    np.testing.assert_array_equal(stated[: -N_ERRORS - N_COLOURS - 1], untold[: -N_ERRORS - N_COLOURS - 1])
+    assert (stated[-N_ERRORS - N_COLOURS - 1], untold[-N_ERRORS - N_COLOURS - 1]) == (1.0, 0.0)
     assert np.all(stated[-N_ERRORS - N_COLOURS : -N_COLOURS] < untold[-N_ERRORS - N_COLOURS : -N_COLOURS])
     positions = slice(-N_COLOURS, -N_COLOURS + 6)
     assert np.all(stated[positions] < untold[positions])

@@ -18,10 +18,11 @@ def test_a_saved_model_is_the_same(tmp_path):
     model.save(tmp_path / "m.npz")
     again = load_walker_model(tmp_path / "m.npz")
     assert again.about == model.about
-    for one, other in ((model.weights, again.weights), (model.biases, again.biases)):
-        assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
-    np.testing.assert_array_equal(again.log_spread, model.log_spread)
-    np.testing.assert_array_equal(again.noise_share, model.noise_share)
+    for name in ("weights", "biases", "blind_weights", "blind_biases"):
+        pairs = zip(getattr(model, name), getattr(again, name), strict=True)
+        assert all(np.array_equal(a, b) for a, b in pairs)
+    for name in ("log_spread", "hidden", "log_spread_hidden", "noise_share"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(model, name))
     assert again.degrees_of_freedom == 3.5
 
 
@@ -35,7 +36,7 @@ def test_the_shipped_numbers_say_where_they_are_from():
     assert model.degrees_of_freedom < 30.0  # people who turn err with long tails
 
 
-@pytest.mark.parametrize("content", [b"", b"no archive", None, "degrees_of_freedom", "noise_share"])
+@pytest.mark.parametrize("content", [b"", b"no archive", None, "degrees_of_freedom", "hidden", "blind_weights_0"])
 def test_a_wrong_file_is_named(tmp_path, content):
     path = tmp_path / "walker.npz"
     if content is None:

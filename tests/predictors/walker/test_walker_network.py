@@ -8,30 +8,38 @@ import pytest
 from builders.walkers import random_model
 from scipy.interpolate import CubicSpline
 
-from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD
-from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, BetweenKnots, WalkerModel, WalkerModelError
+from predictors.walker.between import BetweenKnots
+from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD
+from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, WalkerModel, WalkerModelError
 
 
 def rows(n, seed=3):
     rng = np.random.default_rng(seed)
-    return rng.standard_normal((n, N_INPUTS)), rng.standard_normal((n, N_SPREAD))
+    network = rng.standard_normal((n, N_INPUTS))
+    network[:, KNOWN] = rng.integers(0, 3, (n, 2)) / 2.0
+    return network, rng.standard_normal((n, N_SPREAD))
 
 
-def layers(model, inputs):
+def layers(weights, biases, inputs):
     """Each network's answer, layer by layer, shape (E, N, knots, 3)."""
     found = []
-    for k in range(model.weights[0].shape[0]):
+    for k in range(weights[0].shape[0]):
         h = inputs
-        for i, (w, b) in enumerate(zip(model.weights, model.biases, strict=True)):
+        for i, (w, b) in enumerate(zip(weights, biases, strict=True)):
             h = h @ w[k].astype(float) + b[k]
-            h = np.tanh(h) if i < len(model.weights) - 1 else h
+            h = np.tanh(h) if i < len(weights) - 1 else h
         found.append(h.reshape(len(inputs), KNOTS_S.size, 3))
     return np.array(found) * DEPARTURE_SCALE_M[:, None]
 
 
-def test_departure_is_the_mean_over_networks_walk_and_mirror_image():
+@pytest.mark.parametrize("known", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.25, 0.5)])
+def test_departure_is_the_mean_over_networks_walk_and_mirror_image(known):
+    """Of the networks for tracks with an orientation, of those without, or of both where it fades out."""
     model, (x, spread) = random_model(), rows(5)
-    answers = np.concatenate([layers(model, x), layers(model, x * MIRROR) * [1, -1, 1]])
+    x[:, KNOWN] = known
+    pairs = (model.weights, model.biases), (model.blind_weights, model.blind_biases)
+    each = [np.concatenate([layers(*p, x), layers(*p, x * MIRROR) * [1, -1, 1]]) for p in pairs]
+    answers = max(known) * each[0] + (1.0 - max(known)) * each[1]
     departure, doubt = model.answer(x, spread)
     np.testing.assert_allclose(departure, answers.mean(axis=0), atol=1e-6)
     np.testing.assert_array_equal(doubt[:, :N_SPREAD], spread)
@@ -58,7 +66,8 @@ def test_a_mirrored_question_has_the_mirrored_answer_and_as_much_doubt():
 def test_spread_is_the_standard_deviation_of_the_t_distribution(v):
     model = dataclasses.replace(random_model(), degrees_of_freedom=v)
     doubt = np.random.default_rng(0).uniform(0.0, 1.0, (3, N_DOUBT))
-    scale = np.exp(np.tensordot(doubt, model.log_spread, axes=1))
+    units = np.tanh(doubt @ model.hidden)
+    scale = np.exp(np.tensordot(doubt, model.log_spread, axes=1) + np.tensordot(units, model.log_spread_hidden, axes=1))
     factor = 1.0 if v == math.inf else math.sqrt(v / (v - 2.0))
     stated = model.spread_m(doubt)
     assert stated.shape == (3, KNOTS_S.size, 5)
@@ -104,6 +113,12 @@ GOOD = random_model()
         ({"weights": (GOOD.weights[0][:, :-1], *GOOD.weights[1:])}, "does not take"),
         ({"biases": GOOD.biases[:-1]}, "one bias a layer"),
         ({"weights": (), "biases": ()}, "one bias a layer"),
+        ({"blind_weights": GOOD.weights[:-1]}, "different shapes"),
+        ({"blind_biases": GOOD.weights}, "different shapes"),
+        ({"blind_weights": tuple(w * np.nan for w in GOOD.weights)}, "not finite"),
+        ({"hidden": GOOD.hidden[:-1]}, "do not fit"),
+        ({"log_spread_hidden": GOOD.log_spread_hidden[:-1]}, "do not fit"),
+        ({"hidden": GOOD.hidden * np.inf}, "not finite"),
         ({"log_spread": GOOD.log_spread[:-1]}, "do not fit"),
         ({"noise_share": GOOD.noise_share[0]}, "do not fit"),
         ({"log_spread": np.full_like(GOOD.log_spread, np.nan)}, "not finite"),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from predictors import ConstantVelocity, HeadObservation, NotReadyError, Walker
-from predictors.walker.network import BetweenKnots
+from predictors.walker.between import BetweenKnots
 from predictors.walker.window import WINDOW
 
 GAIT_M2 = 0.02**2 * np.eye(3)
