@@ -42,6 +42,7 @@ def run_page(name, languages):
                 assert not_printed(block.prints, printed) is None, f"docs/{name}.md, line {block.line}:\n{printed}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_PYTHON)
 def test_python_blocks_run_and_print_what_the_page_says(name, own_folder, in_this_process):
     """A block that begins with `# name.py` is a file of that name."""
@@ -62,6 +63,7 @@ def test_what_is_left_out_of_a_printout():
         assert not_printed(shown, printed) == wrong, shown
 
 
+@pytest.mark.slow
 def test_the_quick_start_shows_what_the_command_prints(own_folder, capsys):
     """All of it but computing times, which differ from run to run."""
     shown = next(body for kind, body in FENCE.findall(page("quickstart")) if body.startswith("subject03_R4: "))

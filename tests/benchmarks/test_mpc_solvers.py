@@ -52,6 +52,7 @@ def measured(tmp_path_factory):
     return path, said.getvalue(), json.loads(path.read_text())
 
 
+@pytest.mark.slow
 def test_all_solvers_are_measured_and_ours_agrees(measured):
     _, text, figures = measured
     peers = {peer["name"]: peer for peer in figures["peers"]}
@@ -80,6 +81,7 @@ def test_the_run_is_described(measured):
         assert "none" not in row["solvers"]
 
 
+@pytest.mark.slow
 def test_earlier_figures_are_compared_with(measured):
     path, _, figures = measured
     done = call("--ticks", "20", "--peers", "gazempc", "--growth", "--compare", str(path))

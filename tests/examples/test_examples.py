@@ -28,6 +28,7 @@ def suppress_exit_0():
             raise
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_prints_what_it_says(path, tmp_path, monkeypatch, capsys):
     """As a program from its folder, but in this process: the libraries are loaded once."""

@@ -22,6 +22,7 @@ from predictors.walker.network import shipped_walker_model
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
+@pytest.mark.slow
 def test_a_comparison_writes_its_tables(tmp_path):
     compare(**settings(tmp_path))
     rows = rows_of(tmp_path)
@@ -37,6 +38,7 @@ def test_a_comparison_writes_its_tables(tmp_path):
     assert "Limit violations in all runs: 0." in (tmp_path / "summary.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_comparison_writes_a_report_with_its_numbers(tmp_path):
     out = tmp_path / "<b>out"
     words = ["--recordings", "subject01_R1", "subject02_R6", "--controllers", "reactive", "lookahead", "--jobs", "1"]
@@ -63,6 +65,7 @@ def test_a_comparison_writes_a_report_with_its_numbers(tmp_path):
     assert report.find(class_="command").text.endswith(f"--jobs 1 --out '{out}'")
 
 
+@pytest.mark.slow
 def test_several_sensors_and_kinds_have_tables_and_figures_of_their_own(tmp_path, capsys):
     tracks = tmp_path / "tracks"
     tracks.mkdir()
@@ -190,6 +193,7 @@ def test_bad_input_is_refused_before_anything_runs(words, expected, tmp_path, ca
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_figures_are_drawn(tmp_path):
     controllers = ("reactive", "lookahead", "mpc", "perfect")
     recordings = ("subject01_R4", "subject02_R4")

@@ -12,6 +12,7 @@ from experiments.engine.own_parts import name_parts, parts_hash
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
+@pytest.mark.slow
 def test_parts_of_ones_own_are_compared_with_options_and_under_their_names(tmp_path, monkeypatch):
     own = own_module(tmp_path, monkeypatch)
     both = {"controllers": (f"{own}:Sluggish", "lookahead"), "predictors": (f"{own}:Steady", "constant_velocity")}

@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 from builders.comparisons import rows_of, settings
 from builders.in_process import workers_in_this_process
 from builders.own_parts import own_module
@@ -15,6 +16,7 @@ from experiments.compare import compare, main
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow
 def test_interrupted_in_the_middle_it_goes_on_and_ends_the_same(tmp_path):
     """One SIGTERM after the first results: started again it does only the rest, and the tables are the same."""
     words = ["--recordings", "subject01_R1", "subject01_R4", "subject02_R6", "--controllers", "reactive", "lookahead"]
@@ -41,6 +43,7 @@ def test_interrupted_in_the_middle_it_goes_on_and_ends_the_same(tmp_path):
     assert rows_of(tmp_path / "stopped") == rows_of(tmp_path / "undisturbed")
 
 
+@pytest.mark.slow
 def test_a_worker_finds_a_part_of_ones_own(tmp_path, monkeypatch):
     own = own_module(tmp_path, monkeypatch)
     words = ["--recordings", "subject01_R4", "--controllers", f"{own}:Sluggish", "--predictors", "last_position"]

@@ -88,6 +88,7 @@ def test_without_a_sweep_the_command_says_what_to_run(tmp_path, capsys):
     assert "run python -m experiments.sweep first" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_sweep_is_compared(tmp_path):
     study = tmp_path / "small.yaml"
     study.write_text(

@@ -74,6 +74,7 @@ def test_errors_along_and_across_the_line_of_sight_are_told_apart():
         assert seen.error_rms_mm() == pytest.approx(expected_mm, rel=0.2, abs=0.5)
 
 
+@pytest.mark.slow
 def test_a_picture_a_sensor_and_one_of_all(tmp_path, capsys):
     chosen = ["reference", "face_camera"]
     options = ["--predictor", "constant_velocity", "--at-s", "1.5", "--out", str(tmp_path)]

@@ -22,11 +22,13 @@ def files(tmp_path_factory):
     return sound_files(tmp_path_factory.mktemp("sound"))
 
 
+@pytest.mark.slow
 def test_the_undamaged_files_are_read(files):
     for _, read in files.values():
         read()
 
 
+@pytest.mark.slow
 def test_damaged_files_are_read_or_refused_by_name(files):
     rng, became, slow = rng_of(20), Counter(), []
     names = [*5 * [name for name in files if name not in COSTLY], *COSTLY]

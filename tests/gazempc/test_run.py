@@ -57,6 +57,7 @@ def main_job(tmp_path_factory):
     return out, said.getvalue()
 
 
+@pytest.mark.slow
 def test_the_main_job_writes_all_it_promises(main_job):
     out, _ = main_job
     names = {path.name for path in out.iterdir()}
@@ -232,6 +233,7 @@ def test_a_limit_violation_is_status_1(tmp_path, monkeypatch, capsys):
     assert "6 violations" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_list_names_recordings_necks_and_sensors():
     done = command("--list")
     assert done.returncode == 0

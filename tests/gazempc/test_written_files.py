@@ -62,6 +62,7 @@ def test_an_earlier_run_is_taken_away_and_nothing_else(tmp_path):
     assert sorted(os.listdir(tmp_path)) == sorted([*mine, "angles.png"])
 
 
+@pytest.mark.slow
 def test_results_of_two_runs_are_not_mixed(tmp_path):
     words = ["--replay", "subject03_R4", "--noise-seeds", "1", "--no-figures", "--out", str(tmp_path)]
     for controllers in (("reactive", "lookahead"), ("reactive",)):

@@ -42,6 +42,7 @@ def test_a_killed_workers_job_is_done_by_another(cluster, tmp_path):
     assert len(log.read_text().splitlines()) == 3
 
 
+@pytest.mark.slow
 def test_a_signal_ends_the_command_and_cancels_its_jobs(cluster, tmp_path):
     log = tmp_path / "log"
     log.touch()
@@ -72,6 +73,7 @@ def test_no_scheduler_is_said(tmp_path, monkeypatch):
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.slow
 def test_a_missing_package_names_its_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingOptionalDependencyError, match="cluster"):

@@ -49,6 +49,7 @@ def alive(pid):
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sent", "to"),
     [(signal.SIGINT, os.killpg), (signal.SIGTERM, os.kill)],
@@ -69,6 +70,7 @@ def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, t
     assert not list((tmp_path / "runs").glob("*.part"))
 
 
+@pytest.mark.slow
 def test_a_second_ctrl_c_ends_at_once_and_workers_follow(tmp_path):
     with working(tmp_path) as (process, workers):
         os.kill(process.pid, signal.SIGINT)

@@ -44,6 +44,7 @@ def finished(tmp_path_factory, in_this_process):
     return folder
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
     everybody = load_walker_model(finished / "walker.npz")
     assert everybody.about["people"] == ["subject01", "subject02"]
@@ -92,6 +93,7 @@ def networks_in(folder):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_doubt")
 def test_finished_fits_are_used_again_and_only_those(tmp_path, finished):
     """Interrupted between the fits, the next start makes only what is missing; with other settings, all networks."""
@@ -182,6 +184,7 @@ def test_a_fit_reads_the_examples_it_is_given(tmp_path, monkeypatch):
     assert model.about == {"key": seeing.key()}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_doubt")
 def test_people_who_are_no_more_leave_no_model_behind(tmp_path, finished):
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)

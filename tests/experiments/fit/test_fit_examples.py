@@ -90,6 +90,7 @@ def test_examples_of_many_recordings_are_one_table():
     assert ((table.noise_m > 0).all(axis=2).sum(axis=1) == 1).all()  # either measured or stated
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "examples",
     [lambda seed: fitting_examples("subject05_R3", seed, 3), lambda seed: scoring_examples("subject05_R3", seed)],

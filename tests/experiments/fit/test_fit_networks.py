@@ -1,6 +1,7 @@
 """Networks of the predictor `walker`: they learn, and the same seed gives the same."""
 
 import numpy as np
+import pytest
 from builders.fits import toy
 from builders.walkers import straight_model
 
@@ -9,6 +10,7 @@ from predictors.walker.features import N_INPUTS, OF_YAWS
 from predictors.walker.network import KNOTS_S, WalkerModel
 
 
+@pytest.mark.slow
 def test_networks_learn_and_are_the_same_for_the_same_seed():
     examples, other = toy(4000, 0), toy(1000, 1)
     fits = [fit_networks(examples, 3, 1, 600) for _ in range(2)]

@@ -180,6 +180,7 @@ def test_a_glance_turns_the_head_and_nothing_else(from_s):
     assert np.isnan(turn_head(unknown, 40.0, from_s).truth.head_quat_wxyz).all()
 
 
+@pytest.mark.slow
 def test_cues_ratio_and_example(tmp_path):
     words = ["--recordings", "subject01_R4", "subject02_R1", "--horizons", "0.5", "--out", str(tmp_path)]
     shown = ["--predictors", "constant_velocity", "walker", "--cues", "both", "none", "--example", "subject03_R6"]

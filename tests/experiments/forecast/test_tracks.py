@@ -31,6 +31,7 @@ def tracks(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_tables_by_sensor_and_kind_in_the_files_and_in_the_text(tracks, tmp_path, capsys):
     """The last position errs by speed times horizon: means over the clips of each kind are known."""
     blunt = tmp_path / "blunt.toml"

@@ -47,6 +47,7 @@ def validated(tmp_path_factory, in_this_process):
     return folder, out, status
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_the_rows_say(validated):
     """Means, statistics and weights recomputed from the rows of jobs done here, w from the saved weights."""
     folder, out, status = validated
@@ -127,6 +128,7 @@ def test_a_second_run_does_nothing_anew(validated):
     assert (out / "summary.json").read_bytes() == content
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_and_ends_the_same(validated, tmp_path):
     folder, out, _ = validated
     for path in sorted((out / "runs").iterdir())[::3]:

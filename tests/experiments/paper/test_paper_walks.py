@@ -4,6 +4,7 @@ import csv
 import json
 
 import numpy as np
+import pytest
 from builders.paper import (
     execute,
     line_m,
@@ -63,6 +64,7 @@ def test_a_group_of_short_walks_alone_is_reported_like_the_others(tmp_path):
     assert "| R12 | 2 | 2 | 26 |" in text
 
 
+@pytest.mark.slow
 def test_on_real_straight_walks_the_papers_rule_costs_and_the_other_one_helps(walks_dir):
     with (walks_dir / "index.csv").open(newline="", encoding="utf-8") as file:
         clips = [r["clip"] for r in csv.DictReader(file) if r["group"] == "straight"]

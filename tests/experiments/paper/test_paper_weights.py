@@ -62,6 +62,7 @@ def test_the_tuned_weight_is_as_good_as_the_exact_one(seed):
     assert tune_weight(videos, seed + 10, 60) != weight
 
 
+@pytest.mark.slow
 def test_another_process_tunes_the_same_weight():
     code = (
         f"import sys; sys.path[:0] = {sys.path!r}; from {__name__} import random_videos;"

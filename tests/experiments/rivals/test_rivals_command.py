@@ -31,6 +31,7 @@ def run_of(rival: str, contact: float, constants: str = "", error_deg: float = 9
     return row | {"trial": "turns", "neck": "n", "sensor": "s", "recording": "w1"} | labels
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> None:
     words = [

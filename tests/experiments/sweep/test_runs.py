@@ -53,6 +53,7 @@ def undisturbed(tmp_path_factory, in_this_process):
     return folder
 
 
+@pytest.mark.slow
 def test_tables_and_known_effects(undisturbed):
     rows, table = table_of(undisturbed), table_of(undisturbed, "table.csv")
     assert len(rows) == 8

@@ -25,6 +25,7 @@ TUNED = {
 }
 
 
+@pytest.mark.slow
 def test_tuning_stopped_in_the_middle_ends_with_the_same_trials(tmp_path, monkeypatch):
     """Stopped in the second batch of eight, so that one batch is known and one is half done."""
     optuna = pytest.importorskip("optuna", reason="optuna is not installed (extra tune)")

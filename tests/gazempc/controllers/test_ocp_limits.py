@@ -86,6 +86,7 @@ def test_where_no_limit_binds_daqp_finds_what_the_gain_finds(unit_state, change,
     assert kkt_residual(OCP.program.data, g, lower, upper, solution.scaled_jerk).stationarity < 1e-9
 
 
+@pytest.mark.slow
 def test_soft_limits_are_exact_when_they_can_be_kept():
     """A target far beyond the position limit presses hardest against it, and does not bend it."""
     state, reference = np.array([1.2, 0, 1.2, 0, 0.0]), np.full(40, 3.0)

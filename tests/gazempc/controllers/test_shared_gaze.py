@@ -145,6 +145,7 @@ def test_the_head_takes_over_from_an_eye_that_stands_still(make, stuck_from_s):
     assert np.sqrt(np.mean(error_deg[ticks // 2 :] ** 2)) < 0.3  # 0.14 deg; some 7 if the head went on as before
 
 
+@pytest.mark.slow
 def test_an_eye_that_moves_again_is_used_again():
     neck, ticks = EYES, round(10.0 / EYES.servo_period_s)
     robot = stuck(2, 1.0, 4.0)

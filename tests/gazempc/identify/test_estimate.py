@@ -47,6 +47,7 @@ def test_without_noise_the_truth_comes_back(clean):
     assert found.dead_time_s.half_width >= 0.99e-4, "no one knows a real neck to the nanosecond"
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_they_promise(clean):
     """95 % intervals of repeats with noise that is correlated in time, as of friction, hold the truth."""
     rng = np.random.default_rng(0)
@@ -134,6 +135,7 @@ def test_mujoco_is_identified():
         assert_close(estimate_axis(taken, axis), dead_time_s, 12.0, 0.7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["simulated", "mujoco"])
 def test_eyes_and_body_are_identified_each_for_itself(tmp_path, robot):
     """Dead times and servos of five joints, all different, from one run of the command."""

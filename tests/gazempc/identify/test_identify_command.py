@@ -49,6 +49,7 @@ def test_command_line_identifies_a_robot_and_its_record(tmp_path, capsys):
     assert load_neck(again).tilt == load_neck("slow").tilt
 
 
+@pytest.mark.slow
 def test_a_replay_tells_the_neck_and_the_sensor(tmp_path, capsys):
     words = ["--replay", "subject03_R4", "--controllers", "lookahead", "--no-figures", "--noise-seeds", "1"]
     assert run_main([*words, "--out", str(tmp_path)]) == 0

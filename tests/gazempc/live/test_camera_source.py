@@ -110,6 +110,7 @@ def until_finished(source):
     raise AssertionError("it never ended")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own_camera")
 def test_a_camera_of_ones_own_is_seen_at_its_time_of_capture(opened):
     source, lines = opened("portrait_camera:Portrait", fov_deg=50, latency_ms=400)
@@ -125,6 +126,7 @@ def test_a_camera_of_ones_own_is_seen_at_its_time_of_capture(opened):
     assert "512 x 384 pixels, 50 degrees across" in lines[0]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own_camera")
 def test_a_camera_that_breaks_ends_the_source_and_says_why(opened):
     source, _ = opened("portrait_camera:Broken")
@@ -163,6 +165,7 @@ def test_field_of_view_and_calibration_are_not_both_taken(tmp_path):
         intrinsics_of(CameraOptions(calibration=tmp_path / "c.yml"), 640, 480)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own_camera")
 def test_its_process_ends_with_it_and_with_a_killed_one_the_source(opened):
     source, _ = opened("portrait_camera:Portrait")

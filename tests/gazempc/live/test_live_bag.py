@@ -52,6 +52,7 @@ def run(*words):
     return live.main([*map(str, words), "--robot", "simulated", "--no-figures"])
 
 
+@pytest.mark.slow
 def test_a_whole_live_run_on_a_bag(bag, tmp_path, capsys):
     words = ("--source", f"bag:{bag}", "--simulated-clock", "--out", tmp_path / "out")
     assert run(*words, "--predictor", "constant_velocity") == 0
@@ -75,6 +76,7 @@ def test_what_does_not_go_together_is_refused(bag, capsys):
         assert expected in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["2p_AA_FV_eng_1", "bag_1_engaged"])
 def test_real_bags_run_live(bags_dir, tmp_path, name):
     words = ("--simulated-clock", "--controller", "reactive", "--predictor", "constant_velocity", "--out", tmp_path)

@@ -25,6 +25,7 @@ def run(tmp_path, *words, source="replay"):
     return json.loads((tmp_path / "summary.json").read_text()), load_log(tmp_path / "log_000.npz")
 
 
+@pytest.mark.slow
 def test_all_parts_may_be_one_s_own_and_have_options(own, tmp_path, capsys):
     parts = ["--robot", f"{own}:Head", "--predictor", f"{own}:Standing", "--controller", f"{own}:Eager"]
     options = ["--options.zero_deg", "[1.5, -2]", "--options.gain=0.5", "--options.predictor.noise_m", "0.02"]
@@ -43,6 +44,7 @@ def test_all_parts_may_be_one_s_own_and_have_options(own, tmp_path, capsys):
     assert f"robot {own}:Head" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_own_robot_is_given_what_a_shipped_one_is_and_does_the_same(own, tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
@@ -91,6 +93,7 @@ def test_an_own_real_robot_needs_a_neck_file(own, capsys):
     assert f"--neck: a real robot ({own}:RealHead) needs its own neck file" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_robot_that_reads_wrong_shapes_is_not_moved(own, tmp_path, capsys):
     words = ["--source", "replay", "--robot", f"{own}:WrongRobot", "--simulated-clock", "--no-figures"]
     assert main([*words, "--out", str(tmp_path)]) == 2
@@ -98,6 +101,7 @@ def test_a_robot_that_reads_wrong_shapes_is_not_moved(own, tmp_path, capsys):
     assert not list(tmp_path.glob("log*"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("option", "name", "event", "error"),
     [
@@ -131,6 +135,7 @@ def test_what_fails_under_way_is_an_event_with_its_text_and_traceback(
     assert f"{event} {summary['events'][event]} x" not in said.partition("stopped by")[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("call", "event"), [("update", "forecast_failed"), ("plan", "controller_failed")])
 def test_what_fails_before_the_first_tick_is_survived_too(call, event, tmp_path, monkeypatch):
     # A part is tried out once when it is made; the second time is the rehearsal of a run.

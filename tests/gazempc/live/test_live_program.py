@@ -206,6 +206,7 @@ def test_a_wrong_clock_and_unit_are_said_while_it_runs_and_the_options_that_it_n
     assert load_log(tmp_path / "mended" / "log_000.npz").head_observed_base_m[:, 0] == pytest.approx(2.5)
 
 
+@pytest.mark.slow
 def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_log(tmp_path, capsys):
     """Also in process, on the simulated clock: metrics of the log, gaze error included."""
     arguments = ["--source", "replay", "--replay", "subject03_R4", "--simulated-clock", "--no-figures"]
@@ -250,6 +251,7 @@ def test_bad_input_is_named_and_the_status_is_2(arguments, named, tmp_path, caps
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_port_in_use_is_named_and_the_status_is_2(tmp_path, capsys):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

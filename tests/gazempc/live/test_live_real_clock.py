@@ -33,6 +33,7 @@ def compute_100_ms():
         sum(range(100))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hamper", [lambda: time.sleep(0.1), compute_100_ms])
 def test_on_the_real_clock_a_slow_solver_holds_up_no_command(hamper):
     controller = Hampered(hamper)

@@ -304,6 +304,7 @@ def run_with(on, at_arrival=False, seconds=8.0, neck=NECK):
     return log, report, error_deg[(log.time_s > 2.0) & (log.time_s < seconds)]
 
 
+@pytest.mark.slow
 def test_a_sensor_on_the_moving_head_sees_as_well_as_one_on_the_base():
     base_log, base_report, base_deg = run_with("base")
     log, report, error_deg = run_with("head")
@@ -320,6 +321,7 @@ def test_a_sensor_on_the_moving_head_sees_as_well_as_one_on_the_base():
     assert np.sqrt(np.mean(np.square(ignored_deg))) > base_rms + 1.0
 
 
+@pytest.mark.slow
 def test_a_sensor_in_the_moving_eye_sees_as_well_as_one_on_the_base():
     """The eye turns while the head does; with the angles at arrival its own motion is taken for the person's."""
     _, _, base_deg = run_with("base", neck=EYES)

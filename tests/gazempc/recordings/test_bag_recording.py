@@ -260,6 +260,7 @@ def test_a_file_of_a_bag_is_read_beside_its_metadata_and_alone(tmp_path, storage
     assert (walk.name, walk.times_s.size) == ("alone", 60)
 
 
+@pytest.mark.slow
 def test_all_real_bags_replay(bags_dir):
     for folder in sorted(path for path in bags_dir.iterdir() if path.is_dir()):
         walk = load(folder)

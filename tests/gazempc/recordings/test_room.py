@@ -281,6 +281,7 @@ def test_clearance_agrees_with_many_points_of_path_and_partition(path: list[Poin
 # The figure.
 
 
+@pytest.mark.slow
 def test_the_figure_of_the_routes_is_drawn_for_synthetic_and_for_other_walks(
     walks: dict[str, Recording], tmp_path: Path
 ) -> None:

@@ -149,6 +149,7 @@ def test_every_controller_has_its_own_look() -> None:
     assert looks[-1].label == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 4])
 def test_animation_runs_in_real_time(logs: Logs, count: int, tmp_path: Path) -> None:
     path = tmp_path / "gaze.gif"
@@ -202,6 +203,7 @@ def test_running_contact_ends_at_the_eye_contact(logs: Logs) -> None:
         assert share[-1] == pytest.approx(measure(log).eye_contact_2p6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("frames", "behind"), [(39, False), (50, True)])
 def test_short_recordings_and_a_head_behind_the_robot(frames: int, behind: bool, tmp_path: Path) -> None:
     logs = _replay(_first_frames(load("subject03_R1"), frames, behind=behind), ("reactive",))

@@ -187,6 +187,7 @@ def test_gaps_and_single_points_stay_what_they_are(logs):
     assert [value is not None for value in curve["ys"]] == [k % 7 == 0 for k in range(log.time_s.size)]
 
 
+@pytest.mark.slow
 def test_curves_are_read_and_zoomed_in_a_browser(logs, tmp_path):
     written(page_of(logs), tmp_path)
     with browser() as driver:

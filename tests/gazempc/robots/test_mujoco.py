@@ -345,6 +345,7 @@ def test_eyes_and_body_answer_as_on_our_own_simulation():
         assert rms_deg(own[:, i], other[:, i]) < 0.06, neck.joint_names[i]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("neck", ["reference_eyes", "reachy_mini_body"])
 def test_a_live_run_on_mujoco_with_eyes_or_body_looks_at_a_walker(tmp_path, neck):
     words = ["--source", "replay", "--simulated-clock", "--no-figures", "--robot", "mujoco", "--neck", neck]
@@ -400,6 +401,7 @@ def test_it_can_be_drawn(tmp_path):
     assert float(done.stdout.split()[1]) > 20.0
 
 
+@pytest.mark.slow
 def test_a_loop_with_a_model_identified_from_it_is_as_good_as_on_our_own_neck(tmp_path):
     """All that is known of the MuJoCo neck comes from moving it: error within 10 % of our own neck's."""
 

@@ -114,6 +114,7 @@ def test_a_policy_that_raises_is_survived(monkeypatch):
     assert limit_violations(log, log.neck) == 0
 
 
+@pytest.mark.slow
 def test_a_bag_with_two_people_is_a_scene_of_two(bags_dir):
     two = load_together(bags_dir / "2p_AA_FV_eng_1")
     assert [walk.labels.subject for walk in two] == ["eloek", "ghfbv"]

@@ -31,6 +31,7 @@ def test_each_seed_gives_the_figures_of_a_replay_with_that_seed():
     assert scene.seed == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("round_s", "seeds"), [(0.5, 8), (3.0, 3), (6.0, 1), (20.0, 1)])
 def test_without_a_number_as_many_seeds_as_fit_into_ten_seconds(round_s, seeds, monkeypatch):
     """A round ends with the rows; the clock of the test moves by the same time in each."""

@@ -87,6 +87,7 @@ def test_a_mounting_of_any_angle_is_found_out(angle_deg):
     assert np.mean(wrong) < 1.5 * np.mean(plain)
 
 
+@pytest.mark.slow
 def test_a_glance_does_not_mislead(walks_dir):
     """Heads turned 40 degrees aside, throughout or from one second on, on straight walks of real people."""
     found = {case: [] for case in (None, 0.0, 1.0)}

@@ -90,6 +90,7 @@ def test_a_bag_with_its_latency_and_losses(tmp_path, capsys):
     assert "optical axes turned" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_bag_with_a_topic_of_points(tmp_path):
     rows = pose_rows(TIMES_S, SEEN_M, "camera_link")
     bag = write_bag(tmp_path / "bag", [], topics=[("/head", "geometry_msgs/msg/PointStamped", rows)])
@@ -142,6 +143,7 @@ def test_a_tracker_that_stands_on_one_position_is_refused(tmp_path, capsys):
     assert "never changes" in refused(capsys, "--tracker", str(frozen), "--out", str(tmp_path / "mine.toml"))
 
 
+@pytest.mark.slow
 def test_a_sensor_file_comes_back_from_what_it_sees(tmp_path):
     times_s = np.arange(0.0, 20.0, 1.0 / 30.0)
     standing_m = person_m(np.random.default_rng(2), times_s)

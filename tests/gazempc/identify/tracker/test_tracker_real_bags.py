@@ -11,6 +11,7 @@ from gazempc.identify.tracker.read import read_track
 BAGS = ("1p_FV_eng_1", "2p_AA_FV_eng_1")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAGS)
 def test_errors_of_a_face_tracker(bags_dir, name):
     found = measure_tracker(read_track(bags_dir / name, None, lambda share: None), lambda share: None)

@@ -89,6 +89,7 @@ def drawn(driver, canvas):
     )
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments, started):
     port = free_port()
     with browser() as driver:

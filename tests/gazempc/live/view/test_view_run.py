@@ -41,6 +41,7 @@ def simulated(request, tmp_path_factory):
     return live(out, "--simulated-clock", "--neck", request.param, "--log-s", "2.5")
 
 
+@pytest.mark.slow
 def test_each_log_has_its_file_and_all_its_numbers(simulated):
     log, path = simulated
     frame = log.to_pandas().ticks
@@ -111,6 +112,7 @@ def received(url, topics, seconds=20.0):
     return asyncio.run(listen())
 
 
+@pytest.mark.slow
 def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys):
     port, found = free_port(), {}
 
