@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from gazempc.controllers.mpc.prediction import servo_step
+from gazempc.controllers.mpc.axis_model import servo_step
 from gazempc.neck.servo import servo_model
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray

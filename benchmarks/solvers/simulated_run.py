@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from benchmarks.solvers.ours import Gazempc
 from benchmarks.solvers.scenario import forecasts
 from gazempc.controllers.controller import CommandState, Situation
-from gazempc.controllers.mpc.axis_model import growing_steps
+from gazempc.controllers.mpc.axis_model import growing_steps, servo_step
 from gazempc.controllers.mpc.ocp import Solution
-from gazempc.controllers.mpc.prediction import servo_step
 from gazempc.neck.kinematics import look_at, unwrap_pan
 from gazempc.neck.spec import CommandLimits, NeckSpec
 from gazempc.types import FloatArray

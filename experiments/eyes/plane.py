@@ -83,17 +83,15 @@ class PlanePlan:
         self._split = m
         at = {"head": (0, self._parameters), "eye": (_STATE, self._parameters + m)}
 
-        def lifted(rows: FloatArray, joint: str, constant: FloatArray | None = None) -> FloatArray:
+        def lifted(rows: FloatArray, joint: str) -> FloatArray:
             wide = np.zeros((len(rows), self._parameters + m + n))
             state, jerk = at[joint]
             wide[:, state : state + _STATE] = rows[:, :_STATE]
-            if constant is not None:
-                wide[:, 2 * _STATE] = constant
-                rows = np.delete(rows, _STATE, axis=1)
-            wide[:, jerk : jerk + rows.shape[1] - _STATE] = rows[:, _STATE:]
+            wide[:, 2 * _STATE] = rows[:, _STATE]
+            wide[:, jerk : jerk + rows.shape[1] - _STATE - 1] = rows[:, _STATE + 1 :]
             return wide
 
-        eye, head = self._eye.prediction, self._head.prediction
+        eye, head = self._eye, self._head
         angle = lifted(eye.joint, "eye")
         gaze = angle.copy()
         gaze[self.known :] += lifted(head.joint, "head")
@@ -102,9 +100,7 @@ class PlanePlan:
         gaze[np.arange(n), first + self.known + np.arange(n)] -= 1.0
         jerks = np.zeros((m + n, self._parameters + m + n))
         jerks[:, self._parameters :] = np.diag(
-            np.repeat(
-                [_HEAD_JERK_TIME_S**3 * self._head.jerk_scale, _EYE_JERK_TIME_S**3 * self._eye.jerk_scale], [m, n]
-            )
+            np.repeat([_HEAD_JERK_TIME_S**3 * head.jerk_scale, _EYE_JERK_TIME_S**3 * eye.jerk_scale], [m, n])
         )
         squared = [
             (gaze, _weights(lengths)),
@@ -119,12 +115,7 @@ class PlanePlan:
         hessian = weighed @ by_jerk
         self._cost_map = weighed @ by_parameter
         self._gain = -np.linalg.solve(hessian, self._cost_map)
-        limits = np.vstack(
-            [
-                lifted(model.rows, joint, model.rows[:, _STATE])
-                for model, joint in ((self._head, "head"), (self._eye, "eye"))
-            ]
-        )
+        limits = np.vstack([lifted(head.rows, "head"), lifted(eye.rows, "eye")])
         self._limits = limits
         soft = np.ascontiguousarray(limits[:, self._parameters :])
         self._solver = Daqp(QpData(h=np.ascontiguousarray(hessian), a=soft, penalty=_SLACK_PENALTY))

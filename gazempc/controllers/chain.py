@@ -7,6 +7,7 @@ import numpy as np
 from gazempc.controllers.body import BodyAim
 from gazempc.controllers.controller import Situation
 from gazempc.controllers.eyes import EyeAim
+from gazempc.neck.kinematics import look_at_rad, unwrap_pan
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import BoolArray, FloatArray
 
@@ -29,19 +30,30 @@ class Chain:
         self.eyes = None if neck.eyes is None else EyeAim(neck, knots_s)
         limits = neck.command_limits
         head_rad = float(limits.position_min_rad[0]), float(limits.position_max_rad[0])
-        #: Least and greatest pan of head and body together, radians.
-        self.reach_rad = head_rad if self.body is None else self.body.reach_rad
+        # Of head and body together.
+        self._reach_rad = head_rad if self.body is None else self.body.reach_rad
+        self._geometry = neck.geometry
 
     def eye_times_s(self, start_s: float) -> FloatArray:
         """Times for which the eyes need the forecast, shape (H,), seconds; empty without eyes."""
         return np.empty(0) if self.eyes is None else self.eyes.forecast_times_s(start_s)
 
-    def pan_command_rad(self, command_rad: FloatArray) -> float:
-        """Pan of the head in the base frame that the commands, shape (N,), radians, stand for."""
-        return float(command_rad[0]) if self.body is None else self.body.gaze_command_rad(command_rad)
+    def head_rad(self, situation: Situation, means_base_m: FloatArray) -> FloatArray:
+        """Pan and tilt that the head is to have in the base frame.
 
-    def head_rad(self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray) -> FloatArray:
-        """Pan and tilt of the head in the base frame; see `EyeAim.head_share_rad` and `EyeAim.head_without_rad`."""
+        They are on the turn that the commands are on, if it is in reach. Eyes get the neck's share of them; the head
+        makes up for eyes that are held.
+
+        Args:
+            situation: What is known.
+            means_base_m: Where the person is, shape (H, 3), metres.
+
+        Returns:
+            Shape (H, 2), radians.
+        """
+        command_rad = situation.command.position_rad
+        pan_rad = float(command_rad[0]) if self.body is None else self.body.gaze_command_rad(command_rad)
+        head_rad = unwrap_pan(look_at_rad(self._geometry, means_base_m), pan_rad, *self._reach_rad)
         if self.eyes is None:
             return head_rad
         if not situation.held:

@@ -8,7 +8,6 @@ import numpy as np
 
 from gazempc.controllers.chain import Chain, head_time_s, slopes
 from gazempc.controllers.controller import Plan, Situation
-from gazempc.neck.kinematics import look_at_rad, unwrap_pan
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -88,13 +87,7 @@ class LookAhead:
         """See `gazempc.controllers.controller.Controller.plan`."""
         means_base_m, limits = situation.forecast.means_base_m, self.neck.command_limits
         count = 4 * self._knots_s.size
-        angles = unwrap_pan(
-            look_at_rad(self.neck.geometry, means_base_m[:count]),
-            self._chain.pan_command_rad(situation.command.position_rad),
-            *self._chain.reach_rad,
-        )
-        whole = self._chain.head_rad(situation, means_base_m[:count], angles)
-        angles = whole.reshape(2, 2, -1, 2)
+        angles = self._chain.head_rad(situation, means_base_m[:count]).reshape(2, 2, -1, 2)
         body = None
         if self._chain.body is not None:
             body = self._chain.body.commands_rad(situation, angles[0, 0, :, 0])

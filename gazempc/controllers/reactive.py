@@ -6,7 +6,7 @@ import numpy as np
 
 from gazempc.controllers.chain import Chain
 from gazempc.controllers.controller import Plan, Situation
-from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad, look_at_rad, unwrap_pan
+from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -39,14 +39,8 @@ class Reactive:
 
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
-        neck, command_rad = self.neck, situation.command.position_rad
-        limits = neck.command_limits
-        angles = unwrap_pan(
-            look_at_rad(neck.geometry, situation.forecast.means_base_m),
-            self._chain.pan_command_rad(command_rad),
-            *self._chain.reach_rad,
-        )[:1]
-        angles = self._chain.head_rad(situation, situation.forecast.means_base_m[:1], angles)
+        neck, limits = self.neck, self.neck.command_limits
+        angles = self._chain.head_rad(situation, situation.forecast.means_base_m[:1])
         wanted = np.zeros((1, neck.joints))
         wanted[:, :2] = angles
         if neck.body is not None:

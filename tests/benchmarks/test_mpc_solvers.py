@@ -103,7 +103,7 @@ def test_the_run_poses_what_the_controller_solves(monkeypatch):
 
     The program is that of a joint which is on its way to nobody, with the controller's own steps.
     """
-    monkeypatch.setattr("gazempc.controllers.mpc.mpc.ACQUIRED_FROM_RAD", np.inf)
+    monkeypatch.setattr("gazempc.controllers.mpc.acquisition.ACQUIRED_FROM_RAD", np.inf)
     run = simulate(NECK, STEPS, 60)
     lengths = growing_steps(STEPS * NECK.control_period_s, NECK.control_period_s)
     ends = np.cumsum(lengths) - 1

@@ -88,14 +88,14 @@ def ipopt(steps, smoothing, soft):
 
 def least_squares(state, reference, zeta=ZETA):
     """The problem without limits as |C x - d|^2: C and d; without a damping ratio velocities have no weight."""
-    p, share = MODEL.prediction, np.sqrt(DAMPING) * T if zeta else 0.0
+    p, share = MODEL, np.sqrt(DAMPING) * T if zeta else 0.0
     velocity = reference[1:] - reference[:-1]
     rate = np.concatenate([velocity[:1], (velocity[1:] + velocity[:-1]) / 2, velocity[-1:]]) / H
     C = np.vstack(
         [
-            p.joint[:, 5:],
-            share * p.velocity[:, 5:],
-            T**2 * p.acceleration[:, 5:],
+            p.joint[:, 6:],
+            share * p.velocity[:, 6:],
+            T**2 * p.acceleration[:, 6:],
             JERK_TIME_S**3 * MODEL.jerk_scale * np.eye(N),
         ]
     )
@@ -124,7 +124,7 @@ H = NECK.control_period_s
 
 
 def joint(ocp, state, scaled_jerk):
-    return ocp.model.prediction.joint @ np.concatenate([state, scaled_jerk])
+    return ocp.model.joint @ np.concatenate([state, [1.0], scaled_jerk])
 
 
 def parameters(state, reference):

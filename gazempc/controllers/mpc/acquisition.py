@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
 # Farther off than forecasts of somebody who is followed are wrong: the joint goes by the acquisition's program.
@@ -27,24 +28,19 @@ class Acquisition:
     side. So a joint that is on its way to somebody who was far off is given their angles as bounds.
 
     Args:
-        low_rad: Least angle that the joint is commanded to, radians.
-        high_rad: Greatest one, radians.
-        period_s: Control period, seconds.
+        neck: The neck.
+        index: 0 for pan, 1 for tilt.
         smoothing_time_s: T of the program that takes over, seconds: it lets a joint go on by about T times its speed.
-        from_rad: Where it begins, radians off the person. Under eyes it is what these cannot cover.
     """
 
-    def __init__(
-        self,
-        low_rad: float,
-        high_rad: float,
-        period_s: float,
-        smoothing_time_s: float,
-        from_rad: float = ACQUIRED_FROM_RAD,
-    ) -> None:
-        self._low_rad, self._high_rad = low_rad, high_rad
-        self._from_rad = from_rad
-        self._period_s, self._smoothing_time_s = period_s, smoothing_time_s
+    def __init__(self, neck: NeckSpec, index: int, smoothing_time_s: float) -> None:
+        limits, eyes = neck.command_limits, neck.eyes
+        self._low_rad, self._high_rad = float(limits.position_min_rad[index]), float(limits.position_max_rad[index])
+        self._from_rad = ACQUIRED_FROM_RAD
+        if eyes is not None:  # while they reach the person, the head may take its time
+            eye = (eyes.pan, eyes.tilt)[index]
+            self._from_rad = math.radians(min(-eye.position_min_deg, eye.position_max_deg))
+        self._period_s, self._smoothing_time_s = neck.control_period_s, smoothing_time_s
         self.reset()
 
     def reset(self) -> None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from gazempc.controllers.chain import Chain, head_time_s, slopes
 from gazempc.controllers.controller import Plan, Situation
-from gazempc.controllers.mpc.acquisition import ACQUIRED_FROM_RAD, ACQUISITION_DAMPING, Acquisition
+from gazempc.controllers.mpc.acquisition import ACQUISITION_DAMPING, Acquisition
 from gazempc.controllers.mpc.axis_model import axis_model, growing_steps
 from gazempc.controllers.mpc.ocp import AxisOcp, Solution
 from gazempc.controllers.mpc.qp import iterations_within
 from gazempc.errors import SettingsError
-from gazempc.neck.kinematics import look_at_rad, unwrap_pan
 from gazempc.neck.servo import DeadTimeRoll
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
@@ -76,15 +73,10 @@ class Mpc:
         most = iterations_within(0.5 * _SOLVERS_SHARE * period_s, self._steps)
         self.ocps = [AxisOcp(model, smoothing_time_s, iterations=most) for model in models]
         self.acquisition_ocps = [AxisOcp(model, quick_s, ACQUISITION_DAMPING, True, most) for model in models]
-        limits = neck.command_limits
-        low_rad, high_rad = limits.position_min_rad[:2].tolist(), limits.position_max_rad[:2].tolist()
         # The first knot is the command before the plan starts.
         self._knots_s: FloatArray = period_s * np.arange(1.0, self._knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)
-        self._acquisitions = [
-            Acquisition(low, high, period_s, smoothing_time_s, from_rad)
-            for low, high, from_rad in zip(low_rad, high_rad, _acquired_from_rad(neck), strict=True)
-        ]
+        self._acquisitions = [Acquisition(neck, i, smoothing_time_s) for i in range(2)]
         self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes[:2]]
         # The first jerk acts from the last command before the plan on, so that the first command sent is
         # already a new one; the joint answers one dead time later.
@@ -114,12 +106,7 @@ class Mpc:
         """See `gazempc.controllers.controller.Controller.plan`."""
         n, command, count = self._steps, situation.command, self._ahead_s.size
         means_base_m = situation.forecast.means_base_m
-        angles = unwrap_pan(
-            look_at_rad(self.neck.geometry, means_base_m[:count]),
-            self._chain.pan_command_rad(command.position_rad),
-            *self._chain.reach_rad,
-        )
-        angles = self._chain.head_rad(situation, means_base_m[:count], angles)
+        angles = self._chain.head_rad(situation, means_base_m[:count])
         body = None
         if self._chain.body is not None:
             body = self._chain.body.commands_rad(situation, np.interp(self._knots_s, self._times_s, angles[:n, 0]))
@@ -167,10 +154,3 @@ class Mpc:
         if bounds_rad is None and not quick:
             return self.ocps[axis].solve(state, reference_rad)
         return self.acquisition_ocps[axis].solve(state, reference_rad, bounds_rad)
-
-
-def _acquired_from_rad(neck: NeckSpec) -> list[float]:
-    # While the eyes reach the person, the head may take its time.
-    if neck.eyes is None:
-        return [ACQUIRED_FROM_RAD, ACQUIRED_FROM_RAD]
-    return [math.radians(min(-eye.position_min_deg, eye.position_max_deg)) for eye in (neck.eyes.pan, neck.eyes.tilt)]

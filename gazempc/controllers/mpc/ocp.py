@@ -22,8 +22,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from gazempc.controllers.controller import SolverFailed
-from gazempc.controllers.mpc.axis_model import AxisModel
-from gazempc.controllers.mpc.prediction import STATE
+from gazempc.controllers.mpc.axis_model import STATE, AxisModel
 from gazempc.controllers.mpc.qp import ITERATIONS, Daqp, QpData
 from gazempc.types import FloatArray
 
@@ -64,21 +63,21 @@ class Program(NamedTuple):
 @lru_cache(maxsize=16)
 def condense(model: AxisModel, smoothing_time_s: float, damping: float, bounded: bool) -> Program:
     """Build the matrices of one program, the same one for the same arguments, which are those of `AxisOcp`."""
-    p, n = model.prediction, model.lengths.size
+    n = model.lengths.size
     turning = math.sqrt(max(4.0 * damping**2 - 2.0, 0.0)) * smoothing_time_s
-    # What the cost squares, from [z0; jerks], and what it is to be, from the reference.
-    squared = np.vstack([p.joint, turning * p.velocity, smoothing_time_s**2 * p.acceleration])
+    # What the cost squares, from [z0; 1; jerks], and what it is to be, from the reference.
+    squared = np.vstack([model.joint, turning * model.velocity, smoothing_time_s**2 * model.acceleration])
     slopes: FloatArray = np.asarray(np.gradient(np.eye(n), model.times_s, axis=0))
     aims = np.vstack([np.eye(n), turning * slopes, np.zeros((n, n))])
-    by_state, by_jerk = squared[:, : len(STATE)], squared[:, len(STATE) :]
+    by_state, by_jerk = squared[:, :_PARAMETERS], squared[:, _PARAMETERS:]
     weights = 0.5 * (model.lengths + np.append(model.lengths[1:], model.lengths[-1]))
     weighed = by_jerk.T * (2.0 * _COST_SCALE * np.tile(weights, 3))
     jerk_weight = 2.0 * _COST_SCALE * (_JERK_TIME_S**3 * model.jerk_scale) ** 2
     hessian = weighed @ by_jerk + jerk_weight * np.diag(model.lengths)
-    cost_map = weighed @ np.hstack([by_state, np.zeros((3 * n, 1)), -aims])
+    cost_map = weighed @ np.hstack([by_state, -aims])
     rows = model.rows
     if bounded:
-        rows = np.vstack([rows, np.insert(p.joint, len(STATE), 0.0, axis=1) / PASSING_UNIT_RAD])
+        rows = np.vstack([rows, model.joint / PASSING_UNIT_RAD])
     best = -np.linalg.solve(hessian, cost_map)
     shown = np.vstack([rows, model.knots])
     at_best = shown[:, _PARAMETERS:] @ best

@@ -6,8 +6,8 @@ from builders.control import NECK, crossing, forecast, run, still
 from scipy.optimize import linprog
 
 from gazempc.controllers.controller import Situation
+from gazempc.controllers.mpc.axis_model import AxisModel
 from gazempc.controllers.mpc.mpc import Mpc
-from gazempc.controllers.mpc.prediction import predict
 from gazempc.errors import SettingsError
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.kinematics import look_at
@@ -16,17 +16,17 @@ from gazempc.neck.spec import load_neck
 
 def earliest_arrival_s(distance_rad, tolerance_rad, steps=60):
     """By linear programming: the first step from which on the joint can be within the tolerance, within limits."""
-    p = predict(NECK.pan, NECK, (1,) * steps, 300.0, 1)
+    p = AxisModel(NECK, 0, (1,) * steps, steps)
     limits = NECK.command_limits
     bounds = np.repeat(
         [limits.position_max_rad[0], limits.velocity_max_rad_s[0], limits.acceleration_max_rad_s2[0]], steps
     )
-    command = p.command[:, 5:]
+    command = p.knots[:, 6:]
     limit_rows = np.vstack([command, -command])
     limit_values = np.concatenate([bounds, bounds])
-    jerk = limits.jerk_max_rad_s3[0] / 300.0
+    jerk = limits.jerk_max_rad_s3[0] / p.jerk_scale
     for first in range(steps):
-        there = p.joint[first:, 5:]
+        there = p.joint[first:, 6:]
         found = linprog(
             np.zeros(steps),
             A_ub=np.vstack([limit_rows, there, -there]),

@@ -192,7 +192,7 @@ class Listener(Mpc):
     def _listening(self, ocp, solve, time_s, damping):
         def listening(state, reference, not_past_rad=None):
             solution = solve(state, reference, not_past_rad)
-            angles = ocp.model.prediction.joint @ np.concatenate([state, solution.scaled_jerk])
+            angles = ocp.model.joint @ np.concatenate([state, [1.0], solution.scaled_jerk])
             assert solution.softened == 0.0
             free = np.repeat(ANYWHERE[:, None], len(reference), axis=1)
             bounds_rad = free if not_past_rad is None else np.array(not_past_rad)

@@ -40,7 +40,7 @@ def within_limits(model, command, scaled_jerk, room):
 
 def test_the_gain_is_used_exactly_where_no_limit_binds():
     """The best motion without limits, by the normal equations: taken if it keeps them all, else DAQP is asked."""
-    p, asked = MODEL.prediction, {"gain": 0, "daqp": 0}
+    asked = {"gain": 0, "daqp": 0}
     rng = np.random.default_rng(6)
     for _ in range(400):
         near = rng.uniform(0, 0.9) * rng.choice([-1, 1])
@@ -48,7 +48,7 @@ def test_the_gain_is_used_exactly_where_no_limit_binds():
         reference = state[0] + state[1] * 0.02 * np.arange(1, N + 1) + 10 ** rng.uniform(-4, 0) * rng.uniform(-1, 1)
         solution = OCP.solve(state, reference)
         free = np.linalg.lstsq(*least_squares(state, reference), rcond=None)[0]
-        command = (p.command @ np.concatenate([state, free])).reshape(3, N)
+        command = (MODEL.knots @ np.concatenate([state, [1.0], free])).reshape(3, N)
         asked[solution.solver] += 1
         if solution.solver == "gain":
             assert within_limits(MODEL, solution.command, solution.scaled_jerk, 1e-8)
@@ -62,7 +62,7 @@ def test_the_gain_is_used_to_the_very_limit(share):
     """From rest all is in proportion to the reference: scaled until the hardest limit is just kept, or just left."""
     reference = np.linspace(0.0, 1.0, N) ** 2
     free = np.linalg.lstsq(*least_squares(np.zeros(5), reference), rcond=None)[0]
-    u, du, ddu = (MODEL.prediction.command[:, 5:] @ free).reshape(3, N)
+    u, du, ddu = (MODEL.knots[:, 6:] @ free).reshape(3, N)
     limits, moved = NECK.command_limits, du + H / 2 * ddu
     most = max(
         np.abs(free).max(),

@@ -23,7 +23,6 @@ from scipy.optimize import lsq_linear
 
 from gazempc.controllers.mpc.axis_model import AxisModel, growing_steps
 from gazempc.controllers.mpc.ocp import AxisOcp
-from gazempc.controllers.mpc.prediction import predict
 
 SLOW = np.array([0.02, 0.05, 0.0275, 0.05, 0.0])
 
@@ -74,13 +73,13 @@ def test_unconstrained_solution_is_least_squares():
 def test_prediction_is_the_continuous_time_model():
     """The rolled maps against scipy's ODE solver with the command held between servo ticks; steps of many lengths."""
     lengths = (1, 1, 2, 3)
-    p = predict(NECK.pan, NECK, lengths, 300.0, 5)
+    p = AxisModel(NECK, 0, lengths, 5)
     rng = np.random.default_rng(3)
     state, jerk = rng.uniform(-1, 1, 5) * [0.5, 1, 0.5, 1, 5], rng.uniform(-1, 1, 4)
     h, wn, zeta = NECK.servo_period_s, 12.0, 0.9
     q, v, u, du, ddu = state
     angles, velocities, accelerations, commands, knots = [], [], [], [], []
-    for length, j in zip(lengths, 300.0 * jerk, strict=True):
+    for length, j in zip(lengths, p.jerk_scale * jerk, strict=True):
         for tick in range(4 * length):
             u, du, ddu = u + h * du + h**2 / 2 * ddu + h**3 / 6 * j, du + h * ddu + h**2 / 2 * j, ddu + h * j
             held = u
@@ -94,15 +93,15 @@ def test_prediction_is_the_continuous_time_model():
             q, v = moved.y[:, -1]
             if tick % 4 == 3:
                 knots.append((u, du, ddu))
-        commands.append((u, du, ddu))
+        commands.append(u)
         angles.append(q)
         velocities.append(v)
         accelerations.append(wn**2 * (u - q) - 2 * zeta * wn * v)
-    z = np.concatenate([state, jerk])
+    z = np.concatenate([state, [1.0], jerk])
     assert p.joint @ z == pytest.approx(angles, abs=1e-9)
     assert p.velocity @ z == pytest.approx(velocities, abs=1e-8)
     assert p.acceleration @ z == pytest.approx(accelerations, abs=1e-6)
-    assert p.command @ z == pytest.approx(np.transpose(commands).ravel(), abs=1e-9)
+    assert p.rows[:4] @ z == pytest.approx(commands / NECK.command_limits.position_max_rad[0], abs=1e-9)
     assert p.knots @ z == pytest.approx(np.transpose(knots[:5]).ravel(), abs=1e-9)
 
 
