@@ -68,6 +68,7 @@ def test_all_solvers_are_measured_and_ours_agrees(measured):
     assert peers["do_mpc"]["median_ms"] > 20 * peers["gazempc"]["median_ms"]
 
 
+@pytest.mark.slow
 def test_the_run_is_described(measured):
     _, text, figures = measured
     assert 0 < figures["ticks_with_limits"] <= figures["ticks"] == 30

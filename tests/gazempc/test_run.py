@@ -57,7 +57,6 @@ def main_job(tmp_path_factory):
     return out, said.getvalue()
 
 
-@pytest.mark.slow
 def test_the_main_job_writes_all_it_promises(main_job):
     out, _ = main_job
     names = {path.name for path in out.iterdir()}

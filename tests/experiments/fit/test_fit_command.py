@@ -61,6 +61,7 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
     assert sorted(p.name for p in finished.iterdir()) == ["left_out", "runs", "walker.npz"]
 
 
+@pytest.mark.slow
 def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
     shown = ["--predictors", "walker", "constant_velocity", "--out", str(tmp_path), "--walker.fitted"]

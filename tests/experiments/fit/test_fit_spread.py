@@ -93,6 +93,7 @@ def test_the_gradient_of_the_likelihood_is_its_slope():
     np.testing.assert_allclose(likelihood(x)[1], expected, atol=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [(0.3, 0.9), (0.8, 0.4), (1.5, 1.5)])
 def test_the_shares_of_the_noise_are_recovered_at_each_knot(share):
     """Of measured and of stated noise, each its own; they fall with the horizon."""
@@ -110,6 +111,7 @@ def test_the_shares_of_the_noise_are_recovered_at_each_knot(share):
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.02)
 
 
+@pytest.mark.slow
 def test_noise_that_is_in_no_error_has_no_share():
     """Errors of 10 cm, whatever the noise up to 10 cm: a share adds next to nothing to the scale, at the worst 6 %."""
     rng, n = np.random.default_rng(0), 6000
@@ -129,6 +131,7 @@ def test_longer_tails_than_are_tried_still_hold_95_percent():
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.035)
 
 
+@pytest.mark.slow
 def test_of_many_rows_those_in_between_tell_the_same():
     """Only every third row is read for the coefficients, and all for the ellipsoids."""
     rng, n = np.random.default_rng(2), 36000
@@ -141,6 +144,7 @@ def test_of_many_rows_those_in_between_tell_the_same():
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.015)
 
 
+@pytest.mark.slow
 def test_weights_count():
     """Two kinds of people with errors of 5 and 10 cm: whoever has the weight has the scale."""
     rng, n = np.random.default_rng(1), 4000
