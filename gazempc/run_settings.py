@@ -24,11 +24,11 @@ class RunSettings(ReplaySettings):
         description="Recording: subject03_R4 (synthetic), a table (.csv, .tsv, .txt, .parquet, .mvnx), a .json or .bvh "
         "file, or the folder of a ROS 2 bag or of OpenPose; a log (.npz, .mcap) is measured again",
     )
-    list: bool = Field(default=False, description="Print what can be replayed, and the necks and sensors")
+    list: bool = Field(default=False, description="Print all included recordings, necks and sensors")
     controllers: tuple[ControllerChoice, ...] = Field(
         default=("reactive", "lookahead", "mpc", "perfect"),
         min_length=1,
-        description="What to compare; perfect is the mpc with the true future; module:Class for your own",
+        description="Controllers to compare; perfect is the mpc with the true future; module:Class for your own",
     )
     log: Literal["npz", "mcap"] = Field(
         default="npz",
@@ -38,14 +38,16 @@ class RunSettings(ReplaySettings):
         default=None,
         ge=1,
         le=1000,
-        description="How many seeds of the noise to replay, from --seed on; without it 8, or as many as fit into ten "
-        "seconds. Logs and figures are of the first",
+        description="Number of seeds of the noise, from --seed on; default: 8, or as many as fit into ten "
+        "seconds. Logs and figures are from the first seed",
     )
     out: Path | None = Field(
-        default=None, description="Where to write, in place of an earlier run; without it out/<recording>"
+        default=None, description="Folder for all files; replaces an earlier run; default: out/<recording>"
     )
     figures: bool = Field(default=True, description="Draw figures and the animation")
-    config: Path | None = Field(default=None, description="YAML file with any of these settings; the command line wins")
+    config: Path | None = Field(
+        default=None, description="YAML file with any of these settings; the command line has priority"
+    )
 
 
 def load_settings(path: Path) -> RunSettings:

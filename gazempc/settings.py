@@ -51,7 +51,10 @@ class ConstantVelocitySettings(Settings):
         default=0.05, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
     )
     position_noise_m: float = Field(
-        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
+        default=0.01,
+        ge=1e-6,
+        le=1e3,
+        description="Measurement noise (s.d.) if none is stated",
     )
 
 
@@ -60,12 +63,15 @@ class HeadPoseSettings(ConstantVelocitySettings):
 
     weight: float = Field(default=0.5, ge=0, le=1, description="w in equation 4")
     yaw_noise_rad: float = Field(
-        default=0.05, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
+        default=0.05,
+        ge=1e-6,
+        le=1e3,
+        description="Measurement noise (s.d.) if none is stated",
     )
     yaw_from: Literal["waist", "travel"] = Field(
         default="waist", description="What the head's yaw is relative to: the waist, or the direction of travel"
     )
-    offset_removed: bool = Field(default=False, description="Take away the mean yaw since the track began")
+    offset_removed: bool = Field(default=False, description="Subtract the mean yaw since the start of the track")
 
 
 class WalkerSettings(Settings):
@@ -73,21 +79,24 @@ class WalkerSettings(Settings):
 
     fitted: Path | None = Field(
         default=None,
-        description="Model or folder of `python -m experiments.fit`; from a folder each person is forecast by the "
-        "model that has not seen them; without it the model that ships with the package",
+        description="Model or folder of `python -m experiments.fit`; from a folder each person gets the "
+        "model fitted without this person; default: the shipped model",
     )
 
 
 class PelvisPursuitSettings(Settings):
     """Predictor `pelvis_pursuit`."""
 
-    gain: float = Field(default=0.75, ge=0, le=1, description="Share of the angle to the pelvis that is turned")
+    gain: float = Field(default=0.75, ge=0, le=1, description="Share of the angle to the pelvis")
     turn_time_s: float = Field(default=0.11, gt=0, description="Time constant of the turn")
     acceleration_psd: float = Field(
         default=0.02, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
     )
     position_noise_m: float = Field(
-        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
+        default=0.01,
+        ge=1e-6,
+        le=1e3,
+        description="Measurement noise (s.d.) if none is stated",
     )
 
 
@@ -96,7 +105,10 @@ class ConstantAccelerationSettings(Settings):
 
     jerk_psd: float = Field(default=0.003, gt=0, le=1e6, description="Noise density of the head's jerk, m^2/s^5")
     position_noise_m: float = Field(
-        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
+        default=0.01,
+        ge=1e-6,
+        le=1e3,
+        description="Measurement noise (s.d.) if none is stated",
     )
 
 
@@ -108,9 +120,12 @@ class _TurningSettings(Settings):
     )
     heading_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the heading's rate, rad^2/s")
     turn_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the turn rate's change, rad^2/s^3")
-    turn_time_s: float = Field(default=1.0, gt=0, description="Time constant with which a turn dies away")
+    turn_time_s: float = Field(default=1.0, gt=0, description="Time constant with which a turn ends")
     position_noise_m: float = Field(
-        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
+        default=0.01,
+        ge=1e-6,
+        le=1e3,
+        description="Measurement noise (s.d.) if none is stated",
     )
 
 
@@ -119,14 +134,14 @@ class CoordinatedTurnSettings(_TurningSettings):
 
     yaw_cues: Literal["none", "pelvis", "both"] = Field(
         default="none",
-        description="Orientations that are measured as the heading plus an offset; both is with the head",
+        description="Orientations that the filter uses as measurements of the heading; both: pelvis and head",
     )
 
 
 class ParticleSettings(_TurningSettings):
     """Predictor `particle`."""
 
-    particles: int = Field(default=400, ge=2, le=100_000, description="How many")
+    particles: int = Field(default=400, ge=2, le=100_000, description="Number of particles")
 
 
 class InteractingModelsSettings(Settings):
@@ -140,7 +155,10 @@ class InteractingModelsSettings(Settings):
         default=0.05, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
     )
     position_noise_m: float = Field(
-        default=0.01, ge=1e-6, le=1e3, description="Standard deviation of a measurement, where none is stated"
+        default=0.01,
+        ge=1e-6,
+        le=1e3,
+        description="Measurement noise (s.d.) if none is stated",
     )
 
 
@@ -161,13 +179,13 @@ class LookAheadSettings(Settings):
     """Controller `lookahead`."""
 
     smoothing_time_s: float = Field(
-        default=0.1, ge=0, le=1, description="Time constant of a low-pass on the command, made up for; 0 for none"
+        default=0.1, ge=0, le=1, description="Time constant of the low-pass on the command; 0 for none"
     )
     head_smoothing_time_s: float | None = Field(
         default=None,
         ge=0,
         le=2,
-        description="The same for the head of a neck with eyes; without it 0.6, or 0.1 where the head leaves a share "
+        description="The same for the head of a neck with eyes; default 0.6, or 0.1 if the head leaves a share "
         "to the eyes (--motion human)",
     )
 
@@ -175,18 +193,18 @@ class LookAheadSettings(Settings):
 class MpcSettings(Settings):
     """Controller `mpc`."""
 
-    horizon_s: float = Field(default=0.8, ge=0.1, le=5, description="Optimised motion after the dead time")
+    horizon_s: float = Field(default=0.8, ge=0.1, le=5, description="Length of the plan after the dead time")
     smoothing_time_s: float = Field(
-        default=0.12, gt=0, le=1, description="Gaze motion faster than 1/this (rad/s) is smoothed away"
+        default=0.12, gt=0, le=1, description="Smoothing time T; larger is smoother and less exact"
     )
     acquisition_time_s: float = Field(
-        default=0.09, gt=0, le=1, description="The same on the way to somebody far off the gaze"
+        default=0.09, gt=0, le=1, description="T during acquisition of a person far off the gaze"
     )
     head_smoothing_time_s: float | None = Field(
         default=None,
         gt=0,
         le=1,
-        description="smoothing_time_s for the head of a neck with eyes; without it 0.35, or 0.1 where the head leaves "
+        description="smoothing_time_s for the head of a neck with eyes; default 0.35, or 0.1 if the head leaves "
         "a share to the eyes (--motion human)",
     )
 
@@ -198,15 +216,17 @@ class LoopSettings(Settings):
         default=0.0, ge=0, le=0.1, description="Time from the start of planning to the plan's first command"
     )
     stale_after_s: float = Field(default=0.5, gt=0, description="An observation older than this is dropped")
-    lost_after_s: float = Field(default=1.0, gt=0, description="Without an observation for this long: stop")
-    rest_after_s: float = Field(default=3.0, gt=0, description="Without an observation for this long: go to rest")
+    lost_after_s: float = Field(default=1.0, gt=0, description="After this time without an observation, the neck stops")
+    rest_after_s: float = Field(
+        default=3.0, gt=0, description="After this time without an observation, the neck returns to rest"
+    )
     rest_speed_rad_s: float = Field(default=0.5, ge=0.01, description="Speed of the return to rest")
 
     gaze_region_deg: tuple[float, float, float, float] | None = Field(
-        default=None, description="Where the gaze may go: least and greatest pan, least and greatest tilt"
+        default=None, description="Allowed gaze: minimum and maximum pan, minimum and maximum tilt"
     )
     speed_max_rad_s: Annotated[float | None, tyro.conf.arg(aliases=["--loop.speed-max"])] = Field(
-        default=None, ge=0.01, description="Greatest speed of each joint"
+        default=None, ge=0.01, description="Maximum speed of each joint"
     )
 
     @model_validator(mode="after")
@@ -228,16 +248,16 @@ class AttentionSettings(Settings):
     """Whom to look at among several people, see `--attend`."""
 
     hysteresis_s: float = Field(
-        default=0.5, ge=0, description="Somebody else must be the better choice for so long without a break"
+        default=0.5, ge=0, description="Another person must be the better choice for this time without a break"
     )
-    dwell_s: float = Field(default=1.5, ge=0, description="Least time that anybody is looked at")
+    dwell_s: float = Field(default=1.5, ge=0, description="Minimum time that the robot looks at a person")
     enter_m: float | None = Field(
-        default=None, gt=0, description="Nobody farther away than this begins to count; without it no limit"
+        default=None, gt=0, description="A person becomes a candidate within this distance; default: no limit"
     )
     leave_m: float | None = Field(
-        default=None, gt=0, description="Who counts does so until they are farther away; without it as enter_m"
+        default=None, gt=0, description="A candidate remains one up to this distance; default: enter_m"
     )
-    most_people: int = Field(default=20, ge=1, description="Only so many people count, the nearest")
+    most_people: int = Field(default=20, ge=1, description="Maximum number of candidates, the nearest ones")
 
     @model_validator(mode="after")
     def _leave_behind_enter(self) -> AttentionSettings:
@@ -254,7 +274,7 @@ class LookAwaySettings(Settings):
 
     rhythm: LookAwayMode = Field(
         default="no",
-        description="Look away as people do who listen or who speak, or only when a program tells it (told); or never",
+        description="Look away like a listener, like a speaker, or only after a cue (told); default: never",
     )
     seed: int = Field(default=0, ge=0, description="Seed of times and directions")
 
@@ -264,8 +284,8 @@ class GazeSettings(PredictorSettings):
 
     attend: Annotated[str, AfterValidator(_checked_attend)] | None = Field(
         default=None,
-        description="Whom to look at among several people: nearest, engaged, approaching, speaker, id:NAME as the "
-        "tracker calls them, module:Class for a policy of your own. Without it all observations are one person's",
+        description="Whom to look at among several people: nearest, engaged, approaching, speaker, id:NAME (the "
+        "tracker's name), module:Class for your own policy. Default: all observations are one person's",
     )
     attention: AttentionSettings = AttentionSettings()
     look_away: LookAwaySettings = LookAwaySettings()

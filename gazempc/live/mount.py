@@ -35,11 +35,11 @@ class Mount(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     on: Literal["base", "head", "eye"] = Field(
-        default="base", description="What it is fixed to: the robot's base, its head, or the eyes, which turn in it"
+        default="base", description="Part that carries the sensor: the robot's base, its head, or its eyes"
     )
     position_m: tuple[float, float, float] = Field(
         default=(0.0, 0.0, 0.0),
-        description="In the base frame; in the head's, from the tilt axis; in the eye's, from where it turns",
+        description="Position on this part: from the base's origin, the tilt axis, or the eye's centre of rotation",
     )
     roll_pitch_yaw_deg: tuple[float, float, float] = Field(
         default=(0.0, 0.0, 0.0), description="About x, y, z of that frame: pitch positive looks down, yaw to the left"

@@ -26,7 +26,7 @@ STAMPED = ("stdin", "udp", "tcp", "ros2", "ros4hri")
 LINES = ("stdin", "udp", "tcp")
 SOURCES = (
     "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, ros4hri, camera, camera:1, "
-    "camera:FILE, module:Class for a source of your own"
+    "camera:FILE, module:Class for your own source"
 )
 
 
@@ -35,7 +35,7 @@ class MountedSettings(GazeSettings):
 
     motion: Motion = Field(default="robot", description=MOTION_MEANS)
     mount: Mount = Mount()
-    use_ids: bool = Field(default=True, description="Tell people apart by the names that the tracker gives them")
+    use_ids: bool = Field(default=True, description="Use the tracker's names of people")
     # A plan that is made in the background is there a little later.
     loop: LoopSettings = LoopSettings(compute_delay_s=0.01)
     options: RobotOptions = RobotOptions()
@@ -47,48 +47,52 @@ class LiveSettings(MountedSettings, StageSettings):
     source: str = Field(description=f"Where observations come from: {SOURCES}")
     robot: RobotChoice = Field(default="simulated", description="What executes the commands; module:Class for your own")
     neck: str | None = Field(
-        default=None, description="Shipped neck or a .toml file; without it, for a simulated robot, reference"
+        default=None, description="Shipped neck or a .toml file; default for a simulated robot: reference"
     )
-    controller: ControllerChoice = Field(default="mpc", description="What plans them; module:Class for your own")
+    controller: ControllerChoice = Field(
+        default="mpc", description="What plans the commands; module:Class for your own"
+    )
     predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     replay: str = Field(default="subject03_R4", description="Recording of the source replay")
     passes: int = Field(
-        default=1, ge=1, description="How many times the person of the source replay passes, two seconds apart"
+        default=1, ge=1, description="How often the source replay repeats the recording, with two seconds between"
     )
     camera: CameraOptions = CameraOptions()
-    duration_s: float | None = Field(default=None, gt=0, description="Longest time; without it until told to stop")
+    duration_s: float | None = Field(
+        default=None, gt=0, description="End the run after this time; default: run until Ctrl-C"
+    )
     stamps: Stamps = Stamps()
     allow: tuple[str, ...] = Field(
-        default=(), description="Source udp: addresses or networks that may send; without it the first sender"
+        default=(), description="Source udp: addresses or networks that may send; default: the first sender"
     )
     key_file: Path | None = Field(
-        default=None, description="Sources stdin, udp, tcp: file with a shared key that lines must be signed with"
+        default=None, description="Sources stdin, udp, tcp: file with the shared key that signs the lines"
     )
     simulated_clock: bool = Field(
-        default=False, description="Run as fast as the computer can: source replay and a simulated robot only"
+        default=False, description="Run as fast as the computer can; only if source and robot do not need real time"
     )
-    log_s: float = Field(default=300.0, ge=1, description="A log is written each time so many seconds have passed")
-    out: Path = Field(default=Path("out/live"), description="Where to write, in place of an earlier run")
+    log_s: float = Field(default=300.0, ge=1, description="Length of a log; after this time a new log begins")
+    out: Path = Field(default=Path("out/live"), description="Folder for all files; replaces an earlier run")
     log: Literal["npz", "mcap"] | None = Field(
         default=None,
-        description="Format of the logs; mcap: beside .npz, while it runs, for Foxglove and other viewers. "
-        "Without it mcap if the extra view is installed",
+        description="Format of the logs; mcap: beside .npz, during the run, for Foxglove and other viewers. "
+        "Default: mcap if the extra view is installed",
     )
     view: ViewKind | None = Field(
         default=None,
-        description="See it while it runs: web, a page in any browser; foxglove (or --view alone), with its layout",
+        description="Watch the run: web (a page in any browser) or foxglove (also --view alone)",
     )
     view_at: str = Field(
         default="127.0.0.1",
-        description="HOST or HOST:PORT that it is served at; 0.0.0.0 for the whole network. Without a port 8080 for "
+        description="HOST or HOST:PORT of the viewer; 0.0.0.0 for the whole network. Default port: 8080 for "
         "web, 8765 for foxglove",
     )
     attention_out: str | None = Field(
         default=None,
-        description="Where a line of JSON goes whenever the robot looks at somebody else, or away: udp:HOST:PORT, "
+        description="Send a line of JSON whenever the robot looks at another person, or away: udp:HOST:PORT, "
         "ros2:TOPIC, or a file FILE.jsonl",
     )
-    figures: bool = Field(default=True, description="Draw angles.png, of the last log")
+    figures: bool = Field(default=True, description="Draw angles.png from the last log")
 
     @property
     def source_kind(self) -> str:

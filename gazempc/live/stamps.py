@@ -23,14 +23,14 @@ class Stamps(BaseModel):
     clock: StampClock = Field(
         default="unix",
         description="Clock of the capture times: unix, monotonic (of this computer), other (any clock that runs "
-        "steadily, set by the frames that come soonest), arrival (capture times are not read)",
+        "steadily), arrival (capture times are ignored)",
     )
-    unit: StampUnit = Field(default="s", description="Their unit")
+    unit: StampUnit = Field(default="s", description="Unit of the capture times")
     latency_s: float = Field(
         default=0.05,
         ge=0,
         le=2,
-        description="Least time from capture to arrival: for the clocks other and arrival, and where a clock is ahead",
+        description="Shortest latency: for the clocks other and arrival, and for a clock that is ahead",
     )
 
 

@@ -14,7 +14,7 @@ from gazempc.errors import SettingsError
 from gazempc.neck.spec import Axis, Eyes, NeckSpec
 
 Motion = Literal["robot", "human"]
-MOTION_MEANS = "Limits of the neck as they are, or those with which its head and eyes move as people's"
+MOTION_MEANS = "robot: the neck's own limits; human: limits with which head and eyes move like people's"
 
 # Share of the head at the end of a shift of gaze, sideways, up and down.
 HEAD_SHARE_PAN, HEAD_SHARE_UP, HEAD_SHARE_DOWN = 0.69, 0.52, 0.08

@@ -23,9 +23,9 @@ class DynamixelOptions(Settings):
     motor_ids: tuple[int, ...] = Field(default=(1, 2), description="Of pan and tilt, then of eyes and body if any")
     zero_ticks: tuple[int, ...] = Field(default=(2048, 2048), description="Position of angle 0, 4096 ticks a turn")
     directions: tuple[int, ...] = Field(default=(1, 1), description="1 if more ticks turn left or up, else -1")
-    reply_timeout_ms: float = Field(default=4.0, gt=0, le=5000, description="How long one call waits for an answer")
-    approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed to the first command after power-up")
-    torque_off_on_close: bool = Field(default=False, description="Let the head go limp at the end")
+    reply_timeout_ms: float = Field(default=4.0, gt=0, le=5000, description="Time that one call waits for an answer")
+    approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed of the motion to the first command")
+    torque_off_on_close: bool = Field(default=False, description="Switch the torque off at the end")
 
 
 class Ros2Options(Settings):
@@ -33,37 +33,41 @@ class Ros2Options(Settings):
 
     endpoint: str = Field(default="tcp/localhost:7447", description="Zenoh router")
     domain_id: int = Field(default=0, ge=0, description="ROS_DOMAIN_ID")
-    humble: bool = Field(default=False, description="Whether the other nodes are of ROS 2 Humble")
+    humble: bool = Field(default=False, description="The other nodes run ROS 2 Humble")
     joint_names: tuple[str, ...] = Field(
         default=("head_pan_joint", "head_tilt_joint"), description="Pan and tilt, then eyes and body if any"
     )
     joint_signs: tuple[float, ...] = Field(
         default=(1.0, 1.0), description="1, or -1 for a joint that is positive to the right, or down"
     )
-    command_topic: str = Field(default="/head_controller/joint_trajectory", description="Where commands go")
+    command_topic: str = Field(default="/head_controller/joint_trajectory", description="Topic of the commands")
     command_type: Literal["trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Float64MultiArray"] = Field(
-        default="trajectory_msgs/msg/JointTrajectory", description="Of which type they are"
+        default="trajectory_msgs/msg/JointTrajectory", description="Type of the commands"
     )
-    state_topic: str = Field(default="/joint_states", description="Where joint states come from")
+    state_topic: str = Field(default="/joint_states", description="Topic of the joint states")
     time_from_start_s: float | None = Field(
-        default=None, gt=0, description="When a trajectory's point is to be reached; without it a servo period"
+        default=None, gt=0, description="Time to reach a trajectory's point; default: a servo period"
     )
-    silent_after_s: float = Field(default=0.5, gt=0, description="Without a joint state for so long: not answering")
+    silent_after_s: float = Field(
+        default=0.5, gt=0, description="After this time without a joint state, the robot counts as not answering"
+    )
     base_frame: str | None = Field(
-        default=None, description="Frame of tf that people and points are put into; without it that of the sensor"
+        default=None, description="tf frame for people and points; default: the sensor's frame"
     )
     point_topic: str | None = Field(
         default=None, description="Topic of points (geometry_msgs/msg/PointStamped) to glance at; needs base_frame"
     )
-    point_lasts_s: float = Field(default=1.0, gt=0, description="For how long such a point is glanced at")
+    point_lasts_s: float = Field(default=1.0, gt=0, description="Duration of a glance at a point")
     sound_topic: str | None = Field(default=None, description="Topic of directions of speech, for --attend speaker")
     sound_type: SoundType = Field(
         default="std_msgs/msg/Int32", description="Whole degrees; std_msgs/msg/Float32 for radians; left is positive"
     )
     sound_frame: str | None = Field(
-        default=None, description="Frame of tf that they are in; without it the base frame of the neck"
+        default=None, description="tf frame of the directions of speech; default: the base frame of the neck"
     )
-    pose_type: PoseType = Field(default="geometry_msgs/msg/PoseStamped", description="What the source's poses come as")
+    pose_type: PoseType = Field(
+        default="geometry_msgs/msg/PoseStamped", description="Message type of the source's poses"
+    )
 
     @property
     def network(self) -> Ros2Network:
@@ -74,7 +78,7 @@ class Ros2Options(Settings):
 class ReachyMiniOptions(Settings):
     """Robot `reachy_mini`; see `gazempc.robots.reachy_mini.robot.ReachyMiniNeck`."""
 
-    host: str = Field(default="127.0.0.1", description="Where its daemon runs")
+    host: str = Field(default="127.0.0.1", description="Host of the daemon")
     port: int = Field(default=8000, gt=0, lt=65536, description="Port of the daemon")
     approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed to the first command")
 

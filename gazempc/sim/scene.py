@@ -28,14 +28,14 @@ class PlaceSettings(Settings):
 
     placement: Placement | None = Field(
         default=None,
-        description="Where the robot stands; without it where the recording's sensor stood, "
-        "or at the side if there was none",
+        description="Where the robot stands; default: where the recording's sensor stood, "
+        "or at the side if there was no sensor",
     )
     distance_m: float = Field(default=2.5, gt=0, le=100, description="Distance from the walk, for placement side")
     height_m: float = Field(default=1.2, ge=-100, le=100, description="Height above the floor, for placement side")
     seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
     start_offset_deg: float = Field(
-        default=0.0, ge=-360, le=360, description="Pan at the start, from looking at the first observed head"
+        default=0.0, ge=-360, le=360, description="Pan at the start, relative to the first observed head"
     )
     reading: ReadOptions = ReadOptions()
 
@@ -45,7 +45,7 @@ class StageSettings(PlaceSettings):
 
     sensor: str | None = Field(
         default=None,
-        description="Shipped sensor or a .toml file; without it the recording's own for body tracking and tracked "
+        description="Shipped sensor or a .toml file; default: the recording's own for body tracking and tracked "
         "people, else reference",
     )
 

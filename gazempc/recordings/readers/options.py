@@ -16,18 +16,20 @@ class ReadOptions(BaseModel):
 
     columns: str | None = Field(
         default=None,
-        description="What the columns of a table mean, such as 't=stamp:ns, head=[px,py,pz]:mm, axes=y-up'; see the "
+        description="Meaning of a table's columns, such as 't=stamp:ns, head=[px,py,pz]:mm, axes=y-up'; see the "
         "page Tables as exported",
     )
-    mapping: Path | None = Field(default=None, description="TOML file with the same; default: the one beside the table")
+    mapping: Path | None = Field(
+        default=None, description="TOML file with the meaning of the columns; default: the file beside the table"
+    )
     guess: Annotated[bool, tyro.conf.arg(aliases=["--guess"])] = Field(
-        default=False, description="Guess what the columns mean if nothing says it, and print the guess"
+        default=False, description="Guess the meaning of the columns, and print the guess"
     )
     person: str | None = Field(
-        default=None, description="Whom to read where there are several; default: whoever is seen longest"
+        default=None, description="Which of several people to read; default: the person who is seen longest"
     )
     kinect_body_id: int | None = Field(
-        default=None, description="Body to read from a body tracking file; default: the one seen longest."
+        default=None, description="Body to read from a body tracking file; default: the body in most frames."
     )
     kinect_head_joint: Literal["nose", "head"] = Field(
         default="nose", description="Joint that stands for the head: nose, or head (the base of the skull)."
@@ -36,7 +38,7 @@ class ReadOptions(BaseModel):
         default=0.0,
         gt=-90.0,
         lt=90.0,
-        description="Pitch of the camera in degrees, positive where it looks up; turns its frame level.",
+        description="Pitch of the camera in degrees, positive if it looks up; makes its frame level.",
     )
     bvh_unit_m: float | None = Field(
         default=None,
@@ -48,30 +50,30 @@ class ReadOptions(BaseModel):
     )
     bvh_head_joint: str | None = Field(
         default=None,
-        description="Name of the head's joint in a BVH file; default: found by its name, or the far end of the "
-        "middle of the body.",
+        description="Name of the head's joint in a BVH file; default: found by its name, else the upper "
+        "end of the spine.",
     )
     bvh_hips_joint: str | None = Field(
         default=None,
-        description="Name of the hips' joint in a BVH file; default: found by name, or where the legs part.",
+        description="Name of the hips' joint in a BVH file; default: found by name, else where both legs start.",
     )
     bvh_facing: Literal["x", "-x", "y", "-y", "z", "-z"] | None = Field(
         default=None,
-        description="Axis that the person faces in a BVH file's rest pose; default: told by left and right "
-        "joints, else by feet, else by the way they walk.",
+        description="Axis that the person faces in a BVH file's rest pose; default: by left and right "
+        "joints, else by feet, else by the direction of walking.",
     )
     bvh_up_axis: Literal["y", "z"] | None = Field(
         default=None,
-        description="Axis of a BVH file that points up; default: where the head is, seen from the hips.",
+        description="Axis of a BVH file that points up; default: from the hips to the head.",
     )
     bag_topic: str | None = Field(
-        default=None, description="Topic of a ROS 2 bag that shows the head; default: the one with the longest track."
+        default=None, description="Topic of a ROS 2 bag with the head; default: the topic with the longest track."
     )
     bag_frame: str | None = Field(
         default=None, description="Frame of a ROS 2 bag in which the robot stands; default: the sensor's."
     )
     bag_axes: Literal["optical", "forward"] | None = Field(
         default=None,
-        description="Axes of that frame: z forward, y down (optical) or x forward, z up; default: by its name, or by "
-        "where people are.",
+        description="Axes of bag_frame: z forward, y down (optical) or x forward, z up; default: by its name, or by "
+        "the positions of people.",
     )

@@ -19,14 +19,14 @@ class CameraOptions(Settings):
         default=None,
         gt=5,
         lt=170,
-        description=f"Horizontal field of view; without it {LIKELY_FOV_DEG:.0f}, and said so",
+        description=f"Horizontal field of view; default {LIKELY_FOV_DEG:.0f}, with a note",
     )
     calibration: Path | None = Field(
         default=None, description="OpenCV's or ROS's calibration file (.yml, .yaml, .xml, .json), in place of fov-deg"
     )
-    width: int = Field(default=640, ge=64, le=4096, description="Width to ask the camera for, pixels")
-    height: int = Field(default=480, ge=64, le=4096, description="Height to ask the camera for, pixels")
-    fps: float = Field(default=30.0, gt=0, le=240, description="Pictures a second to ask the camera for")
+    width: int = Field(default=640, ge=64, le=4096, description="Requested width, pixels")
+    height: int = Field(default=480, ge=64, le=4096, description="Requested height, pixels")
+    fps: float = Field(default=30.0, gt=0, le=240, description="Requested pictures a second")
     latency_ms: float = Field(
-        default=0.0, ge=0, le=2000, description="How long before its time stamp a picture was exposed"
+        default=0.0, ge=0, le=2000, description="Time from the exposure of a picture to its time stamp"
     )
