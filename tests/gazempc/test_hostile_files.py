@@ -8,6 +8,7 @@ import sqlite3
 import stat
 import time
 import zipfile
+from contextlib import closing
 from dataclasses import fields
 from pathlib import Path
 
@@ -127,7 +128,7 @@ def test_aliases_in_the_description_of_a_bag_are_refused(tmp_path):
 def test_a_database_that_computes_is_no_bag(tmp_path):
     bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
     file = next(bag.glob("*.db3"))
-    with sqlite3.connect(file) as database:
+    with closing(sqlite3.connect(file)) as database, database:
         database.execute("ALTER TABLE messages RENAME TO sound")
         forever = "WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n)"
         database.execute(
