@@ -26,8 +26,9 @@ def run_command(name: str, work: Callable[[], int]) -> int:
         work: Does it, and gives the exit status.
 
     Returns:
-        What `work` gives; 1 on a limit violation; 2 on bad input or a file system that refuses; 3 on any other
-        exception, a fault of the program; 0 if whoever read the output has seen enough, as in ``... --list | head``.
+        The status of `work`. 1: a limit violation. 2: bad input, or an error of the file system. 3: any other
+        exception, a fault of the program. 0: also if the reader of the output has closed it, as in ``... --list |
+        head``.
     """
     try:
         return work()

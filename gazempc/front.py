@@ -55,8 +55,8 @@ def replay(
         The log.
 
     Raises:
-        GazempcError: If a name does not exist, a file or setting is wrong, the robot cannot stand there, the recording
-            is too short, or a part does not do what it must.
+        GazempcError: If a name does not exist, a file or setting is wrong, or the recording is too short. Also if the
+            robot would be too near to the person, or a part of your own is wrong.
     """
     named = {
         "neck": neck.name if isinstance(neck, NeckSpec) else str(neck),

@@ -40,12 +40,12 @@ _GIVEN_UP_BY_ID_S = 1.5
 
 
 class Gate:
-    """Refuses positions that are improbable at the 99.9 % level, and notices where they show somebody else.
+    """Refuses positions that are improbable at the 99.9 % level, and detects a change to another person.
 
-    The width is that of the filter's spread, of the innovations' own, as measured lately, and of what a person can do
-    since the last accepted frame. Refused detections that agree with each other are a candidate: another person, or
-    this one at another place. What is nearer to it than to the track is refused too. After 0.75 s
-    of refusals the track is the candidate's; after 1.5 s if that has another name; sooner if the track is younger.
+    Three parts add up to the gate's covariance: that of the filter, that of recent innovations, and what a person can
+    do since the last accepted frame. Refused detections that agree with each other form a candidate track. A detection
+    that is nearer to the candidate than to the track is refused, too. After 0.75 s of refusals the candidate replaces
+    the track; after 1.5 s if the candidate has another name; sooner if the track is younger.
     """
 
     def __init__(self) -> None:

@@ -40,27 +40,25 @@ def rotation_about_vertical(angle_rad: float) -> FloatArray:
 class HeadPose:
     """Constant velocity bent toward where the head is turned; Tamaru et al. 2021, equations 1 to 5.
 
-    The position filter is `ConstantVelocity`; the relative yaw goes through a Kalman filter of its own (the
-    paper filters both inputs). With d the filter's step over one frame and R the rotation by the relative
-    yaw, the forecast after N frames is ``x + N ((1 - w) d + w R d)``; as d is the velocity times the frame
-    interval, the same holds for any time ahead. Observations without orientation leave the yaw as it was; after
-    half a second without one, the forecast is that of `ConstantVelocity`.
+    The position filter is `ConstantVelocity`. A separate Kalman filter estimates the relative yaw. Let d be the
+    filter's step over one frame, and R the rotation by the relative yaw. Then the forecast after N frames is
+    ``x + N ((1 - w) d + w R d)``. d is the velocity times the frame interval, so the rule holds for any time ahead.
+    After half a second without an orientation, the forecast is that of `ConstantVelocity`.
 
-    People carry their heads, and trackers measure them, some degrees aside for good: on real walks the rule as printed
-    bends every straight walk by that offset. `offset_removed` takes the mean of the yaw so far away from it. And a
-    pelvis swings with every step and turns with the head; `yaw_from` "travel" counts the yaw from the direction of the
-    filter's velocity instead.
+    The measured yaw of a head has a constant error of some degrees. So the paper's rule bends every straight walk.
+    `offset_removed` subtracts the mean of the yaw so far. A pelvis swings with every step and turns with the head. So
+    `yaw_from` "travel" measures the yaw from the direction of the filter's velocity.
 
     Args:
-        weight: w in equation 4, in [0, 1]. The paper prints a tuned mean of "7.51", which is outside its own
-            range; the default 0.5 is that figure read as steps of its N = 15.
+        weight: w in equation 4, in [0, 1]. The paper prints a tuned mean of "7.51", which is outside this range. The
+            default 0.5 reads this number as steps of the paper's N = 15.
         acceleration_psd: See `ConstantVelocity`.
         position_noise_m: See `ConstantVelocity`.
-        yaw_noise_rad: Standard deviation of a measurement of the relative yaw, radians, where the observation states
-            none; half of its variance is the head's, half that of what it is relative to.
-        yaw_from: What the head's yaw is relative to: "waist" as in the paper, or "travel", the direction of travel;
-            slower than 0.2 m/s nobody has one, and the yaw stays what it was.
-        offset_removed: Take away the mean yaw since the track began, on line; not in the paper.
+        yaw_noise_rad: Standard deviation of a measurement of the relative yaw, radians, if the observation states
+            none. Half of its variance is that of the head, half that of the reference.
+        yaw_from: Reference of the head's yaw: "waist" as in the paper, or "travel", the direction of travel. Below
+            0.2 m/s there is no direction of travel, and the yaw does not change.
+        offset_removed: Subtract the mean yaw since the start of the track; not in the paper.
         gated: See `ConstantVelocity`.
     """
 

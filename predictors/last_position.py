@@ -14,8 +14,8 @@ class LastPosition:
 
     Args:
         position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
-        walking_speed_m_s: Standard deviation of a person's speed on each axis, metres a second; the default
-            is that of a walk of unknown direction at 1.2 m/s.
+        walking_speed_m_s: Standard deviation of a person's speed on each axis, metres a second. The default is for a
+            walk of unknown direction at 1.2 m/s.
     """
 
     def __init__(self, position_noise_m: float = 0.01, walking_speed_m_s: float = 0.7) -> None:

@@ -21,10 +21,10 @@ _YAW_VALID_FOR_S = 0.5
 class PelvisPursuit:
     """Constant velocity that turns towards where the pelvis points.
 
-    With v the velocity of `ConstantVelocity` and R the rotation about the vertical by the gain times the angle from v
-    to the pelvis's forward axis, the velocity a time s ahead is ``v + (1 - exp(-s / T)) (R v - v)``. Its integral is
-    the path. Without an orientation of the pelvis for half a second, and below 0.2 m/s, the forecast is that of
-    `ConstantVelocity`; the gain is full from 0.5 m/s.
+    v is the velocity of `ConstantVelocity`. R is the rotation about the vertical by the gain times the angle from v to
+    the pelvis's forward axis. The velocity a time s ahead is ``v + (1 - exp(-s / T)) (R v - v)``, and its integral is
+    the path. The forecast is that of `ConstantVelocity` below 0.2 m/s, and after half a second without an orientation
+    of the pelvis. The gain is full from 0.5 m/s.
 
     Args:
         gain: Share of the angle that is turned, in [0, 1].

@@ -21,11 +21,11 @@ class OutOfOrderError(ValueError):
 class Predictor(Protocol):
     """Holds what is known of one person and forecasts where the head will be.
 
-    Only `update` and `reset` change a predictor; `forecast` leaves it as it was, so it may be asked for
-    any number of horizons between two observations.
+    Only `update` and `reset` change a predictor. `forecast` does not change it, so you can call `forecast` any number
+    of times between two observations.
 
-    One that refuses mistaken detections may say so by an attribute ``rejections_in_a_row``: the number refused since
-    the last accepted one. Runs then count them.
+    A predictor that refuses false detections may have an attribute ``rejections_in_a_row``: the number refused since
+    the last accepted observation. Runs then count the refusals.
     """
 
     def reset(self) -> None:

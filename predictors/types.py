@@ -56,11 +56,11 @@ class HeadObservation:
         head_yaw_sd_rad: Standard deviation of the head's yaw, radians, positive.
         pelvis_yaw_sd_rad: Standard deviation of the pelvis's yaw, radians, positive.
         person_id: The sensor's own name for the person.
-        confidence: How sure the sensor is that this is a person, 0 to 1.
+        confidence: Probability that this is a person, as the sensor states it, 0 to 1.
 
     Raises:
-        ValueError: If a value has the wrong shape, is not finite or out of range, a quaternion is not of unit length,
-            or the covariance is not symmetric and positive definite, so that a predictor never sees such a value.
+        ValueError: If a value has the wrong shape, is not finite or is out of range. Also if a quaternion is not of
+            unit length, or the covariance is not symmetric and positive definite.
     """
 
     capture_time_s: float

@@ -25,11 +25,11 @@ def main(arguments: Sequence[str] | None = None, stop: threading.Event | None = 
 
     Args:
         arguments: Command line without the program's name; default: the process's.
-        stop: Set by signals, where somebody takes them already; without it they are taken here.
+        stop: Set by the caller's signal handler. Without it this function handles the signals.
 
     Returns:
-        Exit status: 0 after a run that was stopped in order, by a signal, too; 1 on a limit violation; 2 on bad input,
-        or a robot or source that cannot be opened.
+        Exit status. 0: the run has stopped in order, also by a signal. 1: a limit violation. 2: bad input, or a robot
+        or source that cannot be opened.
     """
     words = sys.argv[1:] if arguments is None else arguments
     return run_command("gazempc.live", lambda: _work(words, stop))

@@ -135,26 +135,26 @@ class Gaze:
         return False
 
     def see(self, time_s: float, head_m: Any, **stated: Unpack[Stated]) -> None:
-        """Hand over where the person was seen. Returns at once.
+        """Give one observation of a person to the loop. Returns at once.
 
-        The time of capture matters more than anything else here. A stamp that is 0.1 s late is 0.1 s of dead time
-        that nobody knows of.
+        The capture time matters most. If a stamp is 0.1 s late, there is 0.1 s of dead time that the controller does
+        not know.
 
         Args:
-            time_s: When the frame was captured (not when it was processed), seconds: Unix time as `time.time` gives it,
-                or with ``clock="monotonic"`` the time of `time.monotonic`. With ``clock="other"`` any clock that runs
-                steadily, such as another computer's: the frames that come soonest, 0.05 s after their capture, set it.
+            time_s: Capture time of the frame (not the time of processing), seconds. The default is Unix time, as of
+                `time.time`. With ``clock="monotonic"`` it is the time of `time.monotonic`. With ``clock="other"`` it is
+                the time of any steady clock; the frames with the shortest delay (0.05 s) determine its offset.
             head_m: Head in the sensor's frame, shape (3,), metres: x forward, y left, z up.
-            **stated: What else the tracker states, all of it optional:
+            **stated: Optional values of the tracker:
 
-                - ``head_quat_wxyz``: orientation of the head in the same frame, shape (4,); the identity faces +x;
-                - ``pelvis_quat_wxyz``: the same of the pelvis;
-                - ``covariance_m2``: covariance of `head_m`, shape (3, 3), square metres. For a tracker that knows the
-                  direction better than the range, `gazempc.bearing_covariance` makes it;
-                - ``head_yaw_sd_rad``, ``pelvis_yaw_sd_rad``: standard deviations of the yaw, radians;
-                - ``person_id``: how the tracker calls the person, a whole number or a text. A new name alone starts no
-                  new track: trackers rename people;
-                - ``confidence``: how sure the tracker is that this is a person, 0 to 1.
+                - ``head_quat_wxyz``: orientation of the head in the same frame, shape (4,). The identity faces +x.
+                - ``pelvis_quat_wxyz``: orientation of the pelvis, likewise.
+                - ``covariance_m2``: covariance of `head_m`, shape (3, 3), square metres. `gazempc.bearing_covariance`
+                  makes it for a tracker that measures the direction better than the range.
+                - ``head_yaw_sd_rad``, ``pelvis_yaw_sd_rad``: standard deviations of the yaw, radians.
+                - ``person_id``: the tracker's name of the person, a whole number or a text. A new name alone starts no
+                  new track.
+                - ``confidence``: probability that this is a person, 0 to 1.
 
         Raises:
             ValueError: If a value is wrong; names the field and what is accepted. The observation is not used.

@@ -49,8 +49,8 @@ def make_robot(
         The robot.
 
     Raises:
-        SettingsError: If there is no such robot, an option is wrong, a method is missing, or a robot that keeps real
-            time is given another clock.
+        SettingsError: If there is no such robot, an option is wrong or a method is missing. Also if a robot that needs
+            real time gets another clock.
     """
     given: dict[str, Any] = {
         "neck": neck,

@@ -1,10 +1,9 @@
-"""The one place where all stages meet: observations in, commands out, at every tick something safe.
+"""The gaze loop joins all stages: observations in, and a command within limits out at every tick.
 
-One call of `GazeLoop.tick` is one servo period, whoever owns the clock: a replay calls it in simulated time, a live run
-on the real clock. The robot gets a command within limits at every tick. The plan behind it is, in this order: a fresh
-one; the rest of the last one; a stop; and after `rest_after_s` without the person, a slow return to rest. Whatever is
-out of the ordinary is an event of the log (`gazempc.loop.events`). An exception of a part is survived: its text and its
-first traceback go to the recorder.
+One call of `GazeLoop.tick` is one servo period. A replay calls it in simulated time, a live run in real time. The
+command follows the first of these that exists: a fresh plan, the rest of the last plan, a stop. After `rest_after_s`
+without the person, the neck slowly returns to rest. Unusual things are events of the log (`gazempc.loop.events`). The
+loop survives an exception of a part, and gives its text and first traceback to the recorder.
 """
 
 from __future__ import annotations
@@ -112,12 +111,11 @@ class GazeLoop:
         """Do all that is due in one servo period.
 
         Args:
-            index: Number of the tick, which is larger than the last one's; where ticks were left out, by more than
-                1. Every `NeckSpec.servo_ticks_per_plan`-th one plans.
+            index: Number of the tick, larger than the last number; by more than 1 if ticks were skipped. Every
+                `NeckSpec.servo_ticks_per_plan`-th tick plans.
             time_s: The time, seconds.
             arrived: Observations that have arrived since the last tick.
-            due_s: When the tick was due, where it is a little late: commands are made for this time, so that they do
-                not jitter with the clock.
+            due_s: Due time of a tick that is a little late. Commands are made for this time, so they do not jitter.
         """
         due_s = time_s if due_s is None else due_s
         per_plan = self._ticks_per_plan

@@ -190,11 +190,11 @@ class _AxisSmoother:
 
 
 class Smoother:
-    """Holds the motion of the command and moves it on by one servo period at a time.
+    """Turns plans into commands within the limits, one servo period at a time.
 
-    Whatever the plan asks, the command stays within `NeckSpec.command_limits`: velocity, acceleration and jerk
-    by Ruckig, position by only ever sending a command from which a stop inside the limits is possible. A plan
-    that has run out is not followed: the command brakes to rest (Ruckig alone would coast on).
+    The command always stays within `NeckSpec.command_limits`. Ruckig limits velocity, acceleration and jerk. The
+    position stays within its limits because each command still allows a stop inside them. If a plan has ended, the
+    command brakes to rest (Ruckig alone would keep its velocity).
 
     Args:
         neck: The neck whose limits apply.

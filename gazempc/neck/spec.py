@@ -148,10 +148,10 @@ def _plain(value: Any) -> Any:
 
 
 class NeckSpec(BaseModel):
-    """A pan-tilt neck, perhaps with eyes in the head and a body that turns under it.
+    """A pan-tilt neck, optionally with eyes in the head and a body that turns under the neck.
 
-    Arrays have shape (N,), one number a joint in the order of `joint_names`: pan, tilt; then, where there are any, the
-    pan and tilt of the eyes; then the yaw of the body. N is 2, 3 (body), 4 (eyes) or 5.
+    Arrays have shape (N,), one number a joint in the order of `joint_names`: pan, tilt, pan and tilt of the eyes, yaw
+    of the body. N is 2, 3 (body), 4 (eyes) or 5.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

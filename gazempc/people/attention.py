@@ -30,18 +30,19 @@ class Attended:
 
 
 class Attention:
-    """Decides whom to look at.
+    """Decides at whom the robot looks.
 
-    Somebody else is looked at once they have been the better choice for `hysteresis_s` without a break, and the present
-    one has been looked at for `dwell_s`. Only somebody who is gone is left at once.
+    The robot switches to another person under two conditions. This person has been the better choice for `hysteresis_s`
+    without a break, and the robot has looked at the present person for `dwell_s`. If the present person has gone, the
+    robot switches at once.
 
     Args:
-        policy: Says who is worth looking at.
+        policy: Scores the people.
         settings: Times and distances.
 
     Attributes:
-        attended: Who is looked at now.
-        candidate: Number of the person who would be the better choice; None while there is none.
+        attended: The person at whom the robot looks now.
+        candidate: Number of the person who is the better choice now; None if there is none.
     """
 
     def __init__(self, policy: AttentionPolicy, settings: AttentionSettings) -> None:

@@ -31,9 +31,9 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     """Load a recording by its name in the synthetic data set or by its path.
 
     Args:
-        name_or_path: ``subject01_R1`` to ``subject14_R6``, or a file ending in .csv, .tsv, .txt, .parquet or
-            .mvnx (tables), .json (Azure Kinect body tracking) or .bvh, or the folder of a ROS 2 bag or of OpenPose.
-        options: What the user says about the file; default: nothing.
+        name_or_path: A synthetic name (``subject01_R1`` to ``subject14_R6``) or a path. Files are tables (.csv, .tsv,
+            .txt, .parquet, .mvnx), Azure Kinect body tracking (.json) or .bvh. Folders are ROS 2 bags or of OpenPose.
+        options: Options of the readers; default: none.
 
     Returns:
         The recording.

@@ -24,9 +24,9 @@ def place(recording: Recording, placement: Placement, distance_m: float, height_
     """Put a robot into a recording.
 
     With ``recorded`` the recording's frame is the robot's base frame: the robot stands where the sensor stood, or, if
-    there was none, at the origin.
-    With ``side`` it stands beside the walk: with c the mean head position and d the horizontal direction from the
-    first head position to the one farthest from it, at ``c + distance (z x d)``, facing c.
+    there was no sensor, at the origin.
+    With ``side`` the robot stands beside the walk, at ``c + distance (z x d)``, and faces c. Here c is the mean head
+    position, and d is the horizontal direction from the first head position to the farthest one.
 
     Args:
         recording: Any recording.

@@ -86,11 +86,11 @@ class Recording:
         source: File path, or ``synthetic``.
         kind: Where the data is from; said wherever the recording is shown.
         times_s: Capture times, shape (N,), seconds, strictly increasing.
-        truth: The best known true motion: the generator's or motion capture's own, or, for body tracking and people
-            tracked by a robot, the measured track smoothed without lag.
-        measured: What a tracker saw of it, where the recording has that; None for motion capture.
-        has_robot: True where the origin of the frame is the robot's sensor (x forward, y left, z up), so
-            that the recording can be replayed where it was taken.
+        truth: The best known true motion. For synthetic walks and motion capture it is the recorded motion. For body
+            tracking and people tracked by a robot, it is the measured track, smoothed without lag.
+        measured: The measurements of a tracker, if the recording has them; None for motion capture.
+        has_robot: True if the origin of the frame is the robot's sensor (x forward, y left, z up). Then the robot can
+            stand where the sensor stood.
         labels: Subject, group, description and activity.
         notes: What the reader found, inferred and left out, a line each, for people.
         delays_s: From capture to arrival, shape (N,), seconds; None where the recording does not say.

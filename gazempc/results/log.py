@@ -56,10 +56,10 @@ class Log:
         run: What the run was; as JSON text in the file.
         time_s: Servo ticks, shape (M,), seconds.
         head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
-        joint_time_s: When the joints were read, shape (M,), seconds; until a robot has a new reading the time of the
-            last one, and NaN where it did not answer.
-        joint_position_rad: Angles of the joints in the order of `NeckSpec.joint_names` (pan, tilt, then eyes and body)
-            at each tick, shape (M, N), radians: of a simulated neck where they are, of a robot what it reports.
+        joint_time_s: Time of the newest joint reading at each tick, shape (M,), seconds; NaN if the robot did not
+            answer.
+        joint_position_rad: Angles of the joints at each tick, shape (M, N), radians, in the order of
+            `NeckSpec.joint_names` (pan, tilt, then eyes and body). True angles of a simulated neck, else readings.
         joint_velocity_rad_s: Shape (M, N), rad/s.
         command_position_rad: Commands sent at each tick, shape (M, N), radians.
         command_velocity_rad_s: Shape (M, N), rad/s.
@@ -67,7 +67,7 @@ class Log:
         capture_time_s: Capture times of the observations that were used, shape (F,), seconds.
         arrival_time_s: Times of their arrival, shape (F,), seconds.
         head_observed_base_m: Observed heads, shape (F, 3), metres.
-        person_id: Whom the sensor took them for, shape (F,); empty texts where it did not say.
+        person_id: The sensor's names of the observed people, shape (F,); an empty text if there is no name.
         forecast_mean_base_m: Forecast after each observation at each of `forecast_horizon_s` from its capture,
             shape (F, 3, 3): observation, horizon, axis; NaN where there was none.
         forecast_covariance_m2: Shape (F, 3, 3, 3), square metres.
@@ -77,15 +77,14 @@ class Log:
         forecast_horizon_s: Shape (3,), seconds.
         event_time_s: Beginning of each event, shape (E,), seconds.
         event_name: Its name, shape (E,).
-        attended_time_s: Of a run among several people, when it changed who is looked at, shape (A,), seconds.
-        attended_person: Number of the person from then on, in the order in which they entered; 0 for nobody; shape
-            (A,).
-        attended_why: Why, see `gazempc.people.attention.Attended`, shape (A,).
-        away_start_s: Of each look away that was begun, when contact was to end, shape (W,), seconds.
-        away_end_s: When contact was due again, shape (W,), seconds.
-        away_why: Why, see `gazempc.people.aversion.Aversion`, shape (W,).
-        identity_swap_time_s: Of a replay among several people, when observations of one person were first taken for
-            somebody else's who has a number already, shape (S,), seconds; live nobody knows.
+        attended_time_s: With several people: times at which the robot switched to another person, shape (A,), seconds.
+        attended_person: Number of the person from this time on, in the order of entering; 0 for nobody; shape (A,).
+        attended_why: Reason of the switch, see `gazempc.people.attention.Attended`, shape (A,).
+        away_start_s: Planned end of eye contact for each look away, shape (W,), seconds.
+        away_end_s: Planned return of eye contact, shape (W,), seconds.
+        away_why: Reason of the look away, see `gazempc.people.aversion.Aversion`, shape (W,).
+        identity_swap_time_s: In a replay with several people: first times at which one person's observations were
+            assigned to another known person, shape (S,), seconds; empty in a live run.
         faults: The exceptions that were survived, each event once; as JSON text in the file.
     """
 

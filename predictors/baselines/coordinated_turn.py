@@ -63,12 +63,11 @@ def transition(x: FloatArray, dt_s: FloatArray, turn_time_s: float) -> tuple[Flo
 
 
 class CoordinatedTurn:
-    """CTRV filter: a walker keeps speed and turn rate; the turn rate may die away.
+    """CTRV filter: constant speed and a turn rate that decays.
 
-    Refused detections, the height and the start are those of a `ConstantVelocity` filter that runs beside; below 0.2
-    m/s, where there is no heading, its forecast is this predictor's. Where yaw is used, it is measured as the heading
-    plus an offset of the person's, which is estimated and kept while they stand. A stated standard deviation of the yaw
-    comes on top of the body's swing.
+    A `ConstantVelocity` filter gives gate, height and start. Below 0.2 m/s there is no heading, and the forecast is
+    that of the `ConstantVelocity` filter. A measured yaw is modelled as the heading plus a constant of the person,
+    which the filter estimates. A stated standard deviation of the yaw is added to the swing of the body.
 
     Args:
         yaw_cues: Which orientations are used; those that an observation does not have are done without.

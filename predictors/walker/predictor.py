@@ -21,18 +21,18 @@ _GAIT_M2 = 0.02**2 * np.eye(3)
 class Walker:
     """Forecast of a person on foot from the last 1.2 s of head position, head yaw and pelvis yaw.
 
-    A constant-velocity filter, to which gait is noise, gives a line through the walk. How people leave that line (sway,
-    bob, a turn or a stop that has begun) is learned. It is learned in the line's own frame, so place and direction of
-    the walk do not matter. What is learned while it runs: the constant offset of the person's head and pelvis yaw from
-    their direction of travel, and the tracker's error, its size, direction and colour.
+    A constant-velocity filter, which treats gait as noise, gives a straight line. Networks give the difference from
+    this line (sway, bob, a turn or a stop that has begun). Their inputs are relative to the line, so place and
+    direction of the walk do not matter. During a run the predictor estimates two things. One is the person's constant
+    head and pelvis yaw relative to the direction of travel. The other is the tracker's error: size, direction and
+    correlation.
 
-    Stated covariances of positions are used as they are, in the filter and in the path that the network sees; without
-    them measured ones are. Outliers are refused by the filter, whose forecast this one turns into for somebody who
-    moves faster than people walk. Orientation may be missing, at any time and of either part; it fades out over half a
-    second. Frame rate, gaps and jitter are taken care of by the time stamps.
+    A stated covariance replaces the measured one. The filter's gate refuses outliers. If a person runs, the forecast is
+    that of the filter. Orientations may be missing; their influence fades out over half a second. The time stamps
+    account for frame rate, gaps and jitter.
 
     Args:
-        model: The fitted numbers; without them those that ship with the package.
+        model: The fitted numbers; default: the shipped model.
     """
 
     def __init__(self, model: WalkerModel | None = None) -> None:

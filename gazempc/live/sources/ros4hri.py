@@ -30,8 +30,8 @@ class Ros4HriPeople:
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         network: Router, domain and release of ROS 2.
-        base_frame: Frame of tf that positions are given in, on the robot; without it that of the tracker's sensor,
-            with optical axes turned to x forward. The mount says where it is.
+        base_frame: tf frame of the positions, on the robot. Default: the frame of the tracker's sensor, with optical
+            axes converted to x forward. The mount says where this frame is.
     """
 
     def __init__(
