@@ -156,7 +156,7 @@ def _report(settings: RivalsSettings, runs: Sequence[Row]) -> RivalsPage:
 
 
 def _report_wrong_model(settings: RivalsSettings, runs: Sequence[Row]) -> RivalsPage:
-    found = by_error(at_their_best([run for run in runs if run["rival"] in WITH_MODEL]))
+    found = by_error([run for run in runs if run["rival"] in WITH_MODEL])
     level = summarise(at_their_best([run for run in runs if run["rival"] in WITHOUT_MODEL]))
     shown = {LABELS[name]: [row for row in rows if row["trial"] == ALL_WALKS] for name, rows in found.items()}
     picture = settings.out / "wrong_model.png"

@@ -145,6 +145,21 @@ def test_with_a_wrong_model_constants_stay_those_that_are_best_with_the_right_on
     assert [(row["by"], row["error"]) for row in found["latency"]] == [(0.0, "latency")]
 
 
+def test_the_command_keeps_these_constants_however_bad_they_are_with_a_wrong_model(tmp_path, monkeypatch) -> None:
+    late, right = ModelError(dead_time_scale=1.3), ModelError()
+    runs = [run_of("smith", 0.6, "gain=1", error=right), run_of("smith", 0.4, "gain=0.5", error=right)]
+    runs += [run_of(rival, 0.1, constants, error=late) for rival, constants in (("smith", "gain=1"), ("mpc", ""))]
+    runs += [run_of("mpc", 0.9, error=right), run_of("op3", 0.1, error=right)]
+    for run in runs:
+        run["trial"] = "pass_2.5m"
+    runs += [run | {"trial": "turns"} for run in runs]
+    monkeypatch.setattr("experiments.rivals.command._done", lambda settings: (runs, [], 0))
+    assert main(["--wrong-model", "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "rows.json").read_text())["rows"]
+    smith = {(row.get("by"), row["eye_contact_2p6"]) for row in rows if row["rival"] == "smith"}
+    assert smith == {(0.0, 0.6), (30.0, 0.1)}
+
+
 def test_a_wrong_model_is_believed_and_does_not_move_the_robot() -> None:
     error = ModelError(dead_time_scale=1.3, servo_scale=0.8, latency_error_s=0.05)
     believed = error.neck(REFERENCE)
