@@ -71,7 +71,7 @@ class WalkerInputs:
     Attributes:
         line: The line.
         walking: 0 for who runs, at a first frame, and for who stands before a tracker with large errors; else 1;
-            between the two at the limits.
+            between the two at the limits. If the tracker states its covariance, it grows to 1 in the first 1.2 s.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
         noise_sd_m: Standard deviation of the observed position along, across and up, shape (2, 3), metres: as measured
@@ -183,6 +183,10 @@ class WalkerHistory:
         noises_m[int(stated)], noises_m2[int(stated)] = sd_m, covariance_m2
         walking = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
         walking *= 1.0 - (1.0 - walks) * _ramp(max(sd_m), *_SWAY_LOST_M)
+        if stated:
+            # At first, a range error looks like an approach. The filter keeps it on the line of sight. Networks know
+            # that people stay at one height, and would lift the gaze.
+            walking *= m / WINDOW
         return WalkerInputs(line, walking, x, spread, noises_m, noises_m2)
 
     def _take_offsets_off(

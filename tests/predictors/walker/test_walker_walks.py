@@ -16,7 +16,7 @@ from experiments.forecast.errors import forecast_errors
 from experiments.forecast.glance import turn_head
 from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor
-from predictors import ConstantVelocity, Walker
+from predictors import ConstantVelocity, HeadObservation, Walker, bearing_covariance
 from predictors.walker.network import shipped_walker_model
 
 SYNTHETIC = [f"subject{k:02d}_R{k % 6 + 1}" for k in range(1, 15)]
@@ -65,6 +65,23 @@ def test_the_stated_ellipsoids_hold_what_they_say(sensor, missed):
     nees = np.concatenate([errors(load(name), Walker(), sensor)[1][:, 0] for name in SYNTHETIC])
     held = np.mean(nees[np.isfinite(nees)][:, None] <= limits([0.68, 0.95]), axis=0)
     np.testing.assert_array_less(np.abs(held - [0.68, 0.95]), missed)
+
+
+@pytest.mark.parametrize("elevation_deg", [8.0, 22.0])
+def test_first_range_errors_do_not_lift_the_gaze_off_a_still_face(elevation_deg):
+    """A face above the camera, its range wrong by 5 %: in the first second, errors stay on the line of sight."""
+    elevation_rad = np.radians(elevation_deg)
+    face_m = 1.5 * np.array([np.cos(elevation_rad), 0.0, np.sin(elevation_rad)])
+    off_rad = []
+    for seed in range(10):
+        rng, walker = np.random.default_rng(seed), Walker()
+        for k in range(30):
+            seen_m = face_m * (1.0 + 0.05 * rng.standard_normal())
+            stated = bearing_covariance(seen_m, bearing_sd_rad=0.0014, range_sd_m=0.075)
+            walker.update(HeadObservation(k / 30, seen_m, position_covariance_m2=stated))
+            x, y, z = walker.forecast([k / 30 + 0.35]).means_base_m[0]
+            off_rad.append(abs(np.arctan2(z, np.hypot(x, y)) - elevation_rad))
+    assert np.degrees(max(off_rad)) < 1.6
 
 
 @pytest.mark.parametrize("angle_deg", [20.0, 90.0, 180.0])
