@@ -6,9 +6,10 @@ import re
 import sys
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from pydantic import BaseModel
+from sphinx.util.typing import stringify_annotation
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs" / "extensions")]
@@ -27,6 +28,7 @@ extensions = [
     "sphinx_design",
     "gallery",
     "glossary_links",
+    "tables_and_pictures",
 ]
 myst_enable_extensions = ["colon_fence"]
 # Pages of modules are made by autosummary, as reStructuredText.
@@ -64,7 +66,7 @@ def to_rst(app: object, what: str, name: str, obj: Any, options: object, lines: 
     """Make the sources' docstrings, which are plain text with Google sections, valid reStructuredText.
 
     A bar outside inline code is an absolute value, not a substitution. An indented paragraph of a module's or a class's
-    text is an equation and keeps its line breaks. Fields of settings models are listed with their descriptions.
+    text is an equation and keeps its line breaks. Fields of settings models are listed with types and descriptions.
     """
     out: list[str] = []
     in_equation = False
@@ -82,10 +84,12 @@ def to_rst(app: object, what: str, name: str, obj: Any, options: object, lines: 
             out.append("".join(part if part.startswith("``") else part.replace("|", r"\|") for part in parts))
     if isinstance(obj, type) and issubclass(obj, BaseModel):
         out.append("")
+        types = get_type_hints(obj)  # without pydantic's bounds, which the description states
         for field_name, field in obj.model_fields.items():
             simple = field.default is None or isinstance(field.default, (bool, int, float, str, tuple))
             default = "required" if field.is_required() else f"default ``{field.default!r}``" if simple else ""
             out.append(f":ivar {field_name}: {'; '.join(filter(None, (field.description, default)))}")
+            out.append(f":vartype {field_name}: {stringify_annotation(types[field_name], 'smart')}")
     lines[:] = out
 
 
