@@ -49,6 +49,7 @@ def test_python_blocks_run_and_print_what_the_page_says(name, own_folder, in_thi
     run_page(name, {"python"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TUTORIALS)
 def test_tutorials_run_and_print_what_they_say(name, own_folder, in_this_process):
     """Commands, too."""

@@ -81,6 +81,7 @@ def test_a_second_ctrl_c_ends_at_once_and_workers_follow(tmp_path):
         await_true(lambda: not any(alive(pid) for pid in workers))
 
 
+@pytest.mark.slow
 def test_workers_of_a_killed_command_end_by_themselves(tmp_path):
     with working(tmp_path) as (process, workers):
         assert all(alive(pid) for pid in workers)

@@ -24,6 +24,7 @@ def test_networks_learn_and_are_the_same_for_the_same_seed():
     assert np.mean(np.abs(error[known, 4, 1])) < 0.75 * np.mean(np.abs(other.departure_m[known, 4, 1]))
 
 
+@pytest.mark.slow
 def test_networks_that_see_no_yaws_have_no_weights_for_them():
     """Shown or hidden, what is said of head and pelvis changes nothing."""
     weights, _ = fit_networks(toy(500, 0), 3, 2, 20, sees_yaws=False)

@@ -49,6 +49,7 @@ def stated(found, u, noise_m):
     return np.sqrt(np.exp(2.0 * found.log_scale(u)) + shared2(found.noise_share, noise_m))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("true_v", "chosen"), [(6.0, (5.0, 7.0)), (9.0, (7.0, 12.0)), (np.inf, (19.9, 20.0))])
 def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v, chosen):
     """Errors drawn with a known dependence of their scale on the reasons for doubt, through a tracker without error."""

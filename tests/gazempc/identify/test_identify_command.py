@@ -31,6 +31,7 @@ def test_neck_file_is_the_estimate_and_keeps_the_rest(clean, tmp_path):
     assert (neck.tilt, neck.geometry, neck.servo_rate_hz) == (fetch.tilt, fetch.geometry, fetch.servo_rate_hz)
 
 
+@pytest.mark.slow
 def test_command_line_identifies_a_robot_and_its_record(tmp_path, capsys):
     out = tmp_path / "sub" / "mine.toml"
     assert identify.main(["--robot", "simulated", "--neck", "slow", "--out", str(out), "--duration-s", "12"]) == 0

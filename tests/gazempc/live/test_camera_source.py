@@ -194,6 +194,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own_camera")
 def test_its_process_does_not_outlive_a_program_that_is_killed(tmp_path):
     """Nobody is in view, so that it would never notice by sending."""
@@ -217,6 +218,7 @@ def alive(process_id):
     return state != "Z"
 
 
+@pytest.mark.slow
 def test_time_of_capture_of_a_network_camera():
     """Pictures sent at known times; on a busy machine most are late, so the best tenth counts."""
     assert np.quantile(np.abs(capture_errors_ms(40)), 0.1) <= 5.0

@@ -61,6 +61,7 @@ def assert_braked_and_closed(robot):
     return sent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clock", ["unix", "monotonic"])
 def test_it_looks_at_who_is_seen(clock):
     robot = Robot()
@@ -149,6 +150,7 @@ def test_an_exception_of_the_servo_thread_is_raised_by_see_after_the_braking():
     assert_braked_and_closed(robot)
 
 
+@pytest.mark.slow
 def test_an_exception_of_the_servo_thread_is_raised_at_the_end_or_noted_on_the_block_s_own():
     def block(robot, error):
         with gz.Gaze(NECK, robot, predictor=Broken()) as opened:
@@ -168,6 +170,7 @@ def test_an_exception_of_the_servo_thread_is_raised_at_the_end_or_noted_on_the_b
     assert "in the servo thread" in raised.value.__notes__[0]
 
 
+@pytest.mark.slow
 def test_a_slow_controller_holds_up_no_command():
     class Slow(gz.Mpc):
         def plan(self, situation):
@@ -233,6 +236,7 @@ def test_when_the_thread_that_sees_ends_without_leaving_the_block_the_neck_is_br
     opened.__exit__(None, None, None)
 
 
+@pytest.mark.slow
 def test_of_a_long_run_the_last_minutes_are_kept():
     with gaze(Robot(), keep_minutes=0.005) as opened:
         for _ in range(6):
@@ -351,6 +355,7 @@ def test_wrong_arguments_are_named_before_anything_moves(arguments, named):
         assert word in str(raised.value)
 
 
+@pytest.mark.slow
 def test_what_looks_wrong_is_a_warning_of_the_next_see_and_counts_say_what_was_used():
     robot = Robot()
     with warnings.catch_warnings(record=True) as caught, gaze(robot) as opened:

@@ -34,6 +34,7 @@ def see_both(opened, seconds, tell=lambda elapsed_s: None):
         time.sleep(1 / 30)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("attend", "at_m", "number"), [("nearest", LEFT_M, 1), ("id:bob", RIGHT_M, 2)])
 def test_it_looks_at_whom_the_policy_says(attend, at_m, number):
     robot = Kept()
@@ -46,6 +47,7 @@ def test_it_looks_at_whom_the_policy_says(attend, at_m, number):
     assert opened.log().attended_person.tolist() == [number]
 
 
+@pytest.mark.slow
 def test_who_speaks_is_looked_at_and_it_looks_away_when_it_thinks():
     def tell(opened, elapsed_s):
         if elapsed_s > 0.5:
@@ -64,6 +66,7 @@ def test_who_speaks_is_looked_at_and_it_looks_away_when_it_thinks():
     assert log.away_end_s[0] - log.away_start_s[0] == pytest.approx(1.2)
 
 
+@pytest.mark.slow
 def test_one_person_is_looked_away_from_too():
     with gz.Gaze(NECK, Kept(), predictor="constant_velocity", look_away={"rhythm": "told"}) as opened:
         start_s, told = time.monotonic(), []

@@ -152,6 +152,7 @@ def test_what_fails_before_the_first_tick_is_survived_too(call, event, tmp_path,
     assert (fault["event"], fault["count"], fault["error"]) == (event, 1, "KeyError: 'once'")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("option", "call"), [("--robot", "connect"), ("--source", "open")])
 def test_what_cannot_be_opened_is_said(own, option, call, tmp_path, monkeypatch, capsys):
     base = "Head" if option == "--robot" else "Walker"

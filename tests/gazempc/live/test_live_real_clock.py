@@ -48,6 +48,7 @@ def test_on_the_real_clock_a_slow_solver_holds_up_no_command(hamper):
     assert np.ptp(result.joined("command_position_rad")[:, 0]) > 0.01
 
 
+@pytest.mark.slow
 def test_a_controller_that_never_returns_keeps_nobody_waiting():
     released = threading.Event()
     controller = Hampered(lambda: released.wait(30.0))

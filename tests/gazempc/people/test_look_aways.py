@@ -149,6 +149,7 @@ def test_another_rhythm_from_now_on():
     assert [each for each in run_for(look_aways, 20.0, 60.0) if each.start_s > 62.0] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["listening", "speaking"])
 def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time(mode):
     scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 25.0), SceneSettings(sensor="reference", placement="recorded"))
@@ -187,6 +188,7 @@ def test_a_gaze_that_reacts_is_late():
     assert measure_attention(log).return_late_s > 0.4
 
 
+@pytest.mark.slow
 def test_nobody_is_looked_away_from_as_soon_as_it_is_their_turn():
     ann = make_scene(standing("ann", [2.4, 1.0, 0.3], 16.0), SceneSettings(sensor="reference", placement="recorded"))
     bob = make_scene(

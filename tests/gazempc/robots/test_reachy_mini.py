@@ -407,6 +407,7 @@ def test_a_closed_connection_is_opened_again(server, make):
     assert neck.send_command(np.array([0.3, 0.0]))[0] == pytest.approx(math.radians(-5) + 0.5 * NECK.servo_period_s)
 
 
+@pytest.mark.slow
 def test_silence_is_an_error_and_it_comes_back(server, make):
     neck = make()
     server.silent = True
@@ -415,6 +416,7 @@ def test_silence_is_an_error_and_it_comes_back(server, make):
     until(lambda: works(neck) is not None)
 
 
+@pytest.mark.slow
 def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make, monkeypatch, patient):
     opened = socket.create_connection
 

@@ -109,6 +109,7 @@ def test_connect_says_why_nobody_takes_the_commands(scene):
     assert len(kept) == 2
 
 
+@pytest.mark.slow
 def test_connect_says_why_there_are_no_joint_states(scene):
     robot = scene.neck(connect_timeout_s=1.0)
     with pytest.raises(RobotError, match="nobody sends on /joint_states as sensor_msgs/msg/JointState"):

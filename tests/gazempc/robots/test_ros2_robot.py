@@ -26,6 +26,7 @@ from gazempc.neck.spec import load_neck
 from gazempc.ros2 import wire as ros2_wire
 
 
+@pytest.mark.slow
 def test_every_command_arrives_in_order_and_is_what_was_returned(scene):
     robot = scene.connected(time_from_start_s=1.25)
     began_ns = time.time_ns()

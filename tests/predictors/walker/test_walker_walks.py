@@ -120,6 +120,7 @@ def test_a_glance_does_not_mislead(walks_dir):
         assert np.mean(found[case]) < 1.2 * np.mean(found[None])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sensor", "ratios"), REAL_RATIOS.items())
 def test_real_walkers_are_forecast_far_better_than_by_constant_velocity(walks_dir, sensor, ratios):
     recordings = [load(path) for path in find_recordings([str(walks_dir)])[::4]]
