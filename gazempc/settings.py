@@ -270,7 +270,7 @@ LookAwayMode = Literal["no", "told", "listening", "speaking"]
 
 
 class LookAwaySettings(Settings):
-    """When to look away from a person, see `--look-away`."""
+    """When to look away from a person, see `--look-away.rhythm`."""
 
     rhythm: LookAwayMode = Field(
         default="no",

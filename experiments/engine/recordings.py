@@ -6,11 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gazempc.errors import GazempcError, shown, suggest
-from gazempc.recordings.load import is_recording_folder
+from gazempc.recordings.load import ENDINGS_IN_FOLDERS, is_recording_folder
 from gazempc.recordings.synthetic.walks import synthetic_names
-
-# Other text is not taken for a table where a whole folder is meant.
-SUFFIXES = (".csv", ".tsv", ".parquet", ".mvnx", ".json", ".bvh")
 
 
 def find_recordings(words: Sequence[str]) -> list[str]:
@@ -42,7 +39,7 @@ def find_recordings(words: Sequence[str]) -> list[str]:
             files = sorted(p for p in path.iterdir() if _is_recording(p))
             found += [str(p) for p in files]
             if not files:
-                problems.append(f"{word}: no recordings in this folder (accepted: {', '.join(SUFFIXES)})")
+                problems.append(f"{word}: no recordings in this folder (accepted: {', '.join(ENDINGS_IN_FOLDERS)})")
         elif path.exists() or word in synthetic_names():
             found.append(word)
         else:
@@ -56,7 +53,7 @@ def find_recordings(words: Sequence[str]) -> list[str]:
 def _is_recording(path: Path) -> bool:
     if path.is_dir():
         return is_recording_folder(path)
-    return path.suffix.lower() in SUFFIXES and path.name != "index.csv"
+    return path.suffix.lower() in ENDINGS_IN_FOLDERS and path.name != "index.csv"
 
 
 def in_place(recording: str) -> str:

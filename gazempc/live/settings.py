@@ -190,6 +190,15 @@ def _check_view(settings: LiveSettings) -> None:
 
 
 def _check_replay(settings: LiveSettings, source: str) -> None:
+    if settings.recording is None:
+        default = StageSettings()
+        # Robots and sources of one's own take the seed, too.
+        for name in StageSettings.model_fields.keys() - {"seed"}:
+            if getattr(settings, name) != getattr(default, name):
+                raise SettingsError(
+                    f"--{name.replace('_', '-')}: source {settings.source!r} plays no recording; accepted with sources "
+                    "replay and bag"
+                )
     if settings.passes != 1 and source != "replay":
         raise SettingsError(f"--passes: source {settings.source!r} is no replay; accepted with --source replay")
     if settings.recording == "":

@@ -19,6 +19,14 @@ from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.walks import generate, synthetic_names
 
 Reader = Callable[[Path, ReadOptions], Recording]
+_READERS: dict[str, Reader] = {
+    **dict.fromkeys(TABLES, read_table),
+    ".json": read_kinect,
+    ".bvh": read_bvh,
+    **dict.fromkeys(FILE_ENDINGS, read_bag),
+}
+# Of a folder, these files are recordings. Other text is not taken for a table where a whole folder is meant.
+ENDINGS_IN_FOLDERS = tuple(ending for ending in _READERS if ending not in (".txt", *FILE_ENDINGS))
 
 
 def is_recording_folder(path: Path) -> bool:
@@ -42,9 +50,7 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         RecordingError: If there is no such recording or its file is wrong.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
-    readers = {**dict.fromkeys(TABLES, read_table), ".json": read_kinect, ".bvh": read_bvh}
-    readers |= dict.fromkeys(FILE_ENDINGS, read_bag)
-    accepted = f"a file ending in {', '.join(readers)}, or the folder of a ROS 2 bag or of OpenPose"
+    accepted = f"a file ending in {', '.join(_READERS)}, or the folder of a ROS 2 bag or of OpenPose"
     if not isinstance(name_or_path, str | Path):
         raise RecordingError(
             repr(name_or_path)[:80], "", "this is no name and no path", f"{accepted}, or a synthetic name"
@@ -72,10 +78,10 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
             raise RecordingError(path, place, f"cannot be read: {error.strerror}", "a folder of files") from None
         return _read(read_table if is_openpose_folder(path) else read_bag, path, given, size_bytes)
     if not exists:
-        looks_like_file = path.suffix.lower() in readers or len(path.parts) > 1
+        looks_like_file = path.suffix.lower() in _READERS or len(path.parts) > 1
         expected = accepted if looks_like_file else f"{accepted}, or a synthetic name: {suggest(name, names)}"
         raise RecordingError(name, "", "no such file or synthetic recording", expected)
-    reader = readers.get(path.suffix.lower())
+    reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise RecordingError(name, "", f"unknown kind of file {path.suffix!r}", accepted)
     try:

@@ -21,7 +21,7 @@ LABELS = {
     "mpc": "MPC",
     "perfect": "MPC with perfect forecast",
 }
-_PACKAGES = ("gazempc", "casadi", "numpy", "scipy", "filterpy", "ruckig", "control", "matplotlib", "pydantic")
+_PACKAGES = ("gazempc", "daqp", "numpy", "scipy", "filterpy", "ruckig", "matplotlib", "pydantic")
 
 
 def label(controller: str) -> str:
