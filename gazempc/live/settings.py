@@ -193,11 +193,11 @@ def _check_replay(settings: LiveSettings, source: str) -> None:
     if settings.recording is None:
         default = StageSettings()
         # Robots and sources of one's own take the seed, too.
-        for name in StageSettings.model_fields.keys() - {"seed"}:
-            if getattr(settings, name) != getattr(default, name):
+        for name in StageSettings.model_fields:
+            if name != "seed" and getattr(settings, name) != getattr(default, name):
                 raise SettingsError(
-                    f"--{name.replace('_', '-')}: source {settings.source!r} plays no recording; accepted with sources "
-                    "replay and bag"
+                    f"--{name.replace('_', '-')}: source {settings.source!r} plays no recording; accepted with "
+                    f"{'source replay' if name == 'sensor' else 'sources replay and bag'}"
                 )
     if settings.passes != 1 and source != "replay":
         raise SettingsError(f"--passes: source {settings.source!r} is no replay; accepted with --source replay")

@@ -14,7 +14,7 @@ from gazempc.types import BoolArray, FloatArray
 
 # Names of the metrics for people, with their factors.
 WORDS: Mapping[str, tuple[str, float]] = {
-    "contact_attended": ("contact with whoever was looked at [%]", 100.0),
+    "contact_attended": ("eye contact with the person looked at [%]", 100.0),
     "switches_per_minute": ("switches a minute", 1.0),
     "time_to_contact_after_switch_s": ("contact after a switch, median [s]", 1.0),
     "switches_without_contact": ("switches without contact", 1.0),
@@ -112,7 +112,7 @@ def attention_lines(found: AttentionMetrics) -> list[str]:
     if found.switches_per_minute > 0:
         line = f"{found.switches_per_minute:.1f} switches a minute"
         if np.isfinite(found.contact_attended):
-            line = f"contact with whoever was looked at {found.contact_attended:.1%} of the time; {line}"
+            line = f"eye contact with the person looked at {found.contact_attended:.1%} of the time; {line}"
         if np.isfinite(found.time_to_contact_after_switch_s):
             line += f", contact after {found.time_to_contact_after_switch_s:.2f} s"
         if found.switches_without_contact > 0:

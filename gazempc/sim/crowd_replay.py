@@ -98,7 +98,7 @@ class Crowd:
         self._whom.append((now_s, attended))
 
     def attended_head(self, times_s: FloatArray) -> FloatArray:
-        """Where the head of whoever was looked at then really was.
+        """True position of the head that was looked at.
 
         Args:
             times_s: Times, shape (H,), seconds.
