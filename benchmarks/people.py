@@ -17,7 +17,7 @@ from gazempc.types import FloatArray
 from predictors import HeadObservation, Walker
 
 _RATE_HZ = 30.0
-# The loop decides 50 times a second whom to look at, and each time lets whoever is to be next catch up.
+# 50 times a second, the loop chooses a person and lets the next person's predictor read older frames.
 _CATCH_UP_A_FRAME = round(CATCH_UP * 50.0 / _RATE_HZ)
 _AHEAD_S = np.linspace(0.0, 1.2, 13)
 
@@ -41,8 +41,8 @@ def frame_times_ms(count: int, seconds: float, seed: int) -> tuple[FloatArray, i
         seed: Of walks and errors.
 
     Returns:
-        Process CPU time of each frame after the first second, shape (K, 2), milliseconds: of the tracks, and with the
-        forecast and whoever is made ready; and how many people were there at the end.
+        Process CPU time of each frame after the first second, shape (K, 2), milliseconds: first the tracks
+        alone, then with the forecast and the next person's predictor. And the number of people at the end.
     """
     rng = np.random.default_rng(seed)
     times_s: FloatArray = np.arange(0.0, seconds, 1.0 / _RATE_HZ)

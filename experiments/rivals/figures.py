@@ -93,7 +93,7 @@ def draw_wrong_model(panels: Mapping[str, Sequence[Row]], level: Sequence[Row], 
             ax.set_xlabel(fill(label, 30))
             ax.grid(alpha=0.3)
         axes[0].set_ylabel("eye contact within 2.6 deg (% of the time)")
-        # Between the curve of a law that needs its model and the level lines there is room.
+        # Free space in the middle panel, between the lowest curve and the lines of the other laws.
         axes[len(axes) // 2].legend(fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 0.12))
         plot.savefig(path, dpi=DPI)
 

@@ -41,8 +41,8 @@ class Chain:
     def head_rad(self, situation: Situation, means_base_m: FloatArray) -> FloatArray:
         """Pan and tilt that the head is to have in the base frame.
 
-        They are on the turn that the commands are on, if it is in reach. Eyes get the neck's share of them; the head
-        makes up for eyes that are held.
+        The pan is on the turn of the present command, if that is within reach. With eyes, the head takes its share
+        of the angle to the person. If the eyes cannot move, the head also takes their part.
 
         Args:
             situation: What is known.

@@ -98,13 +98,13 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
 
 
 def sentence(repeats: Sequence[Repeats]) -> str:
-    """One sentence that says what the table means.
+    """What the table means, in one or two sentences.
 
     Args:
         repeats: The figures; means over the seeds are compared.
 
     Returns:
-        The sentence; it compares what is there with the reactive gaze and the perfect forecast.
+        The sentences. They compare the controllers with the reactive gaze and with the perfect forecast.
     """
 
     def contact(r: Repeats) -> str:
@@ -122,17 +122,12 @@ def sentence(repeats: Sequence[Repeats]) -> str:
         ratio = reactive.mean("gaze_error_rms_deg") / r.mean("gaze_error_rms_deg")
         change = f"{ratio:.1f} times smaller" if ratio > 1 else f"{1 / ratio:.1f} times larger"
         claims.append(f"{label(r.first.controller)} {contact(r)} (RMS error {change})")
-    text = (
-        f"A gaze that only reacts is on the person's eyes (within 2.6 deg) "
-        f"{contact(reactive)} of the time, {' and '.join(claims)}"
-    )
+    text = f"Eye contact (within 2.6 deg): reactive {contact(reactive)} of the time, {', '.join(claims)}."
     if "perfect" in by_name:
         limit = by_name["perfect"]
-        text += (
-            f"; with perfect foresight the same neck could reach {contact(limit)} "
-            f"at {limit.mean('gaze_error_rms_deg'):.2f} deg"
-        )
-    return text + "."
+        error_deg = limit.mean("gaze_error_rms_deg")
+        text += f" With a perfect forecast, the same neck has {contact(limit)}, at {error_deg:.2f} deg."
+    return text
 
 
 def _spread(mean: float, sd: float, digits: int, unit: str) -> str:

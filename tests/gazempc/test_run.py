@@ -147,7 +147,7 @@ def test_prediction_is_worth_what_the_readme_says(main_job):
     assert rows["mpc"]["gaze_error_rms_deg"] < reactive / 3
     assert rows["perfect"]["gaze_error_rms_deg"] <= 0.3
     assert all(row["limit_violations"] == 0 for row in rows.values())
-    assert "A gaze that only reacts" in text
+    assert "Eye contact (within 2.6 deg): reactive" in text
 
 
 def test_the_log_is_read_in_one_line_by_numpy_and_pandas(main_job):

@@ -18,9 +18,8 @@ _SHARE_OF_LIMITS = 1.0 - 1e-6
 # planned for later is planned again before it comes, and a solver's time grows with the number of steps.
 _STEP_S = 0.02
 _SHARE_OF_TIME = 0.25
-# The command is held between servo ticks. A joint with more than this, natural frequency times servo period, answers
-# each of its steps with an acceleration that says nothing of the motion: the mean over a servo period counts. Slower
-# ones hardly tell the two apart.
+# Natural frequency times servo period. The command is constant between servo ticks, so a joint above this value
+# accelerates in pulses. For such a joint the mean over a servo period counts. For a slower joint both are nearly equal.
 _FAST = 0.15
 
 
@@ -134,7 +133,7 @@ def _command(states: FloatArray) -> FloatArray:
 
 
 def _with_one(maps: FloatArray) -> FloatArray:
-    # Nothing but the middle of the range counts by itself.
+    # A column of zeros for the constant 1: only the limits have a constant part, the middle of the range.
     return np.insert(maps, len(STATE), 0.0, axis=1)
 
 
