@@ -108,9 +108,12 @@ class AttendedPeople:
                 recorder.refuse(_REFUSED[became], time_s)
                 continue
             track = self.people.track(number)
-            if track is not None and self._guarded(track, sighting, time_s, recorder):
+            is_attended = number == self.attention.attended.number
+            if track is not None and is_attended and became is Became.LATE:
+                recorder.observation(time_s, sighting.observation, None, update_ms)
+            elif track is not None and self._guarded(track, sighting, time_s, recorder):
                 recorder.refuse(Event.TRACKER_FROZEN, time_s)
-            elif track is not None and number == self.attention.attended.number:
+            elif track is not None and is_attended:
                 self._take_attended(track, sighting.observation, update_ms, time_s, recorder)
             else:
                 recorder.refused(Event.ANOTHER_PERSON)

@@ -10,6 +10,7 @@ import numpy as np
 
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
+from gazempc.people.track_start import TrackStart
 from gazempc.people.tracker_faults import FrozenTracker, OrientationJumps
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.settings import LoopSettings
@@ -81,6 +82,7 @@ class PersonTrack:
         self.newest: HeadObservation | None = None
         self.newest_capture_s: float | None = None
         self._settings = settings
+        self._start = TrackStart(predictor)
         self._tracker = FrozenTracker()
         self._jumps = OrientationJumps()
 
@@ -108,11 +110,11 @@ class PersonTrack:
         started = time.perf_counter()
         try:
             lost = newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s
-            if lost or was_frozen:
+            if lost or (was_frozen and not self._tracker.frozen):
                 # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile. One
                 # that was frozen ends with half a second of somebody who only seemed to stand.
-                self.predictor.reset()
-            self.predictor.update(observation)
+                self._start.reset()
+            self._start.update(observation)
         except OutOfOrderError:
             recorder.refuse(Event.OUT_OF_ORDER, time_s)
             return
@@ -120,6 +122,10 @@ class PersonTrack:
             recorder.refuse(Event.FORECAST_FAILED, time_s, error)
             return
         update_ms = 1e3 * (time.perf_counter() - started)
+        if newest_s is not None and observation.capture_time_s < newest_s:
+            # What it changes is in the next forecast; one from its own capture would know frames that are newer.
+            recorder.observation(time_s, observation, None, update_ms)
+            return
         self.newest, self.newest_capture_s = observation, observation.capture_time_s
         forecast = self.forecast(observation.capture_time_s + RECORDED_HORIZONS_S, time_s, recorder)
         # A predictor that refuses detections may say so.
@@ -130,7 +136,7 @@ class PersonTrack:
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
         """See `Target.forecast`."""
-        return checked_forecast(self.predictor.forecast, self.predictor.reset, times_s, time_s, recorder)
+        return checked_forecast(self.predictor.forecast, self._start.reset, times_s, time_s, recorder)
 
 
 def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) -> Event | None:

@@ -10,12 +10,10 @@ import numpy as np
 
 from gazempc.people.association import assign
 from gazempc.people.motion import Motion
-from gazempc.people.person import PersonState, TrackedPerson, noise_of
+from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson, noise_of
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation, Predictor
 
-# Cameras that look at the same time are not exact; people move by a centimetre meanwhile.
-_ONE_FRAME_S = 0.01
 # Seen so often, it is somebody; a false detection rarely stays for three frames.
 _CONFIRMED_BY = 3
 # A track that is not confirmed ends without a sighting for so long.
@@ -40,6 +38,7 @@ class Became(StrEnum):
     RENAMED = "renamed"
     DUPLICATE = "duplicate"
     OUT_OF_ORDER = "out_of_order"
+    LATE = "late"
 
 
 def frames_of(sightings: Sequence[Sighting]) -> Iterator[tuple[Sighting, ...]]:
@@ -53,7 +52,7 @@ def frames_of(sightings: Sequence[Sighting]) -> Iterator[tuple[Sighting, ...]]:
     """
     frame: list[Sighting] = []
     for sighting in sorted(sightings, key=lambda each: each.observation.capture_time_s):
-        if frame and sighting.observation.capture_time_s - frame[0].observation.capture_time_s > _ONE_FRAME_S:
+        if frame and sighting.observation.capture_time_s - frame[0].observation.capture_time_s > ONE_FRAME_S:
             yield tuple(frame)
             frame = []
         frame.append(sighting)
@@ -201,13 +200,20 @@ class People:
 
     def _unassigned(self, observation: HeadObservation) -> tuple[int, Became]:
         where, capture_s = observation.head_position_base_m, observation.capture_time_s
+        near = []
         for track in self._tracks:
             late_s = track.seen_s - capture_s
             if late_s < 0.0:
                 continue
             moved_m = math.dist(where, track.motion.position_m[0] - late_s * track.motion.velocity_m_s[0])
             if moved_m < _ONE_PERSON_M + _RETURN_SPEED_M_S * late_s:
-                return (track.number, Became.OUT_OF_ORDER if late_s else Became.DUPLICATE)
+                near.append(track)
+        if near and near[0].seen_s == capture_s:
+            return (near[0].number, Became.DUPLICATE)
+        if near:
+            # Of two people who stand together, it may be either one's.
+            used = len(near) == 1 and near[0].take_late(observation)
+            return (near[0].number, Became.LATE if used else Became.OUT_OF_ORDER)
         self._tracks.append(TrackedPerson(0, observation, self._make_predictor()))
         return (0, Became.TENTATIVE)
 

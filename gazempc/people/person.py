@@ -9,10 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from gazempc.people.motion import Motion
+from gazempc.people.track_start import START_S, TrackStart
 from gazempc.people.tracker_faults import OrientationJumps
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
+# Cameras that look at the same time are not exact; people move by a centimetre meanwhile.
+ONE_FRAME_S = 0.01
 # A predictor learns of nobody's walk from what is older. Only the person who is looked at needs forecasts: what the
 # others do is kept for so long, and taken in when it is their turn.
 _MEMORY_S = 1.5
@@ -80,7 +83,7 @@ class TrackedPerson:
         self.confirmed = False
         self.sightings = 0
         self.since_s = first.capture_time_s
-        self._predictor = predictor
+        self._predictor, self._start = predictor, TrackStart(predictor)
         self._jumps = OrientationJumps()
         self._waiting: deque[HeadObservation] = deque()
         self._oriented: HeadObservation | None = None
@@ -102,6 +105,29 @@ class TrackedPerson:
         self._waiting.append(observation)
         while self._waiting[0].capture_time_s < observation.capture_time_s - _MEMORY_S:
             self._waiting.popleft()
+
+    def take_late(self, observation: HeadObservation) -> bool:
+        """Take in a sighting that is older than the last one: if the track has only begun, and has none of that time.
+
+        Args:
+            observation: The sighting.
+
+        Returns:
+            Whether it is taken in.
+        """
+        captured_s = observation.capture_time_s
+        began_s = min(self.since_s, captured_s)
+        named_otherwise = (
+            None not in (self.tracker_id, observation.person_id) and self.tracker_id != observation.person_id
+        )
+        if named_otherwise or self.seen_s - began_s > START_S:
+            return False
+        if any(abs(each.capture_time_s - captured_s) <= ONE_FRAME_S for each in self._waiting):
+            return False
+        self.since_s = began_s
+        self.sightings += 1
+        self._waiting.append(observation)
+        return True
 
     def forecast(self, times_s: FloatArray) -> Forecast:
         """Forecast the head.
@@ -129,7 +155,7 @@ class TrackedPerson:
         """
         for _ in range(min(most, len(self._waiting))):
             with contextlib.suppress(OutOfOrderError):
-                self._predictor.update(self._waiting.popleft())
+                self._start.update(self._waiting.popleft())
 
     @property
     def refused(self) -> bool:
@@ -138,13 +164,13 @@ class TrackedPerson:
 
     def begin_anew(self) -> None:
         """Forecast from the last sighting on: what was seen before was not the person."""
-        self._predictor.reset()
+        self._start.reset()
         while len(self._waiting) > 1:
             self._waiting.popleft()
 
     def forget_forecasts(self) -> None:
         """Begin the predictor anew with the next sighting: what it said cannot be used."""
-        self._predictor.reset()
+        self._start.reset()
 
     def state(self, time_s: float, position_base_m: FloatArray) -> PersonState:
         """The person at a time.

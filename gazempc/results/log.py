@@ -64,7 +64,7 @@ class Log:
         command_position_rad: Commands sent at each tick, shape (M, N), radians.
         command_velocity_rad_s: Shape (M, N), rad/s.
         command_acceleration_rad_s2: Shape (M, N), rad/s^2.
-        capture_time_s: Capture times of the observations that were used, shape (F,), seconds.
+        capture_time_s: Capture times of the observations that were used, shape (F,), seconds; in the order of arrival.
         arrival_time_s: Times of their arrival, shape (F,), seconds.
         head_observed_base_m: Observed heads, shape (F, 3), metres.
         person_id: The sensor's names of the observed people, shape (F,); an empty text if there is no name.

@@ -152,3 +152,22 @@ def test_a_policy_that_wants_nobody_gets_nobody():
     bench = Bench(Nobody()).show(1.5, stands(2.0))
     assert bench.attended == [(1, "policy"), (0, "nobody")]
     assert "nobody_attended" in bench.events
+
+
+def test_a_late_frame_at_the_start_of_who_is_looked_at_is_used_and_the_newest_stays_the_newest():
+    bench, person = Bench(), walker()
+    bench.show(4 * FRAME_S, lambda time_s: None if bench.time_s == 2 * FRAME_S else person(time_s))
+    assert bench.attended == [(1, "policy")]
+    before = bench.recorder.used
+    late = Sighting(bench.time_s + LATENCY_S, HeadObservation(2 * FRAME_S, np.array(person(2 * FRAME_S)[0])))
+    bench.target.take_in([late], bench.time_s + LATENCY_S, bench.recorder)
+    assert bench.recorder.used == before + 1
+    assert bench.target.newest_capture_s == bench.time_s
+    in_order = ConstantVelocity()
+    for k in range(1, 5):
+        in_order.update(HeadObservation(k * FRAME_S, np.array(person(k * FRAME_S)[0])))
+    later_s = np.array([0.8])
+    expected_m = in_order.forecast(later_s).means_base_m
+    found = bench.target.forecast(later_s, bench.time_s + LATENCY_S, bench.recorder)
+    assert found.means_base_m == pytest.approx(expected_m, abs=1e-9)
+    assert bench.events.count("out_of_order") == 0

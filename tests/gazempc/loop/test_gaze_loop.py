@@ -64,6 +64,15 @@ def test_stale_and_out_of_order_frames_are_dropped_and_named():
     assert np.array_equal(with_faults.command_position_rad, LoopBench().run(4.0).command_position_rad)
 
 
+def test_a_late_frame_does_not_end_a_frozen_tracker():
+    def walks_then_frozen_m(time_s):
+        return np.array([2.5, min(time_s, 1.0) - 0.5, 0.4])
+
+    late = Sighting(1.85, HeadObservation(1.42, np.array([2.5, 0.92, 0.4])))
+    log = LoopBench(head_m=walks_then_frozen_m).run(2.5, extra=(late,))
+    assert events(log) == {"no_observation_yet", "tracker_frozen", "out_of_order"}
+
+
 def test_a_frame_from_the_future_is_dropped_and_does_not_blind():
     ahead = Sighting(1.5, HeadObservation(1e6, np.array([2.5, -2.0, 0.4])))
     log = LoopBench().run(4.0, extra=(ahead,))

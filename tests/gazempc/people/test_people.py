@@ -111,6 +111,39 @@ def test_a_late_detection_of_somebody_is_dropped_and_begins_nobody():
     assert numbers_at(crowd, end_s) == [1, 2]
 
 
+def test_first_detections_that_come_late_count_and_give_the_forecast_of_those_in_order():
+    walk = straight([2.0, -1.5, 0.4], [0.0, 1.0, 0.0], TIMES_S)
+    in_order, shuffled = people(), people()
+    found = []
+    for k in range(8):
+        in_order.see(frame(TIMES_S[k], [walk[k]]))
+    for k in (2, 0, 3, 1, 4, 5, 7, 6):
+        found += shuffled.see(frame(TIMES_S[k], [walk[k]]))
+    assert found[1] == (0, Became.LATE)
+    assert found[2] == (1, Became.ENTERED)
+    assert [became for _, became in found].count(Became.LATE) == 3
+    later_s = np.array([1.0, 1.5])
+    expected_m = in_order.track(1).forecast(later_s).means_base_m
+    np.testing.assert_array_equal(shuffled.track(1).forecast(later_s).means_base_m, expected_m)
+    assert shuffled.track(1).newest.capture_time_s == TIMES_S[7]
+
+
+@pytest.mark.parametrize(
+    ("late_s", "there_m", "name"),
+    [
+        (2 * FRAME_S, [A_M], ""),  # seen at that time already
+        (2.5 * FRAME_S, [A_M], "another"),
+        (2.5 * FRAME_S, [A_M, A_M + np.array([0.0, 0.3, 0.0])], ""),  # it may be either one's
+    ],
+)
+def test_first_detections_that_come_late_and_may_be_somebody_else_s_are_dropped(late_s, there_m, name):
+    crowd = people()
+    for k in range(5):
+        crowd.see(frame(k * FRAME_S, there_m, ["a", "b"][: len(there_m)]))
+    late = replace(frame(late_s, [A_M])[0], person_id=name or None)
+    assert crowd.see([late]) == [(1, Became.OUT_OF_ORDER)]
+
+
 def test_a_track_coasts_and_goes_on():
     walk = straight([2.0, -1.5, 0.4], [0.0, 1.0, 0.0], TIMES_S)
     hidden = (TIMES_S > 1.0) & (TIMES_S < 1.8)

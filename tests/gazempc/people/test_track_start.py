@@ -1,0 +1,116 @@
+"""The first frames of a track: a late one gives the same forecasts as if it had come in time."""
+
+import numpy as np
+import pytest
+from builders.loop import LoopBench, events
+
+from gazempc.people.track_start import TrackStart
+from gazempc.types import Sighting
+from predictors import ConstantVelocity, Forecast, HeadObservation, HeadPose, OutOfOrderError, Walker
+
+LATER_S = np.arange(0.5, 1.3, 0.1)
+
+
+def frame(time_s, person_id=None, aside_m=0.0):
+    """Somebody who walks past at 1.2 m/s, as a noisy tracker sees them."""
+    noise_m = 0.01 * np.random.default_rng(round(1e3 * time_s)).standard_normal(3)
+    return HeadObservation(time_s, np.array([2.5 + aside_m, 1.2 * time_s - 2.0, 0.4]) + noise_m, person_id=person_id)
+
+
+FRAMES = [frame(k / 30) for k in range(12)]
+
+
+def taken_in(predictor, frames):
+    start = TrackStart(predictor)
+    for each in frames:
+        start.update(each)
+    return predictor.forecast(LATER_S)
+
+
+def assert_same(one: Forecast, other: Forecast):
+    assert np.array_equal(one.means_base_m, other.means_base_m)
+    assert np.array_equal(one.covariances_m2, other.covariances_m2)
+
+
+@pytest.mark.parametrize("make", [Walker, ConstantVelocity, HeadPose])
+def test_shuffled_first_frames_give_the_forecast_of_the_walk_in_order(make):
+    in_order = make()
+    for each in FRAMES:
+        in_order.update(each)
+    shuffled = [FRAMES[k] for k in (4, 2, 3, 0, 8, 6, 1, 7, 5, 9, 10, 11)]
+    assert_same(taken_in(make(), shuffled), in_order.forecast(LATER_S))
+
+
+def test_a_late_frame_of_somebody_else_is_judged_as_if_it_had_come_in_time():
+    somebody_else = frame(2.5 / 30, person_id="b", aside_m=1.5)
+    before, after = (
+        [frame(k / 30, person_id="a") for k in range(3)],
+        [frame(k / 30, person_id="a") for k in range(3, 8)],
+    )
+    late = taken_in(ConstantVelocity(), [*before, *after, somebody_else])
+    assert_same(late, taken_in(ConstantVelocity(), [*before, somebody_else, *after]))
+    without = taken_in(ConstantVelocity(), [*before, *after])
+    assert late.means_base_m == pytest.approx(without.means_base_m, abs=1e-9)
+
+
+class Spied(ConstantVelocity):
+    def __init__(self):
+        self.calls = []
+        super().__init__()
+
+    def reset(self):
+        self.calls.append("reset")
+        super().reset()
+
+    def update(self, observation):
+        self.calls.append(observation.capture_time_s)
+        super().update(observation)
+
+
+def test_frames_in_order_reach_the_predictor_once_and_as_they_come():
+    spied = Spied()
+    taken_in(spied, FRAMES)
+    assert spied.calls == ["reset", *(each.capture_time_s for each in FRAMES)]
+
+
+@pytest.mark.parametrize(
+    ("come", "late"),
+    [
+        (FRAMES, frame(8.5 / 30)),  # the track is older than 0.3 s
+        (FRAMES[8:], frame(0.0)),  # it would be by this frame
+        (FRAMES[:5], FRAMES[2]),  # it is there already
+        (FRAMES[:5], FRAMES[4]),
+    ],
+)
+def test_other_late_frames_and_repeated_ones_are_refused_and_change_nothing(come, late):
+    predictor = ConstantVelocity()
+    start = TrackStart(predictor)
+    for each in come:
+        start.update(each)
+    before = predictor.forecast(LATER_S)
+    with pytest.raises(OutOfOrderError, match="not newer"):
+        start.update(late)
+    assert_same(predictor.forecast(LATER_S), before)
+
+
+def test_after_a_reset_the_frames_before_it_are_forgotten():
+    predictor = ConstantVelocity()
+    start = TrackStart(predictor)
+    for each in FRAMES[:4]:
+        start.update(each)
+    start.reset()
+    for k in (6, 5):
+        start.update(FRAMES[k])
+    assert_same(predictor.forecast(LATER_S), taken_in(ConstantVelocity(), FRAMES[5:7]))
+
+
+def test_in_the_loop_late_first_frames_are_used_and_the_newest_frame_stays_the_newest():
+    bench, first_s = LoopBench(), (0.0, 1 / 30, 2 / 30)
+    late = [Sighting(0.2 - 0.1 * t, HeadObservation(t, bench.head_m(t))) for t in first_s]
+    log = bench.run(1.0, seen=lambda t: t not in first_s, extra=tuple(late))
+    assert events(log) == {"no_observation_yet"}
+    assert bench.loop.seen.capture_time_s == log.capture_time_s.max()
+    is_late = log.capture_time_s < np.maximum.accumulate(log.capture_time_s)
+    assert sorted(log.capture_time_s[is_late]) == pytest.approx(first_s)
+    assert np.isnan(log.forecast_mean_base_m[is_late]).all()
+    assert np.isfinite(log.forecast_mean_base_m[~is_late]).all()
