@@ -45,7 +45,7 @@ class FitSettings(WorkSettings):
         default=None, description="Fit for this tracker alone, a shipped sensor or .toml file; without it for all kinds"
     )
     variants: int = Field(
-        default=60, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
+        default=240, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
     )
     networks: int = Field(default=3, ge=1, le=20, description="Networks in each of the two ensembles")
     steps: int = Field(default=8000, ge=1, description="Steps of gradient descent for each network")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from experiments.fit.examples import Examples
 from gazempc.errors import MissingOptionalDependencyError
-from predictors.walker.features import N_INPUTS, OF_YAWS
+from predictors.walker.features import CORRELATION, LOG_SD, N_INPUTS, NOISE_SCALE_M, OF_YAWS
 from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S
 
 Float32Array = NDArray[np.float32]
@@ -22,10 +22,44 @@ _KNOT_WEIGHTS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5])
 _USUAL_ERROR_M = np.array([0.02, 0.03, 0.04, 0.06, 0.08, 0.12, 0.18, 0.3])
 
 
+def observed_m2(network: NDArray[np.floating[Any]]) -> Float32Array:
+    """Covariance of the observed position, as the inputs of networks tell it.
+
+    Args:
+        network: Inputs, shape (N, N_INPUTS).
+
+    Returns:
+        Variances along and across, covariance of the two, and variance up, shape (N, 4), square metres.
+    """
+    along, across, up = NOISE_SCALE_M * np.exp(network[:, LOG_SD].astype(np.float32)).T
+    return np.stack([along**2, across**2, along * across * network[:, CORRELATION], up**2], axis=1)
+
+
+def seen_distance2(off_m: Any, noise_m2: Any, usual_m2: Any) -> Any:
+    """Squared size of errors, of which those count less that the tracker cannot see.
+
+    That is e' (1 + N / u)^-1 e for an error e, a covariance N of the observation, and a usual squared error u. A camera
+    knows the direction to a head and not its range; so a forecast is fitted to be right in the direction.
+
+    Args:
+        off_m: Errors along, across and up, shape (N, K, 3), metres.
+        noise_m2: As returned by `observed_m2`, shape (N, 4).
+        usual_m2: Usual squared error at each knot, shape (K,).
+
+    Returns:
+        Shape (N, K), square metres. Arrays may be those of numpy or jax.
+    """
+    along, across, up = off_m[..., 0], off_m[..., 1], off_m[..., 2]
+    share = noise_m2[:, None, :] / usual_m2[:, None]
+    a, c, both = 1.0 + share[..., 0], 1.0 + share[..., 1], share[..., 2]
+    level = (c * along**2 - 2.0 * both * along * across + a * across**2) / (a * c - both**2)
+    return level + up**2 / (1.0 + share[..., 3])
+
+
 def fit_networks(
     examples: Examples, seed: int, networks: int, steps: int, sees_yaws: bool = True
 ) -> tuple[tuple[Float32Array, ...], tuple[Float32Array, ...]]:
-    """Fit an ensemble for the least mean distance between forecast and truth.
+    """Fit an ensemble for the least mean distance between forecast and truth, see `seen_distance2`.
 
     Two hidden layers of tanh, AdamW with a cosine schedule.
 
@@ -50,12 +84,18 @@ def fit_networks(
         raise MissingOptionalDependencyError("fitting a predictor", "jax optax", "fit") from None
 
     shown = np.arange(N_INPUTS) if sees_yaws else np.setdiff1d(np.arange(N_INPUTS), OF_YAWS)
-    x, weight = jnp.asarray(examples.network[:, shown]), jnp.asarray(examples.weight)
-    known = jnp.asarray(np.isfinite(examples.departure_m[..., 0]))
-    y = jnp.asarray(np.nan_to_num(examples.departure_m))
+    # Given as an argument: numbers that a compiled function closes over are copied, and there are gigabytes of them.
+    table = (
+        jnp.asarray(examples.network[:, shown]),
+        jnp.asarray(np.nan_to_num(examples.departure_m)),
+        jnp.asarray(np.isfinite(examples.departure_m[..., 0])),
+        jnp.asarray(examples.weight),
+        jnp.asarray(observed_m2(examples.network)),
+    )
+    n, usual_m2 = len(examples.weight), jnp.asarray(_USUAL_ERROR_M**2, dtype=jnp.float32)
     scale = jnp.asarray(DEPARTURE_SCALE_M, dtype=jnp.float32)[:, None]
     knot_weights = jnp.asarray(_KNOT_WEIGHTS / _USUAL_ERROR_M, dtype=jnp.float32)
-    sizes = (x.shape[1], *HIDDEN, 3 * KNOTS_S.size)
+    sizes = (shown.size, *HIDDEN, 3 * KNOTS_S.size)
     optimiser = optax.adamw(optax.cosine_decay_schedule(_LEARNING_RATE, steps), weight_decay=_WEIGHT_DECAY)
 
     def output(layers: Any, batch: Any) -> Any:
@@ -64,20 +104,22 @@ def fit_networks(
             h = jnp.tanh(h @ w + b)
         return (h @ layers[-1][0] + layers[-1][1]).reshape(-1, KNOTS_S.size, 3) * scale
 
-    def loss(layers: Any, rows: Any) -> Any:
-        off = output(layers, x[rows]) - y[rows]
+    def loss(layers: Any, batch: Any) -> Any:
+        x, y, known, weight, noise_m2 = batch
+        off = output(layers, x.astype(jnp.float32)) - y
         # The constant keeps the gradient of the distance finite at zero.
-        distance = jnp.sqrt(jnp.sum(off**2, axis=-1) + 1e-5)
-        return jnp.mean(jnp.where(known[rows], distance, 0.0) * weight[rows][:, None] * knot_weights)
-
-    def step(state: Any, key: Any) -> Any:
-        layers, memory = state
-        rows = jax.random.randint(key, (_BATCH,), 0, x.shape[0])
-        updates, memory = optimiser.update(jax.grad(loss)(layers, rows), memory, layers)
-        return (optax.apply_updates(layers, updates), memory), None
+        distance = jnp.sqrt(seen_distance2(off, noise_m2, usual_m2) + 1e-5)
+        return jnp.mean(jnp.where(known, distance, 0.0) * weight[:, None] * knot_weights)
 
     @jax.jit
-    def fit(layers: Any, key: Any) -> Any:
+    def fit(layers: Any, table: Any, key: Any) -> Any:
+        def step(state: Any, key: Any) -> Any:
+            layers, memory = state
+            rows = jax.random.randint(key, (_BATCH,), 0, n)
+            batch = tuple(column[rows] for column in table)
+            updates, memory = optimiser.update(jax.grad(loss)(layers, batch), memory, layers)
+            return (optax.apply_updates(layers, updates), memory), None
+
         return jax.lax.scan(step, (layers, optimiser.init(layers)), jax.random.split(key, steps))[0][0]
 
     fitted = []
@@ -92,7 +134,7 @@ def fit_networks(
             )
             for i, (a, b) in enumerate(pairwise(sizes))
         ]
-        found = [(np.asarray(W), np.asarray(b)) for W, b in fit(layers, jax.random.key(1000 * seed + k))]
+        found = [(np.asarray(W), np.asarray(b)) for W, b in fit(layers, table, jax.random.key(1000 * seed + k))]
         first = np.zeros((N_INPUTS, HIDDEN[0]), dtype=np.float32)
         first[shown] = found[0][0]
         fitted.append([(first, found[0][1]), *found[1:]])

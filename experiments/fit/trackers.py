@@ -21,7 +21,7 @@ _WHITE_M = (0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.015, 0.02)
 _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
 # Share of trackers that see walks as they were recorded by kind of error, and of those that see other walks.
 KINDS = ("white", "wander", "camera", "jumps", "street")
-_SHARES = {"plain": (0.54, 0.26, 0.16, 0.04, 0.0), "other": (0.35, 0.15, 0.10, 0.0, 0.40)}
+_SHARES = {"plain": (0.47, 0.24, 0.25, 0.04, 0.0), "other": (0.30, 0.15, 0.20, 0.0, 0.35)}
 # Both orientations, none, the head's, the pelvis's.
 _ORIENTATIONS, _ORIENTATION_SHARES = (
     ((True, True), (False, False), (True, False), (False, True)),
@@ -33,7 +33,7 @@ _WANDER_M, _WANDER_TIME_S, _STREET_WHITE_M, _WOBBLE_SD_S = (0.005, 0.04), (0.08,
 _BODY_WHITE_M, _BODY_WANDER_M, _BODY_TIME_S = (0.002, 0.012), (0.008, 0.035), (0.2, 1.0)
 _BODY_YAW_DEG, _BODY_YAW_WANDER_DEG, _BODY_YAW_TIME_S = (1.0, 3.0), ((2.0, 11.0), (2.0, 8.0)), (0.4, 1.5)
 # Cameras: range error as shares of the range, bearing error; around what bags of a real one show.
-_RANGE_NOISE, _RANGE_WANDER, _RANGE_TIME_S = (0.01, 0.05), (0.0, 0.06), (0.5, 3.0)
+_RANGE_NOISE, _RANGE_WANDER, _RANGE_TIME_S = (0.005, 0.2), (0.01, 0.2), (0.5, 4.0)
 _BEARING_DEG, _CAMERA_YAW_DEG = (0.04, 0.3), (2.0, 6.0)
 # Jumps of tracks that last, in all kinds but the camera's; single frames far off, in any.
 _JUMPS = {"duration_min_s": 0.1, "duration_max_s": 0.5, "size_min_m": 0.02}
@@ -41,7 +41,7 @@ _SPIKES = {"size_min_m": 0.1, "size_max_m": 0.5}
 _JUMP_INTERVAL_S, _JUMP_SIZE_M, _SPIKE_INTERVAL_S = (1.0, 5.0), (0.04, 0.2), (0.3, 2.0)
 # How many trackers of a kind have such a fault: often enough to be learned, seldom enough to stay the exception.
 _WITH_JUMPS, _WITH_SPIKES, _WITH_FAULT = 0.3, 0.06, 0.1
-_BODY_STATES, _CAMERA_STATES, _CAMERA_SEES_YAW = 0.2, 0.8, 0.7
+_BODY_STATES, _CAMERA_STATES, _CAMERA_SEES_YAW = 0.2, 0.5, 0.7
 _STREET_HZ, _SLOW_HZ, _FAST_HZ = (16.0, 25.0, 30.0, 50.0), (5.0, 7.5, 10.0, 15.0), (50.0, 60.0)
 _DROPOUT, _LOSS_S, _JITTER_PERIODS = (0.05, 0.5), (0.2, 1.0), (0.1, 0.5)
 _HEIGHT_M = 1.2
@@ -87,8 +87,8 @@ def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]
         ]
     if kind == "camera":
         fields["along"] = {
-            "noise_share": rng.uniform(*_RANGE_NOISE),
-            "wander_share": rng.uniform(*_RANGE_WANDER),
+            "noise_share": _log_uniform(rng, *_RANGE_NOISE),
+            "wander_share": _log_uniform(rng, *_RANGE_WANDER),
             "wander_time_s": rng.uniform(*_RANGE_TIME_S),
         }
         fields["across"] = {"noise_deg": rng.uniform(*_BEARING_DEG)}

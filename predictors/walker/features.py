@@ -33,7 +33,7 @@ _MOUNTING_RAD, _MOUNTING_FRAMES = ((0.25, 0.4), (0.35, 0.5)), (5.0, 15.0)
 _NOT_FORWARD_RAD = (1.4, 1.9)
 # Each input is of order one over walking people.
 _POSITION_SCALE_M, _PELVIS_SCALE_RAD, _HEAD_SCALE_RAD, _OFFSET_SCALE_RAD = 0.04, 0.15, 0.2, 0.1
-_USUAL_SPEED_M_S, _SPEED_SCALE_M_S, _NOISE_SCALE_M = 1.1, 0.3, 0.01
+_USUAL_SPEED_M_S, _SPEED_SCALE_M_S, NOISE_SCALE_M = 1.1, 0.3, 0.01
 _LARGEST, _SMALLEST_NOISE = 4.0, 0.1
 _NOTHING_STATED_M2 = np.zeros(3)
 _ROUNDING_M2 = 1e-12  # a stated covariance may be next to singular
@@ -47,6 +47,8 @@ _SLOW = slice(_COLOURS.stop, _COLOURS.stop + N_SLOW)
 N_INPUTS = _SLOW.stop
 # Inputs that say how far pelvis and head orientation are known, 0 to 1; and all that is known of orientation.
 KNOWN = slice(_SCALARS + 7, _SCALARS + 9)
+# Inputs that tell the error of the observed position: correlation along and across; logarithms of its sizes.
+CORRELATION, LOG_SD = _SCALARS + 2, slice(_SCALARS + 9, _SCALARS + 12)
 OF_YAWS = np.r_[_YAWS, _SCALARS : _SCALARS + 2, KNOWN, _COLOURS.start + 6 : _COLOURS.stop]
 N_SPREAD = 12 + N_ERRORS + N_COLOURS
 
@@ -139,7 +141,7 @@ class WalkerHistory:
         noise = to_line.T @ covariance_m2 @ to_line
         noise_m2 = noise.diagonal().tolist()
         sd_m = [math.sqrt(max(m2, _ROUNDING_M2)) for m2 in noise_m2]
-        log_sd = [math.log(max(sd / _NOISE_SCALE_M, _SMALLEST_NOISE)) for sd in sd_m]
+        log_sd = [math.log(max(sd / NOISE_SCALE_M, _SMALLEST_NOISE)) for sd in sd_m]
         frames = math.log(max(window.times_s.size - 1, 1) / max(m - 1, 1))
         colours = self._colour.learn(seen)
         stated = observation.position_covariance_m2 is not None

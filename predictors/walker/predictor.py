@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from predictors.constant_velocity import ConstantVelocity
-from predictors.predictor import NotReadyError, as_times, noise_m2
+from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.between import BetweenKnots
 from predictors.walker.features import WalkerHistory, WalkerInputs
 from predictors.walker.network import WalkerModel, shipped_walker_model
 from predictors.walker.noise import MeasuredNoise
 from predictors.walker.optional import compiled
+from predictors.walker.range_error import MeasuredRange
 
 # Sway and bob, to the line no more than noise of the positions: s.d. on each axis, metres.
 _GAIT_M2 = 0.02**2 * np.eye(3)
+# Frames that are taken in again where the range turns out to be worse than it was taken for: 1.2 s at 30 a second.
+_AGAIN_FRAMES = 36
+# Worse by 50 mm and by twice: a track then does so at most four times.
+_WORSE_M2, _WORSE_TIMES2 = 0.05**2, 4.0
 
 
 class Walker:
@@ -39,7 +46,12 @@ class Walker:
         self._model = shipped_walker_model() if model is None else model
         self._position = ConstantVelocity()
         compiled()  # loaded now, so that no frame waits for it
+        self._forget_tracker()
         self._forget()
+
+    def _forget_tracker(self) -> None:
+        self._recent: deque[HeadObservation] = deque(maxlen=_AGAIN_FRAMES)
+        self._range, self._largest_m2 = MeasuredRange(), 0.0
 
     def _forget(self) -> None:
         self._history, self._noise = WalkerHistory(), MeasuredNoise()
@@ -49,6 +61,7 @@ class Walker:
     def reset(self) -> None:
         """Forget the person."""
         self._position.reset()
+        self._forget_tracker()
         self._forget()
 
     @property
@@ -58,8 +71,25 @@ class Walker:
 
     def update(self, observation: HeadObservation) -> None:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        check_newer(observation, self._recent[-1].capture_time_s if self._recent else None)
+        self._recent.append(observation)
+        if observation.position_covariance_m2 is None:
+            self._range.learn(observation)
+        range_m2 = self._range.variance_m2()
+        if range_m2 > _WORSE_M2 + _WORSE_TIMES2 * self._largest_m2:
+            # Until now each range error was taken for motion or refused.
+            self._position.reset()
+            self._forget()
+            for earlier in list(self._recent)[:-1]:
+                self._take(earlier)
+        self._largest_m2 = max(self._largest_m2, range_m2)
+        self._take(observation)
+
+    def _take(self, observation: HeadObservation) -> None:
         started_at_s = self._position.started_at_s
         measured_m2 = self._noise.covariance_m2()
+        if observation.position_covariance_m2 is None:
+            measured_m2 = measured_m2 + self._range.covariance_m2(observation.head_position_base_m)
         self._position.update_with(observation, measured_m2, _GAIT_M2)
         taken = self._position.taken_in
         if not taken:

@@ -55,7 +55,7 @@ def test_examples_lead_to_where_the_walk_went(sensor):
         inputs = walker.inputs()
         if inputs.walking == 0.0 or inputs.line.time_s != observation.capture_time_s:
             continue
-        np.testing.assert_allclose(examples.network[k], inputs.network, rtol=1e-6)
+        np.testing.assert_allclose(examples.network[k], inputs.network, rtol=2**-10, atol=1e-6)
         np.testing.assert_allclose(examples.spread[k], inputs.spread, rtol=1e-6)
         np.testing.assert_allclose(examples.noise_m[k], inputs.noise_sd_m, rtol=1e-6)
         c, s = np.cos(inputs.line.heading_rad), np.sin(inputs.line.heading_rad)
@@ -158,7 +158,8 @@ def test_straight_is_what_keeps_its_direction():
 
 
 def test_scoring_sees_people_through_the_trackers_that_claims_are_made_on():
-    assert [s.name for s in scoring_sensors()] == ["perfect", "reference", "positions", "body_tracker", "face_camera"]
+    names = ["perfect", "reference", "positions", "body_tracker", "face_camera", "street", "silent_camera"]
+    assert [s.name for s in scoring_sensors()] == names
     positions = scoring_sensors()[2]
     assert not positions.head_yaw.reported
     assert not positions.pelvis_yaw.reported

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from builders.fits import toy
-from builders.walkers import straight_model
+from builders.walkers import random_covariance, straight_model
 
-from experiments.fit.networks import fit_networks
+from experiments.fit.networks import fit_networks, observed_m2, seen_distance2
+from predictors import HeadObservation, Walker
 from predictors.walker.features import N_INPUTS, OF_YAWS
 from predictors.walker.network import KNOTS_S, WalkerModel
 
@@ -33,3 +34,30 @@ def test_networks_that_see_no_yaws_have_no_weights_for_them():
     hidden[OF_YAWS] = True
     assert not weights[0][:, hidden].any()
     assert weights[0][:, ~hidden].any(axis=2).all()
+
+
+def test_errors_that_a_tracker_cannot_see_count_less():
+    """Against the inverse of the whole matrix."""
+    rng = np.random.default_rng(0)
+    off_m, usual_m2 = rng.standard_normal((20, 3, 3)), np.array([0.02, 0.08, 0.2]) ** 2
+    noises_m2 = [np.pad(random_covariance(rng, (0.4, 0.01, 0.01))[:2, :2], (0, 1)) for _ in range(20)]
+    up_m2 = rng.uniform(0.0, 0.1, 20)
+    told = np.array([[n[0, 0], n[1, 1], n[0, 1], up] for n, up in zip(noises_m2, up_m2, strict=True)])
+    found = seen_distance2(off_m, told, usual_m2)
+    for i, noise_m2 in enumerate(noises_m2):
+        noise_m2[2, 2] = up_m2[i]
+        for k, usual in enumerate(usual_m2):
+            expected = off_m[i, k] @ np.linalg.solve(np.eye(3) + noise_m2 / usual, off_m[i, k])
+            np.testing.assert_allclose(found[i, k], expected, rtol=1e-9)
+
+
+def test_inputs_tell_the_covariance_of_the_observation():
+    """Somebody walks along x, so that along, across and up are the axes; that is level with a stated covariance."""
+    rng, walker = np.random.default_rng(1), Walker(straight_model())
+    covariance_m2 = np.pad(random_covariance(rng, (0.2, 0.02, 0.02))[:2, :2], (0, 1))
+    covariance_m2[2, 2] = 0.03**2
+    for k in range(40):
+        walker.update(HeadObservation(k / 30, np.array([k / 30, 2.0, 0.4]), position_covariance_m2=covariance_m2))
+    (found,) = observed_m2(walker.inputs().network[None])
+    expected = [covariance_m2[0, 0], covariance_m2[1, 1], covariance_m2[0, 1], covariance_m2[2, 2]]
+    np.testing.assert_allclose(found, expected, rtol=5e-3)  # the first frame turned the heading a little

@@ -34,7 +34,7 @@ def test_rates_orientations_and_faults_vary():
     assert 0.6 < rates[30.0] / len(sensors) < 0.95
     told = Counter((s.head_yaw.reported, s.pelvis_yaw.reported) for s in sensors)
     assert len(told) == 4
-    assert told[True, True] > told[False, False] > told[False, True]
+    assert min(told[True, True], told[False, False]) > max(told[True, False], told[False, True])
     assert 0.03 < np.mean([s.dropout_probability > 0 for s in sensors]) < 0.2
     assert 0.03 < np.mean([s.timing.frame_jitter_s > 0 for s in sensors]) < 0.2
     assert all(s.latency_s == 0.0 for s in sensors)
@@ -51,7 +51,8 @@ def test_covariances_are_stated_if_and_only_if_the_tracker_is_one_that_does(kind
             assert all((o.position_covariance_m2 is not None) == sensor.states_covariance for o in seen)
             told[sensor.states_covariance] += 1
     assert min(told[True], told[False]) >= 2
-    assert (told[True] > told[False]) == (kind == "camera")
+    # Half of the cameras do, and one body tracker in five.
+    assert (0.3 < told[True] / told.total() < 0.7) == (kind == "camera")
 
 
 def test_a_camera_s_covariance_is_long_along_the_line_of_sight():

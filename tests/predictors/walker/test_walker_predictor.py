@@ -41,7 +41,7 @@ def shown(observations, *predictors):
     angle_rad=st.floats(-np.pi, np.pi),
     shift_m=st.tuples(*[st.floats(-5, 5)] * 3).map(np.array),
     mirror=st.booleans(),
-    sensor=st.sampled_from(["reference", "face_camera", "street"]),
+    sensor=st.sampled_from(["reference", "face_camera", "body_tracker"]),
 )
 def test_where_and_which_way_somebody_walks_does_not_matter(angle_rad, shift_m, mirror, sensor):
     """The forecast moves, turns and is mirrored with the walk, covariance and all, from the first frame on."""
