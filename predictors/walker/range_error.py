@@ -21,6 +21,8 @@ _SD_OF_MEDIAN = 1.0 / 0.6745
 _USUAL_M2 = 0.03**2
 # A drift disturbs the velocity more than white error of that size: this factor of its variance did best.
 _DRIFT_COUNTS = 4.0
+# A change in one step, as to another person, is no drift: farther off than this many standard deviations.
+_JUMP_SDS = 5.0
 _NEAREST_M = 1e-3  # a position at the sensor has no line of sight
 
 
@@ -35,6 +37,7 @@ class MeasuredRange:
         self._ranges_m: deque[float] = deque(maxlen=3 * _LAGS[-1] + 1)
         self._recent_m = [deque([_PRIOR_M] * _PRIOR_FRAMES, maxlen=_MEMORY_FRAMES) for _ in _LAGS]
         self._sorted_m = [list(recent) for recent in self._recent_m]
+        self._frames_since_jump = 0
 
     def learn(self, observation: HeadObservation) -> None:
         """Take in a reported position, before any gate.
@@ -45,7 +48,8 @@ class MeasuredRange:
         self._times_s.append(observation.capture_time_s)
         self._ranges_m.append(math.hypot(*observation.head_position_base_m.tolist()))
         for lag, recent, ordered in zip(_LAGS, self._recent_m, self._sorted_m, strict=True):
-            if len(self._times_s) <= 3 * lag:
+            jumped = lag > 1 and self._frames_since_jump <= 3 * (lag - 1)
+            if len(self._times_s) <= 3 * lag or jumped:
                 return
             rows = range(-1 - 3 * lag, 0, lag)
             a, b, c, d = (self._times_s[row] for row in rows)
@@ -58,14 +62,18 @@ class MeasuredRange:
                 1.0 / ((d - a) * (d - b) * (d - c)),
             )
             off_m = sum(weight * self._ranges_m[row] for weight, row in zip(weights, rows, strict=True))
+            size_m = abs(off_m) / math.hypot(*weights)
+            if lag == 1:
+                jumps = size_m > _JUMP_SDS * max(_sd_m(ordered), _PRIOR_M)
+                self._frames_since_jump = 0 if jumps else self._frames_since_jump + 1
             if len(recent) == _MEMORY_FRAMES:
                 del ordered[bisect_left(ordered, recent[0])]
-            recent.append(abs(off_m) / math.hypot(*weights))
-            insort(ordered, recent[-1])
+            recent.append(size_m)
+            insort(ordered, size_m)
 
     def variance_m2(self) -> float:
         """Variance of the range beyond that of usual trackers, square metres; 0 for those."""
-        white_m2, slow_m2 = ((_SD_OF_MEDIAN * ordered[len(ordered) // 2]) ** 2 for ordered in self._sorted_m)
+        white_m2, slow_m2 = (_sd_m(ordered) ** 2 for ordered in self._sorted_m)
         drift_m2 = max(slow_m2 - max(white_m2, _USUAL_M2), 0.0)
         return max(white_m2 - _USUAL_M2, 0.0) + _DRIFT_COUNTS * drift_m2
 
@@ -80,3 +88,7 @@ class MeasuredRange:
         """
         range_m2 = max(float(position_m @ position_m), _NEAREST_M**2)
         return np.asarray(self.variance_m2() / range_m2 * np.outer(position_m, position_m))
+
+
+def _sd_m(ordered_m: list[float]) -> float:
+    return _SD_OF_MEDIAN * ordered_m[len(ordered_m) // 2]

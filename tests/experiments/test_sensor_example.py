@@ -107,6 +107,7 @@ PROPERTIES = {
     "lost": ("reference", {"loss"}),
     "positions_only": ("reference", {"head_yaw", "pelvis_yaw", "yaw_noise_deg"}),
     "silent_camera": ("face_camera", {"states_covariance"}),
+    "slow_range": ("reference", {"along"}),
     "steady": ("reference", {"rate_hz", "latency_s"}),
 }
 

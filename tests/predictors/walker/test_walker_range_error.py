@@ -71,6 +71,15 @@ def test_the_covariance_lies_along_the_line_of_sight():
     assert not found.covariance_m2(np.zeros(3)).any()
 
 
+def test_another_person_now_and_then_is_no_error_of_the_range():
+    """Each stretch ends and begins with a jump of 1 m, which is no drift."""
+    rng, times_s = np.random.default_rng(8), np.arange(300) * STEP_S
+    seen = walk_m(times_s) + 0.01 * rng.standard_normal((300, 3))
+    seen[times_s % 1.8 > 1.1] += [1.0, 0.0, 0.0]
+    _, variances_m2 = measured(times_s, seen)
+    assert np.sqrt(variances_m2.max()) < 0.05
+
+
 @pytest.mark.parametrize("step_s", [0.2, 1e-6])
 def test_frames_that_say_nothing_of_the_range_are_left_out(step_s):
     rng, times_s = np.random.default_rng(5), np.arange(100) * step_s
