@@ -14,7 +14,7 @@ for controller in ("reactive", "lookahead", "mpc", "perfect"):
     print(f"{controller:<9} {shown}  mean {np.mean(errors_deg):5.2f} deg, eye contact {contact:4.0%}")
 
 # It prints:
-# reactive   9.89, 11.38, 10.67  mean 10.65 deg, eye contact  14%
-# lookahead  0.34,  2.43,  1.94  mean  1.57 deg, eye contact  89%
-# mpc        0.38,  2.38,  1.90  mean  1.55 deg, eye contact  90%
+# reactive   9.89, 11.39, 10.69  mean 10.65 deg, eye contact  14%
+# lookahead  0.35,  2.35,  1.82  mean  1.50 deg, eye contact  90%
+# mpc        0.39,  2.36,  1.80  mean  1.51 deg, eye contact  91%
 # perfect    0.09,  0.11,  0.12  mean  0.11 deg, eye contact 100%

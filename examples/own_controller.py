@@ -40,7 +40,7 @@ if __name__ == "__main__":
         )
 
 # It prints:
-# early_0.5 gaze  2.38 deg, 0.98 rad/s^2, limit violations: 0
-# early_1.0 gaze  5.60 deg, 1.51 rad/s^2, limit violations: 0
-# lookahead gaze  1.32 deg, 0.83 rad/s^2, limit violations: 0
-# mpc       gaze  1.29 deg, 0.73 rad/s^2, limit violations: 0
+# early_0.5 gaze  2.42 deg, 1.03 rad/s^2, limit violations: 0
+# early_1.0 gaze  5.55 deg, 1.51 rad/s^2, limit violations: 0
+# lookahead gaze  1.29 deg, 0.82 rad/s^2, limit violations: 0
+# mpc       gaze  1.24 deg, 0.69 rad/s^2, limit violations: 0
