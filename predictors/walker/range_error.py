@@ -21,8 +21,8 @@ _SD_OF_MEDIAN = 1.0 / 0.6745
 _USUAL_M2 = 0.03**2
 # A drift disturbs the velocity more than white error of that size: this factor of its variance did best.
 _DRIFT_COUNTS = 4.0
-# A change in one step, as to another person, is no drift: farther off than this many standard deviations.
-_JUMP_SDS = 5.0
+# Another person is also beside the line of sight, by more than gait; an error of the range is not.
+_BESIDE_M, _BESIDE_SHARE = 0.05, 0.5
 _NEAREST_M = 1e-3  # a position at the sensor has no line of sight
 
 
@@ -33,11 +33,10 @@ class MeasuredRange:
     """
 
     def __init__(self) -> None:
-        self._times_s: deque[float] = deque(maxlen=3 * _LAGS[-1] + 1)
-        self._ranges_m: deque[float] = deque(maxlen=3 * _LAGS[-1] + 1)
+        # Time, range and direction of each frame.
+        self._frames: deque[tuple[float, float, FloatArray]] = deque(maxlen=3 * _LAGS[-1] + 1)
         self._recent_m = [deque([_PRIOR_M] * _PRIOR_FRAMES, maxlen=_MEMORY_FRAMES) for _ in _LAGS]
         self._sorted_m = [list(recent) for recent in self._recent_m]
-        self._frames_since_jump = 0
 
     def learn(self, observation: HeadObservation) -> None:
         """Take in a reported position, before any gate.
@@ -45,31 +44,33 @@ class MeasuredRange:
         Args:
             observation: The observation, newer than all before it.
         """
-        self._times_s.append(observation.capture_time_s)
-        self._ranges_m.append(math.hypot(*observation.head_position_base_m.tolist()))
+        position_m = observation.head_position_base_m
+        range_m = math.hypot(*position_m.tolist())
+        self._frames.append((observation.capture_time_s, range_m, position_m / max(range_m, _NEAREST_M)))
         for lag, recent, ordered in zip(_LAGS, self._recent_m, self._sorted_m, strict=True):
-            jumped = lag > 1 and self._frames_since_jump <= 3 * (lag - 1)
-            if len(self._times_s) <= 3 * lag or jumped:
+            if len(self._frames) <= 3 * lag:
                 return
-            rows = range(-1 - 3 * lag, 0, lag)
-            a, b, c, d = (self._times_s[row] for row in rows)
+            frames = [self._frames[row] for row in range(-1 - 3 * lag, 0, lag)]
+            a, b, c, d = (time_s for time_s, _, _ in frames)
             if d - a > _SPAN_S or min(b - a, c - b, d - c) < _STEP_S:
                 continue
-            weights = (
-                1.0 / ((a - b) * (a - c) * (a - d)),
-                1.0 / ((b - a) * (b - c) * (b - d)),
-                1.0 / ((c - a) * (c - b) * (c - d)),
-                1.0 / ((d - a) * (d - b) * (d - c)),
+            weights = np.array(
+                [
+                    1.0 / ((a - b) * (a - c) * (a - d)),
+                    1.0 / ((b - a) * (b - c) * (b - d)),
+                    1.0 / ((c - a) * (c - b) * (c - d)),
+                    1.0 / ((d - a) * (d - b) * (d - c)),
+                ]
             )
-            off_m = sum(weight * self._ranges_m[row] for weight, row in zip(weights, rows, strict=True))
-            size_m = abs(off_m) / math.hypot(*weights)
-            if lag == 1:
-                jumps = size_m > _JUMP_SDS * max(_sd_m(ordered), _PRIOR_M)
-                self._frames_since_jump = 0 if jumps else self._frames_since_jump + 1
+            weights /= math.hypot(*weights.tolist())
+            off_m = abs(sum(weight * each_m for weight, (_, each_m, _) in zip(weights.tolist(), frames, strict=True)))
+            beside_m = range_m * math.hypot(*(weights @ [direction for _, _, direction in frames]).tolist())
+            if beside_m > max(_BESIDE_M, _BESIDE_SHARE * off_m):
+                continue
             if len(recent) == _MEMORY_FRAMES:
                 del ordered[bisect_left(ordered, recent[0])]
-            recent.append(size_m)
-            insort(ordered, size_m)
+            recent.append(off_m)
+            insort(ordered, off_m)
 
     def variance_m2(self) -> float:
         """Variance of the range beyond that of usual trackers, square metres; 0 for those."""

@@ -71,12 +71,14 @@ def test_the_covariance_lies_along_the_line_of_sight():
     assert not found.covariance_m2(np.zeros(3)).any()
 
 
-def test_another_person_now_and_then_is_no_error_of_the_range():
-    """Each stretch ends and begins with a jump of 1 m, which is no drift."""
+@pytest.mark.parametrize("every_s", [2 * STEP_S, 1.8])
+def test_another_person_now_and_then_is_no_error_of_the_range(every_s):
+    """Also where the two take turns in each frame. The other one is 1 m to the left."""
     rng, times_s = np.random.default_rng(8), np.arange(300) * STEP_S
-    seen = walk_m(times_s) + 0.01 * rng.standard_normal((300, 3))
-    seen[times_s % 1.8 > 1.1] += [1.0, 0.0, 0.0]
-    _, variances_m2 = measured(times_s, seen)
+    seen_m = walk_m(times_s) + 0.01 * rng.standard_normal((300, 3))
+    left = np.stack([-seen_m[:, 1], seen_m[:, 0], np.zeros(300)], axis=1)
+    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    _, variances_m2 = measured(times_s, seen_m + left * (times_s % every_s > 0.6 * every_s)[:, None])
     assert np.sqrt(variances_m2.max()) < 0.05
 
 
