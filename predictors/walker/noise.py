@@ -16,7 +16,28 @@ _FRAMES = 4
 # frames at 15 and at 14 frames a second, so that rounding does not decide.
 _SPAN_S = 0.207
 # Frames closer together than any camera's: two sources, or a clock that was set.
-_STEP_S = 1e-3
+STEP_S = 1e-3
+
+
+def third_difference(a: float, b: float, c: float, d: float) -> tuple[tuple[float, float, float, float], float]:
+    """Weights of the third divided difference of four frames.
+
+    Args:
+        a: Time of the first frame, seconds; the others follow.
+        b: Time of the second.
+        c: Time of the third.
+        d: Time of the fourth.
+
+    Returns:
+        A weight for each frame, and their norm: white noise of size 1 gives a difference as large as the norm.
+    """
+    weights = (
+        1.0 / ((a - b) * (a - c) * (a - d)),
+        1.0 / ((b - a) * (b - c) * (b - d)),
+        1.0 / ((c - a) * (c - b) * (c - d)),
+        1.0 / ((d - a) * (d - b) * (d - c)),
+    )
+    return weights, math.hypot(*weights)
 
 
 class MeasuredNoise:
@@ -41,13 +62,9 @@ class MeasuredNoise:
         if times_s.size < _FRAMES:
             return
         a, b, c, d = times_s[-_FRAMES:].tolist()
-        if d - a > _SPAN_S or min(b - a, c - b, d - c) < _STEP_S:
+        if d - a > _SPAN_S or min(b - a, c - b, d - c) < STEP_S:
             return
-        of_a = 1.0 / ((a - b) * (a - c) * (a - d))
-        of_b = 1.0 / ((b - a) * (b - c) * (b - d))
-        of_c = 1.0 / ((c - a) * (c - b) * (c - d))
-        of_d = 1.0 / ((d - a) * (d - b) * (d - c))
-        norm = math.hypot(of_a, of_b, of_c, of_d)
+        (of_a, of_b, of_c, of_d), norm = third_difference(a, b, c, d)
         p, q, r, s = positions_m[-_FRAMES:].tolist()
         x, y, z = ((of_a * p[i] + of_b * q[i] + of_c * r[i] + of_d * s[i]) / norm for i in range(3))
         size2 = x * x + y * y + z * z

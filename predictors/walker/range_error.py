@@ -9,11 +9,12 @@ from collections import deque
 import numpy as np
 
 from predictors.types import FloatArray, HeadObservation
+from predictors.walker.noise import STEP_S, third_difference
 
 # Third differences over so many frames: of one frame for white error, of four for an error that drifts.
 _LAGS = (1, 4)
-# Longer stretches bend with the walk itself; frames closer together than any camera's are of a clock that was set.
-_SPAN_S, _STEP_S = 0.45, 1e-3
+# Longer stretches bend with the walk itself.
+_SPAN_S = 0.45
 _MEMORY_FRAMES, _PRIOR_FRAMES, _PRIOR_M = 30, 3, 0.01
 # Standard deviation of a normal error over the median of its size.
 _SD_OF_MEDIAN = 1.0 / 0.6745
@@ -52,19 +53,12 @@ class MeasuredRange:
                 return
             frames = [self._frames[row] for row in range(-1 - 3 * lag, 0, lag)]
             a, b, c, d = (time_s for time_s, _, _ in frames)
-            if d - a > _SPAN_S or min(b - a, c - b, d - c) < _STEP_S:
+            if d - a > _SPAN_S or min(b - a, c - b, d - c) < STEP_S:
                 continue
-            weights = np.array(
-                [
-                    1.0 / ((a - b) * (a - c) * (a - d)),
-                    1.0 / ((b - a) * (b - c) * (b - d)),
-                    1.0 / ((c - a) * (c - b) * (c - d)),
-                    1.0 / ((d - a) * (d - b) * (d - c)),
-                ]
-            )
-            weights /= math.hypot(*weights.tolist())
-            off_m = abs(sum(weight * each_m for weight, (_, each_m, _) in zip(weights.tolist(), frames, strict=True)))
-            beside_m = range_m * math.hypot(*(weights @ [direction for _, _, direction in frames]).tolist())
+            weights, norm = third_difference(a, b, c, d)
+            off_m = abs(sum(weight * each_m for weight, (_, each_m, _) in zip(weights, frames, strict=True))) / norm
+            turned = np.array(weights) @ [direction for _, _, direction in frames] / norm
+            beside_m = range_m * math.hypot(*turned.tolist())
             if beside_m > max(_BESIDE_M, _BESIDE_SHARE * off_m):
                 continue
             if len(recent) == _MEMORY_FRAMES:
