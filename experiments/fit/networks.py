@@ -32,7 +32,8 @@ def observed_m2(network: NDArray[np.floating[Any]]) -> Float32Array:
         Variances along and across, covariance of the two, and variance up, shape (N, 4), square metres.
     """
     along, across, up = NOISE_SCALE_M * np.exp(network[:, LOG_SD].astype(np.float32)).T
-    return np.stack([along**2, across**2, along * across * network[:, CORRELATION], up**2], axis=1)
+    both = along * across * np.clip(network[:, CORRELATION], -1.0, 1.0)
+    return np.stack([along**2, across**2, both, up**2], axis=1)
 
 
 def seen_distance2(off_m: Any, noise_m2: Any, usual_m2: Any) -> Any:
