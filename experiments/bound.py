@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import Field
 
 from experiments.bound_page import bound_page
+from experiments.clips import GROUP_ORDER
 from experiments.engine.command import (
     NOT_SAVED,
     WorkSettings,
@@ -46,7 +47,7 @@ from gazempc.sim.scene import SceneSettings
 from gazempc.sim.sensor import load_sensor
 
 COLUMNS = (*CONTROLLERS, "bound")
-GROUPS = ("straight", "turn", "sharp", "all")
+GROUPS = (*GROUP_ORDER, "all")
 
 
 class BoundSettings(WorkSettings, SceneSettings):

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-GROUP_ORDER = ("straight", "turn", "sharp")
+GROUP_ORDER = ("standing", "straight", "turn", "sharp")
 # What people do in a clip, in reading order; other kinds follow.
-KIND_ORDER = ("moving", "starting", "stopping", "waiting")
+KIND_ORDER = ("standing", "sitting", "waiting", "gesturing", "turning on the spot", "starting", "stopping", "moving")
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ import tyro
 from matplotlib.figure import Figure
 from pydantic import BaseModel, ConfigDict, Field
 
+from experiments.clips import GROUP_ORDER
 from experiments.engine.command import run_command
 from experiments.margins import CONTACT, ERROR, HEAD, SMOOTHNESS, front, gaze, margins
 from gazempc.command import TYRO_CONFIG
@@ -26,7 +27,7 @@ from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.results.figures.style import readable
 
-GROUPS = ("straight", "turn", "sharp", "all")
+GROUPS = (*GROUP_ORDER, "all")
 Row = dict[str, Any]
 
 

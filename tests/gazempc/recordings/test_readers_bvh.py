@@ -152,7 +152,7 @@ def test_y_up_zxy_by_hand(tmp_path: Path) -> None:
     assert recording.kind == "motion capture"
     assert recording.measured is None
     assert not recording.has_robot
-    assert (recording.name, recording.labels.subject, recording.labels.group) == ("mia_01", "mia", "straight")
+    assert (recording.name, recording.labels.subject, recording.labels.group) == ("mia_01", "mia", "standing")
 
 
 def test_z_up_xyz_by_hand(tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ def test_quaternions_are_normalised_after_the_check(tmp_path: Path) -> None:
 def test_standing_person_is_accepted(tmp_path: Path) -> None:
     values = walk_values()
     values[:, 1:] = values[0, 1:]
-    assert load(write_rows(tmp_path / "a.csv", table_rows(values))).labels.group == "straight"
+    assert load(write_rows(tmp_path / "a.csv", table_rows(values))).labels.group == "standing"
 
 
 def test_labels_come_from_the_index_beside_the_file(tmp_path: Path) -> None:
@@ -115,6 +115,31 @@ def test_labels_come_from_the_index_beside_the_file(tmp_path: Path) -> None:
     assert (labels.subject, labels.group, labels.description) == ("p3", "sharp", "round a chair")
     labels = load(write_rows(tmp_path / "other_2.csv", table_rows())).labels
     assert (labels.subject, labels.group, labels.description) == ("other", "straight", "")
+
+
+@pytest.mark.parametrize(
+    ("stated", "activity", "moves", "group"),
+    [
+        ("sharp", "waiting", True, "standing"),
+        ("straight", "standing", False, "standing"),
+        ("", "sitting", True, "standing"),
+        ("turn", "moving", False, "turn"),
+        ("", "moving", True, "straight"),
+        ("sharp", "", False, "standing"),
+        ("sharp", "", True, "sharp"),
+        ("controls", "standing", False, "controls"),
+        ("controls", "", False, "controls"),
+    ],
+)
+def test_people_who_stay_are_standing_whatever_route_is_stated(
+    tmp_path: Path, stated: str, activity: str, moves: bool, group: str
+) -> None:
+    values = walk_values()
+    if not moves:
+        values[:, 1:] = values[0, 1:]
+    write_rows(tmp_path / "index.csv", [["clip", "subject", "group", "kind"], ["a", "eva", stated, activity]])
+    labels = load(write_rows(tmp_path / "a.csv", table_rows(values))).labels
+    assert (labels.group, labels.activity) == (group, activity or None)
 
 
 def test_the_column_kind_of_the_index_is_the_activity(tmp_path: Path) -> None:
@@ -202,7 +227,8 @@ def test_every_track_of_other_people_is_read(tracks_dir: Path) -> None:
         recording = load(tracks_dir / f"{clip}.csv")
         labels = recording.labels
         assert recording.truth.positions_only
-        assert (labels.subject, labels.group, labels.activity) == (row["subject"], row["group"], row["kind"])
+        group = "standing" if row["kind"] == "waiting" else row["group"]
+        assert (labels.subject, labels.group, labels.activity) == (row["subject"], group, row["kind"])
         assert recording.times_s[-1] - recording.times_s[0] == pytest.approx(float(row["duration_s"]), abs=0.011)
 
 
