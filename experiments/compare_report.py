@@ -101,11 +101,17 @@ def gaze_table(rows: list[Row], title: str = "") -> PageTable:
     # Without body and eyes, the head's acceleration is that of all joints.
     has_more = any(r["head_rms_acceleration_rad_s2"] != r["rms_acceleration_rad_s2"] for r in rows)
     has_eyes = any(r["eye_eccentricity_p95_deg"] is not None for r in rows)
+    # Of people who start, and of people who stay on the spot.
+    has_starts, has_stays = (
+        any(r[name] is not None for r in rows) for name in ("time_from_start_to_contact_s", "false_starts_per_min")
+    )
     columns = [
         *("group", *(["kind"] if has_kinds else []), "clips", "people", "neck", "gaze", "filter and forecast"),
         *("gaze error RMS [deg]", "eye contact 2.6 deg [%]", "gap closed", "RMS acceleration [rad/s^2]"),
         *(["of the head [rad/s^2]"] if has_more else []),
         *(["eyes aside, 95 % below [deg]"] if has_eyes else []),
+        *(["start to contact [s]"] if has_starts else []),
+        *(["false starts [1/min]"] if has_stays else []),
     ]
     lines = []
     for r in rows:
@@ -116,6 +122,8 @@ def gaze_table(rows: list[Row], title: str = "") -> PageTable:
             *(_cell(r, "gap_closed", 3), _cell(r, "rms_acceleration_rad_s2", 2)),
             *([_cell(r, "head_rms_acceleration_rad_s2", 2)] if has_more else []),
             *([_cell(r, "eye_eccentricity_p95_deg", 1)] if has_eyes else []),
+            *([_cell(r, "time_from_start_to_contact_s", 2)] if has_starts else []),
+            *([_cell(r, "false_starts_per_min", 1)] if has_stays else []),
         ]
         lines.append(tuple(cells))
     return PageTable(title, tuple(columns), tuple(lines))

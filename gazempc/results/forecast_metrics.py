@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from gazempc.results.coverage import inside
-from gazempc.results.log import Log
+from gazempc.results.log import FORECAST_HORIZONS_S, Log
 from gazempc.types import FloatArray
+
+_HALF_SECOND = 1  # of the horizons in the log
+# Of a person at rest; 0.6 m/s over 0.5 s, half the speed of a walk.
+_FALSE_START_M = 0.3
 
 
 def forecast_metrics(log: Log) -> dict[str, float]:
@@ -24,10 +28,9 @@ def forecast_metrics(log: Log) -> dict[str, float]:
         f"forecast_error_{round(1e3 * h)}_mm": _mean_of_known(error_mm[:, i])
         for i, h in enumerate(log.forecast_horizon_s)
     }
-    half_second = 1
-    known = np.isfinite(error_mm[:, half_second])
-    covariances = log.forecast_covariance_m2[known, half_second]
-    differences = difference_m[known, half_second]
+    known = np.isfinite(error_mm[:, _HALF_SECOND])
+    covariances = log.forecast_covariance_m2[known, _HALF_SECOND]
+    differences = difference_m[known, _HALF_SECOND]
     nees = np.full(len(differences), np.nan)
     if len(differences) and np.all(np.linalg.det(covariances) > 0):
         nees = np.einsum("fi,fi->f", differences, np.linalg.solve(covariances, differences[..., None])[..., 0])
@@ -38,6 +41,25 @@ def forecast_metrics(log: Log) -> dict[str, float]:
         found[f"forecast_coverage_{percent}_500"] = held
     found["forecast_nees_500"] = float(np.mean(nees)) if certain else float("nan")
     return found
+
+
+def false_starts_per_min(log: Log) -> float:
+    """Forecasts of a step that a person who stays on the spot does not take.
+
+    Args:
+        log: The run of a person who does not leave the spot.
+
+    Returns:
+        Episodes a minute of observations whose forecast for 0.5 s after capture lies over 0.3 m, horizontally, from the
+        observed position; episodes less than 0.5 s apart are one. NaN without two observations.
+    """
+    capture_s = np.sort(log.capture_time_s)
+    if capture_s.size < 2 or capture_s[-1] == capture_s[0]:
+        return float("nan")
+    off_m = np.linalg.norm((log.forecast_mean_base_m[:, _HALF_SECOND] - log.head_observed_base_m)[:, :2], axis=1)
+    off_s = np.sort(log.capture_time_s[off_m > _FALSE_START_M])
+    episodes = off_s.size and 1 + int((np.diff(off_s) >= FORECAST_HORIZONS_S[_HALF_SECOND]).sum())
+    return float(60.0 * episodes / (capture_s[-1] - capture_s[0]))
 
 
 def _mean_of_known(values: FloatArray) -> float:

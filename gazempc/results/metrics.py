@@ -9,8 +9,17 @@ import numpy as np
 
 from gazempc.errors import LeftOutError
 from gazempc.neck.kinematics import gaze_error_rad
-from gazempc.results.contact import CONTACT_DEG, longest_break_s, overshoot_deg, share_within, time_to, time_to_stable
-from gazempc.results.forecast_metrics import forecast_metrics
+from gazempc.recordings.readers.route_group import travel
+from gazempc.results.contact import (
+    CONTACT_DEG,
+    longest_break_s,
+    overshoot_deg,
+    share_within,
+    time_from_start_to_contact,
+    time_to,
+    time_to_stable,
+)
+from gazempc.results.forecast_metrics import false_starts_per_min, forecast_metrics
 from gazempc.results.limits import limit_violations
 from gazempc.results.log import Log
 from gazempc.results.motion import motion_metrics
@@ -40,6 +49,7 @@ class Metrics:
     longest_break_s: float
     time_to_contact_s: float
     time_to_stable_contact_s: float
+    time_from_start_to_contact_s: float
     overshoot_deg: float
     rms_acceleration_rad_s2: float
     head_rms_acceleration_rad_s2: float
@@ -56,6 +66,7 @@ class Metrics:
     forecast_coverage_68_500: float
     forecast_coverage_95_500: float
     forecast_nees_500: float
+    false_starts_per_min: float
 
     def as_dict(self) -> dict[str, Any]:
         """The metrics by name."""
@@ -108,6 +119,7 @@ def measure(log: Log) -> Metrics:
             f"scored from {SCORED_FROM_S} s to the end, and at least {MIN_DURATION_S} s are needed"
         )
     dt_s = neck.servo_period_s
+    moved = travel(log.time_s, log.head_true_base_m)
     error_scored = error[scored]
     return Metrics(
         gaze_error_rms_deg=float(np.sqrt(np.mean(error_scored**2))),
@@ -119,10 +131,12 @@ def measure(log: Log) -> Metrics:
         longest_break_s=longest_break_s(log, error, scored) if knows_head else float("nan"),
         time_to_contact_s=time_to(error <= CONTACT_DEG[0], log.time_s),
         time_to_stable_contact_s=time_to_stable(error <= CONTACT_DEG[0], log.time_s, dt_s),
+        time_from_start_to_contact_s=time_from_start_to_contact(log, error, moved.start_s),
         overshoot_deg=overshoot_deg(log),
         limit_violations=limit_violations(log, neck),
         **motion_metrics(log, scored),
         **forecast_metrics(log),
+        false_starts_per_min=false_starts_per_min(log) if knows_head and not moved.leaves else float("nan"),
     )
 
 
