@@ -21,6 +21,7 @@ import tyro
 from pydantic import Field
 
 from experiments.aggregate import add_gap_closed, paired_differences, summarise
+from experiments.clips import split_everyday
 from experiments.compare_report import COMPARED, report
 from experiments.engine.command import (
     NOT_SAVED,
@@ -51,7 +52,7 @@ class CompareSettings(WorkSettings, PlaceSettings):
     """Settings of `python -m experiments.compare`."""
 
     recordings: tuple[str, ...] = Field(
-        min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names"
+        min_length=1, description="'synthetic' (14 x 6), 'everyday' (14 x 5), folders, files or synthetic names"
     )
     controllers: tuple[ControllerChoice, ...] = Field(
         default=("reactive", "lookahead", "mpc", "perfect"),
@@ -149,7 +150,8 @@ def runs_of(settings: CompareSettings) -> list[Compared]:
     Raises:
         GazempcError: If a recording, neck, sensor or part does not exist.
     """
-    recordings = find_recordings(settings.recordings)
+    everyday, others = split_everyday(settings.recordings)
+    recordings = [*everyday, *find_recordings(others)]
     necks = {name: load_neck(name) for name in settings.necks}
     sensors = each_sensor(settings.sensors)
     predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)

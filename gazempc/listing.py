@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gazempc.neck.spec import load_neck, neck_names
 from gazempc.recordings.readers.tables.shipped import shipped_mappings
+from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.sim.sensor import load_sensor, sensor_names
 
@@ -14,11 +15,13 @@ def listing() -> str:
     Returns:
         Lines of text.
     """
-    names = synthetic_names()
+    walks, everyday = synthetic_names(), everyday_names()
     lines = [
-        "Recordings (synthetic, generated from the name; 14 people x 6 routes):",
-        f"  {names[0]} ... {names[-1]}",
+        "Recordings (synthetic, generated from the name; 14 people):",
+        f"  {walks[0]} ... {walks[-1]}  walks on 6 routes; all: --recordings synthetic",
         "  R1, R2 straight; R3, R4 turn left, right; R5, R6 turn sharply left, right",
+        f"  {everyday[0]} ... {everyday[-1]}  5 activities; all: --recordings everyday",
+        f"  {', '.join(f'{name} ({about.description})' for name, about in ACTIVITIES.items())}",
         "Recordings of your own, by path:",
         "  .csv, .parquet  columns t, head_{x,y,z}; optional head_q{w,x,y,z}, pelvis_{x,y,z}, pelvis_q{w,x,y,z}",
         "  .csv, .tsv, .txt, .parquet  any other columns, by --reading.columns or --guess; known by themselves:",

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import tyro
 from pydantic import Field
 
-from experiments.clips import figure_name, sensors_of
+from experiments.clips import figure_name, sensors_of, split_everyday
 from experiments.engine.command import (
     NOT_SAVED,
     WorkSettings,
@@ -49,7 +49,7 @@ class ForecastSettings(PredictorSettings, WorkSettings):
     """Settings of `python -m experiments.forecast`."""
 
     recordings: tuple[str, ...] = Field(
-        min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names"
+        min_length=1, description="'synthetic' (14 x 6), 'everyday' (14 x 5), folders, files or synthetic names"
     )
     predictors: tuple[PredictorChoice | Literal["default"], ...] = Field(
         default=("last_position", "constant_velocity", "head_pose", "pelvis_pursuit", "walker"),
@@ -157,7 +157,8 @@ def _run(settings: ForecastSettings, command: str) -> int:
 def _forecast(settings: ForecastSettings) -> Forecasts:
     if not all(0 < horizon_s < float("inf") for horizon_s in settings.horizons):
         raise GazempcError(f"horizons must be positive, got {list(settings.horizons)}")
-    recordings = find_recordings(settings.recordings)
+    everyday, others = split_everyday(settings.recordings)
+    recordings = [*everyday, *find_recordings(others)]
     views = _views(settings)
     predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)
     check_parts((), predictors, settings.options)

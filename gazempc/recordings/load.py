@@ -16,6 +16,8 @@ from gazempc.recordings.readers.plausible import check_plausible
 from gazempc.recordings.readers.table import TABLES, read_table
 from gazempc.recordings.readers.tables.openpose import is_openpose_folder
 from gazempc.recordings.recording import Recording
+from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names, generate_everyday
+from gazempc.recordings.synthetic.routes import ROUTES
 from gazempc.recordings.synthetic.walks import generate, synthetic_names
 
 Reader = Callable[[Path, ReadOptions], Recording]
@@ -39,7 +41,8 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     """Load a recording by its name in the synthetic data set or by its path.
 
     Args:
-        name_or_path: A synthetic name (``subject01_R1`` to ``subject14_R6``) or a path. Files are tables (.csv, .tsv,
+        name_or_path: A synthetic name (``subject01_R1`` to ``subject14_R6``, ``subject01_stand`` to
+            ``subject14_stop``) or a path. Files are tables (.csv, .tsv,
             .txt, .parquet, .mvnx), Azure Kinect body tracking (.json) or .bvh. Folders are ROS 2 bags or of OpenPose.
         options: Options of the readers; default: none.
 
@@ -57,9 +60,11 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         )
     name, path = str(name_or_path), Path(name_or_path)
     given = options if options is not None else ReadOptions()
-    names = list(synthetic_names())
-    if name in names:
+    walks, everyday = synthetic_names(), everyday_names()
+    if name in walks:
         return generate(name)
+    if name in everyday:
+        return generate_everyday(name)
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -79,7 +84,8 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         return _read(read_table if is_openpose_folder(path) else read_bag, path, given, size_bytes)
     if not exists:
         looks_like_file = path.suffix.lower() in _READERS or len(path.parts) > 1
-        expected = accepted if looks_like_file else f"{accepted}, or a synthetic name: {suggest(name, names)}"
+        names = f"{suggest(name, (*walks, *everyday))}, each person with {', '.join((*ROUTES, *ACTIVITIES))}"
+        expected = accepted if looks_like_file else f"{accepted}, or a synthetic name: {names}"
         raise RecordingError(name, "", "no such file or synthetic recording", expected)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:

@@ -9,11 +9,13 @@ import pytest
 from bs4 import BeautifulSoup
 from builders.comparisons import rows_of, runs, settings
 
+from experiments.clips import split_everyday
 from experiments.compare import compare, main
 from experiments.compare_figures import _looks
 from experiments.engine.keys import models_hash
 from experiments.engine.recordings import find_recordings
 from gazempc.errors import GazempcError, SettingsError
+from gazempc.recordings.synthetic.everyday import everyday_names
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.results.figures.style import style
 from gazempc.settings import WalkerSettings
@@ -181,6 +183,31 @@ def test_find_recordings(tmp_path):
         find_recordings(["syntetic", str(tmp_path / "none.csv")])
     assert "perhaps you meant 'synthetic'" in str(caught.value)
     assert "none.csv" in str(caught.value)
+
+
+def test_everyday_people_are_compared_with_their_own_metrics(tmp_path):
+    """Two words of a user's, one person who stands and one who starts; the walks stay what they were."""
+    names = ["subject02_stand", "subject02_start"]
+    words = ["--controllers", "reactive", "--predictors", "last_position", "--no-figures", "--jobs", "1"]
+    assert main(["--recordings", *names, *words, "--out", str(tmp_path)]) == 0
+    stands, starts = rows_of(tmp_path)
+    assert (stands["group"], starts["group"]) == ("standing", "straight")
+    assert (stands["kind"], starts["kind"]) == ("standing", "starting")
+    assert float(stands["false_starts_per_min"]) == 0.0
+    assert starts["false_starts_per_min"] == stands["time_from_start_to_contact_s"] == ""
+    assert float(starts["time_from_start_to_contact_s"]) > 0.3
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    assert [row["group"] for row in rows if row["kind"] == "all"] == ["standing", "straight", "all"]
+    text = (tmp_path / "summary.md").read_text()
+    assert "false starts [1/min]" in text
+    assert "start to contact [s]" in text
+
+
+def test_what_everyday_stands_for():
+    everyday, others = split_everyday(["subject02_R1", "everyday", "subject03_stop", "a_folder"])
+    assert everyday == list(everyday_names())
+    assert others == ["subject02_R1", "a_folder"]
+    assert split_everyday(["subject03_stop", "synthetic"]) == (["subject03_stop"], ["synthetic"])
 
 
 @pytest.mark.parametrize(

@@ -118,7 +118,7 @@ def _misplacement(position_base_m: FloatArray) -> FloatArray:
     return np.asarray(worst)
 
 
-def _place(path_m: FloatArray, heading_rad: float, middle_base_m: FloatArray) -> tuple[float, FloatArray]:
+def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatArray) -> tuple[float, FloatArray]:
     """Fit a path into the camera's view by as small a rotation and shift as will do.
 
     Args:
@@ -186,7 +186,7 @@ def walk_path(rng: np.random.Generator, walker: WalkerTraits, route: Route) -> T
     velocity_m_s = speeds_m_s[:, None] * np.stack([np.cos(headings_rad), np.sin(headings_rad)], axis=-1)
     path_m = cumulative_trapezoid(velocity_m_s, times_s, axis=0, initial=0)
     path_m -= path_m[int(np.searchsorted(times_s, middle_s))]
-    heading_rad, middle_base_m = _place(
+    heading_rad, middle_base_m = place_in_view(
         path_m,
         np.radians(route.heading_deg + rng.uniform(-12.0, 12.0)),
         np.asarray(route.middle_base_m) + rng.uniform(-0.3, 0.3, 2),

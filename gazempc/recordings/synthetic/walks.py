@@ -29,11 +29,11 @@ from gazempc.types import BoolArray, FloatArray
 
 SENSOR_HEIGHT_M = 1.2
 
-_DATASET_SEED = 2021
-_SUBJECTS = 14
+DATASET_SEED = 2021
+SUBJECTS = 14
 _HIGHEST_WANDER_HZ = 0.8  # of the head's angles; the walks: nearly all power below 1 Hz
-_PITCH_WANDER_RAD = np.radians(1.8)  # with the swing of gait 2.2 deg in all, as on the walks
-_ROLL_WANDER_RAD = np.radians(1.2)  # likewise 1.4 deg
+PITCH_WANDER_RAD = np.radians(1.8)  # with the swing of gait 2.2 deg in all, as on the walks
+ROLL_WANDER_RAD = np.radians(1.2)  # likewise 1.4 deg
 _LEAN_RATIO = 0.3  # of the lean into turns over that of an inverted pendulum; 0.28-0.36 on the walks
 _HEAD_TURN_SHORTENING = (0.0, 0.4)  # of the head's turn against the body's in sharp turns
 _GRAVITY_M_S2 = 9.81
@@ -50,7 +50,7 @@ _MISSING_SHARE = 0.01  # of frames without a person found; our choice
 
 def synthetic_names() -> tuple[str, ...]:
     """Names of all 84 recordings, ``subject01_R1`` to ``subject14_R6``."""
-    return tuple(f"subject{number:02}_{route}" for number in range(1, _SUBJECTS + 1) for route in ROUTES)
+    return tuple(f"subject{number:02}_{route}" for number in range(1, SUBJECTS + 1) for route in ROUTES)
 
 
 def generate(name: str) -> Recording:
@@ -76,11 +76,11 @@ def generate(name: str) -> Recording:
     number, route_number = int(subject.removeprefix("subject")), int(route_name.removeprefix("R"))
     route = ROUTES[route_name]
     # Separate streams, so that a change of the noise leaves the motion as it was.
-    people_rng = np.random.default_rng(_DATASET_SEED)
-    motion_rng = np.random.default_rng([_DATASET_SEED, number, route_number, 1])
-    noise_rng = np.random.default_rng([_DATASET_SEED, number, route_number, 2])
+    people_rng = np.random.default_rng(DATASET_SEED)
+    motion_rng = np.random.default_rng([DATASET_SEED, number, route_number, 1])
+    noise_rng = np.random.default_rng([DATASET_SEED, number, route_number, 2])
 
-    walker = draw_walkers(people_rng, _SUBJECTS)[number - 1]
+    walker = draw_walkers(people_rng, SUBJECTS)[number - 1]
     path = walk_path(motion_rng, walker, route)
     truth = _true_track(motion_rng, walker, path)
     return Recording(
@@ -89,7 +89,7 @@ def generate(name: str) -> Recording:
         kind="synthetic",
         times_s=path.times_s,
         truth=truth,
-        measured=_measured_track(noise_rng, truth),
+        measured=measured_track(noise_rng, truth),
         has_robot=True,
         labels=Labels(
             subject=subject,
@@ -125,8 +125,8 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, path: TravelPath
     head_yaw_rad = head_turn.heading_rad(times_s + head_lead_s) + drift_rad
     head_yaw_rad += walker.head_yaw_offset_rad + wander_rad
     pelvis_yaw_rad = path.profile.heading_rad(times_s + pelvis_lead_s) + drift_rad + gait.pelvis_yaw_rad
-    pitch_rad = walker.head_pitch_rad + _PITCH_WANDER_RAD * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)
-    roll_rad = _ROLL_WANDER_RAD * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)
+    pitch_rad = walker.head_pitch_rad + PITCH_WANDER_RAD * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)
+    roll_rad = ROLL_WANDER_RAD * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)
     level = np.zeros_like(times_s)
 
     pelvis_height_m = PELVIS_HEIGHT_RATIO * walker.head_height_m
@@ -136,20 +136,20 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, path: TravelPath
         head_position_m=position_base_m(
             walker.head_ahead_m + gait.ahead_m, gait.head_left_m + lean_left_m, walker.head_height_m
         ),
-        head_quat_wxyz=_quat_wxyz(head_yaw_rad, pitch_rad + gait.head_pitch_rad, roll_rad + gait.head_roll_rad),
+        head_quat_wxyz=quat_wxyz(head_yaw_rad, pitch_rad + gait.head_pitch_rad, roll_rad + gait.head_roll_rad),
         pelvis_position_m=position_base_m(gait.ahead_m, gait.pelvis_left_m, pelvis_height_m),
-        pelvis_quat_wxyz=_quat_wxyz(pelvis_yaw_rad, level, level),
+        pelvis_quat_wxyz=quat_wxyz(pelvis_yaw_rad, level, level),
         valid=np.ones(len(times_s), dtype=np.bool_),
     )
 
 
-def _quat_wxyz(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
+def quat_wxyz(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
     """Quaternions, shape (N, 4), from yaw (left), then pitch (nose down), then roll (to the right ear)."""
     angles_rad = np.stack([yaw_rad, pitch_rad, roll_rad], axis=-1)
     return np.asarray(Rotation.from_euler("ZYX", angles_rad).as_quat(scalar_first=True))
 
 
-def _measured_track(rng: np.random.Generator, truth: Track) -> Track:
+def measured_track(rng: np.random.Generator, truth: Track) -> Track:
     """What a body tracker in the origin of the frame sees of a person: noise, bias and missing frames."""
     count = len(truth.valid)
     bias_m = rng.uniform(-_DEPTH_BIAS_M, _DEPTH_BIAS_M)
