@@ -5,9 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.results.repeats import Repeats
 from gazempc.results.report import label
+
+# Differences to the reactive gaze that count: beyond this share of its error, or this share of the time.
+_ERROR_LEVEL = 0.02
+_CONTACT_LEVEL = 0.003
+# And beyond this many standard errors of the paired differences over the seeds of the noise.
+_STANDARD_ERRORS = 2.0
 
 
 def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, list[str]]]:
@@ -127,7 +135,36 @@ def sentence(repeats: Sequence[Repeats]) -> str:
         limit = by_name["perfect"]
         error_deg = limit.mean("gaze_error_rms_deg")
         text += f" With a perfect forecast, the same neck has {contact(limit)}, at {error_deg:.2f} deg."
-    return text
+    return " ".join([text, *_costs(predictive, reactive, by_name.get("perfect"))])
+
+
+def _costs(predictive: Sequence[Repeats], reactive: Repeats, perfect: Repeats | None) -> list[str]:
+    """What forecasts cost against the reactive gaze, where they do, and what to try."""
+
+    def beyond_noise(r: Repeats, name: str, sign: float, least: float) -> float:
+        """Mean difference to the reactive gaze if it is more than twice its standard error, else 0."""
+        differences = sign * (np.array(r.values(name)) - np.array(reactive.values(name)))
+        mean = float(np.mean(differences))
+        error = float(np.std(differences, ddof=1)) / math.sqrt(differences.size) if differences.size > 1 else 0.0
+        return mean if mean > max(least, _STANDARD_ERRORS * error) else 0.0
+
+    told, forecasts = [], set()
+    for r in predictive:
+        lost = beyond_noise(r, "eye_contact_2p6", -1.0, _CONTACT_LEVEL)
+        reactive_deg = reactive.mean("gaze_error_rms_deg")
+        more_deg = beyond_noise(r, "gaze_error_rms_deg", 1.0, _ERROR_LEVEL * reactive_deg)
+        parts = [f"{100.0 * lost:.1f} points less contact"] if lost else []
+        parts += [f"{more_deg:.2f} deg more RMS error"] if more_deg else []
+        if parts:
+            told.append(f"{label(r.first.controller)} has {' and '.join(parts)} than the reactive gaze.")
+            forecasts.add(r.first.predictor)
+    if not told:
+        return []
+    if perfect is not None and perfect.mean("gaze_error_rms_deg") < reactive.mean("gaze_error_rms_deg"):
+        told.append("On this recording the forecast costs more than it gains.")
+    tries = [] if forecasts == {"last_position"} else ["--predictor last_position"]
+    tries += ["the noise of your own tracker (gazempc identify --tracker)", "--controllers reactive"]
+    return [*told, f"Try {', '.join(tries[:-1])} or {tries[-1]}."]
 
 
 def _spread(mean: float, sd: float, digits: int, unit: str) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from bs4 import BeautifulSoup
+from builders.own_parts import own_module
 
 from gazempc.errors import SettingsError
 from gazempc.part_options import take_options
@@ -148,6 +149,29 @@ def test_prediction_is_worth_what_the_readme_says(main_job):
     assert rows["perfect"]["gaze_error_rms_deg"] <= 0.3
     assert all(row["limit_violations"] == 0 for row in rows.values())
     assert "Eye contact (within 2.6 deg): reactive" in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("predictor", "costs"), [("my_parts:Nonsense", True), ("last_position", False)])
+def test_a_run_whose_forecast_costs_contact_tells_so(tmp_path, monkeypatch, capsys, predictor, costs):
+    """A person who stands, and a forecast that swings by half a metre aside of them."""
+    swings = """
+
+class Nonsense(ConstantVelocity):
+    def forecast(self, times_s):
+        found = super().forecast(times_s)
+        found.means_base_m[:, 1] += 0.5 * np.sin(3.0 * np.asarray(times_s))
+        return found
+"""
+    own_module(tmp_path, monkeypatch, more=f"import numpy as np\n{swings}")
+    words = ["--replay", "subject03_stand", "--predictor", predictor, "--noise-seeds", "2", "--no-figures"]
+    assert main([*words, "--controllers", "reactive", "mpc", "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out
+    assert ("--predictor last_position" in told) == costs
+    assert ("points less contact" in told) == costs
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    starts = {row["controller"]: row["false_starts_per_min"] for row in summary["rows"]}
+    assert (starts["mpc"] > 0) == costs
 
 
 def test_the_log_is_read_in_one_line_by_numpy_and_pandas(main_job):

@@ -29,7 +29,15 @@ def repeats(errors_deg=ERRORS_DEG, **more):
     rounds = [
         make_rows(
             [
-                (name, "walker", metrics(gaze_error_rms_deg=values[k], **{n: v[k] for n, v in more.items()}), compute)
+                (
+                    name,
+                    "walker",
+                    metrics(
+                        gaze_error_rms_deg=values[k],
+                        **{n: (v[name] if isinstance(v, dict) else v)[k] for n, v in more.items()},
+                    ),
+                    compute,
+                )
                 for name, values in errors_deg.items()
             ]
         )
@@ -81,3 +89,34 @@ def test_one_seed_has_no_spread():
     assert "±" not in text
     assert "seed" not in text
     assert lines_of(text)["gaze error RMS [deg]"] == ["10.00", "1.00", "0.00"]
+
+
+@pytest.mark.parametrize(
+    ("mpc_deg", "mpc_contact", "costs"),
+    [
+        ((1.3, 1.4, 1.35), (0.8, 0.8, 0.8), ["deg more"]),  # more than the reactive 1.0, 1.1, 1.05 under each seed
+        ((0.9, 1.0, 0.95), (0.7, 0.72, 0.71), ["points less contact"]),
+        ((1.3, 1.4, 1.35), (0.7, 0.72, 0.71), ["9.0 points less contact", "0.30 deg more"]),
+        ((1.6, 0.9, 1.0), (0.8, 0.8, 0.8), []),  # more on average, but within the noise
+        ((1.01, 1.11, 1.06), (0.799, 0.799, 0.799), []),  # beyond the noise, and too small to matter
+        ((0.5, 0.6, 0.5), (0.9, 0.9, 0.9), []),
+    ],
+)
+def test_a_forecast_that_costs_is_told_with_what_to_try(mpc_deg, mpc_contact, costs):
+    rows = repeats(
+        {"reactive": (1.0, 1.1, 1.05), "mpc": mpc_deg}, eye_contact_2p6={"reactive": (0.8,) * 3, "mpc": mpc_contact}
+    )
+    text = sentence(rows)
+    assert ("last_position" in text) == bool(costs)
+    for cost in costs:
+        assert cost in text
+    assert ("deg more" in text) == any("deg more" in cost for cost in costs)
+    assert ("points less" in text) == any("points less" in cost for cost in costs)
+
+
+def test_the_forecast_is_blamed_only_if_a_perfect_one_would_do_better():
+    errors_deg = {"reactive": (1.0, 1.1), "mpc": (1.3, 1.4)}
+    blame = "the forecast costs"
+    assert blame not in sentence(repeats(errors_deg))
+    assert blame in sentence(repeats(errors_deg | {"perfect": (0.1, 0.1)}))
+    assert blame not in sentence(repeats(errors_deg | {"perfect": (1.2, 1.2)}))
