@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gazempc.recordings.readers.route_group import ROUTES, STANDING
 from gazempc.recordings.synthetic.everyday import everyday_names
 
-GROUP_ORDER = ("standing", "straight", "turn", "sharp")
+GROUP_ORDER = (STANDING, *ROUTES)
 # What people do in a clip, in reading order; other kinds follow.
 KIND_ORDER = ("standing", "sitting", "waiting", "gesturing", "turning on the spot", "starting", "stopping", "moving")
 

@@ -31,7 +31,7 @@ from experiments.engine.replays import each_sensor
 from experiments.forecast.errors import RUN_IN_S, Cues
 from experiments.forecast.jobs import ClipView, ForecastJob, clip_result
 from experiments.forecast.page import forecast_page
-from experiments.forecast.report import FAILED, LEFT_OUT, report
+from experiments.forecast.report import AT_RATE, FAILED, LEFT_OUT, report
 from experiments.forecast.summary import ClipResult, summarise
 from gazempc.errors import GazempcError
 from gazempc.files.whole import write_whole
@@ -42,6 +42,7 @@ from gazempc.recordings.recording import Recording
 from gazempc.results.page.write import write_page
 from gazempc.results.report import versions
 from gazempc.settings import DEFAULT_PREDICTOR, PredictorChoice, PredictorSettings
+from gazempc.sim.sensor import SensorSpec
 from predictors import Predictor
 
 
@@ -61,6 +62,9 @@ class ForecastSettings(PredictorSettings, WorkSettings):
     )
     sensors: tuple[str, ...] = Field(
         default=(), description="Shipped sensors or .toml files; without them what fits each recording"
+    )
+    rates: tuple[float, ...] = Field(
+        default=(), description="Thin what the sensors see to these rates (1/s); without them, the sensors' own rates"
     )
     truth_smoothing: float = Field(
         default=0.0,
@@ -155,8 +159,9 @@ def _run(settings: ForecastSettings, command: str) -> int:
 
 
 def _forecast(settings: ForecastSettings) -> Forecasts:
-    if not all(0 < horizon_s < float("inf") for horizon_s in settings.horizons):
-        raise GazempcError(f"horizons must be positive, got {list(settings.horizons)}")
+    for what, values in (("horizons", settings.horizons), ("rates", settings.rates)):
+        if not all(0 < value < float("inf") for value in values):
+            raise GazempcError(f"{what} must be positive, got {list(values)}")
     everyday, others = split_everyday(settings.recordings)
     recordings = [*everyday, *find_recordings(others)]
     views = _views(settings)
@@ -195,10 +200,20 @@ def _of(row: Row, names: Sequence[str]) -> Row:
 
 
 def _views(settings: ForecastSettings) -> list[ClipView]:
+    # A slower sensor: a frame's noise does not depend on which frames are taken.
     return [
-        ClipView(sensors, name, settings.seed, settings.truth_smoothing, settings.glance, settings.glance_from)
+        ClipView(
+            {key: sensor if rate_hz is None else _slowed(sensor, rate_hz) for key, sensor in sensors.items()},
+            *(name, settings.seed, settings.truth_smoothing, settings.glance, settings.glance_from),
+        )
         for name, sensors in each_sensor(settings.sensors).items()
+        for rate_hz in dict.fromkeys(settings.rates or (None,))
     ]
+
+
+def _slowed(sensor: SensorSpec, rate_hz: float) -> SensorSpec:
+    name = sensor.name + AT_RATE.format(rate_hz)
+    return sensor.model_copy(update={"name": name, "rate_hz": min(sensor.rate_hz, rate_hz)})
 
 
 def _draw(settings: ForecastSettings, rows: list[Row], data_kinds: str) -> list[Path]:

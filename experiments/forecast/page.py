@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from experiments.clips import sensors_of
-from experiments.forecast.report import about, forecast_table
+from experiments.forecast.report import about, forecast_table, rate_tables
 from experiments.forecast.summary import ClipResult, error_m
 from experiments.page_parts import shares
 from gazempc.results.figures.style import COLOURS
@@ -44,9 +44,12 @@ def forecast_page(summary: _Row, results: Sequence[ClipResult], pictures: Iterab
             "seed": str(chosen["seed"]),
             "numbers": " ".join(about(summary)),
         },
-        tables=tuple(
-            forecast_table([row for row in rows if row["sensor"] == sensor], f"Sensor {sensor}")
-            for sensor in sensors_of(rows)
+        tables=(
+            *rate_tables(rows, chosen["rates"]),
+            *(
+                forecast_table([row for row in rows if row["sensor"] == sensor], f"Sensor {sensor}")
+                for sensor in sensors_of(rows)
+            ),
         ),
         charts=(*_over_horizon(overall), *_by_clip(results)),
         pictures={path: path.stem.replace("_", " ") for path in pictures},

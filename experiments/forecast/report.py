@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.clips import sensors_of
+from gazempc.recordings.readers.route_group import STANDING
 from gazempc.recordings.recording import truth_of
 from gazempc.results.page.content import PageTable
 
@@ -14,6 +15,8 @@ from gazempc.results.page.content import PageTable
 FAILED = ("recording", "predictor", "cues", "sensor", "failed")
 # And of a recording that was left out.
 LEFT_OUT = ("recording", "sensor", "left_out")
+# How the name of a sensor that is thinned ends.
+AT_RATE = " at {:g} Hz"
 
 
 def about(summary: Mapping[str, Any]) -> list[str]:
@@ -33,8 +36,8 @@ def about(summary: Mapping[str, Any]) -> list[str]:
         "position that a constant-velocity filter has at that time. Along and across the direction of travel and "
         "vertical: RMS. Within 68, 90 and 95 %: share of frames inside the stated ellipsoid, which is that of a "
         "multivariate t distribution where the forecast states its degrees of freedom, else of a normal one. NEES: 3 "
-        "if the covariance is honest. Ratio: error over that of constant_velocity on the same clips. Cues: which "
-        "orientations the predictor is shown.",
+        "if the covariance is honest. Ratio: error over that of constant_velocity, and for people who stand also over "
+        "that of last_position, on the same clips. Cues: which orientations the predictor is shown.",
         *(
             f"The true head of {kind} recordings is {truth_of(kind)}."
             for kind in summary["data_kinds"].split(", ")
@@ -67,6 +70,8 @@ def report(summary: Mapping[str, Any]) -> str:
             "",
             *forecast_table([r for r in rows if r["sensor"] == sensor], "").markdown(),
         ]
+    for table in rate_tables(rows, summary["settings"]["rates"]):
+        lines += ["", f"## {table.title}", "", *table.markdown()]
     lines += ["", *_left_out(summary["left_out"])] if summary["left_out"] else []
     lines += ["", *_failures(summary["failed"])] if summary["failed"] else []
     return "\n".join([*lines, ""])
@@ -88,6 +93,8 @@ def forecast_table(rows: Sequence[Mapping[str, Any]], title: str) -> PageTable:
 
     # Most recordings do not say of what kind they are.
     has_kinds = any(r["kind"] != "all" for r in rows)
+    # A forecast of people who stand has to beat the position where they are.
+    stand = any(r["group"] == STANDING for r in rows)
     columns = [
         *(
             "predictor",
@@ -98,6 +105,7 @@ def forecast_table(rows: Sequence[Mapping[str, Any]], title: str) -> PageTable:
             "horizon [s]",
             "error [mm]",
             "ratio",
+            *(["ratio to last_position"] if stand else []),
         ),
         *("p50", "p95", "to filtered [mm]", "along", "across", "vertical"),
         *("within 68 %", "within 90 %", "within 95 %", "NEES", "update [us]"),
@@ -111,6 +119,7 @@ def forecast_table(rows: Sequence[Mapping[str, Any]], title: str) -> PageTable:
             f"{r['horizon_s']:g}",
             show(r["error_true_mm"]) + (f" [{interval[0]:.0f}, {interval[1]:.0f}]" if interval else ""),
             show(r["ratio_to_constant_velocity"], 2),
+            *([show(r["ratio_to_last_position"] if r["group"] == STANDING else None, 2)] if stand else []),
             *(show(r[f"error_{name}_mm"]) for name in ("true_p50", "true_p95", "filtered")),
             *(show(r[f"error_{name}_rms_mm"]) for name in ("along", "across", "vertical")),
             *(show(r[f"coverage_{share}"], 2) for share in (68, 90, 95)),
@@ -119,6 +128,38 @@ def forecast_table(rows: Sequence[Mapping[str, Any]], title: str) -> PageTable:
         ]
         lines.append(tuple(cells))
     return PageTable(title, tuple(columns), tuple(lines))
+
+
+def rate_tables(rows: Sequence[Mapping[str, Any]], rates_hz: Sequence[float]) -> list[PageTable]:
+    """Errors over the frame rate.
+
+    Args:
+        rows: As of `experiments.forecast.summary.summarise`; those of all clips are shown.
+        rates_hz: The rates to which the sensors were thinned; none makes no table.
+
+    Returns:
+        A table for each sensor: a line for each predictor, cues and horizon, and a column for each rate with the error
+        and its ratio to `constant_velocity` at that rate.
+    """
+    every = [r for r in rows if (r["group"], r["kind"]) == ("all", "all")]
+    rates_hz = sorted(set(rates_hz))
+    endings = [AT_RATE.format(rate_hz) for rate_hz in rates_hz]
+    # Of each sensor and rate by what stands in a line.
+    found: dict[str, dict[tuple[Any, ...], dict[str, str]]] = {}
+    for r, ending in ((r, ending) for r in every for ending in endings if r["sensor"].endswith(ending)):
+        error_mm, ratio = r["error_true_mm"], r["ratio_to_constant_velocity"]
+        cell = "-" if error_mm is None else f"{error_mm:.0f}" + ("" if ratio is None else f" ({ratio:.2f})")
+        line = r["predictor"], r["cues"], f"{r['horizon_s']:g}"
+        found.setdefault(r["sensor"].removesuffix(ending), {}).setdefault(line, {})[ending] = cell
+    columns = ("predictor", "cues", "horizon [s]", *(f"{rate_hz:g} Hz" for rate_hz in rates_hz))
+    return [
+        PageTable(
+            f"By frame rate, sensor {sensor}: error [mm] (ratio to constant_velocity)",
+            columns,
+            tuple((*line, *(cells.get(ending, "-") for ending in endings)) for line, cells in lines.items()),
+        )
+        for sensor, lines in found.items()
+    ]
 
 
 def _left_out(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -15,7 +15,7 @@ from experiments.forecast.errors import Cues, ForecastErrors
 from gazempc.results.coverage import inside
 from gazempc.types import FloatArray
 
-BASELINE = "constant_velocity"
+BASELINES = ("constant_velocity", "last_position")
 _SHARES = (0.68, 0.90, 0.95)
 
 
@@ -51,8 +51,8 @@ class ClipResult:
 def summarise(results: Sequence[ClipResult]) -> list[dict[str, Any]]:
     """Means by sensor, predictor, group or kind, and horizon.
 
-    Means, coverage and NEES are means over clips of the mean over frames; percentiles are over all frames. The ratio to
-    `constant_velocity` is over the clips that both have.
+    Means, coverage and NEES are means over clips of the mean over frames; percentiles are over all frames. The ratios
+    to `constant_velocity` and `last_position` are over the clips that both have.
 
     Args:
         results: One for each sensor, predictor, cues and recording.
@@ -63,15 +63,15 @@ def summarise(results: Sequence[ClipResult]) -> list[dict[str, Any]]:
     rows = []
     for sensor in dict.fromkeys(r.sensor for r in results):
         seen = [r for r in results if r.sensor == sensor]
-        baseline = {r.recording: r for r in reversed(seen) if r.predictor == BASELINE}
+        baselines = {name: {r.recording: r for r in reversed(seen) if r.predictor == name} for name in BASELINES}
         clips_in_order = clips_of(vars(r) for r in seen)
         for predictor, cues in dict.fromkeys((r.predictor, r.cues) for r in seen):
             for clips in clips_in_order:
                 named = {"sensor": sensor, "predictor": predictor, "cues": cues, **clips.labels}
                 chosen = [r for r in seen if (r.predictor, r.cues) == (predictor, cues) and clips.hold(vars(r))]
                 for i, horizon_s in enumerate(chosen[0].errors.horizons_s if chosen else ()):
-                    ratio = {"ratio_to_constant_velocity": _ratio(chosen, baseline, i)}
-                    rows.append({**named, "horizon_s": float(horizon_s), **_figures(chosen, i), **ratio})
+                    ratios = {f"ratio_to_{name}": _ratio(chosen, own, i) for name, own in baselines.items()}
+                    rows.append({**named, "horizon_s": float(horizon_s), **_figures(chosen, i), **ratios})
     return rows
 
 

@@ -135,6 +135,7 @@ def test_the_command_writes_the_table(tmp_path, capsys, monkeypatch):
         (["--recordings", "nowhere"], "nowhere"),
         (["--recordings", "subject01_R1", "--horizons", "-1"], "positive"),
         (["--recordings", "subject01_R1", "--sensors", "reference", "eyes"], "'eyes'"),
+        (["--recordings", "subject01_R1", "--rates", "5", "0"], "rates must be positive"),
     ],
 )
 def test_bad_input(words, expected, tmp_path, capsys):
@@ -195,6 +196,74 @@ def test_cues_ratio_and_example(tmp_path):
         assert r["n_people_seen_in_fitting"] == 0
     for name in ("cues.png", "coverage.png", "example.png", "forecast_error.png"):
         assert (tmp_path / name).stat().st_size > 5000
+
+
+def test_people_who_stand_are_compared_with_the_last_position_too(tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
+    shown = ["--predictors", "constant_velocity", "last_position", "--horizons", "0.5", "--jobs", "1"]
+    people = ["--recordings", "subject01_stand", "subject02_gesture", "subject01_R1"]
+    assert main([*people, *shown, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    assert [r["group"] for r in rows[:5] if r["kind"] == "all"] == ["standing", "straight", "all"]
+    error_mm = {(r["predictor"], r["group"], r["kind"]): r["error_true_mm"] for r in rows}
+    for r in rows:
+        for name in ("constant_velocity", "last_position"):
+            own = r["error_true_mm"] / error_mm[name, r["group"], r["kind"]]
+            assert r[f"ratio_to_{name}"] == pytest.approx(own)
+    lines = [line.split(" | ") for line in (tmp_path / "summary.md").read_text().splitlines() if line.startswith("| ")]
+    at = lines[0].index("ratio to last_position")
+    of_cv = {line[2]: line[at] for line in lines if line[0] == "| constant_velocity" and line[3] == "all"}
+    assert float(of_cv["standing"]) == pytest.approx(
+        error_mm["constant_velocity", "standing", "all"] / error_mm["last_position", "standing", "all"], abs=0.005
+    )
+    assert float(of_cv["standing"]) > 1.0
+    assert of_cv["straight"] == "-"
+
+
+def line_file(folder, rate_hz=30.0, seconds=4.0):
+    rows = [f"{k / rate_hz:.9f},{1.2 * k / rate_hz:.9f},2.5,1.6" for k in range(round(seconds * rate_hz))]
+    folder.mkdir(exist_ok=True)
+    (folder / "ann_1.csv").write_text("\n".join(["t,head_x,head_y,head_z", *rows]) + "\n")
+    return str(folder / "ann_1.csv")
+
+
+@pytest.mark.parametrize(("rate_hz", "count"), [(30.0, 120), (10.0, 40), (2.5, 10), (90.0, 120)])
+def test_thinned_frames_are_every_so_manieth_of_the_recording(tmp_path, rate_hz, count):
+    """A thinned recording gives what a file with these frames alone gives."""
+    options = {"predictors": ["constant_velocity"], "sensors": ["perfect"], "jobs": 1, "horizons": (0.4, 0.8)}
+    every = line_file(tmp_path / "every")
+    (thinned,) = forecast(recordings=[every], rates=(rate_hz,), out=tmp_path / "a", **options).results
+    assert thinned.errors.update_us.size == count
+    assert thinned.sensor == f"perfect at {rate_hz:g} Hz"
+    alone = line_file(tmp_path / "alone", rate_hz=min(rate_hz, 30.0))
+    (own,) = forecast(recordings=[alone], out=tmp_path / "b", **options).results
+    known = min(len(own.errors.difference_m), len(thinned.errors.difference_m))
+    for i in range(2):
+        error_m = thinned.errors.difference_m[:known, i]
+        both = np.isfinite(error_m) & np.isfinite(own.errors.difference_m[:known, i])
+        np.testing.assert_allclose(error_m[both], own.errors.difference_m[:known, i][both], atol=1e-7)
+        assert both.any()
+
+
+def test_one_table_has_the_errors_over_the_frame_rate(tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
+    words = ["--recordings", "subject01_R1", "--predictors", "constant_velocity", "last_position", "--jobs", "1"]
+    assert (
+        main([*words, "--rates", "10", "2.5", "--sensors", "reference", "--horizons", "0.4", "--out", str(tmp_path)])
+        == 0
+    )
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    text = (tmp_path / "summary.md").read_text()
+    table = text.split("## By frame rate, sensor reference")[1].split("##")[0]
+    header, _, cv, last = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("|")]
+    assert header[3:] == ["2.5 Hz", "10 Hz"]
+    for line, name in ((cv, "constant_velocity"), (last, "last_position")):
+        for cell, rate in zip(line[3:], header[3:], strict=True):
+            (row,) = [
+                r for r in rows if (r["predictor"], r["group"], r["sensor"]) == (name, "all", f"reference at {rate}")
+            ]
+            assert cell == f"{row['error_true_mm']:.0f} ({row['ratio_to_constant_velocity']:.2f})"
+    assert "By frame rate" in (tmp_path / "report.html").read_text()
 
 
 def test_an_example_that_does_not_exist_is_refused_at_once(tmp_path, capsys):
