@@ -22,6 +22,7 @@ from gazempc import Log
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 DRAWN: dict[str, Draw] = {
     "compare_gazes": thumbnails.error_over_time,
+    "outside_predictor": thumbnails.error_over_time,
     "own_controller": thumbnails.error_over_time,
     "own_predictor": thumbnails.error_over_time,
     "own_recording": thumbnails.from_above,

@@ -1,11 +1,14 @@
 """Each example runs from anywhere and prints what stands at its end."""
 
+import json
 import runpy
 import sys
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
+from experiments.forecast.command import main as forecast
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -45,9 +48,24 @@ def test_an_example_prints_what_it_says(path, tmp_path, monkeypatch, capsys):
 
 
 def test_the_examples_are_few_and_short():
-    assert 6 <= len(EXAMPLES) <= 10
+    assert 6 <= len(EXAMPLES) <= 11
     for path in EXAMPLES:
         assert len(path.read_text(encoding="utf-8").split(_MARK)[0].splitlines()) <= 60, path.name
+
+
+@pytest.mark.slow
+def test_the_predictor_from_outside_enters_the_benchmark(tmp_path, monkeypatch):
+    """By the command of the page, on few people: as a module in the working directory; ten lines in its methods."""
+    monkeypatch.chdir(ROOT / "examples")
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    words = ["--recordings", "subject03_R1", "subject03_stand", "--horizons", "0.5", "--jobs", "1"]
+    entries = ["--predictors", "last_position", "constant_velocity", "outside_predictor:FadingVelocity"]
+    assert forecast([*words, *entries, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["rows"]
+    own = {row["group"]: row for row in rows if row["predictor"] == "fading_velocity" and row["kind"] == "all"}
+    # Between the two: it loses to the one where people walk, and gains on it where they stand.
+    assert own["straight"]["ratio_to_last_position"] < 1.0 < own["straight"]["ratio_to_constant_velocity"]
+    assert own["standing"]["ratio_to_constant_velocity"] < 1.0 < own["standing"]["ratio_to_last_position"]
 
 
 def test_every_example_is_shown_in_the_documentation():
