@@ -11,7 +11,7 @@ from gazempc.recordings.synthetic.everyday import everyday_names
 
 GROUP_ORDER = (STANDING, *ROUTES)
 # What people do in a clip, in reading order; other kinds follow.
-KIND_ORDER = ("standing", "sitting", "waiting", "gesturing", "turning on the spot", "starting", "stopping", "moving")
+KIND_ORDER = ("moving", "starting", "stopping", "waiting", "standing", "sitting", "gesturing", "turning on the spot")
 
 
 @dataclass(frozen=True)
