@@ -23,7 +23,7 @@ from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.loop.drive import Drive
 from gazempc.loop.observer import JointObserver
 from gazempc.loop.smoother import Smoother
-from gazempc.margins.linear_loop import ModelError
+from gazempc.margins.linear_loop import Mismatch
 from gazempc.margins.margins import Margins, margins
 from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import AXES, NeckSpec, load_neck, neck_names
@@ -58,7 +58,7 @@ class _Scaled(SimulatedNeck):
         return command
 
 
-def with_error(neck: NeckSpec, error: ModelError) -> NeckSpec:
+def with_error(neck: NeckSpec, error: Mismatch) -> NeckSpec:
     """The neck with pan and tilt that differ from their model; the gain is `simulate`'s."""
     axes = {
         name: getattr(neck, name).model_copy(
@@ -72,7 +72,7 @@ def with_error(neck: NeckSpec, error: ModelError) -> NeckSpec:
     return neck.model_copy(update=axes)
 
 
-def simulate(neck: NeckSpec, error: ModelError, duration_s: float) -> FloatArray:
+def simulate(neck: NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
     """The pan in closed loop, one value a servo period, radians.
 
     Args:
@@ -123,7 +123,7 @@ def simulate(neck: NeckSpec, error: ModelError, duration_s: float) -> FloatArray
     return np.array(found)
 
 
-def swings(neck: NeckSpec, error: ModelError, period_s: float) -> bool:
+def swings(neck: NeckSpec, error: Mismatch, period_s: float) -> bool:
     """Whether an oscillation of about this period, seconds, grows."""
     duration_s = max(_PERIODS * period_s, _LEAST_S)
     pan_rad = simulate(neck, error, duration_s)
@@ -135,8 +135,8 @@ def swings(neck: NeckSpec, error: ModelError, period_s: float) -> bool:
 def critical(neck: NeckSpec, kind: Kind, theory: float, period_s: float) -> float:
     """The error at which the simulation begins to swing, by bisection between 0.75 and 1.35 times the theory."""
 
-    def error(x: float) -> ModelError:
-        return ModelError(gain=x) if kind == "gain" else ModelError(dead_time_s=x)
+    def error(x: float) -> Mismatch:
+        return Mismatch(gain=x) if kind == "gain" else Mismatch(dead_time_s=x)
 
     low, high = 0.75 * theory, 1.35 * theory
     for _ in range(_BISECTIONS):

@@ -106,9 +106,9 @@ def make_controller(
         return check_controller(own, neck)
     name = "mpc" if choice == "perfect" else choice
     values = getattr(settings, name).model_dump() if hasattr(settings, name) else {}
-    for own in ("terms", "rows"):
-        if own in values:
-            values[own] = _by_joint(values[own])
+    for kind in ("terms", "rows"):
+        if kind in values:
+            values[kind] = _by_joint(values[kind])
     controller: Controller = make(CONTROLLER, choice, {"neck": neck, **values}, {})
     return controller
 

@@ -33,7 +33,7 @@ _JOINT, _SEEN, _OFFSET, _COMMAND, _JERK, _SENT = slice(0, 2), slice(2, 4), 4, sl
 
 
 @dataclass(frozen=True)
-class ModelError:
+class Mismatch:
     """How the joint differs from its model.
 
     Attributes:
@@ -47,7 +47,7 @@ class ModelError:
     frequency: float = 1.0
 
 
-EXACT = ModelError()
+EXACT = Mismatch()
 
 
 class LinearLoop:
@@ -63,7 +63,7 @@ class LinearLoop:
         ticks: Servo periods of a control period, m.
     """
 
-    def __init__(self, mpc: Mpc, index: int, error: ModelError = EXACT) -> None:
+    def __init__(self, mpc: Mpc, index: int, error: Mismatch = EXACT) -> None:
         neck, axis = mpc.neck, mpc.neck.axes[index]
         self.period_s, self.ticks, h = neck.control_period_s, neck.servo_ticks_per_plan, neck.servo_period_s
         self._h = h

@@ -10,7 +10,7 @@ import numpy as np
 
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import SettingsError
-from gazempc.margins.linear_loop import ComplexArray, LinearLoop, ModelError
+from gazempc.margins.linear_loop import ComplexArray, LinearLoop, Mismatch
 from gazempc.neck.spec import AXES, Axis, NeckSpec
 from gazempc.types import FloatArray
 
@@ -130,7 +130,7 @@ def too_small(mpc: Mpc) -> list[str]:
                 f"neck {neck.name!r}: {joint}: peak sensitivity {1.0 / distance:.2f}, at most "
                 f"{1.0 / LEAST_DISTANCE:g} is wanted: small errors of the neck file may make it swing"
             )
-        elif not _is_stable(LinearLoop(mpc, i, ModelError(dead_time_s=late_s))):
+        elif not _is_stable(LinearLoop(mpc, i, Mismatch(dead_time_s=late_s))):
             found.append(
                 f"neck {neck.name!r}: {joint}: delay margin below {1e3 * late_s:.0f} ms: it swings if its dead time is "
                 "longer by that"
@@ -169,13 +169,13 @@ def _of_joint(mpc: Mpc, index: int) -> Margins:
     states = loop.size
     system = control.ss(loop.transition(), np.zeros((states, 1)), np.zeros((1, states)), 0.0, loop.period_s)
 
-    def stable(error: ModelError) -> bool:
+    def stable(error: Mismatch) -> bool:
         return _is_stable(LinearLoop(mpc, index, error))
 
-    shorter = _first_unstable(lambda x: stable(ModelError(dead_time_s=-x)), axis.dead_time_s, axis.dead_time_s / 10.0)
+    shorter = _first_unstable(lambda x: stable(Mismatch(dead_time_s=-x)), axis.dead_time_s, axis.dead_time_s / 10.0)
     steps = math.log(_FACTOR_MAX), math.log(_FACTOR_STEP)
-    slower = _first_unstable(lambda x: stable(ModelError(frequency=math.exp(-x))), *steps)
-    faster = _first_unstable(lambda x: stable(ModelError(frequency=math.exp(x))), *steps)
+    slower = _first_unstable(lambda x: stable(Mismatch(frequency=math.exp(-x))), *steps)
+    faster = _first_unstable(lambda x: stable(Mismatch(frequency=math.exp(x))), *steps)
     return Margins(
         joint=joint,
         poles=np.asarray(system.poles()),

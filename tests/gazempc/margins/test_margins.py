@@ -10,12 +10,12 @@ from experiments import swing
 from experiments.console import main as gazempc
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import SettingsError
-from gazempc.margins.linear_loop import EXACT, LinearLoop, ModelError
+from gazempc.margins.linear_loop import EXACT, LinearLoop, Mismatch
 from gazempc.margins.margins import LEAST_DISTANCE, margins, sentences, too_small
 from gazempc.neck.spec import load_neck, neck_names
 
 START_RAD = math.radians(0.05)
-ERRORS = [EXACT, ModelError(gain=2.5), ModelError(dead_time_s=0.0137), ModelError(-1.0), ModelError(1.2, -0.011, 0.6)]
+ERRORS = [EXACT, Mismatch(gain=2.5), Mismatch(dead_time_s=0.0137), Mismatch(-1.0), Mismatch(1.2, -0.011, 0.6)]
 
 
 def weak(neck="reference"):
@@ -76,7 +76,7 @@ def test_at_the_margins_the_loop_becomes_unstable(name):
     pan = margins(mpc)[0]
 
     def radius(**error):
-        return np.abs(np.linalg.eigvals(LinearLoop(mpc, 0, ModelError(**error)).transition())).max()
+        return np.abs(np.linalg.eigvals(LinearLoop(mpc, 0, Mismatch(**error)).transition())).max()
 
     assert radius(gain=0.99 * pan.gain) < 1.0 < radius(gain=1.01 * pan.gain)
     assert radius(dead_time_s=pan.delay_s - 0.01) < 1.0 < radius(dead_time_s=pan.delay_s + 0.01)
