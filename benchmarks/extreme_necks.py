@@ -18,6 +18,7 @@ from numpy.random import Generator
 
 from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import AXES, NeckSpec, load_neck
 from predictors import Forecast
 
@@ -81,7 +82,8 @@ def random_situation(mpc: Mpc, rng: Generator, scale: float) -> Situation:
     means_m = rng.uniform(-4.0, 4.0, 3) + rng.uniform(-2.0, 2.0, 3) * times_s[:, None]
     position_rad = scale * rng.uniform(limits.position_min_rad, limits.position_max_rad)
     history = int(np.ceil(float(neck.dead_time_s.max()) / neck.servo_period_s)) + 2
-    return Situation(
+    return Situation.of(
+        settled_joints(neck, 0),
         start_s=0.0,
         forecast=Forecast(times_s, means_m, np.tile(np.eye(3), (times_s.size, 1, 1)), 0.0),
         command=CommandState(

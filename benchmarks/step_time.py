@@ -18,6 +18,7 @@ from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.reactive import Reactive
 from gazempc.loop.smoother import Smoother
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
@@ -81,7 +82,8 @@ def main(repeats: int = 3, horizons_s: tuple[float, ...] = (0.4, 0.8, 1.6)) -> N
                 if name != "constant_velocity":
                     continue
                 for label, controller in controllers.items():
-                    situation = Situation(
+                    situation = Situation.of(
+                        settled_joints(neck, 0),
                         start_s=now_s,
                         forecast=predictor.forecast(controller.forecast_times_s(now_s, observation.capture_time_s)),
                         command=smoother.command,

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.clips import GROUP_ORDER
 from experiments.engine.command import run_command
-from experiments.margins import CONTACT, ERROR, HEAD, SMOOTHNESS, front, gaze, margins
+from experiments.front_gaps import CONTACT, ERROR, HEAD, SMOOTHNESS, front, gaps, gaze
 from gazempc.command import TYRO_CONFIG
 from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
@@ -81,7 +81,7 @@ def fronts(settings: FrontsSettings) -> int:
         for group in (g for g in GROUPS if g == "all" or any(row["group"] == g for row in here)):
             names = _common([row for row in [*of[0], *of[1]] if group in {"all", row["group"]}])
             gazes = [gaze(rows, names) for rows in of]
-            found.append(dict(zip(by, place, strict=True)) | {"group": group} | margins(*gazes))
+            found.append(dict(zip(by, place, strict=True)) | {"group": group} | gaps(*gazes))
             means = [each.means(np.ones(len(names)))[:, :2].tolist() for each in gazes]
             drawn.append((", ".join((*place, group)), means))
     write_whole(settings.sweep / "fronts.json", json.dumps(found, indent=2) + "\n")

@@ -11,16 +11,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import tyro
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pydantic import Field
 
 from experiments.engine.command import run_command
 from gazempc.command import TYRO_CONFIG
 from gazempc.controllers.controller import Plan, Situation
+from gazempc.controllers.mpc.condense import growing_steps
 from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.controllers.mpc.own import array_of
+from gazempc.controllers.mpc.problem import Trajectory, limits
 from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import angle_deviations_rad, look_at
 from gazempc.neck.servo import DelayedServo
@@ -129,7 +132,7 @@ def draw(moment: Moment, neck: NeckSpec, time_s: FloatArray, true_pan_rad: Float
     Returns:
         The figure.
     """
-    situation, plan, limits = moment.situation, moment.plan, neck.command_limits
+    situation, plan = moment.situation, moment.plan
     now_s, dead_s, ts = situation.start_s, float(neck.dead_time_s[0]), neck.servo_period_s
     sent_s: FloatArray = now_s - ts * np.arange(len(situation.sent_rad), 0, -1, dtype=np.float64)
     ahead_s: FloatArray = now_s + ts * np.arange(int((plan.end_s - now_s) / ts), dtype=np.float64)
@@ -137,7 +140,7 @@ def draw(moment: Moment, neck: NeckSpec, time_s: FloatArray, true_pan_rad: Float
     joint_s, joint_rad = _joint(moment, neck, sent_s, ahead_s)
 
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
-    top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=[3, 1, 1])
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     forecast = situation.forecast
     two_dead_times = neck.dead_time_s[0] != neck.dead_time_s[1]
     half = slice(0, len(forecast.times_s) // (2 if two_dead_times else 1))
@@ -157,14 +160,16 @@ def draw(moment: Moment, neck: NeckSpec, time_s: FloatArray, true_pan_rad: Float
     top.set_ylabel("pan [deg]")
     top.legend(fontsize=8, loc="best")
     top.set_title(f"Plan for the neck {neck.name}; grey: dead time", fontsize=10)
-    _limited(middle, ahead_s - now_s, [c.velocity_rad_s[0] for c in commands], float(limits.velocity_max_rad_s[0]))
-    middle.set_ylabel("command\n[rad/s]")
-    accelerations = [c.acceleration_rad_s2[0] for c in commands]
-    _limited(bottom, ahead_s - now_s, accelerations, float(limits.acceleration_max_rad_s2[0]))
-    bottom.set_ylabel("command\n[rad/s²]")
+    times_s, shares = _shares(plan, neck)
+    for name, share in zip(("position", "velocity", "acceleration"), shares, strict=True):
+        bottom.plot(times_s, share, ".-", label=name)
+    for sign in (-1.0, 1.0):
+        bottom.axhline(sign, color="C3", ls="--", lw=1)
+    bottom.set_ylabel("command, shares of its limits")
+    bottom.legend(fontsize=8, loc="best")
     bottom.set_xlabel("time from now [s]")
     bottom.set_xlim(-_BEFORE_S, _AFTER_S)
-    for ax in (top, middle, bottom):
+    for ax in (top, bottom):
         ax.axvline(0.0, color="k", lw=0.8)
         ax.grid(alpha=0.3)
     return figure
@@ -195,10 +200,18 @@ def _joint(moment: Moment, neck: NeckSpec, sent_s: FloatArray, ahead_s: FloatArr
     return all_s[from_now], np.array(angles)[from_now]
 
 
-def _limited(ax: Axes, time_s: FloatArray, values: Sequence[float], limit: float) -> None:
-    ax.plot(time_s, values, "C0")
-    for sign in (-1.0, 1.0):
-        ax.axhline(sign * limit, color="C3", ls="--", lw=1)
+def _shares(plan: Plan, neck: NeckSpec) -> tuple[FloatArray, FloatArray]:
+    # The rows of the limits in the problem's statement, at its steps that are in the plan: times, and three rows.
+    lengths = growing_steps(MpcSettings().horizon_s, neck.control_period_s)
+    o = Trajectory(neck, 0, lengths)
+    rows = ca.Function("rows", [o.u, o.du, o.ddu], [limits(o, neck, 0)])
+    times_s = array_of(o.t)[:, 0] - neck.servo_period_s
+    kept = times_s <= plan.end_s - plan.start_s - plan.step_s - neck.servo_period_s
+    commands = [plan.at(plan.start_s + neck.servo_period_s + time_s) for time_s in times_s]
+    motion = [
+        [getattr(c, name)[0] for c in commands] for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
+    ]
+    return times_s[kept], np.array(rows(*motion)).reshape(3, -1)[:, kept]
 
 
 if __name__ == "__main__":

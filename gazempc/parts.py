@@ -115,6 +115,8 @@ POLICY = Kind(
         "scores": "scores(company: Company) -> one number a person of company.people; NaN for not at all",
     },
 )
+# An own cost or limit of the MPC: a function of `gazempc.controllers.mpc.problem.Trajectory`.
+TERM = Kind("term", {}, {})
 # A person by the tracker's name: ``id:anna``.
 BY_NAME = "id:"
 
@@ -143,6 +145,24 @@ def check_choice(kind: Kind, choice: str) -> str:
     raise ValueError(
         f"no {kind.name} {choice!r}: {suggest(choice, kind.shipped)}, or module:Class for a {kind.name} of your own"
     )
+
+
+def check_function(choice: str) -> str:
+    """Check how an own function of the MPC is named: ``module:function``, perhaps after ``pan=`` or ``tilt=``.
+
+    Args:
+        choice: The text.
+
+    Returns:
+        The same.
+
+    Raises:
+        ValueError: If it is anything else.
+    """
+    joint, _, place = choice.rpartition("=")
+    if is_own(place) and joint in ("", "pan", "tilt"):
+        return choice
+    raise ValueError(f"{choice!r}: accepted: module:function, pan=module:function, tilt=module:function")
 
 
 def find(kind: Kind, choice: str) -> Callable[..., Any]:
@@ -179,7 +199,8 @@ def find(kind: Kind, choice: str) -> Callable[..., Any]:
         raise SettingsError(f"{kind.name} {choice}: importing {module_name} raised {said(error)}") from error
     for part in name.split("."):
         if not hasattr(found, part):
-            names = [n for n, v in vars(found).items() if inspect.isclass(v) and v.__module__ == module_name]
+            ours = [(n, v) for n, v in vars(found).items() if getattr(v, "__module__", None) == module_name]
+            names = [n for n, v in ours if inspect.isclass(v) or (kind is TERM and inspect.isfunction(v))]
             raise SettingsError(f"{kind.name} {choice}: {module_name} has no {name!r}; {suggest(name, names)}")
         found = getattr(found, part)
     if not callable(found):

@@ -21,6 +21,7 @@ from gazempc.results.mcap_read import has_log
 from gazempc.run_settings import RunSettings, config_path, load_settings
 
 if TYPE_CHECKING:
+    from gazempc.neck.spec import NeckSpec
     from gazempc.results.log import Log
     from gazempc.results.repeats import Repeats
     from gazempc.sim.scene import Scene
@@ -122,7 +123,7 @@ def _run(settings: RunSettings, command: str) -> None:
     survived = {name: faults(log) for name, log in logs.items()}
     noise = {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults}
     against = truth_of(walk.kind)
-    said = _notes(next(iter(logs.values())))
+    said = _notes(next(iter(logs.values()))) + _margins(settings, neck)
     notes = [*walk.notes, *said]
     about = {
         "recording": walk.name,
@@ -226,6 +227,18 @@ def _notes(log: Log) -> list[str]:
             "frames: the gaze is scored there only"
         )
     return notes
+
+
+def _margins(settings: RunSettings, neck: NeckSpec) -> list[str]:
+    """What of the neck file leaves too little margin to the MPC."""
+    if not {"mpc", "perfect"} & set(settings.controllers):
+        return []
+    from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
+    from gazempc.loop.build import make_controller  # noqa: PLC0415
+    from gazempc.margins.margins import too_small  # noqa: PLC0415
+
+    mpc = make_controller("mpc", neck, settings, {})
+    return too_small(mpc) if isinstance(mpc, Mpc) else []
 
 
 def _attention(settings: RunSettings, logs: dict[str, Log]) -> dict[str, Any]:

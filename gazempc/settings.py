@@ -10,7 +10,7 @@ import tyro
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from tyro.constructors import PrimitiveConstructorSpec
 
-from gazempc.parts import BY_NAME, CONTROLLER, POLICY, PREDICTOR, Kind, check_choice
+from gazempc.parts import BY_NAME, CONTROLLER, POLICY, PREDICTOR, Kind, check_choice, check_function
 
 
 def on_command_line(kind: Kind) -> PrimitiveConstructorSpec[str]:
@@ -44,18 +44,17 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+NoiseM = Annotated[float, Field(ge=1e-6, le=1e3, description="Measurement noise (s.d.) if none is stated")]
+_POSITION_NOISE_M = 0.01
+
+
 class ConstantVelocitySettings(Settings):
     """Predictor `constant_velocity`."""
 
     acceleration_psd: float = Field(
         default=0.05, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
     )
-    position_noise_m: float = Field(
-        default=0.01,
-        ge=1e-6,
-        le=1e3,
-        description="Measurement noise (s.d.) if none is stated",
-    )
+    position_noise_m: NoiseM = _POSITION_NOISE_M
 
 
 class HeadPoseSettings(ConstantVelocitySettings):
@@ -92,24 +91,14 @@ class PelvisPursuitSettings(Settings):
     acceleration_psd: float = Field(
         default=0.02, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
     )
-    position_noise_m: float = Field(
-        default=0.01,
-        ge=1e-6,
-        le=1e3,
-        description="Measurement noise (s.d.) if none is stated",
-    )
+    position_noise_m: NoiseM = _POSITION_NOISE_M
 
 
 class ConstantAccelerationSettings(Settings):
     """Predictor `constant_acceleration`."""
 
     jerk_psd: float = Field(default=0.003, gt=0, le=1e6, description="Noise density of the head's jerk, m^2/s^5")
-    position_noise_m: float = Field(
-        default=0.01,
-        ge=1e-6,
-        le=1e3,
-        description="Measurement noise (s.d.) if none is stated",
-    )
+    position_noise_m: NoiseM = _POSITION_NOISE_M
 
 
 class _TurningSettings(Settings):
@@ -121,12 +110,7 @@ class _TurningSettings(Settings):
     heading_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the heading's rate, rad^2/s")
     turn_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the turn rate's change, rad^2/s^3")
     turn_time_s: float = Field(default=1.0, gt=0, description="Time constant with which a turn ends")
-    position_noise_m: float = Field(
-        default=0.01,
-        ge=1e-6,
-        le=1e3,
-        description="Measurement noise (s.d.) if none is stated",
-    )
+    position_noise_m: NoiseM = _POSITION_NOISE_M
 
 
 class CoordinatedTurnSettings(_TurningSettings):
@@ -154,12 +138,7 @@ class InteractingModelsSettings(Settings):
     acceleration_psd: float = Field(
         default=0.05, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
     )
-    position_noise_m: float = Field(
-        default=0.01,
-        ge=1e-6,
-        le=1e3,
-        description="Measurement noise (s.d.) if none is stated",
-    )
+    position_noise_m: NoiseM = _POSITION_NOISE_M
 
 
 class PredictorSettings(Settings):
@@ -190,6 +169,9 @@ class LookAheadSettings(Settings):
     )
 
 
+OwnFunction = Annotated[str, AfterValidator(check_function)]
+
+
 class MpcSettings(Settings):
     """Controller `mpc`."""
 
@@ -206,6 +188,13 @@ class MpcSettings(Settings):
         le=1,
         description="smoothing_time_s for the head of a neck with eyes; default 0.35, or 0.1 if the head leaves "
         "a share to the eyes (--motion human)",
+    )
+    terms: tuple[OwnFunction, ...] = Field(
+        default=(),
+        description="Your own costs, module:function, of pan and tilt; pan=module:function of one joint",
+    )
+    rows: tuple[OwnFunction, ...] = Field(
+        default=(), description="Your own limits, module:function: rows that are kept within +-1; given as the terms"
     )
 
 

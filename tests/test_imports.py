@@ -25,6 +25,7 @@ GAZEMPC = (
     ("export",),
     ("robots", "controllers", "people"),
     ("loop",),
+    ("margins",),
     ("sim",),
     ("live", "listing"),
     ("identify",),
@@ -35,7 +36,7 @@ GAZEMPC = (
 EXPERIMENTS = (
     ("clips", "page_parts"),
     ("engine", "aggregate"),
-    ("compare_figures", "compare_report", "least_error", "margins"),
+    ("compare_figures", "compare_report", "least_error", "front_gaps", "swing"),
     ("compare_page", "bound_page"),
     (
         "compare",

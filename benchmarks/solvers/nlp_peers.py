@@ -12,8 +12,9 @@ import casadi as ca
 import numpy as np
 
 from benchmarks.solvers.peer import AxisPeer, AxisSolver, Peer, PeerFailedError
-from benchmarks.solvers.problem import COST_SCALE, AxisProblem, SparseQp
+from benchmarks.solvers.problem import AxisProblem, SparseQp
 from benchmarks.solvers.qp_peers import TIGHT_PIQP
+from gazempc.controllers.mpc.condense import COST_SCALE
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 

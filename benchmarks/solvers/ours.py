@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.solvers.peer import AxisPeer, AxisSolver, Peer, PeerFailedError
 from benchmarks.solvers.problem import AxisProblem
 from gazempc.controllers.controller import SolverFailed
-from gazempc.controllers.mpc.axis_model import AxisModel
+from gazempc.controllers.mpc.condense import AxisModel
 from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.controllers.mpc.qp import Daqp
 from gazempc.neck.spec import NeckSpec

@@ -1,29 +1,42 @@
-"""The gaze MPC's problem, written down anew: nothing is taken from the controller but the servo's model.
+"""The gaze MPC's problem for its peers: the numbers of `gazempc.controllers.mpc.problem`, over equal steps.
 
-For pan and for tilt, with z = [q, q', u, u', u''] and ``z+ = M z + m s`` over one control period, s being the jerk as
-a share of its limit:
+For pan and for tilt, with z = [q, v, u, du, ddu] at the end of each step, and ``z+ = M z + m s`` over one control
+period, s being the jerk as a share of its limit:
 
-    minimise    sum_k (Q_k - r_k)^2 + d T^2 (V_k - r'_k)^2 + T^4 A_k^2 + T_j^6 j_k^2,   k = 1 .. N
-    subject to  |s_k| <= 1 and, at the end of each step, the limits of u, of u' half a step on, and of u''
+    minimise    sum_k |C z_k - aims_k|^2 + jerk_weight s_k^2
+    subject to  |s_k| <= 1,   lower <= z_k <= upper,   |velocity_row z_k| <= velocity_max
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
+import casadi as ca
 import numpy as np
 from scipy import sparse
 
-from gazempc.controllers.mpc.axis_model import servo_step
-from gazempc.neck.servo import servo_model
+from gazempc.controllers.mpc.condense import COST_SCALE
+from gazempc.controllers.mpc.own import array_of
+from gazempc.controllers.mpc.problem import (
+    STATE,
+    Trajectory,
+    Tuning,
+    acceleration,
+    cost,
+    jerk_max_rad_s3,
+    limits,
+    servo,
+)
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# All count the cost in squared hundredths of a radian, which suits absolute tolerances.
-COST_SCALE = 1e4
-_JERK_TIME_S = 0.025
-# d of the problem is 4 zeta^2 - 2 with this zeta; with sqrt(1/2) there is no such term.
-_DAMPING_RATIO = np.sqrt(0.5)
+
+def tick_matrices(neck: NeckSpec, index: int) -> tuple[FloatArray, FloatArray]:
+    """M, shape (5, 5), and m, shape (5,), of one servo period: ``z+ = M z + m j``."""
+    z, j = ca.SX.sym("z", len(STATE)), ca.SX.sym("j")
+    after, _ = servo(neck, index, z, j)
+    return array_of(ca.jacobian(after, z)), array_of(ca.jacobian(after, j))[:, 0]
 
 
 @dataclass(frozen=True)
@@ -45,30 +58,47 @@ class AxisProblem:
     @property
     def model(self) -> tuple[FloatArray, FloatArray]:
         """M, shape (5, 5), and m, shape (5,), over one control period."""
-        M, m = servo_step(self.neck.axes[self.index], self.neck.servo_period_s)
+        M, m = tick_matrices(self.neck, self.index)
         A, b = np.eye(5), np.zeros(5)
         for _ in range(self.neck.servo_ticks_per_plan):
             A, b = M @ A, M @ b + m
-        return A, b * float(self.neck.command_limits.jerk_max_rad_s3[self.index])
+        return A, b * jerk_max_rad_s3(self.neck, self.index)
+
+    @cached_property
+    def _weights(self) -> FloatArray:
+        # Of q, v, a and j in one step.
+        o = Trajectory(self.neck, self.index, (1,) * self.steps)
+        first = ca.vertcat(o.q[0], o.v[0], o.a[0], o.j[0])
+        hessian, _, _ = ca.quadratic_coeff(cost(o, Tuning(self.smoothing_time_s)), first)
+        weights: FloatArray = 0.5 * np.diag(array_of(hessian))
+        return weights
+
+    @cached_property
+    def _rows(self) -> tuple[FloatArray, FloatArray]:
+        # The limits of the first step from [u, du, ddu]: slopes, shape (3, 3), and constants.
+        o = Trajectory(self.neck, self.index, (1,) * self.steps)
+        rows = limits(o, self.neck, self.index)[:: self.steps]
+        slopes, constants = ca.linear_coeff(rows, ca.vertcat(o.u[0], o.du[0], o.ddu[0]))
+        return array_of(slopes), array_of(constants)[:, 0]
 
     @property
     def outputs(self) -> FloatArray:
         """What is made small, from z: joint angle, weighted velocity and acceleration; shape (3, 5)."""
+        q, v, u = (ca.SX.sym(name) for name in "qvu")
+        slopes = ca.jacobian(acceleration(self.neck, self.index, q, v, u), ca.vertcat(q, v, u))
         C = np.zeros((3, 5))
-        C[0, 0] = 1.0
-        C[1, 1] = self.velocity_weight
-        C[2, :3] = self.smoothing_time_s**2 * servo_model(self.neck.axes[self.index])[1]
-        return C
+        C[0, 0], C[1, 1], C[2, :3] = 1.0, 1.0, array_of(slopes)[0]
+        return np.sqrt(self._weights[:3, None]) * C
 
     @property
     def velocity_weight(self) -> float:
         """Square root of d T^2."""
-        return float(np.sqrt(max(4.0 * _DAMPING_RATIO**2 - 2.0, 0.0))) * self.smoothing_time_s
+        return float(np.sqrt(self._weights[1]))
 
     @property
     def jerk_weight(self) -> float:
         """Weight of a squared jerk, counted as a share of the largest: T_j^6 j_max^2."""
-        return float(_JERK_TIME_S**3 * self.neck.command_limits.jerk_max_rad_s3[self.index]) ** 2
+        return float(self._weights[3]) * jerk_max_rad_s3(self.neck, self.index) ** 2
 
     def aims(self, reference: FloatArray) -> FloatArray:
         """What the outputs shall be: the reference, its weighted central differences and zero; shape (3, N)."""
@@ -78,26 +108,28 @@ class AxisProblem:
     @property
     def velocity_row(self) -> FloatArray:
         """What the velocity limit is for, from z, shape (5,): the command's velocity half a step on."""
-        return np.array([0.0, 0.0, 0.0, 1.0, 0.5 * self.neck.control_period_s])
+        slopes, _ = self._rows
+        return np.concatenate([np.zeros(2), slopes[1] / slopes[1, 1]])
 
     @property
     def velocity_max_rad_s(self) -> float:
         """The velocity limit."""
-        return float(self.neck.command_limits.velocity_max_rad_s[self.index])
+        return 1.0 / float(self._rows[0][1, 1])
 
     @property
     def upper(self) -> FloatArray:
         """Upper bounds of z: those of position and acceleration, shape (5,)."""
-        limits, i = self.neck.command_limits, self.index
-        top = (np.inf, np.inf, limits.position_max_rad[i], np.inf, limits.acceleration_max_rad_s2[i])
-        return np.array(top, dtype=np.float64)
+        return self._bounds(1.0)
 
     @property
     def lower(self) -> FloatArray:
         """Lower bounds of z, shape (5,)."""
-        lower = -self.upper
-        lower[2] = self.neck.command_limits.position_min_rad[self.index]
-        return lower
+        return self._bounds(-1.0)
+
+    def _bounds(self, side: float) -> FloatArray:
+        slopes, constants = self._rows
+        position, acceleration = ((side - constants[i]) / slopes[i, i] for i in (0, 2))
+        return np.array([side * np.inf, side * np.inf, position, side * np.inf, acceleration])
 
 
 @dataclass(frozen=True)

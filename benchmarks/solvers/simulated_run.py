@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.solvers.ours import Gazempc
+from benchmarks.solvers.problem import tick_matrices
 from benchmarks.solvers.scenario import forecasts
 from gazempc.controllers.controller import CommandState, Situation
-from gazempc.controllers.mpc.axis_model import growing_steps, servo_step
+from gazempc.controllers.mpc.condense import growing_steps
 from gazempc.controllers.mpc.ocp import Solution
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.kinematics import look_at, unwrap_pan
 from gazempc.neck.spec import CommandLimits, NeckSpec
 from gazempc.types import FloatArray
@@ -59,7 +61,7 @@ def simulate(neck: NeckSpec, steps: int, ticks: int, seed: int = 0) -> Run:
         What it had to solve.
     """
     limits, ocps = neck.command_limits, Gazempc(neck, STEPS, SMOOTHING_TIME_S).ocps
-    models = [servo_step(axis, neck.servo_period_s) for axis in neck.axes]
+    models = [tick_matrices(neck, i) for i in range(2)]
     late = round(float(neck.dead_time_s[0]) / neck.control_period_s)
     on_the_way = late * neck.servo_ticks_per_plan + 1
     low, high = float(limits.position_min_rad[0]), float(limits.position_max_rad[0])
@@ -79,7 +81,8 @@ def simulate(neck: NeckSpec, steps: int, ticks: int, seed: int = 0) -> Run:
         # z is one dead time ahead of the joint, whose state now is therefore that of some ticks ago.
         q, v = joints[k].T
         situations.append(
-            Situation(
+            Situation.of(
+                settled_joints(neck, 0),
                 start_s=k * neck.control_period_s,
                 forecast=Forecast(
                     forecast.times_s[ends],

@@ -23,6 +23,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 DRAWN: dict[str, Draw] = {
     "compare_gazes": thumbnails.error_over_time,
     "outside_predictor": thumbnails.error_over_time,
+    "ocp": thumbnails.planned_angles,
     "own_controller": thumbnails.error_over_time,
     "own_predictor": thumbnails.error_over_time,
     "own_recording": thumbnails.from_above,
@@ -61,7 +62,7 @@ def run_example(path: Path) -> list[Log]:
             sys.path.insert(0, str(path.parent))
             with contextlib.suppress(SystemExit):
                 names = runpy.run_path(str(path), run_name="__main__")
-                logs = logs or [names["log"]]
+                logs = logs or [names[result] for result in ("log", "motion") if result in names]
             return logs or [gazempc.load_log(_LIVE_LOG)]
         finally:
             os.chdir(before[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -32,10 +33,10 @@ _LOOK = {
 }
 _RAYS = 9
 
-Draw = Callable[[Axes, Sequence[Log]], None]
+Draw = Callable[[Axes, Sequence[Any]], None]
 
 
-def thumbnail(logs: Sequence[Log], draw: Draw, path: Path) -> None:
+def thumbnail(logs: Sequence[Any], draw: Draw, path: Path) -> None:
     """Write the picture of an example.
 
     Args:
@@ -112,3 +113,12 @@ def error_against_acceleration(ax: Axes, logs: Sequence[Log]) -> None:
 def _name_lines(ax: Axes) -> None:
     look = {"frameon": False, "labelcolor": "linecolor", "fontsize": "small", "handlelength": 0.8}
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0, **look)
+
+
+def planned_angles(ax: Axes, motions: Sequence[np.ndarray]) -> None:
+    """A plan of one joint: command and joint at the ends of its steps, as rows 2 and 0 of z."""
+    z = np.rad2deg(motions[0])
+    ax.step(range(z.shape[1]), z[2], label="command")
+    ax.plot(z[0], label="joint, one dead time later")
+    ax.set(xlabel="step", ylabel="pan [deg]")
+    ax.legend(frameon=False)

@@ -6,10 +6,9 @@ import numpy as np
 
 from experiments.eyes.plane import PlanePlan, Weights
 from gazempc.controllers.controller import Plan, Situation
-from gazempc.controllers.motion_ahead import MotionAhead
 from gazempc.errors import SettingsError
+from gazempc.neck.ahead import JointAhead
 from gazempc.neck.kinematics import eye_angles_rad
-from gazempc.neck.servo import DeadTimeRoll
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -48,10 +47,8 @@ class OneProgram:
         self.neck = neck
         weights = Weights(head_time_s, eye_time_s, comfort, horizon_s)
         self._planes = [PlanePlan(neck, plane, weights, _PLAN_S) for plane in _PLANES]
-        period_s = neck.servo_period_s
-        self._rolls = [DeadTimeRoll(axis, period_s) for axis in neck.axes]
         self._ahead_s: FloatArray = float(dead_s[2]) + self._planes[0].times_s
-        self._motions: list[MotionAhead] | None = None
+        self._motions: list[JointAhead] | None = None
 
     def reset(self) -> None:
         """Nothing to forget."""
@@ -77,20 +74,16 @@ class OneProgram:
         return Plan(start_s, neck.control_period_s, knots[0], knots[1], knots[2])
 
     def _state(self, situation: Situation, joint: int, command: FloatArray) -> FloatArray:
-        rolled = self._rolls[joint](
-            float(situation.joint_position_rad[joint] - situation.joint_offset_rad[joint]),
-            float(situation.joint_velocity_rad_s[joint]),
-            situation.sent_rad[:, joint],
-            situation.committed_rad[:, joint],
-        )
-        return np.concatenate((rolled, command))
+        offset_rad = situation.joint_offset_rad[joint]
+        joint_now = situation.settled_position_rad[joint] - offset_rad, situation.settled_velocity_rad_s[joint]
+        return np.concatenate((joint_now, command))
 
     def _heads_rad(self, situation: Situation) -> FloatArray:
         """Where the head will be at the forecast's times, the last command held after those that are known."""
         if self._motions is None:
             delay_s = len(situation.committed_rad) * self.neck.servo_period_s
             ahead_s = delay_s + self._ahead_s - self.neck.servo_period_s
-            self._motions = [MotionAhead(self.neck.axes[i], self.neck.servo_period_s, ahead_s) for i in _PLANES]
+            self._motions = [JointAhead(self.neck.axes[i], self.neck.servo_period_s, ahead_s) for i in _PLANES]
         heads = []
         for i, motion in zip(_PLANES, self._motions, strict=True):
             held = np.full(motion.future_needed, situation.command.position_rad[i])

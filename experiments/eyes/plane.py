@@ -7,7 +7,7 @@ the jerks of both commands, the problem is
     subject to  |J| <= j_max,   low - s <= L C <= high + s,   s >= 0
 
 at the ends of the eyes' steps k and of the head's steps i. The head acts after its own, longer dead time: before that
-its angles are known. The rows of the limits are those of `gazempc.controllers.mpc.axis_model`.
+its angles are known. The rows of the limits are those of `gazempc.controllers.mpc.problem`.
 """
 
 from __future__ import annotations
@@ -16,15 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gazempc.controllers.mpc.axis_model import AxisModel
+from gazempc.controllers.mpc.condense import COST_SCALE, AxisModel, condense
+from gazempc.controllers.mpc.problem import JERK_TIME_S, SLACK_PRICE_RAD2, Tuning
 from gazempc.controllers.mpc.qp import Daqp, QpData
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# As in `gazempc.controllers.mpc.ocp`: squared hundredths of a radian, exact penalty, weight of the jerk as a time.
-_COST_SCALE = 1e4
-_SLACK_PENALTY = 300.0 * _COST_SCALE
-_HEAD_JERK_TIME_S = 0.025
 # The eyes are five times as fast as the head.
 _EYE_JERK_TIME_S = 0.005
 # A step lasts for this share of the time that has passed when it begins.
@@ -100,7 +97,7 @@ class PlanePlan:
         gaze[np.arange(n), first + self.known + np.arange(n)] -= 1.0
         jerks = np.zeros((m + n, self._parameters + m + n))
         jerks[:, self._parameters :] = np.diag(
-            np.repeat([_HEAD_JERK_TIME_S**3 * head.jerk_scale, _EYE_JERK_TIME_S**3 * eye.jerk_scale], [m, n])
+            np.repeat([JERK_TIME_S**3 * head.jerk_scale, _EYE_JERK_TIME_S**3 * eye.jerk_scale], [m, n])
         )
         squared = [
             (gaze, _weights(lengths)),
@@ -111,14 +108,14 @@ class PlanePlan:
         ]
         rows = np.vstack([each for each, _ in squared])
         by_jerk, by_parameter = rows[:, self._parameters :], rows[:, : self._parameters]
-        weighed = by_jerk.T * (2.0 * _COST_SCALE * np.concatenate([weight for _, weight in squared]))
+        weighed = by_jerk.T * (2.0 * COST_SCALE * np.concatenate([weight for _, weight in squared]))
         hessian = weighed @ by_jerk
         self._cost_map = weighed @ by_parameter
         self._gain = -np.linalg.solve(hessian, self._cost_map)
-        limits = np.vstack([lifted(head.rows, "head"), lifted(eye.rows, "eye")])
+        limits = np.vstack([lifted(_limits(head), "head"), lifted(_limits(eye), "eye")])
         self._limits = limits
         soft = np.ascontiguousarray(limits[:, self._parameters :])
-        self._solver = Daqp(QpData(h=np.ascontiguousarray(hessian), a=soft, penalty=_SLACK_PENALTY))
+        self._solver = Daqp(QpData(h=np.ascontiguousarray(hessian), a=soft, penalty=COST_SCALE * SLACK_PRICE_RAD2))
 
     def solve(
         self, head: FloatArray, eye: FloatArray, known_rad: FloatArray, gaze_rad: FloatArray
@@ -147,6 +144,12 @@ class PlanePlan:
             (model.knots @ np.concatenate((state, (1.0,), part))).reshape(3, -1) for model, state, part in parts
         )
         return of_head, of_eye
+
+
+def _limits(model: AxisModel) -> FloatArray:
+    # The rows of the limits from [z0; 1; x], which do not depend on the tuning nor on the reference.
+    program = condense(model, Tuning(1.0), False)
+    return np.hstack([program.rows_map[:, : _STATE + 1], program.data.a])
 
 
 def _growing(periods: int) -> tuple[int, ...]:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from gazempc.controllers.controller import Situation
-from gazempc.controllers.motion_ahead import MotionAhead
+from gazempc.neck.ahead import JointAhead
 from gazempc.neck.spec import BODY_AXIS, NeckSpec
 from gazempc.types import FloatArray
 
@@ -41,7 +41,7 @@ class BodyAim:
         age = np.subtract.outer(np.arange(knots_s.size), np.arange(knots_s.size))
         self._weights: FloatArray = (1.0 - keep) * np.tril(keep ** np.maximum(age, 0))
         self._kept: FloatArray = keep ** np.arange(1.0, knots_s.size + 1.0)
-        self._motions: dict[tuple[int, bytes], MotionAhead] = {}
+        self._motions: dict[tuple[int, bytes], JointAhead] = {}
 
     def gaze_command_rad(self, command_rad: FloatArray) -> float:
         """Pan of head and body together that joints' commands, shape (N,), radians, stand for."""
@@ -79,7 +79,7 @@ class BodyAim:
         key = delay, ahead_s.tobytes()
         motion = self._motions.get(key)
         if motion is None:
-            motion = MotionAhead(self._axis, self._period_s, delay * self._period_s + ahead_s)
+            motion = JointAhead(self._axis, self._period_s, delay * self._period_s + ahead_s)
             self._motions[key] = motion
         ticks = self._period_s * np.arange(motion.future_needed)
         future = np.concatenate((situation.committed_rad[:, self._joint], np.interp(ticks, self._knots_s, planned_rad)))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from gazempc.neck.ahead import SettledJoints
 from gazempc.types import FloatArray
 from predictors import Forecast
 
@@ -60,6 +62,9 @@ class Situation:
         joint_position_rad: Joint angles now, as the observer estimates them, shape (N,), radians.
         joint_velocity_rad_s: Joint velocities now, shape (N,), rad/s.
         joint_offset_rad: How far from a command that stands still the joints settle, shape (N,), radians.
+        settled_position_rad: Joint angles one dead time after the last command that is sent or committed, shape (N,),
+            radians: until then no plan changes the motion.
+        settled_velocity_rad_s: Joint velocities then, shape (N,), rad/s.
         sent_rad: Commands sent before now, one a servo period, oldest first, shape (M, N), radians.
         committed_rad: Commands that will be sent from now until the plan starts, shape (n, N), radians.
         held: Joints that stand still whatever they are sent, by their place in `NeckSpec.joint_names`. Their angle now
@@ -72,9 +77,51 @@ class Situation:
     joint_position_rad: FloatArray
     joint_velocity_rad_s: FloatArray
     joint_offset_rad: FloatArray
+    settled_position_rad: FloatArray
+    settled_velocity_rad_s: FloatArray
     sent_rad: FloatArray
     committed_rad: FloatArray
     held: tuple[int, ...] = ()
+
+    @staticmethod
+    def of(
+        settled: SettledJoints,
+        start_s: float,
+        forecast: Forecast,
+        command: CommandState,
+        joint_position_rad: FloatArray,
+        joint_velocity_rad_s: FloatArray,
+        joint_offset_rad: FloatArray,
+        sent_rad: FloatArray,
+        committed_rad: FloatArray,
+        held: tuple[int, ...] = (),
+    ) -> Situation:
+        """Make a situation of the joints now: `settled` (`gazempc.neck.ahead`) rolls them over their dead times."""
+        # Counted without its offset, a joint follows its command as the model says.
+        position_rad, velocity_rad_s = settled(
+            joint_position_rad - joint_offset_rad, joint_velocity_rad_s, sent_rad, committed_rad
+        )
+        return Situation(
+            start_s=start_s,
+            forecast=forecast,
+            command=command,
+            joint_position_rad=joint_position_rad,
+            joint_velocity_rad_s=joint_velocity_rad_s,
+            joint_offset_rad=joint_offset_rad,
+            settled_position_rad=position_rad + joint_offset_rad,
+            settled_velocity_rad_s=velocity_rad_s,
+            sent_rad=sent_rad,
+            committed_rad=committed_rad,
+            held=held,
+        )
+
+
+class JointPlan(NamedTuple):
+    """The plan of one joint at the knots: arrays of shape (K,), radians, rad/s and rad/s^2."""
+
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
 
 
 @dataclass(frozen=True)
@@ -88,6 +135,7 @@ class Plan:
         velocity_rad_s: Shape (K, N), rad/s.
         acceleration_rad_s2: Shape (K, N), rad/s^2.
         events: What was out of the ordinary when it was made, for the log.
+        faults: The same with a text for the log, which the event alone does not tell.
 
     Raises:
         ValueError: If shapes or times are not as said here.
@@ -99,6 +147,19 @@ class Plan:
     velocity_rad_s: FloatArray
     acceleration_rad_s2: FloatArray
     events: tuple[str, ...] = ()
+    faults: tuple[ControllerError, ...] = ()
+
+    @staticmethod
+    def of_joints(
+        start_s: float,
+        step_s: float,
+        joints: Sequence[JointPlan],
+        events: tuple[str, ...] = (),
+        faults: Sequence[ControllerError] = (),
+    ) -> Plan:
+        """Join the plans of all joints, in the order of `NeckSpec.joint_names`."""
+        position, velocity, acceleration = np.array(joints).transpose(1, 2, 0)
+        return Plan(start_s, step_s, position, velocity, acceleration, events, tuple(faults))
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position_rad)

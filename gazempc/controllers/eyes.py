@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gazempc.controllers.controller import Situation
-from gazempc.controllers.motion_ahead import MotionAhead
+from gazempc.neck.ahead import JointAhead
 from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad
 from gazempc.neck.spec import EYE_AXES, NeckSpec
 from gazempc.types import BoolArray, FloatArray
@@ -49,7 +49,7 @@ class EyeAim:
         limits = neck.command_limits
         range_rad = np.minimum(-limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes])
         self._rest_rad, self._reach_rad = neck.rest_rad[:2], _COMFORTABLE_SHARE * range_rad
-        self._motions: dict[int, list[MotionAhead]] = {}
+        self._motions: dict[int, list[JointAhead]] = {}
 
     def forecast_times_s(self, start_s: float) -> FloatArray:
         """Times for which the eyes need the forecast, shape (H,), seconds: H is K, or 2 K."""
@@ -75,7 +75,7 @@ class EyeAim:
                 others_rad[:, :, column] = situation.joint_position_rad[joint]
                 continue
             offset_rad = float(situation.joint_offset_rad[joint])
-            motions = self._motion_ahead(joint, delay)
+            motions = self._joint_ahead(joint, delay)
             # Eyes that answer no faster than the head need to know it beyond the plan: the last command is held.
             ticks = period_s * np.arange(max(motion.future_needed for motion in motions))
             future = np.concatenate((committed[:, joint], np.interp(ticks, self._knots_s, planned_rad[:, column])))
@@ -147,11 +147,11 @@ class EyeAim:
             return np.zeros(2)
         return np.where(self.held(situation), situation.joint_position_rad[self._eyes], 0.0)
 
-    def _motion_ahead(self, joint: int, delay: int) -> list[MotionAhead]:
+    def _joint_ahead(self, joint: int, delay: int) -> list[JointAhead]:
         # The delay of a loop never changes.
         motions = self._motions.get(joint)
         if motions is None:
             period_s, axis = self._neck.servo_period_s, self._neck.axes[joint]
             ahead = [delay * period_s + each_s + self._knots_s for each_s in self._ahead_s]
-            self._motions[joint] = motions = [MotionAhead(axis, period_s, each) for each in ahead]
+            self._motions[joint] = motions = [JointAhead(axis, period_s, each) for each in ahead]
         return motions

@@ -9,6 +9,7 @@ import numpy as np
 from gazempc.controllers.chain import Chain, head_time_s, slopes
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.neck.spec import NeckSpec
+from gazempc.settings import LookAheadSettings
 from gazempc.types import FloatArray
 
 # The plan reaches this far so that there is something to follow while the next one is late.
@@ -20,6 +21,7 @@ _ON_ITS_WAY_RAD = math.radians(5.0)
 _EYES_SHARE = 0.4
 # The low-pass of a head with eyes, which make up for it.
 _HEAD_TIME_S = 0.6
+_DEFAULTS = LookAheadSettings()
 
 
 class LookAhead:
@@ -45,7 +47,10 @@ class LookAhead:
     """
 
     def __init__(
-        self, neck: NeckSpec, smoothing_time_s: float = 0.1, head_smoothing_time_s: float | None = None
+        self,
+        neck: NeckSpec,
+        smoothing_time_s: float = _DEFAULTS.smoothing_time_s,
+        head_smoothing_time_s: float | None = _DEFAULTS.head_smoothing_time_s,
     ) -> None:
         self.neck = neck
         knots = round(_PLAN_S / neck.control_period_s) + 1

@@ -193,6 +193,7 @@ def _run(settings: IdentifySettings) -> None:
         raise IdentificationError("no neck file written, the data cannot tell:\n" + "\n".join(refusals) + files)
     text = neck_toml(neck, estimates, settings.out.stem, origin, datetime.date.today())
     write_whole(settings.out, text)
+    _print_margins(load_neck(settings.out))
     print(f"\nWritten: {', '.join(map(str, [settings.out, *written]))}")
     print(f"Use it: python -m gazempc.run --replay subject03_R4 --neck {settings.out}")
 
@@ -298,6 +299,20 @@ def _estimate(taken: NeckRecord, settings: IdentifySettings) -> tuple[list[AxisE
         estimates.append(estimate)
         refusals += [f"  {doubt}" for doubt in estimate.doubts]
     return estimates, refusals
+
+
+def _print_margins(neck: NeckSpec) -> None:
+    from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
+    from gazempc.margins.margins import margins, sentences, too_small  # noqa: PLC0415
+
+    mpc = Mpc(neck)
+    try:
+        told = sentences(neck, margins(mpc))
+    except SettingsError as error:
+        told = [str(error)]
+    print("\n" + "\n".join(f"{line}." for line in told))
+    for warning in too_small(mpc):
+        print(f"Warning: {warning}.")
 
 
 def _print_latency(path: Path) -> None:

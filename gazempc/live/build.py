@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.parts import LiveParts
@@ -119,7 +120,19 @@ def build(settings: LiveSettings) -> Built:
     if settings.simulated_clock and true_state_of(robot) is not None:
         # At the tick itself; on a real clock a robot is asked a little later.
         about = about.model_copy(update={"joints": "true"})
-    return Built(parts, about, known, () if scene is None else scene.walk.notes)
+    notes = () if scene is None else scene.walk.notes
+    return Built(parts, about, known, (*notes, *_margins(controller)))
+
+
+def _margins(controller: Controller) -> list[str]:
+    """What of the neck file leaves too little margin to the MPC."""
+    if name_of(CONTROLLER, controller) not in ("mpc", "perfect"):
+        return []
+    # Only here: another controller needs no CasADi.
+    from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
+    from gazempc.margins.margins import too_small  # noqa: PLC0415
+
+    return too_small(controller) if isinstance(controller, Mpc) else []
 
 
 def _make_source(

@@ -11,9 +11,9 @@ from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
 from gazempc.files.bounds import MEGABYTE, check_file, memory_for
 from gazempc.loop.trial import check_controller, check_predictor, check_same_neck
-from gazempc.neck.spec import NeckSpec
+from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.part_options import make, options_for
-from gazempc.parts import CONTROLLER, PREDICTOR, is_own, name_of
+from gazempc.parts import CONTROLLER, PREDICTOR, TERM, find, is_own, name_of
 from gazempc.settings import GazeSettings, PredictorSettings
 from gazempc.types import FloatArray
 from predictors import Predictor
@@ -106,8 +106,22 @@ def make_controller(
         return check_controller(own, neck)
     name = "mpc" if choice == "perfect" else choice
     values = getattr(settings, name).model_dump() if hasattr(settings, name) else {}
+    for kind in ("terms", "rows"):
+        if kind in values:
+            values[kind] = _by_joint(values[kind])
     controller: Controller = make(CONTROLLER, choice, {"neck": neck, **values}, {})
     return controller
+
+
+def _by_joint(choices: tuple[str, ...]) -> dict[str, list[Callable[..., Any]]]:
+    """Own functions of the MPC by the joint's name, from ``module:function`` or ``pan=module:function``."""
+    found: dict[str, list[Callable[..., Any]]] = {name: [] for name in AXES}
+    for choice in choices:
+        joint, _, place = choice.rpartition("=")
+        function = find(TERM, place)
+        for name in (joint,) if joint else AXES:
+            found[name].append(function)
+    return found
 
 
 def walker_model(fitted: Path | None, person: str) -> WalkerModel:

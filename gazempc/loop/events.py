@@ -52,6 +52,10 @@ class Event(StrEnum):
         "limits_softened",
         "no plan keeps all limits (for example, the start is outside them); this plan violates them least",
     )
+    OWN_ROW_SOFTENED = (
+        "own_row_softened",
+        "no plan keeps all rows that you added to the MPC (`--mpc.rows`) and all limits; this plan violates them least",
+    )
     STALE_PLAN = "stale_plan", "the last plan has ended; the smoother stops the command"
     LIMIT_GUARD = "limit_guard", "the smoother refused a motion that could not stop inside the position limits"
     TARGET_LOST = "target_lost", "no observation for `lost_after_s`; the neck stops"

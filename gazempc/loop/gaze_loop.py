@@ -26,6 +26,7 @@ from gazempc.loop.planner import Answer, Planner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import PersonTrack, Target
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.robot import Robot
 from gazempc.settings import LoopSettings
@@ -70,6 +71,7 @@ class GazeLoop:
         self._recorder = recorder
         self._settings = settings
         self._delay_ticks = math.ceil(settings.compute_delay_s / neck.servo_period_s - 1e-9)
+        self._settled = settled_joints(neck, self._delay_ticks)
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
         start_rad = smoother.command.position_rad
         self._sent_rad: FloatArray = np.tile(start_rad, (history, 1))
@@ -180,7 +182,8 @@ class GazeLoop:
 
     def _at_rest(self, start_s: float, forecast: Forecast) -> Situation:
         command = self._smoother.command
-        return Situation(
+        return Situation.of(
+            self._settled,
             start_s=start_s,
             forecast=forecast,
             command=command,
@@ -253,7 +256,8 @@ class GazeLoop:
         ]
         # A copy, as a planner in the background reads it later.
         sent_rad, offset_rad = self._drive.seen_by_controllers(self._sent_rad, joints.offset_rad)
-        situation = Situation(
+        situation = Situation.of(
+            self._settled,
             start_s=start_s,
             forecast=forecast,
             command=committed[-1] if committed else self._smoother.command,
@@ -283,6 +287,8 @@ class GazeLoop:
             return
         for event in answer.plan.events:
             self._recorder.event(time_s, event)
+        for fault in answer.plan.faults:
+            self._recorder.event(time_s, fault.event, fault)
         if answer.due_index < index:
             self._recorder.event(time_s, Event.LATE_PLAN)
         self._waiting.append((answer.due_index, answer.plan, self._asked_capture_s))

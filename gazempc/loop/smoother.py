@@ -1,4 +1,4 @@
-"""Ruckig makes every command follow the plan within velocity, acceleration and jerk limits."""
+"""Ruckig's jerk-limited trajectory through the set-points of the plan, one servo period at a time."""
 
 from __future__ import annotations
 
@@ -192,9 +192,11 @@ class _AxisSmoother:
 class Smoother:
     """Turns plans into commands within the limits, one servo period at a time.
 
-    The command always stays within `NeckSpec.command_limits`. Ruckig limits velocity, acceleration and jerk. The
-    position stays within its limits because each command still allows a stop inside them. If a plan has ended, the
-    command brakes to rest (Ruckig alone would keep its velocity).
+    The command is Ruckig's jerk-limited trajectory through the plan's set-points (position, velocity, acceleration).
+    It is no filter: a plan within the limits is followed exactly. The command always stays within
+    `NeckSpec.command_limits`. Ruckig limits velocity, acceleration and jerk. The position stays within its limits
+    because each command still allows a stop inside them. If a plan has ended, the command brakes to rest (Ruckig alone
+    would keep its velocity).
 
     Args:
         neck: The neck whose limits apply.

@@ -6,6 +6,7 @@ import numpy as np
 
 from gazempc.controllers.controller import CommandState, Controller, Plan, Situation
 from gazempc.errors import SettingsError
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import NeckSpec
 from gazempc.parts import CONTROLLER, PREDICTOR, check_methods, name_of, said
 from gazempc.types import FloatArray
@@ -147,7 +148,8 @@ def _situation(neck: NeckSpec, times_s: FloatArray) -> Situation:
         issued_at_s=0.9,
     )
     history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
-    return Situation(
+    return Situation.of(
+        settled_joints(neck, 0),
         start_s=1.0,
         forecast=forecast,
         command=CommandState(rest_rad, still, still),

@@ -16,7 +16,7 @@ from benchmarks.solvers.measure import measure, solve_all
 from benchmarks.solvers.nlp_peers import DoMpc
 from benchmarks.solvers.ours import Gazempc
 from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, simulate
-from gazempc.controllers.mpc.axis_model import AxisModel, growing_steps
+from gazempc.controllers.mpc.condense import AxisModel, growing_steps
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.neck.spec import load_neck

@@ -6,6 +6,7 @@ from gazempc.controllers.controller import Situation
 from gazempc.loop.following import FollowingWatch
 from gazempc.loop.observer import JointObserver
 from gazempc.loop.smoother import Smoother
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
@@ -55,7 +56,8 @@ def run(
         observer.update(now, measured, following.held)
         state = observer.estimate
         if k % neck.servo_ticks_per_plan == 0:
-            situation = Situation(
+            situation = Situation.of(
+                settled_joints(model, 0),
                 start_s=now,
                 forecast=forecast(
                     controller.forecast_times_s(now, now),

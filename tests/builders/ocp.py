@@ -5,7 +5,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from gazempc.controllers.mpc.axis_model import AxisModel
+from gazempc.controllers.mpc import problem
+from gazempc.controllers.mpc.condense import AxisModel
 from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.neck.spec import load_neck
 
@@ -19,71 +20,62 @@ DAMPING = 4 * ZETA**2 - 2
 JERK_TIME_S = 0.025
 
 
-def following(z, jerk):
-    """State at the end of a control period: command integrated, servo's differential equation solved by Taylor."""
-    h, wn, zeta = NECK.servo_period_s, NECK.pan.natural_frequency_rad_s, NECK.pan.damping_ratio
-    q, v, u, du, ddu = (z[i] for i in range(5))
-    for _ in range(NECK.servo_ticks_per_plan):
-        u, du, ddu = (
-            u + h * du + h**2 / 2 * ddu + h**3 / 6 * jerk,
-            du + h * ddu + h**2 / 2 * jerk,
-            ddu + h * jerk,
-        )
-        # Derivatives of the error e = q - u with the command held: e^(k+2) = -wn^2 e^(k) - 2 zeta wn e^(k+1).
-        error = [q - u, v]
-        for k in range(8):
-            error.append(-(wn**2) * error[k] - 2 * zeta * wn * error[k + 1])
-        factorial = np.cumprod([1.0, *range(1, 9)])
-        q = u + sum(error[k] * h**k / factorial[k] for k in range(9))
-        v = sum(error[k + 1] * h**k / factorial[k] for k in range(9))
-    return ca.vertcat(q, v, u, du, ddu)
+def shot(o, neck, index, state, jerks):
+    """The trajectory by multiple shooting: defects of the states at the ends of the steps, and what each symbol is.
+
+    `state` has shape (5, 1 + n), the first column is z0; the dynamics are applied tick by tick.
+    """
+    defects, accelerations = [], []
+    for k, length in enumerate(np.array(o.h).ravel().astype(int)):
+        z = state[:, k]
+        for _ in range(length * neck.servo_ticks_per_plan):
+            z, acceleration = problem.servo(neck, index, z, jerks[k])
+        defects.append(state[:, k + 1] - z)
+        accelerations.append(acceleration)
+    ends = {name: state[i, 1:].T for i, name in enumerate(problem.STATE)}
+    return ca.vertcat(*defects), ends | {"a": ca.vertcat(*accelerations), "j": jerks}
 
 
 @lru_cache
-def ipopt(steps, smoothing, soft):
-    """The problem as it is written down: a state for each step, limits as such, slacks if soft."""
-    limits, wn, zeta = NECK.command_limits, NECK.pan.natural_frequency_rad_s, NECK.pan.damping_ratio
-    z0, state, x = ca.MX.sym("z0", 5), ca.MX.sym("z", 5, steps), ca.MX.sym("x", steps)
-    reference, rate, slack = ca.MX.sym("r", steps), ca.MX.sym("r'", steps), ca.MX.sym("s", 3, steps)
-    cost, defects, rows = 0, [], []
-    for k in range(steps):
-        jerk = ROUNDED * float(limits.jerk_max_rad_s3[0]) * x[k]
-        defects.append(state[:, k] - following(state[:, k - 1] if k else z0, jerk))
-        q, v, u, du, ddu = (state[i, k] for i in range(5))
-        acceleration = wn**2 * (u - q) - 2 * zeta * wn * v
-        cost += (q - reference[k]) ** 2 + smoothing**4 * acceleration**2 + (JERK_TIME_S**3 * jerk) ** 2
-        cost += DAMPING * smoothing**2 * (v - rate[k]) ** 2
-        low, high = limits.position_min_rad[0], limits.position_max_rad[0]
-        middle, reach = (low + high) / 2, (high - low) / 2
-        fast, hard = ROUNDED * limits.velocity_max_rad_s[0], ROUNDED * limits.acceleration_max_rad_s2[0]
-        for i, share in enumerate(((u - middle) / reach, (du + H / 2 * ddu) / fast, ddu / hard)):
-            rows += [share - slack[i, k], -share - slack[i, k]]
-    cost += PENALTY * ca.sum(ca.sum(slack))
-    unknowns = ca.veccat(state, x, slack)
-    problem = {"x": unknowns, "p": ca.veccat(z0, reference, rate), "f": 1e4 * cost, "g": ca.vertcat(*defects, *rows)}
+def ipopt_of(neck, index, lengths, tuning, soft, terms=(), rows=()):
+    """IPOPT on the statement as it is written down: a state for each step, limits as rows, slacks if soft."""
+    o, n = problem.Trajectory(neck, index, lengths), len(lengths)
+    z, j, slack = ca.SX.sym("Z", 5, 1 + n), ca.SX.sym("J", n), None
+    most = problem.jerk_max_rad_s3(neck, index)
+    defects, values = shot(o, neck, index, z, most * j)
+    kept = ca.vertcat(problem.limits(o, neck, index), *(row(o) for row in rows))
+    cost = problem.cost(o, tuning) + sum(term(o) for term in terms)
+    names = list(values)
+    cost, kept = ca.substitute([cost, kept], [getattr(o, name) for name in names], [values[name] for name in names])
+    m = kept.shape[0]
+    slack = ca.SX.sym("s", m)
+    cost += problem.SLACK_PRICE_RAD2 * ca.sum1(slack)
+    unknowns, free = ca.veccat(z[:, 1:], j, slack), (5 * n, n, m)
+    program = {"x": unknowns, "p": ca.veccat(z[:, 0], o.r), "f": 1e4 * cost}
+    program["g"] = ca.vertcat(defects, kept - slack, kept + slack)
     quiet = {"print_time": 0, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-11, "error_on_fail": True}
     quiet["ipopt.bound_relax_factor"] = 0.0
-    solver = ca.nlpsol("solver", "ipopt", problem, quiet)
-    bound = np.concatenate([np.full(5 * steps, np.inf), np.ones(steps), np.full(3 * steps, np.inf if soft else 0.0)])
-    lowest = np.concatenate([-bound[: 6 * steps], np.zeros(3 * steps)])
-    least = np.concatenate([np.zeros(5 * steps), np.full(6 * steps, -np.inf)])
-    most = np.concatenate([np.zeros(5 * steps), np.ones(6 * steps)])
+    solver = ca.nlpsol("solver", "ipopt", program, quiet)
+    upper = np.repeat([np.inf, 1.0, np.inf if soft else 0.0], free)
+    lower = np.repeat([-np.inf, -1.0, 0.0], free)
+    bounds = {"lbx": lower, "ubx": upper}
+    bounds |= {
+        "lbg": np.repeat([0.0, -np.inf, -1.0], (5 * n, m, m)),
+        "ubg": np.repeat([0.0, 1.0, np.inf], (5 * n, m, m)),
+    }
 
     def solve(z0, reference):
         # Whatever the start: with a slack of ten everything is within its limits.
-        start = np.concatenate([np.zeros(6 * steps), np.full(3 * steps, 10.0 if soft else 0.0)])
-        found = solver(
-            x0=start,
-            p=np.concatenate([z0, reference, np.gradient(reference, H)]),
-            lbx=lowest,
-            ubx=bound,
-            lbg=least,
-            ubg=most,
-        )["x"]
-        found = np.asarray(found).ravel()
-        return found[: 5 * steps].reshape(steps, 5).T, found[5 * steps : 6 * steps]
+        start = np.repeat([0.0, 0.0, 10.0 if soft else 0.0], free)
+        found = np.asarray(solver(x0=start, p=np.concatenate([z0, reference]), **bounds)["x"]).ravel()
+        return found[: 5 * n].reshape(n, 5).T, found[5 * n : 6 * n]
 
     return solve
+
+
+def ipopt(steps, smoothing, soft):
+    """The pan of the reference neck over equal steps."""
+    return ipopt_of(NECK, 0, (1,) * steps, problem.Tuning(smoothing, ZETA), soft)
 
 
 def least_squares(state, reference, zeta=ZETA):
@@ -119,7 +111,6 @@ OCP = AxisOcp(MODEL, T, ZETA)
 
 # As long as the one that ships.
 LONG = AxisOcp(even(40), 0.085, ZETA)
-PENALTY = 300.0
 H = NECK.control_period_s
 
 

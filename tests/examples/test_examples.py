@@ -48,7 +48,7 @@ def test_an_example_prints_what_it_says(path, tmp_path, monkeypatch, capsys):
 
 
 def test_the_examples_are_few_and_short():
-    assert 6 <= len(EXAMPLES) <= 11
+    assert 6 <= len(EXAMPLES) <= 12
     for path in EXAMPLES:
         assert len(path.read_text(encoding="utf-8").split(_MARK)[0].splitlines()) <= 60, path.name
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gazempc.controllers.chain import Chain, head_time_s, slopes
-from gazempc.controllers.controller import Plan, Situation
+from gazempc.controllers.controller import JointPlan, Plan, Situation
 from gazempc.controllers.mpc.acquisition import ACQUISITION_DAMPING, Acquisition
-from gazempc.controllers.mpc.axis_model import axis_model, growing_steps
+from gazempc.controllers.mpc.condense import axis_model, growing_steps
 from gazempc.controllers.mpc.ocp import AxisOcp, Solution
+from gazempc.controllers.mpc.own import OwnChoice, OwnPartFault, own_parts
+from gazempc.controllers.mpc.problem import PLAIN_DAMPING
 from gazempc.controllers.mpc.qp import iterations_within
 from gazempc.errors import SettingsError
-from gazempc.neck.servo import DeadTimeRoll
-from gazempc.neck.spec import NeckSpec
+from gazempc.neck.spec import AXES, BODY_AXIS, EYE_AXES, NeckSpec
+from gazempc.settings import MpcSettings
 from gazempc.types import FloatArray
 
 # The plan reaches this far so that there is something to follow while the next one is late.
@@ -21,41 +25,50 @@ _PLAN_S = 0.4
 _HEAD_TIME_S = 0.35
 # Share of a control period that the solvers of both joints together may take.
 _SOLVERS_SHARE = 0.5
+_DEFAULTS = MpcSettings()
 
 
 class Mpc:
     """Optimises the command's jerk over a horizon that starts where the dead time ends.
 
-    Dead time: the joint's motion is fixed by commands already sent. It is rolled forward exactly. After the dead time
-    the forecast head positions give reference angles. A quadratic program a joint (`gazempc.controllers.mpc.ocp`)
-    finds the smoothest motion that follows them within the limits. A joint that is far off the person goes by a second
-    program, quicker and damped (`gazempc.controllers.mpc.acquisition`).
+    Dead time: the joint's motion is determined by commands already sent. The situation has the joint's state at its
+    end. After the dead time the forecast head positions give reference angles. A quadratic program a joint, stated in
+    `gazempc.controllers.mpc.problem`, finds the smoothest motion that follows them within the limits. For a joint that
+    is far off the person a second program, quicker and damped, takes over (`gazempc.controllers.mpc.acquisition`).
 
     Args:
         neck: The neck.
         horizon_s: Length of the optimised motion after the dead time, seconds.
         smoothing_time_s: T: gaze motion faster than the inverse of this time (in rad/s) is smoothed rather than
             followed; larger is smoother and less exact.
-        acquisition_time_s: The same on the way to somebody who is off the gaze; not more than T is used.
+        acquisition_time_s: T during acquisition of a person far off the gaze; not more than T is used.
         head_smoothing_time_s: T of the head of a neck with eyes, which look where it does not point yet. None: 0.35, or
             0.1 for a head that leaves a share to the eyes, which people turn as quickly as they can.
+        terms: Own costs: functions of `gazempc.controllers.mpc.problem.Trajectory` whose value, a convex quadratic
+            scalar in rad^2 times control periods, is added to the cost of pan and of tilt; or such lists by the
+            joint's name.
+        rows: Own limits: functions whose values, linear and a column of any length, are kept within +-1 as soft rows;
+            given as the terms.
 
     Raises:
-        SettingsError: If the horizon is shorter than two smoothing times: then its end shows in the gaze.
+        SettingsError: If the horizon is shorter than two smoothing times: then its end shows in the gaze. If an own
+            part is not convex quadratic, not linear, infeasible, not finite, of the wrong shape or of other symbols.
 
     Attributes:
         neck: The neck.
         ocps: The programs of pan and of tilt.
-        acquisition_ocps: The same on the way to somebody who is off the gaze.
+        acquisition_ocps: The same during acquisition.
     """
 
     def __init__(
         self,
         neck: NeckSpec,
-        horizon_s: float = 0.8,
-        smoothing_time_s: float = 0.12,
-        acquisition_time_s: float = 0.09,
-        head_smoothing_time_s: float | None = None,
+        horizon_s: float = _DEFAULTS.horizon_s,
+        smoothing_time_s: float = _DEFAULTS.smoothing_time_s,
+        acquisition_time_s: float = _DEFAULTS.acquisition_time_s,
+        head_smoothing_time_s: float | None = _DEFAULTS.head_smoothing_time_s,
+        terms: OwnChoice = (),
+        rows: OwnChoice = (),
     ) -> None:
         if neck.eyes is not None:
             smoothing_time_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
@@ -67,25 +80,31 @@ class Mpc:
         self.neck = neck
         period_s = neck.control_period_s
         lengths = growing_steps(horizon_s, period_s)
-        self._steps, self._knots = len(lengths), max(1, min(round(_PLAN_S / period_s), sum(lengths)))
-        models = [axis_model(neck, i, lengths, self._knots) for i in range(2)]
+        n, knots = len(lengths), max(1, min(round(_PLAN_S / period_s), sum(lengths)))
+        models = [axis_model(neck, i, lengths, knots) for i in range(len(AXES))]
+        own = [own_parts(terms, rows, name) for name in AXES]
         quick_s = min(acquisition_time_s, smoothing_time_s)
-        most = iterations_within(0.5 * _SOLVERS_SHARE * period_s, self._steps)
-        self.ocps = [AxisOcp(model, smoothing_time_s, iterations=most) for model in models]
-        self.acquisition_ocps = [AxisOcp(model, quick_s, ACQUISITION_DAMPING, True, most) for model in models]
+        most = iterations_within(0.5 * _SOLVERS_SHARE * period_s, n)
+
+        def programs(time_s: float, damping: float, bounded: bool) -> list[AxisOcp]:
+            pairs = zip(models, own, strict=True)
+            return [AxisOcp(model, time_s, damping, bounded, most, parts) for model, parts in pairs]
+
+        self.ocps = programs(smoothing_time_s, PLAIN_DAMPING, False)
+        self.acquisition_ocps = programs(quick_s, ACQUISITION_DAMPING, True)
         # The first knot is the command before the plan starts.
-        self._knots_s: FloatArray = period_s * np.arange(1.0, self._knots + 1) - neck.servo_period_s
+        self._knots_s: FloatArray = period_s * np.arange(1.0, knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)
-        self._acquisitions = [Acquisition(neck, i, smoothing_time_s) for i in range(2)]
-        self._rolls = [DeadTimeRoll(axis, neck.servo_period_s) for axis in neck.axes[:2]]
+        self._acquisitions = [Acquisition(neck, i, smoothing_time_s) for i in range(len(AXES))]
         # The first jerk acts from the last command before the plan on, so that the first command sent is
         # already a new one; the joint answers one dead time later.
-        times_s = models[0].times_s
-        self._times_s = times_s
-        self._between_s = float(times_s[1] - times_s[0])
-        one_dead_time = bool(neck.dead_time_s[0] == neck.dead_time_s[1])
-        dead_times_s = neck.dead_time_s[: 1 if one_dead_time else 2]
-        self._ahead_s = np.concatenate([dead_s + times_s for dead_s in dead_times_s])
+        self._times_s = models[0].times_s
+        self._between_s = float(self._times_s[1] - self._times_s[0])
+        # References of both joints come from the same forecast where their dead times are equal.
+        dead_times_s = neck.dead_time_s[:1] if neck.dead_time_s[0] == neck.dead_time_s[1] else neck.dead_time_s[:2]
+        self._pan_ahead_s: FloatArray = neck.dead_time_s[0] + self._times_s
+        self._head_ahead_s: FloatArray = np.concatenate([dead_s + self._times_s for dead_s in dead_times_s])
+        self._forecasts_of = {"pan": slice(0, n), "tilt": slice(self._head_ahead_s.size - n, self._head_ahead_s.size)}
 
     def reset(self) -> None:
         """Forget where the solvers stand and who was off the gaze; all else is in the situation."""
@@ -100,57 +119,82 @@ class Mpc:
         With dead times of their own for pan and tilt first those of pan, then those of tilt, shape (2 n,). The
         times of the eyes follow, see `Chain.eye_times_s`.
         """
-        return np.concatenate([start_s + self._ahead_s, self._chain.eye_times_s(start_s)])
+        return np.concatenate([start_s + self._head_ahead_s, self._chain.eye_times_s(start_s)])
 
     def plan(self, situation: Situation) -> Plan:
         """See `gazempc.controllers.controller.Controller.plan`."""
-        n, command, count = self._steps, situation.command, self._ahead_s.size
-        means_base_m = situation.forecast.means_base_m
-        angles = self._chain.head_rad(situation, means_base_m[:count])
-        body = None
+        means_base_m, head_times = situation.forecast.means_base_m, self._head_ahead_s.size
+        angles = self._chain.head_rad(situation, means_base_m[:head_times])
+        references = {name: angles[self._forecasts_of[name], i] for i, name in enumerate(AXES)}
+        plans, body_rad = dict[str, JointPlan](), None
         if self._chain.body is not None:
-            body = self._chain.body.commands_rad(situation, np.interp(self._knots_s, self._times_s, angles[:n, 0]))
-            angles[:n, 0] -= self._chain.body.angles_rad(situation, body, self._ahead_s[:n])
-        knots = np.zeros((3, self._knots + 1, self.neck.joints))
-        knots[:, 0] = command.position_rad, command.velocity_rad_s, command.acceleration_rad_s2
-        # Plain numbers: arithmetic with numpy's takes several times as long.
-        joints = zip(
-            situation.joint_position_rad[:2].tolist(),
-            situation.joint_velocity_rad_s[:2].tolist(),
-            situation.joint_offset_rad[:2].tolist(),
-            (angles[:n, 0], angles[-n:, 1]),
-            strict=True,
-        )
-        quick = self._chain.eyes_held(situation).tolist() if situation.held else [False, False]
-        state = np.empty(5)
-        events: tuple[str, ...] = ()
-        for i, (position_rad, velocity_rad_s, offset_rad, reference) in enumerate(joints):
-            # Counted without its offset, the joint follows the command as the model says.
-            state[:2] = self._rolls[i](
-                position_rad - offset_rad, velocity_rad_s, situation.sent_rad[:, i], situation.committed_rad[:, i]
-            )
-            state[2:] = knots[:, 0, i]
-            solution = self._solve(i, state, reference - offset_rad, quick[i])
-            if solution.solver == "none":
-                events += ("solver_gave_up",)
-            elif solution.softened:
-                events += ("limits_softened",)
-            knots[:, 1:, i] = solution.command
-        if self.neck.joints > len(self.ocps):
-            joints_rad = self._chain.with_eyes(situation, means_base_m[count:], knots[0, 1:, :2], body)
-            knots[0, 1:, 2:] = joints_rad[:, 2:]
-            # They begin on the way that they follow. From where the command stands, slow eyes would chase themselves.
-            knots[0, 0, 2:] = 2.0 * knots[0, 1, 2:] - knots[0, 2, 2:]
-            knots[1, :, 2:] = slopes(knots[0, :, 2:], self.neck.control_period_s)
-            knots[2, :, 2:] = 0.0
-            events += self._chain.events(knots[0, 1])
+            toward_rad = np.interp(self._knots_s, self._times_s, references["pan"])
+            body_rad = self._chain.body.commands_rad(situation, toward_rad)
+            references["pan"] -= self._chain.body.angles_rad(situation, body_rad, self._pan_ahead_s)
+            plans[BODY_AXIS] = self._led(body_rad)
+        quick = self._chain.eyes_held(situation).tolist() if situation.held else [False] * len(AXES)
+        events, faults = list[str](), list[OwnPartFault]()
+        for i, name in enumerate(AXES):
+            solution = self._solve(i, situation, references[name], quick[i])
+            plans[name] = self._followed(situation, i, solution)
+            self._note(i, solution, events, faults)
+        if self._chain.eyes is not None:
+            others = [plans[name].position_rad[1:] for name in AXES] + ([] if body_rad is None else [body_rad])
+            eyes_rad = self._chain.eyes.commands_rad(situation, means_base_m[head_times:], np.stack(others, axis=-1))
+            plans |= {name: self._led(each_rad) for name, each_rad in zip(EYE_AXES, eyes_rad.T, strict=True)}
         start_s = situation.start_s - self.neck.servo_period_s
-        return Plan(start_s, self.neck.control_period_s, knots[0], knots[1], knots[2], events)
+        plan = Plan.of_joints(
+            start_s, self.neck.control_period_s, [plans[name] for name in self.neck.joint_names], tuple(events), faults
+        )
+        at_limit = self._chain.events(plan.position_rad[1])
+        return replace(plan, events=plan.events + at_limit) if at_limit else plan
 
-    def _solve(self, axis: int, state: FloatArray, reference_rad: FloatArray, quick: bool) -> Solution:
+    def _solve(self, axis: int, situation: Situation, reference_rad: FloatArray, quick: bool) -> Solution:
+        # Plain numbers: arithmetic with numpy's takes several times as long.
+        offset_rad, command = float(situation.joint_offset_rad[axis]), situation.command
+        joint_rad = float(situation.settled_position_rad[axis]) - offset_rad
+        joint_rad_s = float(situation.settled_velocity_rad_s[axis])
+        state = np.array(
+            (
+                joint_rad,
+                joint_rad_s,
+                command.position_rad[axis],
+                command.velocity_rad_s[axis],
+                command.acceleration_rad_s2[axis],
+            )
+        )
+        # Counted without its offset, the joint follows the command as the model says.
+        reference_rad = reference_rad - offset_rad
         turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._between_s
-        bounds_rad = self._acquisitions[axis].bounds_rad(float(state[0]), float(state[1]), reference_rad, turning_rad_s)
-        # Without the eye nobody makes up for the smoothing.
+        bounds_rad = self._acquisitions[axis].bounds_rad(joint_rad, joint_rad_s, reference_rad, turning_rad_s)
+        # Without the eye, the smoothing of the head is not made up for.
         if bounds_rad is None and not quick:
             return self.ocps[axis].solve(state, reference_rad)
         return self.acquisition_ocps[axis].solve(state, reference_rad, bounds_rad)
+
+    def _followed(self, situation: Situation, axis: int, solution: Solution) -> JointPlan:
+        # From the command before the plan on.
+        command, planned = situation.command, solution.command
+        return JointPlan(
+            np.concatenate((command.position_rad[axis : axis + 1], planned[0])),
+            np.concatenate((command.velocity_rad_s[axis : axis + 1], planned[1])),
+            np.concatenate((command.acceleration_rad_s2[axis : axis + 1], planned[2])),
+        )
+
+    def _led(self, position_rad: FloatArray) -> JointPlan:
+        # Eyes and body begin on the way that they follow. From where the command stands, slow eyes would chase
+        # themselves.
+        position_rad = np.concatenate(([2.0 * position_rad[0] - position_rad[1]], position_rad))
+        velocity_rad_s = slopes(position_rad[:, None], self.neck.control_period_s)[:, 0]
+        return JointPlan(position_rad, velocity_rad_s, np.zeros_like(position_rad))
+
+    def _note(self, axis: int, solution: Solution, events: list[str], faults: list[OwnPartFault]) -> None:
+        gave_up, own = solution.solver == "none", self.ocps[axis].own
+        event = "solver_gave_up" if gave_up else "limits_softened" if solution.softened else ""
+        if event and own:
+            faults.append(OwnPartFault(event, f"{AXES[axis]}, with own parts: {own.labels}"))
+        elif event:
+            events.append(event)
+        if solution.own_softened:
+            labels = ", ".join(solution.own_softened)
+            faults.append(OwnPartFault("own_row_softened", f"{AXES[axis]}: {labels}: no motion keeps it within +-1"))

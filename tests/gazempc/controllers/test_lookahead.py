@@ -7,6 +7,7 @@ from builders.control import NECK, crossing, forecast, run
 from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.reactive import Reactive
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import load_neck
 
@@ -28,7 +29,9 @@ def at_rest(controller, path, command_rad=0.0):
     """What the controller knows where the command stands still."""
     rest = CommandState(np.array([command_rad, 0.0]), np.zeros(2), np.zeros(2))
     known = forecast(controller.forecast_times_s(0.0, 0.0), path)
-    return Situation(0.0, known, rest, np.zeros(2), np.zeros(2), np.zeros(2), np.zeros((100, 2)), np.zeros((0, 2)))
+    settled = settled_joints(controller.neck, 0)
+    still = [np.zeros(2)] * 3
+    return Situation.of(settled, 0.0, known, rest, *still, np.zeros((100, 2)), np.zeros((0, 2)))
 
 
 @pytest.mark.parametrize("name", ["reference", "reachy_mini"])
@@ -87,6 +90,7 @@ def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_dela
     """By hand: the target at -1.2 m/s, commanded for now + 0.4 s + 0.15 s and half of the 5 ms that it is held."""
     now = 0.5
     base = {
+        "settled": settled_joints(NECK, 0),
         "start_s": now,
         "command": CommandState(np.zeros(2), np.zeros(2), np.zeros(2)),
         "joint_position_rad": np.zeros(2),
@@ -96,8 +100,8 @@ def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_dela
         "committed_rad": np.zeros((0, 2)),
     }
     reactive = Reactive(NECK)
-    plan = reactive.plan(Situation(forecast=forecast(reactive.forecast_times_s(now, 0.43), crossing), **base))
+    plan = reactive.plan(Situation.of(forecast=forecast(reactive.forecast_times_s(now, 0.43), crossing), **base))
     assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * 0.43, 2.5))
     ahead = LookAhead(NECK, 0.0)
-    plan = ahead.plan(Situation(forecast=forecast(ahead.forecast_times_s(now, 0.43), crossing), **base))
+    plan = ahead.plan(Situation.of(forecast=forecast(ahead.forecast_times_s(now, 0.43), crossing), **base))
     assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * (0.5 + 0.5525), 2.5))

@@ -11,6 +11,7 @@ from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.reactive import Reactive
 from gazempc.loop.smoother import Smoother
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import NeckSpec, load_neck
 from predictors import Forecast
 
@@ -89,7 +90,8 @@ def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
         if rng.random() < 0.3:
             means = np.tile(means[0] * 1e-3, (times.size, 1))
         covariance = np.nan if rng.random() < 0.1 else 10 ** rng.uniform(-6, 2)
-        situation = Situation(
+        situation = Situation.of(
+            settled_joints(neck, 0),
             start_s=now,
             forecast=Forecast(times, means, np.tile(covariance * np.eye(3), (times.size, 1, 1)), 0.0),
             command=smoother.command,
@@ -124,7 +126,8 @@ def test_a_start_outside_the_limits_has_a_plan_that_says_so(seed):
         limits.velocity_max_rad_s * rng.uniform(-3, 3, 2),
         limits.acceleration_max_rad_s2 * rng.uniform(-3, 3, 2),
     )
-    situation = Situation(
+    situation = Situation.of(
+        settled_joints(NECK, 0),
         0.0,
         forecast(times, still(rng.uniform(-3, 3))),
         command,
@@ -170,7 +173,8 @@ def test_whoever_walks_wherever_the_limits_hold(name, kind, places):
 
 def test_nan_in_the_situation_is_a_controller_error():
     controller = Mpc(NECK)
-    situation = Situation(
+    situation = Situation.of(
+        settled_joints(NECK, 0),
         0.0,
         forecast(controller.forecast_times_s(0.0, 0.0), crossing),
         CommandState(np.full(2, np.nan), np.zeros(2), np.zeros(2)),

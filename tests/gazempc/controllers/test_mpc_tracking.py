@@ -6,10 +6,11 @@ from builders.control import NECK, crossing, forecast, run, still
 from scipy.optimize import linprog
 
 from gazempc.controllers.controller import Situation
-from gazempc.controllers.mpc.axis_model import AxisModel
+from gazempc.controllers.mpc.condense import AxisModel
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import SettingsError
 from gazempc.loop.smoother import Smoother
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import load_neck
 
@@ -103,7 +104,8 @@ def test_a_short_horizon_serves():
 def test_a_command_follows_the_plan():
     controller = Mpc(NECK)
     smoother = Smoother(NECK, np.array([0.5, 0.1]))
-    situation = Situation(
+    situation = Situation.of(
+        settled_joints(NECK, 0),
         0.0,
         forecast(controller.forecast_times_s(0.0, 0.0), crossing),
         smoother.command,
@@ -131,7 +133,8 @@ def test_the_smoother_follows_plans_that_use_their_limits(name):
     for tick in range(60):
         now = tick * neck.control_period_s
         command = smoother.command
-        situation = Situation(
+        situation = Situation.of(
+            settled_joints(neck, 0),
             now,
             forecast(mpc.forecast_times_s(now, now), path),
             command,

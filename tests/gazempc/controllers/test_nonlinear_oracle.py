@@ -12,6 +12,7 @@ from experiments.engine.recordings import find_recordings
 from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import LeftOutError, PlacementError
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.kinematics import gaze_ray, look_at
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
@@ -271,7 +272,8 @@ def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(
 
     start = look_at(neck.geometry, path(neck.dead_time_s[:1])).angles_rad[0] + [np.radians(start_deg), 0.0]
     offset_rad = np.array([0.005, -0.02])
-    situation = Situation(
+    situation = Situation.of(
+        settled_joints(neck, 0),
         start_s=0.0,
         forecast=Forecast(times, path(times), np.zeros((times.size, 3, 3)), 0.0),
         command=CommandState(start, np.zeros(2), np.zeros(2)),

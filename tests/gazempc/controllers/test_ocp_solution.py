@@ -21,7 +21,7 @@ from builders.ocp import (
 from scipy.integrate import solve_ivp
 from scipy.optimize import lsq_linear
 
-from gazempc.controllers.mpc.axis_model import AxisModel, growing_steps
+from gazempc.controllers.mpc.condense import AxisModel, growing_steps
 from gazempc.controllers.mpc.ocp import AxisOcp
 
 SLOW = np.array([0.02, 0.05, 0.0275, 0.05, 0.0])
@@ -74,6 +74,7 @@ def test_prediction_is_the_continuous_time_model():
     """The rolled maps against scipy's ODE solver with the command held between servo ticks; steps of many lengths."""
     lengths = (1, 1, 2, 3)
     p = AxisModel(NECK, 0, lengths, 5)
+    program = AxisOcp(p, T).program
     rng = np.random.default_rng(3)
     state, jerk = rng.uniform(-1, 1, 5) * [0.5, 1, 0.5, 1, 5], rng.uniform(-1, 1, 4)
     h, wn, zeta = NECK.servo_period_s, 12.0, 0.9
@@ -101,7 +102,8 @@ def test_prediction_is_the_continuous_time_model():
     assert p.joint @ z == pytest.approx(angles, abs=1e-9)
     assert p.velocity @ z == pytest.approx(velocities, abs=1e-8)
     assert p.acceleration @ z == pytest.approx(accelerations, abs=1e-6)
-    assert p.rows[:4] @ z == pytest.approx(commands / NECK.command_limits.position_max_rad[0], abs=1e-9)
+    rows = np.hstack([program.rows_map[:, :6], program.data.a])
+    assert rows[:4] @ z == pytest.approx(commands / NECK.command_limits.position_max_rad[0], abs=1e-9)
     assert p.knots @ z == pytest.approx(np.transpose(knots[:5]).ravel(), abs=1e-9)
 
 

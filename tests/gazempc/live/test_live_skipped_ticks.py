@@ -8,7 +8,7 @@ from builders.live import NECK, TS, run_live
 
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.live.clock import SimulatedClock
-from gazempc.neck.servo import DeadTimeRoll
+from gazempc.neck.ahead import settled_joints
 from gazempc.sim.simulated import SimulatedNeck
 
 
@@ -58,7 +58,7 @@ def test_ticks_that_are_over_are_left_out_and_nothing_bursts(jump_s, where):
     # The grid of the ticks is kept.
     on_time = sent_s[sent_s > 2.0 + jump_s + 3 * TS]
     assert np.abs(on_time / TS - np.round(on_time / TS)).max() < 1e-6
-    rolls = [DeadTimeRoll(axis, TS) for axis in NECK.axes]
+    settled, none = settled_joints(NECK, 0), np.zeros((0, NECK.joints))
     astray = [0.0]
     for situation in controller.seen[10:]:
         # Commands are made for when the tick was due; the joints were read when it was done.
@@ -70,10 +70,8 @@ def test_ticks_that_are_over_are_left_out_and_nothing_bursts(jump_s, where):
         if later_rad is None:
             continue
         # What has been sent takes the joints to where they really are one dead time later.
-        for i, roll in enumerate(rolls):
-            position_rad, velocity_rad_s = situation.joint_position_rad[i], situation.joint_velocity_rad_s[i]
-            state = roll(float(position_rad), float(velocity_rad_s), situation.sent_rad[:, i], np.zeros(0))
-            astray.append(abs(state[0] - later_rad[i]))
+        state = settled(situation.joint_position_rad, situation.joint_velocity_rad_s, situation.sent_rad, none)
+        astray += np.abs(state[0] - later_rad).tolist()
     # A command that goes out up to two ticks late acts that much later: 2.0e-5 rad as measured.
     assert max(astray) < (1e-6 if where == "at work" and jump_s == 2.0 else 2.3e-5)
     assert_recovered(result, 2.0 + jump_s + 2.0, within_deg=1.0)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from gazempc.neck.servo import DeadTimeRoll, DelayedServo, servo_model, zero_order_hold
+from gazempc.neck.servo import DelayedServo, servo_model, zero_order_hold
 from gazempc.neck.spec import Axis, load_neck
 
 Array = NDArray[np.float64]
@@ -185,59 +185,3 @@ def test_of_two_commands_at_one_time_the_last_acts() -> None:
         servo.send(0.5)
         servo.advance_to(0.2)
     assert twice.state == once.state
-
-
-# ---------------------------------------------------------------- roll over the dead time
-
-
-@given(
-    dead_time_s=st.one_of(st.sampled_from([*DEAD_TIMES_S, 0.005, 0.1, 0.0049999, 0.0050001]), st.floats(0.0, 0.6)),
-    period_s=st.sampled_from([0.005, 0.02, 1 / 120]),
-    zeta=st.sampled_from([0.3, 0.9, 1.5]),
-    commands=st.lists(st.floats(-1, 1), min_size=1, max_size=40),
-)
-def test_roll_foresees_what_the_joint_will_do(
-    dead_time_s: float, period_s: float, zeta: float, commands: list[float]
-) -> None:
-    """A command sent from now on cannot act before the dead time is over, so the joint must end up there.
-
-    The tolerance is that of times, 1 ns: by so much the last command may act early.
-    """
-    joint = axis(dead_time_s, zeta=zeta)
-    roll = DeadTimeRoll(joint, period_s)
-    servo = DelayedServo(joint, 0.1)
-    sent = [0.1] * roll.commands_needed
-    for k, command in enumerate(commands):
-        servo.send(command)
-        sent.append(command)
-        servo.advance_to((k + 1) * period_s)
-    foreseen = roll(*servo.state, np.array(sent), np.zeros(0))
-    servo.send(5.0)
-    servo.advance_to(len(commands) * period_s + dead_time_s)
-    np.testing.assert_allclose(servo.state, foreseen, atol=1e-6)
-
-
-@pytest.mark.parametrize(("dead_time_s", "needed"), [(0.4, 81), (0.4012, 81), (0.003, 1), (0.0375, 8), (0.0, 1)])
-def test_commands_needed_covers_the_dead_time(dead_time_s: float, needed: int) -> None:
-    assert DeadTimeRoll(axis(dead_time_s), TICK_S).commands_needed == needed
-
-
-def test_roll_over_no_dead_time_is_the_present() -> None:
-    rolled = DeadTimeRoll(axis(0.0), TICK_S)(0.3, -0.2, np.array([9.0]), np.zeros(0))
-    np.testing.assert_array_equal(rolled, [0.3, -0.2])
-
-
-@pytest.mark.parametrize("dead_time_s", [0.0, 0.0131, 0.4])
-def test_roll_goes_on_through_commands_that_are_settled(dead_time_s: float) -> None:
-    """Commands that will be sent whatever is planned: the state one dead time after the last of them."""
-    joint = axis(dead_time_s)
-    roll = DeadTimeRoll(joint, TICK_S)
-    servo = DelayedServo(joint, 0.1)
-    committed = np.array([0.3, -0.1, 0.2])
-    rolled = roll(0.1, 0.0, np.full(roll.commands_needed, 0.1), committed)
-    for k, command in enumerate(committed):
-        servo.send(float(command))
-        servo.advance_to((k + 1) * TICK_S)
-    servo.send(5.0)
-    servo.advance_to(3 * TICK_S + dead_time_s)
-    np.testing.assert_allclose(servo.state, rolled, atol=1e-6)

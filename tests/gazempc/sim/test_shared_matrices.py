@@ -6,18 +6,18 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from gazempc.controllers.mpc.axis_model import axis_model
+from gazempc.controllers.mpc.condense import axis_model, condense
 from gazempc.controllers.mpc.mpc import Mpc
-from gazempc.controllers.mpc.ocp import condense
 from gazempc.loop.observer import observer_gain
 from gazempc.neck import servo
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import load_neck
 from gazempc.results.log import Log
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
 
 REFERENCE, SLOW = load_neck("reference"), load_neck("slow")
-CACHES = (axis_model, condense, observer_gain, servo._transition, servo._roll_maps)
+CACHES = (axis_model, condense, observer_gain, servo._transition, settled_joints)
 
 
 @pytest.fixture(autouse=True)
@@ -90,6 +90,6 @@ def test_the_same_neck_shares_but_cannot_be_written_to() -> None:
     assert first.program is second.program
     assert first is not second
     program = first.program
-    for array in (program.data.h, program.data.a, program.rows_from_state, program.gain, program.cost_map):
+    for array in (program.data.h, program.data.a, program.rows_map, program.gain, program.cost_map):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0

@@ -84,7 +84,7 @@ def gaze(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> SweptGaze:
     return SweptGaze(tuple(known[points[0], name]["subject"] for name in names), np.array(values, dtype=np.float64))
 
 
-def margins(ours: SweptGaze, rival: SweptGaze) -> dict[str, Any]:
+def gaps(ours: SweptGaze, rival: SweptGaze) -> dict[str, Any]:
     """Compare at every point of the rival's front that ours reaches.
 
     Args:

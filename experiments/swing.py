@@ -1,0 +1,187 @@
+"""At which error of its model does a neck begin to swing? `python -m experiments.swing --necks reference reachy_mini`.
+
+MPC, observer, smoother and simulated neck in closed loop, with a person who stands still and a small error at the
+start: no limit is active. The error of the model, in the gain or in the dead time, is increased by bisection until the
+oscillation of the pan grows. Beside it stands what `gazempc margins` computes.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import tyro
+from pydantic import BaseModel, ConfigDict, Field
+
+from experiments.engine.command import run_command
+from gazempc.command import TYRO_CONFIG
+from gazempc.controllers.controller import Situation
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.loop.drive import Drive
+from gazempc.loop.observer import JointObserver
+from gazempc.loop.smoother import Smoother
+from gazempc.margins.linear_loop import Mismatch
+from gazempc.margins.margins import Margins, margins
+from gazempc.neck.ahead import settled_joints
+from gazempc.neck.spec import AXES, NeckSpec, load_neck, neck_names
+from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import FloatArray
+from predictors import Forecast
+
+Kind = Literal["gain", "dead time"]
+
+_START_RAD = math.radians(0.05)
+# A person far off: a few millimetres to the side do not matter.
+_PERSON_M = np.array([2.5, 0.0, 0.0])
+_PERIODS, _LEAST_S = 18.0, 6.0
+_BISECTIONS = 6
+
+
+class SwingSettings(BaseModel):
+    """Settings of `python -m experiments.swing`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    necks: tuple[str, ...] = Field(default=neck_names(), description="Shipped necks or .toml files")
+
+
+class _Scaled(SimulatedNeck):
+    """A neck whose joints follow so many times what they are sent."""
+
+    gain = 1.0
+
+    def send_command(self, command: FloatArray) -> FloatArray:
+        super().send_command(self.gain * command)
+        return command
+
+
+def with_error(neck: NeckSpec, error: Mismatch) -> NeckSpec:
+    """The neck with pan and tilt that differ from their model; the gain is `simulate`'s."""
+    axes = {
+        name: getattr(neck, name).model_copy(
+            update={
+                "dead_time_s": max(getattr(neck, name).dead_time_s + error.dead_time_s, 0.0),
+                "natural_frequency_rad_s": getattr(neck, name).natural_frequency_rad_s * error.frequency,
+            }
+        )
+        for name in AXES
+    }
+    return neck.model_copy(update=axes)
+
+
+def simulate(neck: NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
+    """The pan in closed loop, one value a servo period, radians.
+
+    Args:
+        neck: The neck as the controller has it.
+        error: How the simulated one differs.
+        duration_s: Simulated time, seconds.
+    """
+    mpc, now_s, h = Mpc(neck), 0.0, neck.servo_period_s
+    start_rad = np.zeros(neck.joints)
+    start_rad[0] = _START_RAD
+    observer, smoother = JointObserver(neck, start_rad, 0.0), Smoother(neck, start_rad)
+    drive, settled = Drive(neck, start_rad), settled_joints(neck, 0)
+    robot = _Scaled(with_error(neck, error), start_rad, lambda: now_s)
+    robot.gain = error.gain
+    robot.connect()
+    sent = np.tile(start_rad, (2 + math.ceil(float(neck.dead_time_s.max()) / h), 1))
+    acts, none, plan = start_rad, np.zeros((0, neck.joints)), None
+    found = []
+    for tick in range(round(duration_s / h)):
+        now_s = tick * h
+        observer.update(now_s, robot.read_state())
+        joints = observer.estimate
+        if tick % neck.servo_ticks_per_plan == 0:
+            times_s = mpc.forecast_times_s(now_s, now_s)
+            forecast = Forecast(times_s, np.tile(_PERSON_M, (times_s.size, 1)), np.zeros((times_s.size, 3, 3)), now_s)
+            seen, offset_rad = drive.seen_by_controllers(sent, joints.offset_rad)
+            plan = mpc.plan(
+                Situation.of(
+                    settled,
+                    now_s,
+                    forecast,
+                    smoother.command,
+                    joints.position_rad,
+                    joints.velocity_rad_s,
+                    offset_rad,
+                    seen,
+                    none,
+                )
+            )
+        wanted = smoother.step(now_s, plan)
+        if neck.takes_speeds:
+            wanted = drive.outgoing(smoother.motions, joints.offset_rad)
+        acts = robot.send_command(wanted)
+        observer.sent(acts)
+        sent = np.roll(sent, -1, axis=0)
+        sent[-1] = drive.sent(acts)
+        found.append(float(robot.true_state().position_rad[0]))
+    return np.array(found)
+
+
+def swings(neck: NeckSpec, error: Mismatch, period_s: float) -> bool:
+    """Whether an oscillation of about this period, seconds, grows."""
+    duration_s = max(_PERIODS * period_s, _LEAST_S)
+    pan_rad = simulate(neck, error, duration_s)
+    # The start is a transient of all modes; the last two thirds are the slowest one. A fast growth ends at the limits.
+    _, middle, last = np.array_split(pan_rad, 3)
+    return bool(np.ptp(last) > min(np.ptp(middle), 4.0 * _START_RAD))
+
+
+def critical(neck: NeckSpec, kind: Kind, theory: float, period_s: float) -> float:
+    """The error at which the simulation begins to swing, by bisection between 0.75 and 1.35 times the theory."""
+
+    def error(x: float) -> Mismatch:
+        return Mismatch(gain=x) if kind == "gain" else Mismatch(dead_time_s=x)
+
+    low, high = 0.75 * theory, 1.35 * theory
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if swings(neck, error(middle), period_s) else (middle, high)
+    return 0.5 * (low + high)
+
+
+def compare(neck: NeckSpec) -> tuple[Margins, float, float]:
+    """Margins of the pan, and the critical gain and delay, seconds, of the simulation."""
+    pan = margins(Mpc(neck))[0]
+    crossing_s = 2.0 * math.pi / (math.radians(pan.phase_deg) / pan.delay_s)
+    return (
+        pan,
+        critical(neck, "gain", pan.gain, 1.0 / pan.gain_hz),
+        critical(neck, "dead time", pan.delay_s, crossing_s),
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Command line without the program's name; default: the process's.
+
+    Returns:
+        Exit status: 0, 2 on bad input.
+    """
+    settings = tyro.cli(
+        SwingSettings, config=TYRO_CONFIG, args=arguments, prog="python -m experiments.swing", description=__doc__
+    )
+    return run_command("swing", lambda: _work(settings))
+
+
+def _work(settings: SwingSettings) -> int:
+    print(f"{'neck':<17} {'gain margin':>12} {'simulated':>10} {'delay margin [ms]':>18} {'simulated':>10}")
+    for name in settings.necks:
+        neck = load_neck(name)
+        pan, gain, delay_s = compare(neck)
+        print(
+            f"{neck.name:<17} {pan.gain:>12.2f} {gain:>10.2f} {1e3 * pan.delay_s:>18.0f} {1e3 * delay_s:>10.0f}",
+            flush=True,
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

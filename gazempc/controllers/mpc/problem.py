@@ -1,0 +1,133 @@
+"""The optimal control problem of one joint, stated once. The page *Controllers* has its formula and the reasons.
+
+The state is z = [q, v, u, du, ddu]: joint angle and velocity; command, its velocity and acceleration. The input is the
+command's jerk j, constant over each of n steps (move blocking). A command acts on the joint one dead time after it is
+sent, so joint and reference are taken one dead time later than the command: q_k is the angle at t_k + dead time, and
+r_k looks at the head that is forecast for then. The initial state z_0 has the joint at t_0 + dead time, which the
+commands already sent determine (`gazempc.neck.ahead`), and the last command before the plan.
+
+    minimise    sum_k w_k ((q_k - r_k)^2 + d T^2 (v_k - dr_k)^2 + T^4 a_k^2) + T_j^6 sum_k h_k j_k^2 + rho sum(s)
+    subject to  z_k+1 = servo(z_k, j_k),   |j_k| <= j_max,   |row| <= 1 + s for each row of `limits`,   s >= 0
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from gazempc.neck.servo import servo_model, zero_order_hold
+from gazempc.neck.spec import NeckSpec
+
+STATE = ("q", "v", "u", "du", "ddu")
+# T_j, seconds: weight of the command's jerk. Jerk that the joint would hardly show is not worth its cost.
+JERK_TIME_S = 0.025
+# rho, rad^2 for a slack of one limit: an exact penalty, dearer than the gaze error that leaving a limit could save.
+SLACK_PRICE_RAD2 = 300.0
+# The unit of the bounds of acquisition: in so large a unit, each limit of the neck takes precedence over them.
+PASSING_UNIT_RAD = 150.0
+# Share of the limits that a plan uses, with room for rounding in the smoother.
+SHARE_OF_LIMITS = 1.0 - 1e-6
+# Natural frequency times servo period. The command is held between servo ticks, so a joint above this value
+# accelerates in pulses, and the mean over a servo period is what counts. For slower joints both are nearly equal.
+FAST = 0.15
+# Damping ratio at which d is zero: the response to a jump if only error and acceleration have a cost.
+PLAIN_DAMPING = math.sqrt(0.5)
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """T, `smoothing_time_s`, seconds, and the damping ratio zeta of the response to a jump of the reference."""
+
+    smoothing_time_s: float
+    damping_ratio: float = PLAIN_DAMPING
+
+    @property
+    def d(self) -> float:
+        """Weight of the velocity error: 4 zeta^2 - 2."""
+        return max(4.0 * self.damping_ratio**2 - 2.0, 0.0)
+
+
+class Trajectory:
+    """The quantities of the problem, as CasADi symbols of shape (n, 1): values at the ends t_k of the n steps.
+
+    Args:
+        neck: The neck.
+        index: Place of the joint among the neck's.
+        lengths: Length of each step, control periods.
+
+    Attributes:
+        joint: Name of the joint, such as ``pan``.
+        q, v, a: Joint angle, velocity and acceleration one dead time after t_k: rad, rad/s, rad/s^2. The angle is
+            without the joint's steady error. The acceleration of a fast joint is the mean over a servo period.
+        u, du, ddu: Command, its velocity and its acceleration at t_k: rad, rad/s, rad/s^2.
+        j: Jerk of the command during step k, rad/s^3.
+        r, dr: Reference angle one dead time after t_k, rad, and its central differences, rad/s.
+        t: t_k from the last command before the plan, seconds; numbers (`casadi.DM`), as are h and w.
+        h: Length of step k, control periods.
+        w: Half of the steps before and after t_k, control periods.
+    """
+
+    def __init__(self, neck: NeckSpec, index: int, lengths: tuple[int, ...]) -> None:
+        n = len(lengths)
+        self.joint = neck.joint_names[index]
+        self.q, self.v, self.a, self.u, self.du, self.ddu, self.j, self.r = (
+            ca.SX.sym(name, n) for name in ("q", "v", "a", "u", "du", "ddu", "j", "r")
+        )
+        each = np.array(lengths, dtype=np.float64)
+        ends_s, following = np.cumsum(neck.control_period_s * each), np.append(each[1:], each[-1])
+        self.t, self.h, self.w = ca.DM(ends_s), ca.DM(each), ca.DM(0.5 * (each + following))
+        self.dr = ca.mtimes(ca.DM(np.gradient(np.eye(n), ends_s, axis=0)), self.r)
+
+
+def servo(neck: NeckSpec, index: int, z: Any, j: Any) -> tuple[Any, Any]:
+    """The dynamics over one servo period, in which the servo holds the command: z+ and the joint's acceleration a."""
+    h, axis = neck.servo_period_s, neck.axes[index]
+    q, v, u, du, ddu = ca.vertsplit(z)
+    u, du, ddu = u + h * du + h**2 / 2 * ddu + h**3 / 6 * j, du + h * ddu + h**2 / 2 * j, ddu + h * j
+    before = v
+    q, v = ca.vertsplit(ca.mtimes(ca.DM(zero_order_hold(axis, h)), ca.vertcat(q, v, u)))
+    a = acceleration(neck, index, q, v, u)
+    if axis.natural_frequency_rad_s * h > FAST:
+        a = (v - before) / h
+    return ca.vertcat(q, v, u, du, ddu), a
+
+
+def acceleration(neck: NeckSpec, index: int, q: Any, v: Any, u: Any) -> Any:
+    """The joint's acceleration behind its dead time: wn^2 (u - q) - 2 zeta wn v."""
+    return ca.mtimes(ca.DM(servo_model(neck.axes[index])[1:]), ca.vertcat(q, v, u))
+
+
+def cost(o: Trajectory, tuning: Tuning) -> Any:
+    """The cost without the slacks, rad^2 times control periods."""
+    T, d = tuning.smoothing_time_s, tuning.d
+    error = (o.q - o.r) ** 2 + d * T**2 * (o.v - o.dr) ** 2 + T**4 * o.a**2
+    return ca.dot(o.w, error) + JERK_TIME_S**6 * ca.dot(o.h, o.j**2)
+
+
+def jerk_max_rad_s3(neck: NeckSpec, index: int) -> float:
+    """Bound of the input, j_max."""
+    return SHARE_OF_LIMITS * float(neck.command_limits.jerk_max_rad_s3[index])
+
+
+def limits(o: Trajectory, neck: NeckSpec, index: int) -> Any:
+    """Limits of the command as shares of themselves, shape (3 n, 1), soft within +-1: position, velocity, acceleration.
+
+    Over a step the velocity is a parabola within its three control points. du_k + ddu_k h_k+1 / 2 is the middle one of
+    step k + 1, and du_k lies between two middle ones: so the velocity keeps its limit between the ends of the steps.
+    """
+    most, next_s = neck.command_limits, neck.control_period_s * ca.vertcat(o.h[1:], o.h[-1])
+    low, high = most.position_min_rad[index], most.position_max_rad[index]
+    return ca.vertcat(
+        (o.u - 0.5 * (low + high)) / (0.5 * (high - low)),
+        (o.du + 0.5 * next_s * o.ddu) / (SHARE_OF_LIMITS * most.velocity_max_rad_s[index]),
+        o.ddu / (SHARE_OF_LIMITS * most.acceleration_max_rad_s2[index]),
+    )
+
+
+def passing(o: Trajectory) -> Any:
+    """During acquisition: joint angles that are soft within bounds (`gazempc.controllers.mpc.acquisition`), (n, 1)."""
+    return o.q / PASSING_UNIT_RAD

@@ -1,0 +1,165 @@
+"""The closed loop of one joint without active limits: state feedback with preview, observer, dead time, servo.
+
+While no limit binds, the MPC is affine state feedback with preview: j = K [z0; 1; r]. Between two plans the jerk is
+held; at each servo period the observer corrects its state by the measured angle. With r = 0 the loop is linear and
+periodic, with one control period of m servo periods. Its state before each measurement is
+
+    x = [q, v, q^, v^, b^, u, du, ddu, j, c_-1 ... c_-L]
+
+joint, observer (angle, velocity, steady error), command, jerk, and the commands sent before. A joint that takes speeds
+moves as one that is sent the angles (`gazempc.neck.spec.Axis`), and is treated as such.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.controllers.mpc.problem import STATE
+from gazempc.loop.observer import observer_gain
+from gazempc.neck.ahead import JointAhead
+from gazempc.neck.servo import zero_order_hold
+from gazempc.neck.spec import Axis
+from gazempc.types import FloatArray
+
+ComplexArray = NDArray[np.complex128]
+
+_SAME_TIME_S = 1e-9
+_JOINT, _SEEN, _OFFSET, _COMMAND, _JERK, _SENT = slice(0, 2), slice(2, 4), 4, slice(5, 8), 8, 9
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """How the joint differs from its model.
+
+    Attributes:
+        gain: The joint follows so many times its command.
+        dead_time_s: The dead time is longer by this, seconds.
+        frequency: The natural frequency is so many times the model's.
+    """
+
+    gain: float = 1.0
+    dead_time_s: float = 0.0
+    frequency: float = 1.0
+
+
+EXACT = Mismatch()
+
+
+class LinearLoop:
+    """The loop of one joint.
+
+    Args:
+        mpc: The controller.
+        index: 0 for pan, 1 for tilt.
+        error: How the joint differs from the model of controller and observer.
+
+    Attributes:
+        period_s: Control period T_c, seconds.
+        ticks: Servo periods of a control period, m.
+    """
+
+    def __init__(self, mpc: Mpc, index: int, error: Mismatch = EXACT) -> None:
+        neck, axis = mpc.neck, mpc.neck.axes[index]
+        self.period_s, self.ticks, h = neck.control_period_s, neck.servo_ticks_per_plan, neck.servo_period_s
+        self._h = h
+        joint = axis.model_copy(
+            update={
+                "dead_time_s": max(axis.dead_time_s + error.dead_time_s, 0.0),
+                "natural_frequency_rad_s": axis.natural_frequency_rad_s * error.frequency,
+            }
+        )
+        settled = JointAhead(axis, h, np.array([axis.dead_time_s]))
+        # In a servo period the joint answers to commands sent up to so many periods ago.
+        history = 1 + max(math.floor(each.dead_time_s / h + _SAME_TIME_S) for each in (axis, joint))
+        self.size = _SENT + history
+        self._feedback = self._state_feedback(mpc, index, settled)
+        # Measured and corrected at once: q^+ = q^ + (K_q - K_b) e, v^+ = v^ + K_v e, b^+ = b^ + K_b e.
+        gain_q, gain_v, gain_b = observer_gain(axis, h)
+        self._gain = np.zeros(self.size)
+        self._gain[[2, 3, _OFFSET]] = gain_q - gain_b, gain_v, gain_b
+        self._expected = np.zeros(self.size)
+        self._expected[[2, _OFFSET]] = 1.0
+        self._advance = self._advanced(axis, joint, error.gain)
+
+    def _state_feedback(self, mpc: Mpc, index: int, settled: JointAhead) -> FloatArray:
+        # The jerk of the first step from x, after the correction.
+        ocp = mpc.ocps[index]
+        gain = ocp.model.jerk_scale * ocp.program.gain[0]
+        row, oldest_first = np.zeros(self.size), settled.maps[:, 0, 2:]
+        row[_SEEN] = gain[:2] @ settled.maps[:, 0, :2]
+        row[_SENT : _SENT + settled.sent_needed] = gain[:2] @ oldest_first[:, ::-1]
+        row[_COMMAND] = gain[2 : len(STATE)]
+        # The reference is counted without the steady error.
+        row[_OFFSET] = -gain[len(STATE) + 1 :].sum()
+        return row
+
+    def _advanced(self, axis: Axis, joint: Axis, gain: float) -> FloatArray:
+        # One servo period: the command moves on, is sent, and joint and observer follow what acts.
+        h, advance = self._h, np.zeros((self.size, self.size))
+        command = np.zeros((3, self.size))
+        command[:, _COMMAND] = [[1.0, h, h**2 / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]]
+        command[:, _JERK] = h**3 / 6.0, h**2 / 2.0, h
+        advance[_COMMAND], advance[_OFFSET, _OFFSET], advance[_JERK, _JERK] = command, 1.0, 1.0
+        advance[_SENT] = command[0]
+        advance[_SENT + 1 :, _SENT:-1] = np.eye(self.size - _SENT - 1)
+        for place, follower, scale in ((_JOINT, joint, gain), (_SEEN, axis, 1.0)):
+            whole = math.floor(follower.dead_time_s / h + _SAME_TIME_S)
+            rest_s = max(follower.dead_time_s - whole * h, 0.0)
+            state = np.eye(2, self.size, place.start)
+            # c_-k is the command that was sent k periods ago; the newest one is what is sent now.
+            sent = [command[0], *np.eye(self.size)[_SENT:]]
+            for acting, lasts_s in ((whole + 1, rest_s), (whole, h - rest_s)):
+                if lasts_s > _SAME_TIME_S:
+                    step = zero_order_hold(follower, lasts_s)
+                    state = step[:, :2] @ state + scale * np.outer(step[:, 2], sent[acting])
+            advance[place] = state
+        return advance
+
+    def _ticks(self) -> tuple[FloatArray, FloatArray]:
+        # With a given measurement y: x+ = A x + B y. In the first tick of a control period it is planned.
+        corrects = np.eye(self.size) - np.outer(self._gain, self._expected)
+        plans = np.eye(self.size)
+        plans[_JERK] = self._feedback
+        first, later = self._advance @ plans, self._advance
+        return np.array([first @ corrects] + [later @ corrects] * (self.ticks - 1)), np.array(
+            [first @ self._gain] + [later @ self._gain] * (self.ticks - 1)
+        )
+
+    def transition(self) -> FloatArray:
+        """The closed loop over one control period, shape (S, S): x+ = Phi x."""
+        phi = np.eye(self.size)
+        for A, B in zip(*self._ticks(), strict=True):
+            A[:, 0] += B  # y = q
+            phi = A @ phi
+        return phi
+
+    def opened(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The loop that is cut at the measurement, lifted over a control period: from the m given to the m true angles.
+
+        Returns:
+            A, shape (S, S), B, shape (S, m), C, shape (m, S), D, shape (m, m).
+        """
+        A, B = np.eye(self.size), np.zeros((self.size, self.ticks))
+        C, D = np.zeros((self.ticks, self.size)), np.zeros((self.ticks, self.ticks))
+        for k, (tick, given) in enumerate(zip(*self._ticks(), strict=True)):
+            C[k], D[k] = A[0], B[0]
+            A, B = tick @ A, tick @ B
+            B[:, k] += given
+        return A, B, C, D
+
+    def response(self, omega_rad_s: FloatArray) -> ComplexArray:
+        """The loop transfer L at frequencies, shape (F,), rad/s: positive where feedback opposes, 1 + L at the sum.
+
+        The lifted loop is periodic; this is its response at the frequency of the input.
+        """
+        A, B, C, D = self.opened()
+        z = np.exp(1j * omega_rad_s * self.period_s)[:, None, None]
+        lifted = C @ np.linalg.solve(z * np.eye(self.size) - A, np.broadcast_to(B, (z.size, *B.shape))) + D
+        wave = np.exp(1j * np.outer(omega_rad_s, self._h * np.arange(self.ticks)))
+        loop: ComplexArray = -np.einsum("fi,fij,fj->f", wave.conj(), lifted, wave) / self.ticks
+        return loop

@@ -1,0 +1,203 @@
+"""Margins of the linear loop: against the simulated loop, python-control and figures measured by others."""
+
+import math
+
+import control
+import numpy as np
+import pytest
+
+from experiments import swing
+from experiments.console import main as gazempc
+from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.errors import SettingsError
+from gazempc.margins.linear_loop import EXACT, LinearLoop, Mismatch
+from gazempc.margins.margins import LEAST_DISTANCE, margins, sentences, too_small
+from gazempc.neck.spec import load_neck, neck_names
+
+START_RAD = math.radians(0.05)
+ERRORS = [EXACT, Mismatch(gain=2.5), Mismatch(dead_time_s=0.0137), Mismatch(-1.0), Mismatch(1.2, -0.011, 0.6)]
+
+
+def weak(neck="reference"):
+    """A soft, weakly damped servo."""
+    neck = load_neck(neck)
+    return neck.model_copy(
+        update={
+            "name": "weak",
+            "pan": neck.pan.model_copy(update={"natural_frequency_rad_s": 2.0, "damping_ratio": 0.3}),
+        }
+    )
+
+
+def predicted(neck, error, ticks):
+    """The pan at each control period by the linear loop: all begins at the start, the person is at 0."""
+    loop = LinearLoop(Mpc(neck), 0, error)
+    x = np.zeros(loop.size)
+    x[[0, 2, 5]] = START_RAD
+    x[9:] = START_RAD
+    found = []
+    # A gain scales what the joint follows from the start on: it stands elsewhere than its command.
+    for _ in range(ticks):
+        found.append(x[0])
+        x = loop.transition() @ x
+    return np.array(found)
+
+
+@pytest.mark.parametrize("name", ["reference", "reachy_mini", "fetch"])
+@pytest.mark.parametrize("error", [e for e in ERRORS if e.gain == 1.0])
+def test_the_linear_loop_moves_as_the_simulated_one(name, error):
+    """Controller, observer, smoother and simulated neck as they are, from 0.05 deg off, where no limit binds."""
+    neck = load_neck(name)
+    periods = 50
+    pan_rad = swing.simulate(neck, error, periods * neck.control_period_s)
+    linear = predicted(neck, error, periods)
+    assert pan_rad[:: neck.servo_ticks_per_plan] == pytest.approx(linear, abs=1e-12)
+    assert np.ptp(linear) > 0.5 * START_RAD
+
+
+@pytest.mark.parametrize(
+    ("name", "gain", "at_hz", "delay_s", "peak"),
+    [("reference", 6.2, 0.52, 2.8, 1.23), ("reachy_mini", 4.2, 1.85, 0.36, 1.45)],
+)
+def test_margins_are_those_measured_by_others(name, gain, at_hz, delay_s, peak):
+    """Measured on the running loop by frequency response."""
+    pan, tilt = margins(Mpc(load_neck(name)))
+    assert (pan.joint, tilt.joint) == ("pan", "tilt")
+    assert pan.gain == pytest.approx(gain, abs=0.05)
+    assert pan.gain_hz == pytest.approx(at_hz, abs=0.01)
+    assert pan.delay_s == pytest.approx(delay_s, rel=0.03)
+    assert pan.peak_sensitivity == pytest.approx(peak, abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["reachy_mini", "pr2", "furhat"])
+def test_at_the_margins_the_loop_becomes_unstable(name):
+    """By the eigenvalues of the periodic loop, which owe nothing to the frequency response."""
+    mpc = Mpc(load_neck(name))
+    pan = margins(mpc)[0]
+
+    def radius(**error):
+        return np.abs(np.linalg.eigvals(LinearLoop(mpc, 0, Mismatch(**error)).transition())).max()
+
+    assert radius(gain=0.99 * pan.gain) < 1.0 < radius(gain=1.01 * pan.gain)
+    assert radius(dead_time_s=pan.delay_s - 0.01) < 1.0 < radius(dead_time_s=pan.delay_s + 0.01)
+    assert np.abs(pan.poles).max() == pytest.approx(radius(), abs=1e-9)
+    slowest, fastest = pan.frequency_factors
+    assert slowest < 1.0 < fastest
+    if slowest:
+        assert radius(frequency=1.02 * slowest) < 1.0 < radius(frequency=0.98 * slowest)
+
+
+def test_the_disk_margin_is_that_of_python_control():
+    """With one servo period a plan the loop is not periodic, and python-control takes it as it is."""
+    neck = load_neck("reachy_mini").model_copy(update={"servo_rate_hz": 50.0, "control_rate_hz": 50.0})
+    mpc = Mpc(neck)
+    pan = margins(mpc)[0]
+    A, B, C, D = LinearLoop(mpc, 0).opened()
+    system = -control.ss(A, B, C, D, neck.control_period_s)
+    _, gain_db, phase_deg = control.disk_margins(system, pan.omega_rad_s)
+    assert 20.0 * math.log10(pan.disk[0]) == pytest.approx(gain_db, rel=1e-6)
+    assert pan.disk[1] == pytest.approx(phase_deg, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["reachy_mini", "furhat"])
+def test_a_simulated_neck_begins_to_swing_there(name):
+    """Gain within 10 %, dead time within 10 % or 10 ms."""
+    pan, gain, delay_s = swing.compare(load_neck(name))
+    assert gain == pytest.approx(pan.gain, rel=0.1)
+    assert delay_s == pytest.approx(pan.delay_s, rel=0.1, abs=0.01)
+
+
+@pytest.mark.parametrize("name", neck_names())
+def test_shipped_necks_leave_margins(name):
+    mpc = Mpc(load_neck(name))
+    assert too_small(mpc) == []
+    loop = LinearLoop(mpc, 0)
+    distance = np.abs(1.0 + loop.response(np.geomspace(0.05, 0.99 * math.pi / mpc.neck.servo_period_s, 200))).min()
+    assert distance > LEAST_DISTANCE
+
+
+def test_a_weak_servo_is_warned_of():
+    (warning,) = too_small(Mpc(weak()))
+    assert warning.startswith("neck 'weak': pan: peak sensitivity")
+
+
+def test_a_dead_time_that_is_nearly_too_long_is_warned_of():
+    """A controller that follows quicker than the servo: it swings at less than two plans more."""
+    neck = load_neck("reachy_mini")
+    quick = neck.model_copy(update={"pan": neck.pan.model_copy(update={"dead_time_s": 0.0, "damping_ratio": 0.2})})
+    found = [too_small(Mpc(quick, smoothing_time_s=T)) for T in (0.12, 0.01)]
+    assert any(found)
+
+
+def test_joints_with_equal_tolerances_share_a_sentence():
+    neck = load_neck("reachy_mini")
+    found = margins(Mpc(neck))
+    (line,) = sentences(neck, found)
+    assert line.startswith("reachy_mini: pan and tilt stay stable with dead time wrong by -30 to +36")
+    assert line.endswith("natural frequency by a factor of under 0.1 to over 10")
+    differing = neck.model_copy(update={"tilt": neck.tilt.model_copy(update={"dead_time_s": 0.1})})
+    assert len(sentences(differing, margins(Mpc(differing)))) == 2
+
+
+def test_too_many_states_are_refused():
+    neck = load_neck("reference").model_copy(
+        update={"servo_rate_hz": 1000.0, "pan": load_neck("reference").pan.model_copy(update={"dead_time_s": 0.6})}
+    )
+    with pytest.raises(SettingsError, match="servo periods; margins are computed for at most 500"):
+        margins(Mpc(neck))
+    assert too_small(Mpc(neck)) == []
+
+
+def test_the_command_prints_margins_and_draws(tmp_path, capsys):
+    assert gazempc(["margins", "--neck", "reachy_mini", "--figure", str(tmp_path / "m.png")]) == 0
+    printed = capsys.readouterr().out
+    assert " 4.20 " in printed
+    assert "wrong by -30 to +362 ms" in printed
+    assert (tmp_path / "m.png").stat().st_size > 10_000
+    assert gazempc(["margins", "--neck", "nix"]) == 2
+
+
+def weak_file(folder):
+    text = "name = 'weak'\nsource = 'a test'\n" + "".join(
+        f"[{joint}]\nposition_min_deg = -60\nposition_max_deg = 60\nvelocity_max_rad_s = 2.5\n"
+        "acceleration_max_rad_s2 = 15\njerk_max_rad_s3 = 300\nnatural_frequency_rad_s = 2.0\ndamping_ratio = 0.3\n"
+        "dead_time_s = 0.1\n"
+        for joint in ("pan", "tilt")
+    )
+    path = folder / "weak.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.slow
+def test_run_and_live_warn(tmp_path, capsys):
+    neck = str(weak_file(tmp_path))
+    common = ["--neck", neck, "--out", str(tmp_path / "out")]
+    assert (
+        gazempc(
+            ["run", "--replay", "subject03_R4", "--controllers", "mpc", "--noise-seeds", "1", "--no-figures", *common]
+        )
+        == 0
+    )
+    assert "Note: neck 'weak': pan: peak sensitivity" in capsys.readouterr().out
+    assert (
+        gazempc(
+            [
+                "run",
+                "--replay",
+                "subject03_R4",
+                "--controllers",
+                "lookahead",
+                "--noise-seeds",
+                "1",
+                "--no-figures",
+                *common,
+            ]
+        )
+        == 0
+    )
+    assert "peak sensitivity" not in capsys.readouterr().out
+    words = ["live", "--source", "replay", "--replay", "subject03_R4", "--robot", "simulated", "--duration-s", "1"]
+    gazempc([*words, "--simulated-clock", "--no-figures", "--neck", neck, "--out", str(tmp_path / "live")])
+    assert "neck 'weak': pan: peak sensitivity" in capsys.readouterr().out
