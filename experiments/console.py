@@ -17,7 +17,7 @@ COMMANDS = {
     "sweep": ("experiments.sweep.command", "vary settings over many recordings"),
     "forecast": ("experiments.forecast.command", "compare forecasts over many recordings"),
     "fit": ("experiments.fit.command", "fit the predictor walker to recordings"),
-    "rivals": ("experiments.rivals.command", "compare with control laws that others run"),
+    "rivals": ("experiments.rivals.comparison", "compare with control laws that others run"),
     "paper": ("experiments.paper.command", "repeat the validation of Tamaru et al. 2021"),
 }
 _BAD_INPUT = 2

@@ -28,7 +28,7 @@ ANSWERS = ("overshoot_deg", "settling_s", "settling_2p6_s", "reversals", "rest_e
 GAZES = ("gaze_error_rms_deg", "eye_contact_2p6", "rms_acceleration_rad_s2")
 FIGURES = (*ANSWERS, *GAZES)
 # What a result depends on besides this module.
-_USED = ("camera", "encoders", "laws", "make", "motor", "response", "simulate", "trials")
+_USED = ("camera", "laws", "make", "motor", "response", "rival", "simulate", "trials")
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from experiments.rivals.laws import RIVALS
-from experiments.rivals.laws.frigate import Frigate, MoveTime
-from experiments.rivals.laws.frigate_calibration import FrigateCalibration
-from experiments.rivals.laws.reachy_mini import ReachyMini, ReachyMiniCapture, ReachyMiniCaptureRaw
-from experiments.rivals.laws.reachy_mini_limits import ReachyMiniLimits
+from experiments.rivals.laws.frigate import Frigate, FrigateCalibration, MoveTime
+from experiments.rivals.laws.reachy_mini import ReachyMini, ReachyMiniCaptureRaw
 from experiments.rivals.motor import Motor, driven_by
 from experiments.rivals.rival import HeadCamera, Rival, View
 from gazempc.neck.spec import NeckSpec
@@ -21,7 +20,7 @@ _RATE_HZ = 200.0
 _PATIENCE_S = 600.0
 
 # These leave out small faces. All are to see the same ones, so that laws are compared and not detectors.
-_OWN_DETECTOR = (ReachyMini, ReachyMiniCapture, ReachyMiniCaptureRaw, ReachyMiniLimits)
+_OWN_DETECTOR = (ReachyMini, ReachyMiniCaptureRaw)
 
 
 def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: HeadCamera, **constants: Any) -> Rival:
@@ -37,7 +36,7 @@ def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: HeadCame
     Returns:
         The rival.
     """
-    law = RIVALS[name]
+    law: Callable[..., Rival] = RIVALS[name]
     if law in _OWN_DETECTOR:
         constants = {"least_share": 0.0} | constants
     if law is Frigate:

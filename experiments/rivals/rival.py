@@ -6,14 +6,18 @@ Pan is positive to the left, tilt is positive up, as everywhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import ClassVar, Literal
 
 from gazempc.types import FloatArray, JointState
 
 # Between the chin and the hairline of an adult; what face detectors draw their boxes round.
 FACE_HEIGHT_M = 0.24
+# "Full speed" of a law that answers -1 to 1, over the top speed of the neck; faster is cut to that.
+SPEED_SCALES = (0.5, 1.0, 2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True)
@@ -81,32 +85,30 @@ class View:
     idle: bool
 
 
-class Rival(Protocol):
-    """A control law.
+class Rival(ABC):
+    """A control law of a neck and of the camera on its head, as the law takes them to be.
 
     Attributes:
         name: Its name in tables.
         period_s: Time between two steps, seconds.
         command: What it answers: joint angles in radians, or joint velocities in rad/s.
+        free: Constants that the law leaves to its user, one mapping for each choice that is tried.
     """
 
-    @property
-    def name(self) -> str: ...  # noqa: D102
+    name: ClassVar[str]
+    command: ClassVar[Literal["position", "velocity"]] = "position"
+    free: ClassVar[tuple[dict[str, float], ...]] = ({},)
+    period_s: float = 0.02
 
-    @property
-    def period_s(self) -> float: ...  # noqa: D102
-
-    @property
-    def command(self) -> Literal["position", "velocity"]: ...  # noqa: D102
-
+    @abstractmethod
     def start(self, view: View) -> None:
         """Begin, with nothing remembered.
 
         Args:
             view: What it sees at the start; without detections.
         """
-        ...
 
+    @abstractmethod
     def step(self, view: View) -> FloatArray:
         """Answer what it sees.
 
@@ -116,4 +118,30 @@ class Rival(Protocol):
         Returns:
             Pan and tilt, shape (2,): absolute angles in radians, or velocities in rad/s, as `command` says.
         """
-        ...
+
+
+# Frames a tenth of a second apart are ten a second, whatever the last digit of their stamps.
+_SAME_TIME_S = 1e-3
+
+
+class FrameRate:
+    """Takes a frame only if the one before is long enough ago.
+
+    Args:
+        period_s: Least time between two frames that it looks at, seconds.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Take the next frame in any case."""
+        self._last_s = -math.inf
+
+    def take(self, detections: tuple[Detection, ...]) -> Iterator[Detection]:
+        """The detections of the frames that it looks at, oldest first."""
+        for detection in detections:
+            if detection.capture_time_s > self._last_s + self._period_s - _SAME_TIME_S:
+                self._last_s = detection.capture_time_s
+                yield detection

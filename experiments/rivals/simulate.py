@@ -10,8 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from experiments.rivals.camera import camera_of, detect
-from experiments.rivals.encoders import EncoderHistory
-from experiments.rivals.motor import Motor, driven_by
+from experiments.rivals.motor import EncoderHistory, Motor, driven_by
 from experiments.rivals.rival import Detection, HeadCamera, Rival, View
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder

@@ -7,13 +7,12 @@ for large turns of the gaze; here it has no eyes, and its target is always that 
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from ruckig import InputParameter, OutputParameter, Ruckig, Synchronization
 
 from experiments.rivals.laws.sight import bearing_rad
-from experiments.rivals.rival import HeadCamera, View
+from experiments.rivals.rival import HeadCamera, Rival, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -36,7 +35,7 @@ def limits_for(way_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.deg2rad(speed_deg_s), np.deg2rad(acceleration_deg_s2)
 
 
-class Humotion:
+class Humotion(Rival):
     """Moves to the target as fast as limits for the way allow.
 
     Args:
@@ -47,8 +46,6 @@ class Humotion:
     """
 
     name = "humotion"
-    command: Literal["position"] = "position"
-    period_s = 0.02
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, range_share: float = 0.8, silence_s: float = 1.0) -> None:
         self._camera, self._silence_s = camera, silence_s
@@ -56,13 +53,13 @@ class Humotion:
         self._planner = Ruckig(2, self.period_s)
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         self._position_rad = self._target_rad = view.joints.position_rad
         self._velocity_rad_s = np.zeros(2)
         self._seen_s = -math.inf
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         for detection in view.detections:
             head_rad = view.joints_at(detection.capture_time_s)
             if head_rad is not None:

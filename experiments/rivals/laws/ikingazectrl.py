@@ -7,12 +7,10 @@ and the neck is solved anew only where it is off by more than 2.5 deg; here the 
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from experiments.rivals.laws.sight import point_base_m
-from experiments.rivals.rival import HeadCamera, View
+from experiments.rivals.rival import HeadCamera, Rival, View
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
@@ -21,7 +19,7 @@ from gazempc.types import FloatArray
 _A, _B, _C = -150.766, -84.981, -15.967
 
 
-class IKinGazeCtrl:
+class IKinGazeCtrl(Rival):
     """Filters the way to the target.
 
     Args:
@@ -31,7 +29,6 @@ class IKinGazeCtrl:
     """
 
     name = "ikingazectrl"
-    command: Literal["position"] = "position"
     period_s = 0.01
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, neck_time_s: float = 0.75) -> None:
@@ -43,13 +40,13 @@ class IKinGazeCtrl:
         self._discrete = control.sample_system(continuous, self.period_s, method="bilinear")
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         self._position_rad = self._target_rad = view.joints.position_rad
         self._state = np.zeros((2, 2))
         self._velocity_rad_s = np.zeros(2)
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         for detection in view.detections:
             point_m = point_base_m(self._neck.geometry, self._camera, detection, view.joints.position_rad)
             target_rad = look_at_rad(self._neck.geometry, point_m)

@@ -6,11 +6,10 @@ The gain scales with the time between two frames, so a camera of 60 frames a sec
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 
-from experiments.rivals.rival import Detection, HeadCamera, View
+from experiments.rivals.rival import SPEED_SCALES, Detection, HeadCamera, Rival, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -40,7 +39,7 @@ def visca_speed(u: FloatArray) -> FloatArray:
     return speeds
 
 
-class ObsFaceTracker:
+class ObsFaceTracker(Rival):
     """Drives the camera with one of its speeds.
 
     Args:
@@ -52,7 +51,8 @@ class ObsFaceTracker:
     """
 
     name = "obs_face_tracker"
-    command: Literal["velocity"] = "velocity"
+    free = tuple({"speed_scale": scale} for scale in SPEED_SCALES)
+    command = "velocity"
 
     def __init__(
         self,
@@ -70,12 +70,12 @@ class ObsFaceTracker:
         self._dead_px, self._band_px = dead_band * self._size_px, nonlinear_band * self._size_px
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         self._integral_px, self._low_pass_px, self._u = np.zeros(2), np.zeros(2), np.zeros(2)
         self._arrival_s = -math.inf
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         for detection in view.detections:
             self._see(detection)
         # A frame later than one and a half periods is a frame without a face.

@@ -6,11 +6,9 @@ angle in whole degrees. There are no encoders, no limit of the integral and none
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
-from experiments.rivals.rival import HeadCamera, View
+from experiments.rivals.rival import HeadCamera, Rival, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -21,7 +19,7 @@ _D = np.array([0.002, 0.002])
 _LARGEST_DEG = 90.0
 
 
-class PixelPid:
+class PixelPid(Rival):
     """Commands the PID's output as an angle.
 
     Args:
@@ -31,7 +29,6 @@ class PixelPid:
     """
 
     name = "pixel_pid"
-    command: Literal["position"] = "position"
     period_s = 0.2
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, image_width_px: float = 320.0) -> None:
@@ -39,13 +36,13 @@ class PixelPid:
         self._halves_px = 0.5 * np.array([image_width_px, height_px])
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`; the head's angle at the start is in the integral."""
+        """See `Rival.start`; the head's angle at the start is in the integral."""
         self._command_deg = np.rad2deg(view.joints.position_rad)
         self._integral_px_s = self._command_deg / _I
         self._error_px = np.zeros(2)
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         error_px = -view.detections[-1].offset * self._halves_px if view.detections else np.zeros(2)
         self._integral_px_s = self._integral_px_s + error_px * self.period_s
         change_px_s = (error_px - self._error_px) / self.period_s
