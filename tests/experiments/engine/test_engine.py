@@ -55,7 +55,7 @@ def test_a_second_run_does_only_what_failed(first):
 
 
 def test_nothing_to_do_starts_no_worker(first, monkeypatch):
-    monkeypatch.setattr("experiments.engine.engine.LocalWorkers", None)
+    monkeypatch.setattr("experiments.engine.engine.on_this_machine", None)
     with Engine(first[0], jobs=2) as engine:
         assert engine.run([Tiny(3)])[0]["square"] == 9
 
@@ -84,6 +84,8 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path):
 def test_importing_the_engine_for_a_worker_is_light():
     """A worker imports what its jobs need, and nothing that only the command needs."""
     heavy = {"matplotlib", "tyro", "scipy.stats", "casadi", "distributed", "joblib"}
-    code = f"import sys, experiments.engine.job, experiments.engine.local; print(sorted({heavy!r} & set(sys.modules)))"
+    code = (
+        f"import sys, experiments.engine.job, experiments.engine.workers; print(sorted({heavy!r} & set(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
