@@ -91,6 +91,10 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     return _read(reader, path, given)
 
 
+# Its name in `import gazempc`.
+load_recording = load
+
+
 def _read(reader: Reader, path: Path, options: ReadOptions) -> Recording:
     """Read a recording, and refuse one that cannot be of a walk."""
     try:
