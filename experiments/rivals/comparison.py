@@ -48,7 +48,7 @@ from gazempc.files.whole import write_whole
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.results.page.write import write_page
-from gazempc.results.report import versions
+from gazempc.results.run_summary import versions
 from gazempc.settings import WalkerSettings
 from gazempc.sim.sensor import load_sensor
 

@@ -1,4 +1,4 @@
-"""Settings as TOML or YAML text that anybody may have written: parsed within bounds, never executed."""
+"""Settings as TOML or YAML text from untrusted sources: parsed within bounds, never executed."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _line(event: yaml.Event) -> str:
 
 
 def _check(value: Any, depth: int = 0) -> None:
-    """Refuse what nobody can compute with, or print.
+    """Refuse values that cannot be computed with, or printed.
 
     Raises:
         ValueError: Says what it is.

@@ -1,4 +1,4 @@
-"""Files of numpy arrays (``.npz``) that anybody may have made: nothing in them is executed, or larger than it says."""
+"""Files of numpy arrays (``.npz``) from untrusted sources: never executed, sizes checked before unpacking."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.results.repeats import Repeats
-from gazempc.results.report import label
+from gazempc.results.run_summary import label
 
 
 def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, list[str]]]:
@@ -79,7 +79,7 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     Args:
         repeats: The figures.
         neck: Its limits stand beside the peaks.
-        against: What stands for the truth, where nobody knows it; said below the table.
+        against: What stands for the truth, where that is unknown; printed below the table.
 
     Returns:
         Lines of text.
@@ -93,7 +93,7 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     ]
     text.insert(2, "-" * len(text[0]))
     if against:
-        text.append(f"Gaze error and eye contact are against {against}: nobody measured where the head was.")
+        text.append(f"Gaze error and eye contact are against {against}: the true head was not measured.")
     return "\n".join(line.rstrip() for line in text)
 
 

@@ -2,11 +2,9 @@
 
 from experiments.rivals.laws.autoptz import AutoPtz
 from experiments.rivals.laws.frigate import Frigate
-from experiments.rivals.laws.humotion import Humotion
-from experiments.rivals.laws.ikingazectrl import IKinGazeCtrl
-from experiments.rivals.laws.obs_face_tracker import ObsFaceTracker
+from experiments.rivals.laws.humanoids import Humotion, IKinGazeCtrl
 from experiments.rivals.laws.op3 import Op3
-from experiments.rivals.laws.pixel_pid import PixelPid
+from experiments.rivals.laws.pixel_pid import ObsFaceTracker, PixelPid
 from experiments.rivals.laws.pr2_point_head import Pr2PointHead
 from experiments.rivals.laws.reachy_mini import ConversationApp, ReachyMini, ReachyMiniCaptureRaw
 from experiments.rivals.laws.smith import Smith, SmithFeedForward

@@ -12,8 +12,7 @@ import math
 
 import numpy as np
 
-from experiments.rivals.laws.sight import half_sizes
-from experiments.rivals.rival import SPEED_SCALES, Detection, HeadCamera, Rival, View
+from experiments.rivals.rival import SPEED_SCALES, Detection, HeadCamera, Rival, View, half_sizes
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 

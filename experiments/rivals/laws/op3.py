@@ -11,8 +11,7 @@ import math
 import numpy as np
 from scipy.interpolate import BPoly
 
-from experiments.rivals.laws.sight import left_and_up_rad
-from experiments.rivals.rival import FrameRate, HeadCamera, Rival, View
+from experiments.rivals.rival import FrameRate, HeadCamera, Rival, View, left_and_up_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 

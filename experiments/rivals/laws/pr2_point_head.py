@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import BPoly
 
-from experiments.rivals.laws.sight import point_base_m
-from experiments.rivals.rival import HeadCamera, Rival, View
+from experiments.rivals.rival import HeadCamera, Rival, View, point_base_m
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray

@@ -16,8 +16,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.rivals.laws.sight import bearing_rad, ray
-from experiments.rivals.rival import Detection, FrameRate, HeadCamera, Rival, View
+from experiments.rivals.rival import Detection, FrameRate, HeadCamera, Rival, View, bearing_rad, ray
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 

@@ -12,8 +12,7 @@ from collections import deque
 
 import numpy as np
 
-from experiments.rivals.laws.sight import bearing_rad
-from experiments.rivals.rival import HeadCamera, Rival, View
+from experiments.rivals.rival import HeadCamera, Rival, View, bearing_rad
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray

@@ -89,3 +89,24 @@ def test_importing_the_engine_for_a_worker_is_light():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_an_exception_between_two_results_ends_the_workers(tmp_path, monkeypatch):
+    ended = []
+
+    def workers(jobs, count):
+        try:
+            for key, job in jobs.items():
+                yield key, {"left_out": None, "failed": None, **job.run()}
+        except BaseException as error:
+            ended.append(error)
+            raise
+
+    def full(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr("experiments.engine.engine.on_this_machine", workers)
+    monkeypatch.setattr("experiments.engine.cache.write_whole", full)
+    with pytest.raises(OSError, match="disk full"), Engine(tmp_path, jobs=1) as engine:
+        engine.run([Tiny(1), Tiny(2)])
+    assert [str(error) for error in ended] == ["disk full"]

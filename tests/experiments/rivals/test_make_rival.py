@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from builders.rival_bench import CAMERA
 
+from experiments.rivals.jobs import calibrate, make_rival
 from experiments.rivals.laws import RIVALS
-from experiments.rivals.make import calibrate, make_rival
 from gazempc.neck.spec import load_neck
 
 

@@ -5,8 +5,7 @@ import pytest
 from builders.rival_bench import CAMERA, offset_of
 
 from experiments.rivals.laws.autoptz import OneEuro
-from experiments.rivals.laws.sight import bearing_rad, left_and_up_rad, point_base_m
-from experiments.rivals.rival import Detection, FrameRate
+from experiments.rivals.rival import Detection, FrameRate, bearing_rad, left_and_up_rad, point_base_m
 from gazempc.neck.kinematics import gaze_ray, look_at_rad
 from gazempc.neck.spec import load_neck
 

@@ -1,4 +1,4 @@
-"""Guesses what the columns of a table mean that nobody has described: by their names, then by their values."""
+"""Guesses the meaning of columns without a mapping: by their names, then by their values."""
 
 from __future__ import annotations
 
@@ -210,6 +210,6 @@ def _time(table: RawTable, person: str | None) -> tuple[str, FloatArray, list[st
 
 
 def _rows_of_first(table: RawTable, person: str | None) -> BoolArray:
-    """Rows of whoever is in the first one, shape (N,)."""
+    """Rows of the person in the first row, shape (N,)."""
     ids = np.array(table.texts(person) if person else [""] * len(table.places))
     return np.asarray(ids == ids[0])
