@@ -74,7 +74,7 @@ def draw_birds_eye(ax: Axes, logs: Logs, *, detailed: bool) -> tuple[Part, ...]:
     if shown.known.any():
         draw_known(ax, path_m[:, 1], path_m[:, 0], shown, color="0.25", lw=1.5, zorder=4, label=shown.label)
     if not np.isfinite(head).any():
-        say(ax, "nobody was seen")
+        say(ax, "no person was seen")
         _finish_plan(ax)
         return ()
     marks_s = np.arange(0.0, end_s + 1e-6)

@@ -93,7 +93,7 @@ def known_title(logs: Logs) -> str:
     """What a reader must know of the head in a figure; empty where it is known throughout."""
     head = shown_head(next(iter(logs.values())))
     if not head.known.any():
-        return "the true head of a live run is unknown"
+        return "live run: the true head is unknown"
     if head.rare:
         every_s = float(np.median(np.diff(head.log.time_s[head.known])))
         return f"frames {every_s:.2f} s apart: the true head is known at the points only, and scored there"
