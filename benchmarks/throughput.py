@@ -22,7 +22,7 @@ from typing import Annotated, Any
 import tyro
 
 from experiments.compare import compare
-from gazempc.results.report import versions
+from gazempc.results.run_summary import versions
 from gazempc.sim.replay import replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
 

@@ -41,7 +41,7 @@ from gazempc.neck.spec import load_neck
 from gazempc.recordings.placement import Placement
 from gazempc.results.page.content import PageTable
 from gazempc.results.page.write import write_page
-from gazempc.results.report import label, versions
+from gazempc.results.run_summary import label, versions
 from gazempc.settings import WalkerSettings
 from gazempc.sim.scene import SceneSettings
 from gazempc.sim.sensor import load_sensor

@@ -9,7 +9,7 @@ from experiments.engine.job import Row
 from experiments.page_parts import failures, left_out, shares
 from gazempc.results.figures.style import COLOURS, styles
 from gazempc.results.page.content import Page, PageTable
-from gazempc.results.report import label
+from gazempc.results.run_summary import label
 
 
 def bound_page(

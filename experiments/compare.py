@@ -42,7 +42,7 @@ from experiments.engine.replays import ReplayJob, all_faults, each_sensor
 from gazempc.files.whole import whole, write_whole
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
-from gazempc.results.report import versions
+from gazempc.results.run_summary import versions
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, PredictorChoice, WalkerSettings
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.scene import PlaceSettings

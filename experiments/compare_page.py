@@ -12,7 +12,7 @@ from experiments.page_parts import failures, left_out, shares, survived
 from gazempc.results.figures.style import styles
 from gazempc.results.page.chart import Chart
 from gazempc.results.page.content import Page, PageTable, Unusual
-from gazempc.results.report import label
+from gazempc.results.run_summary import label
 
 
 def compare_page(summary: Row, done: Sequence[Row], pictures: Iterable[Path], command: str) -> Page:

@@ -10,7 +10,7 @@ from experiments.engine.job import Row
 from experiments.engine.replays import fault_lines
 from gazempc.recordings.recording import truth_of
 from gazempc.results.page.content import PageTable
-from gazempc.results.report import label
+from gazempc.results.run_summary import label
 
 # What the two gazes are compared by, clip by clip: metric, what the report calls it, digits. All but the first are of
 # gazes that start aside.

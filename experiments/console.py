@@ -15,11 +15,11 @@ COMMANDS = {
     "margins": ("gazempc.margins.command", "how wrong a neck file may be before the neck swings"),
     "export": ("gazempc.export", "write a log as csv, parquet or mcap"),
     "compare": ("experiments.compare", "compare gazes over many recordings"),
-    "sweep": ("experiments.sweep.command", "vary settings over many recordings"),
+    "sweep": ("experiments.sweep.sweep", "vary settings over many recordings"),
     "forecast": ("experiments.forecast.command", "compare forecasts over many recordings"),
     "fit": ("experiments.fit.command", "fit the predictor walker to recordings"),
-    "rivals": ("experiments.rivals.command", "compare with control laws that others run"),
-    "paper": ("experiments.paper.command", "repeat the validation of Tamaru et al. 2021"),
+    "rivals": ("experiments.rivals.comparison", "compare with control laws that others run"),
+    "paper": ("experiments.paper.reproduction", "repeat the validation of Tamaru et al. 2021"),
 }
 _BAD_INPUT = 2
 

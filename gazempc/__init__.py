@@ -12,85 +12,19 @@ from __future__ import annotations
 
 import importlib
 import logging
-from typing import TYPE_CHECKING, Any
+import pkgutil
+import re
+from typing import Any
 
-if TYPE_CHECKING:
-    from gazempc.controllers.controller import Plan, Situation
-    from gazempc.controllers.lookahead import LookAhead
-    from gazempc.controllers.mpc.mpc import Mpc
-    from gazempc.controllers.reactive import Reactive
-    from gazempc.errors import GazempcError
-    from gazempc.front import replay
-    from gazempc.live.gaze import Gaze
-    from gazempc.neck.spec import NeckSpec, load_neck
-    from gazempc.recordings.arrays import recording_from_arrays
-    from gazempc.recordings.load import load as load_recording
-    from gazempc.recordings.recording import Recording
-    from gazempc.results.log import Log, load_log
-    from gazempc.results.metrics import Metrics, measure
-    from gazempc.sim.sensing.spec import SensorSpec
-    from gazempc.sim.sensor import load_sensor
-    from gazempc.types import JointState
-    from predictors import ConstantVelocity, Forecast, HeadObservation, Walker, bearing_covariance
-
+# Module and name there of each name of the front door. The stub is the only list, and type checkers read it, too.
+_STUB = (pkgutil.get_data(__name__, "__init__.pyi") or b"").decode()
 _PLACES = {
-    "ConstantVelocity": "predictors",
-    "Forecast": "predictors",
-    "Gaze": "gazempc.live.gaze",
-    "GazempcError": "gazempc.errors",
-    "HeadObservation": "predictors",
-    "JointState": "gazempc.types",
-    "Log": "gazempc.results.log",
-    "LookAhead": "gazempc.controllers.lookahead",
-    "Metrics": "gazempc.results.metrics",
-    "Mpc": "gazempc.controllers.mpc.mpc",
-    "NeckSpec": "gazempc.neck.spec",
-    "Plan": "gazempc.controllers.controller",
-    "Reactive": "gazempc.controllers.reactive",
-    "Recording": "gazempc.recordings.recording",
-    "SensorSpec": "gazempc.sim.sensing.spec",
-    "Situation": "gazempc.controllers.controller",
-    "Walker": "predictors",
-    "bearing_covariance": "predictors",
-    "load_log": "gazempc.results.log",
-    "load_neck": "gazempc.neck.spec",
-    "load_recording": "gazempc.recordings.load",
-    "load_sensor": "gazempc.sim.sensor",
-    "measure": "gazempc.results.metrics",
-    "recording_from_arrays": "gazempc.recordings.arrays",
-    "replay": "gazempc.front",
+    name: (module, there) for module, there, name in re.findall(r"^from (\S+) import (\w+) as (\w+)", _STUB, re.M)
 }
-_NAMES_THERE = {"load_recording": "load"}
 
-__all__ = [
-    "ConstantVelocity",
-    "Forecast",
-    "Gaze",
-    "GazempcError",
-    "HeadObservation",
-    "JointState",
-    "Log",
-    "LookAhead",
-    "Metrics",
-    "Mpc",
-    "NeckSpec",
-    "Plan",
-    "Reactive",
-    "Recording",
-    "SensorSpec",
-    "Situation",
-    "Walker",
-    "bearing_covariance",
-    "load_log",
-    "load_neck",
-    "load_recording",
-    "load_sensor",
-    "measure",
-    "recording_from_arrays",
-    "replay",
-]
+__all__ = list(_PLACES)
 
-# A library does not print: whoever wants the log lines configures logging.
+# A library does not print: log lines go where the program configures logging.
 logging.getLogger("gazempc").addHandler(logging.NullHandler())
 
 
@@ -98,7 +32,8 @@ def __getattr__(name: str) -> Any:
     """Import a name of the front door when it is first used."""
     if name not in _PLACES:
         raise AttributeError(f"module 'gazempc' has no attribute {name!r}; it offers {', '.join(__all__)}")
-    value = getattr(importlib.import_module(_PLACES[name]), _NAMES_THERE.get(name, name))
+    module, there = _PLACES[name]
+    value = getattr(importlib.import_module(module), there)
     globals()[name] = value
     return value
 

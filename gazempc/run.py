@@ -95,7 +95,7 @@ def _run(settings: RunSettings, command: str) -> None:
     from gazempc.recordings.readers.table import remember_columns  # noqa: PLC0415
     from gazempc.recordings.recording import truth_of  # noqa: PLC0415
     from gazempc.results.mcap_file import write_mcap  # noqa: PLC0415
-    from gazempc.results.report import faults, label, write_summary  # noqa: PLC0415
+    from gazempc.results.run_summary import faults, label, write_summary  # noqa: PLC0415
     from gazempc.results.table import sentence, table  # noqa: PLC0415
     from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
     from gazempc.sim.scene import make_scene  # noqa: PLC0415
@@ -167,8 +167,8 @@ def _run(settings: RunSettings, command: str) -> None:
 def _measure(path: Path, settings: RunSettings, command: str) -> None:
     from gazempc.recordings.recording import truth_of  # noqa: PLC0415
     from gazempc.results.log import load_log  # noqa: PLC0415
-    from gazempc.results.measured import measured_again  # noqa: PLC0415
-    from gazempc.results.report import write_summary  # noqa: PLC0415
+    from gazempc.results.repeats import measured_again  # noqa: PLC0415
+    from gazempc.results.run_summary import write_summary  # noqa: PLC0415
     from gazempc.results.table import table  # noqa: PLC0415
 
     log = load_log(path)
@@ -252,7 +252,7 @@ def _attention(settings: RunSettings, logs: dict[str, Log]) -> dict[str, Any]:
 
 def _events(log: Log) -> list[str]:
     from gazempc.results.attention import attention_lines, measure_attention  # noqa: PLC0415
-    from gazempc.results.report import fault_lines  # noqa: PLC0415
+    from gazempc.results.run_summary import fault_lines  # noqa: PLC0415
 
     with_text = {fault.event for fault in log.faults}
     lines = [

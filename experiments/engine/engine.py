@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,19 +11,14 @@ from typing import Any
 from tqdm import tqdm
 
 from experiments.engine.cache import Cache
-from experiments.engine.cluster import ClusterWorkers
 from experiments.engine.job import Job, Row
-from experiments.engine.local import LocalWorkers
 from experiments.engine.signals import deferred, raise_if_received
-from experiments.engine.workers import Outcome, Workers
+from experiments.engine.workers import Cluster, on_this_machine
 from gazempc.errors import GazempcError
-
-# So often a waiting command looks for a signal.
-_LOOK_S = 0.1
 
 
 class Engine:
-    """Does jobs that have no result yet, in a ``with`` block; at its end the workers are gone.
+    """Does jobs that have no result yet, in a ``with`` block; workers end with the program, or 10 s after the block.
 
     An interrupted command goes on where it stopped, because each result is kept as soon as there is one. Results of
     failed jobs are not kept: the next start tries them again.
@@ -45,7 +39,7 @@ class Engine:
     """
 
     def __init__(self, folder: Path, jobs: int, dask: str | None = None, unit: str = "run", total: int = 0) -> None:
-        self._workers: Workers | None = None if dask is None else ClusterWorkers(dask)
+        self._cluster = None if dask is None else Cluster(dask)
         self._cache = Cache(folder)
         self._jobs, self._unit, self._total = jobs, unit, total
         self._bar: Any = None  # a tqdm
@@ -59,8 +53,8 @@ class Engine:
         with deferred():
             if self._bar is not None:
                 self._bar.close()
-            if self._workers is not None:
-                self._workers.stop()
+            if self._cluster is not None:
+                self._cluster.close()
         if isinstance(error, KeyboardInterrupt):
             error.add_note(f"{self._kept()} are kept in {self._cache.folder}")
 
@@ -74,7 +68,7 @@ class Engine:
             The results in the order of the jobs, each with ``failed`` and ``left_out``: the reason, or None.
 
         Raises:
-            GazempcError: If worker processes die; what was done is kept.
+            GazempcError: If worker processes die, or the cluster fails; what was done is kept.
             Interrupted: After a signal, see `experiments.engine.signals`.
         """
         with deferred():
@@ -82,10 +76,7 @@ class Engine:
             new = {key: job for key, job in zip(keys, jobs, strict=True) if key not in self._rows}
             missing = {key: job for key, job in new.items() if not self._found(key)}
             self._total = max(self._total, len(self._rows) + len(missing))
-        if missing:
-            self._begin(len(missing))
-        with deferred():
-            failed = self._do(missing)
+        failed = self._do(missing) if missing else {}
         return [failed.get(key) or self._rows[key] for key in keys]
 
     def _found(self, key: str) -> bool:
@@ -96,45 +87,33 @@ class Engine:
             self._count()
         return row is not None
 
-    def _begin(self, missing: int) -> None:
+    def _do(self, missing: dict[str, Job]) -> dict[str, Row]:
         if self._bar is None:
             self._bar = tqdm(total=self._total, unit=self._unit, file=sys.stderr, mininterval=1.0)
             self._count(len(self._rows))
         self._bar.total = self._total
-        if self._workers is None:
-            self._workers = LocalWorkers(min(self._jobs, max(missing, self._total - len(self._rows))))
-
-    def _do(self, missing: dict[str, Job]) -> dict[str, Row]:
-        if self._workers is None:
-            return {}
-        ended: queue.SimpleQueue[tuple[str, Outcome]] = queue.SimpleQueue()
         failed: dict[str, Row] = {}
-        waiting, with_workers = list(reversed(missing.items())), 0
-        while waiting or with_workers:
-            raise_if_received()
-            while waiting and with_workers < self._workers.at_once:
-                self._workers.submit(*waiting.pop(), lambda key, outcome: ended.put((key, outcome)))
-                with_workers += 1
-            try:
-                key, outcome = ended.get(timeout=_LOOK_S)
-            except queue.Empty:
-                continue
-            row = self._row(outcome)
-            if row["failed"]:
-                failed[key] = row
-            else:
-                self._rows[key] = self._cache.keep(key, row)
-                self.fresh.append(self._rows[key])
-            with_workers -= 1
-            self._count()
-        return failed
-
-    def _row(self, outcome: Outcome) -> Row:
+        count = min(self._jobs, len(missing))
+        results = on_this_machine(missing, count) if self._cluster is None else self._cluster(missing)
         try:
-            return outcome()
+            for key, row in results:
+                with deferred():
+                    self._keep(key, row, failed)
         except GazempcError as error:
             kept = f"{self._kept()} are kept in {self._cache.folder}"
             raise GazempcError(f"{error}; {kept}: run the same command again to go on") from None
+        except BaseException as error:
+            results.throw(error)  # ends the workers, and raises it again
+            raise
+        return failed
+
+    def _keep(self, key: str, row: Row, failed: dict[str, Row]) -> None:
+        if row["failed"]:
+            failed[key] = row
+        else:
+            self._rows[key] = self._cache.keep(key, row)
+            self.fresh.append(self._rows[key])
+        self._count()
 
     def _count(self, n: int = 1) -> None:
         if self._bar is not None:

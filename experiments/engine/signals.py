@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-# Whoever presses Ctrl-C waits no longer than 3 s; half a second is left for the end of the interpreter.
+# A command ends within 3 s of Ctrl-C; half a second is left for the end of the interpreter.
 _GRACE_S = 2.5
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

@@ -25,7 +25,7 @@ from experiments.fit.examples import Examples
 from experiments.fit.jobs import ExamplesJob, NetworksJob, examples_of, model_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
-from gazempc.results.report import versions
+from gazempc.results.run_summary import versions
 from gazempc.sim.sensor import SensorSpec, load_sensor
 from predictors.walker.network import WalkerModel
 

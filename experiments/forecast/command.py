@@ -40,7 +40,7 @@ from gazempc.parts import PREDICTOR, name_of
 from gazempc.recordings.load import load
 from gazempc.recordings.recording import Recording
 from gazempc.results.page.write import write_page
-from gazempc.results.report import versions
+from gazempc.results.run_summary import versions
 from gazempc.settings import DEFAULT_PREDICTOR, PredictorChoice, PredictorSettings
 from gazempc.sim.sensor import SensorSpec
 from predictors import Predictor

@@ -12,7 +12,7 @@ import numpy as np
 from experiments.aggregate import bootstrap_mean
 from experiments.clips import clips_of
 from experiments.forecast.errors import Cues, ForecastErrors
-from gazempc.results.coverage import inside
+from gazempc.results.forecast_metrics import inside
 from gazempc.types import FloatArray
 
 BASELINES = ("constant_velocity", "last_position")

@@ -6,6 +6,6 @@ from experiments.engine.signals import end_during_imports
 
 if __name__ == "__main__":
     end_during_imports("paper")
-    from experiments.paper.command import main
+    from experiments.paper.reproduction import main
 
     sys.exit(main())

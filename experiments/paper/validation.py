@@ -16,7 +16,7 @@ from gazempc.types import FloatArray
 
 @dataclass(frozen=True)
 class Judged:
-    """Errors on one video of somebody on whom w was not tuned.
+    """Errors on one video of a person on whom w was not tuned.
 
     Attributes:
         recording: Name.

@@ -6,6 +6,6 @@ from experiments.engine.signals import end_during_imports
 
 if __name__ == "__main__":
     end_during_imports("people")
-    from experiments.people.command import main
+    from experiments.people.study import main
 
     sys.exit(main())

@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
-from experiments.people.nearest import NearestNeighbour
 from gazempc.people.people import People, frames_of
 from gazempc.recordings.load import load
 from gazempc.recordings.recording import Recording, Track, turned
@@ -18,6 +19,45 @@ from gazempc.sim.crowd import observe_together
 from gazempc.sim.sensor import load_sensor
 from gazempc.types import FloatArray
 from predictors import ConstantVelocity, HeadObservation
+
+# Simple trackers let a person move so far from one frame to the next, and forget them after so long.
+_FARTHEST_M, _FORGOTTEN_AFTER_S = 0.7, 1.0
+
+
+class NearestNeighbour:
+    """Gives each detection to the person whose last position is nearest."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._last: dict[int, HeadObservation] = {}
+
+    def numbers(self, observations: Sequence[HeadObservation]) -> list[int]:
+        """Take in a frame.
+
+        Args:
+            observations: Detections of one instant.
+
+        Returns:
+            Each detection's person.
+        """
+        now_s = observations[0].capture_time_s
+        self._last = {n: o for n, o in self._last.items() if now_s - o.capture_time_s <= _FORGOTTEN_AFTER_S}
+        known = list(self._last)
+        found = [0] * len(observations)
+        if known:
+            lasts_m = np.array([self._last[number].head_position_base_m for number in known])
+            apart_m = cdist(lasts_m, np.array([seen.head_position_base_m for seen in observations]))
+            rows, columns = linear_sum_assignment(np.where(apart_m <= _FARTHEST_M, apart_m, 1e6))
+            for row, column in zip(rows, columns, strict=True):
+                if apart_m[row, column] <= _FARTHEST_M:
+                    found[column] = known[row]
+        for k, observation in enumerate(observations):
+            if not found[k]:
+                self._count += 1
+                found[k] = self._count
+            self._last[found[k]] = observation
+        return found
+
 
 TRACKERS = ("people", "nearest_neighbour")
 _SUBJECTS = 14
@@ -34,8 +74,8 @@ class Crossing(NamedTuple):
     """What became of two people who crossed.
 
     Attributes:
-        swapped: Whether somebody has the other's identity afterwards.
-        renewed: Whether somebody has a new one afterwards.
+        swapped: Whether a person has the other's identity afterwards.
+        renewed: Whether a person has a new identity afterwards.
     """
 
     swapped: bool
@@ -86,7 +126,7 @@ def cross(seed: int, sensor: str, tracker: str) -> Crossing:
 
     Args:
         seed: Of the walks and of the sensor's errors.
-        sensor: Name of the sensor; it names nobody.
+        sensor: Name of the sensor, which gives no identities.
         tracker: One of `TRACKERS`.
 
     Returns:
@@ -118,7 +158,7 @@ def tracker_of(name: str) -> Numbers:
         name: One of `TRACKERS`.
 
     Returns:
-        Takes detections of one instant, and gives each one's person; 0 where it is nobody's.
+        Takes detections of one instant, and gives the person of each; 0 for none.
     """
     if name == "nearest_neighbour":
         return NearestNeighbour().numbers

@@ -39,7 +39,7 @@ class CrowdScore:
         at_once: How many at once, at most.
         mota: Multiple object tracking accuracy, 1 is best (Bernardin & Stiefelhagen 2008).
         idf1: Share of detections with the right identity, 1 is best (Ristani et al. 2016).
-        switches: How often somebody's identity changed.
+        switches: How often a person's identity changed.
     """
 
     crowd: str

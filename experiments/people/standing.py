@@ -1,4 +1,4 @@
-"""Somebody who stands before the robot and sways: looks away from them, and switches between two of them."""
+"""A person who stands before the robot and sways: looks away from them, and switches between two of them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class SecondLater:
 
 
 def talk(controller: str, rhythm: LookAwayMode, seconds: float, neck: str) -> Log:
-    """Somebody stands, and the robot looks away from them now and then.
+    """A person stands, and the robot looks away now and then.
 
     Args:
         controller: Name of the controller.

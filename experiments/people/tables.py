@@ -3,17 +3,133 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from experiments.people.crossing import TRACKERS, cross
 from experiments.people.crowds import CrowdScore, crowd_of, score
-from experiments.people.engaged import decided
-from experiments.people.returns import CONTROLLERS, return_late_s, row
 from experiments.people.standing import switches, talk
-from gazempc.people.schedule import RHYTHMS
+from gazempc.errors import RecordingError
+from gazempc.people.company import Company
+from gazempc.people.engagement import Engagement
+from gazempc.people.person import PersonState
+from gazempc.people.schedule import RHYTHMS, LookAways
+from gazempc.recordings.recording import Recording
+from gazempc.recordings.synthetic.walks import synthetic_names
+from gazempc.recordings.together import load_together
 from gazempc.results.attention import measure_attention
+from gazempc.settings import DEFAULT_PREDICTOR
+from gazempc.sim.replay import ReplaySettings, replay_scene
+from gazempc.sim.scene import SceneSettings, make_scene
+
+# Part of a folder's name: of an engaged person, and of one who is not engaged.
+_ENGAGED, _NOT = "eng", "dis"
+
+
+@dataclass(frozen=True)
+class Decided:
+    """For how long it was decided rightly, wrongly and not at all, seconds.
+
+    Attributes:
+        faces: Of how many faces.
+        right_s: As the name of the bag says.
+        wrong_s: Otherwise.
+        undecided_s: Not decided.
+    """
+
+    faces: int
+    right_s: float
+    wrong_s: float
+    undecided_s: float
+
+
+def decided(folder: Path) -> Decided:
+    """Watch everybody on the bags of a folder.
+
+    Args:
+        folder: Folder of bags, whose names say what their people do: ``eng`` for engaged, ``dis`` for not.
+
+    Returns:
+        Times over all faces.
+
+    Raises:
+        RecordingError: If there are no bags.
+    """
+    bags = sorted(path.parent for path in folder.glob("*/metadata.yaml"))
+    if not bags:
+        raise RecordingError(str(folder), "", "no bags", "a folder of ROS 2 bags")
+    each = [
+        _decided(walk, _ENGAGED in bag.name and _NOT not in bag.name) for bag in bags for walk in load_together(bag)
+    ]
+    return Decided(len(each), *np.sum(each, axis=0).tolist())
+
+
+def _decided(walk: Recording, truth: bool) -> tuple[float, float, float]:
+    engagement, track = Engagement(), walk.measured or walk.truth
+    found_s: dict[bool | None, float] = {True: 0.0, False: 0.0, None: 0.0}
+    step_s = np.diff(walk.times_s, prepend=walk.times_s[0]).tolist()
+    for k, time_s in enumerate(walk.times_s.tolist()):
+        head_m, quat = track.head_position_m[k], track.head_quat_wxyz[k]
+        state = PersonState(1, None, time_s, head_m, np.zeros(3), quat, time_s, 0.0)
+        engaged = engagement.update(Company(time_s, (state,)))[1]
+        found_s[None if engaged is None else engaged == truth] += step_s[k]
+    return found_s[True], found_s[False], found_s[None]
+
+
+CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
+# The neck has acquired the person by then, and all walks last longer than the look away and a second.
+_START_S, _LASTS_S = 1.6, 1.4
+
+
+def return_late_s(controller: str, every: int, neck: str) -> list[float]:
+    """Let each of the synthetic people walk by, and look away once.
+
+    Args:
+        controller: Name of the controller.
+        every: One of so many walks.
+        neck: Name of the neck.
+
+    Returns:
+        How much later than planned contact was back, seconds, a number a walk; infinite where it never was.
+    """
+    found = []
+    for seed, name in enumerate(synthetic_names()[::every]):
+        scene = make_scene(name, SceneSettings(neck=neck))
+        look_aways = LookAways(scene.neck, seed=seed)
+        look_aways.think(0.0, _LASTS_S, _START_S)
+        log = replay_scene(scene, controller, DEFAULT_PREDICTOR, ReplaySettings(), look_aways=look_aways).log
+        late_s = measure_attention(log).return_late_s
+        found.append(late_s if np.isfinite(late_s) else float("inf"))
+    return found
+
+
+def row(controller: str, neck: str, late_s: Sequence[float]) -> list[str]:
+    """A row of the table.
+
+    Args:
+        controller: Name of the controller.
+        neck: Name of the neck.
+        late_s: Of each walk.
+
+    Returns:
+        Controller, neck, median, 90 % within, number of walks, and of those after which contact was never back.
+    """
+    ms = 1e3 * np.array(late_s)
+    return [
+        controller,
+        neck,
+        _said(float(np.median(ms))),
+        _said(float(np.percentile(ms, 90, method="inverted_cdf"))),
+        str(ms.size),
+        str(int(np.isinf(ms).sum())),
+    ]
+
+
+def _said(ms: float) -> str:
+    return f"{ms:.0f}" if np.isfinite(ms) else "never"
+
 
 # Long enough for a dozen looks away.
 _TALK_S = 60.0
@@ -28,7 +144,7 @@ def crossing_table(sensors: Sequence[str], seeds: int) -> str:
         seeds: Number of pairs.
 
     Returns:
-        A table: of how many pairs somebody has the other's identity afterwards, or a new one.
+        A table: in how many pairs a person has the other's identity afterwards, or a new one.
     """
     rows = []
     for sensor in sensors:
@@ -83,7 +199,7 @@ def engaged_table(folder: Path) -> str:
 
 
 def return_table(every: int) -> str:
-    """Look away from somebody who stands, and once from each walker.
+    """Look away from a person who stands, and once from each walker.
 
     Args:
         every: One of so many synthetic walks.
@@ -98,7 +214,7 @@ def return_table(every: int) -> str:
         stand.append([controller, neck, f"{1e3 * found.return_late_s:.0f}", f"{1e3 * found.return_late_p95_s:.0f}"])
     walk = [row(name, "reference", return_late_s(name, every, "reference")) for name in CONTROLLERS]
     return (
-        f"Contact back after looks away, somebody who stands and is listened to for {_TALK_S:.0f} s\n\n"
+        f"Contact back after looks away, a person who stands and is listened to for {_TALK_S:.0f} s\n\n"
         + _table([*head, "95 % within [ms]"], stand)
         + "\n\nContact back after one look away, people who walk\n\n"
         + _table([*head, "90 % within [ms]", "walks", "without contact"], walk)
@@ -106,7 +222,7 @@ def return_table(every: int) -> str:
 
 
 def schedule_table(seconds: float) -> str:
-    """Talk to somebody who stands, by both rhythms.
+    """Talk to a person who stands, by both rhythms.
 
     Args:
         seconds: For how long.

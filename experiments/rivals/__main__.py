@@ -6,6 +6,6 @@ from experiments.engine.signals import end_during_imports
 
 if __name__ == "__main__":
     end_during_imports("rivals")
-    from experiments.rivals.command import main
+    from experiments.rivals.comparison import main
 
     sys.exit(main())

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from experiments.aggregate import bootstrap_mean
 from experiments.engine.job import Row
-from experiments.rivals.jobs import FIGURES, NAMES, RivalJob
-from experiments.rivals.laws.free import FREE
+from experiments.rivals.jobs import FIGURES, NAMES, OURS, ModelError, RivalJob
+from experiments.rivals.laws import RIVALS
 from experiments.rivals.trials import ALONE, LOSS, STILL, TRIALS, WALKS, takes
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load
@@ -19,7 +20,7 @@ from gazempc.sim.sensor import SensorSpec
 # Combined trials, under names of their own.
 ALL_STILL, ALL_WALKS = "still", "walks"
 _COMBINED = {ALL_STILL: STILL, ALL_WALKS: WALKS}
-# Of the time: nobody sees less of eye contact.
+# Of the time: a smaller difference of eye contact is not visible.
 _LEVEL = 0.01
 # Our gaze unless told otherwise, and by how much less eye contact a rival has than it, clip by clip.
 OUR_DEFAULT, BEHIND = "mpc", "eye_contact_behind_mpc"
@@ -59,7 +60,7 @@ def make_jobs(
         for neck in necks
         for sensor in sensors
         for rival in rivals
-        for constants in FREE.get(rival, ({},))
+        for constants in (RIVALS[rival].free if rival in RIVALS else ({},))
         for trial, recording in people
     ]
 
@@ -166,3 +167,65 @@ def _badness(row: Row) -> tuple[bool, float]:
     if row["settling_s"] is not None:
         return bool(row["rest_error_deg"] > CONTACT_DEG[0]), float(row["settling_s"])
     return False, -float(row["eye_contact_2p6"])
+
+
+# Those that know a model of the neck, or the latency of the camera.
+WITH_MODEL = ("smith", "smith_feedforward", *OURS)
+WITHOUT_MODEL = tuple(name for name in NAMES if name not in WITH_MODEL)
+DEAD_TIME, SERVO, LATENCY = "dead time", "servo", "latency"
+LABELS = {
+    DEAD_TIME: "believed dead time, % off the true one",
+    SERVO: "believed servo frequency, % off the true one",
+    LATENCY: "believed latency of the camera less the true one (ms)",
+}
+_ERRORS: dict[str, dict[float, ModelError]] = {
+    DEAD_TIME: {by: ModelError(dead_time_scale=1.0 + by / 100.0) for by in (-30.0, -15.0, 0.0, 15.0, 30.0)},
+    SERVO: {by: ModelError(servo_scale=1.0 + by / 100.0) for by in (-20.0, 0.0, 20.0)},
+    LATENCY: {by: ModelError(latency_error_s=by / 1000.0) for by in (-50.0, 0.0, 50.0)},
+}
+ERRORS = tuple(dict.fromkeys(error for errors in _ERRORS.values() for error in errors.values()))
+
+
+def wrong_jobs(jobs: Sequence[RivalJob], results: Sequence[Row]) -> list[RivalJob]:
+    """The same jobs with each error, of those that have a model.
+
+    A rival with free constants has those that are best where nothing is believed wrongly.
+
+    Args:
+        jobs: Jobs without an error.
+        results: Their results, as of `experiments.rivals.plan.labelled`.
+
+    Returns:
+        The jobs.
+    """
+    known = [run for run in results if not run["failed"] and not run["left_out"]]
+    chosen = {(run["rival"], run["constants"]) for run in at_their_best(known)}
+    return [
+        replace(job, error=error)
+        for error in ERRORS
+        for job, run in zip(jobs, results, strict=True)
+        if job.rival in WITH_MODEL and error != ModelError() and (run["rival"], run["constants"]) in chosen
+    ]
+
+
+def by_error(runs: Sequence[Row]) -> dict[str, list[dict[str, Any]]]:
+    """Rows of each error.
+
+    Args:
+        runs: Runs with figures, of one neck and sensor.
+
+    Returns:
+        By what is believed wrongly: rows as of `experiments.rivals.plan.summarise` with ``error`` (its name) and
+        ``by`` (percent, or milliseconds).
+    """
+    right = at_their_best([run for run in runs if run["error"] == ModelError()])
+    chosen = {(run["rival"], run["constants"]) for run in right}
+    runs = [run for run in runs if (run["rival"], run["constants"]) in chosen]
+    return {
+        name: [
+            {**row, "error": name, "by": by}
+            for by, error in errors.items()
+            for row in summarise([run for run in runs if run["error"] == error])
+        ]
+        for name, errors in _ERRORS.items()
+    }

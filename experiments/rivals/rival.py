@@ -6,14 +6,22 @@ Pan is positive to the left, tilt is positive up, as everywhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import ClassVar, Literal
 
+import numpy as np
+
+from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.spec import Geometry
 from gazempc.types import FloatArray, JointState
 
 # Between the chin and the hairline of an adult; what face detectors draw their boxes round.
 FACE_HEIGHT_M = 0.24
+# "Full speed" of a law that answers -1 to 1, over the top speed of the neck; faster is cut to that.
+SPEED_SCALES = (0.5, 1.0, 2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True)
@@ -81,32 +89,30 @@ class View:
     idle: bool
 
 
-class Rival(Protocol):
-    """A control law.
+class Rival(ABC):
+    """A control law of a neck and of the camera on its head, as the law takes them to be.
 
     Attributes:
         name: Its name in tables.
         period_s: Time between two steps, seconds.
         command: What it answers: joint angles in radians, or joint velocities in rad/s.
+        free: Constants that the law leaves to its user, one mapping for each choice that is tried.
     """
 
-    @property
-    def name(self) -> str: ...  # noqa: D102
+    name: ClassVar[str]
+    command: ClassVar[Literal["position", "velocity"]] = "position"
+    free: ClassVar[tuple[dict[str, float], ...]] = ({},)
+    period_s: float = 0.02
 
-    @property
-    def period_s(self) -> float: ...  # noqa: D102
-
-    @property
-    def command(self) -> Literal["position", "velocity"]: ...  # noqa: D102
-
+    @abstractmethod
     def start(self, view: View) -> None:
         """Begin, with nothing remembered.
 
         Args:
             view: What it sees at the start; without detections.
         """
-        ...
 
+    @abstractmethod
     def step(self, view: View) -> FloatArray:
         """Answer what it sees.
 
@@ -116,4 +122,93 @@ class Rival(Protocol):
         Returns:
             Pan and tilt, shape (2,): absolute angles in radians, or velocities in rad/s, as `command` says.
         """
-        ...
+
+
+# Frames a tenth of a second apart are ten a second, with stamps that are rounded.
+_SAME_TIME_S = 1e-3
+
+
+class FrameRate:
+    """Takes a frame only if the one before is long enough ago.
+
+    Args:
+        period_s: Least time between two frames that it looks at, seconds.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Take the next frame in any case."""
+        self._last_s = -math.inf
+
+    def take(self, detections: tuple[Detection, ...]) -> Iterator[Detection]:
+        """The detections of the frames that it looks at, oldest first."""
+        for detection in detections:
+            if detection.capture_time_s > self._last_s + self._period_s - _SAME_TIME_S:
+                self._last_s = detection.capture_time_s
+                yield detection
+
+
+def half_sizes(camera: HeadCamera) -> FloatArray:
+    """Tangents of half the field of view: half the image's width and height at distance 1, shape (2,)."""
+    return np.tan([camera.half_width_rad, camera.half_height_rad])
+
+
+def ray(camera: HeadCamera, offset: FloatArray) -> FloatArray:
+    """Where a point of the image is, in the camera's frame.
+
+    Args:
+        camera: A pinhole.
+        offset: Place in halves of the image, shape (2,): to the right, down.
+
+    Returns:
+        x forward (1), y left, z up, shape (3,); not of unit length.
+    """
+    right, down = np.asarray(offset) * half_sizes(camera)
+    return np.array([1.0, -right, -down])
+
+
+def left_and_up_rad(camera: HeadCamera, offset: FloatArray) -> FloatArray:
+    """Angles of a point of the image from the camera's axis, each by itself: left, up, shape (2,), radians."""
+    return -np.arctan(np.asarray(offset) * half_sizes(camera))
+
+
+def bearing_rad(camera: HeadCamera, offset: FloatArray, head_rad: FloatArray) -> FloatArray:
+    """Absolute pan and tilt that look along the ray of a point of the image.
+
+    Axes and eye count as one point, as in all laws that work with directions.
+
+    Args:
+        camera: A pinhole on the head.
+        offset: Place in halves of the image, shape (2,): to the right, down.
+        head_rad: Pan and tilt that the law takes for those of the frame, shape (2,), radians.
+
+    Returns:
+        Pan and tilt, shape (2,), radians; pan within half a turn of the head's.
+    """
+    forward, left, up = ray(camera, offset)
+    pan_rad, tilt_rad = head_rad
+    cosine, sine = np.cos(tilt_rad), np.sin(tilt_rad)
+    ahead, above = cosine * forward - sine * up, sine * forward + cosine * up
+    return np.array([pan_rad + np.arctan2(left, ahead), np.arctan2(above, np.hypot(ahead, left))])
+
+
+def point_base_m(geometry: Geometry, camera: HeadCamera, detection: Detection, head_rad: FloatArray) -> FloatArray:
+    """The face as a point in the base frame.
+
+    Args:
+        geometry: Of the neck: where its eye is.
+        camera: A pinhole at the eye.
+        detection: The face and its measured distance.
+        head_rad: Pan and tilt that the law takes for those of the frame, shape (2,), radians.
+
+    Returns:
+        Position, shape (3,), metres.
+    """
+    eye_m, _ = gaze_ray(geometry, head_rad)
+    pan_rad, tilt_rad = bearing_rad(camera, detection.offset, head_rad)
+    level = np.cos(tilt_rad)
+    direction = np.array([level * np.cos(pan_rad), level * np.sin(pan_rad), np.sin(tilt_rad)])
+    return eye_m + detection.range_m * direction

@@ -10,8 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from experiments.rivals.camera import camera_of, detect
-from experiments.rivals.encoders import EncoderHistory
-from experiments.rivals.motor import Motor, driven_by
+from experiments.rivals.motor import EncoderHistory, Motor, driven_by
 from experiments.rivals.rival import Detection, HeadCamera, Rival, View
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
@@ -111,7 +110,7 @@ class _Run:
             raise ValueError(f"rival {self._rival.name}: step() returned {answer!r}, needed are two finite numbers")
         self._motor.ask(answer)
         self._waiting.clear()
-        # Its own clock goes on evenly, whatever the step of the simulation.
+        # Its steps are periodic, and independent of the simulation's.
         self._next_step_s += self._rival.period_s
 
     def _view(self, detections: tuple[Detection, ...]) -> View:

@@ -18,7 +18,7 @@ from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.types import FloatArray
 
-# Nobody is shown before this, so that all of the answer is scored.
+# The face is shown from this time on, so that the whole response is scored.
 SHOWN_FROM_S = 1.0
 FRAME_RATE_HZ = 100.0
 # As in the published trials: 1 to 2 m away, 15 s. Angles are ours, as none are published: the head must turn clearly;
@@ -125,7 +125,7 @@ def _moving(name: str) -> Trial:
 def _alone(
     name: str, duration_s: float, pan_deg: Callable[[FloatArray], FloatArray], tilt_deg: float, distance_m: float
 ) -> Recording:
-    """Somebody who faces the robot, at a pan angle that is given over time."""
+    """A person who faces the robot, at a pan angle that is given over time."""
     times_s = np.arange(round(duration_s * FRAME_RATE_HZ) + 1) / FRAME_RATE_HZ
     pan, tilt = np.deg2rad(pan_deg(times_s)), np.deg2rad(tilt_deg)
     ground_m = distance_m * np.cos(tilt)

@@ -6,6 +6,6 @@ from experiments.engine.signals import end_during_imports
 
 if __name__ == "__main__":
     end_during_imports("sensor_example")
-    from experiments.sensor_example.command import main
+    from experiments.sensor_example.example import main
 
     sys.exit(main())

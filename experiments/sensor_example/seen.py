@@ -10,7 +10,7 @@ import numpy as np
 from gazempc.errors import SettingsError
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
-from gazempc.results.coverage import squared_radius
+from gazempc.results.forecast_metrics import squared_radius
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.types import FloatArray
@@ -83,7 +83,7 @@ def see(walk: Recording, sensor: SensorSpec, predictor: Predictor, instants_s: S
         What was seen and forecast.
 
     Raises:
-        SettingsError: If nobody had been seen by an instant.
+        SettingsError: If no observation had arrived by an instant.
     """
     predictor.reset()
     truth = TrueHead(walk)

@@ -6,6 +6,6 @@ from experiments.engine.signals import end_during_imports
 
 if __name__ == "__main__":
     end_during_imports("sweep")
-    from experiments.sweep.command import main
+    from experiments.sweep.sweep import main
 
     sys.exit(main())

@@ -16,7 +16,7 @@ from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Objective, direction_of
 from experiments.sweep.tables import pareto_front
 from gazempc.results.figures.style import COLOURS, readable, series_look, styles
-from gazempc.results.report import LABELS as CONTROLLER_LABELS
+from gazempc.results.run_summary import LABELS as CONTROLLER_LABELS
 
 _DPI = 150
 # What makes a gaze: two lines that differ in one of these and not in their controller have one colour.

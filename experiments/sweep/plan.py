@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Sequence
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -13,17 +15,128 @@ import numpy as np
 from pydantic import ValidationError
 
 from experiments.engine.own_parts import check_parts
-from experiments.sweep.designs import Point, case_seed, design_points, point_at
-from experiments.sweep.names import OPTION
+from experiments.engine.recordings import find_recordings, in_place
+from experiments.sweep.names import OPTION, setting_fields
 from experiments.sweep.relations import check_relations
-from experiments.sweep.spec import Case, SweepSpec, lines_of
+from experiments.sweep.spec import Case, Range, SweepSpec, lines_of
 from experiments.sweep.variants import resolve
-from experiments.sweep.walks import Walk, read_walks
-from gazempc.errors import SettingsError, shown, suggest
+from gazempc.errors import GazempcError, SettingsError, shown, suggest
 from gazempc.files.bounds import is_there
 from gazempc.files.documents import parse_yaml, read_settings
+from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.settings import DEFAULT_PREDICTOR
+from gazempc.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A recording that has been read once.
+
+    Attributes:
+        name: Its name in tables.
+        path: Synthetic name or absolute path.
+        subject: Who walks.
+        group: Kind of walk.
+        is_synthetic: Whether it is one of the generated walks.
+    """
+
+    name: str
+    path: str
+    subject: str
+    group: str | None
+    is_synthetic: bool
+
+
+def read_walks(words: Sequence[str], reading: ReadOptions) -> tuple[tuple[Walk, ...], list[str]]:
+    """Read recordings.
+
+    Args:
+        words: As for `experiments.engine.recordings.find_recordings`.
+        reading: What the user says about the files.
+
+    Returns:
+        The walks, and what is wrong with the others, a line each.
+    """
+    problems: list[str] = []
+    found: list[str] = []
+    for word in words:
+        try:
+            found += find_recordings([word])
+        except GazempcError as error:
+            problems += str(error).splitlines()
+    walks = []
+    for name in dict.fromkeys(found):
+        try:
+            recording = load(name, reading)
+        except GazempcError as error:
+            problems.append(str(error))
+            continue
+        labels = recording.labels
+        walks.append(Walk(Path(name).stem, in_place(name), labels.subject, labels.group, recording.kind == "synthetic"))
+    return tuple(walks), problems
+
+
+Point = dict[str, Any]
+
+
+def design_points(case: Case, seed: int) -> list[Point]:
+    """Points of a grid, random or sobol design.
+
+    Args:
+        case: A complete case (`experiments.sweep.spec.SweepSpec.all_cases`).
+        seed: Seed of the design; the case's name is mixed in.
+
+    Returns:
+        The values that vary, by dotted name; the same arguments give the same points, and a larger ``n`` only adds
+        points.
+    """
+    if case.design == "grid":
+        return [dict(zip(case.vary, values, strict=True)) for values in itertools.product(*case.vary.values())]
+    rng = np.random.default_rng(case_seed(case, seed))
+    size = (case.n or 0, len(case.vary))
+    if case.design == "random":
+        draws = rng.random(size)
+    else:
+        from scipy.stats import qmc  # noqa: PLC0415  (slow to import, and no other design needs it)
+
+        # Drawn in powers of two, for which the sequence is balanced, and cut to n.
+        draws = qmc.Sobol(size[1], rng=rng).random_base2(math.ceil(math.log2(max(size[0], 1))))[: size[0]]
+    return [point_at(case.vary, row) for row in draws]
+
+
+def case_seed(case: Case, seed: int) -> list[int]:
+    """Seed of a case's design."""
+    return [seed, zlib.crc32(case.name.encode())]
+
+
+def point_at(vary: Mapping[str, Any], draw: FloatArray) -> Point:
+    """The point at a place in the unit cube.
+
+    Args:
+        vary: What each setting may be.
+        draw: Place, shape (len(vary),), each in [0, 1).
+
+    Returns:
+        Value by dotted name.
+    """
+    return {name: _value(name, entry, float(u)) for (name, entry), u in zip(vary.items(), draw, strict=True)}
+
+
+def is_whole(name: str, entry: Range) -> bool:
+    """True if a range has whole numbers only."""
+    return entry.integer or setting_fields()[name].annotation is int
+
+
+def _value(name: str, entry: Any, u: float) -> Any:
+    if not isinstance(entry, Range):
+        return entry[int(u * len(entry))]
+    whole = is_whole(name, entry)
+    # Every whole number gets an equal share, the ends too.
+    low, high = (entry.low, entry.high + 1.0) if whole else (entry.low, entry.high)
+    value = low * (high / low) ** u if entry.log else low + u * (high - low)
+    return min(math.floor(value), int(entry.high)) if whole else min(value, entry.high)
+
 
 # An optuna design has no points yet; so many random ones stand for them in the check.
 _PROBES = 64

@@ -13,10 +13,8 @@ import numpy as np
 from experiments.aggregate import bootstrap_mean
 from experiments.clips import groups_of
 from experiments.engine.job import Row
-from experiments.sweep.designs import Point
-from experiments.sweep.plan import SweepPlan
+from experiments.sweep.plan import Point, SweepPlan, Walk
 from experiments.sweep.spec import METRICS, Case, Objective
-from experiments.sweep.walks import Walk
 from gazempc.files.whole import whole
 from gazempc.results.page.content import PageTable
 

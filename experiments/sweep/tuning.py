@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from experiments.engine.keys import program_hash, recording_hash
-from experiments.sweep.designs import Point, case_seed, is_whole
-from experiments.sweep.plan import SweepPlan
+from experiments.sweep.plan import Point, SweepPlan, case_seed, is_whole
 from experiments.sweep.spec import Case, Range
 from gazempc.errors import MissingOptionalDependencyError
 

@@ -1,1 +1,1 @@
-"""Files that anybody may have made: checked, read within bounds, written whole. May import gazempc.errors."""
+"""Files from untrusted sources: checked, read within bounds, written whole. May import gazempc.errors."""

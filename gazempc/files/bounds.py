@@ -1,27 +1,24 @@
-"""What a file is, is looked at before it is read; and how much memory its reading may take."""
+"""Checks of a file before it is read: its kind, its size, and the size of its content."""
 
 from __future__ import annotations
 
 import errno
 import os
 import stat
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
-try:
-    import resource
-except ImportError:  # Windows has no limits of a process
-    resource = None  # type: ignore[assignment]
+import numpy as np
 
 MEGABYTE = 2**20
 # An hour of 30 joints at 30 Hz as text. Larger files are no recording of one walk.
 MOST_TEXT_BYTES = 100 * MEGABYTE
 # Settings, necks and mappings have a few kilobytes; parsers written in Python need a second for this.
 MOST_SETTINGS_BYTES = 256 * 1024
-# Reading a file takes so much memory, and so many times its size, at most: a table of text takes 12 times its size.
-_READING_BYTES, _READING_PER_BYTE = 250 * MEGABYTE, 12
+# An hour of 75 columns at 100 Hz; as Python's text they take 2 GB.
+MOST_VALUES = 30_000_000
+# Content of a packed file: some megabytes are packed to nearly nothing, larger content rarely to a twelfth.
+_UNPACKED_BYTES, _UNPACKED_PER_BYTE = 250 * MEGABYTE, 12
 _KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
@@ -29,8 +26,10 @@ _KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
     (stat.S_ISCHR, "a device"),
     (stat.S_ISBLK, "a device"),
 )
-# The limit is that of the process: two threads at once would restore each other's.
-_ONE_READER = threading.RLock()
+_SEPARATOR, _BLANK = 1, 2
+_SEPARATORS = np.zeros(256, dtype=np.uint8)
+_SEPARATORS[list(b",;\t")] = _SEPARATOR
+_SEPARATORS[list(b" \r\n")] = _BLANK
 
 
 def is_there(path: Path) -> bool:
@@ -85,7 +84,7 @@ def read_limited(path: Path, most_bytes: int) -> bytes:
     Raises:
         OSError: If it cannot be read, is no regular file or is too large; `strerror` says why.
     """
-    # Without O_NONBLOCK, the opening of a pipe would wait for somebody who writes.
+    # Without O_NONBLOCK, opening a pipe waits for a writer.
     opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(opened, "rb") as file:
         _checked(path, os.fstat(file.fileno()), most_bytes)
@@ -95,39 +94,48 @@ def read_limited(path: Path, most_bytes: int) -> bytes:
     return data
 
 
-@contextmanager
-def memory_for(size_bytes: int) -> Iterator[None]:
-    """Let nothing in here take far more memory or disk than a file's size explains; only where the system can do that.
+def most_unpacked_bytes(size_bytes: int) -> int:
+    """Largest content of a packed file that its size explains.
 
     Args:
-        size_bytes: Size of the file that is read in here.
+        size_bytes: Size of the file.
+
+    Returns:
+        Bytes.
+    """
+    return _UNPACKED_BYTES + _UNPACKED_PER_BYTE * size_bytes
+
+
+def check_unpacked(unpacked_bytes: int, size_bytes: int) -> None:
+    """Refuse a packed file by the size of its content, before it is unpacked.
+
+    Args:
+        unpacked_bytes: Size of the content.
+        size_bytes: Size of the file.
 
     Raises:
-        OSError: If more was asked for.
+        OSError: If the content is far larger than the file.
     """
-    used_bytes = _address_space_bytes()
-    if resource is None or used_bytes is None:
-        yield
-        return
-    with _ONE_READER:
-        more_bytes = _READING_BYTES + _READING_PER_BYTE * size_bytes
-        before = {kind: resource.getrlimit(kind) for kind in (resource.RLIMIT_AS, resource.RLIMIT_FSIZE)}
-        _lower(resource.RLIMIT_AS, used_bytes + more_bytes)
-        _lower(resource.RLIMIT_FSIZE, more_bytes)  # a packed bag is unpacked on the disk
-        try:
-            yield
-        except MemoryError:
-            raise OSError(errno.ENOMEM, "its content takes far more memory than its size explains") from None
-        finally:
-            for kind, limits in before.items():
-                resource.setrlimit(kind, limits)
+    if unpacked_bytes > most_unpacked_bytes(size_bytes):
+        said = f"its content takes far more memory than its size explains: {_size(unpacked_bytes)} unpacked"
+        raise OSError(errno.ENOMEM, f"{said}, {_size(most_unpacked_bytes(size_bytes))} accepted")
 
 
-def _lower(kind: int, most_bytes: int) -> None:
-    """Lower a limit of the process, where it is not lower already."""
-    soft, hard = resource.getrlimit(kind)
-    known = [limit for limit in (soft, hard, most_bytes) if limit != resource.RLIM_INFINITY]
-    resource.setrlimit(kind, (min(known), hard))
+def check_values(data: bytes) -> None:
+    """Refuse text by the number of its values, before it is cut: each takes some 60 bytes of memory.
+
+    Args:
+        data: Text whose values are separated by blanks, commas, semicolons or tabs.
+
+    Raises:
+        OSError: If there are more than `MOST_VALUES`.
+    """
+    kinds = _SEPARATORS[np.frombuffer(data, dtype=np.uint8)]
+    blank = kinds == _BLANK
+    # A run of blanks separates once.
+    count = int((kinds == _SEPARATOR).sum()) + int((blank[1:] & ~blank[:-1]).sum())
+    if count > MOST_VALUES:
+        raise OSError(errno.EFBIG, f"it has {count} values; accepted are {MOST_VALUES} at most")
 
 
 def _checked(path: Path, found: os.stat_result, most_bytes: int | None) -> int:
@@ -146,12 +154,3 @@ def _too_large(path: Path, most_bytes: int, size_bytes: int | None = None) -> OS
 
 def _size(count_bytes: int) -> str:
     return f"{count_bytes / MEGABYTE:.0f} MB" if count_bytes >= MEGABYTE else f"{count_bytes / 1024:.0f} kB"
-
-
-def _address_space_bytes() -> int | None:
-    """What this process may address by now; None where the system does not say."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    except OSError:
-        return None
-    return pages * os.sysconf("SC_PAGE_SIZE")

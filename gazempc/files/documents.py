@@ -1,7 +1,8 @@
-"""Settings as TOML or YAML text that anybody may have written: parsed within bounds, never executed."""
+"""Settings as TOML or YAML text from untrusted sources: parsed within bounds, never executed."""
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,14 @@ from gazempc.files.bounds import MOST_SETTINGS_BYTES, read_limited
 
 # Deeper than any settings, and far from where the parsers run out of stack.
 _DEEPEST = 30
+# Strings and comments are passed over: a key of dots inside them is text.
+_TOML_KEY = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_TOML_TOKENS = re.compile(
+    rf"(?P<deep>{_TOML_KEY}(?:[ \t]*+\.[ \t]*+{_TOML_KEY}){{{_DEEPEST},}})"
+    r'|"{3}(?:\\.|[^\\])*?"{3}'
+    r"|'{3}.*?'{3}|#[^\n]*+|" + _TOML_KEY,
+    re.DOTALL,
+)
 _TOO_DEEP = f"nested deeper than {_DEEPEST} levels"
 
 
@@ -50,6 +59,11 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
         SettingsError: If it is not TOML, holds a number of thousands of digits or is nested too deeply.
     """
     try:
+        if len(text) > MOST_SETTINGS_BYTES:
+            raise ValueError(f"{len(text)} characters; accepted are {MOST_SETTINGS_BYTES} at most")
+        # The parser's time and memory grow with the square of the parts of a key.
+        if any(found.lastgroup for found in _TOML_TOKENS.finditer(text)):
+            raise ValueError(_TOO_DEEP)
         found = tomllib.loads(text)
         _check(found)
     except (ValueError, RecursionError) as error:
@@ -107,7 +121,7 @@ def _line(event: yaml.Event) -> str:
 
 
 def _check(value: Any, depth: int = 0) -> None:
-    """Refuse what nobody can compute with, or print.
+    """Refuse values that cannot be computed with, or printed.
 
     Raises:
         ValueError: Says what it is.

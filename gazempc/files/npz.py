@@ -1,4 +1,4 @@
-"""Files of numpy arrays (``.npz``) that anybody may have made: nothing in them is executed, or larger than it says."""
+"""Files of numpy arrays (``.npz``) from untrusted sources: never executed, sizes checked before unpacking."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from numpy.lib import format as npy
 
 from gazempc.errors import shown
-from gazempc.files.bounds import MEGABYTE, memory_for, read_limited
+from gazempc.files.bounds import MEGABYTE, check_unpacked, read_limited
 
 # A log of an hour has a tenth of it.
 _MOST_BYTES = 500 * MEGABYTE
@@ -34,17 +34,43 @@ def read_npz(file: Path | bytes) -> dict[str, Any]:
     """
     data = file if isinstance(file, bytes) else read_limited(file, _MOST_BYTES)
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive, memory_for(len(data)):
-            members = archive.infolist()
-            if len(members) > _MOST_ARRAYS:
-                raise ValueError(f"{len(members)} arrays; accepted are {_MOST_ARRAYS} at most")
-            for member in members:
-                _check(archive, member)
-            return {member.filename.removesuffix(".npy"): _array(archive, member) for member in members}
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            _check_members(archive, len(data))
+            return {member.filename.removesuffix(".npy"): _array(archive, member) for member in archive.infolist()}
     except (OSError, ValueError):
         raise
     except Exception as error:  # a damaged archive makes the libraries raise errors of many unrelated classes
         raise ValueError(f"a damaged archive ({type(error).__name__}: {shown(str(error), 100)})") from None
+
+
+def check_npz(path: Path, most_bytes: int) -> None:
+    """Refuse a file of arrays that another reader must not be given; one that is no archive is left to that reader.
+
+    Args:
+        path: Its path.
+        most_bytes: Its largest size.
+
+    Raises:
+        OSError: If it cannot be read, is too large, or its content is far larger than the file.
+        ValueError: If an array is not what its header says.
+    """
+    data = read_limited(path, most_bytes)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            _check_members(archive, len(data))
+    except (OSError, ValueError):
+        raise
+    except Exception:  # no archive, or a damaged one: the reader's message names what it accepts
+        return
+
+
+def _check_members(archive: zipfile.ZipFile, size_bytes: int) -> None:
+    members = archive.infolist()
+    if len(members) > _MOST_ARRAYS:
+        raise ValueError(f"{len(members)} arrays; accepted are {_MOST_ARRAYS} at most")
+    check_unpacked(sum(member.file_size for member in members), size_bytes)
+    for member in members:
+        _check(archive, member)
 
 
 def _check(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:

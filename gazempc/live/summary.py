@@ -24,7 +24,7 @@ from gazempc.results.compute import measure_compute
 from gazempc.results.limits import limit_violations
 from gazempc.results.log import ComputeTimes, Fault, Log
 from gazempc.results.metrics import measure
-from gazempc.results.report import versions
+from gazempc.results.run_summary import versions
 
 _LATE_MS = 1.0
 _SHOWN_PROBLEMS = 5

@@ -9,7 +9,8 @@ from typing import Any
 
 from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
-from gazempc.files.bounds import MEGABYTE, check_file, memory_for
+from gazempc.files.bounds import MEGABYTE
+from gazempc.files.npz import check_npz
 from gazempc.loop.trial import check_controller, check_predictor, check_same_neck
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.part_options import make, options_for
@@ -141,9 +142,10 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
         return shipped_walker_model()
     try:
         path = model_file(fitted, person)
-        with memory_for(check_file(path, _MOST_MODEL_BYTES)):
-            return load_walker_model(path)
+        check_npz(path, _MOST_MODEL_BYTES)
+        return load_walker_model(path)
     except WalkerModelError as error:
         raise SettingsError(f"walker.fitted: {error}") from None
-    except OSError as error:
-        raise SettingsError(f"walker.fitted: {fitted}: cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SettingsError(f"walker.fitted: {fitted}: cannot be read: {reason}") from None

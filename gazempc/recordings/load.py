@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gazempc.errors import RecordingError, suggest
-from gazempc.files.bounds import check_file, check_folder, memory_for
+from gazempc.files.bounds import check_file, check_folder
 from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
 from gazempc.recordings.readers.bag_recording import read_bag
 from gazempc.recordings.readers.bvh import read_bvh
@@ -77,11 +77,11 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         raise RecordingError(name, "", "this is a directory, and neither a ROS 2 bag nor OpenPose's", accepted)
     if is_directory:
         try:
-            size_bytes = check_folder(path)
+            check_folder(path)
         except OSError as error:
             place = Path(error.filename or path).name
             raise RecordingError(path, place, f"cannot be read: {error.strerror}", "a folder of files") from None
-        return _read(read_table if is_openpose_folder(path) else read_bag, path, given, size_bytes)
+        return _read(read_table if is_openpose_folder(path) else read_bag, path, given)
     if not exists:
         looks_like_file = path.suffix.lower() in _READERS or len(path.parts) > 1
         names = f"{suggest(name, (*walks, *everyday))}, each person with {', '.join((*ROUTES, *ACTIVITIES))}"
@@ -91,17 +91,20 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     if reader is None:
         raise RecordingError(name, "", f"unknown kind of file {path.suffix!r}", accepted)
     try:
-        size_bytes = check_file(path)
+        check_file(path)
     except OSError as error:
         raise RecordingError(name, "", f"cannot be read: {error.strerror}", accepted) from None
-    return _read(reader, path, given, size_bytes)
+    return _read(reader, path, given)
 
 
-def _read(reader: Reader, path: Path, options: ReadOptions, size_bytes: int) -> Recording:
-    """Read a recording within bounds, and refuse one that cannot be of a walk."""
+# Its name in `import gazempc`.
+load_recording = load
+
+
+def _read(reader: Reader, path: Path, options: ReadOptions) -> Recording:
+    """Read a recording, and refuse one that cannot be of a walk."""
     try:
-        with memory_for(size_bytes):
-            recording = reader(path, options)
+        recording = reader(path, options)
     except OSError as error:
         raise RecordingError(path, "", f"cannot be read: {error.strerror or error}", "a sound file") from None
     seen = recording.truth.valid

@@ -115,7 +115,7 @@ def truth_of(kind: str) -> str:
         kind: Kind of a recording or of a run.
 
     Returns:
-        Words to follow "against"; empty where the true motion itself is known, or nobody is recorded.
+        Words to follow "against"; empty where the true motion itself is known, or no person is recorded.
     """
     # Who is tracked and not measured otherwise has no other truth.
     return "the tracker's own track, smoothed without lag" if kind in ("tracked", "body tracking") else ""

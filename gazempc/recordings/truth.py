@@ -11,7 +11,7 @@ from gazempc.types import BoolArray, FloatArray
 
 # Over a longer gap a person may do anything: it is bridged for the robot's sake, but nothing is scored against it.
 _LONGEST_GAP_S = 0.2
-# Half a servo period, in which a head moves by 4 mm at most: each frame has its tick, whatever its rate.
+# Half a servo period, in which a head moves by 4 mm at most: each frame has its tick at any rate.
 _ON_A_FRAME_S = 0.0025
 _ROUNDING_S = 1e-6
 

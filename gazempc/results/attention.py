@@ -34,14 +34,14 @@ class AttentionMetrics:
     """Metrics of whom the gaze was on, and when; NaN where there is nothing to measure.
 
     Attributes:
-        contact_attended: Share of the scored time with eye contact (2.6 deg) with whoever is looked at, where contact
+        contact_attended: Share of the scored time with eye contact (2.6 deg) with the attended person, where contact
             is due.
         switches_per_minute: How often it changed who is looked at, a minute.
         time_to_contact_after_switch_s: Median time from a switch to contact, seconds; of switches with contact.
         switches_without_contact: Switches after which there was no contact before the next one.
         switch_overshoot_deg: How far the gaze passes the new person to the side after a switch, at most, degrees; see
             `gazempc.results.contact.overshoot_deg`.
-        identity_swaps: How often observations of one person were first taken for somebody else's; two people who
+        identity_swaps: How often observations of one person were first assigned to another person; two people who
             exchange their numbers count twice.
         away_share: Share of the scored time without contact during looks away.
         away_share_planned: Share of it that was planned.
@@ -129,7 +129,7 @@ def attention_lines(found: AttentionMetrics) -> list[str]:
 
 
 def _times_to_contact(log: Log, contact: BoolArray) -> FloatArray:
-    """Of the first person and of each switch to somebody, time to contact before the next switch; NaN without."""
+    """Of the first person and of each switch to a person, time to contact before the next switch; NaN without."""
     found = []
     for ticks in _turns(log):
         there = np.flatnonzero(contact[ticks])

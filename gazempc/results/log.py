@@ -78,7 +78,7 @@ class Log:
         event_time_s: Beginning of each event, shape (E,), seconds.
         event_name: Its name, shape (E,).
         attended_time_s: With several people: times at which the robot switched to another person, shape (A,), seconds.
-        attended_person: Number of the person from this time on, in the order of entering; 0 for nobody; shape (A,).
+        attended_person: Number of the person from this time on, in the order of entering; 0 for none; shape (A,).
         attended_why: Reason of the switch, see `gazempc.people.attention.Attended`, shape (A,).
         away_start_s: Planned end of eye contact for each look away, shape (W,), seconds.
         away_end_s: Planned return of eye contact, shape (W,), seconds.

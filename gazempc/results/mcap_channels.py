@@ -51,7 +51,7 @@ class Channels:
 
     Args:
         run: What the run is.
-        context: Where they go: whatever writes or serves this context.
+        context: Receives them, and writes or serves them.
     """
 
     def __init__(self, run: RunInfo, context: foxglove.Context) -> None:

@@ -6,7 +6,7 @@ import io
 from pathlib import Path
 
 from gazempc.errors import SettingsError, shown
-from gazempc.files.bounds import check_file, memory_for
+from gazempc.files.bounds import check_file
 
 # The first bytes of every MCAP file.
 MAGIC = b"\x89MCAP0\r\n"
@@ -74,7 +74,8 @@ def attached_log(path: Path) -> bytes:
     except ImportError:
         raise SettingsError(NEEDS_VIEW) from None
     try:
-        with memory_for(check_file(path)), path.open("rb") as file:
+        check_file(path)
+        with path.open("rb") as file:
             found = [each.data for each in make_reader(file).iter_attachments() if each.name == ATTACHMENT]
     except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
         raise SettingsError(f"{path}: not an MCAP file that can be read: {shown(str(error), 200)}") from None

@@ -13,7 +13,7 @@ from gazempc.results.run_info import RunInfo
 
 
 class McapWriter:
-    """Writes whatever is logged to its context; closes the file at the end of a ``with``.
+    """Writes all that is logged to its context; closes the file at the end of a ``with``.
 
     Args:
         run: What the run is; kept in the file's metadata.
@@ -45,7 +45,7 @@ class McapWriter:
         self._writer.write_metadata(name, about)
 
     def flush(self) -> None:
-        """Hand over to the system what has come so far: then it is on disk, whatever becomes of this program."""
+        """Hand over to the system what has come so far: then it is on disk if this program ends."""
         self._writer.flush()
 
     def attach(self, log: bytes) -> None:

@@ -100,8 +100,7 @@ def measure(log: Log) -> Metrics:
     """
     neck = log.neck
     error = gaze_error_deg(log)
-    # Nothing is scored where the true head or the joints are not known. Live nobody knows the true head; what needs no
-    # head is scored still.
+    # Nothing is scored where the true head or the joints are unknown. A live run is scored by what needs no true head.
     knows_head = log.run.knows_true_head
     judged = error if knows_head else log.joint_position_rad.sum(axis=1)
     # Nor is contact that is not due.

@@ -95,7 +95,7 @@ class AttendedMoment(NamedTuple):
 
     Attributes:
         time_s: The time, seconds.
-        person: Number of the person, in the order in which they entered; 0 for nobody.
+        person: Number of the person, in the order in which they entered; 0 for none.
         why: Why, in a word.
     """
 

@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.results.report import Row
+from gazempc.results.compute import measure_compute
+from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.metrics import measure
+from gazempc.results.run_summary import Row, make_rows
 
 
 @dataclass(frozen=True)
@@ -75,3 +78,17 @@ def by_controller(seeds: tuple[int, ...], rounds: list[list[Row]]) -> list[Repea
         One entry a controller.
     """
     return [Repeats(seeds, rows) for rows in zip(*rounds, strict=True)]
+
+
+def measured_again(log: Log) -> Repeats:
+    """Figures of a log; the computing times are not in it, so these are NaN.
+
+    Args:
+        log: The log.
+
+    Returns:
+        The figures of its one run.
+    """
+    nothing = np.empty(0)
+    times = measure_compute(ComputeTimes(nothing, nothing, nothing), log.neck.control_period_s)
+    return Repeats((log.run.seed,), tuple(make_rows([(log.run.controller, log.run.predictor, measure(log), times)])))

@@ -48,7 +48,7 @@ class RunInfo(BaseModel):
 
     @property
     def knows_true_head(self) -> bool:
-        """Whether anybody knows where the head really was: not where a person is there now."""
+        """Whether the true head is known, as in replays; in a live run it is not."""
         return self.kind != "live"
 
     def as_json(self) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.results.repeats import Repeats
-from gazempc.results.report import label
+from gazempc.results.run_summary import label
 
 # Differences to the reactive gaze that count: beyond this share of its error, or this share of the time.
 _ERROR_LEVEL = 0.02
@@ -87,7 +87,7 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     Args:
         repeats: The figures.
         neck: Its limits stand beside the peaks.
-        against: What stands for the truth, where nobody knows it; said below the table.
+        against: What stands for the truth, where that is unknown; printed below the table.
 
     Returns:
         Lines of text.
@@ -101,7 +101,7 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     ]
     text.insert(2, "-" * len(text[0]))
     if against:
-        text.append(f"Gaze error and eye contact are against {against}: nobody measured where the head was.")
+        text.append(f"Gaze error and eye contact are against {against}: the true head was not measured.")
     return "\n".join(line.rstrip() for line in text)
 
 

@@ -13,7 +13,7 @@ from gazempc.results.compute import measure_compute
 from gazempc.results.metrics import measure
 from gazempc.results.moments import Moment, PlanMoment
 from gazempc.results.repeats import Repeats, by_controller
-from gazempc.results.report import Row, faults, make_rows
+from gazempc.results.run_summary import Row, faults, make_rows
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 

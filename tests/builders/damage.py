@@ -25,7 +25,7 @@ from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.tables.mapping import read_mapping
 from gazempc.results.log import load_log
 from gazempc.results.mcap_file import write_mcap
-from gazempc.results.measured import measured_again
+from gazempc.results.repeats import measured_again
 from gazempc.run_settings import load_settings
 from gazempc.sim.sensor import load_sensor
 

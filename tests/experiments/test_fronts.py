@@ -7,7 +7,7 @@ import math
 import pytest
 
 from experiments import front_gaps, fronts, plan_example
-from experiments.sweep import command as sweep
+from experiments.sweep import sweep
 
 
 def test_a_front_leaves_out_what_is_beaten():

@@ -5,7 +5,7 @@ import pytest
 from builders.pages import ROOT
 from builders.recordings import synthetic
 
-from experiments.sensor_example.command import main
+from experiments.sensor_example.example import main
 from experiments.sensor_example.seen import see
 from gazempc.sim.sensor import load_sensor
 from predictors import ConstantVelocity, Forecast, NotReadyError

@@ -6,6 +6,8 @@ import os
 import resource
 import sqlite3
 import stat
+import struct
+import threading
 import time
 import zipfile
 from contextlib import closing
@@ -16,13 +18,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from backports import zstd
 from builders import bags, exports
 
 from experiments.engine.cache import read_result
 from experiments.engine.recordings import find_recordings
 from experiments.sweep.plan import load_plan
-from gazempc.errors import GazempcError
-from gazempc.files.bounds import memory_for
+from gazempc.errors import GazempcError, SettingsError
+from gazempc.files.documents import parse_toml
 from gazempc.identify.record import load_record
 from gazempc.identify.tracker.read import read_track
 from gazempc.loop.build import walker_model
@@ -264,13 +267,88 @@ def test_what_cannot_be_a_walk_is_refused_with_the_reason(times_s, head_m, said,
     assert said in refused(load, path)
 
 
-def test_memory_is_bounded_and_given_back():
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    with pytest.raises(OSError, match="far more memory"), memory_for(1000):
-        bytearray(2**31)
-    assert resource.getrlimit(resource.RLIMIT_AS) == before
-    with memory_for(2**30):
-        assert len(bytearray(2**29)) == 2**29
+def process_limits():
+    return {name: resource.getrlimit(getattr(resource, name)) for name in dir(resource) if name.startswith("RLIMIT_")}
+
+
+@pytest.mark.slow
+def test_limits_of_the_process_stay_and_other_threads_allocate(tmp_path):
+    path = tmp_path / "walk.csv"
+    times_s = np.arange(60_000) / 100.0
+    path.write_text(head_track(times_s, np.column_stack([np.sin(times_s), 0.0 * times_s, 1.6 + 0.0 * times_s])))
+    before, seen, done = process_limits(), [], threading.Event()
+
+    def other_thread():
+        while not done.is_set():
+            seen.append(process_limits() == before and len(bytearray(2**30)) == 2**30)
+
+    other = threading.Thread(target=other_thread)
+    other.start()
+    try:
+        assert len(load(path).times_s) == len(times_s)
+    finally:
+        done.set()
+        other.join()
+    assert seen
+    assert all(seen)
+
+
+@pytest.mark.parametrize("size", [20_000, 80_000])
+@pytest.mark.parametrize("key", ["a{}", "[a{}]\nx", "x = {{ a{}", "'a'{}", '"a"{}'])
+def test_a_key_of_thousands_of_parts_is_refused_at_once(key, size):
+    started_s = time.process_time()
+    with pytest.raises(SettingsError, match="nested deeper"):
+        parse_toml(key.format(".a" * (size // 2)) + " = 1", "neck.toml")
+    assert time.process_time() - started_s < 0.1
+
+
+@pytest.mark.parametrize("quotes", ['"', "'", '"""', "'''"])
+def test_dots_in_text_and_comments_are_no_key(quotes):
+    dots = "a" + ".a" * 1000
+    assert parse_toml(f"# {dots}\nx = {quotes}{dots}{quotes}", "neck.toml") == {"x": dots}
+
+
+@pytest.mark.parametrize("line", ["a" * 90_000_000, "," * 90_000_000, "t,head_x,head_y,head_z," + "b" * 90_000_000])
+def test_a_header_of_90_megabytes_is_refused(line, tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text(line + "\n1\n")
+    assert "at most" in refused(load, path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("walk.json", "[[]," * 12_000_000), ("walk.mvnx", "<a/>" * 3_000_000), ("walk.bvh", "1 " * 31_000_000)],
+)
+def test_a_text_of_millions_of_values_is_not_parsed(name, text, tmp_path):
+    path = tmp_path / name
+    path.write_text(text)
+    assert "at most" in refused(load, path)
+
+
+@pytest.mark.parametrize("compression", ["none", "zstd"])
+def test_a_bag_that_unpacks_to_gigabytes_is_refused(compression, tmp_path):
+    bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
+    if compression == "zstd":
+        with zstd.open(bag / "more.db3.zstd", "wb") as file:
+            for _ in range(300):
+                file.write(bytes(2**20))
+    else:
+        chunk = struct.pack("<QQQIIQ", 0, 1, 2**31, 0, 0, 0)
+        (bag / "more.mcap").write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(chunk)) + chunk)
+    assert "far more memory" in refused(load, bag)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cell", ["", ",anna"])
+def test_a_table_of_a_million_rows_is_read_in_seconds(cell, tmp_path):
+    rows = 1_700_000
+    path = tmp_path / "walk.csv"
+    with path.open("w") as file:
+        file.write("t,head_x,head_y,head_z" + (",note" if cell else "") + "\n")
+        file.writelines(f"{k / 500:.3f},{np.sin(k / 1000):.5f},0.50000,1.60000{cell}\n" for k in range(rows))
+    started_s = time.process_time()
+    assert len(load(path).times_s) == rows
+    assert time.process_time() - started_s < (10.0 if not cell else 40.0)
 
 
 def test_a_long_text_in_a_file_is_cut_in_the_message(tmp_path):

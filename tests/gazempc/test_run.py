@@ -17,7 +17,7 @@ from gazempc.errors import SettingsError
 from gazempc.part_options import take_options
 from gazempc.results.log import load_log
 from gazempc.results.metrics import gap_closed, measure
-from gazempc.results.report import LABELS
+from gazempc.results.run_summary import LABELS
 from gazempc.run import main, parse
 from gazempc.run_settings import RunSettings, load_settings
 

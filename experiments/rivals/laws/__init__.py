@@ -1,29 +1,21 @@
-"""The control laws of robots and cameras, one a module, and their table by name. May import experiments.rivals."""
-
-from collections.abc import Callable
+"""The control laws of robots and cameras, and their table by name. May import experiments.rivals."""
 
 from experiments.rivals.laws.autoptz import AutoPtz
-from experiments.rivals.laws.conversation_app import ConversationApp
 from experiments.rivals.laws.frigate import Frigate
-from experiments.rivals.laws.humotion import Humotion
-from experiments.rivals.laws.ikingazectrl import IKinGazeCtrl
-from experiments.rivals.laws.obs_face_tracker import ObsFaceTracker
+from experiments.rivals.laws.humanoids import Humotion, IKinGazeCtrl
 from experiments.rivals.laws.op3 import Op3
-from experiments.rivals.laws.pixel_pid import PixelPid
+from experiments.rivals.laws.pixel_pid import ObsFaceTracker, PixelPid
 from experiments.rivals.laws.pr2_point_head import Pr2PointHead
-from experiments.rivals.laws.reachy_mini import ReachyMini, ReachyMiniCapture, ReachyMiniCaptureRaw
-from experiments.rivals.laws.reachy_mini_limits import ReachyMiniLimits
+from experiments.rivals.laws.reachy_mini import ConversationApp, ReachyMini, ReachyMiniCaptureRaw
 from experiments.rivals.laws.smith import Smith, SmithFeedForward
 from experiments.rivals.rival import Rival
 
 # Each makes a law of a neck, a camera and its own constants.
-RIVALS: dict[str, Callable[..., Rival]] = {
+RIVALS: dict[str, type[Rival]] = {
     law.name: law
     for law in (
         ReachyMini,
-        ReachyMiniCapture,
         ReachyMiniCaptureRaw,
-        ReachyMiniLimits,
         ConversationApp,
         AutoPtz,
         Frigate,

@@ -9,13 +9,10 @@ here it is what the joints did between the two frames.
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 
-from experiments.rivals.laws.one_euro import OneEuro
-from experiments.rivals.laws.sight import half_sizes
-from experiments.rivals.rival import Detection, HeadCamera, View
+from experiments.rivals.rival import SPEED_SCALES, Detection, HeadCamera, Rival, View, half_sizes
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -35,7 +32,7 @@ _RISE_PER_S = 3.0
 _KEPT_S = 1.5
 
 
-class AutoPtz:
+class AutoPtz(Rival):
     """Drives the camera with a speed for each frame.
 
     Args:
@@ -46,7 +43,8 @@ class AutoPtz:
     """
 
     name = "autoptz"
-    command: Literal["velocity"] = "velocity"
+    free = tuple({"speed_scale": scale} for scale in SPEED_SCALES)
+    command = "velocity"
 
     def __init__(
         self, neck: NeckSpec, camera: HeadCamera, *, speed_scale: float = 1.0, processing_s: float = 0.05
@@ -58,14 +56,14 @@ class AutoPtz:
         self._filter = OneEuro(least_cutoff_hz=1.1, beta=0.03, speed_cutoff_hz=1.0)
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         self._command = np.zeros(2)
         self._slewed = np.zeros(2)
         self._arrival_s = -math.inf
         self._forget()
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         for detection in view.detections:
             self._see(view, detection)
         # A frame later than one and a half periods is a frame without a face.
@@ -145,3 +143,39 @@ class AutoPtz:
         before = np.where(u * self._slewed > 0.0, np.abs(self._slewed), 0.0)
         self._slewed = np.sign(u) * np.minimum(np.abs(u), before + _RISE_PER_S * dt_s)
         return self._slewed
+
+
+class OneEuro:
+    """Filters an array, each entry by itself.
+
+    Args:
+        least_cutoff_hz: Cutoff while the input stands.
+        beta: By how much the cutoff rises with the input's speed, in hertz for a unit a second.
+        speed_cutoff_hz: Cutoff of the low-pass on that speed.
+    """
+
+    def __init__(self, least_cutoff_hz: float, beta: float, speed_cutoff_hz: float) -> None:
+        self._least_cutoff_hz, self._beta, self._speed_cutoff_hz = least_cutoff_hz, beta, speed_cutoff_hz
+        self.reset()
+
+    def reset(self) -> None:
+        """Take the next input as it is."""
+        self._value: FloatArray | None = None
+        self._input: FloatArray | None = None
+
+    def update(self, value: FloatArray, dt_s: float) -> FloatArray:
+        """The filtered value, of the input's shape; `dt_s` is the time since the last one, seconds."""
+        if self._value is None or self._input is None:
+            self._value, self._speed = value, np.zeros_like(value)
+        else:
+            speed = (value - self._input) / dt_s
+            self._speed = self._speed + _share(np.asarray(self._speed_cutoff_hz), dt_s) * (speed - self._speed)
+            cutoff_hz = self._least_cutoff_hz + self._beta * np.abs(self._speed)
+            self._value = self._value + _share(cutoff_hz, dt_s) * (value - self._value)
+        self._input = value
+        return self._value
+
+
+def _share(cutoff_hz: FloatArray, dt_s: float) -> FloatArray:
+    step = 2.0 * math.pi * cutoff_hz * dt_s
+    return step / (step + 1.0)

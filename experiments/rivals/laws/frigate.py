@@ -1,7 +1,7 @@
 """Frigate's autotracking: one relative move at a time, aimed at where the person will be when it ends.
 
 No frame counts that was received before the last move had ended. So the person is followed by stop and go. How long a
-move takes is fitted to thirty moves (`experiments.rivals.laws.frigate_calibration`). The delay of the stream is not
+move takes is fitted to thirty moves (`experiments.rivals.laws.frigate`). The delay of the stream is not
 known to the law: a frame received after the end may show the scene before it.
 """
 
@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
 
-from experiments.rivals.laws.frames import FrameRate
-from experiments.rivals.laws.frigate_motion import CornerFilter, believed_velocity
-from experiments.rivals.rival import Detection, HeadCamera, View
+from experiments.rivals.rival import Detection, FrameRate, HeadCamera, Rival, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -45,7 +43,7 @@ class MoveTime:
         return self.offset_s * self.zero_move_s + self.slope_s * float(np.abs(move).sum())
 
 
-class Frigate:
+class Frigate(Rival):
     """Moves once, waits for the end, looks again.
 
     Args:
@@ -57,9 +55,7 @@ class Frigate:
     """
 
     name = "frigate"
-    command: Literal["position"] = "position"
     # How often the camera's status is asked for; not stated, so often enough not to matter.
-    period_s = 0.02
 
     def __init__(
         self,
@@ -78,7 +74,7 @@ class Frigate:
         self._detector = FrameRate(1.0 / fps)
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         self._detector.reset()
         self._goal_rad = view.joints.position_rad
         self._filter: CornerFilter | None = None
@@ -87,7 +83,7 @@ class Frigate:
         self._seen_s = math.inf
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         if self._moving and view.idle:
             self._moving, self._stopped_s = False, self._frame_s
         for detection in self._detector.take(view.detections):
@@ -137,3 +133,117 @@ class Frigate:
     def _go(self, goal_rad: FloatArray) -> None:
         self._goal_rad = np.clip(goal_rad, self._low_rad, self._high_rad)
         self._moving, self._started_s, self._stopped_s = True, self._frame_s, math.inf
+
+
+# Constants of Frigate, `track/norfair_tracker.py` and `ptz/autotrack.py`: of a person; pixels and frames.
+_R, _Q = 4.5, 0.25
+_LARGEST_DIFFERENCE_PX = 20.0
+_LARGEST_DEVIATION_PX = 10.0
+_LIKE_DIFFERENCE_PX = 10.0
+_LEAST_COSINE, _LEAST_COSINE_ALIKE = 0.93, 0.6
+# Of a velocity that is not yet known (norfair's default).
+_START_P = 10.0
+
+
+class CornerFilter:
+    """Position and velocity of two corners, each coordinate by itself: they move on with random changes of speed.
+
+    Args:
+        corners_px: Upper left and lower right corner in the first frame, shape (2, 2), pixels.
+    """
+
+    def __init__(self, corners_px: FloatArray) -> None:
+        kalman = KalmanFilter(dim_x=8, dim_z=4)
+        kalman.x[:4, 0] = corners_px.ravel()
+        kalman.F[:4, 4:] = np.eye(4)
+        kalman.H[:, :4] = np.eye(4)
+        kalman.P[4:, 4:] *= _START_P
+        kalman.Q[4:, 4:] *= _Q
+        kalman.R *= _R
+        self._kalman = kalman
+
+    def update(self, corners_px: FloatArray) -> FloatArray:
+        """Velocity of both corners with the corners of the next frame, shape (2, 2), pixels a frame."""
+        self._kalman.predict()
+        self._kalman.update(corners_px.ravel())
+        velocity: FloatArray = self._kalman.x[4:, 0].reshape(2, 2).copy()
+        return velocity
+
+
+def believed_velocity(corners_px: FloatArray, image_px: FloatArray, fps: float) -> FloatArray | None:
+    """The box's velocity, if its corners agree on it.
+
+    Args:
+        corners_px: Velocity of both corners, shape (2, 2), pixels a frame.
+        image_px: Width and height of the image, shape (2,), pixels.
+        fps: Frames a second.
+
+    Returns:
+        Their mean, shape (2,), pixels a frame; None if they are too fast or too different.
+    """
+    first, second = corners_px
+    difference = np.abs(first - second)
+    sizes = np.linalg.norm(corners_px, axis=1)
+    cosine = float(first @ second) / sizes.prod() if sizes.all() else 1.0
+    alike = (difference < _LIKE_DIFFERENCE_PX).all()
+    valid = (
+        (np.abs(corners_px) <= image_px / (2.0 * fps)).all()
+        and (difference <= _LARGEST_DIFFERENCE_PX).all()
+        and (corners_px.std(axis=0) <= _LARGEST_DEVIATION_PX).all()
+        and cosine >= (_LEAST_COSINE_ALIKE if alike else _LEAST_COSINE)
+    )
+    return corners_px.mean(axis=0) if valid else None
+
+
+_MOVES = 30
+# What the program accepts for the line's value at 0 and for its slope, seconds.
+_OFFSET_S = (0.1, 10.0)
+_LARGEST_SLOPE_S = 2.0
+
+
+class FrigateCalibration(Rival):
+    """Pans by more and more, back after each move, and takes the times.
+
+    Args:
+        neck: The neck, whose range bounds the moves.
+        camera: The camera on the head; moves are in halves of its width.
+    """
+
+    name = "frigate_calibration"
+
+    def __init__(self, neck: NeckSpec, camera: HeadCamera) -> None:
+        most = float(neck.position_max_rad[0]) / camera.half_width_rad
+        self._sizes = np.minimum(np.linspace(0.0, 1.0, _MOVES), most)
+        self._half_width_rad = camera.half_width_rad
+
+    def start(self, view: View) -> None:
+        """See `Rival.start`."""
+        self._times_s: list[float] = []
+        self._started_s: float | None = None
+        self._goal_rad = np.zeros(2)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all moves have been made."""
+        return len(self._times_s) == _MOVES
+
+    def step(self, view: View) -> FloatArray:
+        """See `Rival.step`."""
+        if self.finished or not view.idle:
+            return self._goal_rad
+        if self._started_s is not None:
+            self._times_s.append(view.time_s - self._started_s)
+            self._started_s = None
+            self._goal_rad = np.zeros(2)
+        else:
+            self._started_s = view.time_s
+            self._goal_rad = np.array([self._sizes[len(self._times_s)] * self._half_width_rad, 0.0])
+        return self._goal_rad
+
+    def move_time(self) -> MoveTime | None:
+        """The line through the times by least squares; None if the program would not accept it."""
+        made = len(self._times_s)
+        slope_s, offset_s = np.polyfit(self._sizes[:made], self._times_s, 1)
+        if not (_OFFSET_S[0] <= offset_s <= _OFFSET_S[1] and 0.0 < slope_s <= _LARGEST_SLOPE_S):
+            return None
+        return MoveTime(float(offset_s), float(slope_s), self._times_s[0])

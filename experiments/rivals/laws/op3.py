@@ -7,14 +7,11 @@ there, so at a high rate of detections the same error is added several times.
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from scipy.interpolate import BPoly
 
-from experiments.rivals.laws.frames import FrameRate
-from experiments.rivals.laws.sight import left_and_up_rad
-from experiments.rivals.rival import HeadCamera, View
+from experiments.rivals.rival import FrameRate, HeadCamera, Rival, View, left_and_up_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -22,7 +19,7 @@ _SMALL_RAD = math.radians(1.0)
 _SHORTEST_S = 0.1
 
 
-class Op3:
+class Op3(Rival):
     """Adds to the goal, and goes there with minimum jerk.
 
     Args:
@@ -35,7 +32,7 @@ class Op3:
     """
 
     name = "op3"
-    command: Literal["position"] = "position"
+    free = tuple({"detection_period_s": period_s} for period_s in (1.0 / 30.0, 0.1, 0.2, 0.4))
     period_s = 0.008
 
     def __init__(
@@ -55,7 +52,7 @@ class Op3:
         self._detector = FrameRate(detection_period_s)
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         self._detector.reset()
         self._goal_rad = view.joints.position_rad
         self._error_rad: FloatArray | None = None
@@ -63,7 +60,7 @@ class Op3:
         self._started_s = view.time_s
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         for detection in self._detector.take(view.detections):
             error_rad = left_and_up_rad(self._camera, detection.offset)
             change_rad = np.zeros(2) if self._error_rad is None else error_rad - self._error_rad

@@ -1,18 +1,115 @@
-"""The pan-tilt face tracker of the OpenCV tutorials: a PID on pixels whose output is the servo's angle.
+"""PIDs on pixels: obs-face-tracker, and the pan-tilt face tracker of the OpenCV tutorials.
 
-Five times a second the distance of the face from the image's middle, in pixels of a small image, becomes an absolute
-angle in whole degrees. There are no encoders, no limit of the integral and none of the rate.
+obs-face-tracker answers with one of a PTZ camera's few speeds. Its gain scales with the time between two frames, so a
+camera of 60 frames a second gets half the speed of one of 30.
+
+The tutorials' output is the servo's angle: five times a second the distance of the face from the image's middle, in
+pixels of a small image, becomes an absolute angle in whole degrees. There are no encoders, no limit of the integral and
+none of the rate.
 """
 
 from __future__ import annotations
 
-from typing import Literal
+import math
 
 import numpy as np
 
-from experiments.rivals.rival import HeadCamera, View
+from experiments.rivals.rival import SPEED_SCALES, Detection, HeadCamera, Rival, View
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
+
+_KP = 316.0  # 50 dB
+_KI_PER_S = 0.3
+_TD_S = 0.42
+_TL_S = 2.0
+_DECAY_S = 2.0
+# Outputs from which the first VISCA speeds are used; beyond them the output is rounded to a speed (assumed).
+_FIRST_SPEEDS = np.array([0.5, 1.25, 1.85])
+_MOST_SPEEDS = np.array([24.0, 20.0])
+
+
+def visca_speed(u: FloatArray) -> FloatArray:
+    """Speed of a VISCA camera for an output.
+
+    Args:
+        u: Output of pan and tilt, shape (2,).
+
+    Returns:
+        Whole speeds, shape (2,), at most 24 (pan) and 20 (tilt).
+    """
+    size = np.abs(u)
+    steps = np.searchsorted(_FIRST_SPEEDS, size, side="right")
+    steps = np.where(steps < _FIRST_SPEEDS.size, steps, np.maximum(3.0, np.round(size)))
+    speeds: FloatArray = np.sign(u) * np.minimum(steps, _MOST_SPEEDS)
+    return speeds
+
+
+class ObsFaceTracker(Rival):
+    """Drives the camera with one of its speeds.
+
+    Args:
+        neck: Whose top speed is that of the camera's fastest step.
+        camera: The camera on the head.
+        speed_scale: Speed of the camera's step 24 as a share of the neck's top speed; depends on the camera.
+        dead_band: Error that does not count, as a share of the root of the image's area.
+        nonlinear_band: Band above it in which the error counts less, as the same share.
+    """
+
+    name = "obs_face_tracker"
+    free = tuple({"speed_scale": scale} for scale in SPEED_SCALES)
+    command = "velocity"
+
+    def __init__(
+        self,
+        neck: NeckSpec,
+        camera: HeadCamera,
+        *,
+        speed_scale: float = 1.0,
+        dead_band: float = 0.0,
+        nonlinear_band: float = 0.0,
+    ) -> None:
+        self.period_s = 1.0 / camera.rate_hz
+        self._rad_s_per_step = speed_scale * neck.velocity_max_rad_s / _MOST_SPEEDS[0]
+        self._halves_px = 0.5 * np.array([camera.width_px, camera.height_px])
+        self._size_px = math.sqrt(camera.width_px * camera.height_px)
+        self._dead_px, self._band_px = dead_band * self._size_px, nonlinear_band * self._size_px
+
+    def start(self, view: View) -> None:
+        """See `Rival.start`."""
+        self._integral_px, self._low_pass_px, self._u = np.zeros(2), np.zeros(2), np.zeros(2)
+        self._arrival_s = -math.inf
+
+    def step(self, view: View) -> FloatArray:
+        """See `Rival.step`."""
+        for detection in view.detections:
+            self._see(detection)
+        # A frame later than one and a half periods is a frame without a face.
+        if view.time_s - self._arrival_s > 1.5 * self.period_s:
+            self._u = np.zeros(2)
+            self._integral_px = self._integral_px * math.exp(-self.period_s / _DECAY_S)
+        speeds_rad_s: FloatArray = visca_speed(self._u) * self._rad_s_per_step
+        return speeds_rad_s
+
+    def _see(self, detection: Detection) -> None:
+        dt_s = self.period_s
+        self._arrival_s = detection.arrival_time_s
+        error_px = self._beyond_the_band(-detection.offset * self._halves_px)
+        step_px = _KI_PER_S * error_px * dt_s
+        opposed = self._integral_px * step_px < 0.0
+        step_px = np.where(opposed, np.sign(step_px) * np.minimum(np.abs(step_px), np.abs(self._integral_px)), step_px)
+        self._integral_px = self._integral_px + step_px
+        low_pass_px = (self._low_pass_px * _TL_S + error_px * dt_s) / (_TL_S + dt_s)
+        derivative_px_s = _TD_S * (low_pass_px - self._low_pass_px)
+        self._low_pass_px = low_pass_px
+        self._u = _KP / self._size_px * ((error_px + self._integral_px) * dt_s + derivative_px_s)
+
+    def _beyond_the_band(self, error_px: FloatArray) -> FloatArray:
+        beyond_px = np.maximum(np.abs(error_px) - self._dead_px, 0.0)
+        if self._band_px > 0.0:
+            bent_px = beyond_px**2 / (2.0 * self._band_px)
+            beyond_px = np.where(beyond_px < self._band_px, bent_px, beyond_px - 0.5 * self._band_px)
+        return np.sign(error_px) * beyond_px
+
 
 # Gains of pan and tilt: degrees for a pixel, for a pixel held one second, for a pixel a second.
 _P = np.array([0.09, 0.11])
@@ -21,7 +118,7 @@ _D = np.array([0.002, 0.002])
 _LARGEST_DEG = 90.0
 
 
-class PixelPid:
+class PixelPid(Rival):
     """Commands the PID's output as an angle.
 
     Args:
@@ -31,7 +128,6 @@ class PixelPid:
     """
 
     name = "pixel_pid"
-    command: Literal["position"] = "position"
     period_s = 0.2
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, image_width_px: float = 320.0) -> None:
@@ -39,13 +135,13 @@ class PixelPid:
         self._halves_px = 0.5 * np.array([image_width_px, height_px])
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`; the head's angle at the start is in the integral."""
+        """See `Rival.start`; the head's angle at the start is in the integral."""
         self._command_deg = np.rad2deg(view.joints.position_rad)
         self._integral_px_s = self._command_deg / _I
         self._error_px = np.zeros(2)
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         error_px = -view.detections[-1].offset * self._halves_px if view.detections else np.zeros(2)
         self._integral_px_s = self._integral_px_s + error_px * self.period_s
         change_px_s = (error_px - self._error_px) / self.period_s

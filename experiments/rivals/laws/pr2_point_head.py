@@ -7,13 +7,10 @@ that never come to their ends.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from scipy.interpolate import BPoly
 
-from experiments.rivals.laws.sight import point_base_m
-from experiments.rivals.rival import HeadCamera, View
+from experiments.rivals.rival import HeadCamera, Rival, View, point_base_m
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
@@ -22,7 +19,7 @@ from gazempc.types import FloatArray
 _START_S = 0.01
 
 
-class Pr2PointHead:
+class Pr2PointHead(Rival):
     """Sends a two-point trajectory for each detection.
 
     Args:
@@ -33,7 +30,7 @@ class Pr2PointHead:
     """
 
     name = "pr2_point_head"
-    command: Literal["position"] = "position"
+    free = tuple({"min_duration_s": duration_s} for duration_s in (0.1, 0.2, 0.5, 1.0))
     period_s = 0.01
 
     def __init__(
@@ -43,12 +40,12 @@ class Pr2PointHead:
         self._min_duration_s, self._max_velocity_rad_s = min_duration_s, max_velocity_rad_s
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         self._goal_rad = view.joints.position_rad
         self._motion: BPoly | None = None
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         for detection in view.detections:
             head_rad = view.joints_at(detection.capture_time_s)
             if head_rad is not None:

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Literal
 
 import numpy as np
 
-from experiments.rivals.laws.sight import bearing_rad
-from experiments.rivals.rival import HeadCamera, View
+from experiments.rivals.rival import HeadCamera, Rival, View, bearing_rad
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
@@ -23,7 +21,7 @@ from gazempc.types import FloatArray
 _PAST_S = 8.0
 
 
-class Smith:
+class Smith(Rival):
     """Commands the model's angle plus a share of the error that the model sees.
 
     Args:
@@ -34,7 +32,7 @@ class Smith:
     """
 
     name = "smith"
-    command: Literal["position"] = "position"
+    free = tuple({"gain": gain} for gain in (0.5, 1.0))
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, gain: float = 1.0, period_s: float = 0.02) -> None:
         self.period_s = period_s
@@ -45,7 +43,7 @@ class Smith:
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=math.ceil(_PAST_S / period_s))
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         self._model_rad = self._wanted_rad = self._sent_rad = view.joints.position_rad
         self._model_rad_s = np.zeros(2)
         self._past.clear()
@@ -54,7 +52,7 @@ class Smith:
         self._bearing_rad: FloatArray | None = None
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         self._advance(view.time_s)
         for detection in view.detections:
             self._capture_s = detection.arrival_time_s - self._camera.latency_s
@@ -106,6 +104,7 @@ class SmithFeedForward(Smith):
     """
 
     name = "smith_feedforward"
+    free = tuple({"gain": gain, "alpha": alpha} for gain in (0.5, 1.0) for alpha in (0.1, 0.2, 0.3, 0.5, 0.8))
 
     def __init__(
         self,
@@ -122,7 +121,7 @@ class SmithFeedForward(Smith):
         self._patience_s = patience_s
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         super().start(view)
         self._velocity_rad_s = np.zeros(2)
         self._place: tuple[float, FloatArray] | None = None

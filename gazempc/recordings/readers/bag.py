@@ -75,7 +75,7 @@ def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: No
         topics only where there are no such frames.
 
     Raises:
-        RecordingError: If the folder is no bag, or nobody is in it.
+        RecordingError: If the folder is no bag, or has no person in it.
         MissingOptionalDependencyError: If rosbags is not installed.
     """
     bag = open_bag(path, tell)
@@ -102,7 +102,7 @@ def open_bag(path: Path, tell: Callable[[float], None] = lambda share: None) -> 
         What is in it.
 
     Raises:
-        RecordingError: If this is no bag, or nobody is in it.
+        RecordingError: If this is no bag, or has no person in it.
         MissingOptionalDependencyError: If rosbags is not installed.
     """
     topics, messages = read_messages(path, tell)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from gazempc.recordings.readers.bag_messages import TF, TF_STATIC, BagMessage, stamp_ns
 from gazempc.types import BoolArray, FloatArray, IntArray
 
-# Between a frame's messages it is interpolated. Farther from the nearest one nobody knows where it is.
+# Between a frame's messages it is interpolated. Farther from the nearest one its place is unknown.
 _LONGEST_GAP_S = 1.0
 Edge = tuple[str, str]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sqlite3
+import struct
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gazempc.errors import MissingOptionalDependencyError, RecordingError, SettingsError, shown
-from gazempc.files.bounds import MEGABYTE, check_file, memory_for, read_limited
+from gazempc.files.bounds import MEGABYTE, check_file, check_unpacked, most_unpacked_bytes, read_limited
 from gazempc.files.documents import check_yaml
 
 TF, TF_STATIC, FACES = "/tf", "/tf_static", "/humans/faces/tracked"
@@ -24,6 +25,9 @@ FILE_ENDINGS = (".mcap", ".db3")
 _TF_TYPE, _IDS_TYPE, _TEXT_TYPE = "tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String"
 _FACE_OF_PERSON = re.compile(r"/humans/persons/([^/]+)/face_id")
 _METADATA = "metadata.yaml"
+_MCAP, _ZSTD = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd"  # the first bytes of such files
+# Records of MCAP: kind and length; of a chunk, its times and the size of its content.
+_RECORD, _CHUNK_HEAD, _CHUNK = struct.Struct("<BQ"), struct.Struct("<QQQ"), 6
 _MOST_METADATA_BYTES = 4 * MEGABYTE
 _EXPECTED = f"the folder of a ROS 2 bag ({_METADATA}, and .db3 or .mcap files)"
 # Definitions that no standard type store has.
@@ -46,7 +50,7 @@ class BagMessage:
 
 
 def stamp_ns(header: Any) -> int:
-    """Stamp of a `std_msgs/Header`, nanoseconds; 0 where nobody set it."""
+    """Stamp of a `std_msgs/Header`, nanoseconds; 0 where it is not set."""
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 
@@ -86,7 +90,8 @@ def read_messages(
         path = path.parent
     messages: list[BagMessage] = []
     try:
-        with memory_for(_checked(path)), Reader(path) as reader:
+        _check(path)
+        with Reader(path) as reader:
             topics = {connection.topic: connection.msgtype for connection in reader.connections}
             wanted = [c for c in reader.connections if _is_wanted(c.topic, c.msgtype)]
             total = max(1, sum(c.msgcount for c in wanted))
@@ -104,21 +109,18 @@ def read_messages(
     return dict(sorted(topics.items())), messages
 
 
-def _checked(path: Path) -> int:
-    """Look at the files of a bag before the library does.
-
-    Returns:
-        Their size, bytes.
+def _check(path: Path) -> None:
+    """Check the files of a bag before the library reads them.
 
     Raises:
-        OSError: If one is no regular file.
+        OSError: If one is no regular file, or its content is far larger than the file.
         SettingsError: If the description has aliases.
         sqlite3.Error: If a database is damaged.
         ValueError: If a database would compute something.
     """
     files = [path] if path.is_file() else [part for part in path.iterdir() if not part.is_dir()]
-    size_bytes = sum(check_file(file) for file in files)
     for file in files:
+        size_bytes = check_file(file)
         if file.name == _METADATA:
             check_yaml(read_limited(file, _MOST_METADATA_BYTES).decode(), str(file))
         elif file.suffix == ".db3":
@@ -126,7 +128,39 @@ def _checked(path: Path) -> int:
                 views = database.execute("SELECT name FROM sqlite_master WHERE type IN ('view', 'trigger')").fetchall()
             if views:
                 raise ValueError(f"{file.name} has a view or trigger, {shown(str(views[0][0]))}, which no bag has")
-    return size_bytes
+        with file.open("rb") as opened:
+            begin = opened.read(len(_MCAP))
+        if begin == _MCAP:
+            check_unpacked(_chunk_bytes(file), size_bytes)
+        elif begin.startswith(_ZSTD):
+            check_unpacked(_zstd_bytes(file, most_unpacked_bytes(size_bytes)), size_bytes)
+
+
+def _chunk_bytes(file: Path) -> int:
+    """Size of the packed content of an MCAP file, bytes, as its chunks state it; the library compares both."""
+    total, size_bytes = 0, file.stat().st_size
+    with file.open("rb") as mcap:
+        place = len(_MCAP)
+        while place + _RECORD.size <= size_bytes:
+            mcap.seek(place)
+            kind, length = _RECORD.unpack(mcap.read(_RECORD.size))
+            if kind == _CHUNK:
+                stated = mcap.read(_CHUNK_HEAD.size)
+                total += _CHUNK_HEAD.unpack(stated)[2] if len(stated) == _CHUNK_HEAD.size else 0
+            place += _RECORD.size + length
+    return total
+
+
+def _zstd_bytes(file: Path, most_bytes: int) -> int:
+    """Size of a packed file's content, bytes; counted to a little beyond the largest that is accepted."""
+    # A dependency of rosbags, and part of Python from 3.14 on.
+    from backports import zstd  # noqa: PLC0415
+
+    total = 0
+    with zstd.open(file, "rb") as content:
+        while total <= most_bytes and (part := content.read(MEGABYTE)):
+            total += len(part)
+    return total
 
 
 def _is_wanted(topic: str, kind: str) -> bool:

@@ -61,7 +61,7 @@ class Sighted:
         return kind, -self.poses.times_s.size
 
     def answers_to(self, name: str) -> bool:
-        """Whether somebody means it by a name: a frame, an id, a person or a topic."""
+        """Whether a name is that of its frame, id, person or topic."""
         return name in (self.name, self.person, self.name.partition("_")[2])
 
 
@@ -122,7 +122,7 @@ def _persons(messages: Iterable[BagMessage]) -> dict[str, str]:
 
 
 def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | None:
-    """A person's frame in the nearest frame that is nobody's; None where it never moves, or has no such frame."""
+    """A person's frame in the nearest frame of no person; None where it never moves, or has no such frame."""
     own_id = name.partition("_")[2]
     way: list[tuple[tuple[str, str], bool]] = []
     here, been = name, {name}

@@ -28,8 +28,8 @@ def read_bag(path: Path, options: ReadOptions) -> Recording:
     """Read a bag: the longest track of a person in it, or the one that is chosen.
 
     The recording's frame is the sensor's, x forward, y left, z up, and the robot stands there. A frame such as ``map``
-    is no sensor's; the robot then stands beside the walk. Nobody knows the truth: it is the track, smoothed without
-    lag.
+    is no sensor's; the robot then stands beside the walk. The truth is unknown: it is the track,
+    smoothed without lag.
 
     Args:
         path: Folder of the bag, or a file of it.
@@ -39,7 +39,7 @@ def read_bag(path: Path, options: ReadOptions) -> Recording:
         The recording, with notes of what else is in the bag.
 
     Raises:
-        RecordingError: If this is no bag, nobody is in it, or the track is too short.
+        RecordingError: If this is no bag, no person is in it, or the track is too short.
         SettingsError: If the bag has no such topic, person or frame.
         MissingOptionalDependencyError: If rosbags is not installed.
     """
@@ -92,7 +92,7 @@ def _chosen(bag: Bag, options: ReadOptions) -> Sighted:
             names = {name for seen in found for name in (seen.name, seen.person)}
             raise SettingsError(f"person: no {options.person!r} in {bag.path}; {suggest(options.person, names)}")
         return named[0]
-    # Between the hips nobody has eyes.
+    # Eyes are not between the hips.
     heads = [seen for seen in found if not seen.name.startswith("body_")]
     if not heads:
         raise RecordingError(

@@ -96,7 +96,7 @@ def _way(hips: Pose, size: FloatArray) -> FloatArray | None:
 
     Args:
         hips: Their N rotations and positions.
-        size: From hips to head, shape (N,), file units: whoever walks moves farther than that.
+        size: From hips to head, shape (N,), file units: a walk is longer than that.
     """
     turns, positions = hips
     way = turns[:-1].inv().apply(np.diff(positions, axis=0)).sum(axis=0)

@@ -80,7 +80,7 @@ def scale_of(path: Path, bvh: Bvh, hips: int, up: FloatArray, rest_up: FloatArra
         for height in heights
     ]
     candidates = ", ".join(f"{name} ({unit_m:.6g})" for name, unit_m in _UNITS_M.items())
-    # A rest pose in which nobody stands has no height.
+    # A rest pose that does not stand has no height.
     if None not in fitting and fitting[0] != fitting[1] and stands(bvh.joints, hips, rest_up):
         problem = f"the person is {said}: {fitting[0]} by the motion, {fitting[1]} by the rest pose"
         raise RecordingError(path, "HIERARCHY", problem, f"the option bvh_unit_m, one of {candidates}")

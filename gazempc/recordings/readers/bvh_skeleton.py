@@ -114,7 +114,7 @@ def person_axes_in_rest(
         joints: All of them.
         skeleton: Head, hips and sides.
         wanted: Axis of the rest pose that the person faces, as the user says; None: inferred.
-        way: Direction of travel in the rest pose's axes, shape (3,); None for somebody who does not walk.
+        way: Direction of travel in the rest pose's axes, shape (3,); None without a walk.
 
     Returns:
         The axes as the columns of a rotation, shape (3, 3); and words for people.

@@ -29,7 +29,7 @@ def rest_positions(joints: list[Joint]) -> FloatArray:
 
 
 def mirrored(joints: list[Joint]) -> Pairs:
-    """Pairs of joints that grow from one joint alike, to two sides; nobody knows yet which is left.
+    """Pairs of joints that grow from one joint alike, to two sides; which is left is not known yet.
 
     Args:
         joints: All of them.
@@ -56,7 +56,7 @@ def mirrored(joints: list[Joint]) -> Pairs:
 
 
 def middle_leaf(joints: list[Joint], pairs: Pairs) -> list[int]:
-    """The joint at the far end of the middle of the body, which is the head of whoever stands on two sides.
+    """The joint at the far end of the middle of the body, which is the head of a figure that stands on two sides.
 
     Args:
         joints: All of them.

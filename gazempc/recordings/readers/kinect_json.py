@@ -19,6 +19,8 @@ from gazempc.types import BoolArray, FloatArray
 
 JOINTS = ("PELVIS", "HEAD", "NOSE", "EAR_LEFT", "EAR_RIGHT")
 
+# An hour at 30 Hz with one body has 7 million; each takes some 60 bytes of memory or more.
+_MOST_LISTS = 10_000_000
 _FORMAT = "Azure Kinect body tracking JSON (offline_processor)"
 
 
@@ -75,6 +77,8 @@ def read_body(path: Path, body_id: int | None) -> BodyTrack:
 def _parse(path: Path) -> dict[str, Any]:
     """Parse the file's JSON object."""
     text = read_text(path, _FORMAT)
+    if (found := text.count("[") + text.count("{")) > _MOST_LISTS:
+        raise RecordingError(path, "", f"not JSON of frames: {found} lists and objects", f"{_MOST_LISTS} at most")
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:

@@ -9,9 +9,9 @@ import numpy as np
 from gazempc.errors import RecordingError
 from gazempc.types import FloatArray
 
-# Nobody walks before a robot for longer at one go, and a replay of it takes an hour, too.
+# Longer than any walk before a robot; its replay takes an hour, too.
 MOST_DURATION_S = 3600.0
-# Whoever was away for longer has come back for another walk.
+# After a longer gap, another walk begins.
 MOST_GAP_S = 60.0
 # No sensor of a robot tells a head from farther away.
 MOST_RANGE_M = 100.0

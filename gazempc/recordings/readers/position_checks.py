@@ -71,7 +71,7 @@ def check_head_to_pelvis(
 def check_head_travel(source: Path, times_s: FloatArray, head_position_m: FloatArray) -> None:
     """Refuse head positions in a wrong unit or with another axis up, where no pelvis tells.
 
-    Only what no person does is noticed: whoever stands may have any unit.
+    Only impossible motion is noticed: a person who stands may have any unit.
 
     Args:
         source: File that was read.

@@ -1,4 +1,4 @@
-"""Tracks smoothed without lag: the nearest thing to the truth where nobody measured it."""
+"""Tracks smoothed without lag: the best estimate where the truth was not measured."""
 
 from __future__ import annotations
 

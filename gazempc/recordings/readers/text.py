@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gazempc.errors import RecordingError
-from gazempc.files.bounds import MOST_TEXT_BYTES, read_limited
+from gazempc.files.bounds import MOST_TEXT_BYTES, check_values, read_limited
 
 
 def read_text(path: Path, format_name: str) -> str:
@@ -21,11 +21,47 @@ def read_text(path: Path, format_name: str) -> str:
     Raises:
         RecordingError: If it cannot be opened, is empty, is not UTF-8 or holds zero bytes.
     """
-    expected = f"{format_name} as UTF-8 text"
+    return decode(path, read_bytes(path, format_name), format_name)
+
+
+def read_bytes(path: Path, format_name: str) -> bytes:
+    """Read a text file of bounded size.
+
+    Args:
+        path: File to read.
+        format_name: What it is meant to be, for the message.
+
+    Returns:
+        Its bytes.
+
+    Raises:
+        RecordingError: If it cannot be opened, is empty, or has too many bytes or values.
+    """
     try:
         data = read_limited(path, MOST_TEXT_BYTES)
+        check_values(data)
     except OSError as error:
         raise RecordingError(path, "", f"cannot be read: {error.strerror or error}", "a readable file") from None
+    if not data.strip():
+        raise RecordingError(path, "", "the file is empty", f"{format_name} as UTF-8 text")
+    return data
+
+
+def decode(path: Path, data: bytes, format_name: str) -> str:
+    """Decode UTF-8 text.
+
+    Args:
+        path: File it is from.
+        data: Its bytes.
+        format_name: What it is meant to be, for the message.
+
+    Returns:
+        Its text without a byte order mark.
+
+    Raises:
+        RecordingError: If it is not UTF-8, is blank or holds zero bytes.
+    """
+    expected = f"{format_name} as UTF-8 text"
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -1,7 +1,7 @@
 """Synthetic walks before the robot: 14 people on 6 routes, after the paper's experiment.
 
 The walks are made from their names alone, out of published figures for human locomotion, so that everybody
-can run every experiment without anybody's recordings. They are no substitute for recordings of people:
+can run every experiment without recordings of people. They are no substitute for recordings of people:
 results on them say how a method copes with motion like this model's.
 
 The origin of the frame is the robot's sensor and the axis of its neck's pan, 1.2 m above the floor; x is

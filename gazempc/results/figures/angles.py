@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from gazempc.neck.kinematics import gaze_ray, look_at, unwrap_pan
 from gazempc.neck.spec import AXES
+from gazempc.results.figures.head_and_body import parts
 from gazempc.results.figures.known import draw_known, finish, shown_head
-from gazempc.results.figures.parts import parts
 from gazempc.results.figures.style import DPI, OBSERVED, Logs, readable, say, shade_unscored, styles
 from gazempc.results.log import Log
 from gazempc.types import FloatArray, IntArray
@@ -26,7 +26,7 @@ _LIMIT: dict[str, Any] = {"color": "k", "lw": 1.2, "ls": ":"}
 def angles(logs: Logs, path: Path) -> None:
     """Draw pan and tilt over time: true and observed head, command and joint, one column for each controller.
 
-    The observed heads stand at their capture times. Nothing is drawn for the true head where nobody knows it. Of a neck
+    The observed heads stand at their capture times. Nothing is drawn for the true head where it is unknown. Of a neck
     with eyes or a body, in place of command and joint, it is the gaze that all joints make together, and beside it
     where the head and the body point.
 

@@ -13,8 +13,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from gazempc.neck.kinematics import gaze_ray
+from gazempc.results.figures.head_and_body import Part, parts
 from gazempc.results.figures.known import draw_known, finish, shown_head
-from gazempc.results.figures.parts import Part, parts
 from gazempc.results.figures.people import person_colour, turns
 from gazempc.results.figures.style import DPI, OBSERVED, Logs, readable, say, styles
 from gazempc.results.log import Log
@@ -57,7 +57,7 @@ def draw_birds_eye(ax: Axes, logs: Logs, *, detailed: bool) -> tuple[Part, ...]:
     Args:
         ax: Axes to draw on.
         logs: The runs.
-        detailed: The observed heads beside the true one, too; else only where nobody knows that.
+        detailed: The observed heads beside the true one, too; else only where that is unknown.
 
     Returns:
         What is drawn beside the gaze, such as the robot's head.
@@ -74,7 +74,7 @@ def draw_birds_eye(ax: Axes, logs: Logs, *, detailed: bool) -> tuple[Part, ...]:
     if shown.known.any():
         draw_known(ax, path_m[:, 1], path_m[:, 0], shown, color="0.25", lw=1.5, zorder=4, label=shown.label)
     if not np.isfinite(head).any():
-        say(ax, "nobody was seen")
+        say(ax, "no person was seen")
         _finish_plan(ax)
         return ()
     marks_s = np.arange(0.0, end_s + 1e-6)
@@ -117,7 +117,7 @@ def _whom_by_whom(ax: Axes, log: Log) -> FloatArray:
     """Draw a band along each person's path while they were looked at.
 
     Returns:
-        The head with a gap where somebody else is looked at from then on, shape (M, 3), metres.
+        The head with a gap at each change of the attended person, shape (M, 3), metres.
     """
     head = log.head_true_base_m.copy()
     if not log.attended_time_s.size:

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.figures.head_and_body import HEAD_LINE, head_error_deg
 from gazempc.results.figures.known import contact_shares, draw_known, finish, shown_head
-from gazempc.results.figures.parts import HEAD_LINE, head_error_deg
 from gazempc.results.figures.people import away_in_all
 from gazempc.results.figures.style import CONTACT_COLOUR, DPI, Logs, readable, say, shade_unscored, styles
 from gazempc.results.log import Log
@@ -89,7 +89,7 @@ def draw_gaze_error(ax: Axes, logs: Logs, *, detailed: bool) -> bool:
 def _say_if_unknown(ax: Axes, logs: Logs) -> None:
     """Say in the place of gaze errors why there are none."""
     if not any(np.isfinite(log.head_true_base_m).any() for log in logs.values()):
-        why = "no gaze error: nobody knows the true head"
+        why = "no gaze error: the true head is unknown"
     elif not any(np.isfinite(gaze_error_deg(log)).any() for log in logs.values()):
         why = "no gaze error: the joints were not read"
     else:

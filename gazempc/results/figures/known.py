@@ -26,7 +26,7 @@ class ShownHead:
     """The head as figures show it.
 
     Attributes:
-        log: The run, with a head that is interpolated between rare frames, or, where nobody knows the true one,
+        log: The run, with a head that is interpolated between rare frames, or, where the true one is unknown,
             between observations.
         known: At which ticks the true head is known, shape (M,).
         rare: Whether it is known at single ticks only, because the frames are far apart.
@@ -93,7 +93,7 @@ def known_title(logs: Logs) -> str:
     """What a reader must know of the head in a figure; empty where it is known throughout."""
     head = shown_head(next(iter(logs.values())))
     if not head.known.any():
-        return "nobody knows the true head of a live run"
+        return "live run: the true head is unknown"
     if head.rare:
         every_s = float(np.median(np.diff(head.log.time_s[head.known])))
         return f"frames {every_s:.2f} s apart: the true head is known at the points only, and scored there"

@@ -13,8 +13,8 @@ from matplotlib.text import Text
 from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.gaze_error import draw_gaze_error
+from gazempc.results.figures.head_and_body import Part, head_alone
 from gazempc.results.figures.known import contact_shares, known_title
-from gazempc.results.figures.parts import Part, head_alone
 from gazempc.results.figures.people import are_alike, draw_turns, has_attention, question
 from gazempc.results.figures.style import DPI, Logs, readable, recording_title, setup_title, styles
 from gazempc.results.log import Log

@@ -28,7 +28,7 @@ class Turn:
     Attributes:
         from_s: Seconds.
         to_s: Seconds.
-        number: Which person; 0 for nobody.
+        number: Which person; 0 for none.
         why: As it stands in the log.
     """
 
@@ -47,7 +47,7 @@ class Turn:
 
 
 def has_attention(logs: Logs) -> bool:
-    """Whether there is anything to draw: somebody was chosen, or looked away from.
+    """Whether there is anything to draw: a person was chosen, or looked away from.
 
     Args:
         logs: The runs.
@@ -75,7 +75,7 @@ def turns(log: Log) -> tuple[Turn, ...]:
         log: The run.
 
     Returns:
-        The turns; one person for the whole run where nobody chose.
+        The turns; one person for the whole run where none was chosen.
     """
     start_s, end_s = float(log.time_s[0]), float(log.time_s[-1])
     if not log.attended_time_s.size:
@@ -155,7 +155,7 @@ def person_colour(number: int) -> str:
     """Colour of a person in all figures.
 
     Args:
-        number: Which person; 0 for nobody.
+        number: Which person; 0 for none.
 
     Returns:
         A colour as matplotlib and CSS take it.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from gazempc.recordings.together import MARK
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
-from gazempc.results.report import LABELS
+from gazempc.results.run_summary import LABELS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,7 @@ Logs = Mapping[str, Log]
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 CONTACT_COLOUR = "#009E73"
-# Observations are points, because nobody saw what was between them.
+# Observations are points, because the path between them was not observed.
 OBSERVED: dict[str, Any] = {"color": "k", "ls": "", "marker": ".", "ms": 3.0, "mew": 0.0, "alpha": 0.55}
 DPI = 150
 _UNSCORED = "0.92"

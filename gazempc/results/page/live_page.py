@@ -15,7 +15,7 @@ from gazempc.results.page.log_charts import error_chart, joints_chart
 from gazempc.results.page.people_tables import people_tables
 from gazempc.results.page.run_page import captions, setup_of
 
-_UNKNOWN = "Nobody knows where the head really was, so the gaze error is not known."
+_UNKNOWN = "The true head is unknown, so the gaze error is unknown, too."
 
 
 def live_page(

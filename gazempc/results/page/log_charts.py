@@ -1,4 +1,4 @@
-"""Curves of a log: gaze error, and joints where nobody knows the error."""
+"""Curves of a log: gaze error, and joints where the error is unknown."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _people(logs: Mapping[str, Log]) -> Iterator[Span]:
 
 
 def joints_chart(log: Log) -> Chart:
-    """Where the joints were: for runs in which nobody knows the gaze error.
+    """Where the joints were: for runs in which the gaze error is unknown.
 
     Args:
         log: The run.

@@ -11,7 +11,7 @@ from gazempc.results.attention import WORDS, measure_attention
 from gazempc.results.figures.people import has_attention, looks_away, turns
 from gazempc.results.log import Log
 from gazempc.results.page.content import PageTable
-from gazempc.results.report import label
+from gazempc.results.run_summary import label
 
 # A longer list is for the log, not for a page.
 _MOST_ROWS = 40

@@ -17,7 +17,7 @@ from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.page.log_charts import error_chart
 from gazempc.results.page.people_tables import people_tables
 from gazempc.results.repeats import Repeats
-from gazempc.results.report import label
+from gazempc.results.run_summary import label
 from gazempc.results.table import sentence, table_lines
 
 # Of what a run draws, in the order in which a reader wants it.
@@ -100,7 +100,7 @@ def setup_of(log: Log) -> dict[str, str]:
         "sensor": ", ".join(seen),
         "neck": f"{neck.name}; {_limits(neck)}",
         "robot": f"{run.robot}, {'in simulated time' if run.mode == 'replay' else 'on a real clock'}",
-        "scored": f"from {SCORED_FROM_S} s to the end, against {against}" if against else "nobody knows the true head",
+        "scored": f"from {SCORED_FROM_S} s to the end, against {against}" if against else "the true head is unknown",
     }
 
 

@@ -78,3 +78,16 @@ def test_a_missing_package_names_its_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingOptionalDependencyError, match="cluster"):
         Engine(tmp_path / "runs", jobs=1, dask="tcp://x:1")
+
+
+@pytest.mark.slow
+def test_a_cluster_of_one_core_is_refused_for_jobs_would_run_here(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
+        ) as one,
+        Engine(tmp_path, jobs=1, dask=one.scheduler_address) as engine,
+        pytest.raises(GazempcError, match="two or more"),
+    ):
+        engine.run([Tiny(1), Tiny(2)])

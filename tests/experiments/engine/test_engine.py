@@ -55,7 +55,7 @@ def test_a_second_run_does_only_what_failed(first):
 
 
 def test_nothing_to_do_starts_no_worker(first, monkeypatch):
-    monkeypatch.setattr("experiments.engine.engine.LocalWorkers", None)
+    monkeypatch.setattr("experiments.engine.engine.on_this_machine", None)
     with Engine(first[0], jobs=2) as engine:
         assert engine.run([Tiny(3)])[0]["square"] == 9
 
@@ -84,6 +84,29 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path):
 def test_importing_the_engine_for_a_worker_is_light():
     """A worker imports what its jobs need, and nothing that only the command needs."""
     heavy = {"matplotlib", "tyro", "scipy.stats", "casadi", "distributed", "joblib"}
-    code = f"import sys, experiments.engine.job, experiments.engine.local; print(sorted({heavy!r} & set(sys.modules)))"
+    code = (
+        f"import sys, experiments.engine.job, experiments.engine.workers; print(sorted({heavy!r} & set(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_an_exception_between_two_results_ends_the_workers(tmp_path, monkeypatch):
+    ended = []
+
+    def workers(jobs, count):
+        try:
+            for key, job in jobs.items():
+                yield key, {"left_out": None, "failed": None, **job.run()}
+        except BaseException as error:
+            ended.append(error)
+            raise
+
+    def full(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr("experiments.engine.engine.on_this_machine", workers)
+    monkeypatch.setattr("experiments.engine.cache.write_whole", full)
+    with pytest.raises(OSError, match="disk full"), Engine(tmp_path, jobs=1) as engine:
+        engine.run([Tiny(1), Tiny(2)])
+    assert [str(error) for error in ended] == ["disk full"]

@@ -8,7 +8,7 @@ import pytest
 from experiments.forecast.command import forecast, main
 from experiments.forecast.errors import ForecastErrors
 from experiments.forecast.summary import ClipResult, summarise
-from gazempc.results.coverage import inside
+from gazempc.results.forecast_metrics import inside
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

@@ -8,13 +8,13 @@ import pytest
 from builders.paper import PEOPLE, WALKS, execute, strict_json, write_walks
 from scipy.stats import wilcoxon
 
-from experiments.paper.command import main
 from experiments.paper.filters import SLOW_TIME_S, TUNED_TIME_S
+from experiments.paper.findings import side_by_side
 from experiments.paper.frames import (
     FrameJob,
     frames_of,
 )
-from experiments.paper.report import side_by_side
+from experiments.paper.reproduction import main
 from experiments.paper.validation import exact_weight
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
@@ -26,7 +26,7 @@ FIGURES = ("error_bars.png", "filters.png", "rules.png", "routes.png")
 def run(folder, out, drawn=False):
     """The command with three of its filters, figures only where wanted."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.paper.command.FILTER_TIMES_S", SWEPT_S)
+        patch.setattr("experiments.paper.reproduction.FILTER_TIMES_S", SWEPT_S)
         for name in () if drawn else ("figures.draw_bars", "figures.draw_filters", "figures.draw_rules"):
             patch.setattr(f"experiments.paper.{name}", lambda *_: None)
         if not drawn:

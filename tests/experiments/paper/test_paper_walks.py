@@ -15,12 +15,12 @@ from builders.paper import (
 
 from experiments.paper.analysis import analyse
 from experiments.paper.filters import SLOW_TIME_S, TUNED_TIME_S
+from experiments.paper.findings import report
 from experiments.paper.frames import (
     RULES,
     FrameJob,
     frames_of,
 )
-from experiments.paper.report import report
 
 
 def rows_by_time(paths):

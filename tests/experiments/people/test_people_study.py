@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from experiments.people import crossing
-from experiments.people.command import main
 from experiments.people.crossing import cross, crossing_walks
 from experiments.people.crowds import crowd_of, score
+from experiments.people.study import main
 from gazempc.recordings.truth import TrueHead
 
 

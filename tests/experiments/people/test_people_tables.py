@@ -6,9 +6,9 @@ from builders.attention import attention_log, error_in
 from scipy.optimize import brentq
 
 from experiments.people import standing, tables
-from experiments.people.command import main
-from experiments.people.engaged import decided
 from experiments.people.standing import SecondLater, least_time_s, switches
+from experiments.people.study import main
+from experiments.people.tables import decided
 from gazempc.neck.spec import load_neck
 from gazempc.results.attention import measure_attention
 

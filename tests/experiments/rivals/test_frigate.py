@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from builders.rival_bench import CAMERA, NECK, Plant, camera, neck_with, ramp, run, standing
 
-from experiments.rivals.laws.frigate import Frigate, MoveTime
-from experiments.rivals.laws.frigate_calibration import FrigateCalibration
-from experiments.rivals.laws.frigate_motion import CornerFilter, believed_velocity
+from experiments.rivals.laws.frigate import CornerFilter, Frigate, FrigateCalibration, MoveTime, believed_velocity
 
 PROMPT = camera(latency_s=0.02)
 IMAGE_PX = np.array([1280.0, 720.0])

@@ -1,10 +1,13 @@
 """Rivals as the trials make them."""
 
+import inspect
+
 import numpy as np
+import pytest
 from builders.rival_bench import CAMERA
 
+from experiments.rivals.jobs import calibrate, make_rival
 from experiments.rivals.laws import RIVALS
-from experiments.rivals.make import calibrate, make_rival
 from gazempc.neck.spec import load_neck
 
 
@@ -34,3 +37,12 @@ def test_constants_may_be_others():
     neck = load_neck("reachy_mini")
     slow = make_rival("autoptz", neck, neck, CAMERA, speed_scale=0.5)
     np.testing.assert_allclose(slow._top_rad_s, 0.5 * neck.velocity_max_rad_s)
+
+
+@pytest.mark.parametrize("law", [law for law in RIVALS.values() if law.free != ({},)])
+def test_free_constants_are_keywords_and_the_default_is_tried(law):
+    parameters = inspect.signature(law).parameters
+    own = {name: parameters[name].default for name in law.free[0]}
+    assert own in law.free
+    assert all(constants.keys() == own.keys() for constants in law.free)
+    assert len({tuple(constants.items()) for constants in law.free}) == len(law.free)

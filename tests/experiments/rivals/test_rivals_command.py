@@ -8,11 +8,10 @@ import pytest
 from bs4 import BeautifulSoup
 
 from experiments.rivals.camera import on_the_head
-from experiments.rivals.command import main
+from experiments.rivals.comparison import main
 from experiments.rivals.jobs import FIGURES, ModelError, RivalJob
-from experiments.rivals.plan import at_their_best, labelled, summarise
+from experiments.rivals.plan import ERRORS, at_their_best, by_error, labelled, summarise, wrong_jobs
 from experiments.rivals.trials import make_trial
-from experiments.rivals.wrong_model import ERRORS, by_error, wrong_jobs
 from gazempc.neck.spec import load_neck
 from gazempc.settings import WalkerSettings
 from gazempc.sim.sensor import load_sensor
@@ -153,7 +152,7 @@ def test_the_command_keeps_these_constants_however_bad_they_are_with_a_wrong_mod
     for run in runs:
         run["trial"] = "pass_2.5m"
     runs += [run | {"trial": "turns"} for run in runs]
-    monkeypatch.setattr("experiments.rivals.command._done", lambda settings: (runs, [], 0))
+    monkeypatch.setattr("experiments.rivals.comparison._done", lambda settings: (runs, [], 0))
     assert main(["--wrong-model", "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "rows.json").read_text())["rows"]
     smith = {(row.get("by"), row["eye_contact_2p6"]) for row in rows if row["rival"] == "smith"}

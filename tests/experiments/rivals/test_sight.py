@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from builders.rival_bench import CAMERA, offset_of
 
-from experiments.rivals.laws.frames import FrameRate
-from experiments.rivals.laws.one_euro import OneEuro
-from experiments.rivals.laws.sight import bearing_rad, left_and_up_rad, point_base_m
-from experiments.rivals.rival import Detection
+from experiments.rivals.laws.autoptz import OneEuro
+from experiments.rivals.rival import Detection, FrameRate, bearing_rad, left_and_up_rad, point_base_m
 from gazempc.neck.kinematics import gaze_ray, look_at_rad
 from gazempc.neck.spec import load_neck
 

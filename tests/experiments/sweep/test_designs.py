@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.sweeps import SMALL
 
-from experiments.sweep.designs import design_points
+from experiments.sweep.plan import design_points
 from experiments.sweep.spec import Objective, SweepSpec
 from experiments.sweep.tables import pareto_front
 

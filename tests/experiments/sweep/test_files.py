@@ -3,8 +3,8 @@
 import pytest
 from builders.sweeps import SMALL, refusal, words
 
-from experiments.sweep.command import main
 from experiments.sweep.plan import load_plan, shipped_studies
+from experiments.sweep.sweep import main
 
 
 def test_all_errors_of_a_file_at_once(tmp_path):

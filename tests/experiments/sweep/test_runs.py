@@ -10,10 +10,9 @@ from bs4 import BeautifulSoup
 from builders.own_parts import own_module
 from builders.sweeps import SMALL, table_of, words, written
 
-from experiments.sweep.command import SweepSettings, main, sweep
 from experiments.sweep.figures import colour_of
 from experiments.sweep.plan import load_plan
-from experiments.sweep.run import run_sweep
+from experiments.sweep.sweep import SweepSettings, main, run_sweep, sweep
 from experiments.sweep.variants import resolve
 from gazempc.results.figures.style import style
 
@@ -86,7 +85,7 @@ def test_the_report_has_the_means_and_the_front(undisturbed):
     front = {(p["rms_acceleration_rad_s2"], p["eye_contact_2p6"]) for p in summary["pareto"]["small"]}
     found = {*zip(curve["xs"], curve["ys"], strict=True)}
     assert sorted(found) == [pytest.approx(point, rel=1e-4) for point in sorted(front)]
-    assert report.find(class_="command").text.startswith("experiments.sweep.command.sweep(SweepSettings(")
+    assert report.find(class_="command").text.startswith("experiments.sweep.sweep.sweep(SweepSettings(")
 
 
 def test_lines_of_one_controller_have_colours_of_their_own():

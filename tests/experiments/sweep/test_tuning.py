@@ -7,7 +7,7 @@ import pytest
 from builders.sweeps import table_of, words
 
 from experiments.engine.engine import Engine
-from experiments.sweep.command import main
+from experiments.sweep.sweep import main
 from gazempc.errors import MissingOptionalDependencyError
 
 pytestmark = pytest.mark.usefixtures("in_this_process")

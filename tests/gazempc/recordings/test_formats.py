@@ -89,7 +89,7 @@ def test_a_run_on_each_format(write, kind, sensor, placement, tmp_path, capsys):
     assert rows["perfect"]["gaze_error_rms_deg"] < 0.3
     said = capsys.readouterr().out
     assert kind in said
-    tracked = "against the tracker's own track, smoothed without lag: nobody measured where the head was" in said
+    tracked = "against the tracker's own track, smoothed without lag: the true head was not measured" in said
     assert tracked == (sensor == "recorded")
     against = "the tracker's own track, smoothed without lag" if tracked else "the true head"
     assert summary["scored_against"] == against

@@ -19,7 +19,6 @@ TABLES = {
         1e9 * (1.7e9 + T), 1000 * HEAD, QUAT_XYZW,
     ),
     "units in brackets": (["Time (s)", "Head X [mm]", "Head Y [mm]", "Head Z [mm]"], T, 1000 * HEAD),
-    "German": (["Zeit", "Kopf_X", "Kopf_Y", "Kopf_Z"], T, HEAD),
     "bare letters, ms": (["time_ms", "x", "y", "z"], 1000 * T, HEAD),
     "y up": (["time", "HeadPosX", "HeadPosY", "HeadPosZ"], T, in_axes("y-up", HEAD)),
     "optical": (["time", "face_x", "face_y", "face_z"], T, in_axes("optical", SEEN)),

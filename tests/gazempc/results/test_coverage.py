@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_t
 
-from gazempc.results.coverage import inside, squared_radius
+from gazempc.results.forecast_metrics import inside, squared_radius
 
 SHARES = (0.68, 0.90, 0.95)
 SPREAD = np.array([[0.01, 0.004, 0.0], [0.004, 0.04, 0.001], [0.0, 0.001, 0.0025]])

@@ -259,10 +259,10 @@ def test_a_head_that_nobody_knows_is_drawn_as_it_was_observed_and_said(logs: Log
     at = np.searchsorted(log.time_s, log.capture_time_s)
     drawn_m = head.log.head_true_base_m[np.minimum(at, log.time_s.size - 1)]
     assert np.nanmedian(np.linalg.norm(drawn_m - log.head_observed_base_m, axis=1)) < 0.02
-    assert "nobody knows the true head" in known_title(unknown)
+    assert "the true head is unknown" in known_title(unknown)
     ax = Figure().subplots()
     draw_gaze_error(ax, unknown, detailed=False)
-    assert any("nobody knows the true head" in text.get_text() for text in ax.texts)
+    assert any("the true head is unknown" in text.get_text() for text in ax.texts)
     ax = Figure().subplots()
     draw_contact_bars(ax, unknown)
     assert [text.get_text() for text in ax.texts] == ["not known"]

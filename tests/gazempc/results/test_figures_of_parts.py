@@ -21,8 +21,8 @@ from gazempc.results.figures.angles import angles
 from gazempc.results.figures.animation import animate, head_offset_deg, part_offsets_deg
 from gazempc.results.figures.birds_eye import birds_eye, draw_birds_eye
 from gazempc.results.figures.gaze_error import draw_gaze_error, gaze_error
+from gazempc.results.figures.head_and_body import head_alone, head_error_deg, parts
 from gazempc.results.figures.overview import draw_contact_bars, overview
-from gazempc.results.figures.parts import head_alone, head_error_deg, parts
 from gazempc.results.figures.style import series_look, styles
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
@@ -58,8 +58,8 @@ def without_joints(log: Log) -> Log:
 
 CASES = {
     "all known": lambda log: log,
-    "nobody knows the true head": without_truth,
-    "nobody was seen": without_person,
+    "the true head is unknown": without_truth,
+    "no person was seen": without_person,
     "joints not read": without_joints,
     "nothing": lambda log: without_joints(without_person(log)),
 }
@@ -87,17 +87,19 @@ def test_a_legend_names_what_is_drawn_and_what_is_missing_is_said(
     words = " ".join(text.get_text() for text in texts(figure))
     legend = [text.get_text() for each in figure.legends for text in each.get_texts()]
     assert ("true head" in legend) == (case in {"all known", "joints not read"} and draw in {angles, birds_eye})
-    assert ("observed head" in legend) == (case not in {"nobody was seen", "nothing"} and draw in {angles, birds_eye})
+    assert ("observed head" in legend) == (
+        case not in {"no person was seen", "nothing"} and draw in {angles, birds_eye}
+    )
     joints_drawn = {"joint", "gaze", "robot's head", "robot's body", "gaze, reactive"} & set(legend)
     if case in {"joints not read", "nothing"}:
         assert not joints_drawn
-        assert "the joints were not read" in words or "nobody" in words
-    elif draw in {angles, birds_eye} and not (case == "nobody was seen" and draw is birds_eye):
+        assert "the joints were not read" in words or "no person was seen" in words or "unknown" in words
+    elif draw in {angles, birds_eye} and not (case == "no person was seen" and draw is birds_eye):
         assert {part.label for part in parts(log)} <= joints_drawn
-    if case in {"nobody was seen", "nothing"} and draw is not angles:
-        assert "nobody" in words
-    elif case == "nobody knows the true head":
-        assert "nobody knows the true head" in words
+    if case in {"no person was seen", "nothing"} and draw is not angles:
+        assert "no person was seen" in words or "unknown" in words
+    elif case == "the true head is unknown":
+        assert "the true head is unknown" in words
 
 
 @pytest.mark.parametrize("draw", DRAWN)

@@ -11,7 +11,7 @@ from gazempc.neck.spec import load_neck
 from gazempc.results.compute import ComputeMetrics
 from gazempc.results.metrics import Metrics
 from gazempc.results.repeats import by_controller
-from gazempc.results.report import make_rows
+from gazempc.results.run_summary import make_rows
 from gazempc.results.table import sentence, table
 
 NECK = load_neck("reference")

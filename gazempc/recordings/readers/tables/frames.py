@@ -18,7 +18,7 @@ from gazempc.types import FloatArray
 # Of which axes of a file x forward, y left and z up are made.
 AXES = {
     "z-up": "[x,y,z]",
-    "y-up": "[z,x,y]",  # x to the left of whoever faces +z: OptiTrack, BVH
+    "y-up": "[z,x,y]",  # x to the left of a person who faces +z: OptiTrack, BVH
     "optical": "[z,-x,-y]",  # cameras: x right, y down, z forward
     "unity": "[z,-x,y]",  # left-handed: x right, y up, z forward
 }
@@ -169,7 +169,7 @@ def _turned(quats_wxyz: FloatArray, frame: FloatArray, own: FloatArray) -> Float
 
 
 def _from_directions(forward: FloatArray | None, left: FloatArray | None) -> FloatArray:
-    """Orientations by where somebody faces, by what is to the left, or both; upright where one is all that is known."""
+    """Orientations by the forward direction, the left one, or both; upright where only one is known."""
     up = np.array([0.0, 0.0, 1.0])
     if forward is None:
         assert left is not None

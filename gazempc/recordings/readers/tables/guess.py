@@ -1,4 +1,4 @@
-"""Guesses what the columns of a table mean that nobody has described: by their names, then by their values."""
+"""Guesses the meaning of columns without a mapping: by their names, then by their values."""
 
 from __future__ import annotations
 
@@ -18,15 +18,13 @@ from gazempc.types import BoolArray, FloatArray
 
 _HEIGHT_M = 1.6
 _RATE_HZ = 30
-_TIME = re.compile(
-    r"(.*[._ /%])?%?(t|s|secs?|seconds|time|time_?stamps?|stamp|ts|zeit|temps|tiempo|date|date_?time|clock)", re.I
-)
+_TIME = re.compile(r"(.*[._ /%])?%?(t|s|secs?|seconds|time|time_?stamps?|stamp|ts|date|date_?time|clock)", re.I)
 _SECONDS = re.compile(r"(?P<base>.*?)(secs?|seconds|stamp_sec)", re.I)
 _NANOSECONDS = re.compile(r"(?P<base>.*?)(nanosecs?|nsecs?|nanoseconds|stamp_nanosec)", re.I)
 _FRAME = re.compile(r"(.*[._ /])?(frame|frame_?(id|no|nr|num|number|index)|index|sample)", re.I)
 _ENDS_IN_AXIS = re.compile(r"(?P<base>.*?)[._ ,/:\[-]*(?P<axis>[xyzw])\]?", re.I)
 _BEGINS_WITH_AXIS = re.compile(r"(?P<axis>[xyzw])[._ ](?P<base>.+)", re.I)
-_GOOD = {"head": 10, "kopf": 10, "tete": 10, "cabeza": 10, "face": 8, "skull": 8, "nose": 7, "eyes": 6, "eye": 5}
+_GOOD = {"head": 10, "face": 8, "skull": 8, "nose": 7, "eyes": 6, "eye": 5}
 _GOOD |= {"person": 3, "neck": 3}
 _POSITION = {"position": 2, "pos": 2, "translation": 2, "pose": 2, "point": 2, "location": 2, "p": 1, "t": 1}
 _BAD = re.compile(
@@ -212,6 +210,6 @@ def _time(table: RawTable, person: str | None) -> tuple[str, FloatArray, list[st
 
 
 def _rows_of_first(table: RawTable, person: str | None) -> BoolArray:
-    """Rows of whoever is in the first one, shape (N,)."""
+    """Rows of the person in the first row, shape (N,)."""
     ids = np.array(table.texts(person) if person else [""] * len(table.places))
     return np.asarray(ids == ids[0])

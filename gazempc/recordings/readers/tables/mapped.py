@@ -18,10 +18,10 @@ from gazempc.recordings.readers.checks import (
 )
 from gazempc.recordings.readers.labels import labels_for
 from gazempc.recordings.readers.position_checks import check_head_to_pelvis, check_head_travel, check_upright
+from gazempc.recordings.readers.tables.body_poses import Parts, facing, read_parts
 from gazempc.recordings.readers.tables.columns import Columns
 from gazempc.recordings.readers.tables.frames import ros_frame
 from gazempc.recordings.readers.tables.mapping import ColumnMapping
-from gazempc.recordings.readers.tables.parts import Parts, facing, read_parts
 from gazempc.recordings.readers.tables.people import PERSON, choose_from_header, people_in_header, rows_of_person
 from gazempc.recordings.readers.tables.raw_table import RawTable
 from gazempc.recordings.readers.tables.track import lifted_from_hips, smooth_track
@@ -40,7 +40,7 @@ def recording_of(table: RawTable, mapping: ColumnMapping, person: str | None, no
     Args:
         table: The table.
         mapping: What its columns mean; needs `t` and `head`.
-        person: Whose rows or columns to read; None for whoever is seen longest.
+        person: Whose rows or columns to read; None for the person who is seen longest.
         notes: What else is to be said of the recording.
 
     Returns:
@@ -49,7 +49,7 @@ def recording_of(table: RawTable, mapping: ColumnMapping, person: str | None, no
     Raises:
         RecordingError: If columns are missing, cells are damaged, more than half of the rows cannot be used, or the
             checks that all readers share refuse it.
-        SettingsError: If the mapping holds something that nobody can read, or there is no such person.
+        SettingsError: If the mapping has an invalid value, or there is no such person.
     """
     path = table.path
     for key in ("t", "head"):

@@ -15,7 +15,7 @@ from gazempc.recordings.readers.tables.raw_table import UNIT_WORDS, RawTable, is
 # Where Vicon's programs put poses; a file may hold several sections, and devices before them.
 _VICON_SECTIONS = ("Trajectories", "Segments", "Objects", "Model Outputs")
 _MOTIVE_AXES = "Frame"
-Row = tuple[int, list[str]]
+Row = tuple[int, tuple[str, ...]]
 
 
 def motive_table(path: Path, rows: list[Row]) -> RawTable:

@@ -11,6 +11,8 @@ from gazempc.errors import RecordingError
 from gazempc.recordings.readers.tables.raw_table import RawTable
 from gazempc.recordings.readers.text import read_text
 
+# A frame has about 30, and takes 5 kB: a file of the largest size has a million.
+_MOST_TAGS = 2_000_000
 _ACCEPTED = "an .mvnx file of Xsens MVN with positions and orientations of the segments"
 
 
@@ -27,6 +29,8 @@ def mvnx_table(path: Path) -> RawTable:
         RecordingError: If the file is no such XML, or a frame has other counts than the segments.
     """
     text = read_text(path, "an .mvnx file")
+    if (found := text.count("<")) > _MOST_TAGS:
+        raise RecordingError(path, "", f"{found} tags", f"{_MOST_TAGS} at most: {_ACCEPTED}")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise RecordingError(path, "", "it defines entities, which may stand for gigabytes", _ACCEPTED)
     try:

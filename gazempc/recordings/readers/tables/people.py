@@ -101,7 +101,7 @@ def rows_of_person(
         table: The table.
         column: Column with the people's ids.
         known: Rows in which a head is seen, shape (N,).
-        wanted: Whom the user wants, or None for whoever is seen in most rows.
+        wanted: Whom the user wants, or None for the person with most rows.
 
     Returns:
         Rows, shape (N,); the id; and a note if there are others.

@@ -70,7 +70,7 @@ class RawTable:
     def texts(self, name: str) -> list[str]:
         """Cells of a column as text, such as a person's name; whole numbers without a point."""
         return [
-            cell.strip() if isinstance(cell, str) else f"{cell:.0f}" if cell == np.round(cell) else f"{cell:g}"
+            cell.strip() if isinstance(cell, str) else f"{cell:.0f}" if cell == np.round(cell) else repr(float(cell))
             for cell in self._column(name)
         ]
 

@@ -20,7 +20,7 @@ _HIPS_AT_ORIGIN_M = 0.1
 
 
 def smooth_track(path: Path, times_s: FloatArray, track: Track) -> Track:
-    """The track without the tracker's noise, where nobody knows the truth.
+    """The track without the tracker's noise, where the truth is unknown.
 
     Args:
         path: File it is from, for messages.

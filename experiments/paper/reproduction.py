@@ -17,12 +17,12 @@ from experiments.engine.job import Row
 from experiments.engine.recordings import find_recordings, in_place
 from experiments.paper.analysis import analyse, known_groups
 from experiments.paper.filters import FILTER_TIMES_S, SLOW_TIME_S, TUNED_TIME_S
+from experiments.paper.findings import report, side_by_side
 from experiments.paper.frames import RULES, FrameJob, labelled
-from experiments.paper.report import report, side_by_side
 from experiments.paper.validation import check_optuna
 from gazempc.errors import GazempcError
 from gazempc.files.whole import write_whole
-from gazempc.results.report import versions
+from gazempc.results.run_summary import versions
 from gazempc.sim.scene import make_scene
 
 

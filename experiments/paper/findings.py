@@ -67,7 +67,7 @@ def report(summary: Mapping[str, Any]) -> str:
         "## The test that is right: one pair a person",
         "",
         *_people_table(summary["people"]),
-        f"Exact Wilcoxon; effect: rank-biserial, 1 if the rule helps everybody, -1 if nobody. "
+        f"Exact Wilcoxon; effect: rank-biserial, 1 if the rule helps all people, -1 if none. "
         f"[ ]: 95 % bootstrap over people. Level {SIGNIFICANCE_LEVEL}.",
         "",
         "## The same with each group of routes counting alike in the tuning",

@@ -20,19 +20,35 @@ from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.recordings import find_recordings, in_place
 from experiments.rivals.camera import on_the_head
-from experiments.rivals.figures import draw_contact, draw_wrong_model
 from experiments.rivals.jobs import NAMES, RivalJob
-from experiments.rivals.page import RivalsPage, rivals_page, shown_errors, shown_gazes
-from experiments.rivals.plan import ALL_WALKS, at_their_best, labelled, make_jobs, summarise
-from experiments.rivals.report import tables
+from experiments.rivals.plan import (
+    ALL_WALKS,
+    LABELS,
+    WITH_MODEL,
+    WITHOUT_MODEL,
+    at_their_best,
+    by_error,
+    labelled,
+    make_jobs,
+    summarise,
+    wrong_jobs,
+)
+from experiments.rivals.presentation import (
+    RivalsPage,
+    draw_contact,
+    draw_wrong_model,
+    rivals_page,
+    shown_errors,
+    shown_gazes,
+    tables,
+)
 from experiments.rivals.trials import TRIALS, TURNS
-from experiments.rivals.wrong_model import LABELS, WITH_MODEL, WITHOUT_MODEL, by_error, wrong_jobs
 from gazempc.errors import SettingsError, suggest
 from gazempc.files.whole import write_whole
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.results.page.write import write_page
-from gazempc.results.report import versions
+from gazempc.results.run_summary import versions
 from gazempc.settings import WalkerSettings
 from gazempc.sim.sensor import load_sensor
 

@@ -1,19 +1,24 @@
-"""humotion's neck: a time-optimal motion, planned anew at each step with limits that depend on the way left.
+"""Necks of humanoids with eyes: humotion (Flobi, Floka) and iKinGazeCtrl (iCub).
 
 The target is made absolute with the encoders when the frame was *captured*. On a robot with eyes the neck moves only
 for large turns of the gaze; here it has no eyes, and its target is always that of the gaze.
+
+iKinGazeCtrl: a filter whose closed loop has a triple pole and comes close to minimum jerk.
+
+The face's point in space is made with the encoders when the frame *arrives*. The filter's input is the difference of
+target and neck, its output a velocity, which is integrated and sent as a position. On the robot the eyes do the rest,
+and the neck is solved anew only where it is off by more than 2.5 deg; here the neck does everything and always.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from ruckig import InputParameter, OutputParameter, Ruckig, Synchronization
 
-from experiments.rivals.laws.sight import bearing_rad
-from experiments.rivals.rival import HeadCamera, View
+from experiments.rivals.rival import HeadCamera, Rival, View, bearing_rad, point_base_m
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
@@ -36,7 +41,7 @@ def limits_for(way_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.deg2rad(speed_deg_s), np.deg2rad(acceleration_deg_s2)
 
 
-class Humotion:
+class Humotion(Rival):
     """Moves to the target as fast as limits for the way allow.
 
     Args:
@@ -47,8 +52,6 @@ class Humotion:
     """
 
     name = "humotion"
-    command: Literal["position"] = "position"
-    period_s = 0.02
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, range_share: float = 0.8, silence_s: float = 1.0) -> None:
         self._camera, self._silence_s = camera, silence_s
@@ -56,13 +59,13 @@ class Humotion:
         self._planner = Ruckig(2, self.period_s)
 
     def start(self, view: View) -> None:
-        """See `experiments.rivals.rival.Rival.start`."""
+        """See `Rival.start`."""
         self._position_rad = self._target_rad = view.joints.position_rad
         self._velocity_rad_s = np.zeros(2)
         self._seen_s = -math.inf
 
     def step(self, view: View) -> FloatArray:
-        """See `experiments.rivals.rival.Rival.step`."""
+        """See `Rival.step`."""
         for detection in view.detections:
             head_rad = view.joints_at(detection.capture_time_s)
             if head_rad is not None:
@@ -86,3 +89,48 @@ class Humotion:
         self._planner.reset()
         self._planner.update(wanted, moved)
         self._position_rad, self._velocity_rad_s = np.array(moved.new_position), np.array(moved.new_velocity)
+
+
+# Of the filter -a / (s^2 - c s - b), for a duration of 1 s.
+_A, _B, _C = -150.766, -84.981, -15.967
+
+
+class IKinGazeCtrl(Rival):
+    """Filters the way to the target.
+
+    Args:
+        neck: Its geometry and its range.
+        camera: The camera on the head.
+        neck_time_s: In which 90 % of a step are done, seconds.
+    """
+
+    name = "ikingazectrl"
+    period_s = 0.01
+
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, neck_time_s: float = 0.75) -> None:
+        import control  # noqa: PLC0415  (takes a second, and only this law needs it)
+
+        self._neck, self._camera = neck, camera
+        a, b, c = _A / neck_time_s**3, _B / neck_time_s**2, _C / neck_time_s
+        continuous = control.ss([[0.0, 1.0], [b, c]], [[0.0], [-a]], [[1.0, 0.0]], [[0.0]])
+        self._discrete = control.sample_system(continuous, self.period_s, method="bilinear")
+
+    def start(self, view: View) -> None:
+        """See `Rival.start`."""
+        self._position_rad = self._target_rad = view.joints.position_rad
+        self._state = np.zeros((2, 2))
+        self._velocity_rad_s = np.zeros(2)
+
+    def step(self, view: View) -> FloatArray:
+        """See `Rival.step`."""
+        for detection in view.detections:
+            point_m = point_base_m(self._neck.geometry, self._camera, detection, view.joints.position_rad)
+            target_rad = look_at_rad(self._neck.geometry, point_m)
+            self._target_rad = np.clip(target_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        difference_rad = (self._target_rad - self._position_rad)[None]
+        velocity_rad_s = (self._discrete.C @ self._state + self._discrete.D @ difference_rad)[0]
+        self._state = self._discrete.A @ self._state + self._discrete.B @ difference_rad
+        # Trapezoids, as the filter's own discretisation.
+        self._position_rad = self._position_rad + 0.5 * self.period_s * (velocity_rad_s + self._velocity_rad_s)
+        self._velocity_rad_s = velocity_rad_s
+        return self._position_rad
