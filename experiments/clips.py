@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from gazempc.recordings.readers.route_group import ROUTES, STANDING
-from gazempc.recordings.synthetic.everyday import everyday_names
 
 GROUP_ORDER = (STANDING, *ROUTES)
 # What people do in a clip, in reading order; other kinds follow.
@@ -29,20 +28,6 @@ class Clips:
     def labels(self) -> dict[str, str]:
         """Group and kind, as they stand in a row."""
         return {"group": self.group, "kind": self.kind}
-
-
-def split_everyday(words: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Take the synthetic people who stand, start and stop out of what a user names.
-
-    Args:
-        words: ``everyday`` for all of them, their names, and anything else.
-
-    Returns:
-        Their names, each once, and the other words.
-    """
-    words, names = list(words), everyday_names()
-    found = [name for word in words for name in (names if word == "everyday" else (word,)) if name in names]
-    return list(dict.fromkeys(found)), [word for word in words if word != "everyday" and word not in names]
 
 
 def groups_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:

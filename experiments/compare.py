@@ -21,7 +21,6 @@ import tyro
 from pydantic import Field
 
 from experiments.aggregate import add_gap_closed, paired_differences, summarise
-from experiments.clips import split_everyday
 from experiments.compare_report import COMPARED, report
 from experiments.engine.command import (
     NOT_SAVED,
@@ -150,8 +149,7 @@ def runs_of(settings: CompareSettings) -> list[Compared]:
     Raises:
         GazempcError: If a recording, neck, sensor or part does not exist.
     """
-    everyday, others = split_everyday(settings.recordings)
-    recordings = [*everyday, *find_recordings(others)]
+    recordings = find_recordings(settings.recordings)
     necks = {name: load_neck(name) for name in settings.necks}
     sensors = each_sensor(settings.sensors)
     predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)

@@ -7,14 +7,18 @@ from pathlib import Path
 
 from gazempc.errors import GazempcError, shown, suggest
 from gazempc.recordings.load import ENDINGS_IN_FOLDERS, is_recording_folder
+from gazempc.recordings.synthetic.everyday import everyday_names
 from gazempc.recordings.synthetic.walks import synthetic_names
+
+# Sets of synthetic recordings: 84 walks, and 70 of people who stand, start and stop.
+_SETS = {"synthetic": synthetic_names, "everyday": everyday_names}
 
 
 def find_recordings(words: Sequence[str]) -> list[str]:
     """Names and paths of the recordings a user means.
 
     Args:
-        words: ``synthetic`` for the whole synthetic set, a folder for all recordings in it (its ``index.csv`` is not
+        words: ``synthetic`` for all synthetic walks, ``everyday`` for the synthetic people who stand, start and stop, a folder for all recordings in it (its ``index.csv`` is not
             one), a file, a folder that is itself a recording, or a synthetic name.
 
     Returns:
@@ -33,17 +37,17 @@ def find_recordings(words: Sequence[str]) -> list[str]:
             why = error.strerror if isinstance(error, OSError) else error
             problems.append(f"{shown(word, 80)}: not a recording; {why}")
             continue
-        if word == "synthetic":
-            found += synthetic_names()
+        if word in _SETS:
+            found += _SETS[word]()
         elif path.is_dir() and not is_recording_folder(path):
             files = sorted(p for p in path.iterdir() if _is_recording(p))
             found += [str(p) for p in files]
             if not files:
                 problems.append(f"{word}: no recordings in this folder (accepted: {', '.join(ENDINGS_IN_FOLDERS)})")
-        elif path.exists() or word in synthetic_names():
+        elif path.exists() or any(word in names() for names in _SETS.values()):
             found.append(word)
         else:
-            hint = suggest(word, ["synthetic"]) if "." not in word and "/" not in word else "no such file or folder"
+            hint = suggest(word, list(_SETS)) if "." not in word and "/" not in word else "no such file or folder"
             problems.append(f"{word}: not a recording; {hint}, a synthetic name, a file or a folder")
     if problems:
         raise GazempcError("\n".join(problems))

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import tyro
 from pydantic import Field
 
-from experiments.clips import figure_name, sensors_of, split_everyday
+from experiments.clips import figure_name, sensors_of
 from experiments.engine.command import (
     NOT_SAVED,
     WorkSettings,
@@ -162,8 +162,7 @@ def _forecast(settings: ForecastSettings) -> Forecasts:
     for what, values in (("horizons", settings.horizons), ("rates", settings.rates)):
         if not all(0 < value < float("inf") for value in values):
             raise GazempcError(f"{what} must be positive, got {list(values)}")
-    everyday, others = split_everyday(settings.recordings)
-    recordings = [*everyday, *find_recordings(others)]
+    recordings = find_recordings(settings.recordings)
     views = _views(settings)
     predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)
     check_parts((), predictors, settings.options)

@@ -9,7 +9,6 @@ import pytest
 from bs4 import BeautifulSoup
 from builders.comparisons import rows_of, runs, settings
 
-from experiments.clips import split_everyday
 from experiments.compare import compare, main
 from experiments.compare_figures import _looks
 from experiments.engine.keys import models_hash
@@ -204,10 +203,10 @@ def test_everyday_people_are_compared_with_their_own_metrics(tmp_path):
 
 
 def test_what_everyday_stands_for():
-    everyday, others = split_everyday(["subject02_R1", "everyday", "subject03_stop", "a_folder"])
-    assert everyday == list(everyday_names())
-    assert others == ["subject02_R1", "a_folder"]
-    assert split_everyday(["subject03_stop", "synthetic"]) == (["subject03_stop"], ["synthetic"])
+    assert find_recordings(["everyday"]) == list(everyday_names())
+    assert find_recordings(["subject02_R1", "subject03_stop"]) == ["subject02_R1", "subject03_stop"]
+    with pytest.raises(GazempcError, match="everyday"):
+        find_recordings(["everyda"])
 
 
 @pytest.mark.parametrize(
