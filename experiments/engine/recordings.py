@@ -18,8 +18,9 @@ def find_recordings(words: Sequence[str]) -> list[str]:
     """Names and paths of the recordings a user means.
 
     Args:
-        words: ``synthetic`` for all synthetic walks, ``everyday`` for the synthetic people who stand, start and stop, a folder for all recordings in it (its ``index.csv`` is not
-            one), a file, a folder that is itself a recording, or a synthetic name.
+        words: ``synthetic`` for all synthetic walks, ``everyday`` for the synthetic people who stand, start and stop, a
+            folder for all recordings in it (its ``index.csv`` is not one), a file, a folder that is itself a
+            recording, or a synthetic name.
 
     Returns:
         Names and paths, each once, in the order given; files of a folder sorted.
