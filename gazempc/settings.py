@@ -81,6 +81,13 @@ class WalkerSettings(Settings):
         description="Model or folder of `python -m experiments.fit`; from a folder each person gets the "
         "model fitted without this person; default: the shipped model",
     )
+    threshold: float | None = Field(
+        default=None,
+        ge=-20,
+        le=20,
+        description="Logit of walking from which on a walk is forecast: higher is calmer before people who stand, and "
+        "later for people who start; default: the model's",
+    )
 
 
 class PelvisPursuitSettings(Settings):

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.fit.examples import Examples
 from experiments.fit.spread import Spread, fit_spread
 from gazempc.types import FloatArray
-from predictors.walker.network import WalkerModel
+from predictors.walker.network import RegimeMotion, WalkerModel
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ class Found:
     @classmethod
     def by(cls, model: WalkerModel, part: Examples) -> Found:
         """Errors of a model on examples."""
-        departure, doubt = model.answer(part.network.astype(np.float64), part.spread.astype(np.float64))
+        motion = RegimeMotion(part.line_m_s.astype(np.float64), part.places_m.astype(np.float64))
+        departure, doubt = model.answer(part.network.astype(np.float64), part.spread.astype(np.float64), motion)
         noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)
         return cls(doubt, noise_m, departure - part.departure_m, weight)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from experiments.fit.pace import KINDS, at_pace, flatten, prolong, sway
+from experiments.fit.standing import vary_standing
 from experiments.fit.trackers import beside, draw_tracker, seen_through, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError
@@ -18,13 +19,13 @@ from gazempc.sim.sensing.tables import YawError
 from gazempc.sim.sensor import SensorSpec, load_sensor
 from predictors import HeadObservation
 from predictors.walker.features import N_INPUTS
-from predictors.walker.network import KNOTS_S, N_DOUBT, WalkerModel
+from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WalkerModel
 from predictors.walker.predictor import Walker
 
 # Of three variants two are of the walk as it was recorded, one at another pace and gait: with fewer of the first,
 # forecasts of recorded walks lose a tenth; with fewer of the others, those of other people do.
 _PLAIN = (True, True, False)
-_PACES = dict(zip(KINDS, (0.2, 0.4, 0.15, 0.15, 0.1), strict=True))
+_PACES = dict(zip(KINDS, (0.15, 0.28, 0.27, 0.15, 0.15), strict=True))
 _LONG_S = 8.0
 # Gait of others differs in size, and many trackers do not see the height.
 _SWAY_SHARE, _SWAY_FACTOR, _FLAT_SHARE = 0.5, (0.6, 2.0), 0.5
@@ -32,14 +33,16 @@ _BENT_SHARE = 0.6
 _WOBBLE_SHARE = 0.5
 # Bent walks outnumber the others: with less weight, turns of people left out are forecast worse, and straight walks no
 # better. Turns that were recorded are of few people; with more weight, straight walks of others get worse.
-_BENT_WEIGHT, _TURNING_WEIGHT, _STANDING_WEIGHT = 2.0, 0.5, 0.5
+_BENT_WEIGHT, _TURNING_WEIGHT = 2.0, 0.5
+# Errors of people who stand are small, in millimetres, but a robot sees them all day.
+_RECORDED_STANDING_WEIGHT = 1.0
 # A fast tracker's frames say the same several times.
 _USUAL_HZ = 30.0
 _FEWEST_FRAMES = 20
 _SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 12, 2.0
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
-_NO_WEIGHTS = (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),)
-_NO_BIASES = (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),)
+_NO_WEIGHTS = (np.zeros((1, N_INPUTS, N_OUTPUTS), dtype=np.float32),)
+_NO_BIASES = (np.zeros((1, 1, N_OUTPUTS), dtype=np.float32),)
 _BLANK = WalkerModel(_NO_WEIGHTS, _NO_BIASES, _NO_WEIGHTS, _NO_BIASES, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
 
 
@@ -53,6 +56,8 @@ class Examples:
         noise_m: Standard deviation of the observed position, as measured and as stated, shape (N, 2, 3).
         departure_m: How the walk left its line, shape (N, knots, 3), along, across, up; NaN after its end.
         weight: How much each counts, shape (N,).
+        line_m_s: Velocity of the line, shape (N, 3).
+        places_m: Places to stay at, shape (N, N_PLACES, 3).
     """
 
     network: NDArray[np.float16]
@@ -60,6 +65,8 @@ class Examples:
     noise_m: NDArray[np.float32]
     departure_m: NDArray[np.float32]
     weight: NDArray[np.float32]
+    line_m_s: NDArray[np.float32]
+    places_m: NDArray[np.float32]
 
 
 def join(parts: list[Examples]) -> Examples:
@@ -89,12 +96,12 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
     """
     truth = CubicSpline(walk.times_s, walk.head_m)
     walker = Walker(_BLANK)
-    network, spread, noise, departure, weights = [], [], [], [], []
+    network, spread, noise, departure, weights, lines, places = ([] for _ in range(7))
     for observation in observations:
         walker.update(observation)
         inputs = walker.inputs()
         line = inputs.line
-        if line.time_s != observation.capture_time_s or inputs.walking == 0.0:
+        if line.time_s != observation.capture_time_s or inputs.on_foot == 0.0:
             continue
         ahead_s = line.time_s + KNOTS_S
         off = truth(ahead_s) - line.origin_base_m - KNOTS_S[:, None] * line.velocity_base_m_s
@@ -104,10 +111,12 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
         spread.append(inputs.spread)
         noise.append(inputs.noise_sd_m)
         departure.append(off)
-        weights.append(weight * inputs.walking)
+        weights.append(weight * inputs.on_foot)
+        lines.append(inputs.line_m_s)
+        places.append(inputs.places_m)
     return Examples(
         np.array(network, dtype=np.float16),
-        *(np.array(a, dtype=np.float32) for a in (spread, noise, departure, weights)),
+        *(np.array(a, dtype=np.float32) for a in (spread, noise, departure, weights, lines, places)),
     )
 
 
@@ -126,17 +135,24 @@ def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | 
     Raises:
         GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
     """
-    name, walk, rng = _walk_and_chance(path, seed)
-    return _joined(_variants(walk, rng, [_PLAIN[k % len(_PLAIN)] for k in range(variants)], tracker), name)
+    name, walk, rng, stands = _walk_and_chance(path, seed)
+    return _joined(_variants(walk, rng, [_PLAIN[k % len(_PLAIN)] for k in range(variants)], tracker, stands), name)
 
 
 def _variants(
-    walk: GaplessWalk, rng: np.random.Generator, plain: Sequence[bool], given: SensorSpec | None
+    walk: GaplessWalk,
+    rng: np.random.Generator,
+    plain: Sequence[bool],
+    given: SensorSpec | None,
+    stands: bool = False,
 ) -> list[Examples]:
     straight = is_straight(walk)
     parts = []
     for each in plain:
-        varied, bent, kind = _variant(walk, straight, each, rng)
+        if stands:
+            varied, bent = vary_standing(walk, rng), False
+        else:
+            varied, bent = _variant(walk, straight, each, rng)
         if varied.times_s.size < _FEWEST_FRAMES:
             continue
         tracker, sensor = ("given", given) if given else draw_tracker(rng, "plain" if each else "other")
@@ -146,13 +162,14 @@ def _variants(
                 varied = wobble(varied, rng)
         varied = beside(varied, rng)
         weight = _BENT_WEIGHT if bent else 1.0 if straight else _TURNING_WEIGHT
-        weight *= (_STANDING_WEIGHT if kind == "stand" else 1.0) * min(1.0, _USUAL_HZ / sensor.rate_hz)
+        weight = _RECORDED_STANDING_WEIGHT if stands else weight
+        weight *= min(1.0, _USUAL_HZ / sensor.rate_hz)
         parts.append(examples_of_walk(varied, seen_through(varied, tracker, sensor, rng), weight))
     return parts
 
 
-def _variant(walk: GaplessWalk, straight: bool, plain: bool, rng: np.random.Generator) -> tuple[GaplessWalk, bool, str]:
-    """A variant, whether it is bent, and its pace."""
+def _variant(walk: GaplessWalk, straight: bool, plain: bool, rng: np.random.Generator) -> tuple[GaplessWalk, bool]:
+    """A variant, and whether it is bent."""
     kind = "own" if plain else str(rng.choice(list(_PACES), p=list(_PACES.values())))
     bent = bool(straight and kind != "stand" and rng.random() < _BENT_SHARE)
     if kind != "own":
@@ -163,8 +180,8 @@ def _variant(walk: GaplessWalk, straight: bool, plain: bool, rng: np.random.Gene
         if rng.random() < _FLAT_SHARE:
             walk = flatten(walk)
     if walk.times_s.size < _FEWEST_FRAMES:
-        return walk, bent, kind
-    return vary(walk, rng, bent, kind == "own"), bent, kind
+        return walk, bent
+    return vary(walk, rng, bent, kind == "own"), bent
 
 
 def scoring_sensors() -> tuple[SensorSpec, ...]:
@@ -198,21 +215,22 @@ def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) ->
     Raises:
         GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
     """
-    name, walk, rng = _walk_and_chance(path, seed)
+    name, walk, rng, stands = _walk_and_chance(path, seed)
     # Errors in real turns are larger than in bent walks, and real turns are rare in recordings.
     weight = 1.0 if is_straight(walk) else _SCORED_TURNING_WEIGHT
     parts = []
     for sensor in (tracker,) if tracker else scoring_sensors():
         placed = beside(walk, rng)
         parts.append(examples_of_walk(placed, seen_through(placed, "given", sensor, rng), weight))
-    parts += _variants(walk, rng, [False] * _SCORED_VARIANTS, tracker)
+    parts += _variants(walk, rng, [False] * _SCORED_VARIANTS, tracker, stands)
     return _joined(parts, name)
 
 
-def _walk_and_chance(path: str, seed: int) -> tuple[str, GaplessWalk, np.random.Generator]:
+def _walk_and_chance(path: str, seed: int) -> tuple[str, GaplessWalk, np.random.Generator, bool]:
     """Name and walk of a recording, and chance that is its own, so that no recording changes another's examples."""
     recording = load(path)
-    return recording.name, walk_of(recording), np.random.default_rng([seed, *recording.name.encode()])
+    chance = np.random.default_rng([seed, *recording.name.encode()])
+    return recording.name, walk_of(recording), chance, recording.labels.activity == "standing"
 
 
 def is_straight(walk: GaplessWalk) -> bool:

@@ -11,12 +11,23 @@ from numpy.typing import NDArray
 from experiments.fit.examples import Examples
 from gazempc.errors import MissingOptionalDependencyError
 from predictors.walker.features import CORRELATION, LOG_SD, N_INPUTS, NOISE_SCALE_M, OF_YAWS
-from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S
+from predictors.walker.network import (
+    DEPARTURE_SCALE_M,
+    DEPARTURES,
+    KNOTS_S,
+    N_OUTPUTS,
+    PLACES,
+    WALKS,
+    RegimeMotion,
+    regimes,
+)
 
 Float32Array = NDArray[np.float32]
 
 HIDDEN = (96, 64)
 _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 2e-3, 0.2
+# Logits before the fit: everybody walks, and who stays does so at the newest position.
+_BEGINS_WALKING, _BEGINS_NEWEST = 2.0, 1.0
 # Errors at the first knot and at the last are of less use than those a neck acts on, 0.1 to 1 s ahead.
 _KNOT_WEIGHTS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5])
 _USUAL_ERROR_M = np.array([0.02, 0.03, 0.04, 0.06, 0.08, 0.12, 0.18, 0.3])
@@ -92,22 +103,26 @@ def fit_networks(
         jnp.asarray(np.isfinite(examples.departure_m[..., 0])),
         jnp.asarray(examples.weight),
         jnp.asarray(observed_m2(examples.network)),
+        jnp.asarray(examples.line_m_s),
+        jnp.asarray(examples.places_m),
     )
     n, usual_m2 = len(examples.weight), jnp.asarray(_USUAL_ERROR_M**2, dtype=jnp.float32)
     scale = jnp.asarray(DEPARTURE_SCALE_M, dtype=jnp.float32)[:, None]
     knot_weights = jnp.asarray(_KNOT_WEIGHTS / _USUAL_ERROR_M, dtype=jnp.float32)
-    sizes = (shown.size, *HIDDEN, 3 * KNOTS_S.size)
+    sizes = (shown.size, *HIDDEN, N_OUTPUTS)
     optimiser = optax.adamw(optax.cosine_decay_schedule(_LEARNING_RATE, steps), weight_decay=_WEIGHT_DECAY)
 
-    def output(layers: Any, batch: Any) -> Any:
-        h = batch
+    def output(layers: Any, h: Any, motion: RegimeMotion) -> Any:
         for w, b in layers[:-1]:
             h = jnp.tanh(h @ w + b)
-        return (h @ layers[-1][0] + layers[-1][1]).reshape(-1, KNOTS_S.size, 3) * scale
+        answers = h @ layers[-1][0] + layers[-1][1]
+        departures = answers[:, DEPARTURES].reshape(-1, KNOTS_S.size, 3) * scale
+        walks, stays = regimes(answers[:, WALKS], answers[:, PLACES], motion, xp=jnp)
+        return walks[:, None, None] * departures + (1.0 - walks)[:, None, None] * stays
 
     def loss(layers: Any, batch: Any) -> Any:
-        x, y, known, weight, noise_m2 = batch
-        off = output(layers, x.astype(jnp.float32)) - y
+        x, y, known, weight, noise_m2, line_m_s, places_m = batch
+        off = output(layers, x.astype(jnp.float32), RegimeMotion(line_m_s, places_m)) - y
         # The constant keeps the gradient of the distance finite at zero.
         distance = jnp.sqrt(seen_distance2(off, noise_m2, usual_m2) + 1e-5)
         return jnp.mean(jnp.where(known, distance, 0.0) * weight[:, None] * knot_weights)
@@ -123,6 +138,8 @@ def fit_networks(
 
         return jax.lax.scan(step, (layers, optimiser.init(layers)), jax.random.split(key, steps))[0][0]
 
+    begins = np.zeros(N_OUTPUTS)
+    begins[WALKS], begins[PLACES.start] = _BEGINS_WALKING, _BEGINS_NEWEST
     fitted = []
     for k in range(networks):
         rng = np.random.default_rng([seed, k])
@@ -131,7 +148,7 @@ def fit_networks(
                 jnp.asarray(
                     rng.standard_normal((a, b)) * (1.0 if i < len(sizes) - 2 else 0.1) / np.sqrt(a), dtype=jnp.float32
                 ),
-                jnp.zeros(b, dtype=jnp.float32),
+                jnp.asarray(begins if i == len(sizes) - 2 else np.zeros(b), dtype=jnp.float32),
             )
             for i, (a, b) in enumerate(pairwise(sizes))
         ]

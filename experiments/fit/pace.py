@@ -6,20 +6,21 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
+from experiments.fit.standing import idle
 from experiments.fit.variants import GaplessWalk, smooth_step
 from gazempc.types import FloatArray
 
 # Of these the target speeds are drawn; slower is a start or a stop, faster is no walk.
 _SPEED_M_S = (0.3, 2.0)
+# A person who starts or stops walks at a usual speed: slower motion is a lean, or a step aside.
+_STARTING_M_S = (0.6, 1.9)
 _RAMP_S = (0.4, 1.3)
-_CHANGES_AT_S = (0.6, 2.5)
+_CHANGES_AT_S = (0.6, 3.5)
 _LONGEST_S = 5.0
 # A walk is slowed down and sped up by less than this: beyond it, gait is no gait.
 _RATE = (0.0, 2.2)
 _SLOWEST_OWN_M_S = 0.4
 _STRIDE_SD_S = 0.3  # of the bell over which a walk's own speed is averaged: a stride, so that gait stays
-# Sway of who stands: s.d. and correlation time.
-_SWAY_M, _SWAY_TIME_S = (0.002, 0.012), (0.5, 1.5)
 # Over this time two stretches of gait are matched, and faded into each other.
 _JOIN_S = 0.3
 KINDS = ("own", "steady", "start", "stop", "stand")
@@ -54,17 +55,22 @@ def at_pace(walk: GaplessWalk, kind: str, rng: np.random.Generator) -> GaplessWa
     played = played[:n]
     # Who stands sways; from 0.3 to 0.6 m/s gait takes its place, without a jump.
     sways = smooth_step(2.0 - speed[:n, None] / _SPEED_M_S[0])
-    head = CubicSpline(t, walk.head_m)(played) + sways * _sway(n, step_s, rng)
+    stays = idle(n, step_s, rng)
+    if kind == "stop":  # the path ends where the person stands, and the idle motion begins there
+        begins = int(np.argmax(sways[:, 0] > 0.0))
+    else:  # a start takes the person from where the idle motion ended
+        begins = int(np.flatnonzero(sways[:, 0] > 0.0)[-1]) if np.any(sways > 0.0) else 0
+    head = CubicSpline(t, walk.head_m)(played) + sways * (stays.head_m - stays.head_m[begins])
     return GaplessWalk(
         walk.times_s[0] + new_s[:n],
         head,
-        np.interp(played, t, walk.pelvis_yaw_rad),
-        np.interp(played, t, walk.head_yaw_rad),
+        np.interp(played, t, walk.pelvis_yaw_rad) + sways[:, 0] * (stays.pelvis_yaw_rad - stays.pelvis_yaw_rad[begins]),
+        np.interp(played, t, walk.head_yaw_rad) + sways[:, 0] * (stays.head_yaw_rad - stays.head_yaw_rad[begins]),
     )
 
 
 def _profile(kind: str, t: FloatArray, rng: np.random.Generator) -> FloatArray:
-    speed = rng.uniform(*_SPEED_M_S)
+    speed = rng.uniform(*(_STARTING_M_S if kind in {"start", "stop"} else _SPEED_M_S))
     wave = np.sin(2 * np.pi * (t / rng.uniform(2.0, 6.0) + rng.random()))
     steady = np.asarray(speed * np.exp(rng.uniform(0.0, 0.1) * wave))
     if kind == "steady":
@@ -74,14 +80,6 @@ def _profile(kind: str, t: FloatArray, rng: np.random.Generator) -> FloatArray:
     at_s = rng.uniform(*_CHANGES_AT_S)
     moved = smooth_step((t - at_s) / rng.uniform(*_RAMP_S))
     return steady * (moved if kind == "start" else 1.0 - moved)
-
-
-def _sway(n: int, step_s: float, rng: np.random.Generator) -> FloatArray:
-    sd_m, time_s = rng.uniform(*_SWAY_M), rng.uniform(*_SWAY_TIME_S)
-    sway = gaussian_filter1d(rng.standard_normal((n + 200, 3)), time_s / step_s / 2, axis=0)[100 : 100 + n]
-    sway *= sd_m / max(float(sway.std()), 1e-9)
-    sway[:, 2] *= 0.2
-    return np.asarray(sway)
 
 
 def prolong(walk: GaplessWalk, duration_s: float) -> GaplessWalk:

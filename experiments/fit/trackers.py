@@ -17,7 +17,7 @@ from gazempc.types import FloatArray
 from predictors import HeadObservation
 
 # White errors from none to twice that of the reference sensor; yaw noise goes with it, 2 deg for 10 mm.
-_WHITE_M = (0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.015, 0.02)
+_WHITE_M = (0.0, 0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.01, 0.015, 0.02)
 _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
 # Share of trackers that see walks as they were recorded by kind of error, and of those that see other walks.
 KINDS = ("white", "wander", "camera", "jumps", "street")
@@ -42,10 +42,11 @@ _JUMP_INTERVAL_S, _JUMP_SIZE_M, _SPIKE_INTERVAL_S = (1.0, 5.0), (0.04, 0.2), (0.
 # How many trackers of a kind have such a fault: often enough to be learned, seldom enough to stay the exception.
 _WITH_JUMPS, _WITH_SPIKES, _WITH_FAULT = 0.3, 0.06, 0.1
 _BODY_STATES, _CAMERA_STATES, _CAMERA_SEES_YAW = 0.2, 0.5, 0.7
-_STREET_HZ, _SLOW_HZ, _FAST_HZ = (16.0, 25.0, 30.0, 50.0), (5.0, 7.5, 10.0, 15.0), (50.0, 60.0)
+_STREET_HZ, _SLOW_HZ, _FAST_HZ = (2.5, 5.0, 10.0, 16.0, 25.0, 30.0, 50.0), (2.5, 5.0, 7.5, 10.0, 15.0), (50.0, 60.0)
 _DROPOUT, _LOSS_S, _JITTER_PERIODS = (0.05, 0.5), (0.2, 1.0), (0.1, 0.5)
+_SLOW_SHARE = 0.15
 _HEIGHT_M = 1.2
-_NEAREST_M, _FARTHEST_M = 1.2, 5.0
+_NEAREST_M, _FARTHEST_M = 0.8, 5.0
 # Trackers above this rate, and frames that come late by parts of a period, are cut from a finer walk.
 _FINE_HZ = 120.0
 _USUAL_HZ = 30.0
@@ -164,9 +165,9 @@ def _on_usual_grid(rate_hz: float) -> bool:
 
 def _draw_rate_hz(rng: np.random.Generator) -> float:
     chance = rng.random()
-    if chance < _WITH_FAULT:
+    if chance < _SLOW_SHARE:
         return float(rng.choice(_SLOW_HZ))
-    return float(rng.choice(_FAST_HZ)) if chance < 2.0 * _WITH_FAULT else _USUAL_HZ
+    return float(rng.choice(_FAST_HZ)) if chance < _SLOW_SHARE + _WITH_FAULT else _USUAL_HZ
 
 
 def _faults(rng: np.random.Generator, kind: str, fields: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,10 @@ def make_predictor(
         own: Predictor = make(PREDICTOR, choice, given, options_for(PREDICTOR, choice, options))
         return check_predictor(own)
     if choice == "walker":
-        given["model"] = walker_model(settings.walker.fitted, person.name)
+        model, threshold = walker_model(settings.walker.fitted, person.name), settings.walker.threshold
+        if threshold is not None:
+            model = replace(model, decision=(model.decision[0], threshold))
+        given["model"] = model
     elif choice == "last_position":
         given["position_noise_m"] = settings.constant_velocity.position_noise_m
     elif hasattr(settings, choice):

@@ -7,7 +7,6 @@ from scipy.interpolate import CubicSpline
 
 from predictors.types import FloatArray
 from predictors.walker.network import KNOTS_S
-from predictors.walker.optional import compiled
 
 _LAST_KNOT_S = float(KNOTS_S[-1])
 # Beyond the last knot the error grows as that of a velocity that wanders at random.
@@ -53,9 +52,6 @@ class BetweenKnots:
         past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
         away_s = np.abs(tau_s) if past else tau_s
         beyond = bool(np.maximum.reduce(away_s, initial=0.0) > _LAST_KNOT_S)
-        if not (past or beyond) and (loops := compiled()) is not None:
-            found: tuple[FloatArray, FloatArray] = loops.between_knots(tau_s, _TABLE, _TABLE_STEP_S, self._values)
-            return found
         both = _weights(np.maximum(tau_s, 0.0) if past else tau_s) @ self._values
         departure, spread = both[:, :3], both[:, 3:]
         if past:

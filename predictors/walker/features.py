@@ -11,15 +11,13 @@ import numpy as np
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker.errors import N_ERRORS, LineErrors
 from predictors.walker.line import Line
+from predictors.walker.memories import MEMORIES_MIRROR, N_MEMORIES, Memories
 from predictors.walker.noise import N_COLOURS, MeasuredColour, without_stated
-from predictors.walker.slow import N_SLOW, SLOW_MIRROR, SlowLines
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 from predictors.yaw import wrap_rad
 
 # Below the first speed a direction of travel means nothing; from the second on it is trusted.
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
-# Who stands sways by less than 2 cm. Where the tracker's error is larger, their path is that error.
-_SWAY_LOST_M = (0.02, 0.04)
 # Below rounding, as at a first frame, not even the line has a direction.
 _NO_DIRECTION_M_S = 1e-6
 # Nobody walks that fast; what was learned of walkers fades out for runners and riders.
@@ -43,8 +41,8 @@ _YAWS = slice(3 * WINDOW, 5 * WINDOW)
 _SCALARS = 5 * WINDOW
 _ODD_SCALARS = 3  # the first of the scalars change their sign from left to right
 _COLOURS = slice(_SCALARS + 14, _SCALARS + 14 + N_COLOURS)
-_SLOW = slice(_COLOURS.stop, _COLOURS.stop + N_SLOW)
-N_INPUTS = _SLOW.stop
+_MEMORIES = slice(_COLOURS.stop, _COLOURS.stop + N_MEMORIES)
+N_INPUTS = _MEMORIES.stop
 # Inputs that say how far pelvis and head orientation are known, 0 to 1; and all that is known of orientation.
 KNOWN = slice(_SCALARS + 7, _SCALARS + 9)
 # Inputs that tell the error of the observed position: correlation along and across; logarithms of its sizes.
@@ -58,7 +56,7 @@ def _mirror() -> FloatArray:
     signs[_POSITIONS][1::3] = -1.0
     signs[_YAWS] = -1.0
     signs[_SCALARS : _SCALARS + _ODD_SCALARS] = -1.0
-    signs[_SLOW] = SLOW_MIRROR
+    signs[_MEMORIES] = MEMORIES_MIRROR
     return signs
 
 
@@ -72,21 +70,26 @@ class WalkerInputs:
 
     Attributes:
         line: The line.
-        walking: 0 for who runs, at a first frame, and for who stands before a tracker with large errors; else 1;
-            between the two at the limits. If the tracker states its covariance, it grows to 1 in the first 1.2 s.
+        on_foot: 0 at a first frame and at speeds at which people run or ride, 1 at all others; between the two at the
+            limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
         noise_sd_m: Standard deviation of the observed position along, across and up, shape (2, 3), metres: as measured
             and as stated; one of them is zero.
         noise_base_m2: Its covariances in the base frame, shape (2, 3, 3), square metres.
+        line_m_s: Velocity of the line along, across and up, shape (3,).
+        places_m: Places at which the person may stay, relative to the line's origin, along, across and up, shape
+            (N_PLACES, 3), metres.
     """
 
     line: Line
-    walking: float
+    on_foot: float
     network: FloatArray
     spread: FloatArray
     noise_sd_m: FloatArray
     noise_base_m2: FloatArray
+    line_m_s: FloatArray
+    places_m: FloatArray
 
 
 class WalkerHistory:
@@ -102,7 +105,7 @@ class WalkerHistory:
         self._offset_weights = [0.0, 0.0]
         self._colour = MeasuredColour()
         self._errors = LineErrors()
-        self._slow = SlowLines()
+        self._memories = Memories()
 
     def add(self, observation: HeadObservation, state: FloatArray, covariance_m2: FloatArray) -> WalkerInputs:
         """Take in an observation that is newer than all before it.
@@ -159,8 +162,8 @@ class WalkerHistory:
             frames,
         )
         x[_COLOURS] = colours
-        self._slow.add(now_s, window.values[-1, :3])
-        x[_SLOW] = self._slow.inputs(line)
+        self._memories.add(now_s, window.values[-1, :3])
+        x[_MEMORIES], places_m = self._memories.inputs(line, path[-1])
         np.minimum(np.maximum(x, -_LARGEST, out=x), _LARGEST, out=x)
         newest = relative[-1].tolist()
         spread = np.empty(N_SPREAD)
@@ -183,13 +186,9 @@ class WalkerHistory:
         spread[-N_COLOURS:] = without_stated(colours, stated_m2) if stated else colours
         noises_m, noises_m2 = np.zeros((2, 3)), np.zeros((2, 3, 3))
         noises_m[int(stated)], noises_m2[int(stated)] = sd_m, covariance_m2
-        walking = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
-        walking *= 1.0 - (1.0 - walks) * _ramp(max(sd_m), *_SWAY_LOST_M)
-        if stated:
-            # At first, a range error looks like an approach. The filter keeps it on the line of sight. Networks know
-            # that people stay at one height, and would lift the gaze.
-            walking *= m / WINDOW
-        return WalkerInputs(line, walking, x, spread, noises_m, noises_m2)
+        on_foot = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
+        line_m_s = np.array([speed, 0.0, float(state[5])])
+        return WalkerInputs(line, on_foot, x, spread, noises_m, noises_m2, line_m_s, np.array(places_m))
 
     def _take_offsets_off(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from predictors.types import FloatArray
 from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD
+from predictors.walker.memories import N_PLACES
 
 Float32Array = NDArray[np.float32]
 
@@ -25,8 +26,13 @@ KNOTS_S = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.5])
 DEPARTURE_SCALE_M = np.array([0.015, 0.02, 0.03, 0.045, 0.06, 0.1, 0.15, 0.25])
 SHIPPED = Path(__file__).with_name("walker.npz")
 _LOG_SPREAD_RANGE = (math.log(0.002), math.log(5.0))  # metres
-# Reasons for doubt beside the inputs: size of the departure across at 0.5 s, across and along at 1 s; disagreement.
-N_DOUBT = N_SPREAD + 4
+# Outputs: departures of a walk from its line, the logit of walking, and logits of the places to stay at.
+DEPARTURES = slice(0, 3 * KNOTS_S.size)
+WALKS, PLACES = DEPARTURES.stop, slice(DEPARTURES.stop + 1, DEPARTURES.stop + 1 + N_PLACES)
+N_OUTPUTS = PLACES.stop
+# Reasons for doubt beside the inputs: size of the departure across at 0.5 s, across and along at 1 s; how far the
+# networks disagree, and how far walking and staying lie apart; the probability of walking.
+N_DOUBT = N_SPREAD + 6
 _NEAR, _FAR = 4, 6
 _USUAL_DEPARTURE_M = np.array([0.06, 0.2, 0.2])
 _USUAL_DISAGREEMENT_M = 0.02
@@ -38,21 +44,51 @@ class WalkerModelError(ValueError):
     """A file is no model of `Walker`."""
 
 
+@dataclass(frozen=True)
+class RegimeMotion:
+    """What N people do if they walk straight on, or stay.
+
+    Attributes:
+        line_m_s: Velocity of each line along, across and up, shape (N, 3).
+        places_m: Places to stay at relative to the line's origin, shape (N, N_PLACES, 3), metres.
+    """
+
+    line_m_s: FloatArray
+    places_m: FloatArray
+
+    @property
+    def walked_m(self) -> FloatArray:
+        """The lines at the knots, relative to their origins, shape (N, knots, 3), metres."""
+        return KNOTS_S[:, None] * self.line_m_s[:, None, :]
+
+
 class _Networks:
     """Networks side by side.
 
     Args:
         weights: One array a layer, shape (E, inputs, outputs).
         biases: One array a layer, shape (E, 1, outputs).
+        decision: Slope and threshold of the decision, see `WalkerModel`.
     """
 
-    def __init__(self, weights: tuple[Float32Array, ...], biases: tuple[Float32Array, ...]) -> None:
-        self._weights, self._biases = weights, biases
+    def __init__(
+        self, weights: tuple[Float32Array, ...], biases: tuple[Float32Array, ...], decision: tuple[float, float]
+    ) -> None:
+        self._weights, self._biases, self._decision = weights, biases, decision
         # The first layers take the same inputs: one product for all networks, which is most of the work.
         self._first = np.concatenate(list(weights[0]), axis=1)
 
-    def __call__(self, network: FloatArray) -> FloatArray:
-        """Answers for N walks, as they are and mirrored, shape (2 E, N, knots, 3), in units of the usual departure."""
+    def __call__(self, network: FloatArray, motion: RegimeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Answers of all networks to N questions, as they are and mirrored.
+
+        Args:
+            network: Inputs, shape (N, N_INPUTS).
+            motion: What the person does if they walk straight on, or stay.
+
+        Returns:
+            Departures from the line, shape (2 E, N, knots, 3), metres; weight of walking, shape (2 E, N);
+            distance between walking and staying after 1 s, shape (2 E, N), metres.
+        """
         ensemble, _, hidden = self._weights[0].shape
         questions = np.empty((2 * len(network), N_INPUTS), dtype=np.float32)
         questions[: len(network)] = network
@@ -61,9 +97,41 @@ class _Networks:
         h = first.reshape(-1, ensemble, hidden).transpose(1, 0, 2) + self._biases[0]
         for w, b in zip(self._weights[1:], self._biases[1:], strict=True):
             h = np.tanh(h) @ w + b
-        answers = h.reshape(ensemble, 2, len(network), KNOTS_S.size, 3).astype(np.float64)
-        answers[:, 1] *= _MIRRORED
-        return np.asarray(answers.reshape(2 * ensemble, len(network), KNOTS_S.size, 3))
+        answers = h.reshape(ensemble, 2, len(network), N_OUTPUTS).astype(np.float64)
+        departures = answers[..., DEPARTURES].reshape(ensemble, 2, len(network), KNOTS_S.size, 3)
+        departures[:, 1] *= _MIRRORED
+        departures *= DEPARTURE_SCALE_M[:, None]
+        walks, stays = regimes(answers[..., WALKS], answers[..., PLACES], motion, self._decision)
+        apart = departures - stays
+        far = np.sqrt(np.einsum("...i,...i->...", apart[..., _FAR, :2], apart[..., _FAR, :2]))
+        apart *= walks[..., None, None]
+        apart += stays
+        n = 2 * ensemble
+        shape = (n, len(network), KNOTS_S.size, 3)
+        return apart.reshape(shape), walks.reshape(n, -1), far.reshape(n, -1)
+
+
+def regimes(
+    walks: Any, places: Any, motion: RegimeMotion, decision: tuple[float, float] = (1.0, 0.0), xp: Any = np
+) -> tuple[Any, Any]:
+    """The weight of walking, and the departure from the line of a person who stays.
+
+    Args:
+        walks: Logits of walking, shape (..., N).
+        places: Logits of the places to stay at, shape (..., N, N_PLACES).
+        motion: What the person does if they walk straight on, or stay.
+        decision: Slope and threshold of the decision, see `WalkerModel`.
+        xp: numpy, or jax.numpy where the networks are fitted.
+
+    Returns:
+        Weight of walking, and departure of staying: shapes (..., N) and (..., N, knots, 3). A person who stays is at a
+        mean of the places, at all times.
+    """
+    slope, threshold = decision
+    share = xp.exp(places - places.max(axis=-1, keepdims=True))
+    share = share / share.sum(axis=-1, keepdims=True)
+    stay_m = xp.einsum("...np,npi->...ni", share, motion.places_m)
+    return 1.0 / (1.0 + xp.exp(slope * (threshold - walks))), stay_m[..., None, :] - motion.walked_m
 
 
 @dataclass(frozen=True)
@@ -81,6 +149,10 @@ class WalkerModel:
         log_spread_hidden: Coefficients of these units, shape (units, knots, 3).
         noise_share: How much of one observation's error is in the forecast at each knot, shape (2, knots): a factor of
             its standard deviation, whatever its direction, as measured and as stated.
+        decision: Slope and threshold of the decision between walking and staying: the weight of walking is the
+            logistic function of slope (logit - threshold). At slope 1 and threshold 0, as the networks are fitted, the
+            forecast has the least mean error. A steeper decision commits to one of the two; a higher threshold keeps
+            people who stand, and answers later to those who start.
         degrees_of_freedom: Those of the t distribution of the errors, above 2.
         about: Where the numbers are from: recordings, people, command, versions, errors on people left out.
 
@@ -96,11 +168,12 @@ class WalkerModel:
     hidden: FloatArray = field(default_factory=lambda: np.zeros((N_DOUBT, 0)))
     log_spread_hidden: FloatArray = field(default_factory=lambda: np.zeros((0, KNOTS_S.size, 3)))
     noise_share: FloatArray = field(default_factory=lambda: np.zeros((2, KNOTS_S.size)))
+    decision: tuple[float, float] = (1.0, 0.0)
     degrees_of_freedom: float = 5.0
     about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        n_out = 3 * KNOTS_S.size
+        n_out = N_OUTPUTS
         if not self.weights or len(self.weights) != len(self.biases):
             raise WalkerModelError("a network needs one bias a layer")
         ensemble = self.weights[0].shape[0] if self.weights[0].ndim else 0
@@ -122,51 +195,60 @@ class WalkerModel:
         finite = [bool(np.isfinite(a).all()) for a in layers]
         if not (all(finite) and all(np.isfinite(part).all() for part in parts)):
             raise WalkerModelError("a number is not finite")
+        if not (len(self.decision) == 2 and 0.0 < self.decision[0] < math.inf and math.isfinite(self.decision[1])):
+            raise WalkerModelError(f"decision is {self.decision}, expected a positive slope and a threshold")
         if not self.degrees_of_freedom > 2.0:  # below, a t distribution has no covariance
             raise WalkerModelError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
 
     @cached_property
     def _seeing(self) -> _Networks:
-        return _Networks(self.weights, self.biases)
+        return _Networks(self.weights, self.biases, self.decision)
 
     @cached_property
     def _blind(self) -> _Networks:
-        return _Networks(self.blind_weights, self.blind_biases)
+        return _Networks(self.blind_weights, self.blind_biases, self.decision)
 
-    def answer(self, network: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How the walk will leave its line, and what there is to say about how sure that is.
+    def answer(self, network: FloatArray, spread: FloatArray, motion: RegimeMotion) -> tuple[FloatArray, FloatArray]:
+        """How people will leave their lines, and what there is to state about how sure that is.
 
-        Each walk is asked about twice, as it is and mirrored, so that left and right are treated alike. Tracks without
-        any orientation have networks of their own; where an orientation fades out, one answer turns into the other.
+        Each network answers with a walk, a place to stay at, and the probability of the walk; the mean of both by this
+        probability is its forecast. Each question is asked twice, as it is and mirrored, so that left and right are
+        treated alike. Tracks without any orientation have networks of their own; where an orientation fades out, one
+        answer turns into the other.
 
         Args:
             network: Inputs of the network, shape (N, N_INPUTS).
             spread: Inputs of the uncertainty, shape (N, N_SPREAD).
+            motion: What they do if they walk straight on, or stay.
 
         Returns:
             Departures, mean over the ensemble and both questions, shape (N, knots, 3), metres along, across and up.
-            Reasons for doubt for `spread_m`, shape (N, N_DOUBT): the given ones, the size of the departure, and how far
-            the networks disagree.
+            Reasons for doubt for `spread_m`, shape (N, N_DOUBT): the given ones, the size of the departure, how far
+            the networks disagree, how far the two regimes lie apart, and the probability of walking.
         """
-        seen = np.maximum.reduce(network[:, KNOWN], axis=1)[:, None, None]
-        if np.minimum.reduce(seen, axis=None, initial=1.0) == 1.0:
-            answers = self._seeing(network)
-        elif np.maximum.reduce(seen, axis=None) == 0.0:
-            answers = self._blind(network)
+        seen = np.maximum.reduce(network[:, KNOWN], axis=1)
+        if np.minimum.reduce(seen, initial=1.0) == 1.0:
+            answers, walks, far = self._seeing(network, motion)
+        elif np.maximum.reduce(seen, initial=0.0) == 0.0:
+            answers, walks, far = self._blind(network, motion)
         else:
-            answers = seen * self._seeing(network) + (1.0 - seen) * self._blind(network)
-        ensemble = len(answers) // 2
-        mean = np.add.reduce(answers, axis=0) / (2 * ensemble)
-        departure = mean * DEPARTURE_SCALE_M[:, None]
+            seeing, blind = self._seeing(network, motion), self._blind(network, motion)
+            answers = seen[:, None, None] * seeing[0] + (1.0 - seen[:, None, None]) * blind[0]
+            walks, far = (seen * s + (1.0 - seen) * b for s, b in zip(seeing[1:], blind[1:], strict=True))
+        n = len(answers)
+        departure = np.add.reduce(answers, axis=0) / n
         # How far the answers lie apart, in the horizontal plane, where turns are foreseen or not.
-        off = answers[:, :, _FAR, :2] - mean[:, _FAR, :2]
-        apart = np.sqrt(np.einsum("eni,eni->n", off, off) / (2 * ensemble)) * DEPARTURE_SCALE_M[_FAR]
+        off = answers[:, :, _FAR, :2] - departure[:, _FAR, :2]
+        apart = np.sqrt(np.einsum("eni,eni->n", off, off) / n)
+        torn = np.sqrt(np.add.reduce(walks * (1.0 - walks) * far**2, axis=0) / n)
         doubt = np.empty((len(network), N_DOUBT))
         doubt[:, :N_SPREAD] = spread
-        size = doubt[:, N_SPREAD:-1]
+        size = doubt[:, N_SPREAD : N_SPREAD + 3]
         size[:, :2], size[:, 2] = departure[:, _NEAR : _FAR + 1 : _FAR - _NEAR, 1], departure[:, _FAR, 0]
         np.minimum(np.abs(size) / _USUAL_DEPARTURE_M, 4.0, out=size)
-        doubt[:, -1] = np.log1p(apart / _USUAL_DISAGREEMENT_M)
+        doubt[:, -3] = np.log1p(apart / _USUAL_DISAGREEMENT_M)
+        doubt[:, -2] = np.log1p(torn / _USUAL_DISAGREEMENT_M)
+        doubt[:, -1] = np.add.reduce(walks, axis=0) / n
         return departure, doubt
 
     def spread_m(self, doubt: FloatArray) -> FloatArray:
@@ -201,6 +283,7 @@ class WalkerModel:
             "hidden": self.hidden,
             "log_spread_hidden": self.log_spread_hidden,
             "noise_share": self.noise_share,
+            "decision": np.array(self.decision),
             "degrees_of_freedom": np.array(self.degrees_of_freedom),
             "about": np.array(json.dumps(self.about)),
         }
@@ -239,6 +322,7 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
                 data["hidden"],
                 data["log_spread_hidden"],
                 data["noise_share"],
+                (float(data["decision"][0]), float(data["decision"][1])),
                 float(data["degrees_of_freedom"]),
                 about,
             )

@@ -12,9 +12,8 @@ from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.between import BetweenKnots
 from predictors.walker.features import WalkerHistory, WalkerInputs
-from predictors.walker.network import WalkerModel, shipped_walker_model
+from predictors.walker.network import RegimeMotion, WalkerModel, shipped_walker_model
 from predictors.walker.noise import MeasuredNoise
-from predictors.walker.optional import compiled
 from predictors.walker.range_error import MeasuredRange
 
 # Sway and bob, to the line no more than noise of the positions: s.d. on each axis, metres.
@@ -45,7 +44,6 @@ class Walker:
     def __init__(self, model: WalkerModel | None = None) -> None:
         self._model = shipped_walker_model() if model is None else model
         self._position = ConstantVelocity()
-        compiled()  # loaded now, so that no frame waits for it
         self._forget_tracker()
         self._forget()
 
@@ -124,11 +122,12 @@ class Walker:
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
         inputs = self.inputs()
-        if inputs.walking == 0.0:
+        if inputs.on_foot == 0.0:
             return self._position.forecast(times_s)
         times = as_times(times_s)
         if self._knots is None:
-            departures, doubt = self._model.answer(inputs.network[None], inputs.spread[None])
+            motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
+            departures, doubt = self._model.answer(inputs.network[None], inputs.spread[None], motion)
             to_base = inputs.line.to_base()
             # Each axis of the line's frame contributes its variance times the square of its direction.
             self._squares = np.empty((5, 9))
@@ -142,19 +141,19 @@ class Walker:
         means += inputs.line.origin_base_m
         means += departure
         covariances = (spread**2 @ self._squares).reshape(-1, 3, 3)
-        if inputs.walking < 1.0:
-            means, covariances = self._blend(inputs.walking, times, means, covariances)
+        if inputs.on_foot < 1.0:
+            means, covariances = self._blend(inputs.on_foot, times, means, covariances)
         return Forecast(times, means, covariances, inputs.line.time_s, self._model.degrees_of_freedom)
 
     def _blend(
-        self, walking: float, times_s: FloatArray, means: FloatArray, covariances: FloatArray
+        self, on_foot: float, times_s: FloatArray, means: FloatArray, covariances: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of the mixture of both forecasts."""
         other = self._position.forecast(times_s)
         apart = means - other.means_base_m
         return (
-            other.means_base_m + walking * apart,
-            walking * covariances
-            + (1.0 - walking) * other.covariances_m2
-            + walking * (1.0 - walking) * apart[:, :, None] * apart[:, None, :],
+            other.means_base_m + on_foot * apart,
+            on_foot * covariances
+            + (1.0 - on_foot) * other.covariances_m2
+            + on_foot * (1.0 - on_foot) * apart[:, :, None] * apart[:, None, :],
         )

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from types import ModuleType
 
 import numpy as np
 
 from predictors.types import FloatArray, HeadObservation
-from predictors.walker.optional import compiled
-from predictors.walker.smoothing import information_of, smooth_path, stiffness
+from predictors.walker.path import information_of, smooth_path
 from predictors.yaw import wrap_rad, yaw_rad
 
 STEP_S = 1.0 / 30.0
@@ -106,8 +104,6 @@ class TrackWindow:
         m = min(WINDOW, 1 + math.ceil((now_s - float(times[0])) / STEP_S - _NEARLY))
         if m == 1:
             return values[-1:, :3], values[-1:]
-        if (loops := compiled()) is not None:
-            return self._on_grid_compiled(loops, m)
         grid = now_s + LAGS_S[WINDOW - m :]
         right = np.minimum(np.maximum(times.searchsorted(grid), 1), times.size - 1)
         left = right - 1
@@ -116,10 +112,3 @@ class TrackWindow:
         seen = low + share[:, None] * (values[right] - low)
         at = np.maximum((times - now_s) / STEP_S + (m - 1), 0.0)
         return smooth_path(at, values[:, :3], self._information, m, STEP_S), seen
-
-    def _on_grid_compiled(self, loops: ModuleType, m: int) -> tuple[FloatArray, FloatArray]:
-        band = stiffness(m, STEP_S).reshape(3 * m, -1).copy()
-        good, path, seen = loops.on_grid(self.times_s, self.values, self._information, LAGS_S[WINDOW - m :], band)
-        if not good:
-            raise FloatingPointError("an information matrix is not positive definite")
-        return path, seen

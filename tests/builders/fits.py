@@ -5,6 +5,7 @@ import numpy as np
 from experiments.fit.examples import Examples
 from experiments.fit.variants import GaplessWalk
 from predictors.walker.features import N_INPUTS, N_SPREAD
+from predictors.walker.memories import N_PLACES
 from predictors.walker.network import KNOTS_S
 
 FRAME_S = 1.0 / 30.0
@@ -19,7 +20,9 @@ def toy(n, seed):
     y[::5, 6:] = np.nan
     noise_m = np.zeros((n, 2, 3), dtype=np.float32)
     noise_m[np.arange(n), np.arange(n) % 2] = 0.01  # of every other tracker that states it
-    return Examples(x, np.ones((n, N_SPREAD), dtype=np.float32), noise_m, y, np.ones(n, dtype=np.float32))
+    still, nowhere = np.zeros((n, 3), dtype=np.float32), np.zeros((n, N_PLACES, 3), dtype=np.float32)
+    ones = np.ones(n, dtype=np.float32)
+    return Examples(x, np.ones((n, N_SPREAD), dtype=np.float32), noise_m, y, ones, still, nowhere)
 
 
 def straight_walk(seconds=4.0, speed_m_s=1.2, heading_rad=0.4, sway_m=0.02):

@@ -9,13 +9,13 @@ from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import HeadObservation, Walker
 from predictors.walker.features import N_INPUTS
-from predictors.walker.network import KNOTS_S, N_DOUBT, WalkerModel
+from predictors.walker.memories import N_PLACES
+from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WALKS, RegimeMotion, WalkerModel
 
-# Layers of networks that say that people keep to the line.
-NOTHING = (
-    (np.zeros((1, N_INPUTS, 3 * KNOTS_S.size), dtype=np.float32),),
-    (np.zeros((1, 1, 3 * KNOTS_S.size), dtype=np.float32),),
-)
+# Layers of networks by which all people walk, and keep to the line.
+_WALKING = np.zeros((1, 1, N_OUTPUTS), dtype=np.float32)
+_WALKING[..., WALKS] = 100.0
+NOTHING = (np.zeros((1, N_INPUTS, N_OUTPUTS), dtype=np.float32),), (_WALKING,)
 AHEAD_S = np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.4])
 
 
@@ -23,7 +23,7 @@ AHEAD_S = np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.4])
 def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
     """Weights at random: what holds of any weights can be tried with these."""
     rng = np.random.default_rng(seed)
-    sizes = ((N_INPUTS, 7), (7, 7), (7, 3 * KNOTS_S.size))
+    sizes = ((N_INPUTS, 7), (7, 7), (7, N_OUTPUTS))
 
     def layers():
         weights = tuple(size * rng.standard_normal((2, *shape)).astype(np.float32) for shape in sizes)
@@ -52,6 +52,11 @@ def straight_model(spread_m=0.1, degrees_of_freedom=5.0, measured_share=0.0, sta
         noise_share=np.tile([[measured_share], [stated_share]], KNOTS_S.size),
         degrees_of_freedom=degrees_of_freedom,
     )
+
+
+def random_motion(rng, n):
+    """Lines and places of people, at random."""
+    return RegimeMotion(rng.standard_normal((n, 3)), 0.1 * rng.standard_normal((n, N_PLACES, 3)))
 
 
 def seen_of(name, sensor="reference", seed=0):

@@ -19,7 +19,7 @@ from experiments.fit.doubt import errors_on_left_out
 from experiments.fit.jobs import NetworksJob, model_of
 from experiments.fit.spread import Spread
 from experiments.forecast.command import main as forecast
-from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, WalkerModel, load_walker_model
+from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, KNOTS_S, WalkerModel, load_walker_model
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -120,9 +120,9 @@ def test_one_person_is_not_enough(tmp_path, capsys):
 
 def constant_model(value):
     """A model that says the same departure along, whatever it is asked: `value` at each knot in units of its scale."""
-    bias = np.zeros((1, 1, KNOTS_S.size, 3), dtype=np.float32)
-    bias[..., 0] = value
-    layers = NOTHING[0], (bias.reshape(1, 1, -1),)
+    bias = NOTHING[1][0].copy()
+    bias[..., DEPARTURES][..., ::3] = value
+    layers = NOTHING[0], (bias,)
     return WalkerModel(*2 * layers, straight_model().log_spread)
 
 

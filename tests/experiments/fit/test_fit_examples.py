@@ -53,7 +53,7 @@ def test_examples_lead_to_where_the_walk_went(sensor):
     for observation in observations:
         walker.update(observation)
         inputs = walker.inputs()
-        if inputs.walking == 0.0 or inputs.line.time_s != observation.capture_time_s:
+        if inputs.on_foot == 0.0 or inputs.line.time_s != observation.capture_time_s:
             continue
         np.testing.assert_allclose(examples.network[k], inputs.network, rtol=2**-10, atol=1e-6)
         np.testing.assert_allclose(examples.spread[k], inputs.spread, rtol=1e-6)

@@ -8,7 +8,7 @@ from builders.walkers import random_covariance, straight_model
 from experiments.fit.networks import fit_networks, observed_m2, seen_distance2
 from predictors import HeadObservation, Walker
 from predictors.walker.features import N_INPUTS, OF_YAWS
-from predictors.walker.network import KNOTS_S, WalkerModel
+from predictors.walker.network import N_OUTPUTS, RegimeMotion, WalkerModel
 
 
 @pytest.mark.slow
@@ -18,9 +18,10 @@ def test_networks_learn_and_are_the_same_for_the_same_seed():
     for a, b in zip(fits[0][0], fits[1][0], strict=True):
         np.testing.assert_array_equal(a, b)
     weights, biases = fits[0]
-    assert weights[-1].shape[-1] == 3 * KNOTS_S.size
+    assert weights[-1].shape[-1] == N_OUTPUTS
     model = WalkerModel(weights, biases, weights, biases, straight_model().log_spread)
-    error = model.answer(other.network.astype(float), other.spread.astype(float))[0] - other.departure_m
+    motion = RegimeMotion(other.line_m_s.astype(float), other.places_m.astype(float))
+    error = model.answer(other.network.astype(float), other.spread.astype(float), motion)[0] - other.departure_m
     known = np.isfinite(error[:, 4, 1])
     assert np.mean(np.abs(error[known, 4, 1])) < 0.75 * np.mean(np.abs(other.departure_m[known, 4, 1]))
 

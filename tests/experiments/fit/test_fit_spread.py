@@ -9,7 +9,7 @@ from scipy.stats import f as f_distribution
 
 from experiments.fit.doubt import Found, errors_on_left_out, fit_doubt
 from experiments.fit.spread import Spread, SpreadLikelihood, calibrate, fit_spread
-from predictors.walker.network import KNOTS_S, N_DOUBT
+from predictors.walker.network import KNOTS_S, N_DOUBT, RegimeMotion
 
 KNOTS = KNOTS_S.size
 
@@ -217,7 +217,8 @@ def test_doubt_is_fitted_to_all_errors_that_were_found():
     examples = [toy(300, seed) for seed in range(3)]
     found = errors_on_left_out({"ann": model, "bob": model}, ["ann", "bob", "ann"], examples)
     assert [f.weight.size for f in found] == [300] * 3
-    said = model.answer(examples[1].network.astype(float), examples[1].spread.astype(float))
+    motion = RegimeMotion(examples[1].line_m_s.astype(float), examples[1].places_m.astype(float))
+    said = model.answer(examples[1].network.astype(float), examples[1].spread.astype(float), motion)
     np.testing.assert_allclose(found[1].doubt, said[1])
     np.testing.assert_allclose(found[1].error_m, said[0] - examples[1].departure_m)
     np.testing.assert_array_equal(found[1].noise_m, examples[1].noise_m)

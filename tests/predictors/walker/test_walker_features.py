@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from predictors import HeadObservation, Walker
 from predictors.walker.errors import N_ERRORS
 from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD, WalkerHistory
+from predictors.walker.memories import N_MEMORIES
 from predictors.walker.noise import N_COLOURS
-from predictors.walker.slow import N_SLOW
 from predictors.walker.window import WINDOW
 
 STATE = np.array([0.0, 0.0, 0.4, 1.2, 0.0, 0.0])
@@ -115,7 +115,7 @@ def test_where_each_known_number_stands():
         state = STATE + np.array([1.2 * k / 60, 0, 0, 0, 0, 0])
         stated = HeadObservation(k / 60, state[:3], position_covariance_m2=covariance)
         inputs = history.add(stated, state, covariance)
-    scalars = inputs.network[5 * WINDOW : -N_COLOURS - N_SLOW]
+    scalars = inputs.network[5 * WINDOW : -N_COLOURS - N_MEMORIES]
     assert scalars[2] == pytest.approx(0.5)
     assert scalars[3] == pytest.approx((1.2 - 1.1) / 0.3)
     assert scalars[4] == scalars[5] == 1.0
@@ -171,9 +171,9 @@ def test_errors_are_doubted_relative_to_what_the_tracker_states(sds):
 
 
 @pytest.mark.parametrize(
-    ("speed_m_s", "walking"), [(0.0, 0.0), (0.02, 1.0), (1.2, 1.0), (2.2, 1.0), (2.6, 0.5), (3.0, 0.0), (5.0, 0.0)]
+    ("speed_m_s", "on_foot"), [(0.0, 0.0), (0.02, 1.0), (1.2, 1.0), (2.2, 1.0), (2.6, 0.5), (3.0, 0.0), (5.0, 0.0)]
 )
-def test_who_runs_and_who_has_no_direction_yet_is_not_the_networks_business(speed_m_s, walking):
+def test_who_runs_and_who_has_no_direction_yet_is_not_the_networks_business(speed_m_s, on_foot):
     state = np.array([0.0, 0.0, 0.4, 0.0, speed_m_s, 0.0])
     inputs = WalkerHistory().add(HeadObservation(0.0, state[:3]), state, 1e-4 * np.eye(3))
-    assert inputs.walking == pytest.approx(walking)
+    assert inputs.on_foot == pytest.approx(on_foot)

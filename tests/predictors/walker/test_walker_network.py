@@ -5,42 +5,68 @@ import math
 
 import numpy as np
 import pytest
-from builders.walkers import random_model
+from builders.walkers import random_model, random_motion
 from scipy.interpolate import CubicSpline
 
 from predictors.walker.between import BetweenKnots
 from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD
-from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, WalkerModel, WalkerModelError
+from predictors.walker.network import (
+    DEPARTURE_SCALE_M,
+    KNOTS_S,
+    N_DOUBT,
+    N_OUTPUTS,
+    RegimeMotion,
+    WalkerModel,
+    WalkerModelError,
+)
 
 
 def rows(n, seed=3):
     rng = np.random.default_rng(seed)
     network = rng.standard_normal((n, N_INPUTS))
     network[:, KNOWN] = rng.integers(0, 3, (n, 2)) / 2.0
-    return network, rng.standard_normal((n, N_SPREAD))
+    return network, rng.standard_normal((n, N_SPREAD)), random_motion(rng, n)
 
 
 def layers(weights, biases, inputs):
-    """Each network's answer, layer by layer, shape (E, N, knots, 3)."""
+    """Each network's outputs, layer by layer, shape (E, N, outputs)."""
     found = []
     for k in range(weights[0].shape[0]):
         h = inputs
         for i, (w, b) in enumerate(zip(weights, biases, strict=True)):
             h = h @ w[k].astype(float) + b[k]
             h = np.tanh(h) if i < len(weights) - 1 else h
-        found.append(h.reshape(len(inputs), KNOTS_S.size, 3))
-    return np.array(found) * DEPARTURE_SCALE_M[:, None]
+        found.append(h)
+    return np.array(found)
+
+
+def mixture(outputs, motion):
+    """Departures of the mean of both regimes, probability of walking, and how far they lie apart after 1 s."""
+    assert outputs.shape[-1] == N_OUTPUTS
+    k = 3 * KNOTS_S.size
+    departures = outputs[..., :k].reshape(*outputs.shape[:-1], KNOTS_S.size, 3) * DEPARTURE_SCALE_M[:, None]
+    walks = 1.0 / (1.0 + np.exp(-outputs[..., k]))
+    shares = np.exp(outputs[..., k + 1 :])
+    stay_m = np.einsum("enp,npi->eni", shares / shares.sum(axis=-1, keepdims=True), motion.places_m)
+    stays = stay_m[..., None, :] - KNOTS_S[:, None] * motion.line_m_s[:, None, :]
+    far = np.linalg.norm((departures - stays)[..., np.flatnonzero(KNOTS_S == 1.0)[0], :2], axis=-1)
+    return walks[..., None, None] * departures + (1.0 - walks)[..., None, None] * stays, walks, far
 
 
 @pytest.mark.parametrize("known", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.25, 0.5)])
-def test_departure_is_the_mean_over_networks_walk_and_mirror_image(known):
+def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known):
     """Of the networks for tracks with an orientation, of those without, or of both where it fades out."""
-    model, (x, spread) = random_model(), rows(5)
+    model, (x, spread, motion) = random_model(), rows(5)
     x[:, KNOWN] = known
+    mirrored = RegimeMotion(motion.line_m_s * [1, -1, 1], motion.places_m * [1, -1, 1])
     pairs = (model.weights, model.biases), (model.blind_weights, model.blind_biases)
-    each = [np.concatenate([layers(*p, x), layers(*p, x * MIRROR) * [1, -1, 1]]) for p in pairs]
-    answers = max(known) * each[0] + (1.0 - max(known)) * each[1]
-    departure, doubt = model.answer(x, spread)
+    parts = []
+    for pair in pairs:
+        own, other = mixture(layers(*pair, x), motion), mixture(layers(*pair, x * MIRROR), mirrored)
+        pairs_of_parts = zip(own, (other[0] * [1, -1, 1], *other[1:]), strict=True)
+        parts.append([np.concatenate(pair_of_parts) for pair_of_parts in pairs_of_parts])
+    answers, walks, far = (max(known) * a + (1.0 - max(known)) * b for a, b in zip(*parts, strict=True))
+    departure, doubt = model.answer(x, spread, motion)
     np.testing.assert_allclose(departure, answers.mean(axis=0), atol=1e-6)
     np.testing.assert_array_equal(doubt[:, :N_SPREAD], spread)
     knots = [int(np.flatnonzero(h == KNOTS_S)[0]) for h in (0.5, 1.0)]
@@ -49,15 +75,19 @@ def test_departure_is_the_mean_over_networks_walk_and_mirror_image(known):
         np.abs(departure[:, knots[1], 1]) / 0.2,
         np.abs(departure[:, knots[1], 0]) / 0.2,
     ]
-    np.testing.assert_allclose(doubt[:, N_SPREAD:-1], np.minimum(size, 4.0).T, atol=1e-5)
+    np.testing.assert_allclose(doubt[:, N_SPREAD:-3], np.minimum(size, 4.0).T, atol=1e-5)
     off = (answers - answers.mean(axis=0))[:, :, knots[1], :2]
     apart = np.sqrt(np.mean(np.sum(off**2, axis=-1), axis=0))
-    np.testing.assert_allclose(doubt[:, -1], np.log1p(apart / 0.02), atol=1e-5)
+    np.testing.assert_allclose(doubt[:, -3], np.log1p(apart / 0.02), atol=1e-5)
+    torn = np.sqrt(np.mean(walks * (1.0 - walks) * far**2, axis=0))
+    np.testing.assert_allclose(doubt[:, -2], np.log1p(torn / 0.02), atol=1e-5)
+    np.testing.assert_allclose(doubt[:, -1], walks.mean(axis=0), atol=1e-6)
 
 
 def test_a_mirrored_question_has_the_mirrored_answer_and_as_much_doubt():
-    model, (x, spread) = random_model(), rows(4)
-    (a, doubt_a), (b, doubt_b) = model.answer(x, spread), model.answer(x * MIRROR, spread)
+    model, (x, spread, motion) = random_model(), rows(4)
+    mirrored = RegimeMotion(motion.line_m_s * [1, -1, 1], motion.places_m * [1, -1, 1])
+    (a, doubt_a), (b, doubt_b) = model.answer(x, spread, motion), model.answer(x * MIRROR, spread, mirrored)
     np.testing.assert_allclose(b, a * [1, -1, 1], atol=1e-6)
     np.testing.assert_allclose(doubt_b, doubt_a, atol=1e-5)
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from predictors import ConstantVelocity, HeadObservation, NotReadyError, Walker
 from predictors.walker.between import BetweenKnots
+from predictors.walker.network import RegimeMotion
 from predictors.walker.window import WINDOW
 
 GAIT_M2 = 0.02**2 * np.eye(3)
@@ -174,10 +175,11 @@ def test_blend_is_the_mixture_of_both_forecasts():
     walker, cv, model = Walker(random_model()), ConstantVelocity(), random_model()
     end_s = shown(walking_at(2.6), walker, cv)
     inputs = walker.inputs()
-    share = inputs.walking
+    share = inputs.on_foot
     assert 0.2 < share < 0.8
     mixed, plain = walker.forecast([end_s + 0.5]), cv.forecast([end_s + 0.5])
-    departures, doubt = model.answer(inputs.network[None], inputs.spread[None])
+    motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
+    departures, doubt = model.answer(inputs.network[None], inputs.spread[None], motion)
     departure, sd = BetweenKnots(departures[0], model.spread_m(doubt)[0])(np.array([0.5]))
     turn = inputs.line.to_base()
     own = inputs.line.origin_base_m + 0.5 * inputs.line.velocity_base_m_s + turn @ departure[0]
@@ -209,4 +211,4 @@ def test_a_track_that_starts_elsewhere_begins_anew():
     assert begins[0] - 60 <= 30
     assert len(begins) >= 30
     at = walker.forecast([119 / 30]).means_base_m[0]
-    np.testing.assert_allclose(at, [-3.0, 3.0 - 119 / 30, 0.5], atol=0.1)
+    np.testing.assert_allclose(at, [-3.0, 3.0 - 119 / 30, 0.5], atol=0.3)  # weights at random: half of it stays

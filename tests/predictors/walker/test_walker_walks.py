@@ -15,8 +15,8 @@ from experiments.engine.recordings import find_recordings
 from experiments.forecast.errors import forecast_errors
 from experiments.forecast.glance import turn_head
 from gazempc.recordings.load import load
-from gazempc.sim.sensor import load_sensor
-from predictors import ConstantVelocity, HeadObservation, Walker, bearing_covariance
+from gazempc.sim.sensor import load_sensor, observe
+from predictors import ConstantVelocity, HeadObservation, LastPosition, Walker, bearing_covariance
 from predictors.walker.network import shipped_walker_model
 
 SYNTHETIC = [f"subject{k:02d}_R{k % 6 + 1}" for k in range(1, 15)]
@@ -41,15 +41,15 @@ def limits(shares):
 
 # Errors over those of constant velocity at 0.25, 0.5 and 1 s: what the model as it ships has, and up to 0.06 of room.
 SYNTHETIC_RATIOS = {
-    "reference": (0.52, 0.47, 0.51),
+    "reference": (0.54, 0.52, 0.54),
     "body_tracker": (0.75, 0.64, 0.60),
-    "face_camera": (0.92, 0.82, 0.72),
+    "face_camera": (0.95, 0.88, 0.78),
     "street": (0.84, 0.87, 0.93),
 }
 # Goals on people left out are .53 .53 .60 and .70 .62 .65.
 REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.82, 0.74, 0.72)}
 # Points by which 68 and 95 % may be missed on walks that are not those of the fit.
-MISSED = {"reference": (0.21, 0.04), "body_tracker": (0.10, 0.03), "face_camera": (0.10, 0.04)}
+MISSED = {"reference": (0.21, 0.04), "body_tracker": (0.10, 0.05), "face_camera": (0.10, 0.04)}
 
 
 @pytest.mark.parametrize(("sensor", "ratios"), SYNTHETIC_RATIOS.items())
@@ -57,6 +57,72 @@ def test_synthetic_walkers_are_forecast_better_than_by_constant_velocity(sensor,
     recordings = [load(name) for name in SYNTHETIC[::2]]
     ours, plain = (mean_errors(recordings, make, sensor, AHEAD_S) for make in (Walker, ConstantVelocity))
     np.testing.assert_array_less(ours / plain, ratios)
+
+
+@pytest.mark.parametrize("sensor", ["reference", "body_tracker", "face_camera"])
+@pytest.mark.parametrize("activity", ["stand", "gesture", "turn_on_spot"])
+def test_people_on_the_spot_are_forecast_as_well_as_by_their_last_position(activity, sensor):
+    recordings = [load(f"subject{k:02d}_{activity}") for k in range(1, 15, 2)]
+    ours, last = (mean_errors(recordings, make, sensor, AHEAD_S[:2]) for make in (Walker, LastPosition))
+    np.testing.assert_array_less(ours / last, 1.1 if activity == "turn_on_spot" else 1.02)
+
+
+@pytest.mark.parametrize("rate_hz", [2.5, 5.0, 10.0])
+def test_slow_trackers_are_forecast_no_worse_than_by_constant_velocity(rate_hz):
+    sensor = load_sensor("reference").model_copy(update={"rate_hz": rate_hz})
+    found = {make: [] for make in (Walker, ConstantVelocity)}
+    for name in SYNTHETIC[::3]:
+        for make, errors_m in found.items():
+            off = forecast_errors(load(name), make(), sensor, np.array([0.4, 0.8]), 0).difference_m
+            errors_m.append(np.nanmean(np.linalg.norm(off, axis=-1), axis=0))
+    ours, plain = (np.mean(errors_m, axis=0) for errors_m in found.values())
+    np.testing.assert_array_less(ours, plain)
+
+
+def revisions_m(recording, make, sensor="perfect", ahead_s=0.5):
+    """How far the forecast for one instant moves from frame to frame, metres."""
+    predictor, before, found = make(), None, []
+    for sighting in observe(recording, load_sensor(sensor), 0):
+        predictor.update(sighting.observation)
+        now_s = sighting.observation.capture_time_s
+        if before is not None and now_s > 1.0:
+            target_s = before.issued_at_s + ahead_s
+            old, new = before.means_base_m[0], predictor.forecast([target_s]).means_base_m[0]
+            found.append(np.linalg.norm(new - old))
+        before = predictor.forecast([now_s + ahead_s])
+    return np.array(found)
+
+
+def test_before_people_who_stand_no_revision_of_the_forecast_exceeds_a_centimetre_a_frame():
+    for k in range(1, 15, 3):
+        assert revisions_m(load(f"subject{k:02d}_stand"), Walker).max() < 0.01
+
+
+@pytest.mark.parametrize("activity", ["gesture", "turn_on_spot", "start", "stop"])
+def test_a_decision_revises_the_forecast_over_several_frames(activity):
+    """Walking and staying lie up to 0.7 m apart at 0.5 s; no frame takes more than a fifth of a metre of it."""
+    for k in range(1, 15, 3):
+        assert revisions_m(load(f"subject{k:02d}_{activity}"), Walker).max() < 0.2
+
+
+def test_a_higher_threshold_answers_a_start_later():
+    """Logits are compared with the threshold of the model; at very high ones the person is never forecast to walk."""
+    shipped = shipped_walker_model()
+    observations = [s.observation for s in observe(load("subject03_start"), load_sensor("reference"), 0)]
+    first_s = []
+    for threshold in (-1.0, 1.0, 3.0, 20.0):
+        walker = Walker(dataclasses.replace(shipped, decision=(shipped.decision[0], threshold)))
+        led_s = []
+        for observation in observations:
+            walker.update(observation)
+            now_s = observation.capture_time_s
+            lead = walker.forecast([now_s + 0.5]).means_base_m[0] - observation.head_position_base_m
+            if now_s > 0.5 and np.linalg.norm(lead[:2]) > 0.3:
+                led_s.append(now_s)
+        first_s.append(led_s[0] if led_s else np.inf)
+    assert first_s == sorted(first_s)
+    assert first_s[0] < first_s[2] < np.inf
+    assert first_s[3] == np.inf
 
 
 @pytest.mark.parametrize(("sensor", "missed"), MISSED.items())

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from predictors import ConstantVelocity, HeadObservation
-from predictors.walker.smoothing import information_of, smooth_path
+from predictors.walker.path import information_of, smooth_path
 
 STEP_S = 1.0 / 30.0
 PSD, SPEED_SD_M_S, FARTHEST_M = 1.0, 1.0, 100.0
