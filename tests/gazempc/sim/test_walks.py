@@ -52,10 +52,10 @@ def mean_rms(results, controller, group=None):
 # seventh more is a change for the worse: an experiment that pays moves it by less, and a fault by more.
 MEASURED_DEG = {
     ("lookahead", "straight"): 1.24,
-    ("lookahead", "turn"): 0.72,
+    ("lookahead", "turn"): 0.90,
     ("lookahead", "sharp"): 2.06,
     ("mpc", "straight"): 1.14,
-    ("mpc", "turn"): 0.88,
+    ("mpc", "turn"): 0.98,
     ("mpc", "sharp"): 2.04,
     ("perfect", None): 0.17,
 }
