@@ -12,6 +12,18 @@ from gazempc.types import FloatArray
 _CORRECTION_SHARE = 0.1
 
 
+def speed_loop_gain(axis: Axis, period_s: float) -> float:
+    """Gain of the position loop of a joint that takes speeds, 1/s.
+
+    The observer learns the offset no faster than the joint answers; neither should the loop use it faster.
+
+    Args:
+        axis: The joint.
+        period_s: Servo period, seconds.
+    """
+    return 1.0 / (axis.dead_time_s + axis.servo_lag_s + period_s)
+
+
 class _SpeedAxis:
     """A joint that takes speeds: the derivative of the command, and a small position loop.
 
@@ -21,8 +33,7 @@ class _SpeedAxis:
 
     def __init__(self, axis: Axis, position_rad: float, period_s: float) -> None:
         self._period_s = period_s
-        # The observer learns the offset no faster than the joint answers; neither should the loop use it faster.
-        self._gain = 1.0 / (axis.dead_time_s + axis.servo_lag_s + period_s)
+        self._gain = speed_loop_gain(axis, period_s)
         self._fastest_rad_s = axis.velocity_max_rad_s
         self._led_rad = self._meant_rad = position_rad
         self._speed_rad_s = 0.0

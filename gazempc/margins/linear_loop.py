@@ -4,10 +4,11 @@ While no limit binds, the MPC is affine state feedback with preview: j = K [z0; 
 held; at each servo period the observer corrects its state by the measured angle. With r = 0 the loop is linear and
 periodic, with one control period of m servo periods. Its state before each measurement is
 
-    x = [q, v, q^, v^, b^, u, du, ddu, j, c_-1 ... c_-L]
+    x = [q, v, q^, v^, b^, u, du, ddu, j, l, c_-1 ... c_-L]
 
 joint, observer (angle, velocity, steady error), command, jerk, and the commands sent before. A joint that takes speeds
-moves as one that is sent the angles (`gazempc.neck.spec.Axis`), and is treated as such.
+follows their integral l as one that takes angles follows the angles. Its steady error has no part in the plan: a
+position loop of gain k (`gazempc.loop.drive`) adds k (u + du h / 2 - l - b^) to the speed du, which is held for h.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.mpc.problem import STATE
+from gazempc.loop.drive import speed_loop_gain
 from gazempc.loop.observer import observer_gain
 from gazempc.neck.ahead import JointAhead
 from gazempc.neck.servo import zero_order_hold
@@ -29,7 +31,7 @@ from gazempc.types import FloatArray
 ComplexArray = NDArray[np.complex128]
 
 _SAME_TIME_S = 1e-9
-_JOINT, _SEEN, _OFFSET, _COMMAND, _JERK, _SENT = slice(0, 2), slice(2, 4), 4, slice(5, 8), 8, 9
+_JOINT, _SEEN, _OFFSET, _COMMAND, _JERK, _LED, _SENT = slice(0, 2), slice(2, 4), 4, slice(5, 8), 8, 9, 10
 
 
 @dataclass(frozen=True)
@@ -94,8 +96,8 @@ class LinearLoop:
         row[_SEEN] = gain[:2] @ settled.maps[:, 0, :2]
         row[_SENT : _SENT + settled.sent_needed] = gain[:2] @ oldest_first[:, ::-1]
         row[_COMMAND] = gain[2 : len(STATE)]
-        # The reference is counted without the steady error.
-        row[_OFFSET] = -gain[len(STATE) + 1 :].sum()
+        # The reference is counted without the steady error; of a joint that takes speeds, the joint with it.
+        row[_OFFSET] = gain[0] if mpc.neck.axes[index].takes_speed else -gain[len(STATE) + 1 :].sum()
         return row
 
     def _advanced(self, axis: Axis, joint: Axis, gain: float) -> FloatArray:
@@ -105,14 +107,22 @@ class LinearLoop:
         command[:, _COMMAND] = [[1.0, h, h**2 / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]]
         command[:, _JERK] = h**3 / 6.0, h**2 / 2.0, h
         advance[_COMMAND], advance[_OFFSET, _OFFSET], advance[_JERK, _JERK] = command, 1.0, 1.0
-        advance[_SENT] = command[0]
+        now = command[0]
+        if axis.takes_speed:
+            states = np.eye(self.size)
+            u, du, _ = states[_COMMAND]
+            speed = command[1] + speed_loop_gain(axis, h) * (u + 0.5 * h * du - states[_LED] - states[_OFFSET])
+            advance[_LED] = states[_LED] + h * speed
+            # Held for a period, a speed leads to its middle on average.
+            now = states[_LED] + 0.5 * h * speed
+        advance[_SENT] = now
         advance[_SENT + 1 :, _SENT:-1] = np.eye(self.size - _SENT - 1)
         for place, follower, scale in ((_JOINT, joint, gain), (_SEEN, axis, 1.0)):
             whole = math.floor(follower.dead_time_s / h + _SAME_TIME_S)
             rest_s = max(follower.dead_time_s - whole * h, 0.0)
             state = np.eye(2, self.size, place.start)
             # c_-k is the command that was sent k periods ago; the newest one is what is sent now.
-            sent = [command[0], *np.eye(self.size)[_SENT:]]
+            sent = [now, *np.eye(self.size)[_SENT:]]
             for acting, lasts_s in ((whole + 1, rest_s), (whole, h - rest_s)):
                 if lasts_s > _SAME_TIME_S:
                     step = zero_order_hold(follower, lasts_s)

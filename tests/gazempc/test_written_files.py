@@ -102,12 +102,18 @@ COMMANDS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_full_disk_is_said_with_the_path_and_leaves_no_half_file(name, tmp_path):
+    # The limit is set in the new process: a function between fork and exec is unsafe in a process with threads.
+    limited = f"""
+import resource, runpy, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, ({MOST_BYTES}, {MOST_BYTES}))
+del sys.argv[0]
+runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+"""
     done = subprocess.run(
-        [sys.executable, "-m", *COMMANDS[name], "--out", str(tmp_path)],
+        [sys.executable, "-c", limited, *COMMANDS[name], "--out", str(tmp_path)],
         capture_output=True,
         text=True,
         check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (MOST_BYTES, MOST_BYTES)),
     )
     assert done.returncode == command.BAD_INPUT, done.stderr
     assert "cannot be written: File too large" in done.stderr
