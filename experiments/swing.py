@@ -49,12 +49,14 @@ class SwingSettings(BaseModel):
 
 
 class _Scaled(SimulatedNeck):
-    """A neck whose joints follow so many times what they are sent."""
+    """A neck whose pan and tilt follow so many times what they are sent."""
 
     gain = 1.0
 
     def send_command(self, command: FloatArray) -> FloatArray:
-        super().send_command(self.gain * command)
+        scaled = command.copy()
+        scaled[: len(AXES)] *= self.gain
+        super().send_command(scaled)
         return command
 
 

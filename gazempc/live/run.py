@@ -23,6 +23,7 @@ from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.smoother import Smoother
+from gazempc.loop.trial import warm_up
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.moments import LateMoment
 
@@ -108,10 +109,9 @@ class LiveRun:
             return False
         go_in(parts, start_rad, stop)
         smoother = Smoother(parts.neck, start_rad)
-        loop = GazeLoop(
-            parts.neck, parts.target(), parts.planner, smoother, parts.robot, self.logs.recorder, parts.settings
-        )
-        loop.prepare(self._clock.now_s())
+        target = parts.target()
+        loop = GazeLoop(parts.neck, target, parts.planner, smoother, parts.robot, self.logs.recorder, parts.settings)
+        warm_up(target.predictor, parts.planner.controller, parts.neck)
         opened("source: open()", parts.source.open, SourceError)
         if parts.telling is not None:
             parts.telling.open()

@@ -1,11 +1,14 @@
-"""Tries out parts of the user's own before anything moves: what they lack or return wrong is said at once."""
+"""One forecast and one plan before anything moves: faults of own parts are found, and first calls are not late."""
 
 from __future__ import annotations
+
+import contextlib
 
 import numpy as np
 
 from gazempc.controllers.controller import CommandState, Controller, Plan, Situation
 from gazempc.errors import SettingsError
+from gazempc.loop.observer import observer_gain
 from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import NeckSpec
 from gazempc.parts import CONTROLLER, PREDICTOR, check_methods, name_of, said
@@ -86,6 +89,24 @@ def check_controller(controller: Controller, neck: NeckSpec) -> Controller:
     return controller
 
 
+def warm_up(predictor: Predictor, controller: Controller, neck: NeckSpec) -> None:
+    """Make one forecast and one plan, so that the first tick does not wait for a model or a solver to be built.
+
+    A part that fails here fails in the run, where that is an event.
+
+    Args:
+        predictor: The predictor; reset.
+        controller: The controller; reset.
+        neck: The neck.
+    """
+    with contextlib.suppress(SettingsError):
+        check_predictor(predictor)
+    with contextlib.suppress(SettingsError):
+        check_controller(controller, neck)
+    for axis in neck.axes:
+        observer_gain(axis, neck.servo_period_s)
+
+
 def check_same_neck(controller: object, neck: NeckSpec) -> None:
     """Check that a controller was made for this neck, if it says by an attribute ``neck`` which one it knows.
 
@@ -143,7 +164,8 @@ def _situation(neck: NeckSpec, times_s: FloatArray) -> Situation:
     rest_rad, still = neck.rest_rad, np.zeros(neck.joints)
     forecast = Forecast(
         times_s=times_s,
-        means_base_m=np.tile([2.0, 0.1, 0.3], (times_s.size, 1)),
+        # So far aside that limits of the command bind: a solver is needed.
+        means_base_m=np.tile([2.0, 1.0, 0.3], (times_s.size, 1)),
         covariances_m2=np.tile(1e-4 * np.eye(3), (times_s.size, 1, 1)),
         issued_at_s=0.9,
     )

@@ -68,12 +68,12 @@ def replay_repeatedly(
     started_s = time.monotonic()
     for seed in range(scene.seed, scene.seed + (count or DEFAULT_SEEDS)):
         done = len(rounds)
-        if count is None and done and (time.monotonic() - started_s) * (done + 1) / done > _PATIENCE_S:
-            reason = f"as many as fit into {_PATIENCE_S:.0f} s: --noise-seeds N for more"
-            break
         if count is None and done == 2 and _figures(rounds[0]) == _figures(rounds[1]):
             del rounds[1]
             reason = "another one makes no difference"
+            break
+        if count is None and done and (time.monotonic() - started_s) * (done + 1) / done > _PATIENCE_S:
+            reason = f"as many as fit into {_PATIENCE_S:.0f} s: --noise-seeds N for more"
             break
         progress.say(f"replaying {scene.walk.name}, noise seed {seed}")
         planned: list[list[PlanMoment]] = []

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gazempc.controllers.controller import Situation
-from gazempc.loop.following import FollowingWatch
+from gazempc.loop.joints import FollowingWatch
 from gazempc.loop.observer import JointObserver
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.ahead import settled_joints

@@ -5,7 +5,7 @@ import pytest
 from builders.loop import LoopBench, events
 
 from gazempc.controllers.lookahead import LookAhead
-from gazempc.loop.following import FollowingWatch
+from gazempc.loop.joints import FollowingWatch
 from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import load_neck
 from gazempc.types import JointState

@@ -1,4 +1,4 @@
-"""Joints that stand still although their commands move: blocked, unplugged or broken."""
+"""Readings of the joints: unusable ones become events, and joints that do not follow their commands are found."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from collections import deque
 
 import numpy as np
 
+from gazempc.loop.events import Event
+from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
+from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState
 
 # The motion in this time is compared with the one that the commands should have caused.
@@ -18,6 +21,35 @@ _WINDOW_S = 0.6
 _EXPECTED_RAD = math.radians(2.0)
 # A joint that follows shows more than this share of the expected motion.
 _SHARE = 0.2
+
+
+def read_joints(robot: Robot, joints: int, time_s: float, recorder: LoopRecorder) -> JointState | None:
+    """Read the joints.
+
+    A driver is to raise `RobotError` only. The loop goes on with any exception, and with readings of wrong shapes.
+
+    Args:
+        robot: The robot.
+        joints: Number of the neck's joints.
+        time_s: The time, seconds.
+        recorder: Records the event `robot_not_answering`.
+
+    Returns:
+        The reading; None if there is none, or none that can be used.
+    """
+    try:
+        state = robot.read_state()
+        if state is None:
+            return None
+        float(state.time_s)
+        shapes = state.position_rad.shape, state.velocity_rad_s.shape
+        needed = (joints,)
+        if shapes != (needed, needed):
+            raise ValueError(f"read_state() returned position and velocity of shapes {shapes}, needed is {needed} each")
+    except Exception as error:
+        recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
+        return None
+    return state
 
 
 class FollowingWatch:

@@ -1,0 +1,165 @@
+"""Plans are asked for in time and wait until their first tick; until then the plan before them is in force."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+
+import numpy as np
+
+from gazempc.controllers.controller import CommandState, Plan, Situation
+from gazempc.loop.events import Event
+from gazempc.loop.observer import JointEstimate
+from gazempc.loop.planner import Answer, Planner
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.sender import Sender
+from gazempc.loop.smoother import Smoother
+from gazempc.loop.track import Target
+from gazempc.neck.ahead import settled_joints
+from gazempc.neck.spec import NeckSpec
+from gazempc.settings import LoopSettings
+
+
+class Planning:
+    """Forecast and plan for the tick at which the plan will be ready.
+
+    Args:
+        neck: The neck as the controller knows it.
+        target: The person to look at.
+        planner: Asks the controller.
+        smoother: Has the last command.
+        sender: Has the commands sent.
+        settings: Computing delay and time until a person is lost.
+
+    Attributes:
+        current: The plan in force; None without one.
+    """
+
+    def __init__(
+        self,
+        neck: NeckSpec,
+        target: Target,
+        planner: Planner,
+        smoother: Smoother,
+        sender: Sender,
+        settings: LoopSettings,
+    ) -> None:
+        self._neck, self._target, self._planner = neck, target, planner
+        self._smoother, self._sender, self._settings = smoother, sender, settings
+        self._delay_ticks = math.ceil(settings.compute_delay_s / neck.servo_period_s - 1e-9)
+        self._settled = settled_joints(neck, self._delay_ticks)
+        self._asked_capture_s, self._forecast_ms = -math.inf, 0.0
+        # First tick, plan, capture time of the newest observation behind it.
+        self._waiting: deque[tuple[int, Plan, float]] = deque()
+        self._refused_until = -1
+        self.current: Plan | None = None
+
+    def drop(self, until_index: int = -1) -> None:
+        """Drop the plan in force and all that wait; also answers to come that are due up to a tick plus the delay."""
+        self.current = None
+        self._waiting.clear()
+        if until_index >= 0:
+            self._refused_until = until_index + self._delay_ticks
+
+    def ask(
+        self,
+        index: int,
+        time_s: float,
+        due_s: float,
+        joints: JointEstimate,
+        held: tuple[int, ...],
+        recorder: LoopRecorder,
+    ) -> None:
+        """Request a plan for the present forecast.
+
+        Args:
+            index: Number of the tick.
+            time_s: The time, seconds.
+            due_s: Due time of the tick, seconds.
+            joints: The joints as estimated.
+            held: Joints that do not follow.
+            recorder: Records why there is no request.
+        """
+        newest_s = self._target.newest_capture_s
+        if newest_s is None:
+            recorder.event(time_s, Event.NO_OBSERVATION_YET)
+            return
+        if time_s - newest_s > self._settings.lost_after_s:
+            return
+        started = time.perf_counter()
+        period_s = self._neck.servo_period_s
+        start_s = due_s + self._delay_ticks * period_s
+        try:
+            wanted_s = self._planner.controller.forecast_times_s(start_s, newest_s)
+            times_s = np.asarray(wanted_s, dtype=np.float64)
+        except Exception as error:
+            recorder.event(time_s, Event.CONTROLLER_FAILED, error)
+            return
+        forecast = self._target.forecast(times_s, time_s, recorder)
+        if forecast is None:
+            return
+        committed = [self._committed(index + i, due_s + i * period_s) for i in range(self._delay_ticks)]
+        sent_rad, offset_rad = self._sender.seen_by_controllers(joints.offset_rad)
+        situation = Situation.of(
+            self._settled,
+            start_s=start_s,
+            forecast=forecast,
+            command=committed[-1] if committed else self._smoother.command,
+            joint_position_rad=joints.position_rad,
+            joint_velocity_rad_s=joints.velocity_rad_s,
+            joint_offset_rad=offset_rad,
+            sent_rad=sent_rad,
+            committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, self._neck.joints),
+            held=held,
+        )
+        forecast_ms = 1e3 * (time.perf_counter() - started)
+        if self._planner.request(index + self._delay_ticks, situation):
+            self._asked_capture_s, self._forecast_ms = newest_s, forecast_ms
+        else:
+            recorder.event(time_s, Event.LATE_PLAN)
+
+    def _committed(self, index: int, time_s: float) -> CommandState:
+        # Until a plan takes effect the smoother follows the one before it, which may itself be waiting still.
+        plan = next((waiting for due, waiting, _ in reversed(self._waiting) if due <= index), self.current)
+        if plan is None or time_s >= plan.end_s:
+            return self._smoother.command
+        return plan.at(time_s)
+
+    def take_answers(self, index: int, time_s: float, recorder: LoopRecorder) -> None:
+        """Take in what the planner has answered: plans wait for their first tick.
+
+        Args:
+            index: Number of the tick.
+            time_s: The time, seconds.
+            recorder: Records computing times and events of the plans.
+        """
+        for answer in self._planner.answers():
+            self._take(answer, index, time_s, recorder)
+
+    def _take(self, answer: Answer, index: int, time_s: float, recorder: LoopRecorder) -> None:
+        recorder.step(self._forecast_ms + answer.plan_ms)
+        if answer.due_index <= self._refused_until:
+            return
+        if answer.plan is None:
+            recorder.event(time_s, answer.event, answer.error)
+            return
+        for event in answer.plan.events:
+            recorder.event(time_s, event)
+        for fault in answer.plan.faults:
+            recorder.event(time_s, fault.event, fault)
+        if answer.due_index < index:
+            recorder.event(time_s, Event.LATE_PLAN)
+        self._waiting.append((answer.due_index, answer.plan, self._asked_capture_s))
+
+    def begin(self, index: int, time_s: float, recorder: LoopRecorder) -> None:
+        """Put the plan in force whose first tick has come.
+
+        Args:
+            index: Number of the tick.
+            time_s: The time, seconds.
+            recorder: Records plans that take effect.
+        """
+        while self._waiting and self._waiting[0][0] <= index:
+            _, self.current, capture_s = self._waiting.popleft()
+            recorder.begins(time_s, self.current, 1e3 * (time_s - capture_s))
