@@ -48,7 +48,9 @@ def mixture(outputs, motion):
     walks = 1.0 / (1.0 + np.exp(-outputs[..., k]))
     shares = np.exp(outputs[..., k + 1 :])
     stay_m = np.einsum("enp,npi->eni", shares / shares.sum(axis=-1, keepdims=True), motion.places_m)
-    stays = stay_m[..., None, :] - KNOTS_S[:, None] * motion.line_m_s[:, None, :]
+    newest_m, returned = motion.places_m[:, :1], 1.0 - np.exp(-KNOTS_S / 0.5)[:, None]
+    at_m = newest_m + returned * (stay_m[..., None, :] - newest_m)
+    stays = at_m - KNOTS_S[:, None] * motion.line_m_s[:, None, :]
     far = np.linalg.norm((departures - stays)[..., np.flatnonzero(KNOTS_S == 1.0)[0], :2], axis=-1)
     return walks[..., None, None] * departures + (1.0 - walks)[..., None, None] * stays, walks, far
 
