@@ -12,7 +12,7 @@ from tyro.conf import HelptextFromCommentsOff
 
 from gazempc.errors import GazempcError, LimitViolationError
 
-# 1 says that a limit was left, and only that. Python's own status after an exception is 1, too: so none gets that far.
+# 1 means a limit violation only. Python's own status after an exception is 1, too, so all exceptions are caught.
 VIOLATION, BAD_INPUT, UNEXPECTED, INCOMPLETE = 1, 2, 3, 4
 # For `tyro.cli`: help texts are descriptions and docstrings. To look for comments, too, takes a quarter of a second.
 TYRO_CONFIG = (HelptextFromCommentsOff,)
@@ -33,7 +33,7 @@ def run_command(name: str, work: Callable[[], int]) -> int:
     try:
         return work()
     except BrokenPipeError:
-        # Nothing more can be said to them.
+        # The reader is gone.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (GazempcError, OSError) as error:
@@ -46,7 +46,7 @@ def run_command(name: str, work: Callable[[], int]) -> int:
 
 
 def command_line(module: str, words: Sequence[str]) -> str:
-    """A command as a shell takes it, for whoever wants to repeat it.
+    """A command as a shell takes it, to be repeated.
 
     Args:
         module: What Python runs.

@@ -1,4 +1,4 @@
-"""Every error that the package raises on purpose; each message says what was wrong and what is accepted."""
+"""Errors of the package; each message has the fault and the accepted values."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 # A longer list would hide the message; its first and last name show the pattern.
 _NAMES_SHOWN = 30
-# A message about a file that somebody else wrote is no longer than a few lines, whatever stands in the file.
+# A message about a file is a few lines long, whatever the file contains.
 _PLACE_SHOWN, _PROBLEM_SHOWN = 200, 1000
 
 

@@ -37,7 +37,7 @@ def replay(
     """Replay a recording to one controller on a simulated neck.
 
     The same arguments give the same log to the last bit. An object of your own is tried out first: what it lacks or
-    returns in a wrong shape is said at once.
+    returns in a wrong shape is reported at once.
 
     Args:
         recording: Name of a synthetic recording, path of a file, or a recording.

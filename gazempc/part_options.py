@@ -119,7 +119,7 @@ def take_options(words: Iterable[str], not_own: Iterable[str] = ()) -> tuple[lis
 
     Args:
         words: The command line.
-        not_own: First names after ``options.`` that the command line knows itself.
+        not_own: First names after ``options.`` that are fields of the command line.
 
     Returns:
         The other words, and the values by key.

@@ -111,7 +111,7 @@ POLICY = Kind(
         "speaker": "gazempc.people.policies:Speaker",
     },
     {
-        "reset": "reset(): forgets everybody",
+        "reset": "reset(): drops all people",
         "scores": "scores(company: Company) -> one number a person of company.people; NaN for not at all",
     },
 )
@@ -138,7 +138,7 @@ def check_choice(kind: Kind, choice: str) -> str:
         The choice.
 
     Raises:
-        ValueError: If it is neither; says what is accepted.
+        ValueError: If it is neither; the message has the accepted values.
     """
     if choice in kind.shipped or is_own(choice):
         return choice
@@ -178,7 +178,7 @@ def find(kind: Kind, choice: str) -> Callable[..., Any]:
         The class, or a function that makes the part.
 
     Raises:
-        SettingsError: If there is none, or its module cannot be imported; says why.
+        SettingsError: If there is none, or its module cannot be imported; the message has the reason.
     """
     try:
         module_name, _, name = kind.shipped.get(check_choice(kind, choice), choice).partition(_MARK)
@@ -218,7 +218,7 @@ def check_methods(kind: Kind, part: object, called: str = "") -> None:
         called: Its name in messages; by default its class's.
 
     Raises:
-        SettingsError: If one is missing; says what belongs there.
+        SettingsError: If one is missing; the message has its signature.
     """
     called = called or type(part).__name__
     if inspect.isclass(part):

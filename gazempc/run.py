@@ -213,13 +213,13 @@ def _heading(settings: RunSettings, scene: Scene) -> str:
 
 
 def _notes(log: Log) -> list[str]:
-    """What a reader of the table must know."""
+    """Notes on the whole table."""
     import numpy as np  # noqa: PLC0415
 
     notes = []
     if "low_frame_rate" in log.event_name:
         rate_hz = 1.0 / float(np.median(np.diff(np.unique(log.capture_time_s))))
-        notes.append(f"{rate_hz:.1f} frames a second: below 6 the gaze trails everybody who walks")
+        notes.append(f"{rate_hz:.1f} frames a second: below 6 the gaze trails people who walk")
     known = np.isfinite(log.head_true_base_m).all(axis=1)
     if known.mean() < _MOSTLY:
         notes.append(
@@ -230,7 +230,7 @@ def _notes(log: Log) -> list[str]:
 
 
 def _margins(settings: RunSettings, neck: NeckSpec) -> list[str]:
-    """What of the neck file leaves too little margin to the MPC."""
+    """Margins of the MPC that the neck file leaves too small."""
     if not {"mpc", "perfect"} & set(settings.controllers):
         return []
     from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
@@ -242,7 +242,7 @@ def _margins(settings: RunSettings, neck: NeckSpec) -> list[str]:
 
 
 def _attention(settings: RunSettings, logs: dict[str, Log]) -> dict[str, Any]:
-    """Whom each gaze was on, and when it looked away; nothing where it was one person all the time."""
+    """The person of each gaze, and times of looking away; empty with one person all the time."""
     from gazempc.results.attention import measure_attention  # noqa: PLC0415
 
     if settings.attend is None and settings.look_away.rhythm == "no":

@@ -57,7 +57,7 @@ def load_settings(path: Path) -> RunSettings:
         path: File with a mapping of settings; nested ones as nested mappings.
 
     Returns:
-        The settings, defaults where the file says nothing.
+        The settings; defaults where the file has no value.
 
     Raises:
         SettingsError: If the file cannot be read, or with every unknown key (and what it perhaps meant) and every wrong

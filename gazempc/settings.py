@@ -241,7 +241,7 @@ def _checked_attend(choice: str) -> str:
 
 
 class AttentionSettings(Settings):
-    """Whom to look at among several people, see `--attend`."""
+    """The choice among several people, see `--attend`."""
 
     hysteresis_s: float = Field(
         default=0.5, ge=0, description="Another person must be the better choice for this time without a break"
@@ -280,7 +280,7 @@ class GazeSettings(PredictorSettings):
 
     attend: Annotated[str, AfterValidator(_checked_attend)] | None = Field(
         default=None,
-        description="Whom to look at among several people: nearest, engaged, approaching, speaker, id:NAME (the "
+        description="Person to look at among several: nearest, engaged, approaching, speaker, id:NAME (the "
         "tracker's name), module:Class for your own policy. Default: all observations are one person's",
     )
     attention: AttentionSettings = AttentionSettings()

@@ -12,7 +12,7 @@ from gazempc.errors import SettingsError, shown, suggest
 from gazempc.files.bounds import is_there
 from gazempc.files.documents import parse_toml, read_settings
 
-# A field may state, in `json_schema_extra`, what to write where nobody knows better.
+# A field may have, in `json_schema_extra`, a rule of thumb for an unknown value.
 RULE_OF_THUMB = "rule_of_thumb"
 # More errors than this in one file are no misspelling.
 _ERRORS_SHOWN = 20

@@ -53,7 +53,7 @@ class CommandState:
 
 @dataclass(frozen=True)
 class Situation:
-    """All that a controller knows when it plans.
+    """The input of a controller for one plan.
 
     Attributes:
         start_s: Time at which the first command of the plan will be sent, seconds.
@@ -97,7 +97,7 @@ class Situation:
         held: tuple[int, ...] = (),
     ) -> Situation:
         """Make a situation of the joints now: `settled` (`gazempc.neck.ahead`) rolls them over their dead times."""
-        # Counted without its offset, a joint follows its command as the model says.
+        # Without its offset, a joint follows its command by the model.
         position_rad, velocity_rad_s = settled(
             joint_position_rad - joint_offset_rad, joint_velocity_rad_s, sent_rad, committed_rad
         )
@@ -138,7 +138,7 @@ class Plan:
         faults: The same with a text for the log, which the event alone does not tell.
 
     Raises:
-        ValueError: If shapes or times are not as said here.
+        ValueError: If shapes or times are not as stated here.
     """
 
     start_s: float
@@ -172,7 +172,7 @@ class Plan:
 
     @property
     def end_s(self) -> float:
-        """Time after which the plan says nothing: one step after the last knot, seconds."""
+        """End of the plan: one step after the last knot, seconds."""
         return self.start_s + len(self.position_rad) * self.step_s
 
     def is_finite(self) -> bool:
@@ -199,7 +199,7 @@ class Plan:
         return CommandState(np.array(position_rad), np.array(velocity_rad_s), np.array(acceleration_rad_s2))
 
     def motions_at(self, time_s: float) -> tuple[AxisMotion, ...]:
-        """The same in plain numbers, which is quicker for whoever asks at every tick.
+        """The same in plain numbers, which are quicker at every tick.
 
         Args:
             time_s: See `at`.

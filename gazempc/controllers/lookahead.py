@@ -14,8 +14,8 @@ from gazempc.types import FloatArray
 
 # The plan reaches this far so that there is something to follow while the next one is late.
 _PLAN_S = 0.4
-# A command farther behind the demanded angle than this is on its way to somebody, and is not smoothed. It is twice the
-# eye contact of 2.6 deg: nearer, the gaze is all but on them, and what is left is noise of the forecast.
+# A command farther behind the demanded angle than this is in acquisition, and is not smoothed. It is twice the eye
+# contact of 2.6 deg: nearer, the rest is noise of the forecast.
 _ON_ITS_WAY_RAD = math.radians(5.0)
 # The head stays so near the demanded angle that the eyes need no more than this share of their range.
 _EYES_SHARE = 0.4
@@ -27,7 +27,7 @@ _DEFAULTS = LookAheadSettings()
 class LookAhead:
     """Commands the low-passed look-at angles of the forecast for the time at which the command will show.
 
-    The low-pass makes up for its own delay: the forecast is asked for as much later. Somebody who turns the gaze
+    The low-pass makes up for its own delay: the forecast is asked for as much later. A person who turns the gaze
     steadily is followed without lag, whatever the time constant. An axis whose command is far behind the demanded
     angle goes there without the low-pass, which would make a limited command overshoot. Once it is near, the low-pass
     starts again from the present command.
@@ -101,7 +101,7 @@ class LookAhead:
         angles = np.clip(angles, limits.position_min_rad[:2], limits.position_max_rad[:2])
         demanded, later = (np.stack([each[0, :, 0], each[1, :, 1]], axis=-1) for each in angles)
         head = self._low_pass(demanded, later, situation.command.position_rad[:2])
-        if situation.held:  # without an eye nobody makes up for the low-pass
+        if situation.held:  # without an eye the low-pass is not compensated
             head = np.where(self._chain.eyes_held(situation), demanded, head)
         position = self._chain.with_eyes(situation, means_base_m[count:], head, body)
         velocity = slopes(position, self.neck.control_period_s)

@@ -1,4 +1,4 @@
-"""Several people as the loop knows them: all observations in, the forecast of whoever is looked at out."""
+"""Several people in the loop: all observations in, the forecast of the attended person out."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
 
-# Whom to look at is decided so often; half as often would still be within a frame of a camera.
+# Period of decisions; half as often would still be within a frame of a camera.
 _DECIDED_EVERY_S = 0.02
 _EVENTS = {
     Became.ENTERED: Event.PERSON_ENTERED,
@@ -29,20 +29,20 @@ _REFUSED = {Became.DUPLICATE: Event.SEEN_TWICE, Became.OUT_OF_ORDER: Event.OUT_O
 
 
 class AttendedPeople:
-    """Tracks everybody, decides whom to look at, and offers that person's forecast.
+    """Tracks all people, chooses the attended one, and offers the forecast of that person.
 
     Args:
         make_predictor: Makes one person's predictor.
-        attention: Decides whom to look at.
+        attention: Chooses the person to look at.
         settings: Ages at which observations and tracks are given up.
 
     Attributes:
-        predictor: A predictor like everybody's.
-        newest_capture_s: Capture time of the newest observation of whoever is looked at, or was looked at last,
+        predictor: A predictor as each person has one.
+        newest_capture_s: Capture time of the newest observation of the person attended now or last,
             seconds; None before the first one.
-        newest: The newest observation of whoever is looked at; None before the first one.
-        people: Everybody.
-        attention: Decides whom to look at.
+        newest: The newest observation of the attended person; None before the first one.
+        people: All tracked people.
+        attention: Chooses the person to look at.
     """
 
     def __init__(self, make_predictor: Callable[[], Predictor], attention: Attention, settings: LoopSettings) -> None:
@@ -57,7 +57,7 @@ class AttendedPeople:
 
     @property
     def state(self) -> AttentionState:
-        """Whom the robot looks at."""
+        """The person attended, and the reason."""
         attended, track = self.attention.attended, self._attended()
         decided = math.isfinite(attended.since_s)
         return AttentionState(
@@ -69,12 +69,12 @@ class AttendedPeople:
         )
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """Take in what has arrived, and decide whom to look at.
+        """Take in the observations that have arrived, and choose the person to look at.
 
         Args:
             sightings: Observations of anybody, in the base frame.
             time_s: The time, seconds.
-            recorder: Records who entered, whom to look at, and the observations of the one who is looked at.
+            recorder: Records people who enter, changes of attention, and observations of the attended person.
         """
         usable = []
         for sighting in sightings:
@@ -90,7 +90,7 @@ class AttendedPeople:
             self._decide(time_s, recorder)
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
-        """Forecast whoever is looked at; see `gazempc.loop.track.PersonTrack.forecast`."""
+        """Forecast the attended person; see `gazempc.loop.track.PersonTrack.forecast`."""
         attended = self._attended()
         if attended is None:
             return None
@@ -130,7 +130,7 @@ class AttendedPeople:
             recorder.event(time_s, Event.ORIENTATION_JUMPED)
         frozen, goes_on = self._frozen.see(track.number, sighting)
         if goes_on:
-            # It ends with half a second of somebody who only seemed to stand.
+            # The track ends with half a second of repeated frames, in which the person seems to stand.
             track.begin_anew()
         return frozen
 

@@ -30,8 +30,8 @@ class Person:
 
     Attributes:
         name: Their name; with `walker.fitted` a folder, the model is one that has not seen them.
-        true_position_base_m: True positions, shape (H, 3), metres, at times, shape (H,), seconds; None where nobody
-            knows the future.
+        true_position_base_m: True positions, shape (H, 3), metres, at times, shape (H,), seconds; None where the
+            future is unknown.
     """
 
     name: str = ""
@@ -63,7 +63,7 @@ def make_predictor(
         return choice
     future = person.true_position_base_m
     if choice == "perfect" and future is None:
-        raise SettingsError("predictor perfect: nobody knows the true future here")
+        raise SettingsError("predictor perfect: the true future is unknown in a live run")
     given: dict[str, Any] = {"true_position_base_m": future, "person": person.name}
     if is_own(choice):
         own: Predictor = make(PREDICTOR, choice, given, options_for(PREDICTOR, choice, options))

@@ -87,10 +87,10 @@ class Drive:
         return np.array([motion[0] if axis is None else axis.outgoing(motion, off) for axis, motion, off in pairs])
 
     def sent(self, command: FloatArray, got_through: bool = True) -> FloatArray:
-        """Take note of what the robot goes by for one servo period.
+        """Account for one servo period of the accepted command.
 
         Args:
-            command: As the robot says it, shape (N,), radians or rad/s.
+            command: As the robot accepted it, shape (N,), radians or rad/s.
             got_through: False where it is what was sent before, as this period's command was lost.
 
         Returns:

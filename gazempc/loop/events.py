@@ -104,13 +104,13 @@ class Event(StrEnum):
     PERSON_RENAMED = "person_renamed", "the tracker gave a person another name; gazempc keeps the person"
     ANOTHER_PERSON = (
         "another_person",
-        "an observation of a person at whom the robot does not look; used for their track",
+        "an observation of a person who is not attended; used for their track",
     )
     SEEN_TWICE = "seen_twice", "a second detection of a person in one frame; dropped"
     ATTENTION_SWITCHED = "attention_switched", "the robot now looks at another person"
-    NOBODY_ATTENDED = "nobody_attended", "there is nobody, or the policy chooses nobody"
+    NOBODY_ATTENDED = "nobody_attended", "no person is tracked, or the policy chooses none"
     POLICY_FAILED = "policy_failed", "the attention policy raised an exception; the robot looks at the same person"
-    ATTENTION_NOT_SENT = "attention_not_sent", "a report of whom the robot looks at could not be sent; the run goes on"
+    ATTENTION_NOT_SENT = "attention_not_sent", "a report of the attended person could not be sent; the run goes on"
     LOOK_AWAY_LEFT_OUT = "look_away_left_out", "a look away cannot be done in time, or overlaps another; skipped"
     CLOCK_STEPPED = "clock_stepped", "the computer's Unix clock was set to another time"
 

@@ -37,7 +37,7 @@ class GazeLoop:
     """Joins target, controller, smoother and robot.
 
     Args:
-        neck: The neck as the controller knows it.
+        neck: The neck as modelled.
         target: The person to look at.
         planner: Asks the controller for plans.
         smoother: Makes commands of plans; it holds the last command.

@@ -21,7 +21,7 @@ class LookingAway:
     """Puts looks away into a target's forecasts, so that any controller plans the way there and back ahead of time.
 
     Args:
-        target: Whom to look at else.
+        target: The target at all other times.
         look_aways: When to look away.
         cues: What a program tells; None for nothing.
     """
@@ -40,7 +40,7 @@ class LookingAway:
         return self._target if isinstance(self._target, AttendedPeople) else None
 
     def state(self, time_s: float) -> AttentionState:
-        """Whom the robot looks at.
+        """The person attended.
 
         Args:
             time_s: The time, seconds.

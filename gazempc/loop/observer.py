@@ -22,14 +22,14 @@ _STATE_TIME_S = 0.05
 _LOAD_RESPONSES = 0.7
 # A measurement older than this is not used.
 _MEMORY_S = 0.25
-# A robot reads its joints a moment after the tick began; clocks that agree still differ by this much.
+# A robot reads its joints a moment after the tick began; synchronised clocks differ by up to this.
 _CLOCK_TOLERANCE_S = 0.01
-# A joint this far from where it should be has been misread; after so many readings in a row it has been moved.
+# Gate of the innovation: a farther reading is an outlier; after so many in a row the joint has been moved by hand.
 _GATE_RAD = math.radians(15.0)
 _READINGS_TO_BELIEVE = 20
-# More than this is no load: a joint that is blocked, or an encoder that is stuck.
+# Largest plausible steady error; beyond it a joint is blocked, or an encoder is stuck.
 _OFFSET_MAX_RAD = math.radians(10.0)
-# No joint turns so far; a reading beyond it is a wrong unit or a broken message.
+# Plausibility bound: a larger reading is a wrong unit or a broken message.
 _ANY_TURN_RAD = 100.0
 
 _Each = tuple[float, ...]  # one number a joint

@@ -90,7 +90,7 @@ class BackgroundPlanner:
     """Plans in a thread of its own, for a real clock.
 
     Args:
-        controller: Makes the plans; nobody else may call its `plan`.
+        controller: Makes the plans; its `plan` is called by this thread only.
     """
 
     def __init__(self, controller: Controller) -> None:

@@ -25,7 +25,7 @@ class Planning:
     """Forecast and plan for the tick at which the plan will be ready.
 
     Args:
-        neck: The neck as the controller knows it.
+        neck: The neck as modelled.
         target: The person to look at.
         planner: Asks the controller.
         smoother: Has the last command.

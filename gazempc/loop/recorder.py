@@ -34,7 +34,7 @@ class LoopRecorder:
 
     Args:
         control_period_s: Time between two plans, seconds; the rarest event that lasts comes once in it.
-        watch: Is told at once what is recorded, and returns at once; None for nobody.
+        watch: Called with each moment as it is recorded; must not block. None: no listener.
     """
 
     def __init__(self, control_period_s: float, watch: Callable[[Moment], None] | None = None) -> None:
@@ -159,7 +159,7 @@ class LoopRecorder:
 
         Args:
             time_s: The time, seconds.
-            person: Number of the person; 0 for nobody.
+            person: Number of the person; 0 for none.
             why: Why, in a word.
         """
         self._attended.append((time_s, person, why))

@@ -118,7 +118,7 @@ class _AxisSmoother:
 
     def _out_of_reach(self, now: AxisMotion, position: float) -> bool:
         # Spares asking Ruckig for what no jerk within the limit can do: in a time t it moves the command by at most
-        # jerk t^3 / 6 from where it would go by itself, which is known to the last millionth of a second.
+        # jerk t^3 / 6 from the motion without jerk, with a time tolerance of a microsecond.
         t, (here, velocity, acceleration) = self._period_s, now
         by_itself = here + t * (velocity + t * acceleration / 2.0)
         longest_s = t + _SAME_TIME_S

@@ -1,4 +1,4 @@
-"""Whom a run looks at: one person or one of several, and when it looks away."""
+"""The target of a run: one person or one of several, and the times of looking away."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ def make_target(
     options: dict[str, Any],
     cues: Cues | None = None,
 ) -> Target:
-    """Make the target of a run in which nobody knows the future.
+    """Make the target of a run whose future is unknown.
 
     Args:
         choice: How the predictor was chosen; an object is copied for each of several people.
         ready: The predictor.
         neck: The neck.
-        settings: Whom to look at, and when to look away.
+        settings: Policy of attention, and rhythm of looking away.
         options: Parameters of parts of your own.
-        cues: What a program tells.
+        cues: Cues of a dialogue program.
 
     Returns:
         The target.

@@ -1,4 +1,4 @@
-"""The person as the loop knows them: observations into the predictor, forecasts out of it, whatever it raises."""
+"""One person in the loop: observations into the predictor, forecasts out of it; its exceptions become events."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
-# Two clocks that agree still differ by this much.
+# Synchronised clocks differ by up to this.
 _CLOCK_TOLERANCE_S = 0.01
 RECORDED_HORIZONS_S = np.array(FORECAST_HORIZONS_S)
 
 
 class Target(Protocol):
-    """Whom the loop looks at: one person, or one of several."""
+    """The person to look at: the only one, or one of several."""
 
     @property
     def predictor(self) -> Predictor:
@@ -32,7 +32,7 @@ class Target(Protocol):
 
     @property
     def newest_capture_s(self) -> float | None:
-        """Capture time of the newest observation of whoever is looked at, seconds; None before the first one."""
+        """Capture time of the newest observation of the person to look at, seconds; None before the first one."""
         ...
 
     @property
@@ -112,7 +112,7 @@ class PersonTrack:
             lost = newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s
             if lost or (was_frozen and not self._tracker.frozen):
                 # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile. One
-                # that was frozen ends with half a second of somebody who only seemed to stand.
+                # that was frozen ends with half a second of repeated frames, in which the person seems to stand.
                 self._start.reset()
             self._start.update(observation)
         except OutOfOrderError:

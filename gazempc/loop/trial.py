@@ -17,7 +17,7 @@ from predictors import Forecast, HeadObservation, Predictor
 
 # A person who walks past 2 m before the robot, for five frames at 30 frames a second.
 _TRIAL_FRAMES, _TRIAL_PERIOD_S = 5, 1.0 / 30.0
-# What a simulated neck does and no controller knows, see `gazempc.neck.spec.Axis`.
+# Properties of the simulated neck that are no part of the controller's model, see `gazempc.neck.spec.Axis`.
 _OF_SIMULATION = {"reports_joints", "encoder_noise_deg", "load_offset_deg"}
 
 
@@ -31,7 +31,7 @@ def check_predictor(predictor: Predictor) -> Predictor:
         The same.
 
     Raises:
-        SettingsError: If a method is missing or raises, or a forecast is not what it must be; says which and why.
+        SettingsError: If a method is missing or raises, or a forecast is malformed; the message names the method.
     """
     check_methods(PREDICTOR, predictor)
     called = f"predictor {name_of(PREDICTOR, predictor)}"
@@ -65,7 +65,7 @@ def check_controller(controller: Controller, neck: NeckSpec) -> Controller:
         The same.
 
     Raises:
-        SettingsError: If a method is missing or raises, or a plan is not what it must be; says which and why.
+        SettingsError: If a method is missing or raises, or a plan is malformed; the message names the method.
     """
     check_methods(CONTROLLER, controller)
     called = f"controller {name_of(CONTROLLER, controller)}"
@@ -108,14 +108,14 @@ def warm_up(predictor: Predictor, controller: Controller, neck: NeckSpec) -> Non
 
 
 def check_same_neck(controller: object, neck: NeckSpec) -> None:
-    """Check that a controller was made for this neck, if it says by an attribute ``neck`` which one it knows.
+    """Check that a controller with an attribute ``neck`` was made for this neck.
 
     Args:
         controller: The controller.
         neck: The neck that it is to steer.
 
     Raises:
-        SettingsError: If it knows another one; names what differs.
+        SettingsError: If it was made for another one; the message names the differences.
     """
     known = getattr(controller, "neck", None)
     if not isinstance(known, NeckSpec):
@@ -124,7 +124,7 @@ def check_same_neck(controller: object, neck: NeckSpec) -> None:
     if differs := [f"{name} {theirs[name]} instead of {ours[name]}" for name in ours if theirs[name] != ours[name]]:
         raise SettingsError(
             f"controller {name_of(CONTROLLER, controller)} was made for the neck {known.name!r}, and is to steer the "
-            f"neck {neck.name!r}; it knows {', '.join(differs)}; make it with the neck that it steers"
+            f"neck {neck.name!r}; its own neck has {', '.join(differs)}; make it with the neck that it steers"
         )
 
 

@@ -1,7 +1,7 @@
 """A neck that moves as people do: limits of head and eyes, and the head's share of a gaze.
 
 A joint that is moved over an angle A as fast as its acceleration a allows, and whose servo has the lag T, reaches about
-the peak velocity v of ``A = v (v / a + T)``. So a law of the peak velocity of people says which acceleration it takes.
+the peak velocity v of ``A = v (v / a + T)``. So a law of the peak velocity of people gives the acceleration.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from gazempc.neck.spec import Geometry
 from gazempc.types import BoolArray, FloatArray
 
-# Keeps the neck from swinging to and fro before somebody who stands right behind it.
+# Keeps the neck from switching sides before a person right behind it.
 _CLEARLY_BETTER_RAD = 0.2
 # Numbers of joints of a neck with eyes (from here on), and of one with a body.
 _WITH_EYES, _WITH_BODY = 4, (3, 5)

@@ -45,7 +45,7 @@ class Geometry(BaseModel):
 
 
 def _rule(field: str) -> JsonDict:
-    """What a message says where the field is missing."""
+    """Rule of thumb in the message about a missing field."""
     return {RULE_OF_THUMB: RULES[field]}
 
 

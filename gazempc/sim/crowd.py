@@ -1,4 +1,4 @@
-"""What one sensor sees of several people at once: who stands behind somebody is hidden."""
+"""Several people before one sensor, with occlusion of people behind others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from gazempc.sim.sensor import observe
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Perfect
 
-# Shoulders are 0.45 m wide: whose middle is behind somebody's shoulders is lost by trackers of bodies and faces alike.
+# Shoulders are 0.45 m wide: a person whose middle is behind the shoulders of another is lost by trackers of bodies and
+# of faces alike.
 _COVERED_M = 0.225
 
 
@@ -31,12 +32,12 @@ def observe_together(walks: Sequence[Recording], sensor: SensorSpec, seed: int) 
         Which recording each sighting is of, and the sighting, in the order of arrival.
 
     Raises:
-        SettingsError: If somebody is never seen.
+        SettingsError: If a person is never seen.
     """
     heads = [TrueHead(walk) for walk in walks]
     found: list[tuple[int, Sighting]] = []
     for k, walk in enumerate(walks):
-        # Names tell the noise of one from that of another, even where somebody walks twice.
+        # The seeds differ by name, even where one recording plays twice.
         for sighting in observe(replace(walk, name=f"{walk.name} {k}"), sensor, seed):
             captured_s = sighting.observation.capture_time_s
             others = [head for j, head in enumerate(heads) if j != k and _plays(walks[j], captured_s)]
@@ -63,10 +64,10 @@ def _is_hidden(head: TrueHead, others: Sequence[TrueHead], time_s: float) -> boo
 
 
 def nearest_of(heads: Sequence[TrueHead], time_s: float, position_m: FloatArray) -> int:
-    """Who is where somebody is thought to be.
+    """The person nearest to a position.
 
     Args:
-        heads: Everybody's true head.
+        heads: True head of each person.
         time_s: The time, seconds.
         position_m: Where, shape (3,), metres.
 
@@ -77,10 +78,10 @@ def nearest_of(heads: Sequence[TrueHead], time_s: float, position_m: FloatArray)
 
 
 class PerfectOfCrowd:
-    """The predictor `perfect` where several people are: of whoever stood where it first saw somebody.
+    """The predictor `perfect` among several people: of the person nearest to its first observation.
 
     Args:
-        heads: Everybody's true head.
+        heads: True head of each person.
     """
 
     def __init__(self, heads: Sequence[TrueHead]) -> None:

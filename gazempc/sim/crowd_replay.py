@@ -1,4 +1,4 @@
-"""Several people in a replay: what is seen of them, who is looked at, and where that one really is."""
+"""Several people in a replay: their observations, the attended person, and that person's true position."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from gazempc.sim.scene import Scene
 from gazempc.types import FloatArray, IntArray
 from predictors import Predictor
 
-_NOBODY = -1
+_NONE = -1
 
 
 class Crowd:
-    """All people of a scene, and the one who is looked at.
+    """All people of a scene, and the attended one.
 
     Args:
         scene: The scene.
-        target: Whom the loop looks at.
+        target: The target of the loop.
 
     Attributes:
-        heads: Everybody's true head.
-        seen: Whom the sensor sees, as a number in `heads`, and the sighting, in the order of arrival.
-        target: Whom the loop looks at.
+        heads: True head of each person.
+        seen: Number in `heads` and sighting, in the order of arrival.
+        target: The target of the loop.
     """
 
     def __init__(self, scene: Scene, target: AttendedPeople) -> None:
@@ -44,28 +44,26 @@ class Crowd:
         self._whose = {id(sighting.observation): k for k, sighting in self.seen}
         self._owners: dict[int, int] = {}
         self._swaps_s: list[float] = []
-        self._whom: list[tuple[float, int]] = []
+        self._attended: list[tuple[float, int]] = []
 
     @staticmethod
     def of(scene: Scene, predictor: Predictor | str, settings: GazeSettings) -> Crowd | None:
-        """Make one where the settings say whom to look at.
+        """Make one where the settings have a policy of attention.
 
         Args:
             scene: The scene.
-            predictor: A predictor, which is copied for everybody, or its name.
+            predictor: A predictor, which is copied for each person, or its name.
             settings: Parameters of the parts.
 
         Returns:
             The crowd; None where all observations are one person's.
 
         Raises:
-            SettingsError: If several people are there and nothing says whom to look at.
+            SettingsError: If there are several people and no policy of attention.
         """
         if settings.attend is None:
             if scene.others:
-                raise SettingsError(
-                    f"{scene.name}: several people are there: say whom to look at, such as --attend nearest"
-                )
+                raise SettingsError(f"{scene.name}: several people: choose one by --attend, such as --attend nearest")
             return None
         options = dict(getattr(settings, "options", {}))
         attention = Attention(make_policy(settings.attend, options), settings.attention)
@@ -81,12 +79,12 @@ class Crowd:
         return Crowd(scene, AttendedPeople(make, attention, settings.loop))
 
     def note(self, now_s: float) -> None:
-        """Keep who is looked at, and who has become somebody else; called after each tick.
+        """Keep the attended person and swaps of identity; called after each tick.
 
         Args:
             now_s: The time, seconds.
         """
-        attended = _NOBODY
+        attended = _NONE
         for track in self.target.people.confirmed:
             # Whose observations they are may change while their number does not.
             owner = self._whose[id(track.newest)]
@@ -95,7 +93,7 @@ class Crowd:
                 self._swaps_s.append(now_s)
             if track.number == self.target.attention.attended.number:
                 attended = owner
-        self._whom.append((now_s, attended))
+        self._attended.append((now_s, attended))
 
     def attended_head(self, times_s: FloatArray) -> FloatArray:
         """True position of the head that was looked at.
@@ -104,10 +102,10 @@ class Crowd:
             times_s: Times, shape (H,), seconds.
 
         Returns:
-            Positions, shape (H, 3), metres; NaN where nobody was looked at, or it is not known.
+            Positions, shape (H, 3), metres; NaN where no person was attended, or the position is unknown.
         """
         found = np.full((times_s.size, 3), np.nan)
-        whom = self._whom_at(times_s)
+        whom = self._attended_at(times_s)
         for k, head in enumerate(self.heads):
             mine = (whom == k) & head.known(times_s)
             if mine.any():
@@ -115,24 +113,24 @@ class Crowd:
         return found
 
     def completed(self, log: Log) -> Log:
-        """Take out of a log what would compare a forecast of one person with another one, and add whom it mixed up.
+        """Remove comparisons of a forecast with another person from a log, and add the swaps of identity.
 
         Args:
             log: The log.
 
         Returns:
-            The log; true heads at times of forecasts are NaN where somebody else was looked at by then.
+            The log; true heads at times of forecasts are NaN where another person was attended by then.
         """
-        then = self._whom_at(log.capture_time_s)[:, None]
+        then = self._attended_at(log.capture_time_s)[:, None]
         ahead = log.capture_time_s[:, None] + log.forecast_horizon_s
-        same = self._whom_at(ahead.ravel()).reshape(ahead.shape) == then
+        same = self._attended_at(ahead.ravel()).reshape(ahead.shape) == then
         return replace(
             log,
             forecast_true_base_m=np.where(same[:, :, None], log.forecast_true_base_m, np.nan),
             identity_swap_time_s=np.array(self._swaps_s),
         )
 
-    def _whom_at(self, times_s: FloatArray) -> IntArray:
-        ticks_s, whom = (np.array(values) for values in zip(*self._whom, strict=True))
+    def _attended_at(self, times_s: FloatArray) -> IntArray:
+        ticks_s, whom = (np.array(values) for values in zip(*self._attended, strict=True))
         at = np.clip(np.searchsorted(ticks_s, times_s + 1e-9) - 1, 0, ticks_s.size - 1)
-        return np.where(times_s <= ticks_s[-1] + 1e-9, whom[at], _NOBODY).astype(np.intp)
+        return np.where(times_s <= ticks_s[-1] + 1e-9, whom[at], _NONE).astype(np.intp)

@@ -18,7 +18,7 @@ from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 
 DEFAULT_SEEDS = 8
-# Nobody waits longer for figures that they did not ask for.
+# Longest wait for repetitions that were not requested.
 _PATIENCE_S = 10.0
 
 
@@ -30,7 +30,7 @@ class Repeated:
         first: The replays under the first seed, by a name of the controller that fits a file and is there once.
         repeats: The figures of each controller, in the same order.
         faults: Exceptions that runs survived, by seed, then by the same names; only where there are some.
-        said: How often the noise was repeated, and why, for people.
+        said: Number of noise seeds and the reason, as a sentence.
         plans: The plans of the replays under the first seed, by the names of `first`; a log does not hold them.
     """
 
@@ -111,7 +111,7 @@ def _replays(
 def _named(replays: Iterator[Replayed]) -> dict[str, Replayed]:
     named: dict[str, Replayed] = {}
     for replayed in replays:
-        # A controller's name, told apart from an earlier one of the same name.
+        # A controller's name, with a number after an earlier one of the same name.
         plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in replayed.log.run.controller)
         same = sum(other == plain or other.startswith(f"{plain}_") for other in named)
         named[f"{plain}_{same + 1}" if same else plain] = replayed

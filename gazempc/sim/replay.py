@@ -90,17 +90,17 @@ def replay_scene(
 ) -> Replayed:
     """Replay a scene to one controller on a simulated neck.
 
-    The neck starts at rest, looking at the first observed head (or where the scene says). The same arguments
+    The neck starts at rest, looking at the first observed head, or at the start offset of the scene. The same arguments
     give the same log to the last bit.
 
     Args:
         scene: Walk, neck, sensor and seed.
         controller: A controller, or its name; ``perfect`` is the MPC with the predictor ``perfect``.
         predictor: A predictor, or its name.
-        settings: Parameters of the parts that are named, and of the loop. What the scene says is taken from there.
-        on_tick: Told at each tick which share of the recording is done, 0 to 1.
-        watch: Told what happens as it happens.
-        look_aways: Looks away that were told already; without them those of the settings.
+        settings: Parameters of the parts that are named, and of the loop. Values of the scene have precedence.
+        on_tick: Called at each tick with the share of the recording that is done, 0 to 1.
+        watch: Called with each moment as it happens.
+        look_aways: A given schedule of looking away; default: that of the settings.
 
     Returns:
         The log and the computing times.
@@ -190,9 +190,9 @@ def _in_turned_view(scene: Scene, sighting: Sighting, true_head: TrueHead, true_
 
 def _settings_of(scene: Scene, predictor: Predictor | str, settings: ReplaySettings) -> dict[str, Any]:
     """The settings as they were used: the scene's own values, and names for objects."""
-    # What else a command was told, such as where to write, does not change a run.
-    told = settings.model_dump(mode="json", include=set(ReplaySettings.model_fields))
-    return told | {
+    # Other settings of a command, such as the output folder, do not change a run.
+    used = settings.model_dump(mode="json", include=set(ReplaySettings.model_fields))
+    return used | {
         "neck": scene.neck.name,
         "sensor": scene.sensor.name,
         "placement": scene.placement,

@@ -145,7 +145,7 @@ def make_scene(
     elif everybody:
         walks = load_together(recording, settings.reading)
     elif MARK in str(recording) and not Path(recording).exists():
-        raise SettingsError(f"{recording}: these are several people: say whom to look at, such as --attend nearest")
+        raise SettingsError(f"{recording}: several people: choose one by --attend, such as --attend nearest")
     else:
         walks = (load(recording, settings.reading),)
     walk = walks[0]
@@ -174,5 +174,5 @@ def _on_robot(sensor: SensorSpec, neck: NeckSpec) -> SensorSpec:
 
 
 def natural_placement(recording: Recording) -> Placement:
-    """Where the robot stands if nobody says it: where the recording's sensor stood, else beside the walk."""
+    """Default place of the robot: at the recording's sensor, else beside the walk."""
     return "recorded" if recording.has_robot else "side"

@@ -1,4 +1,4 @@
-"""A neck that behaves exactly as its specification says, encoder noise and load included."""
+"""A neck simulated by its specification, with encoder noise and load."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gazempc.types import FloatArray, JointState
 
 
 class SimulatedNeck:
-    """A servo behind an exact dead time for each joint; time is what the clock says when a method is called.
+    """A servo behind an exact dead time for each joint; time is that of the clock when a method is called.
 
     Args:
         neck: What to simulate.

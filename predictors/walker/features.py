@@ -16,18 +16,18 @@ from predictors.walker.noise import N_COLOURS, MeasuredColour, without_stated
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 from predictors.yaw import wrap_rad
 
-# Below the first speed a direction of travel means nothing; from the second on it is trusted.
+# Below the first speed the direction of travel is undefined; from the second on it is trusted.
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
 # Below rounding, as at a first frame, not even the line has a direction.
 _NO_DIRECTION_M_S = 1e-6
-# Nobody walks that fast; what was learned of walkers fades out for runners and riders.
+# Faster than any walk: the learned departure fades out for runners and riders.
 _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S = 2.2, 3.0
 _YAW_FADES_IN_S = 0.5
 _OFFSET_PRIOR_FRAMES = 15.0
 # A person's own offset, of pelvis and of head, is less than this; a larger one is how a sensor or a marker is mounted,
 # and is taken away once it has been seen for a while.
 _MOUNTING_RAD, _MOUNTING_FRAMES = ((0.25, 0.4), (0.35, 0.5)), (5.0, 15.0)
-# Whose body or head points farther aside walks sideways or backwards, or is measured wrongly.
+# A body or head farther aside belongs to a person who walks sideways or backwards, or is an outlier.
 _NOT_FORWARD_RAD = (1.4, 1.9)
 # Each input is of order one over walking people.
 _POSITION_SCALE_M, _PELVIS_SCALE_RAD, _HEAD_SCALE_RAD, _OFFSET_SCALE_RAD = 0.04, 0.15, 0.2, 0.1

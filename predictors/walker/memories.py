@@ -8,8 +8,8 @@ from predictors.types import FloatArray
 from predictors.walker.line import Line
 
 # Filters of constant velocity: power density of the acceleration, m^2/s^3, and s.d. of a position at 30 frames a
-# second, metres. They remember about 0.4, 0.8 and 1.2 s, the filter of the line 0.2 s. By them a tracker's wander is
-# told from a change of direction.
+# second, metres. They remember about 0.4, 0.8 and 1.2 s, the filter of the line 0.2 s. They separate a tracker's
+# wander from a change of direction.
 _FILTERS = ((0.05, 0.1), (0.05, 0.42), (0.0125, 0.42))
 _USUAL_HZ = 30.0
 # Frames count by the time that they stand for, within these limits.

@@ -26,8 +26,8 @@ KNOTS_S = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.5])
 DEPARTURE_SCALE_M = np.array([0.015, 0.02, 0.03, 0.045, 0.06, 0.1, 0.15, 0.25])
 SHIPPED = Path(__file__).with_name("walker.npz")
 # Time constant with which a person who stays returns from the newest position to the place of staying, seconds. Chosen
-# on standing people left out of the fit and on bags of a face tracker, with necks of 0.03 to 0.4 s of dead time: at once
-# costs fast necks up to half of their accuracy, after 1.5 s the wander of a body tracker comes through.
+# on standing people left out of the fit and on bags of a face tracker, with necks of 0.03 to 0.4 s of dead time: an
+# immediate return costs fast necks up to half of their accuracy, with 1.5 s the wander of a body tracker comes through.
 _RETURN_TIME_S = 0.5
 _RETURNED = 1.0 - np.exp(-KNOTS_S / _RETURN_TIME_S)
 _LOG_SPREAD_RANGE = (math.log(0.002), math.log(5.0))  # metres
@@ -353,7 +353,7 @@ def model_file(fitted: Path, person: str) -> Path:
         person: Whose walk is to be forecast.
 
     Returns:
-        The file itself; of a folder, the model that has not seen this person, else the one fitted on everybody.
+        The file itself; of a folder, the model fitted without this person, else the one fitted on all.
 
     Raises:
         WalkerModelError: If there is none.

@@ -1,4 +1,4 @@
-"""The default: a line through the recent walk, and a small network that has seen how people leave it."""
+"""The default: a line through the recent walk, and small networks for the departure of people from it."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Walker:
         if self._position.started_at_s != started_at_s:
             self._forget()
         window = self._history.window
-        for earlier in taken[:-1]:  # of a candidate, to whom the track was given just now
+        for earlier in taken[:-1]:  # of a candidate that has just been confirmed as the track
             window.add(earlier, noise_m2(earlier, measured_m2))
         _, state, _ = self._position.state()
         self._inputs = self._history.add(taken[-1], state, noise_m2(taken[-1], measured_m2))

@@ -1,4 +1,4 @@
-"""Coming up to somebody who is off the gaze: when a joint does so, and what it is not to pass on its way."""
+"""Acquisition of a person far off the gaze: when a joint acquires, and the bounds that prevent overshoot."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ import numpy as np
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# Farther off than forecasts of somebody who is followed are wrong: the joint goes by the acquisition's program.
+# Larger than any tracking error: the acquisition's program takes over.
 ACQUIRED_FROM_RAD = math.radians(15.0)
-# Until it is within this, slow enough to stay so: there is eye contact (Horstmann & Linke 2021, see docs/metrics.md).
+# Acquisition ends within this, at a speed that keeps it: eye contact (Horstmann & Linke 2021, see docs/metrics.md).
 CONTACT_RAD = math.radians(2.6)
-# Farther off than somebody who was looked at can get before the neck answers (at 1.7 m/s, 2.5 m away, in 0.6 s they
-# turn by 23 deg): they have come into view beside the gaze.
+# Larger than the tracking error of a walker within the response time (23 deg at 1.7 m/s, 2.5 m away, in 0.6 s): a new
+# target.
 FAR_RAD = math.radians(25.0)
-# Damping ratio of the way to them: a jump is passed by 0.6 % (by 4.3 % with the ratio of following).
+# Damping ratio of acquisition: step overshoot 0.6 % (4.3 % with the ratio of following).
 ACQUISITION_DAMPING = 0.85
 _ANYWHERE_RAD = 100.0
 
 
 class Acquisition:
-    """Watches one joint.
+    """Acquisition of one joint.
 
-    A quadratic cost under an acceleration limit passes its target, as arriving early is worth a swing to the other
-    side. So a joint that is on its way to somebody who was far off is given their angles as bounds.
+    A quadratic cost under an acceleration limit overshoots, as an early arrival is worth a swing to the other side. So
+    the reference bounds the angles of a joint that acquires a distant target.
 
     Args:
         neck: The neck.
         index: 0 for pan, 1 for tilt.
-        smoothing_time_s: T of the program that takes over, seconds: it lets a joint go on by about T times its speed.
+        smoothing_time_s: T of the program that takes over, seconds: a joint overshoots by about T times its speed.
     """
 
     def __init__(self, neck: NeckSpec, index: int, smoothing_time_s: float) -> None:
@@ -44,28 +44,28 @@ class Acquisition:
         self.reset()
 
     def reset(self) -> None:
-        """Forget who was off the gaze."""
+        """Leave acquisition."""
         self._on = self._far = False
 
     def bounds_rad(
         self, joint_rad: float, joint_rad_s: float, reference_rad: FloatArray, turning_rad_s: float
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Take in where the joint and the person will be when the plan begins to show.
+        """Update the state of acquisition; joint and person one dead time from now.
 
         Args:
-            joint_rad: Where the joint will be, radians.
-            joint_rad_s: How fast it will turn, rad/s.
+            joint_rad: Joint angle, radians.
+            joint_rad_s: Its velocity, rad/s.
             reference_rad: Angles that look at the person from then on, shape (n,), radians.
-            turning_rad_s: How fast they turn at first, rad/s.
+            turning_rad_s: Initial rate of these angles, rad/s.
 
         Returns:
-            Least and greatest angles that the joint is to have, shape (n,) each; None if it is on its way to nobody.
+            Least and greatest angles of the joint, shape (n,) each; None outside of acquisition.
         """
         aim_rad = float(reference_rad[0])
         gap_rad = aim_rad - joint_rad
         # The speed at which the gap grows.
         speed_rad_s = turning_rad_s - joint_rad_s
-        # A joint that waits at its limit for somebody out of reach is where it can be.
+        # A joint at its limit has reached a target beyond it.
         off_rad = abs(min(max(aim_rad, self._low_rad), self._high_rad) - joint_rad)
         to_go_rad = max(off_rad, self._smoothing_time_s * abs(speed_rad_s))
         self._on = off_rad > self._from_rad or (self._on and to_go_rad > CONTACT_RAD)

@@ -33,8 +33,8 @@ class Mpc:
 
     Dead time: the joint's motion is determined by commands already sent. The situation has the joint's state at its
     end. After the dead time the forecast head positions give reference angles. A quadratic program a joint, stated in
-    `gazempc.controllers.mpc.problem`, finds the smoothest motion that follows them within the limits. For a joint that
-    is far off the person a second program, quicker and damped, takes over (`gazempc.controllers.mpc.acquisition`).
+    `gazempc.controllers.mpc.problem`, finds the smoothest motion that follows them within the limits. For a joint
+    far off the person a second program, quicker and damped, takes over (`gazempc.controllers.mpc.acquisition`).
 
     Args:
         neck: The neck.
@@ -107,7 +107,7 @@ class Mpc:
         self._forecasts_of = {"pan": slice(0, n), "tilt": slice(self._head_ahead_s.size - n, self._head_ahead_s.size)}
 
     def reset(self) -> None:
-        """Forget where the solvers stand and who was off the gaze; all else is in the situation."""
+        """Drop the warm start of the solvers and the state of acquisition; all else is in the situation."""
         for acquisition in self._acquisitions:
             acquisition.reset()
         for ocp in self.ocps + self.acquisition_ocps:
@@ -163,7 +163,7 @@ class Mpc:
                 command.acceleration_rad_s2[axis],
             )
         )
-        # Counted without its offset, the joint follows the command as the model says.
+        # Without its offset, the joint follows the command by the model.
         reference_rad = reference_rad - offset_rad
         turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._between_s
         bounds_rad = self._acquisitions[axis].bounds_rad(joint_rad, joint_rad_s, reference_rad, turning_rad_s)

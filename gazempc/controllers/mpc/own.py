@@ -81,7 +81,7 @@ class OwnParts:
         """Sum of the terms.
 
         Raises:
-            SettingsError: If one is not a convex quadratic scalar in the symbols of o; says which one and why.
+            SettingsError: If one is not a convex quadratic scalar in the symbols of o; the message names the part.
         """
         return sum((_checked_term(term, o) for term in self.terms), ca.SX(0))
 
@@ -89,7 +89,7 @@ class OwnParts:
         """The rows.
 
         Raises:
-            SettingsError: If one is not linear in the symbols of o; says which one and why.
+            SettingsError: If one is not linear in the symbols of o; the message names the part.
         """
         return [OwnRow(row.label, _checked_row(row, o)) for row in self.rows]
 

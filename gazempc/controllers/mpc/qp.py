@@ -16,17 +16,16 @@ import numpy as np
 
 from gazempc.types import FloatArray
 
-# What DAQP calls them: codes of its `exitflag` and of the constraints' `sense`.
+# DAQP's codes: `exitflag` and the constraints' `sense`.
 _DAQP_SOLVED = (1, 2)
 _DAQP_SOFT = 8
 # DAQP's penalty has a slope, which makes it exact, and a curvature whose reciprocal this is: large for hardly any.
 _DAQP_RHO = 100.0
-# A solver that says "solved" with a bound left by more than this is not believed; what is left is cut off.
+# Feasibility tolerance of the hard bounds: a larger violation is a failure, a smaller one is clipped.
 _BOUND_TOLERANCE = 1e-2
-# Far more than a program of 16 steps takes.
+# Bound of the active-set changes, far above those of a program of 16 steps.
 ITERATIONS = 1000
-# Iterations bound the time, the same on any processor. Should one of them hang, the clock ends it: no answer in time
-# depends on this.
+# Iterations bound the time, equally on any processor. The clock ends a hanging one only.
 _MOST_S = 0.5
 # Time of one iteration, with n variables: (this + n^2 times the other), see docs/benchmarks.md.
 _ITERATION_S, _ITERATION_S_PER_SQUARE = 1e-6, 6e-9
@@ -76,7 +75,7 @@ class Daqp:
         self._model.soft_weights(w_l=slope, w_u=slope, rho_l=curvature, rho_u=curvature)
 
     def reset(self) -> None:
-        """Forget earlier programs: the next answer does not depend on them, not even in the last bit."""
+        """Drop the warm start: the next answer does not depend on earlier programs, to the last bit."""
         self._model.update(sense=self._sense)
 
     def solve(self, g: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray | None:

@@ -54,7 +54,7 @@ def sight_error(
 
     Args:
         times_s: Times of the frames, shape (N,), seconds.
-        positions_m: True positions, shape (N, 3), metres, base frame; NaN where nobody is.
+        positions_m: True positions, shape (N, 3), metres, base frame; NaN while absent.
         along: Error of the range.
         across: Error across the line of sight.
         rng: Source of randomness.
@@ -110,7 +110,7 @@ def other_offset(positions_m: FloatArray, shown: BoolArray, other: OtherPerson) 
     """From the first person to the other one, at the frames that show the other.
 
     Args:
-        positions_m: True positions of the first person, shape (N, 3), metres, base frame; NaN where nobody is.
+        positions_m: True positions of the first person, shape (N, 3), metres, base frame; NaN while absent.
         shown: Which frames show the other person, shape (N,).
         other: How far apart they are.
 

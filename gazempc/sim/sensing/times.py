@@ -17,7 +17,7 @@ def frames_taken(times_s: FloatArray, rate_hz: float, jitter_s: float, rng: np.r
     Args:
         times_s: Times of the recording's frames, shape (N,), seconds.
         rate_hz: Greatest rate of the sensor.
-        jitter_s: Its frames come later than the rate says by 0 to this.
+        jitter_s: Frames come later than at the nominal rate by 0 to this.
         rng: Source of randomness.
 
     Returns:
@@ -53,7 +53,7 @@ def arrivals(times_s: FloatArray, latency_s: float, timing: Timing, rng: np.rand
 
 
 def stamps(times_s: FloatArray, timing: Timing, rng: np.random.Generator) -> FloatArray:
-    """What the sensor says of the capture times.
+    """Capture times as the sensor stamps them.
 
     Args:
         times_s: True capture times, shape (N,), seconds.

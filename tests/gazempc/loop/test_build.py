@@ -62,7 +62,7 @@ def test_the_settings_reach_the_predictor():
 
 
 def test_perfect_needs_a_future():
-    with pytest.raises(SettingsError, match="nobody knows the true future"):
+    with pytest.raises(SettingsError, match="the true future is unknown"):
         make_predictor("perfect", SETTINGS, Person(), {})
 
 

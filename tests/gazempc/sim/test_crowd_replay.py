@@ -30,9 +30,9 @@ def test_two_recordings_are_one_scene():
 
 
 def test_several_people_need_to_be_told_whom_to_look_at():
-    with pytest.raises(SettingsError, match="say whom to look at, such as --attend nearest"):
+    with pytest.raises(SettingsError, match="choose one by --attend, such as --attend nearest"):
         replayed(None)
-    with pytest.raises(SettingsError, match="several people: say whom to look at, such as --attend nearest"):
+    with pytest.raises(SettingsError, match="several people: choose one by --attend, such as --attend nearest"):
         make_scene(TWO, SceneSettings())
 
 
