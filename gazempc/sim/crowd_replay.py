@@ -1,4 +1,4 @@
-"""Several people in a replay: their observations, the attended person, and that person's true position."""
+"""The people of a replay: their observations, the attended person, and that person's true position."""
 
 from __future__ import annotations
 
@@ -10,17 +10,46 @@ import numpy as np
 from gazempc.errors import SettingsError
 from gazempc.loop.attended import AttendedPeople
 from gazempc.loop.build import Person, make_predictor
+from gazempc.loop.track import PersonTrack
 from gazempc.people.attention import Attention
 from gazempc.people.build import make_policy
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import Log
-from gazempc.settings import GazeSettings
+from gazempc.settings import GazeSettings, LoopSettings
 from gazempc.sim.crowd import PerfectOfCrowd, observe_together
 from gazempc.sim.scene import Scene
+from gazempc.sim.sensor import observe
 from gazempc.types import FloatArray, IntArray
 from predictors import Predictor
 
 _NONE = -1
+
+
+class Alone:
+    """The only person of a scene; the interface is that of `Crowd`.
+
+    Args:
+        scene: The scene.
+        ready: The predictor.
+        settings: Ages at which observations and tracks are given up.
+    """
+
+    def __init__(self, scene: Scene, ready: Predictor, settings: LoopSettings) -> None:
+        self.seen = [(0, sighting) for sighting in observe(scene.walk, scene.sensor, scene.seed)]
+        self.heads = [TrueHead(scene.walk)]
+        self.target = PersonTrack(ready, settings)
+
+    def note(self, now_s: float) -> None:
+        """See `Crowd.note`: one person is attended all the time."""
+
+    def attended_head(self, times_s: FloatArray) -> FloatArray:
+        """See `Crowd.attended_head`."""
+        (head,) = self.heads
+        return np.where(head.known(times_s)[:, None], head(times_s), np.nan)
+
+    def completed(self, log: Log) -> Log:
+        """See `Crowd.completed`: no other person, no swap of identity."""
+        return log
 
 
 class Crowd:
@@ -45,38 +74,6 @@ class Crowd:
         self._owners: dict[int, int] = {}
         self._swaps_s: list[float] = []
         self._attended: list[tuple[float, int]] = []
-
-    @staticmethod
-    def of(scene: Scene, predictor: Predictor | str, settings: GazeSettings) -> Crowd | None:
-        """Make one where the settings have a policy of attention.
-
-        Args:
-            scene: The scene.
-            predictor: A predictor, which is copied for each person, or its name.
-            settings: Parameters of the parts.
-
-        Returns:
-            The crowd; None where all observations are one person's.
-
-        Raises:
-            SettingsError: If there are several people and no policy of attention.
-        """
-        if settings.attend is None:
-            if scene.others:
-                raise SettingsError(f"{scene.name}: several people: choose one by --attend, such as --attend nearest")
-            return None
-        options = dict(getattr(settings, "options", {}))
-        attention = Attention(make_policy(settings.attend, options), settings.attention)
-        heads = [TrueHead(walk) for walk in (scene.walk, *scene.others)]
-
-        def make() -> Predictor:
-            if predictor == "perfect":
-                return PerfectOfCrowd(heads)
-            if not isinstance(predictor, str):
-                return copy.deepcopy(predictor)
-            return make_predictor(predictor, settings, Person(), options)
-
-        return Crowd(scene, AttendedPeople(make, attention, settings.loop))
 
     def note(self, now_s: float) -> None:
         """Keep the attended person and swaps of identity; called after each tick.
@@ -134,3 +131,36 @@ class Crowd:
         ticks_s, whom = (np.array(values) for values in zip(*self._attended, strict=True))
         at = np.clip(np.searchsorted(ticks_s, times_s + 1e-9) - 1, 0, ticks_s.size - 1)
         return np.where(times_s <= ticks_s[-1] + 1e-9, whom[at], _NONE).astype(np.intp)
+
+
+def people_of(scene: Scene, predictor: Predictor | str, ready: Predictor, settings: GazeSettings) -> Alone | Crowd:
+    """The people of a scene.
+
+    Args:
+        scene: The scene.
+        predictor: A predictor, which is copied for each of several people, or its name.
+        ready: The predictor for a single person.
+        settings: Parameters of the parts.
+
+    Returns:
+        A crowd where the settings have a policy of attention; otherwise all observations are one person's.
+
+    Raises:
+        SettingsError: If there are several people and no policy of attention.
+    """
+    if settings.attend is None:
+        if scene.others:
+            raise SettingsError(f"{scene.name}: several people: choose one by --attend, such as --attend nearest")
+        return Alone(scene, ready, settings.loop)
+    options = dict(getattr(settings, "options", {}))
+    attention = Attention(make_policy(settings.attend, options), settings.attention)
+    heads = [TrueHead(walk) for walk in (scene.walk, *scene.others)]
+
+    def make() -> Predictor:
+        if predictor == "perfect":
+            return PerfectOfCrowd(heads)
+        if not isinstance(predictor, str):
+            return copy.deepcopy(predictor)
+        return make_predictor(predictor, settings, Person(), options)
+
+    return Crowd(scene, AttendedPeople(make, attention, settings.loop))

@@ -22,7 +22,7 @@ from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
-from gazempc.loop.track import PersonTrack, Target
+from gazempc.loop.track import Target
 from gazempc.neck.narrow import narrowed
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.people.schedule import LookAways
@@ -33,12 +33,11 @@ from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.moments import Moment
 from gazempc.results.run_info import RunInfo
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
-from gazempc.sim.crowd_replay import Crowd
+from gazempc.sim.crowd_replay import people_of
 from gazempc.sim.scene import Scene, SceneSettings
 from gazempc.sim.sensing.view import in_view, seen_from_head
-from gazempc.sim.sensor import observe
 from gazempc.sim.simulated import SimulatedNeck
-from gazempc.types import FloatArray, JointState, Sighting
+from gazempc.types import JointState, Sighting
 from predictors import Predictor
 
 
@@ -120,11 +119,10 @@ def replay_scene(
     true_head = TrueHead(walk)
     if controller == "perfect":
         predictor = "perfect"
-    crowd = Crowd.of(scene, predictor, settings)
     ready = make_predictor(predictor, settings, Person(walk.labels.subject, true_head), settings.options)
     planning = make_controller(controller, neck, settings, settings.options)
-    alone = [(0, sighting) for sighting in observe(walk, scene.sensor, scene.seed)] if crowd is None else []
-    seen, heads = deque(alone if crowd is None else crowd.seen), [true_head] if crowd is None else crowd.heads
+    people = people_of(scene, predictor, ready, settings)
+    seen = deque(people.seen)
     smoother = Smoother(neck, scene.first_angles_rad(seen[0][1].observation.head_position_base_m))
 
     turns_with_neck = scene.sensor.view.on == "head" and scene.sensor.view.limited
@@ -134,7 +132,7 @@ def replay_scene(
     recorder = LoopRecorder(neck.control_period_s, watch)
     if is_low_rate(np.array([sighting.observation.capture_time_s for _, sighting in seen])):
         recorder.event(0.0, Event.LOW_FRAME_RATE)
-    target: Target = PersonTrack(ready, settings.loop) if crowd is None else crowd.target
+    target: Target = people.target
     if look_aways is None and settings.look_away.rhythm != "no":
         look_aways = LookAways(neck, settings.look_away.rhythm, settings.look_away.seed)
     if look_aways is not None:
@@ -148,17 +146,13 @@ def replay_scene(
         arrived = []
         while seen and seen[0][1].arrival_s <= now_s + 1e-9:
             whose, sighting = seen.popleft()
-            if not turns_with_neck or _in_turned_view(scene, sighting, heads[whose], true_joints):
+            if not turns_with_neck or _in_turned_view(scene, sighting, people.heads[whose], true_joints):
                 arrived.append(sighting)
         loop.tick(index, now_s, arrived)
-        if crowd is not None:
-            crowd.note(now_s)
+        people.note(now_s)
         if on_tick is not None:
             on_tick(now_s / end_s)
     robot.close()
-
-    def where_known(times_s: FloatArray) -> FloatArray:
-        return np.where(true_head.known(times_s)[:, None], true_head(times_s), np.nan)
 
     run = RunInfo(
         recording=scene.name,
@@ -172,11 +166,8 @@ def replay_scene(
         seed=scene.seed,
         settings=_settings_of(scene, predictor, settings),
     )
-    joints = JointColumns(neck.joints, true_joints)
-    if crowd is not None:
-        log, times = recorder.finish(run, crowd.attended_head, joints)
-        return Replayed(crowd.completed(log), times)
-    return Replayed(*recorder.finish(run, where_known, joints))
+    log, times = recorder.finish(run, people.attended_head, JointColumns(neck.joints, true_joints))
+    return Replayed(people.completed(log), times)
 
 
 def _in_turned_view(scene: Scene, sighting: Sighting, true_head: TrueHead, true_joints: Sequence[JointState]) -> bool:
