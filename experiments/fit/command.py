@@ -27,6 +27,7 @@ from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
 from gazempc.results.run_summary import versions
 from gazempc.sim.sensor import SensorSpec, load_sensor
+from predictors.walker.model_file import save_walker_model
 from predictors.walker.network import WalkerModel
 
 MODEL_FILE = "walker.npz"
@@ -162,7 +163,7 @@ def _check(rows: list[Row]) -> list[Row]:
 
 def _save_whole(model: WalkerModel, path: Path) -> None:
     part = path.with_suffix(f".{os.getpid()}.part.npz")
-    model.save(part)
+    save_walker_model(model, part)
     part.replace(path)
 
 

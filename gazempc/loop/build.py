@@ -18,7 +18,8 @@ from gazempc.parts import CONTROLLER, PREDICTOR, TERM, find, is_own, name_of
 from gazempc.settings import GazeSettings, PredictorSettings
 from gazempc.types import FloatArray
 from predictors import Predictor
-from predictors.walker.network import WalkerModel, WalkerModelError, load_walker_model, model_file, shipped_walker_model
+from predictors.walker.model_file import load_walker_model, model_file, shipped_walker_model
+from predictors.walker.network import WalkerModel, WalkerModelError
 
 # A hundred times the model that ships.
 _MOST_MODEL_BYTES = 50 * MEGABYTE

@@ -1,14 +1,10 @@
-"""The fitted numbers of `Walker`: a small ensemble of networks, and how far it errs."""
+"""The fitted numbers of `Walker`: a small ensemble of networks for the departure, and the spread of its errors."""
 
 from __future__ import annotations
 
-import json
 import math
-import zipfile
-import zlib
 from dataclasses import dataclass, field
-from functools import cache, cached_property
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,7 +20,6 @@ Float32Array = NDArray[np.float32]
 KNOTS_S = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.5])
 # What a departure from the line is like at each knot; the networks' outputs are of order one.
 DEPARTURE_SCALE_M = np.array([0.015, 0.02, 0.03, 0.045, 0.06, 0.1, 0.15, 0.25])
-SHIPPED = Path(__file__).with_name("walker.npz")
 # Time constant with which a person who stays returns from the newest position to the place of staying, seconds. Chosen
 # on standing people left out of the fit and on bags of a face tracker, with necks of 0.03 to 0.4 s of dead time: an
 # immediate return costs fast necks up to half of their accuracy, with 1.5 s the wander of a body tracker comes through.
@@ -41,7 +36,6 @@ N_DOUBT = N_SPREAD + 6
 _NEAR, _FAR = 4, 6
 _USUAL_DEPARTURE_M = np.array([0.06, 0.2, 0.2])
 _USUAL_DISAGREEMENT_M = 0.02
-_LAYERS = ("weights", "biases", "blind_weights", "blind_biases")
 _MIRRORED = np.array([1.0, -1.0, 1.0])
 
 
@@ -278,90 +272,3 @@ class WalkerModel:
         spread[..., 3:] = self.noise_share.T
         spread /= math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # so written, it holds of a normal distribution, too
         return spread
-
-    def save(self, path: Path) -> None:
-        """Write the model to an `.npz` file.
-
-        Args:
-            path: The file.
-        """
-        arrays: dict[str, Any] = {
-            "log_spread": self.log_spread,
-            "hidden": self.hidden,
-            "log_spread_hidden": self.log_spread_hidden,
-            "noise_share": self.noise_share,
-            "decision": np.array(self.decision),
-            "degrees_of_freedom": np.array(self.degrees_of_freedom),
-            "about": np.array(json.dumps(self.about)),
-        }
-        for name in _LAYERS:
-            arrays |= {f"{name}_{i}": layer.astype(np.float32) for i, layer in enumerate(getattr(self, name))}
-        np.savez_compressed(path, **arrays)
-
-
-def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
-    """Read a model.
-
-    Args:
-        path: File written by `WalkerModel.save`; without it the one that ships with the package.
-
-    Returns:
-        The model.
-
-    Raises:
-        WalkerModelError: If the file cannot be read or is no such model.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            layers = range(sum(name.startswith("weights_") for name in data.files))
-            about = json.loads(str(data["about"]))
-            if not isinstance(about, dict):
-                raise WalkerModelError("'about' is no mapping")
-            weights, biases, blind_weights, blind_biases = (
-                tuple(data[f"{name}_{i}"] for i in layers) for name in _LAYERS
-            )
-            return WalkerModel(
-                weights,
-                biases,
-                blind_weights,
-                blind_biases,
-                data["log_spread"],
-                data["hidden"],
-                data["log_spread_hidden"],
-                data["noise_share"],
-                (float(data["decision"][0]), float(data["decision"][1])),
-                float(data["degrees_of_freedom"]),
-                about,
-            )
-    except OSError as error:
-        raise WalkerModelError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (KeyError, IndexError, TypeError, ValueError, zipfile.BadZipFile, zlib.error, EOFError) as error:
-        raise WalkerModelError(f"{path}: not a model of the walker predictor: {error}") from None
-
-
-@cache
-def shipped_walker_model() -> WalkerModel:
-    """The model that ships with the package, read once a process."""
-    return load_walker_model()
-
-
-def model_file(fitted: Path, person: str) -> Path:
-    """Which fitted model to use for a person.
-
-    Args:
-        fitted: A model, or the folder that `python -m experiments.fit` wrote.
-        person: Whose walk is to be forecast.
-
-    Returns:
-        The file itself; of a folder, the model fitted without this person, else the one fitted on all.
-
-    Raises:
-        WalkerModelError: If there is none.
-    """
-    if not fitted.is_dir():
-        return fitted
-    left_out = fitted / "left_out" / f"{person}.npz"
-    path = left_out if left_out.is_file() else fitted / "walker.npz"
-    if not path.is_file():
-        raise WalkerModelError(f"{fitted}: no walker.npz in this folder; accepted: a folder that experiments.fit wrote")
-    return path

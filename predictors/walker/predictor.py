@@ -12,7 +12,8 @@ from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.between import BetweenKnots
 from predictors.walker.features import WalkerHistory, WalkerInputs
-from predictors.walker.network import RegimeMotion, WalkerModel, shipped_walker_model
+from predictors.walker.model_file import shipped_walker_model
+from predictors.walker.network import RegimeMotion, WalkerModel
 from predictors.walker.noise import MeasuredNoise
 from predictors.walker.range_error import MeasuredRange
 

@@ -18,7 +18,7 @@ from gazempc.recordings.synthetic.everyday import everyday_names
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.results.figures.style import style
 from gazempc.settings import WalkerSettings
-from predictors.walker.network import shipped_walker_model
+from predictors.walker.model_file import save_walker_model, shipped_walker_model
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -238,7 +238,7 @@ def test_another_fitted_model_is_another_run(tmp_path):
     """A fit into the same folder changes the key, so that old results are not taken for new ones."""
     path = tmp_path / "left_out" / "ann.npz"
     path.parent.mkdir()
-    shipped_walker_model().save(tmp_path / "walker.npz")
+    save_walker_model(shipped_walker_model(), tmp_path / "walker.npz")
     keys = []
     for content in (b"one", b"two"):
         path.write_bytes(content)

@@ -19,7 +19,8 @@ from experiments.fit.doubt import errors_on_left_out
 from experiments.fit.jobs import NetworksJob, model_of
 from experiments.fit.spread import Spread
 from experiments.forecast.command import main as forecast
-from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, KNOTS_S, WalkerModel, load_walker_model
+from predictors.walker.model_file import load_walker_model, save_walker_model
+from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, KNOTS_S, WalkerModel
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -190,7 +191,7 @@ def test_a_fit_reads_the_examples_it_is_given(tmp_path, monkeypatch):
 def test_people_who_are_no_more_leave_no_model_behind(tmp_path, finished):
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     stale = tmp_path / "left_out" / "nobody.npz"
-    straight_model().save(stale)
+    save_walker_model(straight_model(), stale)
     next(iter(networks_in(tmp_path))).write_bytes(b"cut off")
     fit(**settings(tmp_path))
     assert not stale.exists()

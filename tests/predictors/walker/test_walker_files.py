@@ -10,12 +10,13 @@ from gazempc.errors import SettingsError
 from gazempc.loop.build import Person, make_predictor
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings
-from predictors.walker.network import WalkerModelError, load_walker_model, model_file
+from predictors.walker.model_file import load_walker_model, model_file, save_walker_model
+from predictors.walker.network import WalkerModelError
 
 
 def test_a_saved_model_is_the_same(tmp_path):
     model = random_model(degrees_of_freedom=3.5)
-    model.save(tmp_path / "m.npz")
+    save_walker_model(model, tmp_path / "m.npz")
     again = load_walker_model(tmp_path / "m.npz")
     assert again.about == model.about
     for name in ("weights", "biases", "blind_weights", "blind_biases"):
@@ -42,7 +43,7 @@ def test_a_wrong_file_is_named(tmp_path, content):
     if content is None:
         np.savez(path, something=np.zeros(3))
     elif isinstance(content, str):  # as before this was fitted
-        random_model().save(path)
+        save_walker_model(random_model(), path)
         with np.load(path) as data:
             np.savez(path, **{k: v for k, v in data.items() if k != content})
     else:
@@ -56,7 +57,7 @@ def test_a_wrong_file_is_named(tmp_path, content):
 def test_a_folder_gives_the_model_that_has_not_seen_the_person(tmp_path):
     (tmp_path / "left_out").mkdir()
     for name in ("walker.npz", "left_out/ann.npz"):
-        random_model().save(tmp_path / name)
+        save_walker_model(random_model(), tmp_path / name)
     assert model_file(tmp_path, "ann") == tmp_path / "left_out" / "ann.npz"
     assert model_file(tmp_path, "bob") == tmp_path / "walker.npz"
     assert model_file(tmp_path / "walker.npz", "ann") == tmp_path / "walker.npz"

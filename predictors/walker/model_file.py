@@ -1,0 +1,106 @@
+"""The file of a walker model: written by a fit, read by the predictor."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from predictors.walker.network import WalkerModel, WalkerModelError
+
+SHIPPED = Path(__file__).with_name("walker.npz")
+_LAYERS = ("weights", "biases", "blind_weights", "blind_biases")
+
+
+def save_walker_model(model: WalkerModel, path: Path) -> None:
+    """Write a model to an `.npz` file.
+
+    Args:
+        model: The model.
+        path: The file.
+    """
+    arrays: dict[str, Any] = {
+        "log_spread": model.log_spread,
+        "hidden": model.hidden,
+        "log_spread_hidden": model.log_spread_hidden,
+        "noise_share": model.noise_share,
+        "decision": np.array(model.decision),
+        "degrees_of_freedom": np.array(model.degrees_of_freedom),
+        "about": np.array(json.dumps(model.about)),
+    }
+    for name in _LAYERS:
+        arrays |= {f"{name}_{i}": layer.astype(np.float32) for i, layer in enumerate(getattr(model, name))}
+    np.savez_compressed(path, **arrays)
+
+
+def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
+    """Read a model.
+
+    Args:
+        path: File written by `save_walker_model`; without it the one that ships with the package.
+
+    Returns:
+        The model.
+
+    Raises:
+        WalkerModelError: If the file cannot be read or is no such model.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            layers = range(sum(name.startswith("weights_") for name in data.files))
+            about = json.loads(str(data["about"]))
+            if not isinstance(about, dict):
+                raise WalkerModelError("'about' is no mapping")
+            weights, biases, blind_weights, blind_biases = (
+                tuple(data[f"{name}_{i}"] for i in layers) for name in _LAYERS
+            )
+            return WalkerModel(
+                weights,
+                biases,
+                blind_weights,
+                blind_biases,
+                data["log_spread"],
+                data["hidden"],
+                data["log_spread_hidden"],
+                data["noise_share"],
+                (float(data["decision"][0]), float(data["decision"][1])),
+                float(data["degrees_of_freedom"]),
+                about,
+            )
+    except OSError as error:
+        raise WalkerModelError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (KeyError, IndexError, TypeError, ValueError, zipfile.BadZipFile, zlib.error, EOFError) as error:
+        raise WalkerModelError(f"{path}: not a model of the walker predictor: {error}") from None
+
+
+@cache
+def shipped_walker_model() -> WalkerModel:
+    """The model that ships with the package, read once a process."""
+    return load_walker_model()
+
+
+def model_file(fitted: Path, person: str) -> Path:
+    """Which fitted model to use for a person.
+
+    Args:
+        fitted: A model, or the folder that `python -m experiments.fit` wrote.
+        person: Whose walk is to be forecast.
+
+    Returns:
+        The file itself; of a folder, the model fitted without this person, else the one fitted on all.
+
+    Raises:
+        WalkerModelError: If there is none.
+    """
+    if not fitted.is_dir():
+        return fitted
+    left_out = fitted / "left_out" / f"{person}.npz"
+    path = left_out if left_out.is_file() else fitted / "walker.npz"
+    if not path.is_file():
+        raise WalkerModelError(f"{fitted}: no walker.npz in this folder; accepted: a folder that experiments.fit wrote")
+    return path
