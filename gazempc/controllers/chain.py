@@ -11,7 +11,7 @@ from gazempc.neck.kinematics import look_at_rad, unwrap_pan
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import BoolArray, FloatArray
 
-# With it shifts of 20 deg come nearest to people's (docs/human_motion.md); less changes nothing more.
+# With it shifts of 20 deg come nearest to people's (docs/eyes.md); less changes nothing more.
 _SHARED_HEAD_TIME_S = 0.1
 
 
