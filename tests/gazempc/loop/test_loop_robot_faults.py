@@ -52,6 +52,17 @@ def test_after_silence_the_robot_gets_no_jump(silence_s):
     assert np.all(log.command_position_rad[silent] == held)
 
 
+def test_after_a_single_lost_command_the_motion_goes_on_where_it_was():
+    """The accepted commands, one after the other, are one motion within the limits, at speed."""
+    lost = unplugged(2.0, 2.0 + 0.5 * TS)
+    bench = LoopBench(on_send=lost, head_m=lambda t: np.array([2.5, 1.5 * t - 3.0, 0.4]))
+    bench.run(3.0, answering=False)
+    accepted = np.array([sent for t, sent in bench.robot.received if 1.5 <= t < 2.5])
+    assert len(accepted) == round(1.0 / TS) - 1
+    assert np.abs(np.diff(accepted[:, 0])).min() > 0.2 * TS
+    assert np.all(np.abs(np.diff(accepted, 2, axis=0)) / TS**2 <= NECK.acceleration_max_rad_s2 * (1 + 1e-6))
+
+
 def test_a_robot_that_raises_system_errors_or_answers_nonsense_is_a_robot_that_does_not_answer():
     def flaky(now_s):
         if 1.0 <= now_s < 1.1:
