@@ -1,20 +1,177 @@
-"""Tells others whom the robot looks at: a line of JSON at each change, sent by a thread of its own."""
+"""Reports of whom the robot looks at: a line of JSON at each change, to a UDP address, a ROS 2 topic or a file."""
 
 from __future__ import annotations
 
 import json
 import queue
+import socket
 import threading
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from types import TracebackType
+from typing import IO, Protocol
 
 from gazempc.errors import SettingsError
-from gazempc.live.clock import Clock, RealClock
+from gazempc.live.clock import Clock
 from gazempc.live.settings import LiveSettings
-from gazempc.live.sinks import Sink, make_sink
-from gazempc.people.state import AttentionState
+from gazempc.people.attention import AttentionState
+from gazempc.ros2.node import Publication, Ros2Node
+from gazempc.ros2.wire import Ros2Network, WireError, make_message, topic_name
+
+_OPTION = "--attention-out"
+_ACCEPTED = "udp:HOST:PORT, ros2:TOPIC, or a file FILE.jsonl"
+_NODE_NAME = "gazempc_attention"  # this program in the graph of ROS 2
+_TEXT = "std_msgs/msg/String"
+
+
+class Sink(Protocol):
+    """Takes lines."""
+
+    def open(self) -> None:
+        """Get ready; raises SettingsError if that cannot be."""
+        ...
+
+    def send(self, line: str) -> None:
+        """Send one line without its end; may raise anything."""
+        ...
+
+    def close(self) -> None:
+        """Take no more."""
+        ...
+
+
+class UdpSink:
+    """A datagram a line.
+
+    Args:
+        host: Name or address.
+        port: Port.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host, self._port = host, port
+        self._socket: socket.socket | None = None
+
+    def open(self) -> None:
+        """See `Sink.open`."""
+        try:
+            family, *_, address = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_DGRAM)[0]
+            self._socket = socket.socket(family, socket.SOCK_DGRAM)
+            # Whoever does not listen yet is no error.
+            self._to = address
+        except (OSError, UnicodeError) as error:  # the last one: a name with an empty part
+            why = getattr(error, "strerror", None) or error
+            raise SettingsError(f"{_OPTION} udp:{self._host}:{self._port}: {why}") from None
+
+    def send(self, line: str) -> None:
+        """See `Sink.send`."""
+        if self._socket is not None:
+            self._socket.sendto(line.encode() + b"\n", self._to)
+
+    def close(self) -> None:
+        """See `Sink.close`."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+class Ros2Sink:
+    """A ``std_msgs/msg/String`` a line; who listens later gets the last one (transient local).
+
+    Args:
+        topic: Its name.
+        network: Router, domain and release of ROS 2.
+
+    Raises:
+        SettingsError: If ROS 2 allows no such topic.
+    """
+
+    def __init__(self, topic: str, network: Ros2Network) -> None:
+        self._topic, self._network = topic_name(topic), network
+        self._node: Ros2Node | None = None
+        self._publication: Publication | None = None
+
+    def open(self) -> None:
+        """See `Sink.open`."""
+        try:
+            self._node = Ros2Node(_NODE_NAME, self._network)
+            self._publication = self._node.publication(self._topic, _TEXT, latched=True)
+        except WireError as error:
+            self.close()
+            raise SettingsError(f"{_OPTION} ros2:{self._topic}: {error}") from None
+
+    def send(self, line: str) -> None:
+        """See `Sink.send`."""
+        if self._node is None or self._publication is None:
+            return
+        if not self._node.connected:
+            raise WireError(f"the Zenoh router at {self._network.endpoint} has gone; trying to reach it again")
+        self._publication.publish(make_message(_TEXT, data=line))
+
+    def close(self) -> None:
+        """See `Sink.close`."""
+        if self._node is not None:
+            self._node.close()
+        self._node = self._publication = None
+
+
+class FileSink:
+    """Lines of a file, which begins anew.
+
+    Args:
+        path: The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: IO[str] | None = None
+
+    def open(self) -> None:
+        """See `Sink.open`."""
+        try:
+            self._file = self._path.open("w", encoding="utf-8")
+        except OSError as error:
+            raise SettingsError(f"{_OPTION} {self._path}: cannot be written: {error.strerror or error}") from None
+
+    def send(self, line: str) -> None:
+        """See `Sink.send`."""
+        if self._file is not None:
+            self._file.write(line + "\n")
+            self._file.flush()
+
+    def close(self) -> None:
+        """See `Sink.close`."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+def make_sink(word: str, network: Ros2Network) -> Sink:
+    """Make what a word names; nothing is open yet.
+
+    Args:
+        word: ``udp:HOST:PORT``, ``ros2:TOPIC`` or a file's name with the ending ``.jsonl``.
+        network: Router, domain and release of ROS 2.
+
+    Returns:
+        The sink.
+
+    Raises:
+        SettingsError: If it names none.
+    """
+    kind, _, address = word.partition(":")
+    if kind == "udp":
+        host, _, port = address.rpartition(":")
+        if host and port.isdecimal() and 0 < int(port) < 65536:
+            return UdpSink(host.strip("[]"), int(port))
+    elif kind == "ros2" and address:
+        return Ros2Sink(address, network)
+    elif word.endswith(".jsonl"):
+        return FileSink(Path(word))
+    raise SettingsError(f"{_OPTION} {word}: no such place; accepted: {_ACCEPTED}")
+
 
 # Lines that wait for a disk that hangs; nobody looks at so many people.
 _WAITING = 1000
@@ -70,11 +227,8 @@ class AttentionOutlet:
         """
         if state != self._last and self._queue.qsize() < _WAITING:
             self._last = state
-            self._queue.put(line_of(state, now_s, self._unix_offset_s()))
+            self._queue.put(line_of(state, now_s, -self._clock.from_unix_s(0.0)))
         return [self._failed.popleft() for _ in range(len(self._failed))]
-
-    def _unix_offset_s(self) -> float:
-        return -self._clock.from_unix_s(0.0) if isinstance(self._clock, RealClock) else 0.0
 
     def _work(self) -> None:
         while (line := self._queue.get()) is not None:

@@ -10,7 +10,7 @@ from pydantic import Field
 from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.live.robots import keeps_any_clock
-from gazempc.live.sources.camera.options import CameraOptions
+from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
 from gazempc.live.view.orders import PORTS, ViewKind

@@ -13,10 +13,10 @@ import numpy as np
 
 from gazempc.errors import LeftOutError
 from gazempc.files.whole import write_whole
-from gazempc.live.lateness import Lateness
+from gazempc.live.hints import shown
 from gazempc.live.run import LiveRun
+from gazempc.live.run_report import Lateness
 from gazempc.live.settings import LiveSettings
-from gazempc.live.watch.frame import shown
 from gazempc.loop.events import MEANINGS, Event
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.recording import truth_of
@@ -45,7 +45,7 @@ _REASONS = {
 }
 
 
-class Kept:
+class KeptLogs:
     """Writes each log of a run, and remembers of it what the summary needs.
 
     Args:
@@ -179,7 +179,7 @@ def text(summary: dict[str, Any]) -> str:
     """The summary for people.
 
     Args:
-        summary: As `Kept.write` gives it.
+        summary: As `KeptLogs.write` gives it.
 
     Returns:
         Lines of text.
@@ -212,7 +212,7 @@ def last_line(summary: dict[str, Any]) -> str:
     """How many observations were used, and why the others were not: what a run ends with.
 
     Args:
-        summary: As `Kept.write` gives it.
+        summary: As `KeptLogs.write` gives it.
 
     Returns:
         Such as ``0 of 360 used: 360 future (clock 0.1 s ahead?)``.

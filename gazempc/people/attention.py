@@ -1,4 +1,4 @@
-"""Whom to look at: a policy's judgement, made calm by hysteresis and a least dwell time."""
+"""Whom to look at: one of several people, for how long, and why."""
 
 from __future__ import annotations
 
@@ -9,6 +9,34 @@ from dataclasses import dataclass
 from gazempc.people.company import AttentionPolicy, Company, Sound
 from gazempc.people.person import PersonState
 from gazempc.settings import AttentionSettings
+
+
+@dataclass(frozen=True)
+class AttentionState:
+    """Whom the robot looks at. Times are on the loop's clock, seconds.
+
+    Attributes:
+        person: Number of the person, in the order in which they entered; None for nobody, or where people are not told
+            apart.
+        person_id: What the tracker calls them; None where it does not say.
+        why: ``policy``, ``left`` or ``nobody``, as in `gazempc.people.attention.Attended`; ``one`` where people are not
+            told apart; ``ended`` at the end of a run.
+        since_s: Since when they are looked at; None before the first decision.
+        stays_until_s: Nobody else is looked at before; None for nobody.
+        away_why: Why it looks away just now, as in `gazempc.people.aversion.Aversion`; None while it does not.
+        away_since_s: Since when there is no contact.
+        away_until_s: When contact is due again.
+    """
+
+    person: int | None = None
+    person_id: str | None = None
+    why: str = "nobody"
+    since_s: float | None = None
+    stays_until_s: float | None = None
+    away_why: str | None = None
+    away_since_s: float | None = None
+    away_until_s: float | None = None
+
 
 # Sounds are kept for so long.
 _SOUNDS_S = 2.0

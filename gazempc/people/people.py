@@ -8,8 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from gazempc.people.association import assign
-from gazempc.people.motion import Motion
+from gazempc.people.association import Motion, assign
 from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson, noise_of
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation, Predictor

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gazempc.people.motion import Motion
-from gazempc.people.track_start import START_S, TrackStart
-from gazempc.people.tracker_faults import OrientationJumps
+from gazempc.people.association import Motion
+from gazempc.people.tracker_faults import START_S, OrientationJumps, TrackStart
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 

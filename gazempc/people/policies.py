@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from gazempc.people.company import NOT_AT_ALL, Company
+from gazempc.part_options import make, options_for
+from gazempc.parts import BY_NAME, POLICY, check_methods
+from gazempc.people.company import NOT_AT_ALL, AttentionPolicy, Company
 from gazempc.people.engagement import Engagement
 from gazempc.people.person import PersonState
 
@@ -116,3 +119,25 @@ def closing_m_s(person: PersonState) -> float:
 def _off_rad(person: PersonState, azimuth_rad: float) -> float:
     own_rad = math.atan2(person.position_base_m[1], person.position_base_m[0])
     return float(np.angle(np.exp(1j * (own_rad - azimuth_rad))))
+
+
+def make_policy(choice: str | AttentionPolicy, options: dict[str, Any]) -> AttentionPolicy:
+    """Make a policy.
+
+    Args:
+        choice: A shipped name, ``id:NAME``, ``module:Class``, or a policy.
+        options: Parameters of your own one.
+
+    Returns:
+        The policy.
+
+    Raises:
+        SettingsError: If it cannot be made, or lacks a method.
+    """
+    if not isinstance(choice, str):
+        check_methods(POLICY, choice)
+        return choice
+    if choice.startswith(BY_NAME):
+        return Named(choice.removeprefix(BY_NAME))
+    policy: AttentionPolicy = make(POLICY, choice, {}, options_for(POLICY, choice, options))
+    return policy

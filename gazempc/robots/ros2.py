@@ -12,8 +12,7 @@ import numpy as np
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import Ros2Options
-from gazempc.ros2.node import Ros2Node
-from gazempc.ros2.topics import Publication, Subscription
+from gazempc.ros2.node import Publication, Ros2Node, Subscription
 from gazempc.ros2.wire import WireError, make_message, stamp_to_loop_s, topic_name
 from gazempc.types import FloatArray, JointState
 

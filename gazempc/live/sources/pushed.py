@@ -10,7 +10,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from gazempc.live.clock import RealClock
+from gazempc.live.clock import Clock
 from gazempc.live.sources.source import Arrived, check_range
 from gazempc.live.stamps import StampReader
 from gazempc.types import FloatArray, Sighting
@@ -55,7 +55,7 @@ class PushedSource:
         stamps: How the capture times are read.
     """
 
-    def __init__(self, clock: RealClock, stamps: StampReader) -> None:
+    def __init__(self, clock: Clock, stamps: StampReader) -> None:
         self._clock, self._stamps = clock, stamps
         self._arrived: deque[Sighting] = deque(maxlen=_WAITING_MAX)
         self._owner = threading.current_thread()

@@ -9,7 +9,7 @@ import numpy as np
 
 from gazempc.errors import GazempcError
 from gazempc.loop.events import Event
-from gazempc.people.cues import Cue
+from gazempc.people.company import Cue
 from gazempc.types import FloatArray, Sighting
 
 # A head is ten times as wide: nobody's is so near to a sensor.
@@ -42,7 +42,7 @@ class Notice:
 
     Attributes:
         event: Its kind.
-        text: What, and what mends it.
+        text: The finding, and the setting that corrects it.
         count: How many observations are not used for it.
     """
 

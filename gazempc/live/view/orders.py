@@ -1,4 +1,4 @@
-"""What the process for viewers is told to do, and what it answers."""
+"""Orders to the process for viewers, and its answers."""
 
 from __future__ import annotations
 

@@ -13,15 +13,13 @@ from builders.ros2_network import wait_for
 from builders.ros2_tf import Stage
 
 from gazempc.errors import SettingsError
-from gazempc.live import command
-from gazempc.live.build import build
+from gazempc.live import session
 from gazempc.live.clock import RealClock, SimulatedClock
-from gazempc.live.outlet import AttentionOutlet, attention_sink
-from gazempc.live.parts import Keeping
+from gazempc.live.outlet import AttentionOutlet, FileSink, Ros2Sink, UdpSink, attention_sink, make_sink
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
-from gazempc.live.sinks import FileSink, Ros2Sink, UdpSink, make_sink
-from gazempc.people.state import AttentionState
+from gazempc.live.setup import build
+from gazempc.people.attention import AttentionState
 from gazempc.ros2.node import Ros2Node
 from gazempc.ros2.wire import Ros2Network
 
@@ -146,10 +144,10 @@ def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
     times_s = np.arange(40) / 30.0
     bag = write_bag(tmp_path / "bag", face_rows("face_a", 1e9 + times_s, [2.0, 0.3, 0.3], "camera_link"))
     words = ["--source", f"bag:{bag}", "--simulated-clock", "--attend", "nearest"]
-    built = build(command.parse([*words, "--controller", "lookahead", "--predictor", "constant_velocity"]))
+    setup = build(session.parse([*words, "--controller", "lookahead", "--predictor", "constant_velocity"]))
     sink, logs = Gathered(fails=[False, True]), []
-    with AttentionOutlet(sink, built.parts.clock) as outlet:
-        run = LiveRun(built.parts, Keeping(built.about, lambda log, _: logs.append(log), tell=outlet.tell))
+    with AttentionOutlet(sink, setup.clock) as outlet:
+        run = LiveRun(setup, lambda log, _: logs.append(log), attention=outlet.tell)
         run.run(threading.Event())
     assert [each["why"] for each in sink.lines] == ["nobody", "ended"]
     assert run.logs.events["attention_not_sent"] == 1

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from gazempc.live.sources.camera.blazeface import Face
-from gazempc.live.sources.camera.finder import FaceFinder, search_squares
+from gazempc.live.sources.camera.finder import FaceFinder, FaceSensor, search_squares
 from gazempc.live.sources.camera.intrinsics import from_field_of_view
-from gazempc.live.sources.camera.sensor import FaceSensor
 
 FRAME_S = 1 / 15
 PICTURE = np.zeros((480, 640, 3), np.uint8)

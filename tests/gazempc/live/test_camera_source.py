@@ -17,10 +17,9 @@ from benchmarks.camera.stream import PictureServer, capture_errors_ms
 from benchmarks.camera.walks import across, angle_deg
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.live.clock import RealClock
-from gazempc.live.sources.camera.capture import OwnCamera, Picture, VideoFile
-from gazempc.live.sources.camera.options import CameraOptions
-from gazempc.live.sources.camera.process import intrinsics_of
+from gazempc.live.sources.camera.capture import CameraOptions, OwnCamera, Picture, VideoFile
 from gazempc.live.sources.camera.source import CameraSource
+from gazempc.live.sources.camera.worker import intrinsics_of
 from gazempc.live.sources.source import SourceError
 from gazempc.results.log import load_log
 
@@ -183,7 +182,7 @@ def test_its_process_ends_with_it_and_with_a_killed_one_the_source(opened):
 OPENS_AND_IS_KILLED = """
 import os, signal
 from gazempc.live.clock import RealClock
-from gazempc.live.sources.camera.options import CameraOptions
+from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.live.sources.camera.source import CameraSource
 
 if __name__ == "__main__":

@@ -340,7 +340,7 @@ def test_all_that_is_stated_reaches_predictor_and_log():
         ({"robot": Robot}, ["is a class"]),
         ({"controller": "mpx"}, ["mpx", "mpc"]),
         ({"controller": object()}, ["lacks the method"]),
-        ({"predictor": "perfect"}, ["nobody knows the true future"]),
+        ({"predictor": "perfect"}, ["perfect"]),
         ({"neck": "refrence"}, ["refrence", "reference"]),
         ({"horizon": 0.3}, ["horizon"]),
         ({"mount": {"on": "hand"}}, ["mount.on"]),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gazempc.live.lateness import Lateness
+from gazempc.live.run_report import Lateness
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from builders.bags import face_rows, write_bag
 
-from gazempc.live import command as live
+from gazempc.live import session as live
 from gazempc.live.clock import SimulatedClock
-from gazempc.live.sources.bag import BagSource, bag_sightings
+from gazempc.live.sources.replay import BagSource, bag_sightings
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 

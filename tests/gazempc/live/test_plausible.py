@@ -9,7 +9,7 @@ from builders.checks import assert_recovered, assert_sound
 from builders.faults import between
 from builders.live import run_live
 
-from gazempc.live.plausible import Plausibility
+from gazempc.live.plausibility import Plausibility
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 

@@ -11,7 +11,7 @@ from builders.lines import FOREVER_S
 from builders.ros2_tf import TF, Stage, frames, header, transform
 from builders.ros2_wire import UNIX_START_S
 
-from gazempc.live import command
+from gazempc.live import session
 from gazempc.loop.events import Event
 from gazempc.results.log import load_log
 from gazempc.ros2.wire import encode, make_message
@@ -60,7 +60,7 @@ def test_whoever_speaks_is_looked_at_and_what_is_pointed_at_is_glanced_at(tmp_pa
     sender = threading.Thread(target=sends_in_turn, args=(stage, over, where))
     sender.start()
     try:
-        assert command.main([str(word) for word in words], over) == 0
+        assert session.main([str(word) for word in words], over) == 0
     finally:
         over.set()
         sender.join()

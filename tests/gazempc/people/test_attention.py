@@ -7,10 +7,9 @@ import pytest
 
 from gazempc.errors import SettingsError
 from gazempc.people.attention import Attention
-from gazempc.people.build import make_policy
 from gazempc.people.company import NOT_AT_ALL, Company, Sound
 from gazempc.people.person import PersonState
-from gazempc.people.policies import Nearest
+from gazempc.people.policies import Nearest, make_policy
 from gazempc.settings import AttentionSettings
 
 TICK_S = 0.02

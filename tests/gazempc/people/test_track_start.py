@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.loop import LoopBench, events
 
-from gazempc.people.track_start import TrackStart
+from gazempc.people.tracker_faults import TrackStart
 from gazempc.types import Sighting
 from predictors import ConstantVelocity, Forecast, HeadObservation, HeadPose, OutOfOrderError, Walker
 

@@ -22,7 +22,7 @@ from builders.loop import make_loop, make_recorder
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
 from gazempc.neck.spec import load_neck
-from gazempc.robots.dynamixel.robot import DynamixelNeck
+from gazempc.robots.dynamixel import DynamixelNeck
 from gazempc.robots.options import DynamixelOptions
 from gazempc.types import Sighting
 from predictors import HeadObservation
@@ -517,9 +517,7 @@ def test_eyes_and_body_are_more_motors_on_the_line(tmp_path):
 
 
 def test_the_library_is_imported_only_to_connect(monkeypatch):
-    check = (
-        "import sys, gazempc.robots.dynamixel.robot;sys.exit('dynamixel_sdk' in sys.modules or 'serial' in sys.modules)"
-    )
+    check = "import sys, gazempc.robots.dynamixel;sys.exit('dynamixel_sdk' in sys.modules or 'serial' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
     monkeypatch.setitem(sys.modules, "dynamixel_sdk", None)
     with pytest.raises(MissingOptionalDependencyError, match="pip install dynamixel-sdk"):

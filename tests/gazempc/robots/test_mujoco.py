@@ -15,13 +15,13 @@ from scipy import signal
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError
 from gazempc.identify.command import main as identify
-from gazempc.live.command import main as live
+from gazempc.live.session import main as live
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.results.limits import limit_violations
 from gazempc.results.metrics import measure
-from gazempc.robots.mujoco import model as mujoco_model
-from gazempc.robots.mujoco.robot import MujocoNeck
+from gazempc.robots import mujoco_model
+from gazempc.robots.mujoco import MujocoNeck
 from gazempc.sim.simulated import SimulatedNeck
 
 NECK = load_neck("reference")
@@ -298,13 +298,13 @@ def test_without_mujoco_it_says_what_to_install(monkeypatch):
 
 
 def test_a_version_that_knows_no_delay_is_named(monkeypatch):
-    monkeypatch.setattr("gazempc.robots.mujoco.robot.neck_mjcf", lambda neck: "<mujoco><worldbody delay='1'/></mujoco>")
+    monkeypatch.setattr("gazempc.robots.mujoco.neck_mjcf", lambda neck: "<mujoco><worldbody delay='1'/></mujoco>")
     with pytest.raises(RobotError, match=r"'reference' \(at least 3\.5 is needed"):
         MujocoNeck(NECK, Clock()).connect()
 
 
 def test_importing_the_robot_does_not_import_mujoco():
-    code = "import sys, gazempc.robots.mujoco.robot; print('mujoco' in sys.modules)"
+    code = "import sys, gazempc.robots.mujoco; print('mujoco' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

@@ -20,8 +20,7 @@ from scipy.spatial.transform import Rotation
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.robots.options import ReachyMiniOptions
-from gazempc.robots.reachy_mini.head import clamp_to_head, head_angles, head_matrix
-from gazempc.robots.reachy_mini.robot import ReachyMiniNeck
+from gazempc.robots.reachy_mini import ReachyMiniNeck, clamp_to_head, head_angles, head_matrix
 
 NECK, BODY = load_neck("reachy_mini"), load_neck("reachy_mini_body")
 WIDE = NeckSpec.model_validate(
@@ -85,7 +84,7 @@ def make(server):
 @pytest.fixture
 def patient(monkeypatch):
     """A busy machine may pause for longer than a daemon may be silent."""
-    monkeypatch.setattr("gazempc.robots.reachy_mini.robot._SILENCE_S", 60.0)
+    monkeypatch.setattr("gazempc.robots.reachy_mini._SILENCE_S", 60.0)
 
 
 def pose(pan_deg, tilt_deg, roll_deg=0.0, at_m=(0.0, 0.0, 0.0)):
@@ -305,7 +304,7 @@ def test_velocity_and_time_are_those_of_a_turning_head(server, make):
 
 
 def test_nothing_new_is_no_state(server, make, patient, monkeypatch):
-    monkeypatch.setattr("gazempc.robots.reachy_mini.robot._STALE_S", 60.0)
+    monkeypatch.setattr("gazempc.robots.reachy_mini._STALE_S", 60.0)
     neck = make()
     assert until(neck.read_state).position_rad.shape == (2,)
     server.silent = True
@@ -483,7 +482,7 @@ def test_a_sleeping_head_and_a_turned_body_are_not_made_to_jump(server, make):
 
 
 def test_a_daemon_without_a_backend_is_said(server, make, monkeypatch):
-    monkeypatch.setattr("gazempc.robots.reachy_mini.robot._CONNECT_S", 0.5)
+    monkeypatch.setattr("gazempc.robots.reachy_mini._CONNECT_S", 0.5)
     del server.frames["daemon_status"]
     with pytest.raises(RobotError, match="no daemon_status message has come"):
         make()
@@ -504,7 +503,7 @@ def test_without_websockets_the_extra_is_named(monkeypatch):
 
 
 def test_importing_the_module_does_not_import_websockets():
-    code = "import sys, gazempc.robots.reachy_mini.robot; sys.exit('websockets' in sys.modules)"
+    code = "import sys, gazempc.robots.reachy_mini; sys.exit('websockets' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -6,7 +6,7 @@ from builders.live import NECK
 
 from gazempc.errors import RobotError
 from gazempc.neck.spec import load_neck
-from gazempc.robots.start import way_in_rad, wrong_reading
+from gazempc.robots.robot import way_in_rad, wrong_reading
 from gazempc.types import JointState
 
 

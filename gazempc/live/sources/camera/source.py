@@ -11,10 +11,9 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
 from gazempc.errors import SettingsError
-from gazempc.live.clock import RealClock
-from gazempc.live.sources.camera.options import CameraOptions
-from gazempc.live.sources.camera.process import Failed, Message, Opened, serve
-from gazempc.live.sources.camera.shown import Shown
+from gazempc.live.clock import Clock
+from gazempc.live.sources.camera.capture import CameraOptions
+from gazempc.live.sources.camera.worker import Failed, Message, Opened, Shown, serve
 from gazempc.live.sources.source import Arrived, SourceError
 from gazempc.results.moments import Moment, PictureMoment
 from gazempc.types import Sighting
@@ -44,7 +43,7 @@ class CameraSource:
     """
 
     def __init__(
-        self, address: str, options: CameraOptions, clock: RealClock, say: Callable[[str], None] | None = None
+        self, address: str, options: CameraOptions, clock: Clock, say: Callable[[str], None] | None = None
     ) -> None:
         if options.calibration is not None and options.fov_deg is not None:
             raise SettingsError("--camera.fov-deg and --camera.calibration: give one of them")

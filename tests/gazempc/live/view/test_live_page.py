@@ -10,9 +10,9 @@ from builders.browser import browser
 from builders.ports import free_port
 
 import gazempc as gz
-from gazempc.live.view.child import ViewProcess
 from gazempc.live.view.orders import ViewOrders
-from gazempc.live.view.snapshot import Snapshots
+from gazempc.live.view.viewers import ViewProcess
+from gazempc.live.view.web import Snapshots
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.results.log_moments import moments_of
 from gazempc.results.moments import EventMoment, LateMoment, PictureMoment, PlanMoment, TickMoment

@@ -16,10 +16,9 @@ from mcap.reader import NonSeekingReader, make_reader
 
 import gazempc as gz
 from gazempc.errors import SettingsError
-from gazempc.live.command import main, parse
-from gazempc.live.view.child import ViewProcess
-from gazempc.live.view.feed import Feed
+from gazempc.live.session import main, parse
 from gazempc.live.view.orders import ViewOrders
+from gazempc.live.view.viewers import Feed, ViewProcess
 from gazempc.recordings.load import load
 from gazempc.results.log_moments import moments_of
 from gazempc.results.metrics import gaze_error_deg
@@ -160,10 +159,10 @@ def test_a_viewer_that_is_stuck_holds_nothing_up_and_the_newest_is_kept():
     stuck = Stuck()
     feed = Feed(stuck)
     started = time.perf_counter()
-    feed.watch(EventMoment(-1.0, "first", ""))
+    feed.take(EventMoment(-1.0, "first", ""))
     time.sleep(0.1)  # this one is on its way
     for k in range(20_000):
-        feed.watch(CutMoment() if k == 3 else EventMoment(float(k), "event", ""))
+        feed.take(CutMoment() if k == 3 else EventMoment(float(k), "event", ""))
     assert time.perf_counter() - started < 5.0
     assert feed.lost > 10_000
     stuck.go_on.set()
@@ -180,7 +179,7 @@ def test_a_process_that_dies_is_said_and_the_run_goes_on(tmp_path):
     process._process.kill()
     process._process.join()
     for k in range(100):
-        feed.watch(EventMoment(float(k), "event", ""))
+        feed.take(EventMoment(float(k), "event", ""))
     feed.close()
     assert process.problem == "the process for viewers has gone"
 

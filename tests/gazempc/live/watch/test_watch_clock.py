@@ -5,11 +5,10 @@ import re
 import numpy as np
 import pytest
 
+from gazempc.live.capture_clock import judge_stamps
 from gazempc.live.clock import RealClock, SimulatedClock
+from gazempc.live.hints import Frame, SetupHints
 from gazempc.live.stamps import StampReader, Stamps
-from gazempc.live.watch.clock import judge_stamps
-from gazempc.live.watch.frame import Frame
-from gazempc.live.watch.mends import Mends
 
 HEAD = np.array([2.0, 0.0, 0.4])
 CLOCK = RealClock()
@@ -25,9 +24,9 @@ def frames_of(stamps, reader):
     return [Frame(at_s, each_s, HEAD, HEAD, None) for at_s, each_s in zip(ARRIVALS_S, captures_s, strict=True)]
 
 
-def judged(stamps, settings=None, mends=None):
+def judged(stamps, settings=None, hints=None):
     reader = StampReader(settings or Stamps(), CLOCK)
-    found = judge_stamps(frames_of(stamps, reader), 0.5, reader, CLOCK, mends or Mends())
+    found = judge_stamps(frames_of(stamps, reader), 0.5, reader, CLOCK, hints or SetupHints())
     return None if found is None else (str(found.event), found.text)
 
 
@@ -88,12 +87,12 @@ def test_seconds_read_as_milliseconds_are_seconds():
 
 
 def test_the_words_are_those_of_python_or_of_a_source_of_one_s_own():
-    assert 'clock="other"' in judged(unix(-37.3), mends=Mends(python=True))[1]
+    assert 'clock="other"' in judged(unix(-37.3), hints=SetupHints(python=True))[1]
     frames = [Frame(at_s, UNIX_S + at_s, HEAD, HEAD, None) for at_s in ARRIVALS_S]
-    own = judge_stamps(frames, 0.5, None, CLOCK, Mends(own_source=True))
+    own = judge_stamps(frames, 0.5, None, CLOCK, SetupHints(own_source=True))
     assert "clock.from_unix_s" in own.text
     frames = [Frame(at_s, at_s - 3.0, HEAD, HEAD, None) for at_s in ARRIVALS_S]
-    simulated = judge_stamps(frames, 0.5, None, SimulatedClock(), Mends(own_source=True))
+    simulated = judge_stamps(frames, 0.5, None, SimulatedClock(), SetupHints(own_source=True))
     assert "3 s behind" in simulated.text
 
 

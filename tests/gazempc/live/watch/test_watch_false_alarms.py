@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from gazempc.live.clock import SimulatedClock
+from gazempc.live.hints import Frame, SetupHints
 from gazempc.live.mount import Mount
-from gazempc.live.watch.frame import Frame
-from gazempc.live.watch.mends import Mends
-from gazempc.live.watch.watch import Watch
+from gazempc.live.watch import Watch
 from gazempc.settings import LoopSettings
 from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.sim.sensor import observe, sensor_names
@@ -17,7 +16,7 @@ WALKS = ("subject01_R1", "subject04_R3", "subject08_R6", "subject12_R4")
 
 def found(sightings, change=lambda head: head):
     """What is said, and how long after the first frame."""
-    watch, said = Watch(SimulatedClock(), None, Mount(), LoopSettings(), Mends()), []
+    watch, said = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints()), []
     for sighting in sightings:
         seen = sighting.observation
         said += [(sighting.arrival_s - sightings[0].arrival_s, *each) for each in watch.findings(sighting.arrival_s)]

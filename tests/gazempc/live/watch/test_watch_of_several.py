@@ -3,11 +3,9 @@
 import numpy as np
 
 from gazempc.live.clock import SimulatedClock
+from gazempc.live.hints import Frame, SetupHints
 from gazempc.live.mount import Mount
-from gazempc.live.watch.followed import FollowedPerson
-from gazempc.live.watch.frame import Frame
-from gazempc.live.watch.mends import Mends
-from gazempc.live.watch.watch import Watch
+from gazempc.live.watch import FollowedPerson, Watch
 from gazempc.settings import LoopSettings
 from predictors import HeadObservation
 
@@ -35,7 +33,7 @@ def told(given, at_m=None):
 
 
 def said(given, at_m=None):
-    watch, found = Watch(SimulatedClock(), None, Mount(), LoopSettings(), Mends()), []
+    watch, found = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints()), []
     followed = FollowedPerson(watch.see, Attends(at_m))
     for frame in given:
         followed.see(frame)

@@ -5,10 +5,9 @@ import re
 import numpy as np
 import pytest
 
+from gazempc.live.hints import Frame, SetupHints
 from gazempc.live.mount import Mount
-from gazempc.live.watch.frame import Frame
-from gazempc.live.watch.mends import Mends
-from gazempc.live.watch.place import judge_place
+from gazempc.live.plausibility import judge_place
 from predictors import HeadObservation
 
 TIMES_S = np.arange(28) / 30.0
@@ -24,7 +23,7 @@ def judged(sent, mount=None, names=None, times_s=TIMES_S):
         base_m = mount.to_base(seen, None, None).head_position_base_m
         name = None if names is None else names[k]
         frames.append(Frame(times_s[k] + 0.05, times_s[k], seen.head_position_base_m, base_m, name))
-    return [(str(event), text) for event, text in judge_place(frames, times_s, mount, Mends())]
+    return [(str(event), text) for event, text in judge_place(frames, times_s, mount, SetupHints())]
 
 
 def columns(walk, order, signs):

@@ -7,10 +7,9 @@ import pytest
 from builders.checks import assert_same_commands, assert_sound
 from builders.live import run_live
 
+from gazempc.live.hints import Frame, SetupHints
 from gazempc.live.mount import Mount
-from gazempc.live.watch.frame import Frame
-from gazempc.live.watch.mends import Mends
-from gazempc.live.watch.rhythm import judge_ids, judge_rate
+from gazempc.live.plausibility import judge_ids, judge_rate
 
 HEAD = np.array([2.0, 0.0, 0.4])
 
@@ -21,22 +20,22 @@ def named(names):
 
 @pytest.mark.parametrize(("rate_hz", "said"), [(30.0, ""), (6.5, ""), (5.0, "5.0 frames"), (0.8, "0.8 frames")])
 def test_rare_frames_are_told_from_the_median_of_their_intervals(rate_hz, said):
-    found = judge_rate(np.arange(0.0, 4.0, 1.0 / rate_hz), 1.0, Mends())
+    found = judge_rate(np.arange(0.0, 4.0, 1.0 / rate_hz), 1.0, SetupHints())
     assert [said] * bool(said) == [each.text[: len(said)] for each in found]
     # Each person of a frame has its time; a gap is no rate.
     twice = np.repeat(np.arange(0.0, 1.0, 1.0 / 30.0), 2)
-    assert judge_rate(np.append(twice, [3.0, 3.03]), 1.0, Mends()) == []
+    assert judge_rate(np.append(twice, [3.0, 3.03]), 1.0, SetupHints()) == []
     if rate_hz < 1.0:
         assert "--loop.lost-after-s 3.1" in found[0].text
 
 
 def test_a_name_for_each_frame_is_no_name():
-    (found,) = judge_ids(named(map(str, range(10))), Mends())
+    (found,) = judge_ids(named(map(str, range(10))), SetupHints())
     assert found.event == "new_id_each_frame"
     assert "--no-use-ids" in found.text
-    assert judge_ids(named(["a"] * 10), Mends()) == []
-    assert judge_ids(named(["a", "b"] * 5), Mends()) == []
-    assert judge_ids(named([None] * 10), Mends()) == []
+    assert judge_ids(named(["a"] * 10), SetupHints()) == []
+    assert judge_ids(named(["a", "b"] * 5), SetupHints()) == []
+    assert judge_ids(named([None] * 10), SetupHints()) == []
 
 
 def changed(sighting, **fields):

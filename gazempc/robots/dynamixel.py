@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
-from gazempc.robots.dynamixel.bus import DynamixelBus
+from gazempc.robots.dynamixel_bus import DynamixelBus
 from gazempc.robots.options import DynamixelOptions
 from gazempc.types import FloatArray, JointState
 

@@ -1,4 +1,4 @@
-"""The process for viewers: it takes what happens in a run, writes MCAP files of it, and serves it."""
+"""The process for viewers: it takes the moments of a run, writes MCAP files of them, and serves them."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _wanted(orders: ViewOrders) -> list[Callable[[ViewOrders, list[str]], _Taker
 
 def _files(orders: ViewOrders, _: list[str]) -> _Taker:
     try:
-        from gazempc.live.view.files import McapFiles  # noqa: PLC0415  (optional packages)
+        from gazempc.live.view.foxglove import McapFiles  # noqa: PLC0415  (optional packages)
     except ImportError:
         raise SettingsError(NEEDS_VIEW) from None
     assert orders.mcap_folder is not None
@@ -67,8 +67,7 @@ def _files(orders: ViewOrders, _: list[str]) -> _Taker:
 
 def _foxglove(orders: ViewOrders, lines: list[str]) -> _Taker:
     try:
-        from gazempc.live.view.foxglove_server import FoxgloveServer  # noqa: PLC0415  (optional packages)
-        from gazempc.live.view.layout import write_layout  # noqa: PLC0415
+        from gazempc.live.view.foxglove import FoxgloveServer, write_layout  # noqa: PLC0415  (optional packages)
     except ImportError:
         raise SettingsError('--view needs more packages: pip install "gazempc[view]"; --view web needs none') from None
     server = FoxgloveServer(orders.run, orders.host, orders.port)

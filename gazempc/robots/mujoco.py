@@ -10,7 +10,7 @@ import numpy as np
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError
 from gazempc.neck.spec import NeckSpec
-from gazempc.robots.mujoco.model import neck_mjcf, timestep_s
+from gazempc.robots.mujoco_model import neck_mjcf, timestep_s
 from gazempc.types import FloatArray, JointState
 
 # Rounding of a clock, in steps: far below a step, far above what sums of times accumulate.
@@ -21,7 +21,7 @@ class MujocoNeck:
     """Hinges with position servos behind MuJoCo's own actuator delay, in lock-step with the clock given.
 
     Time is what the clock says when a method is called; the simulation is stepped up to then, as many steps of
-    `gazempc.robots.mujoco.model.timestep_s` as are complete. On the loop's simulated clock that is exact; on another
+    `gazempc.robots.mujoco_model.timestep_s` as are complete. On the loop's simulated clock that is exact; on another
     clock the state is less than one step (1 ms) old, and says so in its time.
 
     Args:
