@@ -14,8 +14,8 @@ from builders.ros2_tf import Stage
 
 from gazempc.errors import SettingsError
 from gazempc.live import session
-from gazempc.live.clock import RealClock, SimulatedClock
-from gazempc.live.outlet import AttentionOutlet, FileSink, Ros2Sink, UdpSink, attention_sink, make_sink
+from gazempc.live.clock import SimulatedClock
+from gazempc.live.outlet import AttentionOutlet, Ros2Sink, UdpSink, attention_sink, make_sink
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import build
@@ -72,14 +72,6 @@ def test_a_line_at_each_change_and_one_at_the_end():
     assert (sink.lines[1]["away_since_s"], sink.lines[1]["away_until_s"]) == (2.5, 4.0)
 
 
-def test_times_are_unix_time_in_real_time():
-    sink, clock = Gathered(), RealClock()
-    with AttentionOutlet(sink, clock) as outlet:
-        outlet.tell(clock.now_s(), AttentionState(1, None, "policy", clock.now_s() - 1.0))
-    assert sink.lines[0]["time_s"] == pytest.approx(time.time(), abs=1.0)
-    assert sink.lines[0]["since_s"] == pytest.approx(sink.lines[0]["time_s"] - 1.0, abs=0.01)
-
-
 def test_what_cannot_be_written_is_said_and_the_next_line_is_tried():
     sink = Gathered(fails=[True])
     with AttentionOutlet(sink, SimulatedClock()) as outlet:
@@ -126,17 +118,6 @@ def test_a_topic_whose_last_line_whoever_listens_later_gets():
         node.close()
     finally:
         stage.close()
-
-
-def test_a_file_begins_anew(tmp_path):
-    path = tmp_path / "attention.jsonl"
-    path.write_text("of an earlier run\n")
-    sink = make_sink(str(path), Ros2Network())
-    assert isinstance(sink, FileSink)
-    sink.open()
-    sink.send("one")
-    assert path.read_text() == "one\n"
-    sink.close()
 
 
 def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):

@@ -57,12 +57,3 @@ def test_a_servo_thread_of_somebody_else_s_program_touches_its_own_priority_only
     servo.start()
     servo.join()
     assert found == {"servo": os.SCHED_RR, "main": os.SCHED_OTHER}
-
-
-def test_who_may_not_goes_on_without(monkeypatch):
-    def refuse(*_):
-        raise PermissionError
-
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with real_time_priority():
-        assert policy(0)[0] == os.SCHED_OTHER

@@ -25,13 +25,3 @@ def test_percentiles_of_lateness_are_numpy_s_within_a_bin(seed):
         expected = np.sum(clipped >= limit_ms)
         near = np.sum(np.abs(clipped - limit_ms) <= 0.011)
         assert abs(lateness.beyond(limit_ms) - expected) <= near
-
-
-def test_lateness_of_nothing_and_beyond_its_range():
-    lateness = Lateness()
-    assert (lateness.count, lateness.max_ms, lateness.percentile_ms(99), lateness.beyond(1.0)) == (0, 0.0, 0.0, 0)
-    for value in (0.5, 0.5, 300.0, 900.0):
-        lateness.add(value)
-    assert lateness.percentile_ms(50) == pytest.approx(0.5, abs=0.011)
-    assert lateness.percentile_ms(99) == lateness.max_ms == 900.0
-    assert lateness.beyond(1.0) == 2

@@ -11,12 +11,11 @@ from builders.ros2_wire import NOW_S
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError
-from gazempc.live.clock import RealClock, SimulatedClock
+from gazempc.live.clock import RealClock
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import make_cue_source, setup_of_gaze
 from gazempc.live.sources.ros2 import Ros2Cues
-from gazempc.live.sources.source import SourceError
 from gazempc.loop.events import Event
 from gazempc.neck.spec import load_neck
 from gazempc.people.company import Glance, Sound
@@ -67,27 +66,6 @@ def test_a_point_in_the_frame_of_a_camera_is_glanced_at_where_it_was(stage):
         assert (type(glance), glance.lasts_s) == (Glance, 1.5)
         expected_m = [2.0 * math.cos(azimuth), 2.0 * math.sin(azimuth), 1.0]
         np.testing.assert_allclose(glance.target_base_m, expected_m, atol=1e-5)
-
-
-def test_one_thing_that_is_told_again_and_again_is_glanced_at_once(stage):
-    source, seen = pointing(stage), []
-
-    def tell(place_m, then_s):
-        stage.put("/pointing", POINT, point("base_link", place_m))
-        # What is behind it shows that it has been read.
-        stage.put("/pointing", POINT, point("", place_m))
-        seen.append(len(told(source, 1)[0]))
-        stage.now_s += then_s
-
-    for place_m, then_s in (
-        ([1, 0.5, 0], 0.1),
-        ([1, 0.6, 0], 1.9),
-        ([1, 0.5, 0], 0.1),
-        ([1, 1, 0], 2.1),
-        ([1, 1, 0], 0),
-    ):
-        tell(place_m, then_s)
-    assert seen == [1, 0, 0, 1, 1]
 
 
 @pytest.mark.parametrize(
@@ -173,12 +151,6 @@ def test_topics_that_nobody_sends_on_are_named(stage):
     assert f"no node sends on /pointing as {POINT}, but others send {POSE}, /tf as {TF}: is" in notice.text
 
 
-def test_without_a_router_it_says_so(stage):
-    stage.router.close()
-    with pytest.raises(SourceError, match="/heard: no Zenoh router answers"):
-        opened(stage, sound_topic="heard")
-
-
 @pytest.mark.parametrize(
     ("ros2", "settings", "why"),
     [
@@ -216,12 +188,6 @@ def test_a_gaze_from_python_hears_them_too(stage):
     (sound,) = setup.several.several.attention._sounds
     assert math.degrees(sound.azimuth_rad) == pytest.approx(20)
     assert "/heard: not a std_msgs/msg/Int32" in run.report.problems[0]
-
-
-def test_a_simulated_clock_hears_nothing():
-    told = LiveSettings(source="replay", attend="speaker", options=RobotOptions(ros2=Ros2Options(sound_topic="heard")))
-    with pytest.raises(SettingsError, match="ROS 2 needs real time"):
-        make_cue_source(told, load_neck("reference"), SimulatedClock(), mounted=False)
 
 
 def test_the_mount_says_where_the_base_frame_is(stage):

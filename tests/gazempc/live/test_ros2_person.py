@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from builders.ports import free_port
 from builders.ros2_network import wait_for
 from builders.ros2_wire import NOW_S, UNIX_START_S, key, pose, pose_with_covariance
 
 from gazempc.live.mount import Mount
-from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Person
-from gazempc.live.sources.source import SourceError
-from gazempc.ros2.wire import Ros2Network, type_hash
+from gazempc.live.sources.ros2 import ANY_FRAME
+from gazempc.ros2.wire import type_hash
 
 
 def polled(person, n):
@@ -107,15 +105,6 @@ def test_a_covariance_of_position_and_yaw_is_used_and_zeros_are_not_known(scene)
     np.testing.assert_array_equal(blind.position_covariance_m2, full[:3, :3])
 
 
-def test_a_pose_in_another_frame(scene):
-    person = scene.person(frame_id="camera_link")
-    scene.poses.put(pose([2.0, 0.0, 0.4], frame_id="map"))
-    scene.poses.put(pose([2.0, 0.0, 0.4], frame_id="camera_link"))
-    sightings, (problem,) = polled(person, 2)
-    assert "frame 'map', expected is 'camera_link'" in problem
-    assert len(sightings) == 1
-
-
 def test_a_person_behind_a_router_that_goes_and_comes_back(scene):
     person = scene.person()
     scene.router.close()
@@ -130,11 +119,3 @@ def test_a_person_behind_a_router_that_goes_and_comes_back(scene):
     person.close()
     person.close()
     assert person.poll().sightings == ()
-
-
-def test_a_person_without_router_or_session():
-    person = Ros2Person("/person/head", float, float, network=Ros2Network(f"tcp/127.0.0.1:{free_port()}"))
-    with pytest.raises(SourceError, match="/person/head: no Zenoh router answers"):
-        person.open()
-    assert person.poll().sightings == ()
-    person.close()

@@ -38,8 +38,3 @@ def test_a_clock_that_is_set_back_is_followed_within_ten_seconds():
     reader = StampReader(Stamps(clock="other", latency_s=0.05), CLOCK)
     read_s = np.array([reader.loop_s(stamp, at_s + 0.05) for stamp, at_s in zip(stamps, captures_s, strict=True)])
     assert np.abs(read_s - captures_s)[captures_s > 20.2].max() < 1e-9
-
-
-def test_arrival_less_the_latency_is_a_capture_time_too():
-    reader = StampReader(Stamps(clock="arrival", latency_s=0.1), CLOCK)
-    assert reader.loop_s(float(7), 3.0) == pytest.approx(2.9)

@@ -39,10 +39,6 @@ def test_what_is_wrong_with_a_reading_is_said(state, said):
     assert said in wrong_reading(state, NECK)
 
 
-def test_a_reading_and_nothing_new_are_right():
-    assert wrong_reading(None, NECK) == wrong_reading(JointState(0.0, np.zeros(2), np.zeros(2)), NECK) == ""
-
-
 def test_eyes_come_in_too_and_a_reading_must_have_them():
     neck = load_neck("reference_eyes")
     limits = neck.command_limits

@@ -165,13 +165,6 @@ def test_a_port_that_is_taken_is_said(started, log):
         ViewProcess(ViewOrders(log.run, view="web", port=port)).start()
 
 
-def test_a_page_for_the_network_says_so(log):
-    process = ViewProcess(ViewOrders(log.run, view="web", host="0.0.0.0"))
-    _, warning = process.start()
-    process.close()
-    assert warning == "view: WARNING whoever is in the network sees this run (--view-at 0.0.0.0)"
-
-
 @pytest.mark.parametrize("kind", ["live", "synthetic"])
 def test_the_error_is_against_what_is_known(kind):
     """Of a person who is there now the observed head, while it is new; in a replay only the true one."""

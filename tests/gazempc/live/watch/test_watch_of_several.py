@@ -51,11 +51,6 @@ def test_one_frame_an_instant_is_told_of_whoever_is_looked_at():
         assert {tuple(frame.sensor_m) for frame in seen} == {tuple((LEFT, RIGHT)[i])}
 
 
-def test_until_somebody_is_looked_at_it_is_the_same_person_all_the_time():
-    seen = told(frames(LEFT, RIGHT))
-    assert {tuple(frame.sensor_m) for frame in seen} == {tuple(LEFT)}
-
-
 def test_several_people_without_names_are_no_alarm():
     assert said(frames(LEFT, RIGHT, [4.0, 0.0, 0.2])) == []
 
@@ -64,8 +59,3 @@ def test_a_wrong_unit_and_new_names_are_noticed_among_several():
     millimetres = [list(1e3 * np.array(at_m)) for at_m in (LEFT, RIGHT)]
     assert said(frames(*millimetres)) == ["wrong_unit"]
     assert said(frames(LEFT, RIGHT, name=lambda k, i: f"{2 * k + i}"), LEFT) == ["new_id_each_frame"]
-
-
-def test_a_low_rate_is_noticed_among_several():
-    slow = [frame for k, frame in enumerate(frames(LEFT, RIGHT, seconds=4.0)) if k // 2 % 10 == 0]
-    assert said(slow, LEFT) == ["low_frame_rate"]
