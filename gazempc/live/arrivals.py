@@ -51,7 +51,7 @@ class Arrivals:
         self._one_person = people is None
         self._newest = _NEWEST if people is None else _NEWEST_OF_SEVERAL
         self._watch = Watch(setup.clock, setup.stamps, setup.mount, setup.loop, setup.hints)
-        # Among several people whose frames follow each other nobody leaps: one of them is judged.
+        # Of several people in alternate frames one is judged; else each change of person would look like a leap.
         self._see = self._watch.see if people is None else FollowedPerson(self._watch.see, people).see
         self._joints = JointHistory()
         self._waiting: deque[Sighting] = deque()
@@ -137,7 +137,7 @@ class Arrivals:
     def _refusal(self, seen: HeadObservation) -> str:
         """Why a head cannot be a person's; empty if it can be."""
         if not self._one_person and seen.person_id is None:
-            # Nobody knows yet whose motion it is part of.
+            # The person is unknown before association, so speed cannot be judged.
             return out_of_place(seen.head_position_base_m)
         return self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
 
@@ -149,7 +149,7 @@ class Arrivals:
         self._report.problem(text)
 
     def _warn(self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again: bool = False) -> None:
-        """Record an event, and say its first text loudly; all of its texts where these are few."""
+        """Record an event, and warn with its first text; with `again` each time."""
         recorder.event(now_s, event)
         if again or event not in self._warned:
             self._warned.add(event)

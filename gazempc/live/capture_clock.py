@@ -12,7 +12,7 @@ from gazempc.live.stamps import PER_SECOND, Envelope, StampReader, StampUnit
 from gazempc.loop.events import Event
 from gazempc.types import FloatArray
 
-# A clock is told by frames over at least this time.
+# A clock is identified from frames over at least this time.
 _LEAST_S, _CLOCK_FRAMES = 0.3, 3
 # The loop refuses what is captured later than this after now.
 _AHEAD_S = 0.01
@@ -50,7 +50,7 @@ def judge_stamps(
         hints: Names of the settings in warnings.
 
     Returns:
-        What is wrong with them; None if nothing is, or nothing can be told.
+        What is wrong with them; None if nothing is, or too few frames have come.
     """
     if len(frames) < _CLOCK_FRAMES or frames[-1].arrival_s - frames[0].arrival_s < _LEAST_S:
         return None
@@ -108,7 +108,7 @@ def _what_they_are(
     if near and age_s > 0:
         slow = hints.setting("loop", "stale_after_s", round(1.5 * age_s, 1))
         return (
-            f"frames arrive {age_s:.2f} s after capture by their stamps: if the tracker is so slow say {slow}; if not, "
+            f"frames arrive {age_s:.2f} s after capture by their stamps: if the tracker is so slow set {slow}; if not, "
             f"its clock is behind: {hints.stamps('other', unit)}"
         )
     return _of_other_clock(off_s[read_as], unit, read_as, hints)
@@ -140,7 +140,7 @@ class ClockOffset:
 
     Frames from the future, and from more than 2 s ago, are of another clock. So are those that come sooner and sooner.
     The age that was believed before is kept; without any the soonest frames are taken to be `latency_s` old. A clock
-    that is slow is not told from a tracker that falls behind: nothing is done about it.
+    that is slow cannot be distinguished from a tracker that falls behind, and is not corrected.
 
     Args:
         latency_s: Least time from capture to arrival, seconds.

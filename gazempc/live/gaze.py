@@ -79,7 +79,7 @@ class Gaze:
             Itself.
 
         Raises:
-            RobotError: If the robot cannot be connected to, or does not say where it stands.
+            RobotError: If the robot cannot be connected to, or its joints cannot be read.
             RuntimeError: If it was used before.
         """
         if self._run is not None:
@@ -167,7 +167,7 @@ class Gaze:
         self._source.push(time_s, head_m, stated)
 
     def hear(self, azimuth_rad: float) -> None:
-        """Tell that somebody speaks now, for the policy ``speaker``.
+        """Report speech from a direction, for the policy ``speaker``.
 
         Args:
             azimuth_rad: Direction of the sound in the base frame, radians, positive to the left.
@@ -175,7 +175,7 @@ class Gaze:
         self._setup.cues.tell(Sound(0.0, azimuth_rad))
 
     def think(self, lasts_s: float = 1.5) -> None:
-        """Look away as somebody who thinks, as soon as the neck can; needs ``attend`` or ``look_away``.
+        """Look away as people do who think, as soon as the neck can; needs ``attend`` or ``look_away``.
 
         Args:
             lasts_s: For how long there is no contact, seconds.
@@ -236,7 +236,7 @@ class Gaze:
 
     @property
     def observations(self) -> dict[str, int]:
-        """How many observations arrived, by what became of them: ``used``, or the event that says why not."""
+        """Number of observations: ``used``, and refused by the name of the event."""
         return {} if self._run is None else {"used": self._run.logs.used, **self._run.logs.refused}
 
     @property

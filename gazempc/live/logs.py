@@ -40,7 +40,7 @@ class LiveLogs:
         self._writer = ThreadPoolExecutor(1, "log")
         self._writer.submit(int)  # its thread begins now, not in a tick
         self._written: deque[Future[None]] = deque()
-        # Guards all below. Nobody holds it for longer than a few microseconds.
+        # Guards all below; held for a few microseconds at most.
         self._lock = threading.Lock()
         self._asked: list[Future[None]] = []
         self._closed = False

@@ -15,12 +15,12 @@ from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
 from gazempc.types import FloatArray
 
 _LEAST_FRAMES = 3
-# Farther off, or nearer, nobody's head is tracked to look them in the eye.
+# Range of heads that are tracked for eye contact.
 _FARTHEST_MEDIAN_M, _NEAREST_MEDIAN_M = 20.0, 0.15
 # Where people who are looked at mostly are.
 _LIKELY_M, _TYPICAL_M = (0.3, 10.0), 2.0
 _UNITS_M = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "a thousandth of metres": 1e3}
-# No neck looks up or down so far for a second; in optical axes everybody is up there.
+# Steeper than any neck looks for a second; in optical axes all heads are there.
 _STEEPEST_DEG, _LEVEL_DEG = 55.0, 35.0
 # A robot's pan axis and the person stand on one floor.
 _HIGHEST_MEDIAN_M = 2.2
@@ -74,7 +74,7 @@ def _of_axes(turned_m: FloatArray, elevation_deg: float, hints: SetupHints) -> F
     named = hints.setting("mount", "axes", axes or "NAME")
     if axes == "optical":
         looks = f"looks like a camera's optical axes, x right, y down, z forward ({named})"
-        # Which way y points is not told by a head straight ahead.
+        # A head straight ahead leaves the sign of y open.
         looks += f"; where y points up {hints.setting('mount', 'axes', 'unity')}"
     elif axes == "opengl":
         looks = f"looks like OpenGL's axes, x right, y up, z backward ({named})"
@@ -110,7 +110,7 @@ def _speed(frames: Sequence[Frame], times_s: FloatArray, sensor_m: FloatArray, h
     names = [frame.person_id for frame in frames]
     chosen = np.array([name == max(set(names), key=names.count) for name in names])
     if len(set(names)) > chosen.sum():
-        chosen[:] = True  # names that change from frame to frame name nobody
+        chosen[:] = True  # names that change at each frame identify no person
     times_s, heads_m = times_s[chosen], sensor_m[chosen]
     later = np.searchsorted(times_s, times_s + _SPEED_OVER_S)
     first = np.flatnonzero(later < times_s.size)
@@ -145,8 +145,8 @@ def judge_rate(times_s: FloatArray, lost_after_s: float, hints: SetupHints) -> l
         return []
     every_s = float(np.median(np.diff(np.unique(times_s))))
     text = (
-        f"{1.0 / every_s:.1f} frames a second: below {LOW_RATE_HZ:.0f} the gaze trails everybody who walks; make the "
-        "tracker faster, with a smaller picture say"
+        f"{1.0 / every_s:.1f} frames a second: below {LOW_RATE_HZ:.0f} the gaze trails a walking person; make the "
+        "tracker faster, such as by a smaller picture"
     )
     if every_s > lost_after_s:
         text += f"; the neck stops after each frame: {hints.setting('loop', 'lost_after_s', round(2.5 * every_s, 1))}"
@@ -210,7 +210,7 @@ class Plausibility:
         path = self._paths.pop(person_id, None) or deque()
         if path and capture_s <= path[-1][0]:
             self._paths[person_id] = path
-            return ""  # out of order, which the predictor tells
+            return ""  # out of order: an event of the predictor
         path.append((capture_s, head_m))
         # Up to a little before half a second ago, so that half a second is always there.
         while len(path) > 1 and path[1][0] <= capture_s - _MEMORY_S:
@@ -223,7 +223,7 @@ class Plausibility:
         times_s = np.array([time_s for time_s, _ in path])
         marks = np.searchsorted(times_s, capture_s - _PART_S * np.arange(_PARTS, -1, -1), side="right") - 1
         if np.any(np.diff(marks) < 1):
-            return ""  # too few frames to tell a jump from a flight
+            return ""  # too few frames to distinguish a jump from steady motion
         heads_m = np.array([path[mark][1] for mark in marks])
         moved_m = heads_m[-1] - heads_m[0]
         way_m = float(np.linalg.norm(moved_m))
@@ -231,7 +231,7 @@ class Plausibility:
             return ""
         speeds_m_s = np.diff(heads_m, axis=0) @ moved_m / way_m / np.diff(times_s[marks])
         if np.all(speeds_m_s > _FASTEST_M_S):
-            return f"the head flies at {np.median(speeds_m_s):.0f} m/s: faster than {_FASTEST_M_S:.0f} m/s nobody moves"
+            return f"the head flies at {np.median(speeds_m_s):.0f} m/s: people stay below {_FASTEST_M_S:.0f} m/s"
         return ""
 
 
@@ -248,7 +248,7 @@ def out_of_place(head_base_m: FloatArray) -> str:
     if range_m < _NEAREST_M:
         return f"the head is {range_m:.2f} m from the neck's pan axis: nearer than {_NEAREST_M} m it is the robot's own"
     if not range_m <= _FARTHEST_M:
-        return f"the head is {shown(range_m)} m away: farther than {_FARTHEST_M:.0f} m nobody is looked at"
+        return f"the head is {shown(range_m)} m away: at most {_FARTHEST_M:.0f} m are accepted"
     if abs(up_m) > _HIGHEST_M:
         where = "above the pan axis: no head is so high" if up_m > 0 else "below the pan axis: that is under the floor"
         return f"the head is {abs(up_m):.1f} m {where}"

@@ -34,7 +34,7 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
     """
     times = 0
 
-    def told(number: int, frame: FrameType | None) -> None:
+    def handle(number: int, frame: FrameType | None) -> None:
         nonlocal times
         times += 1
         stop.set()
@@ -46,7 +46,7 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
     numbers = (
         (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
     )
-    before = {number: signal.signal(number, told) for number in numbers}
+    before = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield
     finally:

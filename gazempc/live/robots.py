@@ -18,7 +18,7 @@ from gazempc.types import FloatArray, JointState
 
 
 def keeps_any_clock(kind: Kind, choice: str) -> bool:
-    """Whether a robot or source lives in the loop's time, simulated or not: what its class says.
+    """Whether a robot or source runs on any clock, real or simulated, by its class attribute.
 
     Args:
         kind: The kind of part.
@@ -146,7 +146,7 @@ def _wrong(state: JointState | None, neck: NeckSpec, now_s: float) -> str:
         return f"read_state() returned position_rad {state.position_rad}, needed are finite angles in radians"
     if abs(state.time_s - now_s) > _OTHER_CLOCK_S:
         return (
-            f"read_state() returned time_s {state.time_s:.1f}, where the loop's clock says {now_s:.1f}: "
+            f"read_state() returned time_s {state.time_s:.1f}, but the loop's clock is at {now_s:.1f}: "
             "stamp readings with the clock_s that the robot's constructor is given"
         )
     return ""

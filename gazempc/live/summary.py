@@ -30,7 +30,7 @@ _LATE_MS = 1.0
 _SHOWN_PROBLEMS = 5
 # Computers of any time zone differ by less.
 _OTHER_CLOCK_S = 14 * 3600.0
-# Events that say why an observation was not used, in short.
+# Short reasons of refused observations, by event.
 _REASONS = {
     Event.STALE_OBSERVATION: "stale",
     Event.FUTURE_OBSERVATION: "future",
@@ -51,7 +51,7 @@ class KeptLogs:
     Args:
         settings: Settings of the run; `out` is where to write.
         neck: The neck.
-        on_kept: Is told the path of each log that is complete.
+        on_kept: Gets the path of each complete log.
 
     Attributes:
         names: Names of the logs written so far.

@@ -24,7 +24,7 @@ _ONE_FRAME_S = 0.01
 
 
 class FollowedPerson:
-    """Tells one frame an instant: that of whoever is looked at, else of whoever is nearest to the one before.
+    """Passes on one frame an instant: of the attended person, else of the person nearest to the frame before.
 
     Args:
         tell: Takes that frame.
@@ -60,7 +60,7 @@ def _where_m(frame: Frame) -> FloatArray:
 # Something wrong is said within a second of the first frame.
 _FIRST_AFTER_S, _AGAIN_AFTER_S = 0.9, 1.0
 _WINDOW_S = 1.0
-# Rates are told over a longer time: a tracker may be slower than a frame a second.
+# Rates are estimated over a longer time: a tracker may be slower than a frame a second.
 _RATE_WINDOW_S = 4.0
 _FRAMES_MAX = 1000
 

@@ -13,7 +13,7 @@ from predictors.gate import GATE_D2, allowance_m
 
 # Of people who turn and stop. More than a forecast's own noise: an assignment must not insist on a straight walk.
 _ACCELERATION_PSD = 0.5
-# Of somebody who was seen once: as fast as people walk.
+# Of a new track: as fast as people walk.
 _INITIAL_SPEED_SD_M_S = 1.0
 _EYE3 = np.eye(3)
 
@@ -38,7 +38,7 @@ class Motion:
 
     @staticmethod
     def begin(position_m: FloatArray, noise_m2: FloatArray) -> Motion:
-        """Somebody seen once.
+        """A new track.
 
         Args:
             position_m: Shape (3,), metres.
@@ -148,7 +148,7 @@ def assign(
 
     Args:
         expected: The people's motion at this instant.
-        unseen_s: For how long nobody has seen each of them, shape (N,), seconds.
+        unseen_s: Time since each of them was seen, shape (N,), seconds.
         track_names: What the tracker called each of them last.
         measured_m: Detections, shape (D, 3), metres.
         noise_m2: Covariances of their errors, shape (D, 3, 3).

@@ -12,7 +12,7 @@ from gazempc.people.person import PersonState
 from gazempc.settings import LookAwayMode
 from gazempc.types import FloatArray
 
-# A score for somebody who is not to be looked at.
+# Score of a person who is not to be looked at.
 NOT_AT_ALL = math.nan
 
 
@@ -35,12 +35,12 @@ class Sound:
 
 @dataclass(frozen=True)
 class Company:
-    """Everybody who is there at one time.
+    """All people who are there at one time.
 
     Attributes:
         time_s: The time, seconds.
         people: Who may be looked at, in the order in which they entered.
-        attended: Number of the person who is looked at; None for nobody.
+        attended: Number of the person who is looked at; None for no person.
         sounds: Speech of the last seconds, oldest first.
     """
 
@@ -54,11 +54,11 @@ class AttentionPolicy(Protocol):
     """Says who is worth looking at. How long and how often to switch is not its business."""
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all people."""
         ...
 
     def scores(self, company: Company) -> Sequence[float]:
-        """Judge everybody.
+        """Score all people.
 
         Args:
             company: Who is there.
@@ -69,13 +69,13 @@ class AttentionPolicy(Protocol):
         ...
 
 
-# Nobody tells so much between two ticks.
+# More than any program sends between two ticks.
 _WAITING_MAX = 256
 
 
 @dataclass(frozen=True)
 class Thinking:
-    """Look away as somebody who thinks, for so long: seconds."""
+    """Look away as people do who think, for so long: seconds."""
 
     lasts_s: float
 

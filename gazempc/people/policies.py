@@ -13,16 +13,16 @@ from gazempc.people.company import NOT_AT_ALL, AttentionPolicy, Company
 from gazempc.people.engagement import Engagement
 from gazempc.people.person import PersonState
 
-# Above all distances, which are the scores of whom a policy has nothing to say of.
+# Above all distances, which are the scores of all others.
 _FIRST = 1e3
-# Slower than this nobody comes up to the robot; they shift their weight.
+# Slower motion is a shift of weight, no approach.
 _APPROACHES_M_S = 0.3
 # Directions of sound are known to some 10 deg; a speaker's pauses are shorter than this.
 _SPEAKER_WITHIN_RAD, _PAUSE_S = math.radians(20.0), 2.0
 
 
 class Nearest:
-    """Whoever is nearest."""
+    """The nearest person."""
 
     def reset(self) -> None:
         """See `AttentionPolicy.reset`."""
@@ -33,7 +33,7 @@ class Nearest:
 
 
 class Approaching:
-    """Whoever comes up fastest; while nobody does, whoever is nearest."""
+    """The person who approaches fastest; if none does, the nearest."""
 
     def reset(self) -> None:
         """See `AttentionPolicy.reset`."""
@@ -48,7 +48,7 @@ class Approaching:
 
 
 class Engaged:
-    """The nearest of those who are engaged with the robot; while nobody is, whoever is nearest."""
+    """The nearest of those who are engaged with the robot; if none is, the nearest person."""
 
     def __init__(self) -> None:
         self._engagement = Engagement()
@@ -64,7 +64,7 @@ class Engaged:
 
 
 class Speaker:
-    """Whoever spoke last, by the direction of the sound; until somebody speaks, whoever is nearest."""
+    """The last speaker, by the direction of the sound; before any speech, the nearest person."""
 
     def __init__(self) -> None:
         self.reset()
@@ -93,7 +93,7 @@ class Speaker:
 
 
 class Named:
-    """The person whom the tracker calls so, and nobody else.
+    """The person with a name of the tracker, and no other.
 
     Args:
         name: The name.
@@ -111,7 +111,7 @@ class Named:
 
 
 def closing_m_s(person: PersonState) -> float:
-    """How fast somebody comes nearer to the neck, horizontally, m/s."""
+    """Horizontal closing speed of a person, m/s."""
     distance_m = max(person.distance_m, 1e-6)
     return -float(person.position_base_m[:2] @ person.velocity_base_m_s[:2]) / distance_m
 

@@ -13,7 +13,7 @@ from predictors import HeadObservation, Predictor
 from predictors.yaw import wrap_rad, yaw_rad
 
 _FROZEN_AFTER_S = 0.5
-# Nobody who walked so fast over the last quarter of a second stands still to the last bit in the next frame: braking
+# A person who walked so fast over the last quarter of a second cannot stand still to the last bit at once: braking
 # takes a person half a second. Who slows down first, as simulated people without noise do, is believed to stand.
 _WALKED_M_S = 0.5
 _WALKED_OVER_S = 0.25
@@ -41,7 +41,7 @@ def is_low_rate(times_s: FloatArray) -> bool:
 
 
 class FrozenTracker:
-    """Notices that a tracker repeats one position, with new stamps, of somebody who was walking.
+    """Detects that a tracker repeats one position, with new stamps, of a person who was walking.
 
     Attributes:
         frozen: Whether it does so at present.
@@ -61,7 +61,7 @@ class FrozenTracker:
             sighting: The sighting.
 
         Returns:
-            Whether it says nothing: the same position for more than 0.5 s, to the last bit, and a walk before it.
+            Whether it is a repetition: the same position for more than 0.5 s, to the last bit, and a walk before it.
         """
         observation = sighting.observation
         time_s = observation.capture_time_s
@@ -146,7 +146,7 @@ class OrientationJumps:
     def without(self, observation: HeadObservation) -> tuple[HeadObservation, bool]:
         """Judge the yaws of head and pelvis, each by that of the frame before, whether that one was used or not.
 
-        So one frame is left out where a tracker turns somebody round for good, and all where it does so at every frame.
+        So one frame is left out where a tracker turns a person round for good, and all where it does so at every frame.
 
         Args:
             observation: The observation.

@@ -36,7 +36,7 @@ _POSITION_MODE, _EXTENDED_POSITION_MODE = 3, 4
 
 # Setting up may take its time; while the loop runs, the time for an answer is `reply_timeout_ms`.
 _CONNECT_WAIT_MS = 100.0
-# Nobody is there: ask this often, so that the ticks in between lose no time.
+# Period of retries without an answer, so that the ticks in between lose no time.
 _RETRY_S = 0.1
 
 
@@ -50,7 +50,7 @@ class DynamixelNeck:
     elsewhere than the command does not jump there.
 
     A lost answer costs one call: the next one asks whether the motors still hold, and goes on if they do. Otherwise
-    they are set up again, one exchange a call (a few ms each), also after the port was gone. Where nobody answers, one
+    they are set up again, one exchange a call (a few ms each), also after the port was gone. Without an answer, one
     call in 0.1 s waits for it and the others fail at once. A motor that has shut itself down is not restarted: its
     error goes away with a reboot or a power cycle, and then it is set up again.
 

@@ -20,9 +20,9 @@ _SAME_STEP = 1e-6
 class MujocoNeck:
     """Hinges with position servos behind MuJoCo's own actuator delay, in lock-step with the clock given.
 
-    Time is what the clock says when a method is called; the simulation is stepped up to then, as many steps of
+    Time is that of the clock when a method is called; the simulation is stepped up to then, as many steps of
     `gazempc.robots.mujoco_model.timestep_s` as are complete. On the loop's simulated clock that is exact; on another
-    clock the state is less than one step (1 ms) old, and says so in its time.
+    clock the state is less than one step (1 ms) old, and has its own time.
 
     Args:
         neck: What to simulate: geometry, ranges, servos, dead times, encoder noise and load.

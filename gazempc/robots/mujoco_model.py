@@ -7,7 +7,7 @@ import math
 from gazempc.neck.spec import BODY_AXIS, EYE_AXES, Axis, NeckSpec
 
 # A head on a geared motor. Gains follow from the inertia, so that these figures do not change the servo; they only
-# say how much the head's own inertia, which changes with tilt when the eye is off the axes, counts beside the gears'.
+# set how much the head's own inertia, which changes with tilt when the eye is off the axes, counts beside the gears'.
 _ARMATURE_KG_M2 = 0.1
 _HEAD_KG = 1.0
 _HEAD_RADIUS_M = 0.09

@@ -100,7 +100,7 @@ def clamp_to_head(position_rad: FloatArray) -> FloatArray:
 # A head that lies (asleep) or a body that is turned would jump when the first command puts them straight.
 _DISPLACED_M = 0.02
 _BODY_TURNED_RAD = math.radians(10.0)
-# The daemon sends a pose every 20 ms. One this old says little; after a silence this long nobody is there.
+# The daemon sends a pose every 20 ms. Older ones than this are stale; a longer silence is a lost connection.
 _STALE_S = 0.2
 _SILENCE_S = 1.0
 _STUCK_S = 1.0  # for a send that waits
@@ -347,7 +347,7 @@ class ReachyMiniNeck:
             self._joints_known = self._status_known = False
             self._poses.clear()
         # The library's own close would wait: for a send that waits for the network (it holds a lock), and in some
-        # versions for messages that nobody takes any more. What was sent is still delivered.
+        # versions for messages that are not received any more. What was sent is still delivered.
         with suppress(Exception):
             connection.socket.shutdown(socket.SHUT_RDWR)
             while True:
@@ -356,7 +356,7 @@ class ReachyMiniNeck:
     def _take(self, message: str | bytes, heard_s: float) -> float:
         """Take in a message; returns when the last pose came, on the monotonic clock, seconds."""
         now_s = time.monotonic()
-        with self._changed, suppress(Exception):  # what cannot be read says nothing
+        with self._changed, suppress(Exception):  # unreadable messages are ignored
             content = json.loads(message)
             if content["type"] == "head_pose":
                 matrix = np.array(content["head_pose"], dtype=np.float64)

@@ -13,11 +13,11 @@ from gazempc.types import FloatArray, JointState
 
 
 class Robot(Protocol):
-    """A neck that takes positions, or speeds on an axis whose neck file says ``command = "velocity"``.
+    """A neck that takes positions, or speeds on an axis with ``command = "velocity"`` in the neck file.
 
     Every method but `close` raises `gazempc.errors.RobotError` if the robot does not answer.
 
-    A simulated one says two things more: the class attribute ``keeps_any_clock = True`` (it lives in the loop's time,
+    A simulated one has two things more: the class attribute ``keeps_any_clock = True`` (it uses the loop's time,
     so it may run on a simulated clock), and the method ``true_state() -> JointState`` (where its joints really are).
     """
 
@@ -62,7 +62,7 @@ def wrong_reading(state: object, neck: NeckSpec) -> str:
         neck: The neck, for its joints.
 
     Returns:
-        A sentence that says what is needed; empty for a good reading, and for None (nothing new).
+        A sentence with what is needed; empty for a good reading, and for None (nothing new).
     """
     if state is None:
         return ""

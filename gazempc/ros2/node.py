@@ -42,13 +42,13 @@ class Publication:
 
     def __init__(self, publisher: Any, token: str) -> None:
         self._publisher = publisher
-        # rmw_zenoh takes another hash of the token; to whoever listens it is only a name that no other sender has.
+        # rmw_zenoh takes another hash of the token; to listeners it is only a unique name.
         self._gid = hashlib.blake2b(token.encode(), digest_size=16).digest()
         self._sequence = 0
 
     @property
     def has_listeners(self) -> bool:
-        """Whether anybody subscribes to this topic with this type; only of one that is not latched."""
+        """Whether there is a subscriber of this type; only of a topic that is not latched."""
         return bool(self._publisher.matching_status.matching)
 
     def publish(self, message: Any) -> None:
@@ -69,7 +69,7 @@ class Subscription:
         subscriber: Of Zenoh.
         type_name: Of its messages.
         digest: Hash of this type.
-        announced: Subscriber to what senders on this topic say of themselves; None for several topics.
+        announced: Subscriber to the announcements of senders on this topic; None for several topics.
 
     Attributes:
         type_name: Of its messages.
@@ -111,7 +111,7 @@ class Subscription:
 
     @property
     def has_senders(self) -> bool:
-        """Whether any node says that it sends on this topic with this type, or did send without a word of that."""
+        """Whether a node announces to send on this topic with this type, or did send without an announcement."""
         self._listen_to_senders()
         return self._heard or (self.type_name, self._digest) in self._senders.values()
 
@@ -126,7 +126,7 @@ class Subscription:
     def _listen_to_senders(self) -> None:
         with contextlib.suppress(Exception):
             while self._announced is not None and (sample := self._announced.try_recv()) is not None:
-                # From now on what senders say of themselves is all that counts.
+                # From now on only announcements count.
                 self._heard = False
                 entity = str(sample.key_expr)
                 if sample.kind == sample.kind.PUT:
@@ -214,7 +214,7 @@ class Ros2Node:
         Args:
             topic: Its full name.
             type_name: Such as ``std_msgs/msg/String``.
-            latched: Keep the last message for whoever listens later and asks for it (transient local).
+            latched: Keep the last message for later subscribers (transient local).
         """
         key = topic_key(self._network.domain_id, topic, type_name, self._network.humble)
         # Late commands are worth nothing: no waiting for others in a batch; a network that is stuck loses them.
@@ -257,7 +257,7 @@ class Ros2Node:
             self._declare_topic("MS", topic, type_name, _QOS_LATCHED if latched else _QOS)
         return Subscription(subscriber, type_name, type_hash(type_name, self._network.humble), announced)
 
-    def why_nobody(self, kind: str, topic: str, type_name: str) -> str:
+    def why_no_match(self, kind: str, topic: str, type_name: str) -> str:
         """Why this topic finds no other side, for people to read; takes up to a second.
 
         Args:
@@ -274,10 +274,12 @@ class Ros2Node:
                 found.add((parts[1], ros_name(parts[10]), parts[11]))
         here = (str(self._network.domain_id), type_name, type_hash(type_name, self._network.humble))
         if not found or here in found:
-            return f"nobody {does} {topic} as {type_name} in ROS 2 domain {here[0]}: is that node or controller active?"
+            return (
+                f"no node {does} {topic} as {type_name} in ROS 2 domain {here[0]}: is it active?"
+            )
         others = "; ".join(f"{name} in domain {domain} ({digest[:14]})" for domain, name, digest in sorted(found))
         return (
-            f"nobody {does} {topic} as {type_name} in domain {here[0]} ({here[2][:14]}), but there is {others}: check "
+            f"no node {does} {topic} as {type_name} in domain {here[0]} ({here[2][:14]}), but there is {others}: check "
             "type, domain and, for ROS 2 Humble, the option for it"
         )
 

@@ -63,7 +63,7 @@ def between(early: FloatArray, late: FloatArray, share: float) -> FloatArray:
     return pose
 
 
-# Nobody asks for what is older: observations are used within a second.
+# Observations are used within a second.
 _KEPT_S = 5.0
 # A frame that is told so seldom may have moved anyhow in between.
 _LONGEST_GAP_S = 1.0
@@ -102,7 +102,7 @@ class Transforms:
         self._pruned_s = -math.inf
 
     def take(self, transforms: Sequence[Any], fixed: bool = False) -> tuple[list[Moved], list[str]]:
-        """Take in what one message says.
+        """Take in the transforms of a message.
 
         Args:
             transforms: Each a ``geometry_msgs/msg/TransformStamped``.
@@ -141,7 +141,7 @@ class Transforms:
         return time_s
 
     def knows(self, frame: str) -> bool:
-        """Whether anybody told where a frame is."""
+        """Whether a transform of a frame has come."""
         return frame in self._parent
 
     def ancestors(self, frame: str) -> tuple[str, ...]:
@@ -188,13 +188,13 @@ class Transforms:
             The pose, shape (4, 4).
 
         Raises:
-            WireError: If it is not known, or not yet; says which frame is missing.
+            WireError: If it is not known, or not yet; names the missing frame.
         """
         up, down = (frame, *self.ancestors(frame)), (seen_from, *self.ancestors(seen_from))
         common = next((name for name in up if name in down), None)
         if common is None:
             lost = seen_from if len(down) == 1 else frame
-            raise WireError(f"tf knows no way from {frame!r} to {seen_from!r}: nobody tells where {lost!r} is")
+            raise WireError(f"tf has no path from {frame!r} to {seen_from!r}: no transform of {lost!r}")
         ways = [list(way[: way.index(common)]) for way in (up, down)]
         if time_s is None:
             newest_s = [self._moving[name][-1][0] for way in ways for name in way if name in self._moving]

@@ -22,13 +22,13 @@ FIELDS = (
     *("position_covariance_m2", *_NUMBERS, "person_id"),
 )
 _AXES = 3
-# What is older is of no use to anybody who looks at a person.
+# Older observations are of no use for control.
 _OLDEST_S = 10.0
 _SHOWN = 80
 
 
 class LineError(ValueError):
-    """A line is not an observation; says which field is wrong and what is accepted."""
+    """A line is not an observation; names the field and what is accepted."""
 
 
 def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float]) -> HeadObservation:
@@ -167,7 +167,7 @@ def parse_cue(text: str, arrival_s: float) -> Cue:
         The cue.
 
     Raises:
-        LineError: If it is none; says which field is wrong and what is accepted.
+        LineError: If it is none; names the field and what is accepted.
     """
     try:
         data: Any = json.loads(text)

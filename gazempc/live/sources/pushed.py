@@ -30,7 +30,7 @@ _SHAPES: dict[str, tuple[tuple[int, ...], str]] = {
 
 
 class Stated(TypedDict, total=False):
-    """What `gazempc.live.gaze.Gaze.see` may be told besides time and place; see there."""
+    """Optional values of `gazempc.live.gaze.Gaze.see`."""
 
     head_quat_wxyz: Any
     pelvis_quat_wxyz: Any
@@ -48,7 +48,7 @@ _FIELDS = {name: name for name in Stated.__annotations__} | {"covariance_m2": "p
 class PushedSource:
     """Takes observations from the thread of a tracker, and gives them to the loop.
 
-    It has ended once the thread that opened it has: then nobody sees any more.
+    It ends with the thread that opened it, the thread of the tracker.
 
     Args:
         clock: The loop's clock.

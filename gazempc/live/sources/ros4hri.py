@@ -70,12 +70,12 @@ class HriIds:
                 if isinstance(message, WireError):
                     problems.append(f"{topic}: {message}")
                 else:
-                    # No name is how a person manager says that they have none any more.
+                    # An empty name withdraws the match.
                     self._part_of[part, topic.split("/")[3]] = message.data
         return problems
 
     def is_tracked(self, kind: Kind, part_id: str) -> bool:
-        """Whether somebody is tracked. Some trackers go on sending the last pose of a face that they lost.
+        """Whether a face or body is tracked. Some trackers go on sending the last pose of a face that they lost.
 
         Args:
             kind: What is seen of them.
@@ -95,7 +95,7 @@ class HriIds:
             part_id: The tracker's name of that.
 
         Returns:
-            Name of the person; None while nobody has said, or that person is not tracked any more.
+            Name of the person; None before a match, or when the person is no longer tracked.
         """
         part = _PART[kind]
         found = (who for (of, who), its_id in self._part_of.items() if (of, its_id) == (part, part_id))
@@ -113,7 +113,7 @@ class HriIds:
 
 
 _KIND = re.compile(rf"({'|'.join(KINDS)})_(\w+)")
-# From the middle of the hips to between the eyes, along the back, of somebody 1.7 m tall: 0.936 and 0.530 of the height
+# From the middle of the hips to between the eyes, along the back, of a person 1.7 m tall: 0.936 and 0.530 of the height
 # (Drillis & Contini, Body segment parameters, 1966).
 _HEAD_OVER_HIPS_M = 0.69
 # More wait only if frames on their way are missing.
@@ -122,7 +122,7 @@ _WAITING_MAX = 256
 
 @dataclass(frozen=True)
 class HeadInFrame:
-    """Somebody's head.
+    """The head of a person.
 
     Attributes:
         kind: The frame that shows it.
@@ -153,7 +153,7 @@ class HeadFrames:
 
     Args:
         transforms: The tree.
-        is_tracked: Whether a face or body, by the tracker's name, is somebody who is tracked.
+        is_tracked: Whether a face or body, by the tracker's name, is tracked.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         base_frame: Frame that heads are given in. Without it that of the sensor, with optical axes turned to x forward;
             then all heads must be in one frame.
@@ -218,10 +218,10 @@ class HeadFrames:
         above = (up for up in self._transforms.ancestors(name) if not (is_person(up) or up.endswith(own)))
         sensor = next(above, None)
         if sensor is None:
-            raise WireError("nobody tells where it is in the frame of a sensor")
+            raise WireError("no transform to the frame of a sensor")
         if self._sensor_frame not in (None, sensor):
             raise WireError(
-                f"it is seen from {sensor!r}, others from {self._sensor_frame!r}: say --options.ros2.base-frame, a "
+                f"it is seen from {sensor!r}, others from {self._sensor_frame!r}: set --options.ros2.base-frame, a "
                 "frame of the robot that tf connects with both"
             )
         self._sensor_frame = sensor
@@ -249,7 +249,7 @@ def _kind_and_id(name: str) -> tuple[Kind, str]:
     return next(kind for kind in KINDS if kind == kind_name), part_id
 
 
-# While a face is seen, what a skeleton says of this head is worse. No two heads are so near to each other.
+# While a face is seen, the head of a skeleton is less accurate. No two heads are so near to each other.
 _FACE_COUNTS_S, _ONE_HEAD_M = 0.5, 0.4
 
 

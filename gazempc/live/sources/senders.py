@@ -22,9 +22,9 @@ class Senders:
     """Keeps to the sender whose line was the first to be an observation, until it has been silent for 3 s.
 
     Args:
-        allowed: Addresses or networks, such as ``192.168.0.7`` or ``192.168.0.0/24``; whoever is in them may send, and
-            nobody else. Empty: the first sender.
-        keyed: Whether lines are signed: then the key says who may send, wherever it is.
+        allowed: Addresses or networks, such as ``192.168.0.7`` or ``192.168.0.0/24``; only these may
+            send. Empty: the first sender.
+        keyed: Whether lines are signed: then any address may send that has the key.
 
     Raises:
         SourceError: If one is no address.
@@ -32,14 +32,14 @@ class Senders:
 
     def __init__(self, allowed: Sequence[str] = (), keyed: bool = False) -> None:
         self._allowed = [_network(word) for word in allowed]
-        self._anybody = keyed
+        self._keyed = keyed
         self._first: Address | None = None
         self._heard_s = -math.inf
 
     @property
     def open_to_all(self) -> bool:
-        """Whether the first who sends is obeyed, whoever that is."""
-        return not self._allowed and not self._anybody
+        """Whether any first sender is accepted."""
+        return not self._allowed and not self._keyed
 
     def refusal(self, sender: Address, now_s: float) -> str:
         """Why a datagram is not read.
@@ -58,12 +58,12 @@ class Senders:
                 return ""
             return f"lines of {host}:{port} are not read: --allow names others"
         first = self._first
-        if self._anybody or first is None or first == sender or now_s - self._heard_s > _SILENCE_S:
+        if self._keyed or first is None or first == sender or now_s - self._heard_s > _SILENCE_S:
             return ""
         first_host, first_port = first
         return (
             f"lines of {host}:{port} are not read: {first_host}:{first_port} was first, and sends still; "
-            f"say --allow {host} if both may"
+            f"set --allow {host} if both may send"
         )
 
     def heard(self, sender: Address, now_s: float) -> None:

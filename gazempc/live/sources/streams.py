@@ -192,9 +192,9 @@ def parse_address(word: str, text: str, default_host: str) -> tuple[str, int]:
     return host or default_host, int(port)
 
 
-# More than a second of a fast tracker: if nobody polls, the oldest are the ones to lose.
+# More than a second of a fast tracker; without polls the oldest are dropped.
 _WAITING_MAX = 1024
-# An observation with all its fields has a fifth of it. Parsing more would hold up whoever else has work.
+# An observation with all its fields has a fifth of it. Parsing more would delay other threads.
 LINE_MAX = 4096
 # Of what comes at once the newest are parsed; no tracker sends so many people in a moment.
 _LINES_MAX = 64
@@ -204,7 +204,7 @@ _TEXTS_KEPT = 20
 
 
 class LineSource:
-    """Reads lines in a thread of its own and parses them as `gazempc.live.sources.json_lines` says.
+    """Reads lines in a thread of its own and parses them as in `gazempc.live.sources.json_lines`.
 
     Args:
         wire: Where the lines come from.
@@ -233,7 +233,7 @@ class LineSource:
         self._ended = threading.Event()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._work, name="source", daemon=True)
-        # Guards all below. Nobody holds it for longer than a few microseconds.
+        # Guards all below; held for a few microseconds at most.
         self._lock = threading.Lock()
         self._arrived: deque[Sighting] = deque()
         self._cues: deque[Cue] = deque(maxlen=_WAITING_MAX)
@@ -249,8 +249,8 @@ class LineSource:
             raise SourceError(f"{self._wire.name}: cannot be opened: {why}") from None
         if isinstance(self._wire, UdpPort) and self._wire.on_all_interfaces and self._senders.open_to_all:
             text = (
-                f"{self._wire.name} listens on all interfaces: whoever in the network sends first turns the neck; "
-                "say --allow ADDRESS or --key-file FILE, or listen on one address"
+                f"{self._wire.name} listens on all interfaces: the first sender in the network controls the gaze; "
+                "set --allow ADDRESS or --key-file FILE, or listen on one address"
             )
             self._note(Event.OPEN_TO_ALL, text, 0)
         self._thread.start()

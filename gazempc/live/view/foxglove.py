@@ -43,7 +43,7 @@ class FoxgloveServer:
         port: Port; 0 for any that is free.
 
     Attributes:
-        url: What Foxglove is told to open.
+        url: Address for Foxglove.
 
     Raises:
         SettingsError: If the address cannot be used.

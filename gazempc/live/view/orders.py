@@ -63,7 +63,7 @@ class ViewReady(NamedTuple):
     """The process for viewers is ready.
 
     Attributes:
-        said: What the user is told, one line each.
+        said: Lines for the user.
     """
 
     said: tuple[str, ...]

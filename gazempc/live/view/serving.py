@@ -27,7 +27,7 @@ def serve(orders: ViewOrders, parent: Connection) -> None:
 
     Args:
         orders: What to do.
-        parent: Where moments come from, and where trouble is told.
+        parent: Gives moments, and takes problems.
     """
     second_to_the_run()
     lines: list[str] = []
@@ -37,12 +37,12 @@ def serve(orders: ViewOrders, parent: Connection) -> None:
         parent.send(ViewFailed(str(error)))
         return
     if orders.view is not None and orders.host not in LOOPBACK:
-        lines.append(f"view: WARNING whoever is in the network sees this run (--view-at {orders.host})")
+        lines.append(f"view: WARNING this run is visible in the whole network (--view-at {orders.host})")
     try:
         parent.send(ViewReady(tuple(lines)))
         _work(takers, parent)
     except (EOFError, OSError):
-        pass  # nobody is there any more
+        pass  # the parent has ended
     for taker in takers:
         _survived(taker.close, parent)
 
@@ -98,7 +98,7 @@ def _work(takers: list[_Taker], parent: Connection) -> None:
 
 
 def _survived(do: Callable[[], object], parent: Connection) -> bool:
-    """Whether it went well; else the run is told, and goes on."""
+    """Whether it succeeded; else the run gets the problem, and goes on."""
     try:
         do()
     except Exception as error:

@@ -50,10 +50,10 @@ class ViewProcess:
         """Start it, and wait until it is ready.
 
         Returns:
-            What the user is told.
+            Lines for the user.
 
         Raises:
-            SettingsError: If it cannot do what it is told to.
+            SettingsError: If an order cannot be carried out.
         """
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
@@ -73,7 +73,7 @@ class ViewProcess:
         raise SettingsError(answer.why if isinstance(answer, ViewFailed) else "the process for viewers did not start")
 
     def send(self, batch: list[object]) -> None:
-        """Send it something; what cannot be sent any more is left out, and `problem` says why.
+        """Send a batch; if the process has gone it is dropped, and `problem` gives the reason.
 
         Args:
             batch: Moments and orders.

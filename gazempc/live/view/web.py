@@ -37,7 +37,7 @@ _HISTORY_S = 30.0
 _EVENTS = 20
 # Ellipses of two standard deviations, as in the scene of Foxglove.
 _SDS = 2.0
-# An observation older than this says nothing of where the person is.
+# An observation older than this no longer gives the person's position.
 _LOST_S = 1.0
 _MEANINGS = {str(event): event.meaning for event in Event}
 
@@ -152,7 +152,7 @@ class Snapshots:
 
 def _in_words(event: EventMoment | AttendedMoment) -> str:
     if isinstance(event, AttendedMoment):
-        return f"looks at person {event.person} ({event.why})" if event.person else f"looks at nobody ({event.why})"
+        return f"looks at person {event.person} ({event.why})" if event.person else f"looks at no person ({event.why})"
     meaning = _MEANINGS.get(event.name) if event.text == event.name else None
     return event.text if meaning is None else f"{event.name}: {meaning}"
 
@@ -194,7 +194,7 @@ _STATIC = {
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
     "/charts.js": ("charts.js", "text/javascript; charset=utf-8"),
 }
-# Nothing from another host, and nobody frames the page. Its icon is empty.
+# Nothing from another host, and no frames of other pages. Its icon is empty.
 _POLICY = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
 # A connection that has heard nothing for so long may be dead; a comment finds out.
 _STILL_THERE_S = 5.0
@@ -303,7 +303,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
 
     def _asked_rightly(self) -> bool:
-        # A page of somebody else may lead its own name to this computer, and then read what is served here.
+        # DNS rebinding: a foreign page may resolve its own name to this computer, and then read what is served here.
         bound = cast(_Server, self.server).server_address[0]
         host = self.headers.get("Host", "").rpartition(":")[0].strip("[]")
         return bound not in LOOPBACK or host in LOOPBACK

@@ -15,7 +15,7 @@ from builders.ros2_tf import Stage
 from gazempc.errors import SettingsError
 from gazempc.live import session
 from gazempc.live.clock import SimulatedClock
-from gazempc.live.outlet import AttentionOutlet, Ros2Sink, UdpSink, attention_sink, make_sink
+from gazempc.live.outlet import AttentionOutlet, attention_sink, make_sink
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import build
@@ -34,15 +34,15 @@ class Gathered:
     def __init__(self, fails=()):
         self.lines, self.fails, self.closed = [], list(fails), False
 
-    def open(self):
-        pass
+    def __enter__(self):
+        return self.send
 
     def send(self, line):
         if self.fails and self.fails.pop(0):
             raise OSError("No space left on device")
         self.lines.append(json.loads(line))
 
-    def close(self):
+    def __exit__(self, *error):
         self.closed = True
 
 
@@ -86,38 +86,40 @@ def test_datagrams():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
         listener.settimeout(5.0)
-        sink = make_sink(f"udp:localhost:{listener.getsockname()[1]}", Ros2Network())
-        assert isinstance(sink, UdpSink)
-        sink.open()
-        sink.send('{"person": 1}')
-        assert listener.recv(100) == b'{"person": 1}\n'
-        sink.close()
+        with make_sink(f"udp:localhost:{listener.getsockname()[1]}", Ros2Network()) as send:
+            send('{"person": 1}')
+            assert listener.recv(100) == b'{"person": 1}\n'
 
 
-def test_a_topic_whose_last_line_whoever_listens_later_gets():
+def test_a_topic_whose_last_line_a_later_subscriber_gets():
     stage = Stage()
     try:
-        sink = make_sink("ros2:attention", stage.network)
-        assert isinstance(sink, Ros2Sink)
-        sink.open()
-        sink.send("first")
-        sink.send("last")
-        node = Ros2Node("listener", stage.network)
-        late = node.subscription("/attention", STRING, latched=True)
-        assert [each.data for each in wait_for(late.take)] == ["last"]
-        assert late.has_senders
-        plain = node.subscription("/attention", STRING)
-        time.sleep(0.05)
-        sink.send("next")
-        assert [each.data for each in wait_for(plain.take)] == ["next"]
-        stage.router.close()
-        wait_for(lambda: not sink._node.connected)
-        with pytest.raises(ValueError, match="has gone"):
-            sink.send("lost")
-        sink.close()
-        node.close()
+        with make_sink("ros2:attention", stage.network) as send:
+            send("first")
+            send("last")
+            node = Ros2Node("listener", stage.network)
+            late = node.subscription("/attention", STRING, latched=True)
+            assert [each.data for each in wait_for(late.take)] == ["last"]
+            plain = node.subscription("/attention", STRING)
+            time.sleep(0.05)
+            send("next")
+            assert [each.data for each in wait_for(plain.take)] == ["next"]
+            stage.router.close()
+            wait_for(lambda: not node.connected)
+            time.sleep(0.2)
+            with pytest.raises(ValueError, match="lost"):
+                send("lost")
+            node.close()
     finally:
         stage.close()
+
+
+def test_a_file_begins_anew(tmp_path):
+    path = tmp_path / "attention.jsonl"
+    path.write_text("of an earlier run\n")
+    with make_sink(str(path), Ros2Network()) as send:
+        send("one")
+        assert path.read_text() == "one\n"
 
 
 def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
@@ -149,15 +151,15 @@ def test_places_that_cannot_be_opened(tmp_path):
         ("udp:no..host:5005", "udp:no..host:5005: "),
     ):
         sink = make_sink(word, Ros2Network(f"tcp/127.0.0.1:{free_port()}"))
-        with pytest.raises(SettingsError, match=why):
-            sink.open()
+        with pytest.raises(SettingsError, match=why), sink:
+            pass
 
 
 @pytest.mark.parametrize(
     ("settings", "why"),
     [
         ({}, "there is one person"),
-        ({"attend": "nearest", "simulated_clock": True}, "ROS 2 keeps real time"),
+        ({"attend": "nearest", "simulated_clock": True}, "ROS 2 needs real time"),
         ({"attend": "nearest", "attention_out": "here"}, "--attention-out here: no such place"),
     ],
 )

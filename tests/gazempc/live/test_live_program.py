@@ -234,7 +234,7 @@ def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_l
         (["--source", "replay", "--mount.on", "head"], ["--mount.on", "base"]),
         (["--source", "replay", "--stamps.unit", "ms"], ["--stamps", "stdin, udp, tcp, ros2"]),
         (["--source", "stdin", "--camera.fov-deg", "60"], ["--camera", "accepted with --source camera"]),
-        (["--source", "camera", "--simulated-clock"], ["--simulated-clock", "keeps real time"]),
+        (["--source", "camera", "--simulated-clock"], ["--simulated-clock", "needs real time"]),
         (["--source", "replay", "--neck", "no/such.toml"], ["no/such.toml"]),
         (["--source", "replay", "--neck", "refrence"], ["refrence", "reference"]),
         (["--source", "replay", "--replay", "subject99_R9"], ["subject99_R9"]),

@@ -100,7 +100,7 @@ def test_a_point_in_a_frame_that_nobody_tells_is_waited_for_and_then_a_problem(s
     wait_for(lambda: source.poll() is not None and source._waiting)
     stage.now_s += 0.25
     _, (problem,) = told(source)
-    assert "a point is in the frame 'bottle': tf knows no way from 'bottle' to 'base_link'" in problem
+    assert "a point is in the frame 'bottle': tf has no path from 'bottle' to 'base_link'" in problem
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_speech_heard_by_a_head_that_is_turned(stage):
     source = opened(stage, turned_left, sound_topic="heard", sound_frame="microphones", base_frame="base_link")
     stage.put("/heard", INT, encode(make_message(INT, data=20)))
     _, (problem,) = told(source)
-    assert "/heard: tf knows no way from 'microphones' to 'base_link'" in problem
+    assert "/heard: tf has no path from 'microphones' to 'base_link'" in problem
     quat = Rotation.from_euler("z", -50.0, degrees=True).as_quat(scalar_first=True)
     stage.tf(transform("microphones", [0, 0, 1], quat, "base_link"))
     wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("microphones"))

@@ -60,7 +60,7 @@ def announce(scene, kind, topic, type_name, domain=0):
 
 def test_connect_says_why_nobody_takes_the_commands(scene):
     robot = scene.neck(command_topic="other", connect_timeout_s=0.1)
-    with pytest.raises(RobotError, match=f"nobody listens to /other as {TRAJECTORY} in ROS 2 domain 0: is that node"):
+    with pytest.raises(RobotError, match=f"no node listens to /other as {TRAJECTORY} in ROS 2 domain 0: is it"):
         robot.connect()
     kept = announce(scene, "MS", "other", POSITIONS), announce(scene, "MS", "other", TRAJECTORY, domain=42)
     with pytest.raises(RobotError) as caught:
@@ -73,7 +73,7 @@ def test_connect_says_why_nobody_takes_the_commands(scene):
 @pytest.mark.slow
 def test_connect_says_why_there_are_no_joint_states(scene):
     robot = scene.neck(connect_timeout_s=1.0)
-    with pytest.raises(RobotError, match="nobody sends on /joint_states as sensor_msgs/msg/JointState"):
+    with pytest.raises(RobotError, match="no node sends on /joint_states as sensor_msgs/msg/JointState"):
         robot.connect()
 
 

@@ -128,7 +128,7 @@ class VideoFile:
 class Camera:
     """A camera of this computer, or a stream from the network. A thread takes all pictures; `read` gives the newest.
 
-    Linux's driver says when a picture was captured. Elsewhere it is when it has come.
+    The time of capture is the stamp of Linux's driver; elsewhere the time of arrival.
 
     Args:
         address: A number or nothing for the first one, a device such as ``/dev/video2``, or a URL.

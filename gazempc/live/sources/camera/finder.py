@@ -42,7 +42,7 @@ class Detector(Protocol):
 
 @dataclass(frozen=True)
 class Followed:
-    """Somebody who is followed.
+    """A person who is followed.
 
     Attributes:
         person_id: The name.
@@ -226,8 +226,8 @@ class FaceSensor:
             time_s: When it was captured, seconds; later than the last one.
 
         Returns:
-            The person in the camera's frame (x along the view, y left, z up); None if nobody is seen, or only somebody
-            else while the person may come back.
+            The person in the camera's frame (x along the view, y left, z up); None without a face, or with only that of
+            another person while this one may come back.
         """
         here = self._finder.see(picture, time_s)
         if self._whom not in self._finder.names:

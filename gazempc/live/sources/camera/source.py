@@ -28,7 +28,7 @@ class CameraSource:
     """Finds the face of one person in the pictures of a camera, in a process of its own.
 
     Positions are those of the point between the eyes, in the camera's frame: x along the view, y left, z up. They state
-    their covariance: the direction is known well, the distance by the size of the face. Without anybody in view it
+    their covariance: the direction is known well, the distance by the size of the face. Without a person in view it
     sends nothing.
 
     Args:
@@ -36,7 +36,7 @@ class CameraSource:
             camera of your own.
         options: What to ask of it.
         clock: The loop's clock.
-        say: Takes what is to be said of the camera, a line.
+        say: Takes a line about the camera.
 
     Raises:
         SettingsError: If field of view and calibration are both given.
@@ -55,7 +55,7 @@ class CameraSource:
         self._watch: Callable[[Moment], None] | None = None
 
     def show_to(self, watch: Callable[[Moment], None]) -> None:
-        """Give small pictures to somebody, too; call it before `open`.
+        """Give small pictures to a listener, too; call it before `open`.
 
         Args:
             watch: Takes them in the thread of the run, and returns at once.

@@ -112,7 +112,7 @@ def serve(address: str, options: CameraOptions, parent: Connection, shows: bool 
         except Exception as error:
             parent.send(Failed(f"the process of the camera ended: {said(error)}"))
     except (BrokenPipeError, ConnectionError):
-        return  # nobody is there any more
+        return  # the parent has ended
 
 
 def _work(address: str, options: CameraOptions, parent: Connection, showing: Showing | None) -> None:
@@ -170,5 +170,5 @@ def _about(options: CameraOptions, width: int, height: int) -> str:
         return f"{about}{options.fov_deg:g} degrees across"
     return (
         f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: directions and distances are wrong by as much as this is; "
-        "say it with --camera.fov-deg, or give --camera.calibration"
+        "set --camera.fov-deg, or give --camera.calibration"
     )

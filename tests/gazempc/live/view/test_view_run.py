@@ -217,9 +217,9 @@ def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
     [
         (["--view", "--simulated-clock"], "--view: a run on a simulated clock"),
         (["--view-at", "nowhere:x"], "--view-at nowhere:x: accepted: HOST or HOST:PORT"),
-        (["--passes", "2", "--source", "udp:5005"], "--passes: source 'udp:5005' is no replay"),
-        (["--sensor", "perfect", "--source", "udp:5005"], "--sensor: source 'udp:5005' plays no recording"),
-        (["--distance-m", "9", "--source", "stdin"], "--distance-m: source 'stdin' plays no recording"),
+        (["--passes", "2", "--source", "udp:5005"], "--passes: source 'udp:5005' does not use it"),
+        (["--sensor", "perfect", "--source", "udp:5005"], "--sensor: source 'udp:5005' does not use it"),
+        (["--distance-m", "9", "--source", "stdin"], "--distance-m: source 'stdin' does not use it"),
     ],
 )
 def test_what_does_not_go_together_is_refused(words, message):
