@@ -53,7 +53,8 @@ def test_a_person_whose_id_changes_at_every_frame_is_one_person():
     assert len(set(ids)) == len(ids) > 100
 
 
-@every_predictor
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [Walker, HeadPose])
 def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none(make):
     frames = {"flips": 0, "none": 0}
 
@@ -76,6 +77,7 @@ def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none(make):
     np.testing.assert_allclose(sent, usual, atol=1e-9)
 
 
+@pytest.mark.slow
 @every_predictor
 def test_orientations_that_are_lost_in_mid_walk_are_done_without(make):
     def lost(now_s, sighting):
