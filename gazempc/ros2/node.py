@@ -274,9 +274,7 @@ class Ros2Node:
                 found.add((parts[1], ros_name(parts[10]), parts[11]))
         here = (str(self._network.domain_id), type_name, type_hash(type_name, self._network.humble))
         if not found or here in found:
-            return (
-                f"no node {does} {topic} as {type_name} in ROS 2 domain {here[0]}: is it active?"
-            )
+            return f"no node {does} {topic} as {type_name} in ROS 2 domain {here[0]}: is it active?"
         others = "; ".join(f"{name} in domain {domain} ({digest[:14]})" for domain, name, digest in sorted(found))
         return (
             f"no node {does} {topic} as {type_name} in domain {here[0]} ({here[2][:14]}), but there is {others}: check "
