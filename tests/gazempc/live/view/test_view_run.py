@@ -215,7 +215,7 @@ def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--view", "--simulated-clock"], "--view: a run on a simulated clock"),
+        (["--view", "--simulated-clock"], "--view: accepted without --simulated-clock"),
         (["--view-at", "nowhere:x"], "--view-at nowhere:x: accepted: HOST or HOST:PORT"),
         (["--passes", "2", "--source", "udp:5005"], "--passes: source 'udp:5005' does not use it"),
         (["--sensor", "perfect", "--source", "udp:5005"], "--sensor: source 'udp:5005' does not use it"),
