@@ -23,13 +23,12 @@ import numpy as np
 import tyro
 
 from gazempc.live.clock import Clock, RealClock
-from gazempc.live.parts import Keeping, LiveParts
 from gazempc.live.process import fast_switching, without_collection
-from gazempc.live.report import LiveReport
 from gazempc.live.run import LiveRun
+from gazempc.live.run_report import LiveReport
+from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.build import Person, make_controller, make_predictor
-from gazempc.loop.planner import BackgroundPlanner
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.results.limits import limit_violations
 from gazempc.results.log import ComputeTimes, Log
@@ -201,14 +200,6 @@ def soak(minutes: float, neck: NeckSpec, log_s: float, seed: int) -> dict[str, A
     source = EndlessWalk(clock, seed)
     with tempfile.TemporaryDirectory() as folder:
         kept = Kept(neck, Path(folder))
-        parts = LiveParts(
-            neck,
-            make_predictor(settings.predictor, settings, Person(), {}),
-            BackgroundPlanner(controller),
-            robot,
-            source,
-            clock,
-        )
         about = RunInfo(
             recording="endless walk",
             kind="live",
@@ -221,8 +212,18 @@ def soak(minutes: float, neck: NeckSpec, log_s: float, seed: int) -> dict[str, A
             mode="live",
             joints="measured",
         )
-        keeping = Keeping(about, kept.keep, log_s, lambda times_s: head_m(times_s - source.start_s), robot.true_state)
-        run = LiveRun(parts, keeping)
+        setup = LiveSetup(
+            about,
+            neck,
+            make_predictor(settings.predictor, settings, Person(), {}),
+            controller,
+            robot,
+            source,
+            clock,
+            true_head_base_m=lambda times_s: head_m(times_s - source.start_s),
+            log_s=log_s,
+        )
+        run = LiveRun(setup, kept.keep)
         watch = Watch(run.report, every_s=min(5.0, 60.0 * minutes / 4))
         watch.start()
         with fast_switching(), without_collection():

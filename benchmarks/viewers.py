@@ -22,14 +22,12 @@ import numpy as np
 import tyro
 from websockets.sync.client import connect
 
-from gazempc.live.build import build
-from gazempc.live.command import parse
-from gazempc.live.parts import Keeping
 from gazempc.live.process import fast_switching, without_collection
-from gazempc.live.robots import true_state_of
 from gazempc.live.run import LiveRun
+from gazempc.live.session import parse
 from gazempc.live.settings import LiveSettings
-from gazempc.live.view.start import start_viewers
+from gazempc.live.setup import build
+from gazempc.live.view.viewers import start_viewers
 from gazempc.results.moments import Moment
 
 KINDS = {
@@ -83,23 +81,18 @@ def run_once(kind: str, seconds: float, out: Path) -> list[float]:
     """
     base = ["--source", "replay", "--passes", "99", "--out", str(out), "--view-at", f"127.0.0.1:{PORT}"]
     settings: LiveSettings = parse([*base, *KINDS[kind]])
-    built = build(settings)
-    viewers = start_viewers(settings, built)
+    setup = build(settings)
+    feed = start_viewers(settings, setup)
     telling: list[float] = []
 
-    def watch(moment: Moment) -> None:
+    def listen(moment: Moment) -> None:
         started = time.perf_counter()
-        assert viewers is not None
-        viewers.feed.watch(moment)
+        assert feed is not None
+        feed.take(moment)
         telling.append(1e3 * (time.perf_counter() - started))
 
-    keeping = Keeping(
-        built.about,
-        lambda log, _: log.save(out / "log_000.npz"),
-        true_state=true_state_of(built.parts.robot),
-        watch=None if viewers is None else watch,
-    )
-    run, stop = Timed(built.parts, keeping), threading.Event()
+    run = Timed(setup, lambda log, _: log.save(out / "log_000.npz"), [] if feed is None else [listen])
+    stop = threading.Event()
     client = multiprocessing.get_context("spawn").Process(target=read_all, args=(kind,), daemon=True)
     client.start()
     time.sleep(3.0)  # until it has connected
@@ -107,8 +100,8 @@ def run_once(kind: str, seconds: float, out: Path) -> list[float]:
         run.run(stop, seconds)
     client.kill()
     client.join()
-    if viewers is not None:
-        viewers.feed.close()
+    if feed is not None:
+        feed.close()
     late = run.report.lateness
     taken = np.percentile(run.took_ms, [50, 99]).tolist()
     return [late.percentile_ms(50), late.percentile_ms(99), *taken, sum(telling) / len(run.took_ms)]

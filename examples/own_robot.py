@@ -15,7 +15,7 @@ from collections import deque
 import numpy as np
 
 import gazempc as gz
-from gazempc.live.command import main
+from gazempc.live.session import main
 
 
 class MyNeck:

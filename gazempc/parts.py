@@ -71,10 +71,10 @@ ROBOT = Kind(
     "robot",
     {
         "simulated": "gazempc.sim.simulated:SimulatedNeck",
-        "mujoco": "gazempc.robots.mujoco.robot:MujocoNeck",
-        "dynamixel": "gazempc.robots.dynamixel.robot:DynamixelNeck",
+        "mujoco": "gazempc.robots.mujoco:MujocoNeck",
+        "dynamixel": "gazempc.robots.dynamixel:DynamixelNeck",
         "ros2": "gazempc.robots.ros2:Ros2Neck",
-        "reachy_mini": "gazempc.robots.reachy_mini.robot:ReachyMiniNeck",
+        "reachy_mini": "gazempc.robots.reachy_mini:ReachyMiniNeck",
     },
     {
         "connect": "connect(): opens the connection",
@@ -90,7 +90,7 @@ SOURCE = Kind(
         "udp": "gazempc.live.sources.streams:LineSource",
         "tcp": "gazempc.live.sources.streams:LineSource",
         "replay": "gazempc.live.sources.replay:ReplaySource",
-        "bag": "gazempc.live.sources.bag:BagSource",
+        "bag": "gazempc.live.sources.replay:BagSource",
         "ros2": "gazempc.live.sources.ros2:Ros2Person",
         "ros4hri": "gazempc.live.sources.ros4hri:Ros4HriPeople",
         "camera": "gazempc.live.sources.camera.source:CameraSource",

@@ -13,7 +13,7 @@ from builders.pages import DOCS, ROOT, page
 from pydantic import BaseModel
 
 import gazempc
-from gazempc.live.sources.camera.options import CameraOptions
+from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.loop.events import Event
 from gazempc.neck.spec import Axis, Eyes, Geometry, NeckSpec, neck_names
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE

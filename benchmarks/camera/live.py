@@ -17,18 +17,18 @@ from benchmarks.camera.studio import Person, Studio
 from benchmarks.camera.walks import FRAME_S
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.mount import Mount
-from gazempc.live.parts import Keeping, LiveParts
 from gazempc.live.run import LiveRun
+from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.camera.blazeface import BlazeFace
+from gazempc.live.sources.camera.finder import FaceSensor
 from gazempc.live.sources.camera.intrinsics import from_field_of_view
-from gazempc.live.sources.camera.sensor import FaceSensor
 from gazempc.live.sources.source import Arrived
 from gazempc.loop import build
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.neck.spec import load_neck
 from gazempc.results.log import Log
 from gazempc.results.run_info import RunInfo
-from gazempc.robots.mujoco.robot import MujocoNeck
+from gazempc.robots.mujoco import MujocoNeck
 from gazempc.settings import GazeSettings
 from gazempc.types import FloatArray, Sighting
 
@@ -114,7 +114,6 @@ def run(
     robot = MujocoNeck(neck, clock.now_s, np.deg2rad([45.0, 5.0]))
     camera = RenderedCamera(studio, robot, clock)
     predictor = build.make_predictor("walker", settings, build.Person(), {})
-    planner = ImmediatePlanner(build.make_controller(controller, neck, settings, {}))
     about = RunInfo(
         recording="rendered person",
         kind="rendered",
@@ -131,7 +130,18 @@ def run(
     def true_head_m(times_s: FloatArray) -> FloatArray:
         return np.array([passer_by(float(t)).eyes_m for t in times_s])
 
-    keeping = Keeping(about, lambda log, _: logs.append(log), true_head_base_m=true_head_m, true_state=robot.true_state)
-    parts = LiveParts(neck, predictor, planner, robot, camera, clock, MOUNT, settings.loop)
-    LiveRun(parts, keeping).run(threading.Event(), duration_s)
+    setup = LiveSetup(
+        about,
+        neck,
+        predictor,
+        build.make_controller(controller, neck, settings, {}),
+        robot,
+        camera,
+        clock,
+        MOUNT,
+        settings.loop,
+        make_planner=ImmediatePlanner,
+        true_head_base_m=true_head_m,
+    )
+    LiveRun(setup, lambda log, _: logs.append(log)).run(threading.Event(), duration_s)
     return logs[0], camera

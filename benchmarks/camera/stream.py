@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from gazempc.live.sources.camera.blazeface import import_opencv
-from gazempc.live.sources.camera.capture import Camera, Picture
-from gazempc.live.sources.camera.options import CameraOptions
+from gazempc.live.sources.camera.capture import Camera, CameraOptions, Picture
 from gazempc.types import FloatArray
 
 _FRAME_S = 1 / 30

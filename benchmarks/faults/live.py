@@ -18,12 +18,10 @@ import numpy as np
 from benchmarks.faults.person import head_m
 from benchmarks.faults.tracker import RATE_HZ, TCP_FAULTS
 from gazempc.controllers.controller import Controller, Plan, Situation
-from gazempc.live.build import build
-from gazempc.live.parts import Keeping, LiveParts
 from gazempc.live.process import fast_switching, without_collection
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
-from gazempc.loop.planner import BackgroundPlanner
+from gazempc.live.setup import LiveSetup, build
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.limits import limit_violations
 from gazempc.results.log import ComputeTimes, Log
@@ -82,6 +80,7 @@ class Timed:
 
     def __init__(self, inner: Robot) -> None:
         self._inner = inner
+        self.true_state = getattr(inner, "true_state", None)
         self.times_s: list[float] = []
         self.not_finite = 0
 
@@ -157,11 +156,11 @@ def run_live(fault: str, seconds: float, neck: str = "reference") -> LiveCount:
     log_s = _LONG_LOG_S if fault == "long_log" else 300.0
     with tempfile.TemporaryDirectory() as folder, _tracker(fault, port, seconds + 3.0) as tracker:
         settings = LiveSettings(source=f"{kind}:127.0.0.1:{port}", neck=neck, out=Path(folder), log_s=log_s)
-        built = build(settings)
-        spec = built.parts.neck
-        robot = Timed(built.parts.robot)
+        setup = _changed(build(settings), fault)
+        spec = setup.neck
+        robot = Timed(setup.robot)
         logs: list[Log] = []
-        unix_s = time.time() - built.parts.clock.now_s()
+        unix_s = time.time() - setup.clock.now_s()
 
         def keep(log: Log, times: ComputeTimes) -> None:
             log.save(Path(folder) / f"log_{len(logs)}.npz")
@@ -177,10 +176,9 @@ def run_live(fault: str, seconds: float, neck: str = "reference") -> LiveCount:
         def true_head(times_s: FloatArray) -> FloatArray:
             return head_m(times_s + unix_s)
 
-        keeping = Keeping(built.about, keep, log_s, true_head, getattr(built.parts.robot, "true_state", None))
-        run = LiveRun(replace(_changed(built.parts, fault), robot=robot), keeping)
+        run = LiveRun(replace(setup, robot=robot, true_head_base_m=true_head), keep)
         with fast_switching(), without_collection():
-            began_s = built.parts.clock.now_s()
+            began_s = setup.clock.now_s()
             run.run(threading.Event(), seconds, begun)
     gaps_ms = 1e3 * np.diff(robot.times_s)
     return LiveCount(
@@ -212,16 +210,12 @@ def _fill(run: LiveRun, neck: NeckSpec, seconds: float) -> None:
         run.logs.recorder.observation(frame / RATE_HZ - seconds, seen, empty, 0.1, used=False)
 
 
-def _changed(parts: LiveParts, fault: str) -> LiveParts:
+def _changed(setup: LiveSetup, fault: str) -> LiveSetup:
     if fault == "slow_predictor":
-        return replace(parts, predictor=Hampered(parts.predictor, lambda _: _compute(_SLOW_PREDICTOR_S)))
+        return replace(setup, predictor=Hampered(setup.predictor, lambda _: _compute(_SLOW_PREDICTOR_S)))
     if fault == "predictor_raises":
-        return replace(parts, predictor=Hampered(parts.predictor, _raise_at_times))
-    if fault == "slow_planner":
-        controller = parts.planner.controller
-        parts.planner.close()
-        return replace(parts, planner=BackgroundPlanner(Slow(controller)))
-    return parts
+        return replace(setup, predictor=Hampered(setup.predictor, _raise_at_times))
+    return replace(setup, controller=Slow(setup.controller)) if fault == "slow_planner" else setup
 
 
 def _error_deg(logs: list[Log], began_s: float) -> float:

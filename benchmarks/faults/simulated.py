@@ -9,10 +9,9 @@ from threading import Event as StopEvent
 
 import numpy as np
 
-from gazempc.live.build import build
-from gazempc.live.parts import Keeping
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
+from gazempc.live.setup import build
 from gazempc.live.sources.source import Arrived, Source
 from gazempc.results.limits import limit_violations
 from gazempc.results.log import Log
@@ -146,15 +145,11 @@ def run_simulated(fault: str, walk: str, neck: str = "reference") -> SimulatedCo
         What came of it; the same each time.
     """
     settings = LiveSettings(source="replay", replay=walk, neck=neck, simulated_clock=True, out=Path())
-    built = build(settings)
-    parts = replace(built.parts, source=Spoilt(built.parts.source, SIMULATED_FAULTS[fault]))
+    setup = build(settings)
+    # The true head is at the source's times: it opens at zero of the simulated clock.
+    setup = replace(setup, source=Spoilt(setup.source, SIMULATED_FAULTS[fault]))
     logs: list[Log] = []
-    true_state = getattr(parts.robot, "true_state", None)
-    keeping = Keeping(built.about, lambda log, times: logs.append(log), 300.0, true_state=true_state)
-    if built.true_head_base_m is not None:
-        # The source that is wrapped knows when it was opened: at zero of a simulated clock.
-        keeping = replace(keeping, true_head_base_m=built.true_head_base_m)
-    run = LiveRun(parts, keeping)
+    run = LiveRun(setup, lambda log, times: logs.append(log))
     run.run(StopEvent())
     (log,) = logs
     metrics = measure(log)
@@ -162,7 +157,7 @@ def run_simulated(fault: str, walk: str, neck: str = "reference") -> SimulatedCo
         fault=fault,
         walk=walk,
         commands=run.report.ticks,
-        outside_limits=limit_violations(log, parts.neck),
+        outside_limits=limit_violations(log, setup.neck),
         observations=run.report.observations,
         used=run.logs.used,
         refused=run.logs.refused,

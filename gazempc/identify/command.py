@@ -40,8 +40,7 @@ from gazempc.part_options import check_options, take_options
 from gazempc.parts import ROBOT, said
 from gazempc.progress import Progress
 from gazempc.robots.options import RobotChoice, RobotOptions
-from gazempc.robots.robot import Robot
-from gazempc.robots.start import way_in_rad
+from gazempc.robots.robot import Robot, way_in_rad
 from gazempc.types import FloatArray
 
 if TYPE_CHECKING:

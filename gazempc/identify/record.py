@@ -22,8 +22,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.parts import said
 from gazempc.results.log import load_log
 from gazempc.results.mcap_read import is_mcap
-from gazempc.robots.robot import Robot
-from gazempc.robots.start import wrong_reading
+from gazempc.robots.robot import Robot, wrong_reading
 from gazempc.types import FloatArray, JointState
 
 _ROBOT_ERRORS = (RobotError, OSError)

@@ -1,8 +1,29 @@
-"""Start of `python -m gazempc.live`."""
+"""Entry of `python -m gazempc.live`: signals are handled before the imports that take long."""
+
+from __future__ import annotations
 
 import sys
+import threading
+from collections.abc import Sequence
 
-from gazempc.live.program import main
+from gazempc.live.process import stopped_by_signals
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; a signal ends it in order, also during the imports.
+
+    Args:
+        arguments: Command line without the program's name; default: the process's.
+
+    Returns:
+        Exit status, see `gazempc.live.session.main`.
+    """
+    stop = threading.Event()
+    with stopped_by_signals(stop):
+        from gazempc.live.session import main as run  # noqa: PLC0415
+
+        return run(arguments, stop)
+
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -9,17 +9,15 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from gazempc.live.clock import RealClock
+from gazempc.live.capture_clock import ClockOffset
+from gazempc.live.hints import Frame
 from gazempc.live.mount import JointHistory
-from gazempc.live.offset import ClockOffset
-from gazempc.live.parts import LiveParts
-from gazempc.live.plausible import Plausibility, out_of_place
-from gazempc.live.report import LiveReport
+from gazempc.live.plausibility import Plausibility, out_of_place
+from gazempc.live.run_report import LiveReport
+from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Arrived, check_range
 from gazempc.live.stamps import Stamps
-from gazempc.live.watch.followed import FollowedPerson
-from gazempc.live.watch.frame import Frame
-from gazempc.live.watch.watch import Watch
+from gazempc.live.watch import FollowedPerson, Watch
 from gazempc.loop.events import Event
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
@@ -40,29 +38,29 @@ class Arrivals:
     """Asks the source at every tick. A source that raises is survived: its exception is an event.
 
     Args:
-        parts: The parts of the run.
+        setup: The parts of the run.
         report: Where to count.
     """
 
-    def __init__(self, parts: LiveParts, report: LiveReport) -> None:
-        self._source, self._mount, self._geometry = parts.source, parts.mount, parts.neck.geometry
-        self._sources = [parts.source] if parts.telling is None else [parts.source, parts.telling]
+    def __init__(self, setup: LiveSetup, report: LiveReport) -> None:
+        self._source, self._mount, self._geometry = setup.source, setup.mount, setup.neck.geometry
+        self._sources = [setup.source] if setup.cue_source is None else [setup.source, setup.cue_source]
         self._report = report
-        self._use_ids, self._cues = parts.use_ids, parts.cues
-        people = parts.several.several if isinstance(parts.several, LookingAway) else None
+        self._use_ids, self._cues = setup.use_ids, setup.cues
+        people = setup.several.several if isinstance(setup.several, LookingAway) else None
         self._one_person = people is None
         self._newest = _NEWEST if people is None else _NEWEST_OF_SEVERAL
-        self._watch = Watch(parts.clock, parts.stamps, parts.mount, parts.settings, parts.mends)
-        # Among several people whose frames follow each other nobody leaps: one of them is judged.
+        self._watch = Watch(setup.clock, setup.stamps, setup.mount, setup.loop, setup.hints)
+        # Of several people in alternate frames one is judged; else each change of person would look like a leap.
         self._see = self._watch.see if people is None else FollowedPerson(self._watch.see, people).see
         self._joints = JointHistory()
         self._waiting: deque[Sighting] = deque()
         # A simulated clock stands still meanwhile.
-        self._longest_s = _TICK_SHARE * parts.neck.servo_period_s if isinstance(parts.clock, RealClock) else math.inf
+        self._longest_s = _TICK_SHARE * setup.neck.servo_period_s if setup.clock.is_real else math.inf
         self._plausibility = Plausibility()
-        latency_s = (Stamps() if parts.stamps is None else parts.stamps.stamps).latency_s
-        self._offset = ClockOffset(latency_s, parts.mends)
-        self._said: set[Event] = set()
+        latency_s = (Stamps() if setup.stamps is None else setup.stamps.stamps).latency_s
+        self._offset = ClockOffset(latency_s, setup.hints)
+        self._warned: set[Event] = set()
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
         """Keep where the joints were: a sensor that moves is turned by them.
@@ -94,7 +92,7 @@ class Arrivals:
                 self._sort(arrived, now_s, recorder)
         shifted = () if self._offset.finding is None else (self._offset.finding,)
         for finding in (*shifted, *self._watch.findings(now_s)):
-            self._say(now_s, recorder, *finding)
+            self._warn(now_s, recorder, *finding)
         return self._in_time(now_s, recorder)
 
     def _sort(self, arrived: Arrived, now_s: float, recorder: LoopRecorder) -> None:
@@ -114,7 +112,7 @@ class Arrivals:
             if notice.count:
                 self._report.observations += notice.count
                 recorder.refused(notice.event, notice.count)
-            self._say(now_s, recorder, notice.event, notice.text, again=not notice.count)
+            self._warn(now_s, recorder, notice.event, notice.text, again=not notice.count)
 
     def _in_time(self, now_s: float, recorder: LoopRecorder) -> Iterator[Sighting]:
         """Those that wait, while a tick has time for them; the others wait for the next one."""
@@ -130,7 +128,7 @@ class Arrivals:
             seen = in_base.observation
             if why := self._refusal(seen):
                 recorder.refused(Event.IMPLAUSIBLE_PERSON)
-                self._say(now_s, recorder, Event.IMPLAUSIBLE_PERSON, why)
+                self._warn(now_s, recorder, Event.IMPLAUSIBLE_PERSON, why)
             else:
                 yield in_base
             if time.perf_counter() > until_s:
@@ -139,7 +137,7 @@ class Arrivals:
     def _refusal(self, seen: HeadObservation) -> str:
         """Why a head cannot be a person's; empty if it can be."""
         if not self._one_person and seen.person_id is None:
-            # Nobody knows yet whose motion it is part of.
+            # The person is unknown before association, so speed cannot be judged.
             return out_of_place(seen.head_position_base_m)
         return self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
 
@@ -150,11 +148,11 @@ class Arrivals:
             _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, text)
         self._report.problem(text)
 
-    def _say(self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again: bool = False) -> None:
-        """Record an event, and say its first text loudly; all of its texts where these are few."""
+    def _warn(self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again: bool = False) -> None:
+        """Record an event, and warn with its first text; with `again` each time."""
         recorder.event(now_s, event)
-        if again or event not in self._said:
-            self._said.add(event)
+        if again or event not in self._warned:
+            self._warned.add(event)
             self._report.warnings.append(f"{event}: {text}")
             _LOGGER.warning("%s: %s", event, text)
 

@@ -1,4 +1,4 @@
-"""The clock of a live run: seconds since its start, that never run backwards."""
+"""The clock of a live run: seconds since its start, monotonic."""
 
 from __future__ import annotations
 
@@ -12,23 +12,39 @@ _STEP_S = 0.01
 
 
 class Clock(Protocol):
-    """What a loop in real time needs of a clock."""
+    """The clock of a loop.
+
+    Attributes:
+        is_real: Whether it advances with the computer's monotonic clock. A simulated clock stands still meanwhile.
+    """
+
+    is_real: bool
 
     def now_s(self) -> float:
         """Seconds since the clock was made."""
         ...
 
     def sleep_until_s(self, time_s: float) -> None:
-        """Return at a time on this clock; at once if it has passed.
+        """Return at a time on this clock, seconds; at once if it has passed."""
+        ...
 
-        Args:
-            time_s: When, seconds.
-        """
+    def from_unix_s(self, unix_s: float) -> float:
+        """Unix time on this clock, seconds; a simulated clock starts at Unix time 0."""
+        ...
+
+    def from_monotonic_s(self, monotonic_s: float) -> float:
+        """A time of `time.monotonic` on this clock, seconds; a simulated clock starts at 0 of it."""
+        ...
+
+    def unix_clock_stepped(self) -> bool:
+        """Whether the computer's Unix clock was set since the last call; Unix times are then read by the new one."""
         ...
 
 
 class RealClock:
-    """The computer's monotonic clock, and how Unix time stamps relate to it."""
+    """The computer's monotonic clock, and its offset to Unix time."""
+
+    is_real = True
 
     def __init__(self) -> None:
         self._start_s = time.monotonic()
@@ -45,33 +61,15 @@ class RealClock:
                 time.sleep(left_s - _SPIN_S)
 
     def from_unix_s(self, unix_s: float) -> float:
-        """A Unix time stamp on this clock.
-
-        Args:
-            unix_s: Seconds since 1970.
-
-        Returns:
-            Seconds since the clock was made.
-        """
+        """See `Clock.from_unix_s`."""
         return unix_s - self._unix_start_s
 
     def from_monotonic_s(self, monotonic_s: float) -> float:
-        """A time of `time.monotonic` on this clock.
-
-        Args:
-            monotonic_s: Seconds.
-
-        Returns:
-            Seconds since the clock was made.
-        """
+        """See `Clock.from_monotonic_s`."""
         return monotonic_s - self._start_s
 
     def unix_clock_stepped(self) -> bool:
-        """Whether the computer's Unix clock was set to another time since the last call; it then counts from there.
-
-        Returns:
-            True once after each step of more than 10 ms.
-        """
+        """See `Clock.unix_clock_stepped`; true once after each step of more than 10 ms."""
         start_s = time.time() - self.now_s()
         stepped = abs(start_s - self._unix_start_s) > _STEP_S
         if stepped:
@@ -80,7 +78,9 @@ class RealClock:
 
 
 class SimulatedClock:
-    """A clock that jumps to the time that is waited for: a live run as fast as the computer can, always the same."""
+    """A clock that jumps to the time that is waited for: a live run at full speed, repeatable."""
+
+    is_real = False
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -92,3 +92,15 @@ class SimulatedClock:
     def sleep_until_s(self, time_s: float) -> None:
         """See `Clock.sleep_until_s`."""
         self._now_s = max(self._now_s, time_s)
+
+    def from_unix_s(self, unix_s: float) -> float:
+        """See `Clock.from_unix_s`."""
+        return unix_s
+
+    def from_monotonic_s(self, monotonic_s: float) -> float:
+        """See `Clock.from_monotonic_s`."""
+        return monotonic_s
+
+    def unix_clock_stepped(self) -> bool:
+        """See `Clock.unix_clock_stepped`: never."""
+        return False

@@ -10,25 +10,20 @@ from types import TracebackType
 from typing import Any, Literal, Unpack
 
 from gazempc.controllers.controller import Controller
-from gazempc.live.gaze_parts import check_settings, make_parts
-from gazempc.live.parts import Keeping
 from gazempc.live.process import fast_switching
 from gazempc.live.run import LiveRun
+from gazempc.live.setup import setup_of_gaze
 from gazempc.live.sources.pushed import Stated, checked
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.neck.spec import NeckSpec
 from gazempc.people.attention import Attended
-from gazempc.people.company import Sound
-from gazempc.people.cues import Glance, Rhythm, Speech, Thinking
+from gazempc.people.company import Glance, Rhythm, Sound, Speech, Thinking
 from gazempc.results.join import join_logs
 from gazempc.results.log import ComputeTimes, Fault, Log
 from gazempc.robots.robot import Robot
 from gazempc.settings import DEFAULT_PREDICTOR, LookAwayMode
 from predictors import Predictor
-
-# A log takes some milliseconds to make, in which the servo thread may have to wait: small ones, often.
-_CHUNK_S = 30.0
 
 
 class Gaze:
@@ -50,7 +45,7 @@ class Gaze:
             ``module:Class``. Only the servo thread uses it inside the block.
         controller: ``mpc``, ``lookahead``, ``reactive``, ``module:Class``, or a controller.
         predictor: Name, ``module:Class``, or a predictor.
-        **settings: Any other of `gazempc.live.gaze_parts.LiveGazeSettings`: ``clock="monotonic"``,
+        **settings: Any other of `gazempc.live.setup.LiveGazeSettings`: ``clock="monotonic"``,
             ``mount={"on": "head"}``, ``mpc={"horizon_s": 0.6}``, ``loop={"lost_after_s": 2.0}``, or
             ``options={"port": "/dev/ttyUSB1"}`` for the constructor of a ``module:Class``.
 
@@ -67,9 +62,7 @@ class Gaze:
         predictor: str | Predictor = DEFAULT_PREDICTOR,
         **settings: Any,
     ) -> None:
-        checked = check_settings(settings)
-        self._parts = make_parts(neck, robot, controller, predictor, checked)
-        self._source = self._parts.source
+        self._setup, self._source, checked = setup_of_gaze(neck, robot, controller, predictor, settings)
         self._keep_s = 60.0 * checked.keep_minutes
         self._kept: tuple[Log, ...] = ()
         self._run: LiveRun | None = None
@@ -86,12 +79,12 @@ class Gaze:
             Itself.
 
         Raises:
-            RobotError: If the robot cannot be connected to, or does not say where it stands.
+            RobotError: If the robot cannot be connected to, or its joints cannot be read.
             RuntimeError: If it was used before.
         """
         if self._run is not None:
             raise RuntimeError("this Gaze was used before: make another one for another with-block")
-        self._run = run = self._parts.run(Keeping(self._parts.about, self._keep, _CHUNK_S))
+        self._run = run = LiveRun(self._setup, self._keep)
         # No daemon: at the end of the program the neck is braked, too.
         thread = threading.Thread(target=self._work, args=(run,), name="servo")
         try:
@@ -174,20 +167,20 @@ class Gaze:
         self._source.push(time_s, head_m, stated)
 
     def hear(self, azimuth_rad: float) -> None:
-        """Tell that somebody speaks now, for the policy ``speaker``.
+        """Report speech from a direction, for the policy ``speaker``.
 
         Args:
             azimuth_rad: Direction of the sound in the base frame, radians, positive to the left.
         """
-        self._parts.cues.tell(Sound(0.0, azimuth_rad))
+        self._setup.cues.tell(Sound(0.0, azimuth_rad))
 
     def think(self, lasts_s: float = 1.5) -> None:
-        """Look away as somebody who thinks, as soon as the neck can; needs ``attend`` or ``look_away``.
+        """Look away as people do who think, as soon as the neck can; needs ``attend`` or ``look_away``.
 
         Args:
             lasts_s: For how long there is no contact, seconds.
         """
-        self._parts.cues.tell(Thinking(lasts_s))
+        self._setup.cues.tell(Thinking(lasts_s))
 
     def speech_starts(self, in_s: float) -> None:
         """Hold the floor before an utterance: look away, and be back as it starts.
@@ -195,7 +188,7 @@ class Gaze:
         Args:
             in_s: Time until then, seconds; from 2 s on there is time to look away.
         """
-        self._parts.cues.tell(Speech(in_s))
+        self._setup.cues.tell(Speech(in_s))
 
     def glance(self, target_base_m: Any, lasts_s: float = 1.0) -> None:
         """Glance at an object.
@@ -207,7 +200,7 @@ class Gaze:
         Raises:
             ValueError: If it is no position.
         """
-        self._parts.cues.tell(
+        self._setup.cues.tell(
             Glance(checked("target_base_m", target_base_m, (3,), "metres in the base frame"), lasts_s)
         )
 
@@ -217,12 +210,12 @@ class Gaze:
         Args:
             rhythm: ``listening``, ``speaking``, or ``told`` for none.
         """
-        self._parts.cues.tell(Rhythm(rhythm))
+        self._setup.cues.tell(Rhythm(rhythm))
 
     @property
     def attended(self) -> Attended | None:
         """Who is looked at among several people, since when, and why; None without ``attend``."""
-        target = self._parts.several
+        target = self._setup.several
         several = target.several if isinstance(target, LookingAway) else None
         return None if several is None else several.attention.attended
 
@@ -243,7 +236,7 @@ class Gaze:
 
     @property
     def observations(self) -> dict[str, int]:
-        """How many observations arrived, by what became of them: ``used``, or the event that says why not."""
+        """Number of observations: ``used``, and refused by the name of the event."""
         return {} if self._run is None else {"used": self._run.logs.used, **self._run.logs.refused}
 
     @property

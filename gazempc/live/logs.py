@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 
-from gazempc.live.clock import RealClock
-from gazempc.live.parts import Keeping, LiveParts
+from gazempc.live.setup import LiveSetup
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.results.join import merge_faults
-from gazempc.results.log import Fault
-from gazempc.results.moments import CutMoment, JointsMoment
+from gazempc.results.log import ComputeTimes, Fault, Log
+from gazempc.results.moments import CutMoment, JointsMoment, Moment
+
+LogSink = Callable[[Log, ComputeTimes], None]
 
 
 class LiveLogs:
@@ -21,26 +23,24 @@ class LiveLogs:
     The thread of the run records and cuts. Any thread may call `snapshot` and read the properties.
 
     Args:
-        parts: The parts of the run.
-        keeping: What the logs say, and who takes them.
+        setup: The parts of the run.
+        sink: Takes each log as soon as it is complete, in a thread of its own.
+        listen: Gets each moment, in the thread of the run; None without listeners.
 
     Attributes:
-        recorder: Where to record now; another one after each cut.
+        recorder: The recorder in use; another one after each cut.
     """
 
-    def __init__(self, parts: LiveParts, keeping: Keeping) -> None:
-        self._keeping = keeping
-        self._control_period_s = parts.neck.control_period_s
-        self._log_ticks = max(1, round(keeping.log_s * parts.neck.servo_rate_hz))
-        # A simulated run would be far ahead of its logs.
-        self._waits = not isinstance(parts.clock, RealClock)
-        self.recorder = LoopRecorder(self._control_period_s, keeping.watch)
-        self._joints = parts.neck.joints
-        self._true_joints = JointColumns(self._joints)
+    def __init__(self, setup: LiveSetup, sink: LogSink, listen: Callable[[Moment], None] | None) -> None:
+        self._setup, self._sink, self._listen = setup, sink, listen
+        self._true_state = setup.true_state
+        self._log_ticks = max(1, round(setup.log_s * setup.neck.servo_rate_hz))
+        self.recorder = self._new_recorder()
+        self._true_joints = JointColumns(setup.neck.joints)
         self._writer = ThreadPoolExecutor(1, "log")
         self._writer.submit(int)  # its thread begins now, not in a tick
         self._written: deque[Future[None]] = deque()
-        # Guards all below. Nobody holds it for longer than a few microseconds.
+        # Guards all below; held for a few microseconds at most.
         self._lock = threading.Lock()
         self._asked: list[Future[None]] = []
         self._closed = False
@@ -49,13 +49,16 @@ class LiveLogs:
         self._refused: Counter[str] = Counter()
         self._faults: tuple[Fault, ...] = ()
 
+    def _new_recorder(self) -> LoopRecorder:
+        return LoopRecorder(self._setup.neck.control_period_s, self._listen)
+
     def note_true_joints(self) -> None:
-        """Record where the joints really are at this tick, if anybody knows."""
-        if self._keeping.true_state is not None:
-            joints = self._keeping.true_state()
+        """Record the true joints of a simulated robot at this tick."""
+        if self._true_state is not None:
+            joints = self._true_state()
             self._true_joints.append(joints)
-            if self._keeping.watch is not None:
-                self._keeping.watch(JointsMoment(joints))
+            if self._listen is not None:
+                self._listen(JointsMoment(joints))
 
     @property
     def due(self) -> bool:
@@ -63,23 +66,24 @@ class LiveLogs:
         return self.recorder.ticks >= self._log_ticks or bool(self._asked)
 
     def cut(self) -> None:
-        """End the log so far and hand it over. That takes many ticks' time, so nobody waits for it."""
-        true_joints, self._true_joints = self._true_joints, JointColumns(self._joints)
+        """End the log so far and hand it over to a thread: making it takes many ticks' time."""
+        true_joints, self._true_joints = self._true_joints, JointColumns(self._setup.neck.joints)
         with self._lock:
-            recorder, self.recorder = self.recorder, LoopRecorder(self._control_period_s, self._keeping.watch)
+            recorder, self.recorder = self.recorder, self._new_recorder()
             asked, self._asked = self._asked, []
             self._events.update(recorder.events)
             self._used += recorder.used
             self._refused.update(recorder.refusals)
             self._faults = merge_faults((*self._faults, *recorder.faults))
         if recorder.ticks:
-            if self._keeping.watch is not None:
-                self._keeping.watch(CutMoment())
+            if self._listen is not None:
+                self._listen(CutMoment())
             self._written.append(self._writer.submit(self._write, recorder, true_joints))
-            if self._waits:
+            if not self._setup.clock.is_real:
+                # A simulated run would be far ahead of its logs.
                 wait(self._written)
         for each in asked:
-            # The writer does one thing after the other: then the log above is kept.
+            # The writer works in order: then the log above is kept.
             self._writer.submit(each.set_result, None)
 
     def snapshot(self) -> Future[None]:
@@ -133,5 +137,4 @@ class LiveLogs:
         self._writer.shutdown()
 
     def _write(self, recorder: LoopRecorder, true_joints: JointColumns) -> None:
-        keeping = self._keeping
-        keeping.keep(*recorder.finish(keeping.about, keeping.true_head_base_m, true_joints))
+        self._sink(*recorder.finish(self._setup.about, self._setup.true_head_base_m, true_joints))

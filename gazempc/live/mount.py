@@ -140,7 +140,7 @@ class Mount(BaseModel):
         )
 
 
-# Every frame asks for it. Safe: three numbers in, a value that nobody changes out.
+# Cached, as each frame needs it; the value is never changed.
 @lru_cache(maxsize=16)
 def _turn(roll_pitch_yaw_deg: tuple[float, float, float]) -> Rotation:
     return Rotation.from_euler("xyz", roll_pitch_yaw_deg, degrees=True)

@@ -1,30 +1,136 @@
-"""Tells others whom the robot looks at: a line of JSON at each change, sent by a thread of its own."""
+"""Reports of whom the robot looks at: a line of JSON at each change, to a UDP address, a ROS 2 topic or a file."""
 
 from __future__ import annotations
 
 import json
 import queue
+import socket
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import asdict
+from pathlib import Path
 from types import TracebackType
 
 from gazempc.errors import SettingsError
-from gazempc.live.clock import Clock, RealClock
+from gazempc.live.clock import Clock
 from gazempc.live.settings import LiveSettings
-from gazempc.live.sinks import Sink, make_sink
-from gazempc.people.state import AttentionState
+from gazempc.people.attention import AttentionState
+from gazempc.ros2.node import Ros2Node
+from gazempc.ros2.wire import Ros2Network, WireError, make_message, topic_name
 
-# Lines that wait for a disk that hangs; nobody looks at so many people.
+_OPTION = "--attention-out"
+_ACCEPTED = "udp:HOST:PORT, ros2:TOPIC, or a file FILE.jsonl"
+_TEXT = "std_msgs/msg/String"
+# Lines that wait for a disk that hangs.
 _WAITING = 1000
-# At the end the last lines are waited for; they take milliseconds.
+# The last lines are waited for at the end; they take milliseconds.
 _LAST_SENT_S = 2.0
 _TIMES = ("since_s", "stays_until_s", "away_since_s", "away_until_s")
 
+# Opened by a with-statement, which gives what sends one line without its end, and may raise anything.
+Sink = AbstractContextManager[Callable[[str], None]]
+
+
+@contextmanager
+def _udp(host: str, port: int) -> Iterator[Callable[[str], None]]:
+    """A datagram a line; a missing receiver is no error."""
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        opened = socket.socket(family, socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:  # the last one: a name with an empty part
+        why = getattr(error, "strerror", None) or error
+        raise SettingsError(f"{_OPTION} udp:{host}:{port}: {why}") from None
+    with opened:
+
+        def send(line: str) -> None:
+            opened.sendto(line.encode() + b"\n", address)
+
+        yield send
+
+
+@contextmanager
+def _ros2(topic: str, network: Ros2Network) -> Iterator[Callable[[str], None]]:
+    """A ``std_msgs/msg/String`` a line; a later subscriber gets the last one (transient local)."""
+    with ExitStack() as stack:
+        try:
+            node = stack.enter_context(closing(Ros2Node("gazempc_attention", network)))
+            publication = node.publication(topic, _TEXT, latched=True)
+        except WireError as error:
+            raise SettingsError(f"{_OPTION} ros2:{topic}: {error}") from None
+
+        def send(line: str) -> None:
+            if not node.connected:
+                raise WireError(f"the connection to the Zenoh router at {network.endpoint} is lost; connecting again")
+            publication.publish(make_message(_TEXT, data=line))
+
+        yield send
+
+
+@contextmanager
+def _file(path: Path) -> Iterator[Callable[[str], None]]:
+    """Lines of a file, which begins anew."""
+    try:
+        file = path.open("w", encoding="utf-8")
+    except OSError as error:
+        raise SettingsError(f"{_OPTION} {path}: cannot be written: {error.strerror or error}") from None
+    with file:
+        yield lambda line: print(line, file=file, flush=True)
+
+
+def make_sink(word: str, network: Ros2Network) -> Sink:
+    """The sink that a word names; not open yet.
+
+    Args:
+        word: ``udp:HOST:PORT``, ``ros2:TOPIC`` or a file's name with the ending ``.jsonl``.
+        network: Router, domain and release of ROS 2.
+
+    Returns:
+        The sink; opening it raises SettingsError if that is impossible.
+
+    Raises:
+        SettingsError: If the word names none.
+    """
+    kind, _, address = word.partition(":")
+    if kind == "udp":
+        host, _, port = address.rpartition(":")
+        if host and port.isdecimal() and 0 < int(port) < 65536:
+            return _udp(host.strip("[]"), int(port))
+    elif kind == "ros2" and address:
+        return _ros2(topic_name(address), network)
+    elif word.endswith(".jsonl"):
+        return _file(Path(word))
+    raise SettingsError(f"{_OPTION} {word}: no such place; accepted: {_ACCEPTED}")
+
+
+def attention_sink(settings: LiveSettings) -> Sink | None:
+    """The sink of ``--attention-out``.
+
+    Args:
+        settings: The settings.
+
+    Returns:
+        The sink, not open yet; None without the option.
+
+    Raises:
+        SettingsError: If settings do not go together, or name no sink.
+    """
+    where = settings.attention_out
+    if where is None:
+        return None
+    if not settings.several:
+        raise SettingsError(
+            "--attention-out: there is one person, who is looked at all the time; accepted with --attend, or "
+            "--look-away.rhythm"
+        )
+    if where.startswith("ros2:") and settings.simulated_clock:
+        raise SettingsError(f"--attention-out {where}: ROS 2 needs real time; with a simulated clock name a file")
+    return make_sink(where, settings.options.ros2.network)
+
 
 class AttentionOutlet:
-    """Sends states within a with-block.
+    """Sends states within a with-block, in a thread of its own.
 
     Args:
         sink: Where they go.
@@ -35,51 +141,49 @@ class AttentionOutlet:
         self._sink, self._clock = sink, clock
         self._last: AttentionState | None = None
         self._queue: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._work, name="attention", daemon=True)
         self._failed: deque[Exception] = deque(maxlen=_WAITING)
+        self._open = ExitStack()
 
     def __enter__(self) -> AttentionOutlet:
         """Open the sink.
 
         Raises:
-            SettingsError: If that cannot be.
+            SettingsError: If that is impossible.
         """
-        self._sink.open()
+        send = self._open.enter_context(self._sink)
+        self._thread = threading.Thread(target=self._work, args=(send,), name="attention", daemon=True)
         self._thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Say that it has ended, and send what is left."""
+        """Report the end, and send what is left."""
         self.tell(self._clock.now_s(), AttentionState(why="ended"))
         self._queue.put(None)
         self._thread.join(_LAST_SENT_S)
         if not self._thread.is_alive():
-            self._sink.close()
+            self._open.close()
 
     def tell(self, now_s: float, state: AttentionState) -> Sequence[Exception]:
-        """Say whom the robot looks at; returns at once, and sends nothing where nothing has changed.
+        """Report whom the robot looks at; returns at once, and sends a line where something has changed.
 
         Args:
             now_s: The time, seconds.
-            state: Whom.
+            state: The state of attention.
 
         Returns:
-            What could not be sent since the last call, and why.
+            Exceptions of lines that could not be sent since the last call.
         """
         if state != self._last and self._queue.qsize() < _WAITING:
             self._last = state
-            self._queue.put(line_of(state, now_s, self._unix_offset_s()))
+            self._queue.put(line_of(state, now_s, -self._clock.from_unix_s(0.0)))
         return [self._failed.popleft() for _ in range(len(self._failed))]
 
-    def _unix_offset_s(self) -> float:
-        return -self._clock.from_unix_s(0.0) if isinstance(self._clock, RealClock) else 0.0
-
-    def _work(self) -> None:
+    def _work(self, send: Callable[[str], None]) -> None:
         while (line := self._queue.get()) is not None:
             try:
-                self._sink.send(line)
+                send(line)
             except Exception as error:
                 self._failed.append(error)
 
@@ -99,28 +203,3 @@ def line_of(state: AttentionState, now_s: float, offset_s: float) -> str:
     for name in ("time_s", *_TIMES):
         said[name] = None if said[name] is None else round(said[name] + offset_s, 4)
     return json.dumps(said)
-
-
-def attention_sink(settings: LiveSettings) -> Sink | None:
-    """Make where the state of attention goes, as the settings say.
-
-    Args:
-        settings: The settings.
-
-    Returns:
-        The sink, not open yet; None where nobody wants it.
-
-    Raises:
-        SettingsError: If settings do not go together, or name no place.
-    """
-    where = settings.attention_out
-    if where is None:
-        return None
-    if not settings.several:
-        raise SettingsError(
-            "--attention-out: there is one person, who is looked at all the time; accepted with --attend, or "
-            "--look-away.rhythm"
-        )
-    if where.startswith("ros2:") and settings.simulated_clock:
-        raise SettingsError(f"--attention-out {where}: ROS 2 keeps real time; with a simulated clock name a file")
-    return make_sink(where, settings.options.ros2.network)

@@ -1,23 +1,26 @@
-"""What a live run asks of its process: signals that stop it in order, and commands that wait for nobody."""
+"""What a live run asks of its process: signals, real-time priority, thread switching, asynchronous warnings."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
+import logging
 import multiprocessing
 import os
+import queue
 import signal
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from logging.handlers import QueueHandler, QueueListener
 from types import FrameType
 
 # Another thread must not hold the interpreter for longer than a tick can wait.
 _SWITCH_S = 0.0005
 _TIMES_TO_END = 2
 # Real-time priorities: of the servo, and of those whom it may have to wait for.
-_SERVO, _OTHERS = 20, 10
+_SERVO, _OTHER_THREADS = 20, 10
 # Where processors are short, commands come first.
 _NICE = 5
 
@@ -31,7 +34,7 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
     """
     times = 0
 
-    def told(number: int, frame: FrameType | None) -> None:
+    def handle(number: int, frame: FrameType | None) -> None:
         nonlocal times
         times += 1
         stop.set()
@@ -43,7 +46,7 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
     numbers = (
         (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
     )
-    before = {number: signal.signal(number, told) for number in numbers}
+    before = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield
     finally:
@@ -81,7 +84,7 @@ def without_collection() -> Iterator[None]:
 
 
 @contextmanager
-def in_front() -> Iterator[None]:
+def real_time_priority() -> Iterator[None]:
     """The calling thread, which sends commands, goes before other programs, where the system allows it.
 
     So do all other threads of a program whose main thread it is. One that holds the interpreter must not wait for its
@@ -99,7 +102,7 @@ def in_front() -> Iterator[None]:
         for thread in sorted(threads):
             with contextlib.suppress(ProcessLookupError):
                 known = os.sched_getscheduler(thread), os.sched_getparam(thread)
-                urgent = os.sched_param(_SERVO if thread == mine else _OTHERS)
+                urgent = os.sched_param(_SERVO if thread == mine else _OTHER_THREADS)
                 os.sched_setscheduler(thread, os.SCHED_RR | os.SCHED_RESET_ON_FORK, urgent)
                 before[thread] = known
     try:
@@ -125,3 +128,46 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(0)
+
+
+# Each kind is said once; of what else comes the newest are kept.
+_RECORDS_MAX = 100
+_LOGGERS = ("gazempc.live", "gazempc.loop")
+
+
+class _Aside(QueueHandler):
+    """Hands records over as they are, so that the thread of the run does not even format them."""
+
+    def __init__(self, waiting: queue.Queue[logging.LogRecord]) -> None:
+        super().__init__(waiting)
+        self._waiting = waiting
+
+    def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
+        return record
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        while True:
+            try:
+                return self._waiting.put_nowait(record)
+            except queue.Full:
+                with contextlib.suppress(queue.Empty):
+                    self._waiting.get_nowait()
+
+
+@contextmanager
+def async_warnings() -> Iterator[None]:
+    """What looks wrong is said at once on standard error, not only at the end."""
+    written = logging.StreamHandler()
+    written.setFormatter(logging.Formatter("gazempc.live: WARNING %(message)s"))
+    waiting: queue.Queue[logging.LogRecord] = queue.Queue(_RECORDS_MAX)
+    listener, aside = QueueListener(waiting, written), _Aside(waiting)
+    listener.start()
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    for logger in loggers:
+        logger.addHandler(aside)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeHandler(aside)
+        listener.stop()

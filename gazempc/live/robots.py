@@ -1,22 +1,24 @@
-"""Robots by name, ``module:Class`` or as objects; a live run and an identification make them here."""
+"""Robots of a live run or an identification: made by name, and brought to where commands may begin."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
 from typing import Any
 
-from gazempc.errors import SettingsError
-from gazempc.live.clock import Clock, RealClock
+import numpy as np
+
+from gazempc.errors import RobotError, SettingsError
+from gazempc.live.clock import Clock
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
-from gazempc.parts import ROBOT, Kind, find, is_own
+from gazempc.parts import ROBOT, Kind, find, is_own, said
 from gazempc.robots.options import RobotOptions
-from gazempc.robots.robot import Robot
+from gazempc.robots.robot import Robot, way_in_rad, wrong_reading
 from gazempc.types import FloatArray, JointState
 
 
 def keeps_any_clock(kind: Kind, choice: str) -> bool:
-    """Whether a robot or source lives in the loop's time, simulated or not: what its class says.
+    """Whether a robot or source runs on any clock, real or simulated, by its class attribute.
 
     Args:
         kind: The kind of part.
@@ -65,21 +67,86 @@ def make_robot(
     if choice in type(options).model_fields:
         given["options"] = getattr(options, choice)
     if choice == "ros2":
-        if not isinstance(clock, RealClock):
-            raise SettingsError("robot ros2 keeps real time")
+        if not clock.is_real:
+            raise SettingsError("robot ros2 needs real time")
         given["to_loop_s"] = clock.from_unix_s
     robot: Robot = make(ROBOT, choice, given, {})
     return robot
 
 
-def true_state_of(robot: object) -> Callable[[], JointState] | None:
-    """How to ask a simulated robot where its joints really are.
+# For so long the joints are asked for before the first command.
+_FIRST_READING_S = 1.0
+# A first reading this far from now is stamped on another clock, such as Unix time.
+_OTHER_CLOCK_S = 10.0
+
+
+def first_position_rad(robot: Robot, neck: NeckSpec, clock: Clock, stop: threading.Event) -> FloatArray | None:
+    """Read the joints; a first command elsewhere would be a step.
 
     Args:
-        robot: The robot.
+        robot: The robot, connected.
+        neck: The neck.
+        clock: The loop's clock.
+        stop: Ends the wait.
 
     Returns:
-        Its method `true_state`; None if it has none.
+        Angles of all joints, shape (N,), radians; None if stopped before a reading came.
+
+    Raises:
+        RobotError: If no reading can be used within 1 s.
     """
-    found: Callable[[], JointState] | None = getattr(robot, "true_state", None)
-    return found
+    if not neck.reports_joints:
+        return neck.rest_rad
+    until_s = clock.now_s() + _FIRST_READING_S
+    problem = "there is no reading"
+    while not stop.is_set():
+        try:
+            state = robot.read_state()
+            wrong = _wrong(state, neck, clock.now_s())
+            if state is not None and not wrong:
+                return state.position_rad
+            problem = wrong or problem
+        except RobotError as error:
+            problem = str(error)
+        except Exception as error:
+            problem = said(error)
+        if clock.now_s() >= until_s:
+            raise RobotError(
+                f"the joints cannot be read ({problem}), and a first command elsewhere would be a step: check the "
+                "robot, or set reports_joints = false in the neck file if it has no encoders and stands at rest"
+            )
+        clock.sleep_until_s(clock.now_s() + neck.servo_period_s)
+    return None
+
+
+def go_in(robot: Robot, neck: NeckSpec, clock: Clock, start_rad: FloatArray, stop: threading.Event) -> None:
+    """Bring a neck from the last bit of its joints' range slowly to where commands may be.
+
+    Args:
+        robot: The robot, connected.
+        neck: The neck.
+        clock: The loop's clock.
+        start_rad: Present angles, shape (N,), radians.
+        stop: Ends the motion.
+    """
+    start_s = clock.now_s()
+    for k, command_rad in enumerate(way_in_rad(neck, start_rad)):
+        if stop.is_set():
+            return
+        clock.sleep_until_s(start_s + k * neck.servo_period_s)
+        robot.send_command(command_rad)
+
+
+def _wrong(state: JointState | None, neck: NeckSpec, now_s: float) -> str:
+    """What is wrong with a reading; empty if nothing is."""
+    wrong = wrong_reading(state, neck)
+    if wrong or state is None:
+        return wrong
+    if not np.all(np.isfinite(state.position_rad)):
+        return f"read_state() returned position_rad {state.position_rad}, needed are finite angles in radians"
+    if abs(state.time_s - now_s) > _OTHER_CLOCK_S:
+        return (
+            f"read_state() returned time_s {state.time_s:.1f}, but the loop's clock is at {now_s:.1f}: "
+            "stamp readings with the clock_s that the robot's constructor is given"
+        )
+    return ""

@@ -1,72 +1,89 @@
-"""The loop on a real clock: absolute ticks, observations from a source, a stop that stops."""
+"""The loop on a real clock: absolute ticks, observations from a source, a stop within limits."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
 
 import numpy as np
 
-from gazempc.errors import RobotError
+from gazempc.errors import GazempcError, RobotError
 from gazempc.live.arrivals import Arrivals
-from gazempc.live.clock import RealClock
-from gazempc.live.logs import LiveLogs
-from gazempc.live.parts import Keeping, LiveParts
-from gazempc.live.process import in_front
-from gazempc.live.report import LiveReport
+from gazempc.live.logs import LiveLogs, LogSink
+from gazempc.live.process import real_time_priority
+from gazempc.live.robots import first_position_rad, go_in
+from gazempc.live.run_report import LiveReport
+from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import SourceError
-from gazempc.live.start import first_position_rad, go_in, opened
-from gazempc.live.status_maker import StatusMaker
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.smoother import Smoother
+from gazempc.loop.track import PersonTrack
 from gazempc.loop.trial import warm_up
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.moments import LateMoment
+from gazempc.parts import said
+from gazempc.people.attention import AttentionState
+from gazempc.results.moments import LateMoment, Moment, StatusMoment
 
-# A command that moves stops within limits long before.
+# A moving command stops within limits long before.
 _STOPPING_S = 5.0
 _STILL_RAD_S = 1e-9
+# Status lines are read by people.
+_STATUS_PERIOD_S = 0.25
+
+Listener = Callable[[Moment], None]
+# Takes the time, seconds, and whom the robot looks at; returns what could not be passed on before.
+AttentionListener = Callable[[float, AttentionState], Sequence[Exception]]
 
 
 class LiveRun:
     """One live run: `run`, or `start`, `serve` and `close` one after the other.
 
+    The moments of the run are one stream: its logs record them, and each listener gets them.
+
     Args:
-        parts: What it joins.
-        keeping: What its logs say, and who takes them.
+        setup: The parts of the run.
+        sink: Takes each log as soon as it is complete, in a thread of its own.
+        listeners: Get each moment in the thread of the run; must return at once.
+        attention: Gets the state of attention at each tick, likewise; None for no report.
 
     Attributes:
-        report: What it is like so far.
+        report: Its counts so far.
         logs: Its logs.
     """
 
-    def __init__(self, parts: LiveParts, keeping: Keeping) -> None:
-        self._parts, self._clock, self._neck = parts, parts.clock, parts.neck
+    def __init__(
+        self,
+        setup: LiveSetup,
+        sink: LogSink,
+        listeners: Sequence[Listener] = (),
+        attention: AttentionListener | None = None,
+    ) -> None:
+        self._setup, self._clock, self._neck = setup, setup.clock, setup.neck
+        self._listeners, self._attention = tuple(listeners), attention
+        self._planner = setup.make_planner(setup.controller)
         self.report = LiveReport()
-        self.logs = LiveLogs(parts, keeping)
-        self._watch = keeping.watch
-        self._arrivals = Arrivals(parts, self.report)
-        self._show, self._tell = keeping.show, keeping.tell
-        self._statuses: StatusMaker | None = None
+        self.logs = LiveLogs(setup, sink, self._emit if listeners else None)
+        self._arrivals = Arrivals(setup, self.report)
+        self._status_due_s = 0.0
         self._smoother: Smoother | None = None
         self._loop: GazeLoop | None = None
 
     @property
     def joints(self) -> JointEstimate | None:
-        """Where the joints were at the last tick; None before the first one."""
+        """The joints at the last tick; None before the first one."""
         return None if self._loop is None else self._loop.joints
 
     def run(
         self, stop: threading.Event, duration_s: float | None = None, on_ready: Callable[[], None] | None = None
     ) -> LiveReport:
-        """Run until told to stop, the source ends or the time is up; then stop the neck and close everything.
+        """Run until stopped, the source ends or the time is up; then brake the neck and close everything.
 
         Args:
-            stop: Set it to end the run, from a signal handler say.
+            stop: Set it to end the run, such as in a signal handler.
             duration_s: Longest time; None for no end.
             on_ready: Called when robot and source are open, before the first tick.
 
@@ -74,9 +91,9 @@ class LiveRun:
             The report.
 
         Raises:
-            RobotError: If the robot cannot be connected to, or does not say where it stands.
+            RobotError: If the robot cannot be connected, or its joints cannot be read.
             SourceError: If the source cannot be opened.
-            Exception: Whatever else came up (a full disk, say), after the neck was braked.
+            Exception: Any other fault (such as a full disk), after the neck was braked.
         """
         try:
             if self.start(stop):
@@ -95,48 +112,47 @@ class LiveRun:
             stop: Ends the start.
 
         Returns:
-            False if told to stop meanwhile.
+            False if it was stopped meanwhile.
 
         Raises:
-            RobotError: If the robot cannot be connected to, or does not say where it stands.
+            RobotError: If the robot cannot be connected, or its joints cannot be read.
             SourceError: If the source cannot be opened.
         """
-        parts = self._parts
-        opened("robot: connect()", parts.robot.connect, RobotError)
-        start_rad = first_position_rad(parts, stop)
+        setup = self._setup
+        _open("robot: connect()", setup.robot.connect, RobotError)
+        start_rad = first_position_rad(setup.robot, setup.neck, setup.clock, stop)
         if start_rad is None:
             self.report.stopped_by = "signal"
             return False
-        go_in(parts, start_rad, stop)
-        smoother = Smoother(parts.neck, start_rad)
-        target = parts.target()
-        loop = GazeLoop(parts.neck, target, parts.planner, smoother, parts.robot, self.logs.recorder, parts.settings)
-        warm_up(target.predictor, parts.planner.controller, parts.neck)
-        opened("source: open()", parts.source.open, SourceError)
-        if parts.telling is not None:
-            parts.telling.open()
+        go_in(setup.robot, setup.neck, setup.clock, start_rad, stop)
+        smoother = Smoother(setup.neck, start_rad)
+        target = setup.several or PersonTrack(setup.predictor, setup.loop)
+        loop = GazeLoop(setup.neck, target, self._planner, smoother, setup.robot, self.logs.recorder, setup.loop)
+        warm_up(target.predictor, self._planner.controller, setup.neck)
+        _open("source: open()", setup.source.open, SourceError)
+        if setup.cue_source is not None:
+            setup.cue_source.open()
         self._smoother, self._loop = smoother, loop
-        if self._show is not None:
-            self._statuses = StatusMaker(parts, loop, smoother, self.report, self.logs, self._show)
         return True
 
     def serve(self, stop: threading.Event, duration_s: float | None = None) -> None:
-        """Tick until told to stop, the source ends or the time is up; then brake.
+        """Tick until stopped, the source ends or the time is up; then brake.
 
         Args:
             stop: Set it to end the run.
             duration_s: Longest time; None for no end.
 
         Raises:
-            Exception: Whatever came up, after the neck was braked.
+            Exception: Any fault, after the neck was braked.
         """
         if self._loop is None or self._smoother is None:
             raise RobotError("the run has not been started: call start() first")
-        with in_front() if isinstance(self._clock, RealClock) else nullcontext():
+        with real_time_priority() if self._clock.is_real else nullcontext():
             self._serve(self._loop, self._smoother, stop, duration_s)
 
     def _serve(self, loop: GazeLoop, smoother: Smoother, stop: threading.Event, duration_s: float | None) -> None:
         start_s, rate_hz = self._clock.now_s(), self._neck.servo_rate_hz
+        self._status_due_s = start_s
         index, stopping_at = 0, None
         failure: BaseException | None = None
         stopping_s = max(_STOPPING_S, 2.0 * _ramp_s(self._neck))
@@ -144,13 +160,11 @@ class LiveRun:
             due_s = start_s + index * self._neck.servo_period_s
             self._clock.sleep_until_s(due_s)
             now_s = self._clock.now_s()
-            self.report.lateness.add(1e3 * (now_s - due_s))
-            if self._statuses is not None:
-                self._statuses.late(now_s - due_s)
-            # Ticks that are over by now are left out: a burst of commands would help nobody.
+            late_ms = 1e3 * (now_s - due_s)
+            self.report.lateness.add(late_ms)
+            # Ticks that are over by now are left out: late commands in a burst would be of no use.
             over = int((now_s - due_s) * rate_hz + 1e-6)
-            if self._watch is not None:
-                self._watch(LateMoment(1e3 * (now_s - due_s), over))
+            self._emit(LateMoment(late_ms, over))
             self.report.skipped_ticks += over
             index += over
             if stopping_at is None and (why := self._why_stop(stop, now_s, start_s, duration_s)):
@@ -160,11 +174,12 @@ class LiveRun:
                 if failure is None:
                     due_s = start_s + index * self._neck.servo_period_s
                     self._tick(loop, index, now_s, due_s, stopping_at is not None)
+                    self._emit_status(loop, smoother, index, now_s)
                 else:
-                    # Not even the loop can be relied on any more.
-                    self._parts.robot.send_command(smoother.step(now_s, None))
+                    # The loop has failed: the smoother alone brakes.
+                    self._setup.robot.send_command(smoother.step(now_s, None))
             except BaseException as error:
-                # Whatever it was, an interrupt, too: the neck is braked before it is told.
+                # Any exception, also an interrupt: the neck is braked before it is raised.
                 if failure is None:
                     failure, stopping_at = error, now_s
                     self.report.stopped_by = "failure"
@@ -173,8 +188,7 @@ class LiveRun:
             if stopping_at is not None and (still or now_s - stopping_at > stopping_s):
                 break
             index += 1
-        if self._statuses is not None:
-            self._statuses.finish(now_s)
+        self._emit_status(loop, smoother, None, now_s)
         if failure is not None:
             raise failure
 
@@ -182,18 +196,45 @@ class LiveRun:
         """Close source, robot and planner, and keep the last log."""
         with ExitStack() as closing:
             closing.callback(self.logs.close)
-            closing.callback(self._parts.planner.close)
-            closing.callback(self._close, self._parts.robot.close, Event.ROBOT_NOT_ANSWERING)
-            closing.callback(self._close, self._parts.source.close, Event.SOURCE_FAILED)
-            if self._parts.telling is not None:
-                closing.callback(self._parts.telling.close)
+            closing.callback(self._planner.close)
+            closing.callback(self._close, self._setup.robot.close, Event.ROBOT_NOT_ANSWERING)
+            closing.callback(self._close, self._setup.source.close, Event.SOURCE_FAILED)
+            if self._setup.cue_source is not None:
+                closing.callback(self._setup.cue_source.close)
 
     def _close(self, close: Callable[[], None], event: Event) -> None:
-        # It promises not to raise; what it raises all the same must not hide how the run ended.
+        # It must not raise; an exception all the same must not hide how the run ended.
         try:
             close()
         except Exception as error:
             self.logs.recorder.event(self._clock.now_s(), event, error)
+
+    def _emit(self, moment: Moment) -> None:
+        for listener in self._listeners:
+            listener(moment)
+
+    def _emit_status(self, loop: GazeLoop, smoother: Smoother, index: int | None, now_s: float) -> None:
+        """Emit counts and joints four times a second, between two plans; without an index at once."""
+        per_plan = self._neck.servo_ticks_per_plan
+        if not self._listeners or (
+            index is not None and (now_s < self._status_due_s or index % per_plan != per_plan // 2)
+        ):
+            return
+        # After a pause not one after the other.
+        self._status_due_s = max(self._status_due_s + _STATUS_PERIOD_S, now_s)
+        command_rad, seen, plan = smoother.command.position_rad, loop.seen, loop.plan
+        self._emit(
+            StatusMoment(
+                now_s,
+                command_rad if loop.joints is None else loop.joints.position_rad,
+                command_rad,
+                None if seen is None else seen.capture_time_s,
+                None if seen is None else seen.head_position_base_m,
+                None if plan is None else plan.start_s,
+                self.report.observations,
+                self.logs.used,
+            )
+        )
 
     def _why_stop(self, stop: threading.Event, now_s: float, start_s: float, duration_s: float | None) -> str:
         if stop.is_set():
@@ -205,16 +246,14 @@ class LiveRun:
     def _tick(self, loop: GazeLoop, index: int, now_s: float, due_s: float, stopping: bool) -> None:
         self.report.ticks += 1
         recorder = self.logs.recorder
-        if isinstance(self._clock, RealClock) and self._clock.unix_clock_stepped():
+        if self._clock.unix_clock_stepped():
             recorder.event(now_s, Event.CLOCK_STEPPED)
         self.logs.note_true_joints()
         loop.tick(index, now_s, [] if stopping else self._arrivals.take(now_s, recorder), due_s)
         if loop.joints is not None:
             self._arrivals.note_joints(now_s, loop.joints)
-        if self._statuses is not None:
-            self._statuses.after_tick(index, now_s)
-        if self._tell is not None and isinstance(self._parts.several, LookingAway):
-            for failure in self._tell(now_s, self._parts.several.state(now_s)):
+        if self._attention is not None and isinstance(self._setup.several, LookingAway):
+            for failure in self._attention(now_s, self._setup.several.state(now_s)):
                 recorder.event(now_s, Event.ATTENTION_NOT_SENT, failure)
         if self.logs.due:
             self.logs.cut()
@@ -223,8 +262,18 @@ class LiveRun:
             self.logs.check()
 
 
+def _open(what: str, call: Callable[[], None], refusal: type[GazempcError]) -> None:
+    """Open a robot or a source; any other exception of an own part becomes the promised error."""
+    try:
+        call()
+    except (GazempcError, OSError):
+        raise
+    except Exception as error:
+        raise refusal(f"{what} raised {said(error)}") from error
+
+
 def _ramp_s(neck: NeckSpec) -> float:
-    """How long it takes to brake from full speed, seconds."""
+    """Time to brake from full speed, seconds."""
     limits = neck.command_limits
     ramp_s = limits.velocity_max_rad_s / limits.acceleration_max_rad_s2
     ramp_s += limits.acceleration_max_rad_s2 / limits.jerk_max_rad_s3

@@ -10,7 +10,7 @@ from pydantic import Field
 from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.live.robots import keeps_any_clock
-from gazempc.live.sources.camera.options import CameraOptions
+from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
 from gazempc.live.view.orders import PORTS, ViewKind
@@ -21,7 +21,7 @@ from gazempc.robots.options import RobotChoice, RobotOptions
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
 from gazempc.sim.scene import SceneSettings, StageSettings
 
-# Sources that read time stamps of somebody else.
+# Sources whose time stamps are of another clock.
 STAMPED = ("stdin", "udp", "tcp", "ros2", "ros4hri")
 LINES = ("stdin", "udp", "tcp")
 SOURCES = (
@@ -115,8 +115,8 @@ class LiveSettings(MountedSettings, StageSettings):
     @property
     def scene(self) -> SceneSettings:
         """The scene of the sources replay and bag."""
-        told = {name: getattr(self, name) for name in StageSettings.model_fields}
-        return SceneSettings(**told, neck=self.neck or SceneSettings().neck)
+        values = {name: getattr(self, name) for name in StageSettings.model_fields}
+        return SceneSettings(**values, neck=self.neck or SceneSettings().neck)
 
     @property
     def simulated_robot(self) -> bool:
@@ -148,8 +148,8 @@ def check(settings: LiveSettings) -> None:
     if settings.simulated_clock and not (keeps_any_clock(SOURCE, source) and settings.simulated_robot):
         simulated = ", ".join(name for name in ROBOT.shipped if keeps_any_clock(ROBOT, name))
         raise SettingsError(
-            f"--simulated-clock: source {settings.source!r} or robot {robot!r} keeps real time; accepted with it: "
-            f"source replay, robots {simulated}, and parts of your own whose class says keeps_any_clock = True"
+            f"--simulated-clock: source {settings.source!r} or robot {robot!r} needs real time; accepted with it: "
+            f"source replay, robots {simulated}, and own parts whose class has keeps_any_clock = True"
         )
     _check_view(settings)
     if settings.neck is None and not settings.simulated_robot:
@@ -159,26 +159,8 @@ def check(settings: LiveSettings) -> None:
         )
     for option, choice in (("predictor", settings.predictor), ("controller", settings.controller)):
         if choice == "perfect":
-            raise SettingsError(f"--{option} perfect: nobody knows the true future of a live run")
+            raise SettingsError(f"--{option} perfect: the true future of a live run is unknown")
     _check_source(settings, source)
-
-
-def _check_source(settings: LiveSettings, source: str) -> None:
-    """Refuse settings that the source knows nothing of."""
-    if settings.stamps != Stamps() and source not in STAMPED:
-        raise SettingsError(
-            f"--stamps: source {settings.source!r} gives the loop's own times; accepted with sources "
-            f"{', '.join(STAMPED)}"
-        )
-    if settings.allow and source != "udp":
-        raise SettingsError(f"--allow: source {settings.source!r} takes no datagrams; accepted with source udp")
-    if settings.key_file is not None and source not in LINES:
-        raise SettingsError(
-            f"--key-file: source {settings.source!r} reads no lines; accepted with sources {', '.join(LINES)}"
-        )
-    if settings.camera != CameraOptions() and source != "camera":
-        raise SettingsError(f"--camera: source {settings.source!r} is none; accepted with --source camera")
-    _check_replay(settings, source)
 
 
 def _check_view(settings: LiveSettings) -> None:
@@ -186,21 +168,23 @@ def _check_view(settings: LiveSettings) -> None:
     if not host or (colon and not (port.isdecimal() and int(port) < 65536)):
         raise SettingsError(f"--view-at {settings.view_at}: accepted: HOST or HOST:PORT, such as 0.0.0.0:8080")
     if settings.view is not None and settings.simulated_clock:
-        raise SettingsError("--view: a run on a simulated clock is over before anybody sees it")
+        raise SettingsError("--view: accepted without --simulated-clock")
 
 
-def _check_replay(settings: LiveSettings, source: str) -> None:
+def _check_source(settings: LiveSettings, source: str) -> None:
+    """Refuse settings that the source does not use."""
+    taken_by = {"stamps": STAMPED, "allow": ("udp",), "key_file": LINES, "camera": ("camera",), "passes": ("replay",)}
     if settings.recording is None:
-        default = StageSettings()
-        # Robots and sources of one's own take the seed, too.
-        for name in StageSettings.model_fields:
-            if name != "seed" and getattr(settings, name) != getattr(default, name):
-                raise SettingsError(
-                    f"--{name.replace('_', '-')}: source {settings.source!r} plays no recording; accepted with "
-                    f"{'source replay' if name == 'sensor' else 'sources replay and bag'}"
-                )
-    if settings.passes != 1 and source != "replay":
-        raise SettingsError(f"--passes: source {settings.source!r} is no replay; accepted with --source replay")
+        # Own robots and sources take the seed, too.
+        stage = {name for name in StageSettings.model_fields if name != "seed"}
+        taken_by |= {name: ("replay",) if name == "sensor" else ("replay", "bag") for name in stage}
+    for name, sources in taken_by.items():
+        field = type(settings).model_fields[name]
+        if source not in sources and getattr(settings, name) != field.get_default(call_default_factory=True):
+            raise SettingsError(
+                f"--{name.replace('_', '-')}: source {settings.source!r} does not use it; accepted with --source "
+                f"{', '.join(sources)}"
+            )
     if settings.recording == "":
         raise SourceError(f"--source {settings.source}: no bag; accepted: bag:PATH, the folder of a ROS 2 bag")
     if settings.sensor is not None and source == "bag":

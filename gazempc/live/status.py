@@ -1,40 +1,208 @@
-"""What a live run is like at one moment: a frozen value for whoever shows it."""
+"""Status lines of a live run: a few lines on a terminal, or one line a second where the output is piped."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import queue
+import threading
+from collections import Counter, deque
+from types import TracebackType
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from gazempc.loop.events import MEANINGS
+from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.results.moments import EventMoment, LateMoment, Moment, StatusMoment, TickMoment
+from gazempc.types import FloatArray
+
+# Rates are over this time; piped, a line comes as often.
+_LINE_S = 1.0
+# The last lines are waited for at the end; they take milliseconds.
+LAST_DRAWN_S = 2.0
+# Statuses that wait for a terminal or a pipe that is not read; 15 s of them.
+_WAITING = 60
 
 
-@dataclass(frozen=True)
-class Status:
-    """A moment of a live run.
+class Status(NamedTuple):
+    """A status, and what has happened since the one before.
 
     Attributes:
         time_s: Time since the first tick, seconds.
-        age_s: Age of the newest observation that was used, from its capture, seconds; None before the first one.
-        lost: Whether that is too long ago to go by.
-        distance_m: From the eye to the head of this observation, metres; None before the first one.
-        observations: How many have arrived so far, readable or not.
-        used: How many of them the predictor was given.
-        joints_rad: Angles of the joints as estimated, in the order of `NeckSpec.joint_names`, radians.
-        gaze_rad: Direction of the gaze in the base frame, pan and tilt, radians.
-        aim_rad: Direction of the gaze that the joints are commanded to, radians.
-        plan_age_s: Time since the first command of the plan in use, seconds; None without a plan.
-        late_ms: How much later than due a tick was at most, since the status before, milliseconds.
-        left_out: Ticks left out so far.
-        events: Events that began since the status before: time since the first tick, seconds, and name.
+        state: State of the loop.
+        late_ms: Largest lateness of a tick, milliseconds.
+        skipped: Ticks skipped so far.
+        events: Events that began: time since the first tick, seconds, and name.
     """
 
     time_s: float
-    age_s: float | None
-    lost: bool
-    distance_m: float | None
-    observations: int
-    used: int
-    joints_rad: tuple[float, ...]
-    gaze_rad: tuple[float, float]
-    aim_rad: tuple[float, float]
-    plan_age_s: float | None
+    state: StatusMoment
     late_ms: float
-    left_out: int
+    skipped: int
     events: tuple[tuple[float, str], ...]
+
+
+class StatusLine:
+    """Draws the status in a thread of its own, within a with-block.
+
+    Args:
+        neck: The neck.
+        lost_after_s: Age of the newest observation from which on the person is lost, seconds.
+        console: Where to draw; default: standard output.
+        wait_s: How long the end of the block waits for a reader, seconds.
+    """
+
+    def __init__(
+        self, neck: NeckSpec, lost_after_s: float, console: Console | None = None, wait_s: float = LAST_DRAWN_S
+    ) -> None:
+        self._neck, self._lost_after_s, self._wait_s = neck, lost_after_s, wait_s
+        self._console = console or Console(highlight=False)
+        self._live: Live | None = None
+        if self._console.is_terminal and not self._console.is_dumb_terminal:
+            self._live = Live(console=self._console, auto_refresh=False)
+        # Of the thread of the run.
+        self._start_s: float | None = None
+        self._late_ms, self._skipped = 0.0, 0
+        self._events: list[EventMoment] = []
+        self._queue: queue.SimpleQueue[Status | None] = queue.SimpleQueue()
+        # Of the thread that draws.
+        self._thread = threading.Thread(target=self._work, name="status", daemon=True)
+        self._recent: deque[Status] = deque()
+        self._counts: Counter[str] = Counter()
+        self._began: Counter[str] = Counter()
+        self._next_line_s, self._line_late_ms = _LINE_S, 0.0
+
+    def __enter__(self) -> StatusLine:
+        """Begin to draw."""
+        if self._live is not None:
+            self._live.start()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Draw the rest; a pipe without a reader does not keep the run from ending."""
+        self._queue.put(None)
+        self._thread.join(self._wait_s)
+        if self._live is not None:
+            self._live.stop()
+
+    def take(self, moment: Moment) -> None:
+        """Take a moment of the run; returns at once. Without a reader later statuses are lost."""
+        match moment:
+            case LateMoment():
+                self._late_ms = max(self._late_ms, moment.late_ms)
+                self._skipped += moment.skipped
+            case EventMoment():
+                self._events.append(moment)
+            case TickMoment() if self._start_s is None:
+                self._start_s = moment.time_s
+            case StatusMoment():
+                start_s = self._start_s = moment.time_s if self._start_s is None else self._start_s
+                events = tuple((event.time_s - start_s, event.name) for event in self._events)
+                if self._queue.qsize() < _WAITING:
+                    self._queue.put(Status(moment.time_s - start_s, moment, self._late_ms, self._skipped, events))
+                self._late_ms, self._events = 0.0, []
+
+    def _work(self) -> None:
+        is_read = True
+        while (status := self._queue.get()) is not None:
+            try:
+                if is_read:
+                    self._draw(status)
+            except OSError:
+                is_read = False  # the pipe is closed; the run goes on
+
+    def _draw(self, status: Status) -> None:
+        for time_s, name in status.events:
+            if name not in self._counts:
+                meaning = MEANINGS.get(name)
+                self._print(f"{time_s:6.1f} s  {name}" + (f": {meaning}" if meaning else ""))
+            # The latest one comes last.
+            self._counts[name] = self._counts.pop(name, 0) + 1
+            self._began[name] += 1
+        while len(self._recent) > 1 and status.time_s - self._recent[1].time_s >= _LINE_S:
+            self._recent.popleft()
+        self._recent.append(status)
+        self._line_late_ms = max(self._line_late_ms, status.late_ms)
+        due = status.time_s >= self._next_line_s
+        if self._live is not None:
+            self._live.update(self._block(status), refresh=True)
+        elif due:
+            self._print(self._line(status))
+        if due:
+            self._next_line_s, self._line_late_ms = _LINE_S * (status.time_s // _LINE_S + 1.0), 0.0
+            self._began.clear()
+
+    def _print(self, text: str) -> None:
+        if self._live is None:
+            print(text, file=self._console.file, flush=True)
+        else:
+            self._console.print(Text(text))
+
+    def _line(self, status: Status) -> str:
+        person, gaze, joints, loop = self._texts(status)
+        parts = [person, gaze, *([f"joints {joints}"] if joints else []), loop]
+        parts += [f"began: {_listed(self._began)}"] if self._began else []
+        return f"{status.time_s:6.1f} s  {'; '.join(parts)}"
+
+    def _block(self, status: Status) -> Text:
+        person, gaze, joints, loop = self._texts(status)
+        rows = [
+            ("person", person, "green" if person.startswith("seen") else "red"),
+            ("gaze", gaze, ""),
+            *([("joints", joints, "")] if joints else []),
+            ("loop", f"{status.time_s:.0f} s; {loop}", ""),
+            *([("events", _listed(self._counts), "yellow")] if self._counts else []),
+        ]
+        text = Text(no_wrap=True, overflow="crop")
+        for row, (name, words, style) in enumerate(rows):
+            text.append(f"{'' if row == 0 else chr(10)}{name:<8}", "bold").append(words, style)
+        return text
+
+    def _texts(self, status: Status) -> tuple[str, str, str, str]:
+        """Person, gaze, joints (empty where these are pan and tilt alone) and loop."""
+        state = status.state
+        eye_m, direction = gaze_ray(self._neck.geometry, state.joints_rad)
+        _, aim = gaze_ray(self._neck.geometry, state.command_rad)
+        person = "nobody seen yet"
+        if state.capture_time_s is not None and state.head_base_m is not None:
+            age_s = state.time_s - state.capture_time_s
+            far_m = float(np.linalg.norm(state.head_base_m - eye_m))
+            seen = "lost, last seen" if age_s > self._lost_after_s else "seen"
+            person = f"{seen} {age_s:.2f} s ago, {far_m:.2f} m away"
+        (pan, tilt), (aim_pan, aim_tilt) = _pan_tilt_deg(direction), _pan_tilt_deg(aim)
+        gaze = f"looks at pan {pan:+.1f}, tilt {tilt:+.1f} deg; aims at {aim_pan:+.1f}, {aim_tilt:+.1f}"
+        joints = ""
+        if self._neck.joints > len(AXES):
+            angles_deg = zip(self._neck.joint_names, np.rad2deg(state.joints_rad).tolist(), strict=True)
+            joints = ", ".join(f"{name} {deg:+.1f}" for name, deg in angles_deg) + " deg"
+        plan = "no plan"
+        if state.plan_start_s is not None:
+            plan = f"plan {1e3 * (state.time_s - state.plan_start_s):.0f} ms old"
+        loop = f"{plan}; ticks at most {self._line_late_ms:.2f} ms late"
+        loop += f", {status.skipped} left out" if status.skipped else ""
+        return f"{person}; {self._observations(status)}", gaze, joints, loop
+
+    def _observations(self, status: Status) -> str:
+        before = self._recent[0]
+        came = status.state.observations - before.state.observations
+        if not came:
+            return "no observations"
+        share = 100.0 * (status.state.used - before.state.used) / came
+        return f"{came / (status.time_s - before.time_s):.0f} observations/s, {share:.0f} % used"
+
+
+def _pan_tilt_deg(direction: FloatArray) -> tuple[float, float]:
+    x, y, z = direction.tolist()
+    return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
+
+
+def _listed(events: Counter[str]) -> str:
+    """The latest event first."""
+    return ", ".join(f"{name} {count} x" for name, count in reversed(events.items()))

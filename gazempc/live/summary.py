@@ -13,10 +13,10 @@ import numpy as np
 
 from gazempc.errors import LeftOutError
 from gazempc.files.whole import write_whole
-from gazempc.live.lateness import Lateness
+from gazempc.live.hints import shown
 from gazempc.live.run import LiveRun
+from gazempc.live.run_report import Lateness
 from gazempc.live.settings import LiveSettings
-from gazempc.live.watch.frame import shown
 from gazempc.loop.events import MEANINGS, Event
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.recording import truth_of
@@ -30,7 +30,7 @@ _LATE_MS = 1.0
 _SHOWN_PROBLEMS = 5
 # Computers of any time zone differ by less.
 _OTHER_CLOCK_S = 14 * 3600.0
-# Events that say why an observation was not used, in short.
+# Short reasons of refused observations, by event.
 _REASONS = {
     Event.STALE_OBSERVATION: "stale",
     Event.FUTURE_OBSERVATION: "future",
@@ -45,13 +45,13 @@ _REASONS = {
 }
 
 
-class Kept:
+class KeptLogs:
     """Writes each log of a run, and remembers of it what the summary needs.
 
     Args:
         settings: Settings of the run; `out` is where to write.
         neck: The neck.
-        on_kept: Is told the path of each log that is complete.
+        on_kept: Gets the path of each complete log.
 
     Attributes:
         names: Names of the logs written so far.
@@ -179,7 +179,7 @@ def text(summary: dict[str, Any]) -> str:
     """The summary for people.
 
     Args:
-        summary: As `Kept.write` gives it.
+        summary: As `KeptLogs.write` gives it.
 
     Returns:
         Lines of text.
@@ -212,7 +212,7 @@ def last_line(summary: dict[str, Any]) -> str:
     """How many observations were used, and why the others were not: what a run ends with.
 
     Args:
-        summary: As `Kept.write` gives it.
+        summary: As `KeptLogs.write` gives it.
 
     Returns:
         Such as ``0 of 360 used: 360 future (clock 0.1 s ahead?)``.

@@ -9,10 +9,9 @@ from collections.abc import Callable, Iterable
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import RECORDED_HORIZONS_S, checked_forecast, why_not_usable
-from gazempc.people.attention import Attended, Attention
+from gazempc.people.attention import Attended, Attention, AttentionState
 from gazempc.people.people import Became, People, frames_of
 from gazempc.people.person import CATCH_UP, TrackedPerson
-from gazempc.people.state import AttentionState
 from gazempc.people.tracker_faults import FrozenPeople
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, Sighting

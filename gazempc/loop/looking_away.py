@@ -9,10 +9,9 @@ from gazempc.loop.attended import AttendedPeople
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import Target
-from gazempc.people.company import Sound
-from gazempc.people.cues import Cue, Cues, Rhythm, Speech, Thinking
+from gazempc.people.attention import AttentionState
+from gazempc.people.company import Cue, Cues, Rhythm, Sound, Speech, Thinking
 from gazempc.people.schedule import LookAways
-from gazempc.people.state import AttentionState
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
 

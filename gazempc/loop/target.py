@@ -11,8 +11,8 @@ from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.track import PersonTrack, Target
 from gazempc.neck.spec import NeckSpec
 from gazempc.people.attention import Attention
-from gazempc.people.build import make_policy
-from gazempc.people.cues import Cues
+from gazempc.people.company import Cues
+from gazempc.people.policies import make_policy
 from gazempc.people.schedule import LookAways
 from gazempc.settings import GazeSettings
 from predictors import Predictor

@@ -10,8 +10,7 @@ import numpy as np
 
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.people.track_start import TrackStart
-from gazempc.people.tracker_faults import FrozenTracker, OrientationJumps
+from gazempc.people.tracker_faults import FrozenTracker, OrientationJumps, TrackStart
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, Sighting

@@ -1,4 +1,4 @@
-"""Whom to look at: a policy's judgement, made calm by hysteresis and a least dwell time."""
+"""Whom to look at: one of several people, for how long, and why."""
 
 from __future__ import annotations
 
@@ -10,6 +10,34 @@ from gazempc.people.company import AttentionPolicy, Company, Sound
 from gazempc.people.person import PersonState
 from gazempc.settings import AttentionSettings
 
+
+@dataclass(frozen=True)
+class AttentionState:
+    """Whom the robot looks at. Times are on the loop's clock, seconds.
+
+    Attributes:
+        person: Number of the person, in the order in which they entered; None for no person, or where people are
+            not distinguished.
+        person_id: The tracker's name; None where it gives none.
+        why: ``policy``, ``left`` or ``nobody``, as in `gazempc.people.attention.Attended`; ``one`` where people are not
+            told apart; ``ended`` at the end of a run.
+        since_s: Since when they are looked at; None before the first decision.
+        stays_until_s: Earliest time of a switch; None without a person.
+        away_why: Why it looks away just now, as in `gazempc.people.aversion.Aversion`; None while it does not.
+        away_since_s: Since when there is no contact.
+        away_until_s: When contact is due again.
+    """
+
+    person: int | None = None
+    person_id: str | None = None
+    why: str = "nobody"
+    since_s: float | None = None
+    stays_until_s: float | None = None
+    away_why: str | None = None
+    away_since_s: float | None = None
+    away_until_s: float | None = None
+
+
 # Sounds are kept for so long.
 _SOUNDS_S = 2.0
 
@@ -19,9 +47,9 @@ class Attended:
     """Who is looked at.
 
     Attributes:
-        number: Number of the person; None for nobody.
+        number: Number of the person; None for no person.
         since_s: Since when, seconds.
-        why: ``policy`` for whom the policy has chosen; ``left`` where the one before was gone; ``nobody`` for nobody.
+        why: ``policy`` for whom the policy has chosen; ``left`` where the one before was gone; ``nobody`` for none.
     """
 
     number: int | None = None
@@ -51,7 +79,7 @@ class Attention:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all people."""
         self._policy.reset()
         self.attended = Attended()
         self.candidate: int | None = None
@@ -61,7 +89,7 @@ class Attention:
 
     @property
     def dwell_s(self) -> float:
-        """Least time that anybody is looked at who does not leave, seconds."""
+        """Dwell time: least time at one person who does not leave, seconds."""
         return self._settings.dwell_s
 
     def hear(self, sound: Sound) -> None:
@@ -76,7 +104,7 @@ class Attention:
         """Decide.
 
         Args:
-            people: Everybody who is there.
+            people: All people who are there.
             time_s: The time, seconds; not less than the last one.
 
         Returns:
@@ -89,7 +117,7 @@ class Attention:
         near = self._within_limits(people)
         gone = self.attended.number is not None and all(p.number != self.attended.number for p in people)
         if gone:
-            # Before the policy is asked: if it raises, nobody who is gone is looked at.
+            # Before the policy is asked: it may raise, and a person who is gone must not stay attended.
             self._look_at(None, time_s, "left")
         company = Company(time_s, near, self.attended.number, tuple(self._sounds))
         best = self._best(company)
@@ -98,7 +126,7 @@ class Attention:
         elif self.attended.number is None and best is not None:
             self._look_at(best, time_s, "left" if gone else "policy")
         else:
-            # Somebody else, or nobody any more.
+            # Another person, or none.
             if best != self.candidate or math.isinf(self._candidate_since_s):
                 self._consider(best, time_s)
             better_s, looked_s = time_s - self._candidate_since_s, time_s - self.attended.since_s
@@ -113,7 +141,7 @@ class Attention:
         judged = [(score, p.number) for score, p in zip(scores, company.people, strict=True) if not math.isnan(score)]
         most = max((score for score, _ in judged), default=math.nan)
         best = [number for score, number in judged if score == most]
-        # Whoever is looked at wins a draw.
+        # A draw keeps the attended person.
         return company.attended if company.attended in best else min(best, default=None)
 
     def _within_limits(self, people: Sequence[PersonState]) -> tuple[PersonState, ...]:

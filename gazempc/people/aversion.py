@@ -119,7 +119,7 @@ def fitted(aversion: Aversion, neck: NeckSpec) -> Aversion | None:
 
 
 def with_aversion(forecast: Forecast, aversion: Aversion, shift: GazeShift) -> Forecast:
-    """Where to look while somebody is forecast and a look away is planned.
+    """Set-point of the gaze while a person is forecast and a look away is planned.
 
     The way there begins before contact ends, and the way back ends after contact is due, each by the time in which the
     gaze is still, or already, within the cone.

@@ -1,15 +1,18 @@
-"""What may be known when it is decided whom to look at."""
+"""Whom a policy chooses among, and what a program tells the gaze: sounds, thinking, speech, glances."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from gazempc.people.person import PersonState
+from gazempc.settings import LookAwayMode
+from gazempc.types import FloatArray
 
-# A score for somebody who is not to be looked at.
+# Score of a person who is not to be looked at.
 NOT_AT_ALL = math.nan
 
 
@@ -32,12 +35,12 @@ class Sound:
 
 @dataclass(frozen=True)
 class Company:
-    """Everybody who is there at one time.
+    """All people who are there at one time.
 
     Attributes:
         time_s: The time, seconds.
         people: Who may be looked at, in the order in which they entered.
-        attended: Number of the person who is looked at; None for nobody.
+        attended: Number of the person who is looked at; None for no person.
         sounds: Speech of the last seconds, oldest first.
     """
 
@@ -51,11 +54,11 @@ class AttentionPolicy(Protocol):
     """Says who is worth looking at. How long and how often to switch is not its business."""
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all people."""
         ...
 
     def scores(self, company: Company) -> Sequence[float]:
-        """Judge everybody.
+        """Score all people.
 
         Args:
             company: Who is there.
@@ -64,3 +67,58 @@ class AttentionPolicy(Protocol):
             One number a person, in the order of `company.people`: the largest is looked at; NaN for not at all.
         """
         ...
+
+
+# More than any program sends between two ticks.
+_WAITING_MAX = 256
+
+
+@dataclass(frozen=True)
+class Thinking:
+    """Look away as people do who think, for so long: seconds."""
+
+    lasts_s: float
+
+
+@dataclass(frozen=True)
+class Speech:
+    """An utterance starts so much later than now: seconds."""
+
+    in_s: float
+
+
+@dataclass(frozen=True)
+class Glance:
+    """Glance at something: base frame, shape (3,), metres; without contact for so long, seconds."""
+
+    target_base_m: FloatArray
+    lasts_s: float
+
+
+@dataclass(frozen=True)
+class Rhythm:
+    """Look away by this rhythm from now on."""
+
+    mode: LookAwayMode
+
+
+Cue = Sound | Thinking | Speech | Glance | Rhythm
+
+
+class Cues:
+    """Hands cues from the thread of a program to the loop."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Cue] = deque(maxlen=_WAITING_MAX)
+
+    def tell(self, cue: Cue) -> None:
+        """Hand one over, from any thread.
+
+        Args:
+            cue: The cue.
+        """
+        self._waiting.append(cue)
+
+    def take(self) -> list[Cue]:
+        """All that were told since the last call."""
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]

@@ -19,9 +19,9 @@ from gazempc.people.person import PersonState
 
 # Of hri_engagement: the half angle of a person's field of view, and where engagement ends.
 _FIELD_OF_VIEW_RAD, _FARTHEST_M = math.radians(60.0), 4.0
-# Of nobody who has been watched for less is it decided. hri_engagement waits as long, for half of its window.
+# Least time of watching before a decision. hri_engagement waits as long, for half of its window.
 WINDOW_S = 5.0
-# Means over the window above and below which somebody is engaged and is not. On hri_engagement's recordings people who
+# Means over the window above and below which a person is engaged and is not. On hri_engagement's recordings people who
 # look at the robot have 0.61 to 0.84, the others 0.10 to 0.58. Its own threshold, 0.5, has the third factor in it.
 _ENGAGED_ABOVE, _DISENGAGED_BELOW = 0.60, 0.58
 # Without a face for longer than this, what they do is not known, and a window is not full.
@@ -53,18 +53,18 @@ def visual_engagement(person: PersonState) -> float | None:
 
 
 class Engagement:
-    """Watches everybody, and decides who is engaged."""
+    """Watches all people, and decides who is engaged."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all people."""
         self._seen: dict[int, deque[tuple[float, float]]] = {}
         self._decided: dict[int, bool] = {}
 
     def update(self, company: Company) -> dict[int, bool | None]:
-        """Look at everybody once more.
+        """Update the engagement of all people.
 
         Args:
             company: Who is there.

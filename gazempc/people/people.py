@@ -8,23 +8,22 @@ from enum import StrEnum
 
 import numpy as np
 
-from gazempc.people.association import assign
-from gazempc.people.motion import Motion
+from gazempc.people.association import Motion, assign
 from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson, noise_of
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation, Predictor
 
-# Seen so often, it is somebody; a false detection rarely stays for three frames.
+# Birth of a track: false detections rarely last for three frames.
 _CONFIRMED_BY = 3
 # A track that is not confirmed ends without a sighting for so long.
 _TENTATIVE_S = 0.3
-# Nobody stands nearer to somebody: two detections within this are one person, seen twice.
+# Two heads are farther apart: detections within this are one person, seen twice.
 _ONE_PERSON_M = 0.25
 # A person who comes back under the same name cannot have gone farther: this fast, and with this error.
 _RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
 # Without a name, who was hidden for not longer than this is where they would have walked to, give or take.
 _WALKED_ON_S, _STRAYED_M_S = 3.0, 0.2
-# Somebody who is nobody any more: names that trackers give again after that are another person's.
+# End of a lost track: names that trackers give again after that are another person's.
 _FORGOTTEN_AFTER_S = 30.0
 
 
@@ -68,7 +67,7 @@ class People:
 
     Args:
         make_predictor: Makes one person's predictor.
-        coast_s: How long somebody who is not seen counts as there, seconds.
+        coast_s: Time without a detection after which a track ends, seconds.
     """
 
     def __init__(self, make_predictor: Callable[[], Predictor], coast_s: float = 1.0) -> None:
@@ -77,7 +76,7 @@ class People:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all people."""
         self._tracks: list[TrackedPerson] = []
         self._gone: list[TrackedPerson] = []
         self._count = 0
@@ -95,7 +94,7 @@ class People:
             observations: Detections of one instant (`frames_of`), in the base frame. Others of it may follow.
 
         Returns:
-            For each, the number of its person (0 where it is nobody's) and what it has become.
+            For each, the number of its person (0 for none) and what it has become.
         """
         if not observations:
             return []
@@ -118,7 +117,7 @@ class People:
         return found
 
     def present(self, time_s: float) -> tuple[PersonState, ...]:
-        """Everybody who is there.
+        """All people who are there.
 
         Args:
             time_s: The time, seconds.
@@ -148,7 +147,7 @@ class People:
 
     @property
     def confirmed(self) -> list[TrackedPerson]:
-        """The tracks of everybody who counts as a person."""
+        """The confirmed tracks."""
         return [track for track in self._tracks if track.confirmed]
 
     def _let_go(self, time_s: float) -> None:

@@ -8,18 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gazempc.people.motion import Motion
-from gazempc.people.track_start import START_S, TrackStart
-from gazempc.people.tracker_faults import OrientationJumps
+from gazempc.people.association import Motion
+from gazempc.people.tracker_faults import START_S, OrientationJumps, TrackStart
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
 # Cameras that look at the same time are not exact; people move by a centimetre meanwhile.
 ONE_FRAME_S = 0.01
-# A predictor learns of nobody's walk from what is older. Only the person who is looked at needs forecasts: what the
+# Older frames do not improve a forecast. Only the person who is looked at needs forecasts: what the
 # others do is kept for so long, and taken in when it is their turn.
 _MEMORY_S = 1.5
-# So many sightings a frame make somebody ready for their turn within half a second at 30 frames a second.
+# With so many sightings a frame a predictor has caught up within half a second at 30 frames a second.
 CATCH_UP = 3
 # Where a tracker states no error, positions are taken to be this wrong: they wander with posture, too.
 _POSITION_NOISE_M2 = 0.03**2 * np.eye(3)
@@ -32,8 +31,8 @@ class PersonState:
     """What is known of one person at one time; it is what decides whom to look at.
 
     Attributes:
-        number: Which person, from 1 on; never given to anybody else in a run.
-        tracker_id: What the tracker calls them; None where it does not say.
+        number: Which person, from 1 on; never given twice in a run.
+        tracker_id: The tracker's name; None where it gives none.
         time_s: The time, seconds.
         position_base_m: Head, shape (3,), metres, base frame.
         velocity_base_m_s: Its velocity, shape (3,), m/s.
@@ -73,7 +72,7 @@ class TrackedPerson:
         seen_s: Its capture time, seconds.
         since_s: Capture time of the first one, seconds.
         sightings: How many there were.
-        confirmed: Whether it is somebody, and not a single false detection.
+        confirmed: Whether the track is confirmed: no single false detection.
         jumped: Whether the orientation of the last sighting jumped, the first time for a second; it is not used.
     """
 

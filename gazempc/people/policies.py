@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from gazempc.people.company import NOT_AT_ALL, Company
+from gazempc.part_options import make, options_for
+from gazempc.parts import BY_NAME, POLICY, check_methods
+from gazempc.people.company import NOT_AT_ALL, AttentionPolicy, Company
 from gazempc.people.engagement import Engagement
 from gazempc.people.person import PersonState
 
-# Above all distances, which are the scores of whom a policy has nothing to say of.
+# Above all distances, which are the scores of all others.
 _FIRST = 1e3
-# Slower than this nobody comes up to the robot; they shift their weight.
+# Slower motion is a shift of weight, no approach.
 _APPROACHES_M_S = 0.3
 # Directions of sound are known to some 10 deg; a speaker's pauses are shorter than this.
 _SPEAKER_WITHIN_RAD, _PAUSE_S = math.radians(20.0), 2.0
 
 
 class Nearest:
-    """Whoever is nearest."""
+    """The nearest person."""
 
     def reset(self) -> None:
         """See `AttentionPolicy.reset`."""
@@ -30,7 +33,7 @@ class Nearest:
 
 
 class Approaching:
-    """Whoever comes up fastest; while nobody does, whoever is nearest."""
+    """The person who approaches fastest; if none does, the nearest."""
 
     def reset(self) -> None:
         """See `AttentionPolicy.reset`."""
@@ -45,7 +48,7 @@ class Approaching:
 
 
 class Engaged:
-    """The nearest of those who are engaged with the robot; while nobody is, whoever is nearest."""
+    """The nearest of those who are engaged with the robot; if none is, the nearest person."""
 
     def __init__(self) -> None:
         self._engagement = Engagement()
@@ -61,7 +64,7 @@ class Engaged:
 
 
 class Speaker:
-    """Whoever spoke last, by the direction of the sound; until somebody speaks, whoever is nearest."""
+    """The last speaker, by the direction of the sound; before any speech, the nearest person."""
 
     def __init__(self) -> None:
         self.reset()
@@ -90,7 +93,7 @@ class Speaker:
 
 
 class Named:
-    """The person whom the tracker calls so, and nobody else.
+    """The person with a name of the tracker, and no other.
 
     Args:
         name: The name.
@@ -108,7 +111,7 @@ class Named:
 
 
 def closing_m_s(person: PersonState) -> float:
-    """How fast somebody comes nearer to the neck, horizontally, m/s."""
+    """Horizontal closing speed of a person, m/s."""
     distance_m = max(person.distance_m, 1e-6)
     return -float(person.position_base_m[:2] @ person.velocity_base_m_s[:2]) / distance_m
 
@@ -116,3 +119,25 @@ def closing_m_s(person: PersonState) -> float:
 def _off_rad(person: PersonState, azimuth_rad: float) -> float:
     own_rad = math.atan2(person.position_base_m[1], person.position_base_m[0])
     return float(np.angle(np.exp(1j * (own_rad - azimuth_rad))))
+
+
+def make_policy(choice: str | AttentionPolicy, options: dict[str, Any]) -> AttentionPolicy:
+    """Make a policy.
+
+    Args:
+        choice: A shipped name, ``id:NAME``, ``module:Class``, or a policy.
+        options: Parameters of your own one.
+
+    Returns:
+        The policy.
+
+    Raises:
+        SettingsError: If it cannot be made, or lacks a method.
+    """
+    if not isinstance(choice, str):
+        check_methods(POLICY, choice)
+        return choice
+    if choice.startswith(BY_NAME):
+        return Named(choice.removeprefix(BY_NAME))
+    policy: AttentionPolicy = make(POLICY, choice, {}, options_for(POLICY, choice, options))
+    return policy

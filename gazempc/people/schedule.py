@@ -91,7 +91,7 @@ class LookAways:
         """
         self._planned = [each for each in self._planned if each.end_s > now_s - 1.0]
         if self._rhythm_from_s is None:
-            # The first one after part of an interval, as if somebody came in between.
+            # The first one after part of an interval, as if a person came in between.
             self._rhythm_from_s = now_s
         while self._mode in RHYTHMS and self._rhythm_from_s < now_s + _AHEAD_S:
             self._draw_next(now_s, self._rhythm_from_s)
@@ -121,7 +121,7 @@ class LookAways:
         self._rhythm_from_s = max([now_s, *(each.end_s for each in self._planned)])
 
     def begin_anew(self, now_s: float) -> None:
-        """Plan the rhythm anew, as somebody else is looked at: nobody is looked away from as soon as it is their turn.
+        """Plan the rhythm anew for another person, so that a look away does not follow a switch at once.
 
         Args:
             now_s: The time, seconds.
@@ -129,7 +129,7 @@ class LookAways:
         self.set_mode(self._mode, now_s)
 
     def think(self, now_s: float, lasts_s: float, start_s: float | None = None) -> bool:
-        """Look away as somebody does who thinks.
+        """Look away as people do who think.
 
         Args:
             now_s: The time, seconds.
@@ -205,7 +205,7 @@ class LookAways:
     def _direction(self, shares: tuple[float, float, float]) -> tuple[float, float]:
         which = int(self._rng.choice(3, p=shares))
         side = float(self._rng.choice((-1.0, 1.0)))
-        # Nobody looks straight up or down.
+        # People do not look straight up or down.
         return ((side * _ASIDE_RAD, 0.0), (0.5 * side * _UP_RAD, _UP_RAD), (0.5 * side * _DOWN_RAD, -_DOWN_RAD))[which]
 
     def _tell(self, now_s: float, aversion: Aversion) -> bool:

@@ -128,6 +128,30 @@ class PictureMoment(NamedTuple):
     jpeg: bytes
 
 
+class StatusMoment(NamedTuple):
+    """State of the loop for status lines, four times a second; it is in no log.
+
+    Attributes:
+        time_s: The time, seconds.
+        joints_rad: The joints as estimated, shape (N,), radians.
+        command_rad: The command, shape (N,), radians.
+        capture_time_s: Capture of the newest observation that was used, seconds; None before the first one.
+        head_base_m: Its head, shape (3,), metres.
+        plan_start_s: Time of the first command of the plan in use, seconds; None without a plan.
+        observations: Number of observations so far, readable or not.
+        used: Number of those that the predictor used.
+    """
+
+    time_s: float
+    joints_rad: FloatArray
+    command_rad: FloatArray
+    capture_time_s: float | None
+    head_base_m: FloatArray | None
+    plan_start_s: float | None
+    observations: int
+    used: int
+
+
 class CutMoment(NamedTuple):
     """A log ends here, and the next one begins."""
 
@@ -141,5 +165,6 @@ Moment = (
     | AttendedMoment
     | LateMoment
     | PictureMoment
+    | StatusMoment
     | CutMoment
 )

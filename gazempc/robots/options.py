@@ -16,7 +16,7 @@ RobotChoice = Annotated[str, AfterValidator(partial(check_choice, ROBOT)), on_co
 
 
 class DynamixelOptions(Settings):
-    """Robot `dynamixel`; see `gazempc.robots.dynamixel.robot.DynamixelNeck`."""
+    """Robot `dynamixel`; see `gazempc.robots.dynamixel.DynamixelNeck`."""
 
     port: str = Field(default="/dev/ttyUSB0", description="Serial port")
     baud_rate_bps: int = Field(default=1_000_000, gt=0, description="As set in the motors")
@@ -76,7 +76,7 @@ class Ros2Options(Settings):
 
 
 class ReachyMiniOptions(Settings):
-    """Robot `reachy_mini`; see `gazempc.robots.reachy_mini.robot.ReachyMiniNeck`."""
+    """Robot `reachy_mini`; see `gazempc.robots.reachy_mini.ReachyMiniNeck`."""
 
     host: str = Field(default="127.0.0.1", description="Host of the daemon")
     port: int = Field(default=8000, gt=0, lt=65536, description="Port of the daemon")

@@ -1,18 +1,23 @@
-"""The one interface that all robots have, simulated or real."""
+"""The interface of all robots, and the start: from where a robot stands to where a command may begin."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+import ruckig
+
+from gazempc.errors import RobotError
+from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray, JointState
 
 
 class Robot(Protocol):
-    """A neck that takes positions, or speeds on an axis whose neck file says ``command = "velocity"``.
+    """A neck that takes positions, or speeds on an axis with ``command = "velocity"`` in the neck file.
 
     Every method but `close` raises `gazempc.errors.RobotError` if the robot does not answer.
 
-    A simulated one says two things more: the class attribute ``keeps_any_clock = True`` (it lives in the loop's time,
+    A simulated one has two things more: the class attribute ``keeps_any_clock = True`` (it uses the loop's time,
     so it may run on a simulated clock), and the method ``true_state() -> JointState`` (where its joints really are).
     """
 
@@ -42,3 +47,69 @@ class Robot(Protocol):
     def close(self) -> None:
         """Close the connection; never raises, and may be called at any time."""
         ...
+
+
+# Outside the joints' range by more than this is no rounding: file and robot do not agree.
+_OUTSIDE_RAD = np.deg2rad(1.0)
+_SLOWLY_RAD_S = 0.3
+
+
+def wrong_reading(state: object, neck: NeckSpec) -> str:
+    """What is wrong with what a robot's `read_state` returned.
+
+    Args:
+        state: What it returned.
+        neck: The neck, for its joints.
+
+    Returns:
+        A sentence with what is needed; empty for a good reading, and for None (nothing new).
+    """
+    if state is None:
+        return ""
+    if not isinstance(state, JointState):
+        return f"read_state() returned {type(state).__name__}, needed is a gazempc.JointState, or None"
+    for name in ("position_rad", "velocity_rad_s"):
+        value: object = getattr(state, name)
+        if not isinstance(value, np.ndarray) or value.shape != (neck.joints,):
+            return (
+                f"read_state() returned {name} {value!r}, needed is an array of shape ({neck.joints},): "
+                + ", ".join(neck.joint_names)
+            )
+    return ""
+
+
+def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:
+    """Commands that bring a neck slowly to where its command may be: commands have a little less room than joints.
+
+    Args:
+        neck: The neck.
+        position_rad: Where the joints stand, shape (N,), radians.
+
+    Returns:
+        One command a servo period, the last one at rest inside `NeckSpec.command_limits`; shape (K, N), K = 0 where it
+        stands inside already.
+
+    Raises:
+        RobotError: If it stands outside the joints' range.
+    """
+    low, high = neck.position_min_rad, neck.position_max_rad
+    if np.any((position_rad < low - _OUTSIDE_RAD) | (position_rad > high + _OUTSIDE_RAD)):
+        joints = zip(neck.joint_names, np.rad2deg(position_rad), strict=True)
+        stands = ", ".join(f"{name} {angle_deg:.1f}" for name, angle_deg in joints)
+        raise RobotError(
+            f"the neck stands at {stands} deg, outside its range ({np.rad2deg(low).round(1)} to "
+            f"{np.rad2deg(high).round(1)}): move it inside by hand, or check zero and direction of its axes"
+        )
+    limits = neck.command_limits
+    start, target = np.clip(position_rad, low, high), limits.clip_position(position_rad)
+    if np.array_equal(start, target):
+        return np.empty((0, neck.joints))
+    request = ruckig.InputParameter(neck.joints)
+    request.current_position, request.target_position = start.tolist(), target.tolist()
+    request.max_velocity = np.minimum(limits.velocity_max_rad_s, _SLOWLY_RAD_S).tolist()
+    request.max_acceleration = limits.acceleration_max_rad_s2.tolist()
+    request.max_jerk = limits.jerk_max_rad_s3.tolist()
+    trajectory = ruckig.Trajectory(neck.joints)
+    ruckig.Ruckig(neck.joints, neck.servo_period_s).calculate(request, trajectory)
+    steps = int(np.ceil(trajectory.duration / neck.servo_period_s))
+    return np.array([trajectory.at_time((k + 1) * neck.servo_period_s)[0] for k in range(steps)])

@@ -12,8 +12,7 @@ import numpy as np
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import Ros2Options
-from gazempc.ros2.node import Ros2Node
-from gazempc.ros2.topics import Publication, Subscription
+from gazempc.ros2.node import Publication, Ros2Node, Subscription
 from gazempc.ros2.wire import WireError, make_message, stamp_to_loop_s, topic_name
 from gazempc.types import FloatArray, JointState
 
@@ -25,7 +24,7 @@ class Ros2Neck:
     """Sends joint positions on one topic and takes joint states from another, over Zenoh as rmw_zenoh does.
 
     Every method but `close` raises `RobotError` while the router cannot be reached. `read_state` does so too if no
-    joint state that can be used has come for `silent_after_s`, and `send_command` if nobody listens to the commands.
+    joint state that can be used has come for `silent_after_s`, and `send_command` if no node listens to the commands.
     Nothing has to be done about it: Zenoh connects again in the background and the next call finds it so; no call but
     `connect` ever waits.
 
@@ -125,7 +124,7 @@ class Ros2Neck:
             raise RobotError(f"refused a command that is not {self._signs.size} finite angles: {position_rad}")
         commands = self._connected()
         if not commands.has_listeners:
-            raise RobotError(f"nobody listens to the commands on {self._command_topic}: has the controller stopped?")
+            raise RobotError(f"no node listens to the commands on {self._command_topic}: has the controller stopped?")
         sent_rad: FloatArray = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
         try:
             commands.publish(self._command(self._signs * sent_rad))
@@ -152,10 +151,10 @@ class Ros2Neck:
                 break
             time.sleep(_WAKE_S)
         if not commands.has_listeners:
-            raise WireError(node.why_nobody("MS", self._command_topic, self._command_type))
+            raise WireError(node.why_no_match("MS", self._command_topic, self._command_type))
         if self.ignored_because:
             raise WireError(f"no joint state on {self._state_topic} can be used: {self.ignored_because}")
-        raise WireError(node.why_nobody("MP", self._state_topic, _STATE_TYPE))
+        raise WireError(node.why_no_match("MP", self._state_topic, _STATE_TYPE))
 
     def _connected(self) -> Publication:
         if self._node is None or self._commands is None:

@@ -1,15 +1,140 @@
-"""A node in the graph of ROS 2 over Zenoh, as rmw_zenoh has them."""
+"""A node in the graph of ROS 2 over Zenoh, as rmw_zenoh has them, with its publications and subscriptions."""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import re
+import time
+from collections.abc import Iterator
 from typing import Any
 
 from gazempc.errors import MissingOptionalDependencyError, SettingsError
-from gazempc.ros2.topics import WAITING_MAX, Publication, Subscription, wire_errors
-from gazempc.ros2.wire import Ros2Network, WireError, dds_name, ros_name, topic_key, type_hash, typestore
+from gazempc.ros2.wire import (
+    Ros2Network,
+    WireError,
+    attachment,
+    dds_name,
+    decode,
+    encode,
+    ros_name,
+    topic_key,
+    type_hash,
+    typestore,
+)
+
+# The newest count; a message that has waited for so many others to be read is out of date.
+WAITING_MAX = 256
+
+
+@contextlib.contextmanager
+def wire_errors() -> Iterator[None]:
+    """Whatever Zenoh raises becomes a WireError; the end of its text, where in its source it was raised, is cut off."""
+    try:
+        yield
+    except Exception as error:
+        raise WireError(str(error).split(" at /")[0].strip()) from None
+
+
+class Publication:
+    """A topic that is sent on; made by `Ros2Node`."""
+
+    def __init__(self, publisher: Any, token: str) -> None:
+        self._publisher = publisher
+        # rmw_zenoh takes another hash of the token; to listeners it is only a unique name.
+        self._gid = hashlib.blake2b(token.encode(), digest_size=16).digest()
+        self._sequence = 0
+
+    @property
+    def has_listeners(self) -> bool:
+        """Whether there is a subscriber of this type; only of a topic that is not latched."""
+        return bool(self._publisher.matching_status.matching)
+
+    def publish(self, message: Any) -> None:
+        """Send a message; does not wait until it has arrived.
+
+        Raises:
+            WireError: If it cannot be sent.
+        """
+        self._sequence += 1
+        with wire_errors():
+            self._publisher.put(encode(message), attachment=attachment(self._sequence, time.time_ns(), self._gid))
+
+
+class Subscription:
+    """A topic that is listened to; made by `Ros2Node`.
+
+    Args:
+        subscriber: Of Zenoh.
+        type_name: Of its messages.
+        digest: Hash of this type.
+        announced: Subscriber to the announcements of senders on this topic; None for several topics.
+
+    Attributes:
+        type_name: Of its messages.
+    """
+
+    def __init__(self, subscriber: Any, type_name: str, digest: str, announced: Any) -> None:
+        self._subscriber = subscriber
+        self.type_name = type_name
+        self._digest = digest
+        self._announced = announced
+        # Type and its hash of each.
+        self._senders: dict[str, tuple[str, str]] = {}
+        self._heard = False
+
+    def take(self) -> list[Any | WireError]:
+        """The messages that have come since the last call, oldest first; for a broken one what is wrong with it.
+
+        Raises:
+            WireError: If the session is closed.
+        """
+        return [message for _, message in self.take_named()]
+
+    def take_named(self) -> list[tuple[str, Any | WireError]]:
+        """The same as `take`, each message with the name of its topic, for a subscription to several."""
+        taken: list[tuple[str, Any | WireError]] = []
+        for _ in range(WAITING_MAX):
+            with wire_errors():
+                sample = self._subscriber.try_recv()
+            if sample is None:
+                break
+            # Between the domain, and type and hash.
+            self._heard = True
+            topic = "/" + "/".join(str(sample.key_expr).split("/")[1:-2])
+            try:
+                taken.append((topic, decode(sample.payload.to_bytes(), self.type_name)))
+            except WireError as error:
+                taken.append((topic, error))
+        return taken
+
+    @property
+    def has_senders(self) -> bool:
+        """Whether a node announces to send on this topic with this type, or did send without an announcement."""
+        self._listen_to_senders()
+        return self._heard or (self.type_name, self._digest) in self._senders.values()
+
+    @property
+    def described(self) -> str:
+        """The type, and types with which others send on this topic, so that nothing arrives."""
+        self._listen_to_senders()
+        others = {sent for sent in self._senders.values() if sent != (self.type_name, self._digest)}
+        names = sorted(name if name != self.type_name else f"another {name}" for name, _ in others)
+        return self.type_name + (f", but others send {' and '.join(names)}" if names else "")
+
+    def _listen_to_senders(self) -> None:
+        with contextlib.suppress(Exception):
+            while self._announced is not None and (sample := self._announced.try_recv()) is not None:
+                # From now on only announcements count.
+                self._heard = False
+                entity = str(sample.key_expr)
+                if sample.kind == sample.kind.PUT:
+                    type_name, digest = entity.split("/")[10:12]
+                    self._senders[entity] = ros_name(type_name), digest
+                else:
+                    self._senders.pop(entity, None)
+
 
 # A client of Zenoh waits so long before it tries the router again.
 _RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2.0}
@@ -89,7 +214,7 @@ class Ros2Node:
         Args:
             topic: Its full name.
             type_name: Such as ``std_msgs/msg/String``.
-            latched: Keep the last message for whoever listens later and asks for it (transient local).
+            latched: Keep the last message for later subscribers (transient local).
         """
         key = topic_key(self._network.domain_id, topic, type_name, self._network.humble)
         # Late commands are worth nothing: no waiting for others in a batch; a network that is stuck loses them.
@@ -132,7 +257,7 @@ class Ros2Node:
             self._declare_topic("MS", topic, type_name, _QOS_LATCHED if latched else _QOS)
         return Subscription(subscriber, type_name, type_hash(type_name, self._network.humble), announced)
 
-    def why_nobody(self, kind: str, topic: str, type_name: str) -> str:
+    def why_no_match(self, kind: str, topic: str, type_name: str) -> str:
         """Why this topic finds no other side, for people to read; takes up to a second.
 
         Args:
@@ -149,10 +274,10 @@ class Ros2Node:
                 found.add((parts[1], ros_name(parts[10]), parts[11]))
         here = (str(self._network.domain_id), type_name, type_hash(type_name, self._network.humble))
         if not found or here in found:
-            return f"nobody {does} {topic} as {type_name} in ROS 2 domain {here[0]}: is that node or controller active?"
+            return f"no node {does} {topic} as {type_name} in ROS 2 domain {here[0]}: is it active?"
         others = "; ".join(f"{name} in domain {domain} ({digest[:14]})" for domain, name, digest in sorted(found))
         return (
-            f"nobody {does} {topic} as {type_name} in domain {here[0]} ({here[2][:14]}), but there is {others}: check "
+            f"no node {does} {topic} as {type_name} in domain {here[0]} ({here[2][:14]}), but there is {others}: check "
             "type, domain and, for ROS 2 Humble, the option for it"
         )
 

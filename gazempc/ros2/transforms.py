@@ -1,4 +1,4 @@
-"""Frames as tf tells them while a program runs: where each was in the last seconds, seen from any other."""
+"""The tree of frames of tf: poses of frames in other frames at a time."""
 
 from __future__ import annotations
 
@@ -9,12 +9,61 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
-from gazempc.ros2.poses import between, inverse_of, poses_of
 from gazempc.ros2.wire import WireError, stamp_s
 from gazempc.types import FloatArray
 
-# Nobody asks for what is older: observations are used within a second.
+# Drivers round quaternions off; what is farther from unit length is none.
+_NORM_ERROR = 0.05
+# Maps have their origin at the equator at most.
+_FARTHEST_M = 1e8
+
+
+def poses_of(transforms: Sequence[Any]) -> FloatArray:
+    """Poses of all, shape (T, 4, 4); NaN where the numbers are none."""
+    rows = [
+        (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
+        for p, q in ((t.transform.translation, t.transform.rotation) for t in transforms)
+    ]
+    numbers = np.array(rows, dtype=np.float64).reshape(-1, 7)
+    near = np.all(np.abs(numbers[:, :3]) <= _FARTHEST_M, axis=1) & np.all(np.abs(numbers[:, 3:]) <= 2.0, axis=1)
+    norms = np.linalg.norm(np.where(near[:, None], numbers[:, 3:], 0.0), axis=1)
+    good = np.flatnonzero(np.abs(norms - 1.0) <= _NORM_ERROR)
+    poses = np.full((len(numbers), 4, 4), np.nan)
+    poses[good] = np.eye(4)
+    poses[good, :3, 3] = numbers[good, :3]
+    if good.size:
+        poses[good, :3, :3] = Rotation.from_quat(numbers[good, 3:], scalar_first=True).as_matrix()
+    return poses
+
+
+def inverse_of(pose: FloatArray) -> FloatArray:
+    """The pose of the other frame in this one, shape (4, 4)."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = pose[:3, :3].T
+    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return inverse
+
+
+def between(early: FloatArray, late: FloatArray, share: float) -> FloatArray:
+    """The pose between two, straight on and turning steadily.
+
+    Args:
+        early: The one, shape (4, 4).
+        late: The other.
+        share: Of the way from the one to the other, 0 to 1.
+
+    Returns:
+        The pose, shape (4, 4).
+    """
+    pose: FloatArray = early + share * (late - early)
+    turns = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([early[:3, :3], late[:3, :3]])))
+    pose[:3, :3] = turns(share).as_matrix()
+    return pose
+
+
+# Observations are used within a second.
 _KEPT_S = 5.0
 # A frame that is told so seldom may have moved anyhow in between.
 _LONGEST_GAP_S = 1.0
@@ -53,7 +102,7 @@ class Transforms:
         self._pruned_s = -math.inf
 
     def take(self, transforms: Sequence[Any], fixed: bool = False) -> tuple[list[Moved], list[str]]:
-        """Take in what one message says.
+        """Take in the transforms of a message.
 
         Args:
             transforms: Each a ``geometry_msgs/msg/TransformStamped``.
@@ -92,7 +141,7 @@ class Transforms:
         return time_s
 
     def knows(self, frame: str) -> bool:
-        """Whether anybody told where a frame is."""
+        """Whether a transform of a frame has come."""
         return frame in self._parent
 
     def ancestors(self, frame: str) -> tuple[str, ...]:
@@ -139,13 +188,13 @@ class Transforms:
             The pose, shape (4, 4).
 
         Raises:
-            WireError: If it is not known, or not yet; says which frame is missing.
+            WireError: If it is not known, or not yet; names the missing frame.
         """
         up, down = (frame, *self.ancestors(frame)), (seen_from, *self.ancestors(seen_from))
         common = next((name for name in up if name in down), None)
         if common is None:
             lost = seen_from if len(down) == 1 else frame
-            raise WireError(f"tf knows no way from {frame!r} to {seen_from!r}: nobody tells where {lost!r} is")
+            raise WireError(f"tf has no path from {frame!r} to {seen_from!r}: no transform of {lost!r}")
         ways = [list(way[: way.index(common)]) for way in (up, down)]
         if time_s is None:
             newest_s = [self._moving[name][-1][0] for way in ways for name in way if name in self._moving]

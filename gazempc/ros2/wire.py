@@ -33,7 +33,7 @@ _DOMAIN_MAX = 232
 
 
 class WireError(ValueError):
-    """A message cannot be used, or the network cannot be reached; says why."""
+    """A message cannot be used, or the network cannot be reached; gives the reason."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Ros2Network:
     Args:
         endpoint: Of the Zenoh router that all nodes of rmw_zenoh connect to (``ros2 run rmw_zenoh_cpp rmw_zenohd``).
         domain_id: As in ROS_DOMAIN_ID.
-        humble: The nodes run ROS 2 Humble, which knows no hashes of message types; their topics have other keys.
+        humble: The nodes run ROS 2 Humble, which has no hashes of message types; their topics have other keys.
 
     Raises:
         SettingsError: If there can be no such endpoint or domain.

@@ -12,7 +12,7 @@ from gazempc.loop.attended import AttendedPeople
 from gazempc.loop.build import Person, make_predictor
 from gazempc.loop.track import PersonTrack
 from gazempc.people.attention import Attention
-from gazempc.people.build import make_policy
+from gazempc.people.policies import make_policy
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import Log
 from gazempc.settings import GazeSettings, LoopSettings

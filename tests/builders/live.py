@@ -10,17 +10,15 @@ from builders.replays import run_info
 from builders.robots import Spied
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.live.clock import SimulatedClock
-from gazempc.live.mount import Mount
-from gazempc.live.parts import Keeping, LiveParts
 from gazempc.live.run import LiveRun
+from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.truth import TrueHead
-from gazempc.robots.mujoco.robot import MujocoNeck
-from gazempc.settings import LoopSettings
+from gazempc.robots.mujoco import MujocoNeck
 from gazempc.sim.sensor import load_sensor
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
@@ -107,26 +105,22 @@ def make_live_run(
     controller=None,
     planner=ImmediatePlanner,
     predictor=None,
-    mount=None,
-    loop=None,
-    log_s=300.0,
-    true_head_base_m=None,
-    true_state=None,
-    show=None,
+    listeners=(),
+    **more,
 ):
-    """A `LiveRun` of given parts; `planner` makes the planner of the controller."""
-    parts = LiveParts(
+    """A `LiveRun` of given parts; `planner` makes the planner of the controller, `more` are other parts."""
+    setup = LiveSetup(
+        run_info(neck, mode="live"),
         neck,
         predictor or ConstantVelocity(),
-        planner(controller or Mpc(neck, horizon_s=0.3)),
+        controller or Mpc(neck, horizon_s=0.3),
         robot,
         source,
         clock,
-        mount or Mount(),
-        loop or LoopSettings(),
+        make_planner=planner,
+        **more,
     )
-    known = {} if true_head_base_m is None else {"true_head_base_m": true_head_base_m}
-    return LiveRun(parts, Keeping(run_info(neck, mode="live"), keep, log_s, true_state=true_state, show=show, **known))
+    return LiveRun(setup, keep, listeners)
 
 
 def run_live(
@@ -145,10 +139,9 @@ def run_live(
     stop=None,
     log_s=300.0,
     keep=None,
-    loop=None,
     source=None,
-    mount=None,
-    show=None,
+    listeners=(),
+    **more,
 ):
     """Run live on a simulated clock, with faults.
 
@@ -180,12 +173,10 @@ def run_live(
         controller=controller,
         planner=planner,
         predictor=predictor,
-        mount=mount,
-        loop=loop,
+        listeners=listeners,
         log_s=log_s,
         true_head_base_m=known,
-        true_state=robot.true_state,
-        show=show,
+        **more,
     )
     result = Result(logs, run.report, robot, source, duration_s)
     try:

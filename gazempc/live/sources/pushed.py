@@ -10,7 +10,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from gazempc.live.clock import RealClock
+from gazempc.live.clock import Clock
 from gazempc.live.sources.source import Arrived, check_range
 from gazempc.live.stamps import StampReader
 from gazempc.types import FloatArray, Sighting
@@ -30,7 +30,7 @@ _SHAPES: dict[str, tuple[tuple[int, ...], str]] = {
 
 
 class Stated(TypedDict, total=False):
-    """What `gazempc.live.gaze.Gaze.see` may be told besides time and place; see there."""
+    """Optional values of `gazempc.live.gaze.Gaze.see`."""
 
     head_quat_wxyz: Any
     pelvis_quat_wxyz: Any
@@ -48,14 +48,14 @@ _FIELDS = {name: name for name in Stated.__annotations__} | {"covariance_m2": "p
 class PushedSource:
     """Takes observations from the thread of a tracker, and gives them to the loop.
 
-    It has ended once the thread that opened it has: then nobody sees any more.
+    It ends with the thread that opened it, the thread of the tracker.
 
     Args:
         clock: The loop's clock.
         stamps: How the capture times are read.
     """
 
-    def __init__(self, clock: RealClock, stamps: StampReader) -> None:
+    def __init__(self, clock: Clock, stamps: StampReader) -> None:
         self._clock, self._stamps = clock, stamps
         self._arrived: deque[Sighting] = deque(maxlen=_WAITING_MAX)
         self._owner = threading.current_thread()

@@ -9,10 +9,10 @@ import numpy as np
 
 from gazempc.errors import GazempcError
 from gazempc.loop.events import Event
-from gazempc.people.cues import Cue
+from gazempc.people.company import Cue
 from gazempc.types import FloatArray, Sighting
 
-# A head is ten times as wide: nobody's is so near to a sensor.
+# A tenth of a head's width: nearer is no measurement.
 _NEAREST_M = 0.01
 
 
@@ -21,7 +21,7 @@ class SourceError(GazempcError):
 
 
 def check_range(position_m: FloatArray) -> None:
-    """Refuse a head at the sensor itself, by which some trackers say that they see nobody.
+    """Refuse a head at the sensor itself, which some trackers send when no person is seen.
 
     Args:
         position_m: In the sensor's frame, shape (3,), metres.
@@ -31,8 +31,8 @@ def check_range(position_m: FloatArray) -> None:
     """
     if np.linalg.norm(position_m) < _NEAREST_M:
         raise ValueError(
-            f"the head is at the sensor itself ({position_m.tolist()}), where nobody can be: a tracker that sees "
-            "nobody must send nothing"
+            f"the head is at the sensor itself ({position_m.tolist()}), which is impossible: a tracker without "
+            "a person in view must send nothing"
         )
 
 
@@ -42,7 +42,7 @@ class Notice:
 
     Attributes:
         event: Its kind.
-        text: What, and what mends it.
+        text: The finding, and the setting that corrects it.
         count: How many observations are not used for it.
     """
 
@@ -60,7 +60,7 @@ class Arrived:
             loop's clock.
         problems: What came and could not be used, and why, a sentence each.
         notices: What else is to be known, and what was not used for reasons of other names.
-        cues: What else was told, such as sounds.
+        cues: Cues, such as sounds.
     """
 
     sightings: tuple[Sighting, ...] = ()
@@ -72,7 +72,7 @@ class Arrived:
 class Source(Protocol):
     """Gives observations as they arrive; never blocks.
 
-    The class attribute ``keeps_any_clock = True`` says that it lives in the loop's time, so that it may run on a
+    The class attribute ``keeps_any_clock = True`` declares that it uses the loop's time, so that it may run on a
     simulated clock.
     """
 

@@ -1,4 +1,4 @@
-"""What the process for viewers is told to do, and what it answers."""
+"""Orders to the process for viewers, and its answers."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class ViewReady(NamedTuple):
     """The process for viewers is ready.
 
     Attributes:
-        said: What the user is told, one line each.
+        said: Lines for the user.
     """
 
     said: tuple[str, ...]

@@ -1,19 +1,192 @@
-"""Serves the page: static files, and the state of the run as server-sent events. Needs nothing but Python."""
+"""The page of a run: its state from the moments of the run, as server-sent events. Needs nothing but Python."""
 
 from __future__ import annotations
 
 import json
+import math
 import threading
+from collections import deque
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, cast
 
+import numpy as np
+
 from gazempc.errors import SettingsError
 from gazempc.live.view.orders import LOOPBACK, named
-from gazempc.live.view.snapshot import Snapshots
-from gazempc.results.moments import Moment
+from gazempc.loop.events import Event
+from gazempc.neck.kinematics import gaze_ray
+from gazempc.results.moments import (
+    AttendedMoment,
+    EventMoment,
+    JointsMoment,
+    LateMoment,
+    Moment,
+    PictureMoment,
+    PlanMoment,
+    SeenMoment,
+    TickMoment,
+)
 from gazempc.results.run_info import RunInfo
+from gazempc.types import FloatArray, JointState
+
+# People see no faster changes; a phone draws them.
+PERIOD_S = 0.05
+_HISTORY_S = 30.0
+_EVENTS = 20
+# Ellipses of two standard deviations, as in the scene of Foxglove.
+_SDS = 2.0
+# An observation older than this no longer gives the person's position.
+_LOST_S = 1.0
+_MEANINGS = {str(event): event.meaning for event in Event}
+
+
+class Snapshots:
+    """Keeps the newest state. One thread writes; any other may read what `state` gave.
+
+    Args:
+        run: What the run is.
+    """
+
+    def __init__(self, run: RunInfo) -> None:
+        self._neck, self._knows_true_head = run.neck, run.knows_true_head
+        self.about = {
+            "recording": run.recording,
+            "neck": run.neck.name,
+            "robot": run.robot,
+            "controller": run.controller,
+            "predictor": run.predictor,
+            "scored_against": "the true head" if run.knows_true_head else "the observed head",
+        }
+        self.picture = b""
+        self.history: deque[list[float | None]] = deque(maxlen=round(_HISTORY_S / PERIOD_S))
+        self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
+        self._begun = 0
+        self._true_joints: JointState | None = None
+        self._tick: TickMoment | None = None
+        self._seen: SeenMoment | None = None
+        self._latency_ms = math.nan
+        self._late_ms = 0.0
+        self._skipped = 0
+
+    def take(self, moment: Moment) -> bool:
+        """Take what happened.
+
+        Args:
+            moment: What.
+
+        Returns:
+            Whether it is time to show it: 20 times a second of the run.
+        """
+        match moment:
+            case JointsMoment():
+                self._true_joints = moment.joints
+            case LateMoment():
+                self._late_ms = max(self._late_ms, moment.late_ms)
+                self._skipped += moment.skipped
+            case SeenMoment():
+                self._seen = moment
+            case PlanMoment():
+                self._latency_ms = moment.latency_ms
+            case PictureMoment():
+                self.picture = moment.jpeg
+            case EventMoment() | AttendedMoment():
+                self._begun += 1
+                self._events.append({"id": self._begun, "time_s": moment.time_s, "text": _in_words(moment)})
+            case TickMoment():
+                joints = self._true_joints or moment.joints
+                self._true_joints = None
+                if joints is not None:
+                    before = -math.inf if self._tick is None else self._tick.time_s
+                    if moment.time_s - before >= PERIOD_S - 1e-6:
+                        self._tick = moment._replace(joints=joints)
+                        return True
+        return False
+
+    def state(self) -> dict[str, Any]:
+        """The state at the newest tick; notes it in the history.
+
+        Returns:
+            Values for JSON; angles in degrees, positions in metres, None for what is not known.
+        """
+        tick, seen = self._tick, self._seen
+        if tick is None or tick.joints is None:
+            return {}
+        eye_m, gaze = gaze_ray(self._neck.geometry, tick.joints.position_rad)
+        seen_m = None if seen is None else seen.head_observed_base_m
+        true_m = tick.head_true_base_m
+        known_m = true_m if true_m is not None and np.isfinite(true_m).all() else None
+        age_s = math.inf if seen is None else tick.time_s - seen.capture_time_s
+        new_m = seen_m if age_s < _LOST_S else None
+        target_m = known_m if self._knows_true_head else new_m
+        in_view = None if target_m is None else _in_view_deg(eye_m, gaze, target_m)
+        forecast_m = [] if seen is None or not np.isfinite(seen.means_base_m).all() else list(seen.means_base_m)
+        error_deg = math.nan if target_m is None else _angle_deg(gaze, target_m - eye_m)
+        state = {
+            "time_s": tick.time_s,
+            "age_s": _number(age_s),
+            "distance_m": None if seen_m is None else float(np.linalg.norm(seen_m - eye_m)),
+            "true_m": None if known_m is None else known_m.tolist(),
+            "observed_m": None if seen_m is None else seen_m.tolist(),
+            "forecast_m": [mean.tolist() for mean in forecast_m],
+            "ellipses": [
+                _ellipse(covariance) for covariance in ([] if seen is None or not forecast_m else seen.covariances_m2)
+            ],
+            "eye_m": eye_m.tolist(),
+            "gaze": gaze.tolist(),
+            "in_view_deg": in_view,
+            "forecast_in_view_deg": [_in_view_deg(eye_m, gaze, mean) for mean in forecast_m],
+            "error_deg": _number(error_deg),
+            "late_ms": self._late_ms,
+            "skipped_ticks": self._skipped,
+            "latency_ms": _number(self._latency_ms),
+            "joints_deg": dict(zip(self._neck.joint_names, np.rad2deg(tick.joints.position_rad).tolist(), strict=True)),
+            "events": list(self._events),
+            "has_picture": bool(self.picture),
+        }
+        self.history.append([tick.time_s, state["error_deg"], state["latency_ms"], self._late_ms])
+        self._late_ms = 0.0
+        return state
+
+
+def _in_words(event: EventMoment | AttendedMoment) -> str:
+    if isinstance(event, AttendedMoment):
+        return f"looks at person {event.person} ({event.why})" if event.person else f"looks at no person ({event.why})"
+    meaning = _MEANINGS.get(event.name) if event.text == event.name else None
+    return event.text if meaning is None else f"{event.name}: {meaning}"
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _angle_deg(gaze: FloatArray, to_target: FloatArray) -> float:
+    across = float(np.linalg.norm(np.cross(gaze, to_target)))
+    return math.degrees(math.atan2(across, float(gaze @ to_target)))
+
+
+def _in_view_deg(eye_m: FloatArray, gaze: FloatArray, target_m: FloatArray) -> list[float]:
+    """Where a place is in the field of view: how far from the gaze to the left and up, degrees."""
+    to_target = target_m - eye_m
+    left = np.array([-gaze[1], gaze[0], 0.0])
+    left /= max(float(np.linalg.norm(left)), 1e-9)
+    up = np.cross(gaze, left)
+    angle_deg = _angle_deg(gaze, to_target)
+    sideways, upwards = float(left @ to_target), float(up @ to_target)
+    length = math.hypot(sideways, upwards)
+    return [0.0, 0.0] if length == 0.0 else [angle_deg * sideways / length, angle_deg * upwards / length]
+
+
+def _ellipse(covariance_m2: FloatArray) -> list[float] | None:
+    """From above: half axes in metres and the direction of the first one in radians; None if it is not finite."""
+    level = covariance_m2[:2, :2]
+    if not np.isfinite(level).all():
+        return None
+    variances, axes = np.linalg.eigh(level)
+    long_m, short_m = (_SDS * np.sqrt(np.maximum(variances[::-1], 0.0))).tolist()
+    return [long_m, short_m, math.atan2(axes[1, 1], axes[0, 1])]
+
 
 _STATIC = {
     "/": ("page.html", "text/html; charset=utf-8"),
@@ -21,7 +194,7 @@ _STATIC = {
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
     "/charts.js": ("charts.js", "text/javascript; charset=utf-8"),
 }
-# Nothing from another host, and nobody frames the page. Its icon is empty.
+# Nothing from another host, and no frames of other pages. Its icon is empty.
 _POLICY = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
 # A connection that has heard nothing for so long may be dead; a comment finds out.
 _STILL_THERE_S = 5.0
@@ -130,7 +303,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
 
     def _asked_rightly(self) -> bool:
-        # A page of somebody else may lead its own name to this computer, and then read what is served here.
+        # DNS rebinding: a foreign page may resolve its own name to this computer, and then read what is served here.
         bound = cast(_Server, self.server).server_address[0]
         host = self.headers.get("Host", "").rpartition(":")[0].strip("[]")
         return bound not in LOOPBACK or host in LOOPBACK

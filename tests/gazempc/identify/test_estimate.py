@@ -128,7 +128,7 @@ def test_a_known_delay_of_the_time_stamps_is_taken_off():
 
 def test_mujoco_is_identified():
     pytest.importorskip("mujoco")
-    mujoco = pytest.importorskip("gazempc.robots.mujoco.robot")
+    mujoco = pytest.importorskip("gazempc.robots.mujoco")
     clock, truth = SimulatedClock(), plant((0.4, 0.1234), 12.0, 0.7, encoder_noise_deg=0.05)
     taken = drive(mujoco.MujocoNeck(truth, clock.now_s, REFERENCE.rest_rad), clock)
     for axis, dead_time_s in enumerate((0.4, 0.1234)):

@@ -13,15 +13,13 @@ from builders.ros2_network import wait_for
 from builders.ros2_tf import Stage
 
 from gazempc.errors import SettingsError
-from gazempc.live import command
-from gazempc.live.build import build
-from gazempc.live.clock import RealClock, SimulatedClock
-from gazempc.live.outlet import AttentionOutlet, attention_sink
-from gazempc.live.parts import Keeping
+from gazempc.live import session
+from gazempc.live.clock import SimulatedClock
+from gazempc.live.outlet import AttentionOutlet, attention_sink, make_sink
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
-from gazempc.live.sinks import FileSink, Ros2Sink, UdpSink, make_sink
-from gazempc.people.state import AttentionState
+from gazempc.live.setup import build
+from gazempc.people.attention import AttentionState
 from gazempc.ros2.node import Ros2Node
 from gazempc.ros2.wire import Ros2Network
 
@@ -36,15 +34,15 @@ class Gathered:
     def __init__(self, fails=()):
         self.lines, self.fails, self.closed = [], list(fails), False
 
-    def open(self):
-        pass
+    def __enter__(self):
+        return self.send
 
     def send(self, line):
         if self.fails and self.fails.pop(0):
             raise OSError("No space left on device")
         self.lines.append(json.loads(line))
 
-    def close(self):
+    def __exit__(self, *error):
         self.closed = True
 
 
@@ -74,14 +72,6 @@ def test_a_line_at_each_change_and_one_at_the_end():
     assert (sink.lines[1]["away_since_s"], sink.lines[1]["away_until_s"]) == (2.5, 4.0)
 
 
-def test_times_are_unix_time_in_real_time():
-    sink, clock = Gathered(), RealClock()
-    with AttentionOutlet(sink, clock) as outlet:
-        outlet.tell(clock.now_s(), AttentionState(1, None, "policy", clock.now_s() - 1.0))
-    assert sink.lines[0]["time_s"] == pytest.approx(time.time(), abs=1.0)
-    assert sink.lines[0]["since_s"] == pytest.approx(sink.lines[0]["time_s"] - 1.0, abs=0.01)
-
-
 def test_what_cannot_be_written_is_said_and_the_next_line_is_tried():
     sink = Gathered(fails=[True])
     with AttentionOutlet(sink, SimulatedClock()) as outlet:
@@ -96,36 +86,30 @@ def test_datagrams():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
         listener.settimeout(5.0)
-        sink = make_sink(f"udp:localhost:{listener.getsockname()[1]}", Ros2Network())
-        assert isinstance(sink, UdpSink)
-        sink.open()
-        sink.send('{"person": 1}')
-        assert listener.recv(100) == b'{"person": 1}\n'
-        sink.close()
+        with make_sink(f"udp:localhost:{listener.getsockname()[1]}", Ros2Network()) as send:
+            send('{"person": 1}')
+            assert listener.recv(100) == b'{"person": 1}\n'
 
 
-def test_a_topic_whose_last_line_whoever_listens_later_gets():
+def test_a_topic_whose_last_line_a_later_subscriber_gets():
     stage = Stage()
     try:
-        sink = make_sink("ros2:attention", stage.network)
-        assert isinstance(sink, Ros2Sink)
-        sink.open()
-        sink.send("first")
-        sink.send("last")
-        node = Ros2Node("listener", stage.network)
-        late = node.subscription("/attention", STRING, latched=True)
-        assert [each.data for each in wait_for(late.take)] == ["last"]
-        assert late.has_senders
-        plain = node.subscription("/attention", STRING)
-        time.sleep(0.05)
-        sink.send("next")
-        assert [each.data for each in wait_for(plain.take)] == ["next"]
-        stage.router.close()
-        wait_for(lambda: not sink._node.connected)
-        with pytest.raises(ValueError, match="has gone"):
-            sink.send("lost")
-        sink.close()
-        node.close()
+        with make_sink("ros2:attention", stage.network) as send:
+            send("first")
+            send("last")
+            node = Ros2Node("listener", stage.network)
+            late = node.subscription("/attention", STRING, latched=True)
+            assert [each.data for each in wait_for(late.take)] == ["last"]
+            plain = node.subscription("/attention", STRING)
+            time.sleep(0.05)
+            send("next")
+            assert [each.data for each in wait_for(plain.take)] == ["next"]
+            stage.router.close()
+            wait_for(lambda: not node.connected)
+            time.sleep(0.2)
+            with pytest.raises(ValueError, match="lost"):
+                send("lost")
+            node.close()
     finally:
         stage.close()
 
@@ -133,12 +117,9 @@ def test_a_topic_whose_last_line_whoever_listens_later_gets():
 def test_a_file_begins_anew(tmp_path):
     path = tmp_path / "attention.jsonl"
     path.write_text("of an earlier run\n")
-    sink = make_sink(str(path), Ros2Network())
-    assert isinstance(sink, FileSink)
-    sink.open()
-    sink.send("one")
-    assert path.read_text() == "one\n"
-    sink.close()
+    with make_sink(str(path), Ros2Network()) as send:
+        send("one")
+        assert path.read_text() == "one\n"
 
 
 def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
@@ -146,10 +127,10 @@ def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
     times_s = np.arange(40) / 30.0
     bag = write_bag(tmp_path / "bag", face_rows("face_a", 1e9 + times_s, [2.0, 0.3, 0.3], "camera_link"))
     words = ["--source", f"bag:{bag}", "--simulated-clock", "--attend", "nearest"]
-    built = build(command.parse([*words, "--controller", "lookahead", "--predictor", "constant_velocity"]))
+    setup = build(session.parse([*words, "--controller", "lookahead", "--predictor", "constant_velocity"]))
     sink, logs = Gathered(fails=[False, True]), []
-    with AttentionOutlet(sink, built.parts.clock) as outlet:
-        run = LiveRun(built.parts, Keeping(built.about, lambda log, _: logs.append(log), tell=outlet.tell))
+    with AttentionOutlet(sink, setup.clock) as outlet:
+        run = LiveRun(setup, lambda log, _: logs.append(log), attention=outlet.tell)
         run.run(threading.Event())
     assert [each["why"] for each in sink.lines] == ["nobody", "ended"]
     assert run.logs.events["attention_not_sent"] == 1
@@ -170,15 +151,15 @@ def test_places_that_cannot_be_opened(tmp_path):
         ("udp:no..host:5005", "udp:no..host:5005: "),
     ):
         sink = make_sink(word, Ros2Network(f"tcp/127.0.0.1:{free_port()}"))
-        with pytest.raises(SettingsError, match=why):
-            sink.open()
+        with pytest.raises(SettingsError, match=why), sink:
+            pass
 
 
 @pytest.mark.parametrize(
     ("settings", "why"),
     [
         ({}, "there is one person"),
-        ({"attend": "nearest", "simulated_clock": True}, "ROS 2 keeps real time"),
+        ({"attend": "nearest", "simulated_clock": True}, "ROS 2 needs real time"),
         ({"attend": "nearest", "attention_out": "here"}, "--attention-out here: no such place"),
     ],
 )

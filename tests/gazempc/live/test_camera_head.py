@@ -56,13 +56,6 @@ def test_the_range_is_uncertain_and_the_bearing_is_not():
     assert np.rad2deg(np.sqrt(variances[:2]) / np.linalg.norm(eyes_m)) == pytest.approx([0.15, 0.15], abs=0.07)
 
 
-def test_a_child_seems_farther_by_its_smaller_head_and_is_in_the_same_direction():
-    eyes_m = np.array([2.0, 0.4, 0.1])
-    head = head_from_points(seen(eyes_m, 0, scale=0.85), 1e-4)
-    assert head.position_m / np.linalg.norm(head.position_m) == pytest.approx(eyes_m / np.linalg.norm(eyes_m), abs=1e-3)
-    assert np.linalg.norm(head.position_m) / np.linalg.norm(eyes_m) == pytest.approx(1 / 0.85, rel=0.02)
-
-
 def test_errors_of_the_points_are_as_large_as_stated():
     """Monte Carlo: points with the stated error; positions and yaws are wrong by what the covariance says, or less."""
     rng = np.random.default_rng(0)

@@ -29,12 +29,6 @@ def test_a_person_who_walks_across_is_found_in_the_right_direction(range_m):
     assert 0.1 < seen.nees.mean() < 3.5
 
 
-@pytest.mark.slow
-def test_nobody_is_seen_in_an_empty_room():
-    seen = watch(studio(), lambda _: None, 16)
-    assert seen.others == 0
-
-
 def test_the_portrait_is_where_it_is_said_to_be():
     """The pupils, the darkest spots in the eyes, are rendered beside the point between them."""
     from scipy.spatial.transform import Rotation

@@ -1,10 +1,13 @@
-"""The clocks: absolute, never early, and the computer's clock may be set meanwhile."""
+"""Clocks, capture times of other clocks, and lateness."""
 
 import time
 
+import numpy as np
 import pytest
 
 from gazempc.live.clock import RealClock, SimulatedClock
+from gazempc.live.run_report import Lateness
+from gazempc.live.stamps import PER_SECOND, StampReader, Stamps
 
 
 def test_the_real_clock_never_wakes_early_and_does_not_wait_for_the_past():
@@ -53,3 +56,58 @@ def test_the_simulated_clock_never_runs_backwards():
     clock.sleep_until_s(2.0)
     clock.sleep_until_s(1.0)
     assert clock.now_s() == 2.0
+
+
+CLOCK = RealClock()
+
+
+@pytest.mark.parametrize("unit", PER_SECOND)
+@pytest.mark.parametrize("clock", ["unix", "monotonic"])
+def test_a_stamp_comes_to_the_loop_and_back(clock, unit):
+    zero_s = {"unix": CLOCK.from_unix_s, "monotonic": CLOCK.from_monotonic_s}[clock](0.0)
+    reader = StampReader(Stamps(clock=clock, unit=unit), CLOCK)
+    stamp = (12.5 - zero_s) * PER_SECOND[unit]
+    assert reader.loop_s(stamp, 13.0) == pytest.approx(12.5, abs=1e-5)
+    assert reader.stamp(12.5) == pytest.approx(stamp, rel=1e-12)
+
+
+def test_another_clock_is_set_by_the_frames_that_come_soonest():
+    """A clock that drifts by 50 ppm, frames that take 0.05 s and up to 0.1 s more."""
+    rng = np.random.default_rng(1)
+    captures_s = np.arange(0.0, 120.0, 1 / 30)
+    stamps = 5000.0 + (1.0 + 50e-6) * captures_s
+    arrivals_s = captures_s + 0.05 + 0.1 * rng.random(captures_s.size) ** 2
+    reader = StampReader(Stamps(clock="other", latency_s=0.05), CLOCK)
+    read_s = np.array([reader.loop_s(*each) for each in zip(stamps, arrivals_s, strict=True)])
+    error_s = (read_s - captures_s)[60:]
+    assert np.abs(error_s).max() < 0.004
+    assert np.abs(np.diff(read_s) - 1 / 30).mean() < 1e-4
+
+
+def test_a_clock_that_is_set_back_is_followed_within_ten_seconds():
+    captures_s = np.arange(0.0, 30.0, 0.1)
+    stamps = captures_s - 3.0 * (captures_s >= 10.0)
+    reader = StampReader(Stamps(clock="other", latency_s=0.05), CLOCK)
+    read_s = np.array([reader.loop_s(stamp, at_s + 0.05) for stamp, at_s in zip(stamps, captures_s, strict=True)])
+    assert np.abs(read_s - captures_s)[captures_s > 20.2].max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_percentiles_of_lateness_are_numpy_s_within_a_bin(seed):
+    rng = np.random.default_rng(seed)
+    values = rng.gamma(0.5, 2.0, size=int(rng.integers(1, 5000)))
+    values[rng.random(values.size) < 0.2] *= -0.1
+    lateness = Lateness()
+    for value in values:
+        lateness.add(float(value))
+    assert lateness.count == values.size
+    assert lateness.max_ms == max(values.max(), 0.0)
+    clipped = np.maximum(values, 0.0)
+    for percent in (0, 1, 25, 50, 90, 99, 99.9, 100):
+        exact = float(np.percentile(clipped, percent, method="inverted_cdf"))
+        found = lateness.percentile_ms(percent)
+        assert -1e-9 <= found - exact <= 0.01 + 1e-9
+    for limit_ms in (0.1, 1.0, 5.0, 150.0):
+        expected = np.sum(clipped >= limit_ms)
+        near = np.sum(np.abs(clipped - limit_ms) <= 0.011)
+        assert abs(lateness.beyond(limit_ms) - expected) <= near

@@ -8,12 +8,9 @@ import pytest
 from builders.lines import FOREVER_S
 
 from gazempc.live.clock import RealClock
-from gazempc.live.sources.cue_lines import is_cue, parse_cue
-from gazempc.live.sources.json_lines import LineError
-from gazempc.live.sources.streams import LineSource
-from gazempc.live.sources.wires import Chunk
-from gazempc.people.company import Sound
-from gazempc.people.cues import Glance, Rhythm, Speech, Thinking
+from gazempc.live.sources.json_lines import LineError, is_cue, parse_cue
+from gazempc.live.sources.streams import Chunk, LineSource
+from gazempc.people.company import Glance, Rhythm, Sound, Speech, Thinking
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders.own_modules import write_own_parts
 
-from gazempc.live.command import main
+from gazempc.live.session import main
 from gazempc.results.log import load_log
 
 

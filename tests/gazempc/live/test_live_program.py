@@ -18,7 +18,7 @@ from bs4 import BeautifulSoup
 from builders.lines import FOREVER_S, QUAT
 from builders.ports import free_port
 
-from gazempc.live import command as live
+from gazempc.live import session as live
 from gazempc.live.settings import LiveSettings
 from gazempc.loop.events import Event
 from gazempc.results.limits import limit_violations
@@ -190,13 +190,13 @@ def test_a_wrong_clock_and_unit_are_said_while_it_runs_and_the_options_that_it_n
     assert "gazempc.live: WARNING wrong_clock: capture times look like this computer's monotonic clock" in lines[1]
     assert "gazempc.live: WARNING wrong_unit" in lines[2]
     named = [word.strip("():;") for word in " ".join(lines).split()]
-    mends = [each for k, word in enumerate(named) if word.startswith("--") for each in (word, named[k + 1])]
-    assert mends == ["--stamps.clock", "monotonic", "--stamps.unit", "ms", "--mount.unit-m", "0.001"]
+    named_options = [each for k, word in enumerate(named) if word.startswith("--") for each in (word, named[k + 1])]
+    assert named_options == ["--stamps.clock", "monotonic", "--stamps.unit", "ms", "--mount.unit-m", "0.001"]
     wrong = strict(tmp_path / "wrong" / "summary.json")
     assert (wrong["observations"], wrong["used"]) == (33, 0)
     assert set(wrong["events"]) >= {"wrong_clock", "wrong_unit"}
 
-    with Program(*options, *mends, "--out", tmp_path / "mended") as program:
+    with Program(*options, *named_options, "--out", tmp_path / "mended") as program:
         program.until_it_runs()
         program.walk(0.5, stamp=stamp, unit_m=0.001)
         _, complained = program.end()
@@ -234,7 +234,7 @@ def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_l
         (["--source", "replay", "--mount.on", "head"], ["--mount.on", "base"]),
         (["--source", "replay", "--stamps.unit", "ms"], ["--stamps", "stdin, udp, tcp, ros2"]),
         (["--source", "stdin", "--camera.fov-deg", "60"], ["--camera", "accepted with --source camera"]),
-        (["--source", "camera", "--simulated-clock"], ["--simulated-clock", "keeps real time"]),
+        (["--source", "camera", "--simulated-clock"], ["--simulated-clock", "needs real time"]),
         (["--source", "replay", "--neck", "no/such.toml"], ["no/such.toml"]),
         (["--source", "replay", "--neck", "refrence"], ["refrence", "reference"]),
         (["--source", "replay", "--replay", "subject99_R9"], ["subject99_R9"]),

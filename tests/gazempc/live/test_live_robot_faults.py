@@ -8,7 +8,7 @@ from builders.live import TS, run_live
 
 from gazempc.errors import RobotError
 from gazempc.live.clock import SimulatedClock
-from gazempc.robots.mujoco.robot import MujocoNeck
+from gazempc.robots.mujoco import MujocoNeck
 from gazempc.settings import LoopSettings
 from gazempc.sim.simulated import SimulatedNeck
 

@@ -1,27 +1,20 @@
 """A live run in order: it tracks, it is the replay, and the clock leaves no trace in its commands."""
 
-import contextlib
 import dataclasses
 import gc
-import threading
 
 import numpy as np
-import pytest
 from builders.checks import assert_sound, undisturbed
-from builders.faults import Late
-from builders.live import NECK, SENSOR, TS, WALK, Faulty, make_live_run, run_live
+from builders.live import NECK, SENSOR, TS, WALK, run_live
 from builders.recordings import synthetic
 from builders.replays import replayed
 
-from gazempc.errors import RobotError
 from gazempc.live.clock import RealClock, SimulatedClock
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.kinematics import look_at
-from gazempc.settings import LoopSettings
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import observe
-from gazempc.sim.simulated import SimulatedNeck
 
 
 def test_undisturbed_the_loop_tracks_and_names_nothing_but_the_start():
@@ -84,27 +77,6 @@ def test_commands_do_not_jitter_with_the_clock():
     assert np.degrees(np.abs(commands[0][:n] - commands[1][:n]).max()) < 1.0
 
 
-def test_with_a_plan_at_every_tick_no_plan_is_missed():
-    """A plan that is there before the next tick leaves the planner free for it."""
-    neck = NECK.model_copy(update={"servo_rate_hz": 50.0, "control_rate_hz": 50.0})
-    clock = SimulatedClock()
-    source = Faulty(clock, None, None, WALK)
-    robot = SimulatedNeck(neck, look_at(neck.geometry, WALK.truth.head_position_m[0]).angles_rad, clock.now_s)
-    logs = []
-    run = make_live_run(
-        neck,
-        robot,
-        source,
-        clock,
-        lambda log, times: logs.append((log, times)),
-        planner=lambda controller: Late(controller, clock, lambda now: 0.015),
-        loop=LoopSettings(compute_delay_s=0.02),
-    )
-    report = run.run(threading.Event(), 3.0)
-    (_, times), *_ = logs
-    assert times.step_ms.size > 0.95 * (report.ticks - 10)
-
-
 def test_a_step_of_the_unix_clock_is_in_the_log(monkeypatch):
     clock = RealClock()
     stepped = []
@@ -154,13 +126,3 @@ def test_logs_of_one_second_join_to_the_log_of_the_whole_run_and_nothing_is_kept
         assert joined.size == getattr(whole.logs[0][1], name).size
     # While one log is being kept no more than its own ticks are in memory.
     assert max(alive) <= 200
-
-
-def test_a_robot_that_raises_when_it_is_asked_to_close_twice_is_not(monkeypatch):
-    """Each part is closed exactly when the run ends, also after a run that ended in order."""
-    result = run_live(duration_s=0.2)
-    assert result.robot.calls == ["connect", "close"]
-    assert result.source.calls == ["open", "close"]
-    with contextlib.suppress(RobotError):
-        result.robot.inner.read_state()
-        pytest.fail("the neck is still connected")

@@ -7,7 +7,6 @@ from builders.faults import Jumping
 from builders.live import NECK, TS, run_live
 
 from gazempc.controllers.mpc.mpc import Mpc
-from gazempc.live.clock import SimulatedClock
 from gazempc.neck.ahead import settled_joints
 from gazempc.sim.simulated import SimulatedNeck
 
@@ -76,26 +75,3 @@ def test_ticks_that_are_over_are_left_out_and_nothing_bursts(jump_s, where):
     assert max(astray) < (1e-6 if where == "at work" and jump_s == 2.0 else 2.3e-5)
     assert_recovered(result, 2.0 + jump_s + 2.0, within_deg=1.0)
     assert_recovered(result, 2.0 + jump_s + 2.5)
-
-
-def test_where_every_send_takes_a_control_period_it_is_planned_all_the_same():
-    """The numbers of the ticks that are left over may never be multiples of those between two plans."""
-    clock = SimulatedClock()
-
-    class Slow(SimulatedNeck):
-        def send_command(self, position_rad):
-            sent = super().send_command(position_rad)
-            tick = round(clock.now_s() / TS)
-            clock.sleep_until_s((tick + (4 if tick else 3)) * TS + 1e-4)
-            return sent
-
-    result = run_live(clock=clock, robot_class=Slow)
-    assert_sound(result)
-    numbers = np.round(result.joined("time_s") / TS).astype(int)
-    assert np.all(np.diff(numbers)[1:] == 4)
-    assert numbers[1] == 3
-    assert result.report.skipped_ticks >= 3 * (result.report.ticks - 2)
-    assert result.events <= {"no_observation_yet", "stale_plan", "limit_guard", "limits_softened"}
-    # It moves by a servo period at a time, a quarter as fast as it may; but it follows.
-    assert np.median(result.error_deg[result.joined("time_s") > 2.0]) < 12.0
-    assert np.ptp(result.joined("command_position_rad")[:, 0]) > 0.3

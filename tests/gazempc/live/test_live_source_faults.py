@@ -62,22 +62,6 @@ def test_a_burst_of_stale_frames_is_dropped():
     assert_recovered(result, 4.2 + 2.0)
 
 
-def test_frames_out_of_order_are_dropped():
-    kept = []
-
-    def shuffled(now_s, sighting):
-        if not 3.0 <= now_s < 4.0:
-            return [sighting]
-        kept.append(sighting)
-        return [kept.pop(), kept.pop(0)] if len(kept) >= 2 else []
-
-    result = run_live(change=shuffled, duration_s=7.5)
-    assert_sound(result)
-    assert result.events == {"no_observation_yet", "out_of_order"}
-    assert np.all(np.diff(result.joined("capture_time_s")) > 0)
-    assert_recovered(result, 4.0 + 1.0)
-
-
 FUTURE, STALE = "future_observation", "stale_observation"
 
 
@@ -102,22 +86,6 @@ def test_the_sensor_s_clock_jumps_and_comes_back(jump_s, event, back):
     assert result.event_s(event)[0] == pytest.approx(3.0, abs=0.05)
     assert result.event_s("clock_shifted") == pytest.approx([3.5], abs=0.06)
     assert_recovered(result, 5.05 + 1.9)
-
-
-def test_a_small_step_back_of_the_sensor_s_clock_is_out_of_order_until_it_is_made_up():
-    def jumped(now_s, sighting):
-        seen = sighting.observation
-        off_s = -0.3 if now_s >= 3.0 else 0.0
-        return [
-            dataclasses.replace(
-                sighting, observation=dataclasses.replace(seen, capture_time_s=seen.capture_time_s + off_s)
-            )
-        ]
-
-    result = run_live(change=jumped)
-    assert_sound(result)
-    # The person seems to have leapt back by 0.3 s.
-    assert result.events == {"no_observation_yet", "out_of_order", "gate_refused"}
 
 
 @pytest.mark.parametrize("field", ["head_position_base_m", "head_quat_wxyz", "pelvis_quat_wxyz"])

@@ -11,7 +11,7 @@ from builders.live import Faulty, run_live
 from builders.robots import Spied
 
 from gazempc.errors import GazempcError, RobotError
-from gazempc.live.command import main
+from gazempc.live.session import main
 from gazempc.live.sources.source import SourceError
 
 START_RAD = np.array([0.5, -0.1])

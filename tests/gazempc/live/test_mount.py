@@ -16,7 +16,6 @@ from gazempc.live.clock import SimulatedClock
 from gazempc.live.mount import JointHistory, Mount
 from gazempc.live.sources.source import Arrived
 from gazempc.neck.kinematics import gaze_ray
-from gazempc.neck.poses import head_in_base
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
@@ -67,14 +66,6 @@ def seen(point_m, quat_wxyz=None, time_s=1.0):
     return HeadObservation(time_s, np.array(point_m, dtype=float), quat_wxyz, quat_wxyz)
 
 
-def test_without_settings_the_sensor_s_frame_is_the_base_frame():
-    observation = seen([2.0, 0.3, 0.4], np.array([0.6, 0.0, 0.0, 0.8]))
-    found = Mount().to_base(observation, GEOMETRY, None)
-    assert found.capture_time_s == observation.capture_time_s
-    np.testing.assert_allclose(found.head_position_base_m, [2.0, 0.3, 0.4], atol=1e-15)
-    np.testing.assert_allclose(found.head_quat_wxyz, [0.6, 0.0, 0.0, 0.8], atol=1e-15)
-
-
 def test_the_signs_are_as_described():
     """Pitch positive looks down, yaw positive to the left; on the head, tilt positive looks up."""
     ahead = seen([1.0, 0.0, 0.0])
@@ -99,20 +90,6 @@ def test_a_sensor_on_the_base_is_a_fixed_transform(point_m, position_m, roll_pit
     for angles_rad in (None, np.array([0.7, -0.2])):  # the joints play no part
         found = mount.to_base(seen(point_m), GEOMETRY, angles_rad)
         np.testing.assert_allclose(found.head_position_base_m, expected[:3], atol=1e-12)
-
-
-@given(points, points, turns, st.floats(-1.4, 1.4), st.floats(-0.8, 0.8))
-def test_a_sensor_on_the_head_moves_with_both_joints(point_m, position_m, roll_pitch_yaw_deg, pan_rad, tilt_rad):
-    mount = Mount(on="head", position_m=position_m, roll_pitch_yaw_deg=roll_pitch_yaw_deg)
-    angles_rad = np.array([pan_rad, tilt_rad])
-    matrix = sensor_in_base(mount, GEOMETRY, angles_rad)
-    found = mount.to_base(seen(point_m), GEOMETRY, angles_rad)
-    np.testing.assert_allclose(found.head_position_base_m, (matrix @ [*point_m, 1.0])[:3], atol=1e-12)
-    # What stands still in the room, seen from wherever the head is, stands still.
-    fixed_m = np.array([2.0, -0.5, 0.4])
-    in_sensor_m = (np.linalg.inv(matrix) @ [*fixed_m, 1.0])[:3]
-    back = mount.to_base(seen(in_sensor_m), GEOMETRY, angles_rad)
-    np.testing.assert_allclose(back.head_position_base_m, fixed_m, atol=1e-11)
 
 
 @given(turns, turns, st.sampled_from(["base", "head"]), st.floats(-1.4, 1.4), st.floats(-0.8, 0.8))
@@ -151,23 +128,9 @@ def test_what_else_a_sensor_states_stays_as_it_is():
     assert found.position_covariance_m2 is None
 
 
-def test_orientations_that_were_not_seen_stay_unknown():
-    found = Mount(on="head", roll_pitch_yaw_deg=(10, 20, 30)).to_base(seen([2, 0, 0]), GEOMETRY, np.zeros(2))
-    assert found.head_quat_wxyz is None
-    assert found.pelvis_quat_wxyz is None
-
-
-def test_a_sensor_in_the_eye_looks_along_the_gaze():
-    mount = Mount(on="head", position_m=GEOMETRY.eye_in_tilt_m)
-    for angles_rad in (np.array([0.0, 0.0]), np.array([0.8, -0.3]), np.array([-1.2, 0.5])):
-        eye_m, direction = gaze_ray(GEOMETRY, angles_rad)
-        found = mount.to_base(seen([1.7, 0.0, 0.0]), GEOMETRY, angles_rad)
-        np.testing.assert_allclose(found.head_position_base_m, eye_m + 1.7 * direction, atol=1e-12)
-        rotation, axis_m = head_in_base(GEOMETRY, angles_rad)
-        np.testing.assert_allclose(axis_m + rotation.apply(GEOMETRY.eye_in_tilt_m), eye_m, atol=1e-12)
-
-
-@given(st.sampled_from([("head", 3), ("head", 4), ("head", 5), ("eye", 4), ("eye", 5)]), points, turns, points)
+@given(
+    st.sampled_from([("head", 2), ("head", 3), ("head", 4), ("head", 5), ("eye", 4), ("eye", 5)]), points, turns, points
+)
 def test_a_sensor_on_head_or_eye_moves_with_the_whole_chain(moves, position_m, roll_pitch_yaw_deg, fixed_m):
     """What stands still in the room, seen from wherever the sensor is, stands still."""
     on, joints = moves
@@ -178,24 +141,12 @@ def test_a_sensor_on_head_or_eye_moves_with_the_whole_chain(moves, position_m, r
         np.testing.assert_allclose(found.head_position_base_m, fixed_m, atol=1e-11)
 
 
-def test_a_sensor_in_the_eye_sees_straight_ahead_what_the_eye_looks_at():
-    joints_rad = np.array([0.4, 0.2, -0.5, 0.3, 0.9])
-    eye_m, direction = gaze_ray(GEOMETRY, joints_rad)
-    found = Mount(on="eye").to_base(seen([1.7, 0.0, 0.0]), GEOMETRY, joints_rad)
-    np.testing.assert_allclose(found.head_position_base_m, eye_m + 1.7 * direction, atol=1e-12)
-
-
 def test_a_neck_without_eyes_has_no_sensor_in_them():
     with pytest.raises(
         SettingsError, match=r"--mount\.on eye: neck 'reference' has no eyes that turn; accepted: base, head"
     ):
         Mount(on="eye").check_fits(load_neck("reference"))
     Mount(on="eye").check_fits(load_neck("reference_eyes"))
-
-
-def test_where_the_head_was_must_be_known():
-    with pytest.raises(ValueError, match="not known"):
-        Mount(on="head").to_base(seen([2, 0, 0]), GEOMETRY, None)
 
 
 def test_the_history_of_the_joints_is_interpolated():
@@ -321,19 +272,6 @@ def test_a_sensor_on_the_moving_head_sees_as_well_as_one_on_the_base():
     assert np.sqrt(np.mean(np.square(ignored_deg))) > base_rms + 1.0
 
 
-@pytest.mark.slow
-def test_a_sensor_in_the_moving_eye_sees_as_well_as_one_on_the_base():
-    """The eye turns while the head does; with the angles at arrival its own motion is taken for the person's."""
-    _, _, base_deg = run_with("base", neck=EYES)
-    log, report, error_deg = run_with("eye", neck=EYES)
-    assert report.n_problems == 0
-    np.testing.assert_allclose(log.head_observed_base_m, [walker_m(t) for t in log.capture_time_s], atol=2e-3)
-    base_rms, rms = (np.sqrt(np.mean(np.square(each))) for each in (base_deg, error_deg))
-    assert rms == pytest.approx(base_rms, abs=0.05)
-    _, _, ignored_deg = run_with("eye", at_arrival=True, neck=EYES)
-    assert np.sqrt(np.mean(np.square(ignored_deg))) > base_rms + 0.5
-
-
 def test_a_frame_from_before_the_first_tick_cannot_be_placed_and_is_named():
     """Where the head was then, nobody knows."""
     clock = SimulatedClock()
@@ -363,11 +301,6 @@ def test_a_frame_from_before_the_first_tick_cannot_be_placed_and_is_named():
 def test_a_wrong_mount_is_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Mount(**wrong)
-
-
-def test_a_mount_is_a_value():
-    assert Mount() == Mount(on="base")
-    assert dataclasses.asdict(seen([1, 2, 3]))["capture_time_s"] == 1.0
 
 
 # The unit vectors of forward, left and up as each kind of axes writes them, from its documentation.

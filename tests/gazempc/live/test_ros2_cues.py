@@ -11,17 +11,14 @@ from builders.ros2_wire import NOW_S
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError
-from gazempc.live.clock import RealClock, SimulatedClock
-from gazempc.live.gaze_parts import check_settings, make_parts
-from gazempc.live.parts import Keeping
+from gazempc.live.clock import RealClock
+from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
-from gazempc.live.sources.ros2_cues import Ros2Cues
-from gazempc.live.sources.source import SourceError
-from gazempc.live.telling import make_telling
+from gazempc.live.setup import make_cue_source, setup_of_gaze
+from gazempc.live.sources.ros2 import Ros2Cues
 from gazempc.loop.events import Event
 from gazempc.neck.spec import load_neck
-from gazempc.people.company import Sound
-from gazempc.people.cues import Glance
+from gazempc.people.company import Glance, Sound
 from gazempc.robots.options import RobotOptions, Ros2Options
 from gazempc.ros2.wire import encode, make_message
 
@@ -71,27 +68,6 @@ def test_a_point_in_the_frame_of_a_camera_is_glanced_at_where_it_was(stage):
         np.testing.assert_allclose(glance.target_base_m, expected_m, atol=1e-5)
 
 
-def test_one_thing_that_is_told_again_and_again_is_glanced_at_once(stage):
-    source, seen = pointing(stage), []
-
-    def tell(place_m, then_s):
-        stage.put("/pointing", POINT, point("base_link", place_m))
-        # What is behind it shows that it has been read.
-        stage.put("/pointing", POINT, point("", place_m))
-        seen.append(len(told(source, 1)[0]))
-        stage.now_s += then_s
-
-    for place_m, then_s in (
-        ([1, 0.5, 0], 0.1),
-        ([1, 0.6, 0], 1.9),
-        ([1, 0.5, 0], 0.1),
-        ([1, 1, 0], 2.1),
-        ([1, 1, 0], 0),
-    ):
-        tell(place_m, then_s)
-    assert seen == [1, 0, 0, 1, 1]
-
-
 @pytest.mark.parametrize(
     ("payload", "why"),
     [
@@ -124,7 +100,7 @@ def test_a_point_in_a_frame_that_nobody_tells_is_waited_for_and_then_a_problem(s
     wait_for(lambda: source.poll() is not None and source._waiting)
     stage.now_s += 0.25
     _, (problem,) = told(source)
-    assert "a point is in the frame 'bottle': tf knows no way from 'bottle' to 'base_link'" in problem
+    assert "a point is in the frame 'bottle': tf has no path from 'bottle' to 'base_link'" in problem
 
 
 @pytest.mark.parametrize(
@@ -145,7 +121,7 @@ def test_speech_heard_by_a_head_that_is_turned(stage):
     source = opened(stage, turned_left, sound_topic="heard", sound_frame="microphones", base_frame="base_link")
     stage.put("/heard", INT, encode(make_message(INT, data=20)))
     _, (problem,) = told(source)
-    assert "/heard: tf knows no way from 'microphones' to 'base_link'" in problem
+    assert "/heard: tf has no path from 'microphones' to 'base_link'" in problem
     quat = Rotation.from_euler("z", -50.0, degrees=True).as_quat(scalar_first=True)
     stage.tf(transform("microphones", [0, 0, 1], quat, "base_link"))
     wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("microphones"))
@@ -168,25 +144,19 @@ def test_a_direction_that_is_none_is_a_problem(stage, type_name, value, why):
 def test_topics_that_nobody_sends_on_are_named(stage):
     source = opened(stage, sound_topic="heard", point_topic="pointing", base_frame="base_link")
     with stage.announced("/heard", INT), stage.announced("/pointing", POSE):
-        wait_for(lambda: source._sounds.has_senders and source._points.other_types)
+        wait_for(lambda: source._topics["/heard"].has_senders and "but others" in source._topics["/pointing"].described)
         stage.now_s += 3.1
         (notice,) = source.poll().notices
     assert notice.event == Event.NO_SENDER
-    assert f"nobody sends on /pointing as {POINT}, but somebody does as {POSE}, /tf as {TF}: is" in notice.text
-
-
-def test_without_a_router_it_says_so(stage):
-    stage.router.close()
-    with pytest.raises(SourceError, match="/heard: no Zenoh router answers"):
-        opened(stage, sound_topic="heard")
+    assert f"no node sends on /pointing as {POINT}, but others send {POSE}, /tf as {TF}: is" in notice.text
 
 
 @pytest.mark.parametrize(
     ("ros2", "settings", "why"),
     [
         ({"point_topic": "p"}, {"attend": "nearest"}, "needs options.ros2.base_frame"),
-        ({"point_topic": "p", "base_frame": "b"}, {}, "nobody is looked away from"),
-        ({"sound_topic": "s"}, {"look_away": {"rhythm": "told"}}, "there is nobody to choose"),
+        ({"point_topic": "p", "base_frame": "b"}, {}, "look_away.rhythm told"),
+        ({"sound_topic": "s"}, {"look_away": {"rhythm": "told"}}, "accepted with attend, such as speaker"),
         ({"sound_topic": "s", "sound_frame": "m"}, {"attend": "speaker"}, "needs options.ros2.base_frame"),
         ({"point_topic": "p", "base_frame": "b"}, {"attend": "nearest", "mount": {"on": "head"}}, "accepted: base"),
         ({"sound_topic": "no topic"}, {"attend": "speaker"}, "topic 'no topic'"),
@@ -195,14 +165,14 @@ def test_without_a_router_it_says_so(stage):
 def test_topics_that_do_not_go_with_the_settings(ros2, settings, why):
     told = LiveSettings(source="ros4hri", options=RobotOptions(ros2=Ros2Options(**ros2)), **settings)
     with pytest.raises(SettingsError, match=why):
-        make_telling(told, load_neck("reference"), RealClock(), mounted=True)
+        make_cue_source(told, load_neck("reference"), RealClock(), mounted=True)
 
 
 def test_a_gaze_from_python_hears_them_too(stage):
     ros2 = {"endpoint": stage.network.endpoint, "sound_topic": "heard"}
-    settings = check_settings({"attend": "speaker", "options": {"ros2": ros2}})
-    parts = make_parts("reference", "simulated", "lookahead", "constant_velocity", settings)
-    run = parts.run(Keeping(parts.about, lambda log, times: None))
+    settings = {"attend": "speaker", "options": {"ros2": ros2}}
+    setup, _, _ = setup_of_gaze("reference", "simulated", "lookahead", "constant_velocity", settings)
+    run = LiveRun(setup, lambda log, times: None)
     stop = threading.Event()
     try:
         assert run.start(stop)
@@ -215,22 +185,16 @@ def test_a_gaze_from_python_hears_them_too(stage):
         serving.join()
     finally:
         run.close()
-    (sound,) = parts.several.several.attention._sounds
+    (sound,) = setup.several.several.attention._sounds
     assert math.degrees(sound.azimuth_rad) == pytest.approx(20)
     assert "/heard: not a std_msgs/msg/Int32" in run.report.problems[0]
-
-
-def test_a_simulated_clock_hears_nothing():
-    told = LiveSettings(source="replay", attend="speaker", options=RobotOptions(ros2=Ros2Options(sound_topic="heard")))
-    with pytest.raises(SettingsError, match="ROS 2 keeps real time"):
-        make_telling(told, load_neck("reference"), SimulatedClock(), mounted=False)
 
 
 def test_the_mount_says_where_the_base_frame_is(stage):
     mount = {"position_m": (0.0, 0.0, -1.0), "roll_pitch_yaw_deg": (0.0, 0.0, 90.0)}
     ros2 = Ros2Options(endpoint=stage.network.endpoint, point_topic="p", base_frame="base_link")
     settings = LiveSettings(source="ros4hri", attend="nearest", mount=mount, options=RobotOptions(ros2=ros2))
-    source = stage.listening(make_telling(settings, load_neck("reference"), RealClock(), mounted=True))
+    source = stage.listening(make_cue_source(settings, load_neck("reference"), RealClock(), mounted=True))
     stage.put("/p", POINT, point("base_link", [1, 0, 1]))
     (glance,), _ = told(source)
     np.testing.assert_allclose(glance.target_base_m, [0, 1, 0], atol=1e-9)

@@ -10,11 +10,9 @@ from builders.ports import free_port
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.json_lines import LineError
-from gazempc.live.sources.senders import Senders
-from gazempc.live.sources.signing import Signatures, read_key, signed_line
+from gazempc.live.sources.senders import Senders, Signatures, read_key, signed_line
 from gazempc.live.sources.source import SourceError
-from gazempc.live.sources.streams import LINE_MAX, LineSource
-from gazempc.live.sources.wires import Chunk, StandardInput, TcpClient, UdpPort, parse_address
+from gazempc.live.sources.streams import LINE_MAX, Chunk, LineSource, StandardInput, TcpClient, UdpPort, parse_address
 from gazempc.loop.events import Event
 
 

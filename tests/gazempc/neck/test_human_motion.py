@@ -7,8 +7,8 @@ import pytest
 
 from gazempc.controllers.eyes import EyeAim
 from gazempc.errors import SettingsError
-from gazempc.live.build import build
 from gazempc.live.settings import LiveSettings
+from gazempc.live.setup import build
 from gazempc.neck.human import eye_velocity_rad_s, head_velocity_rad_s, motor_scale, with_motion
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.servo import DelayedServo
@@ -87,7 +87,7 @@ def test_a_narrowed_neck_keeps_its_shares():
 
 def test_a_live_run_takes_the_limits_too():
     settings = LiveSettings(source="replay", neck="reference_eyes", motion="human", simulated_clock=True)
-    assert build(settings).parts.neck == with_motion(NECKS[0], "human")
+    assert build(settings).neck == with_motion(NECKS[0], "human")
 
 
 def test_without_eyes_there_is_nothing_to_share():

@@ -62,12 +62,6 @@ def test_names_that_swap_while_people_walk_on_change_nobody(apart_m):
     assert [became for _, became in found[46]] == [Became.USED] * 2
 
 
-def test_a_new_name_in_each_frame_changes_nobody():
-    crowd = people()
-    found = shown(crowd, [frame(t, [A_M, B_M], [f"{k}a", f"{k}b"]) for k, t in enumerate(TIMES_S)])
-    assert last_numbers(found) == [1, 2]
-
-
 def test_names_decide_where_motion_does_not():
     """Two who stand 0.3 m apart, and a tracker that is as wrong: without names nobody could tell."""
 
@@ -93,22 +87,6 @@ def test_who_is_seen_twice_is_one():
     found = shown(crowd, twice)
     assert numbers_at(crowd, TIMES_S[-1]) == [1]
     assert sum(became is Became.DUPLICATE for _, became in found[-1]) == 1
-
-
-def test_a_frame_may_come_in_parts():
-    crowd = people()
-    for t in TIMES_S:
-        crowd.see(frame(t, [A_M]))
-        crowd.see(frame(t, [B_M]))
-    assert numbers_at(crowd, TIMES_S[-1]) == [1, 2]
-
-
-def test_a_late_detection_of_somebody_is_dropped_and_begins_nobody():
-    crowd = people()
-    end_s = stand(crowd, [A_M, B_M])
-    assert crowd.see(frame(end_s - 0.05, [A_M])) == [(1, Became.OUT_OF_ORDER)]
-    end_s = stand(crowd, [A_M, B_M], from_s=end_s + FRAME_S)
-    assert numbers_at(crowd, end_s) == [1, 2]
 
 
 def test_first_detections_that_come_late_count_and_give_the_forecast_of_those_in_order():
@@ -177,29 +155,6 @@ def test_a_name_given_to_somebody_else_is_somebody_else():
     # Seven metres farther a second and a half later: nobody runs as fast.
     end_s = stand(crowd, [A_M + np.array([7.0, 0.0, 0.0])], names=["1"], from_s=end_s + 1.5)
     assert numbers_at(crowd, end_s) == [2]
-
-
-def test_a_jump_of_the_tracker_is_the_same_person_by_name():
-    crowd = people()
-    end_s = stand(crowd, [A_M, B_M], names=["a", "b"])
-    aside_m = A_M + np.array([0.0, -0.6, 0.0])
-    end_s = stand(crowd, [aside_m, B_M], names=["a", "b"], from_s=end_s + 0.2)
-    assert sorted(numbers_at(crowd, end_s)) == [1, 2]
-    np.testing.assert_allclose(crowd.present(end_s)[0].position_base_m, aside_m, atol=0.05)
-
-
-def test_twenty_people_who_enter_at_once():
-    places_m = [np.array([2.0 + i, j - 2.0, 0.4]) for i in range(4) for j in range(5)]
-    crowd = people()
-    end_s = stand(crowd, places_m)
-    assert numbers_at(crowd, end_s) == list(range(1, 21))
-
-
-def test_everybody_lost_and_back_without_names_is_somebody_new():
-    crowd = people()
-    end_s = stand(crowd, [A_M, B_M])
-    end_s = stand(crowd, [A_M, B_M], from_s=end_s + 5.0)
-    assert numbers_at(crowd, end_s) == [3, 4]
 
 
 def test_the_predictor_of_somebody_catches_up_when_asked():

@@ -15,7 +15,7 @@ from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.smoother import Smoother
 from gazempc.people.attention import Attention
-from gazempc.people.cues import Cues, Glance, Rhythm, Speech, Thinking
+from gazempc.people.company import Cues, Glance, Rhythm, Speech, Thinking
 from gazempc.people.schedule import LookAways
 from gazempc.results.limits import limit_violations
 from gazempc.settings import AttentionSettings, LoopSettings

@@ -43,11 +43,3 @@ def test_a_switch_arrives_early_and_passes_nobody_by_more_than_a_degree(controll
     least_s = least_time_s(log.neck, away_deg)
     assert found.time_to_contact_after_switch_s < least_s + 0.12
     assert limit_violations(log, log.neck) == 0
-
-
-def test_nobody_is_switched_to_within_the_hysteresis(monkeypatch):
-    """The second person is wanted again and again, each time for a little less than the hysteresis."""
-    wants(monkeypatch, lambda time_s: (time_s + 0.2) % 0.4 < 0.9 * HYSTERESIS_S)
-    settings = ReplaySettings(attend="nearest", attention=CALM)
-    log = replay_scene(standing_together(2.5, *PLACES_M), "reactive", "last_position", settings).log
-    assert log.attended_person.size == 1

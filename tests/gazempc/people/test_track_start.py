@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.loop import LoopBench, events
 
-from gazempc.people.track_start import TrackStart
+from gazempc.people.tracker_faults import TrackStart
 from gazempc.types import Sighting
 from predictors import ConstantVelocity, Forecast, HeadObservation, HeadPose, OutOfOrderError, Walker
 
@@ -91,17 +91,6 @@ def test_other_late_frames_and_repeated_ones_are_refused_and_change_nothing(come
     with pytest.raises(OutOfOrderError, match="not newer"):
         start.update(late)
     assert_same(predictor.forecast(LATER_S), before)
-
-
-def test_after_a_reset_the_frames_before_it_are_forgotten():
-    predictor = ConstantVelocity()
-    start = TrackStart(predictor)
-    for each in FRAMES[:4]:
-        start.update(each)
-    start.reset()
-    for k in (6, 5):
-        start.update(FRAMES[k])
-    assert_same(predictor.forecast(LATER_S), taken_in(ConstantVelocity(), FRAMES[5:7]))
 
 
 def test_in_the_loop_late_first_frames_are_used_and_the_newest_frame_stays_the_newest():

@@ -6,7 +6,6 @@ import os
 import shutil
 import socket
 import subprocess
-import sys
 import threading
 import time
 
@@ -17,11 +16,10 @@ from hypothesis import strategies as st
 from reachy_mini_server import daemon, recorded
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.robots.options import ReachyMiniOptions
-from gazempc.robots.reachy_mini.head import clamp_to_head, head_angles, head_matrix
-from gazempc.robots.reachy_mini.robot import ReachyMiniNeck
+from gazempc.robots.reachy_mini import ReachyMiniNeck, clamp_to_head, head_angles, head_matrix
 
 NECK, BODY = load_neck("reachy_mini"), load_neck("reachy_mini_body")
 WIDE = NeckSpec.model_validate(
@@ -85,7 +83,7 @@ def make(server):
 @pytest.fixture
 def patient(monkeypatch):
     """A busy machine may pause for longer than a daemon may be silent."""
-    monkeypatch.setattr("gazempc.robots.reachy_mini.robot._SILENCE_S", 60.0)
+    monkeypatch.setattr("gazempc.robots.reachy_mini._SILENCE_S", 60.0)
 
 
 def pose(pan_deg, tilt_deg, roll_deg=0.0, at_m=(0.0, 0.0, 0.0)):
@@ -112,32 +110,12 @@ def test_poses_are_those_of_scipy_and_give_their_angles_back(position, roll_rad)
     np.testing.assert_allclose(head_angles(rolled), position, atol=1e-9)
 
 
-def test_left_and_up_are_positive():
-    forward = head_matrix(np.deg2rad([20.0, 10.0]))[:3, 0]
-    assert forward[1] > 0.3
-    assert forward[2] == pytest.approx(math.sin(math.radians(10.0)))
-
-
 @pytest.mark.parametrize(
     "matrix", [np.eye(3), np.zeros((4, 4)), np.full((4, 4), np.nan), np.diag([1.0, 1, -1, 1]), 2 * np.eye(4)]
 )
 def test_what_is_no_pose_is_refused(matrix):
     with pytest.raises(ValueError, match="not a pose"):
         head_angles(matrix)
-
-
-@given(position=angles)
-def test_what_is_clamped_is_in_reach_and_nearer_the_middle(position):
-    clamped = clamp_to_head(position)
-    assert np.all(np.abs(clamped) <= np.abs(position) + 1e-15)
-    assert np.all(np.abs(clamped) <= np.deg2rad([65.0, 40.0]) + 1e-12)
-    np.testing.assert_array_equal(clamp_to_head(clamped), clamped)
-
-
-def test_the_necks_whole_range_is_in_reach():
-    for pan in (NECK.position_min_rad[0], NECK.position_max_rad[0]):
-        for tilt in np.linspace(NECK.position_min_rad[1], NECK.position_max_rad[1], 50):
-            np.testing.assert_array_equal(clamp_to_head(np.array([pan, tilt])), [pan, tilt])
 
 
 # fmt: off
@@ -211,12 +189,6 @@ def test_the_first_commands_approach_from_where_the_head_is(server, make):
     np.testing.assert_array_equal(neck.send_command(np.zeros(2)), [0.0, 0.0])
 
 
-def with_body(server, yaw_rad):
-    server.frames["joint_positions"] = server.frames["joint_positions"] | {
-        "head_joint_positions": [yaw_rad] + [0.6] * 6
-    }
-
-
 def test_the_body_turns_and_takes_the_head_along(server, make):
     """The daemon's head pose is in a frame that does not turn: its yaw is that of body and head together."""
     sent = make(BODY).send_command(np.deg2rad([70.0, 10.0, 170.0]))
@@ -227,37 +199,6 @@ def test_the_body_turns_and_takes_the_head_along(server, make):
     np.testing.assert_allclose(
         head[:3, :3], Rotation.from_euler("ZYX", [220.0, -10.0, 0.0], degrees=True).as_matrix(), atol=1e-9
     )
-
-
-def test_a_turned_body_is_a_state_and_not_refused(server, make):
-    with_body(server, 2.5)
-    server.frames["head_pose"] = pose(-170.0, 5.0)
-    neck = make(BODY, approach_speed_rad_s=0.5)
-    state = until(neck.read_state)
-    pan_deg = -170.0 + 360.0 - math.degrees(2.5)
-    np.testing.assert_allclose(np.rad2deg(state.position_rad), [pan_deg, 5.0, math.degrees(2.5)], atol=1e-6)
-    step = 0.5 * BODY.servo_period_s
-    np.testing.assert_allclose(neck.send_command(np.zeros(3)), state.position_rad - [step, step, step], atol=1e-9)
-
-
-def test_the_speed_of_the_body_is_not_that_of_the_head(server, make):
-    neck, began_s = make(BODY), time.monotonic()
-
-    joints = dict(server.frames["joint_positions"])
-
-    class Turning:
-        def values(self):
-            turned_rad = 0.4 * (time.monotonic() - began_s)
-            body = joints | {"head_joint_positions": [turned_rad] + [0.6] * 6}
-            return [json.dumps(body), json.dumps(pose(math.degrees(turned_rad), 0.0))]
-
-    server.frames = Turning()
-
-    def measured():
-        state = neck.read_state()
-        return state is not None and np.allclose(state.velocity_rad_s, [0.0, 0.0, 0.4], atol=0.08)
-
-    until(measured, "the head rests on a body that turns")
 
 
 def test_eyes_that_do_not_turn_are_refused():
@@ -302,17 +243,6 @@ def test_velocity_and_time_are_those_of_a_turning_head(server, make):
         return None
 
     until(measured, "velocity within 20 %", seconds=1.0 / 0.2)
-
-
-def test_nothing_new_is_no_state(server, make, patient, monkeypatch):
-    monkeypatch.setattr("gazempc.robots.reachy_mini.robot._STALE_S", 60.0)
-    neck = make()
-    assert until(neck.read_state).position_rad.shape == (2,)
-    server.silent = True
-    until(lambda: neck.read_state() is None)
-    time.sleep(0.05)
-    # Two calls with no pose in between.
-    assert all(neck.read_state() is None for _ in range(3))
 
 
 def test_a_stale_state_is_none(server, make, patient):
@@ -360,14 +290,6 @@ def test_nobody_at_the_port_is_said_with_the_address_and_what_to_start():
     assert no_threads_left()
 
 
-def test_a_port_with_something_else_is_said(server):
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=other.getsockname()[1]))
-        # It accepts, but never answers.
-        with pytest.raises(RobotError, match="no connection to the daemon"):
-            neck.connect()
-
-
 def test_a_command_after_the_connection_is_lost_is_an_error_and_it_comes_back(server, make):
     neck = make(approach_speed_rad_s=0.5)
     while not np.array_equal(neck.send_command(np.array([0.3, 0.0])), [0.3, 0.0]):
@@ -385,26 +307,6 @@ def test_a_command_after_the_connection_is_lost_is_an_error_and_it_comes_back(se
     assert until(neck.read_state) is not None
     late = head_angles(np.array(server.commands()[before]["head"]).reshape(4, 4))
     np.testing.assert_allclose(late, sent, atol=1e-9)
-
-
-def test_a_closed_connection_is_opened_again(server, make):
-    neck = make(approach_speed_rad_s=0.5)
-    while not np.array_equal(neck.send_command(np.array([0.3, 0.0])), [0.3, 0.0]):
-        pass
-    server.frames["head_pose"] = pose(-5, 0)
-    server.kick()
-    # Between two commands, so that none of them told of it.
-    until(lambda: server.handshakes == 2)
-
-    def sees_it():
-        try:
-            state = neck.read_state()
-        except RobotError:
-            return False
-        return state is not None and state.position_rad[0] < -0.08
-
-    until(sees_it)
-    assert neck.send_command(np.array([0.3, 0.0]))[0] == pytest.approx(math.radians(-5) + 0.5 * NECK.servo_period_s)
 
 
 @pytest.mark.slow
@@ -482,49 +384,15 @@ def test_a_sleeping_head_and_a_turned_body_are_not_made_to_jump(server, make):
     assert server.commands() == []
 
 
-def test_a_daemon_without_a_backend_is_said(server, make, monkeypatch):
-    monkeypatch.setattr("gazempc.robots.reachy_mini.robot._CONNECT_S", 0.5)
-    del server.frames["daemon_status"]
-    with pytest.raises(RobotError, match="no daemon_status message has come"):
-        make()
-
-
 def test_a_range_without_straight_ahead_is_refused():
     neck = NeckSpec.model_validate(NECK.model_dump() | {"pan": NECK.pan.model_dump() | {"position_min_deg": 10.0}})
     with pytest.raises(SettingsError, match="must contain 0 of all joints"):
         ReachyMiniNeck(neck, time.monotonic)
 
 
-def test_without_websockets_the_extra_is_named(monkeypatch):
-    for name in [n for n in sys.modules if n.split(".")[0] == "websockets"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "websockets", None)
-    with pytest.raises(MissingOptionalDependencyError, match="reachy"):
-        ReachyMiniNeck(NECK, time.monotonic).connect()
-
-
-def test_importing_the_module_does_not_import_websockets():
-    code = "import sys, gazempc.robots.reachy_mini.robot; sys.exit('websockets' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
 def no_threads_left():
     ours = [t for t in threading.enumerate() if t.name.endswith(("(_listen)", "(_send)"))]
     return ours == []
-
-
-def test_connect_and_close_may_be_called_again(server, make):
-    neck = make()
-    neck.connect()
-    assert server.handshakes == 1
-    neck.close()
-    neck.close()
-    assert no_threads_left()
-    with pytest.raises(RobotError, match=r"call connect\(\) first"):
-        neck.send_command(np.zeros(2))
-    neck.connect()
-    assert works(neck) is not None
-    ReachyMiniNeck(NECK, time.monotonic).close()
 
 
 def test_the_last_command_before_closing_is_sent(server, make):

@@ -1,7 +1,6 @@
 """Connections of the robot ros2: routers and controllers that go and come back, refusals that say why, ends."""
 
 import re
-import subprocess
 import sys
 import time
 
@@ -9,8 +8,8 @@ import numpy as np
 import pytest
 import zenoh
 from builders.ports import free_port
-from builders.ros2_network import NECK, quiet, wait_for, zenoh_listener, zenoh_session
-from builders.ros2_wire import COMMANDS, GOOD, HASHES, POSITIONS, TRAJECTORY, key, read_trajectory
+from builders.ros2_network import NECK, quiet, wait_for, zenoh_listener
+from builders.ros2_wire import GOOD, POSITIONS, TRAJECTORY, key, read_trajectory
 from pydantic import ValidationError
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
@@ -18,7 +17,6 @@ from gazempc.live.sources.ros2 import Ros2Person
 from gazempc.robots.options import Ros2Options
 from gazempc.robots.ros2 import Ros2Neck
 from gazempc.ros2 import wire as ros2_wire
-from gazempc.ros2.wire import Ros2Network
 
 
 def test_the_router_goes_and_comes_back(scene):
@@ -45,43 +43,6 @@ def test_the_router_goes_and_comes_back(scene):
     assert wait_for(lambda: quiet(robot.read_state)).time_s == 300.25
 
 
-@pytest.mark.parametrize("mode", ["peer", "client"])  # peer: what nodes of rmw_zenoh are unless told otherwise
-def test_the_controller_goes_and_comes_back(scene, mode):
-    scene.commands.undeclare()
-    controller = zenoh_session(mode, scene.port)
-    received = controller.declare_subscriber(COMMANDS, zenoh.handlers.FifoChannel(9))
-    robot = scene.connected()
-    robot.send_command(np.zeros(2))
-    wait_for(received.try_recv)
-    controller.close()
-    wait_for(lambda: quiet(lambda: robot.send_command(np.zeros(2))) is None)
-    with pytest.raises(RobotError, match="nobody listens to the commands on /head/command"):
-        robot.send_command(np.zeros(2))
-    scene.commands = scene.router.declare_subscriber(COMMANDS, zenoh.handlers.FifoChannel(9))
-    wait_for(lambda: quiet(lambda: robot.send_command(np.zeros(2))) is not None)
-    scene.sent(1)
-
-
-def test_node_and_topics_are_visible_in_the_graph(scene):
-    def tokens():
-        replies = scene.router.liveliness().get("@ros2_lv/**", timeout=2.0)
-        return sorted(str(reply.ok.key_expr) for reply in replies)
-
-    robot = scene.connected(node_name="gaze")
-    digest = {name: f"RIHS01_{value}" for name, value in HASHES.items()}
-    state = f"sensor_msgs::msg::dds_::JointState_/{digest['sensor_msgs/msg/JointState']}"
-    found = wait_for(tokens)
-    zid = found[0].split("/")[2]  # the session's own
-    assert found == [
-        f"@ros2_lv/0/{zid}/0/0/NN/%/%/gaze",
-        f"@ros2_lv/0/{zid}/0/1/MP/%/%/gaze/%head%command/trajectory_msgs::msg::dds_::JointTrajectory_/"
-        f"{digest[TRAJECTORY]}/::,10:,:,:,,",
-        f"@ros2_lv/0/{zid}/0/2/MS/%/%/gaze/%joint_states/{state}/::,10:,:,:,,",
-    ]
-    robot.close()
-    wait_for(lambda: not tokens())
-
-
 def test_connect_names_a_router_that_does_not_answer():
     robot = Ros2Neck(NECK, time.monotonic, float, Ros2Options(endpoint=f"tcp/127.0.0.1:{free_port()}"))
     with pytest.raises(RobotError, match=r"no Zenoh router answers at tcp/127.0.0.1:\d+: start one"):
@@ -99,7 +60,7 @@ def announce(scene, kind, topic, type_name, domain=0):
 
 def test_connect_says_why_nobody_takes_the_commands(scene):
     robot = scene.neck(command_topic="other", connect_timeout_s=0.1)
-    with pytest.raises(RobotError, match=f"nobody listens to /other as {TRAJECTORY} in ROS 2 domain 0: is that node"):
+    with pytest.raises(RobotError, match=f"no node listens to /other as {TRAJECTORY} in ROS 2 domain 0: is it"):
         robot.connect()
     kept = announce(scene, "MS", "other", POSITIONS), announce(scene, "MS", "other", TRAJECTORY, domain=42)
     with pytest.raises(RobotError) as caught:
@@ -112,18 +73,7 @@ def test_connect_says_why_nobody_takes_the_commands(scene):
 @pytest.mark.slow
 def test_connect_says_why_there_are_no_joint_states(scene):
     robot = scene.neck(connect_timeout_s=1.0)
-    with pytest.raises(RobotError, match="nobody sends on /joint_states as sensor_msgs/msg/JointState"):
-        robot.connect()
-
-
-def test_connect_names_a_joint_that_the_robot_does_not_have(scene):
-    robot = scene.neck(joint_names=("pan", "tlit"), connect_timeout_s=1.0)
-    with (
-        zenoh_listener(scene.states, GOOD),
-        pytest.raises(
-            RobotError, match="no joint state on /joint_states can be used: it has no joint 'tlit', only pan"
-        ),
-    ):
+    with pytest.raises(RobotError, match="no node sends on /joint_states as sensor_msgs/msg/JointState"):
         robot.connect()
 
 
@@ -155,31 +105,6 @@ def test_close_at_any_time_and_connect_again(scene, monkeypatch):
     robot.close()
 
 
-@pytest.mark.parametrize("end", ["robot.close()", "pass"])
-def test_nothing_keeps_the_process_alive(scene, end):
-    code = f"""
-import threading, numpy as np
-from gazempc.neck.spec import load_neck
-from gazempc.robots.ros2 import Ros2Neck
-from gazempc.robots.options import Ros2Options
-neck = load_neck("reference").model_copy(update={{"reports_joints": False}})
-options = Ros2Options(endpoint="{scene.network.endpoint}", command_topic="head/command")
-robot = Ros2Neck(neck, float, float, options)
-robot.connect()
-robot.send_command(np.zeros(2))
-assert threading.active_count() == 1
-{end}
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-def test_importing_needs_neither_zenoh_nor_rosbags():
-    code = "import sys, gazempc.robots.ros2, gazempc.live.sources.ros2; print({'zenoh', 'rosbags'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
-
-
 @pytest.mark.parametrize("missing", ["zenoh", "rosbags.typesys"])
 def test_a_missing_package_is_named(scene, monkeypatch, missing):
     ros2_wire.typestore.cache_clear()
@@ -207,11 +132,3 @@ def test_a_missing_package_is_named(scene, monkeypatch, missing):
 def test_options_that_cannot_be_right(scene, options, what):
     with pytest.raises((SettingsError, ValidationError), match=what):
         scene.neck(**options)
-
-
-def test_networks_that_cannot_be():
-    with pytest.raises(SettingsError, match="0 to 232"):
-        Ros2Network(domain_id=233)
-    with pytest.raises(SettingsError, match="tcp/localhost:7447"):
-        Ros2Network("localhost:7447")
-    assert Ros2Network().endpoint == "tcp/localhost:7447"

@@ -1,8 +1,5 @@
 """The robot ros2 against a neck that knows the wire only: commands, joint states, and what cannot be used."""
 
-import contextlib
-import itertools
-import random
 import struct
 import time
 
@@ -16,14 +13,12 @@ from builders.ros2_wire import (
     UNIX_START_S,
     joint_state,
     key,
-    pose,
     read_positions,
     read_trajectory,
 )
 
-from gazempc.errors import RobotError, SettingsError
+from gazempc.errors import RobotError
 from gazempc.neck.spec import load_neck
-from gazempc.ros2 import wire as ros2_wire
 
 
 @pytest.mark.slow
@@ -54,13 +49,6 @@ def test_every_command_arrives_in_order_and_is_what_was_returned(scene):
     assert len({sample.attachment.to_bytes()[17:] for sample in samples}) == 1
 
 
-def test_time_from_start_is_the_time_between_two_commands(scene):
-    robot = scene.connected()
-    robot.send_command(np.zeros(2))
-    (sample,) = scene.sent(1)
-    assert read_trajectory(sample.payload.to_bytes())["time_from_start"] == (0, 5_000_000)
-
-
 def test_bare_positions_with_a_joint_that_turns_the_other_way(scene):
     scene.commands = scene.router.declare_subscriber(key(0, "head/command", POSITIONS), zenoh.handlers.FifoChannel(9))
     robot = scene.connected(command_type=POSITIONS, joint_signs=(1, -1))
@@ -72,19 +60,6 @@ def test_bare_positions_with_a_joint_that_turns_the_other_way(scene):
     scene.states.put(joint_state([0.1, 0.2], velocities=[1.0, 2.0]))
     state = wait_for(robot.read_state)
     assert (list(state.position_rad), list(state.velocity_rad_s)) == ([0.1, -0.2], [1.0, -2.0])
-
-
-def test_eyes_are_more_joints_of_the_same_trajectory(scene):
-    eyes, names = load_neck("reference_eyes"), ["pan", "tilt", "eyes_version", "eyes_tilt"]
-    neck = eyes.model_copy(update={"reports_joints": False})
-    robot = scene.connected(neck, joint_names=tuple(names), joint_signs=(1, 1, -1, 1))
-    sent = robot.send_command(np.array([0.1, 0.2, 0.3, 2.0]))
-    assert list(sent) == [0.1, 0.2, 0.3, neck.position_max_rad[3]]
-    (sample,) = scene.sent(1)
-    found = read_trajectory(sample.payload.to_bytes())
-    assert (found["names"], found["positions"]) == (names, [0.1, 0.2, -0.3, neck.position_max_rad[3]])
-    with pytest.raises(SettingsError, match="expected the names of 4 joints, pan, tilt, eye_pan, eye_tilt"):
-        scene.neck(eyes)
 
 
 def test_joint_states_of_eyes_are_found_by_name(scene):
@@ -120,31 +95,6 @@ def test_joint_states_by_name_with_their_own_time(scene):
     assert robot.ignored == 0
 
 
-def test_of_many_joint_states_the_newest_counts(scene):
-    robot = scene.connected()
-    for k in range(20):
-        scene.states.put(joint_state([0.01 * k, 0.0], stamp=(UNIX_START_S + 300, k * 1_000_001)))
-    seen = []
-
-    def last():
-        if (state := robot.read_state()) is not None:
-            seen.append(state)
-        return seen and seen[-1].position_rad[0] == 0.01 * 19
-
-    wait_for(last)
-    assert seen[-1].time_s == pytest.approx(300 + 19e-9 * 1_000_001, abs=1e-6)  # a float of Unix time
-    assert all(a.time_s < b.time_s for a, b in itertools.pairwise(seen))
-
-
-def test_velocities_that_are_not_reported_are_not_made_up(scene):
-    robot = scene.connected()
-    scene.states.put(joint_state([0.1, 0.2], velocities=[]))
-    state = wait_for(robot.read_state)
-    assert list(state.position_rad) == [0.1, 0.2]
-    assert np.isnan(state.velocity_rad_s).all()
-    assert state.velocity_rad_s.shape == (2,)
-
-
 UNUSABLE = {
     "no joint 'tilt', only pan, neck": joint_state([0.1, 0.2], names=["pan", "neck"]),
     "2 names and 1 positions": joint_state([0.1]),
@@ -174,21 +124,6 @@ def test_what_cannot_be_used_is_counted_and_its_reason_named(scene, reason):
         robot.read_state()
     scene.states.put(joint_state([0.1, 0.2], stamp=(UNIX_START_S + 300, 500_000_000)))
     assert wait_for(lambda: quiet(robot.read_state)).time_s == 300.5
-
-
-def test_any_bytes_are_survived():
-    rng = random.Random(5)
-    whole = {"sensor_msgs/msg/JointState": GOOD, "geometry_msgs/msg/PoseStamped": pose([1.0, 2.0, 3.0])}
-    for type_name, data in whole.items():
-        tried = [data[:n] for n in range(len(data))] + [rng.randbytes(rng.randrange(200)) for _ in range(200)]
-        for _ in range(500):
-            broken = bytearray(data)
-            for _ in range(rng.randrange(1, 6)):
-                broken[rng.randrange(len(broken))] = rng.randrange(256)
-            tried.append(bytes(broken))
-        for payload in tried:
-            with contextlib.suppress(ros2_wire.WireError):
-                ros2_wire.decode(payload, type_name)
 
 
 def test_silence_is_an_error_until_the_robot_speaks_again(scene):

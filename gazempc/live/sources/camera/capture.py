@@ -8,11 +8,37 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from pydantic import Field
+
 from gazempc.live.sources.camera.blazeface import import_opencv
-from gazempc.live.sources.camera.options import CameraOptions
 from gazempc.live.sources.source import SourceError
 from gazempc.part_options import make
 from gazempc.parts import Kind, is_own
+from gazempc.settings import Settings
+
+# Webcams have 55 to 78 degrees.
+LIKELY_FOV_DEG = 65.0
+
+
+class CameraOptions(Settings):
+    """Source `camera`; see `gazempc.live.sources.camera.source.CameraSource`."""
+
+    fov_deg: float | None = Field(
+        default=None,
+        gt=5,
+        lt=170,
+        description=f"Horizontal field of view; default {LIKELY_FOV_DEG:.0f}, with a note",
+    )
+    calibration: Path | None = Field(
+        default=None, description="OpenCV's or ROS's calibration file (.yml, .yaml, .xml, .json), in place of fov-deg"
+    )
+    width: int = Field(default=640, ge=64, le=4096, description="Requested width, pixels")
+    height: int = Field(default=480, ge=64, le=4096, description="Requested height, pixels")
+    fps: float = Field(default=30.0, gt=0, le=240, description="Requested pictures a second")
+    latency_ms: float = Field(
+        default=0.0, ge=0, le=2000, description="Time from the exposure of a picture to its time stamp"
+    )
+
 
 # A driver's own stamp of a picture is used if it is on the clock of `time.monotonic` and no older than this.
 _STAMP_AGE_MAX_S = 1.0
@@ -102,7 +128,7 @@ class VideoFile:
 class Camera:
     """A camera of this computer, or a stream from the network. A thread takes all pictures; `read` gives the newest.
 
-    Linux's driver says when a picture was captured. Elsewhere it is when it has come.
+    The time of capture is the stamp of Linux's driver; elsewhere the time of arrival.
 
     Args:
         address: A number or nothing for the first one, a device such as ``/dev/video2``, or a URL.

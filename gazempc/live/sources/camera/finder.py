@@ -1,4 +1,4 @@
-"""Follows faces from picture to picture: where to look for them, and who is who."""
+"""Faces in pictures: followed from picture to picture, and the one person who is observed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from gazempc.live.sources.camera.blazeface import Face
+from gazempc.live.sources.camera.head import POINT_SD, head_from_points
+from gazempc.live.sources.camera.intrinsics import Intrinsics
 from gazempc.types import FloatArray
+from predictors import HeadObservation
 
 # A cut-out is so many widths of a face: the network then sees it as large as it was trained with, and a face that has
 # moved by half its width or so is still in it.
@@ -39,7 +42,7 @@ class Detector(Protocol):
 
 @dataclass(frozen=True)
 class Followed:
-    """Somebody who is followed.
+    """A person who is followed.
 
     Attributes:
         person_id: The name.
@@ -200,3 +203,49 @@ def _same(face: Face, lost: list[Followed], time_s: float) -> Followed | None:
     like = [p for p in lost if max(width_px / p.width_px, p.width_px / width_px) < _SAME_CHANGE]
     near = [p for p in like if away(p) < _SAME_WIDTHS * width_px]
     return min(near, key=away) if near else None
+
+
+class FaceSensor:
+    """Observes the person whom it has looked at before, else the nearest one.
+
+    Args:
+        detector: Finds faces in a square of a picture.
+        intrinsics: Which way each pixel looks.
+    """
+
+    def __init__(self, detector: Detector, intrinsics: Intrinsics) -> None:
+        self._finder = FaceFinder(detector)
+        self._intrinsics = intrinsics
+        self._whom: str | None = None
+
+    def see(self, picture: Any, time_s: float) -> HeadObservation | None:
+        """Take one picture in.
+
+        Args:
+            picture: RGB, shape (height, width, 3), uint8.
+            time_s: When it was captured, seconds; later than the last one.
+
+        Returns:
+            The person in the camera's frame (x along the view, y left, z up); None without a face, or with only that of
+            another person while this one may come back.
+        """
+        here = self._finder.see(picture, time_s)
+        if self._whom not in self._finder.names:
+            self._whom = max(here, key=lambda person: person.width_px).person_id if here else None
+        for person in here:
+            if person.person_id == self._whom:
+                return self._observation(person, time_s)
+        return None
+
+    def _observation(self, person: Followed, time_s: float) -> HeadObservation:
+        rays = self._intrinsics.rays(person.face.points_px)
+        head = head_from_points(rays, POINT_SD * person.side_px / self._intrinsics.focal_px, person.face.score)
+        return HeadObservation(
+            capture_time_s=time_s,
+            head_position_base_m=head.position_m,
+            head_quat_wxyz=head.quat_wxyz,
+            position_covariance_m2=head.covariance_m2,
+            head_yaw_sd_rad=head.yaw_sd_rad,
+            person_id=person.person_id,
+            confidence=person.face.score,
+        )

@@ -28,7 +28,7 @@ _FACE_M = np.array(
 _SHAPE_SD_M = np.array([0.003, 0.003, 0.006, 0.006, 0.012, 0.012])
 # How exactly the network finds a point, as a share of the side of the square in which it looks.
 POINT_SD = 0.01
-# Below this score, of faces turned away by 60 degrees say, points are worse than that: at 0.4 twice as bad.
+# Below this score, such as of faces turned away by 60 degrees, points are worse than that: at 0.4 twice as bad.
 _SURE_SCORE = 0.7
 # Sizes of adults' heads (standard deviation of the distance between the pupils: 6 %; Dodgson 2004), and children.
 _SIZE_SD = 0.10

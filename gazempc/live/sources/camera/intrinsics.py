@@ -102,7 +102,7 @@ def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
     if abs(made[0] * height - made[1] * width) > _SAME_SHAPE * made[1] * width:
         raise SettingsError(
             f"--camera.calibration {path}: made for pictures of {made[0]:.0f} x {made[1]:.0f} pixels, but the camera "
-            f"gives {width} x {height}, which have another shape: say --camera.width and --camera.height"
+            f"gives {width} x {height}, which have another shape: set --camera.width and --camera.height"
         )
     scale = width / made[0]
     matrix[:2] *= scale

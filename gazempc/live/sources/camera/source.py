@@ -11,10 +11,9 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
 from gazempc.errors import SettingsError
-from gazempc.live.clock import RealClock
-from gazempc.live.sources.camera.options import CameraOptions
-from gazempc.live.sources.camera.process import Failed, Message, Opened, serve
-from gazempc.live.sources.camera.shown import Shown
+from gazempc.live.clock import Clock
+from gazempc.live.sources.camera.capture import CameraOptions
+from gazempc.live.sources.camera.worker import Failed, Message, Opened, Shown, serve
 from gazempc.live.sources.source import Arrived, SourceError
 from gazempc.results.moments import Moment, PictureMoment
 from gazempc.types import Sighting
@@ -29,7 +28,7 @@ class CameraSource:
     """Finds the face of one person in the pictures of a camera, in a process of its own.
 
     Positions are those of the point between the eyes, in the camera's frame: x along the view, y left, z up. They state
-    their covariance: the direction is known well, the distance by the size of the face. Without anybody in view it
+    their covariance: the direction is known well, the distance by the size of the face. Without a person in view it
     sends nothing.
 
     Args:
@@ -37,14 +36,14 @@ class CameraSource:
             camera of your own.
         options: What to ask of it.
         clock: The loop's clock.
-        say: Takes what is to be said of the camera, a line.
+        say: Takes a line about the camera.
 
     Raises:
         SettingsError: If field of view and calibration are both given.
     """
 
     def __init__(
-        self, address: str, options: CameraOptions, clock: RealClock, say: Callable[[str], None] | None = None
+        self, address: str, options: CameraOptions, clock: Clock, say: Callable[[str], None] | None = None
     ) -> None:
         if options.calibration is not None and options.fov_deg is not None:
             raise SettingsError("--camera.fov-deg and --camera.calibration: give one of them")
@@ -56,7 +55,7 @@ class CameraSource:
         self._watch: Callable[[Moment], None] | None = None
 
     def show_to(self, watch: Callable[[Moment], None]) -> None:
-        """Give small pictures to somebody, too; call it before `open`.
+        """Give small pictures to a listener, too; call it before `open`.
 
         Args:
             watch: Takes them in the thread of the run, and returns at once.

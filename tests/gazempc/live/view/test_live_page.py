@@ -10,9 +10,9 @@ from builders.browser import browser
 from builders.ports import free_port
 
 import gazempc as gz
-from gazempc.live.view.child import ViewProcess
 from gazempc.live.view.orders import ViewOrders
-from gazempc.live.view.snapshot import Snapshots
+from gazempc.live.view.viewers import ViewProcess
+from gazempc.live.view.web import Snapshots
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.results.log_moments import moments_of
 from gazempc.results.moments import EventMoment, LateMoment, PictureMoment, PlanMoment, TickMoment
@@ -163,13 +163,6 @@ def test_a_port_that_is_taken_is_said(started, log):
     started(port)
     with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}: Address already in use"):
         ViewProcess(ViewOrders(log.run, view="web", port=port)).start()
-
-
-def test_a_page_for_the_network_says_so(log):
-    process = ViewProcess(ViewOrders(log.run, view="web", host="0.0.0.0"))
-    _, warning = process.start()
-    process.close()
-    assert warning == "view: WARNING whoever is in the network sees this run (--view-at 0.0.0.0)"
 
 
 @pytest.mark.parametrize("kind", ["live", "synthetic"])

@@ -16,15 +16,13 @@ from mcap.reader import NonSeekingReader, make_reader
 
 import gazempc as gz
 from gazempc.errors import SettingsError
-from gazempc.live.command import main, parse
-from gazempc.live.view.child import ViewProcess
-from gazempc.live.view.feed import Feed
+from gazempc.live.session import main, parse
 from gazempc.live.view.orders import ViewOrders
+from gazempc.live.view.viewers import Feed, ViewProcess
 from gazempc.recordings.load import load
 from gazempc.results.log_moments import moments_of
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.moments import CutMoment, EventMoment
-from gazempc.run import main as run_main
 
 QUICK = ["--source", "replay:subject03_R4", "--predictor", "constant_velocity", "--controller", "lookahead"]
 
@@ -76,15 +74,6 @@ def test_plans_are_what_is_commanded(simulated):
             assert log.command_position_rad[k, j] == pytest.approx(planned, abs=0.02), name
     assert len(entities(path)["plan"]) == len(plans)
     assert np.nanmax(column(path, "/metrics", "latency_ms")) < 200.0
-
-
-def test_it_is_measured_again_to_the_last_digit(simulated, tmp_path, capsys):
-    _, path = simulated
-    for name, given in (("npz", path.with_suffix(".npz")), ("mcap", path)):
-        assert run_main(["--replay", str(given), "--out", str(tmp_path / name), "--no-figures"]) == 0
-    capsys.readouterr()
-    rows = [json.loads((tmp_path / name / "summary.json").read_text())["rows"] for name in ("npz", "mcap")]
-    assert rows[0] == rows[1]
 
 
 def received(url, topics, seconds=20.0):
@@ -160,10 +149,10 @@ def test_a_viewer_that_is_stuck_holds_nothing_up_and_the_newest_is_kept():
     stuck = Stuck()
     feed = Feed(stuck)
     started = time.perf_counter()
-    feed.watch(EventMoment(-1.0, "first", ""))
+    feed.take(EventMoment(-1.0, "first", ""))
     time.sleep(0.1)  # this one is on its way
     for k in range(20_000):
-        feed.watch(CutMoment() if k == 3 else EventMoment(float(k), "event", ""))
+        feed.take(CutMoment() if k == 3 else EventMoment(float(k), "event", ""))
     assert time.perf_counter() - started < 5.0
     assert feed.lost > 10_000
     stuck.go_on.set()
@@ -180,7 +169,7 @@ def test_a_process_that_dies_is_said_and_the_run_goes_on(tmp_path):
     process._process.kill()
     process._process.join()
     for k in range(100):
-        feed.watch(EventMoment(float(k), "event", ""))
+        feed.take(EventMoment(float(k), "event", ""))
     feed.close()
     assert process.problem == "the process for viewers has gone"
 
@@ -226,11 +215,11 @@ def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--view", "--simulated-clock"], "--view: a run on a simulated clock"),
+        (["--view", "--simulated-clock"], "--view: accepted without --simulated-clock"),
         (["--view-at", "nowhere:x"], "--view-at nowhere:x: accepted: HOST or HOST:PORT"),
-        (["--passes", "2", "--source", "udp:5005"], "--passes: source 'udp:5005' is no replay"),
-        (["--sensor", "perfect", "--source", "udp:5005"], "--sensor: source 'udp:5005' plays no recording"),
-        (["--distance-m", "9", "--source", "stdin"], "--distance-m: source 'stdin' plays no recording"),
+        (["--passes", "2", "--source", "udp:5005"], "--passes: source 'udp:5005' does not use it"),
+        (["--sensor", "perfect", "--source", "udp:5005"], "--sensor: source 'udp:5005' does not use it"),
+        (["--distance-m", "9", "--source", "stdin"], "--distance-m: source 'stdin' does not use it"),
     ],
 )
 def test_what_does_not_go_together_is_refused(words, message):

@@ -1,0 +1,255 @@
+"""Whether positions, rate and names can be those of a person, in the unit and axes that they are read in."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from gazempc.live.hints import Finding, Frame, SetupHints, shown
+from gazempc.live.mount import Axes, Mount
+from gazempc.loop.events import Event
+from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
+from gazempc.types import FloatArray
+
+_LEAST_FRAMES = 3
+# Range of heads that are tracked for eye contact.
+_FARTHEST_MEDIAN_M, _NEAREST_MEDIAN_M = 20.0, 0.15
+# Where people who are looked at mostly are.
+_LIKELY_M, _TYPICAL_M = (0.3, 10.0), 2.0
+_UNITS_M = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "a thousandth of metres": 1e3}
+# Steeper than any neck looks for a second; in optical axes all heads are there.
+_STEEPEST_DEG, _LEVEL_DEG = 55.0, 35.0
+# A robot's pan axis and the person stand on one floor.
+_HIGHEST_MEDIAN_M = 2.2
+# Walking ends at 2.5 m/s; noise must not look like running.
+_FASTEST_MEDIAN_M_S, _SPEED_OVER_S = 4.0, 0.25
+
+
+def judge_place(frames: Sequence[Frame], times_s: FloatArray, mount: Mount, hints: SetupHints) -> list[Finding]:
+    """Find out whether unit, axes and motion can be a person's.
+
+    Args:
+        frames: The frames of the last second, in the order of arrival.
+        times_s: Their times, of capture if these can be believed, shape (F,), seconds.
+        mount: Where the sensor is.
+        hints: Names of the settings in warnings.
+
+    Returns:
+        What is wrong; of a wrong unit or axes nothing that follows from it.
+    """
+    if len(frames) < _LEAST_FRAMES:
+        return []
+    sensor_m = np.array([frame.sensor_m for frame in frames])
+    range_m = float(np.median(np.linalg.norm(sensor_m, axis=1)))
+    if not _NEAREST_MEDIAN_M <= range_m <= _FARTHEST_MEDIAN_M:
+        return [_of_unit(range_m, mount, hints)]
+    turned_m = mount.turn.apply(sensor_m)
+    elevation_deg = float(np.median(np.degrees(np.arctan2(turned_m[:, 2], np.hypot(turned_m[:, 0], turned_m[:, 1])))))
+    middle_m = np.median(turned_m, axis=0)
+    if abs(elevation_deg) > _STEEPEST_DEG or (abs(middle_m[2]) > _HIGHEST_MEDIAN_M and _named_axes(middle_m)):
+        return [_of_axes(middle_m, elevation_deg, hints)]
+    text = [*_height(frames, hints), *_speed(frames, times_s, sensor_m, hints)]
+    return [Finding(Event.IMPLAUSIBLE_PERSON, each) for each in text]
+
+
+def _of_unit(range_m: float, mount: Mount, hints: SetupHints) -> Finding:
+    low_m, high_m = _LIKELY_M
+    fitting = {unit: size for unit, size in _UNITS_M.items() if low_m <= range_m * size <= high_m}
+    likeliest = sorted(fitting, key=lambda unit: abs(math.log(range_m * fitting[unit] / _TYPICAL_M)))
+    if not likeliest:
+        where = f"{shown(range_m)} m from the sensor"
+        return Finding(Event.IMPLAUSIBLE_PERSON, f"the head is {where}: check what the tracker sends as a position")
+    looks = " or else ".join(
+        f"{unit} ({hints.setting('mount', 'unit_m', float(f'{mount.unit_m * fitting[unit]:g}'))})" for unit in likeliest
+    )
+    return Finding(Event.WRONG_UNIT, f"the head is {shown(range_m)} m from the sensor: looks like {looks}")
+
+
+def _of_axes(turned_m: FloatArray, elevation_deg: float, hints: SetupHints) -> Finding:
+    said = f"the head is {abs(elevation_deg):.0f} deg {'above' if elevation_deg > 0 else 'below'} the sensor's x axis"
+    axes = _named_axes(turned_m)
+    named = hints.setting("mount", "axes", axes or "NAME")
+    if axes == "optical":
+        looks = f"looks like a camera's optical axes, x right, y down, z forward ({named})"
+        # A head straight ahead leaves the sign of y open.
+        looks += f"; where y points up {hints.setting('mount', 'axes', 'unity')}"
+    elif axes == "opengl":
+        looks = f"looks like OpenGL's axes, x right, y up, z backward ({named})"
+    else:
+        looks = f"check the tracker's axes ({named}) and how the sensor is turned"
+    return Finding(Event.WRONG_AXES, f"{said}: {looks}")
+
+
+def _named_axes(turned_m: FloatArray) -> Axes | None:
+    """The axes in which the head would be about level, if those of its forward axis taken for up are such."""
+    x_m, y_m, z_m = turned_m
+    if z_m > 0 and _is_level(z_m, -x_m, -y_m):
+        return "optical"
+    return "opengl" if z_m < 0 and _is_level(-z_m, -x_m, y_m) else None
+
+
+def _is_level(x_m: float, y_m: float, z_m: float) -> bool:
+    return abs(math.degrees(math.atan2(z_m, math.hypot(x_m, y_m)))) < _LEVEL_DEG
+
+
+def _height(frames: Sequence[Frame], hints: SetupHints) -> list[str]:
+    heights_m = [float(frame.base_m[2]) for frame in frames if frame.base_m is not None]
+    height_m = float(np.median(heights_m)) if heights_m else 0.0
+    if abs(height_m) <= _HIGHEST_MEDIAN_M:
+        return []
+    where = f"{abs(height_m):.1f} m {'above' if height_m > 0 else 'below'} the robot's pan axis"
+    place = hints.setting("mount", "position_m", "X Y Z")
+    return [f"the head is {where}: check {place} and {hints.setting('mount', 'roll_pitch_yaw_deg', 'R P Y')}"]
+
+
+def _speed(frames: Sequence[Frame], times_s: FloatArray, sensor_m: FloatArray, hints: SetupHints) -> list[str]:
+    """Of the person who is named most often: others are elsewhere."""
+    names = [frame.person_id for frame in frames]
+    chosen = np.array([name == max(set(names), key=names.count) for name in names])
+    if len(set(names)) > chosen.sum():
+        chosen[:] = True  # names that change at each frame identify no person
+    times_s, heads_m = times_s[chosen], sensor_m[chosen]
+    later = np.searchsorted(times_s, times_s + _SPEED_OVER_S)
+    first = np.flatnonzero(later < times_s.size)
+    if first.size < _LEAST_FRAMES:
+        return []
+    moved_m = np.linalg.norm(heads_m[later[first]] - heads_m[first], axis=1)
+    speed_m_s = float(np.median(moved_m / (times_s[later[first]] - times_s[first])))
+    if speed_m_s <= _FASTEST_MEDIAN_M_S:
+        return []
+    return [
+        f"the head moves at {speed_m_s:.1f} m/s: looks like several people under one name (send person_id), or a wrong "
+        f"unit ({hints.setting('mount', 'unit_m', 'METRES')})"
+    ]
+
+
+# Of so many frames nearly each has a name of its own.
+_NAMED_FRAMES, _OWN_NAME_SHARE = 6, 0.9
+
+
+def judge_rate(times_s: FloatArray, lost_after_s: float, hints: SetupHints) -> list[Finding]:
+    """Find out whether frames come less often than six times a second.
+
+    Args:
+        times_s: Times of the frames, of capture if these can be believed, shape (F,), seconds.
+        lost_after_s: The loop brakes after so long without a frame, seconds.
+        hints: Names of the settings in warnings.
+
+    Returns:
+        What is wrong.
+    """
+    if not is_low_rate(times_s):
+        return []
+    every_s = float(np.median(np.diff(np.unique(times_s))))
+    text = (
+        f"{1.0 / every_s:.1f} frames a second: below {LOW_RATE_HZ:.0f} the gaze trails a walking person; make the "
+        "tracker faster, such as by a smaller picture"
+    )
+    if every_s > lost_after_s:
+        text += f"; the neck stops after each frame: {hints.setting('loop', 'lost_after_s', round(2.5 * every_s, 1))}"
+    return [Finding(Event.LOW_FRAME_RATE, text)]
+
+
+def judge_ids(frames: Sequence[Frame], hints: SetupHints) -> list[Finding]:
+    """Find out whether every frame has another name.
+
+    Args:
+        frames: The frames of the last second.
+        hints: Names of the settings in warnings.
+
+    Returns:
+        What is wrong.
+    """
+    names = [frame.person_id for frame in frames if frame.person_id is not None]
+    if len(names) < _NAMED_FRAMES or len(set(names)) < _OWN_NAME_SHARE * len(names):
+        return []
+    text = (
+        f"{len(set(names))} names of people in {len(names)} frames: looks like the number of the detection; send the "
+        f"track's name as person_id, or say {hints.no_ids}"
+    )
+    return [Finding(Event.NEW_ID_EACH_FRAME, text)]
+
+
+# A robot's own head is within this of its pan axis, and no tracker sees a face farther off than the other.
+_NEAREST_M, _FARTHEST_M = 0.2, 30.0
+# No pan axis is higher over the floor than this: what is lower still is below the floor. No head is higher up, either.
+_HIGHEST_M = 3.0
+# Sprinters reach 10 m/s, people in a room 3. Trackers jump; what flies in one direction for half a second is no jump.
+_FASTEST_M_S = 6.0
+_PARTS, _PART_S = 4, 0.125
+_MEMORY_S = _PARTS * _PART_S
+# Names of people are the tracker's: there may be as many as frames.
+_NAMES_MAX = 32
+
+
+class Plausibility:
+    """Judges heads in the base frame by their place and by how they have moved."""
+
+    def __init__(self) -> None:
+        self._paths: dict[str | None, deque[tuple[float, FloatArray]]] = {}
+
+    def refusal(self, capture_s: float, head_base_m: FloatArray, person_id: str | None) -> str:
+        """Why a head cannot be a person's.
+
+        Args:
+            capture_s: Time of capture, seconds.
+            head_base_m: Its place, shape (3,), metres.
+            person_id: How the tracker calls the person.
+
+        Returns:
+            A sentence; empty if it can be.
+        """
+        if why := out_of_place(head_base_m):
+            return why
+        return self._too_fast(capture_s, head_base_m, person_id)
+
+    def _too_fast(self, capture_s: float, head_m: FloatArray, person_id: str | None) -> str:
+        path = self._paths.pop(person_id, None) or deque()
+        if path and capture_s <= path[-1][0]:
+            self._paths[person_id] = path
+            return ""  # out of order: an event of the predictor
+        path.append((capture_s, head_m))
+        # Up to a little before half a second ago, so that half a second is always there.
+        while len(path) > 1 and path[1][0] <= capture_s - _MEMORY_S:
+            path.popleft()
+        self._paths[person_id] = path
+        while len(self._paths) > _NAMES_MAX:
+            del self._paths[next(iter(self._paths))]
+        if path[0][0] > capture_s - _MEMORY_S:
+            return ""
+        times_s = np.array([time_s for time_s, _ in path])
+        marks = np.searchsorted(times_s, capture_s - _PART_S * np.arange(_PARTS, -1, -1), side="right") - 1
+        if np.any(np.diff(marks) < 1):
+            return ""  # too few frames to distinguish a jump from steady motion
+        heads_m = np.array([path[mark][1] for mark in marks])
+        moved_m = heads_m[-1] - heads_m[0]
+        way_m = float(np.linalg.norm(moved_m))
+        if way_m == 0.0:
+            return ""
+        speeds_m_s = np.diff(heads_m, axis=0) @ moved_m / way_m / np.diff(times_s[marks])
+        if np.all(speeds_m_s > _FASTEST_M_S):
+            return f"the head flies at {np.median(speeds_m_s):.0f} m/s: people stay below {_FASTEST_M_S:.0f} m/s"
+        return ""
+
+
+def out_of_place(head_base_m: FloatArray) -> str:
+    """Why no head can be there.
+
+    Args:
+        head_base_m: The place, shape (3,), metres.
+
+    Returns:
+        A sentence; empty if one can be.
+    """
+    range_m, up_m = float(np.linalg.norm(head_base_m)), float(head_base_m[2])
+    if range_m < _NEAREST_M:
+        return f"the head is {range_m:.2f} m from the neck's pan axis: nearer than {_NEAREST_M} m it is the robot's own"
+    if not range_m <= _FARTHEST_M:
+        return f"the head is {shown(range_m)} m away: at most {_FARTHEST_M:.0f} m are accepted"
+    if abs(up_m) > _HIGHEST_M:
+        where = "above the pan axis: no head is so high" if up_m > 0 else "below the pan axis: that is under the floor"
+        return f"the head is {abs(up_m):.1f} m {where}"
+    return ""

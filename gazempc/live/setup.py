@@ -1,0 +1,371 @@
+"""Everything that a live run joins, made from settings or from objects of a program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from gazempc.controllers.controller import Controller
+from gazempc.errors import SettingsError
+from gazempc.live.clock import Clock, RealClock, SimulatedClock
+from gazempc.live.hints import SetupHints
+from gazempc.live.mount import Mount
+from gazempc.live.robots import make_robot
+from gazempc.live.settings import STAMPED, LiveSettings, MountedSettings
+from gazempc.live.sources.camera.source import CameraSource
+from gazempc.live.sources.pushed import PushedSource
+from gazempc.live.sources.replay import BagSource, ReplaySource
+from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Cues, Ros2Person
+from gazempc.live.sources.ros4hri import Ros4HriPeople
+from gazempc.live.sources.senders import Senders, Signatures, read_key
+from gazempc.live.sources.source import Source
+from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, Wire, parse_address
+from gazempc.live.stamps import StampClock, StampReader, Stamps
+from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner, Planner
+from gazempc.loop.target import make_target
+from gazempc.loop.track import Target
+from gazempc.neck.human import with_motion
+from gazempc.neck.narrow import narrowed
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.part_options import check_options, make, options_for
+from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, check_methods, name_of
+from gazempc.people.company import Cues
+from gazempc.recordings.truth import TrueHead
+from gazempc.results.run_info import RunInfo
+from gazempc.robots.robot import Robot
+from gazempc.settings import LoopSettings
+from gazempc.sim.scene import Scene, make_scene
+from gazempc.specfiles import explain
+from gazempc.types import FloatArray, JointState
+from predictors import HeadObservation, Predictor
+
+TrueHeadAt = Callable[[FloatArray], FloatArray]
+# A log takes some milliseconds to make, in which the servo thread may have to wait: a `Gaze` makes small ones.
+_GAZE_LOG_S = 30.0
+
+
+class LiveGazeSettings(MountedSettings):
+    """Settings of `gazempc.live.gaze.Gaze`."""
+
+    clock: StampClock = Field(
+        default="unix", description="Clock of the capture times that `see` is given: unix, monotonic, other or arrival"
+    )
+    keep_minutes: float = Field(default=10.0, gt=0, le=600, description="How much of the run the log holds")
+
+
+def _unknown(times_s: FloatArray) -> FloatArray:
+    return np.full((times_s.size, 3), np.nan)
+
+
+@dataclass(frozen=True)
+class LiveSetup:
+    """All parts of a live run; none of them is open or connected yet.
+
+    Attributes:
+        about: Description of the run.
+        neck: The neck model.
+        predictor: Forecasts the head.
+        controller: Makes plans.
+        robot: Executes commands. A simulated one has `true_state`, see `gazempc.robots.robot.Robot`.
+        source: Gives observations.
+        clock: The clock of all of these.
+        mount: Where the sensor is.
+        loop: Time-outs of the loop.
+        make_planner: Makes what asks the controller for plans; its thread, if any, starts with the run.
+        stamps: Reader of the source's time stamps; None if the source gives times of the loop.
+        use_ids: Whether the tracker's names of people count.
+        hints: Names of the settings in warnings.
+        several: Target that is one of several people, or from which the gaze looks away; None for one person.
+        cues: Cues for that target.
+        cue_source: Gives cues besides the source; None without one.
+        true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN where unknown.
+        log_s: Length of a log, seconds.
+        notes: Notes on recording and neck for the user, a line each.
+
+    Raises:
+        SettingsError: If a joint of the neck takes speeds: the start of a live run sends angles.
+    """
+
+    about: RunInfo
+    neck: NeckSpec
+    predictor: Predictor
+    controller: Controller
+    robot: Robot
+    source: Source
+    clock: Clock
+    mount: Mount = field(default_factory=Mount)
+    loop: LoopSettings = field(default_factory=LoopSettings)
+    make_planner: Callable[[Controller], Planner] = BackgroundPlanner
+    stamps: StampReader | None = None
+    use_ids: bool = True
+    hints: SetupHints = field(default_factory=SetupHints)
+    several: Target | None = None
+    cues: Cues = field(default_factory=Cues)
+    cue_source: Source | None = None
+    true_head_base_m: TrueHeadAt = _unknown
+    log_s: float = 300.0
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.neck.check_takes_angles("a live run")
+
+    @property
+    def true_state(self) -> Callable[[], JointState] | None:
+        """The simulated robot's true joints; None for any other robot."""
+        found: Callable[[], JointState] | None = getattr(self.robot, "true_state", None)
+        return found
+
+
+def build(settings: LiveSettings) -> LiveSetup:
+    """Make the parts of a run of the command line.
+
+    Args:
+        settings: The settings, checked.
+
+    Returns:
+        The parts.
+
+    Raises:
+        GazempcError: If a name does not exist, a file or option is wrong, or a part lacks a method.
+    """
+    neck = _narrowed(load_neck(settings.scene.neck), settings)
+    clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
+    scene = None
+    if settings.recording is not None:
+        scene = make_scene(settings.recording, settings.scene, neck, everybody=settings.attend is not None)
+    stamps = StampReader(settings.stamps, clock) if clock.is_real and settings.source_kind in STAMPED else None
+    source = _make_source(settings, neck, clock, scene, stamps)
+    chosen = settings.predictor, settings.controller, settings.robot
+    setup = _joined(settings, neck, clock, source, chosen, scene, settings.seed)
+    about = setup.about.model_copy(
+        update={
+            "seed": settings.seed,
+            "recording": settings.source if scene is None else scene.name,
+            "settings": settings.model_dump(mode="json", exclude={"out", "figures"}),
+            # At the tick itself; on a real clock a robot is asked a little later.
+            "joints": "true" if settings.simulated_clock and setup.true_state is not None else "measured",
+        }
+    )
+    return replace(
+        setup,
+        about=about,
+        make_planner=ImmediatePlanner if settings.simulated_clock else BackgroundPlanner,
+        stamps=stamps,
+        hints=SetupHints(own_source=stamps is None),
+        cue_source=make_cue_source(settings, neck, clock, mounted=settings.source_kind == "ros4hri"),
+        log_s=settings.log_s,
+        notes=(*(() if scene is None else scene.walk.notes), *_margins(setup.controller)),
+    )
+
+
+def setup_of_gaze(
+    neck: str | Path | NeckSpec,
+    robot: str | Robot,
+    controller: str | Controller,
+    predictor: str | Predictor,
+    settings: dict[str, Any],
+) -> tuple[LiveSetup, PushedSource, LiveGazeSettings]:
+    """Make the parts of a `gazempc.live.gaze.Gaze`, or make objects of a program ready.
+
+    Args:
+        neck: Name of a shipped neck, path of a TOML file, or a neck.
+        robot: A shipped name, ``module:Class``, or a robot.
+        controller: The same of a controller.
+        predictor: The same of a predictor.
+        settings: Settings by name.
+
+    Returns:
+        The parts, the source that takes observations from the program, and the checked settings.
+
+    Raises:
+        GazempcError: If a name does not exist, a file, setting or option is wrong, or a part lacks a method.
+    """
+    try:
+        checked = LiveGazeSettings.model_validate(settings)
+    except ValidationError as error:
+        raise SettingsError(explain(error, "Gaze", LiveGazeSettings)) from None
+    if "perfect" in (controller, predictor):
+        raise SettingsError("perfect: the true future of a live run is unknown")
+    chosen = ((PREDICTOR, predictor), (CONTROLLER, controller), (ROBOT, robot))
+    check_options([(kind, choice) for kind, choice in chosen if isinstance(choice, str)], checked.options.own)
+    spec = _narrowed(neck if isinstance(neck, NeckSpec) else load_neck(neck), checked)
+    clock = RealClock()
+    stamps = StampReader(Stamps(clock=checked.clock), clock)
+    source = PushedSource(clock, stamps)
+    setup = _joined(checked, spec, clock, source, (predictor, controller, robot))
+    setup = replace(
+        setup,
+        about=setup.about.model_copy(update={"settings": checked.model_dump(mode="json")}),
+        stamps=stamps,
+        hints=SetupHints(python=True),
+        cue_source=make_cue_source(checked, spec, clock, mounted=False),
+        log_s=_GAZE_LOG_S,
+    )
+    return setup, source, checked
+
+
+def _narrowed(neck: NeckSpec, settings: MountedSettings) -> NeckSpec:
+    moved = with_motion(neck, settings.motion)
+    narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    settings.mount.check_fits(narrow)
+    return narrow
+
+
+def _joined(
+    settings: MountedSettings,
+    neck: NeckSpec,
+    clock: Clock,
+    source: Source,
+    chosen: tuple[str | Predictor, str | Controller, str | Robot],
+    scene: Scene | None = None,
+    seed: int = 0,
+) -> LiveSetup:
+    """The parts that both ways of starting a run have in common; `chosen` by name or as objects."""
+    own, cues, walk = settings.options.own, Cues(), None if scene is None else scene.walk
+    true_head = None if walk is None else TrueHead(walk)
+    person = Person() if walk is None else Person(walk.labels.subject, true_head)
+    predictor = make_predictor(chosen[0], settings, person, own)
+    controller = make_controller(chosen[1], neck, settings, own)
+    robot = chosen[2]
+    if isinstance(robot, str):
+        start_rad = neck.rest_rad if scene is None else _facing(scene)
+        ready = make_robot(robot, settings.options, neck, clock, start_rad, seed)
+        robot_name = name_of(ROBOT, ready)
+    else:
+        check_methods(ROBOT, robot)
+        ready, robot_name = MonotonicRobot(robot, clock), name_of(ROBOT, robot)
+    about = RunInfo(
+        recording="live",
+        kind="live" if walk is None else walk.kind,
+        subject="unknown" if walk is None else walk.labels.subject,
+        group=None if walk is None else walk.labels.group,
+        controller=name_of(CONTROLLER, controller),
+        predictor=name_of(PREDICTOR, predictor),
+        neck=neck,
+        sensor={"name": "live" if scene is None else scene.sensor.name},
+        mode="live",
+        robot=robot_name,
+        joints="measured",
+    )
+    setup = LiveSetup(about, neck, predictor, controller, ready, source, clock, settings.mount, settings.loop)
+    # Among several people the identity of each is not kept live.
+    if true_head is not None and scene is not None and not scene.others:
+        setup = replace(setup, true_head_base_m=_on_loop_clock(true_head, source))
+    several = make_target(chosen[0], predictor, neck, settings, own, cues) if settings.several else None
+    return replace(setup, use_ids=settings.use_ids, cues=cues, several=several)
+
+
+def _margins(controller: Controller) -> list[str]:
+    """Joints of the neck file that leave too small a stability margin to the MPC."""
+    if name_of(CONTROLLER, controller) not in ("mpc", "perfect"):
+        return []
+    # Only here: another controller needs no CasADi.
+    from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
+    from gazempc.margins.margins import too_small  # noqa: PLC0415
+
+    return too_small(controller) if isinstance(controller, Mpc) else []
+
+
+def _make_source(
+    settings: LiveSettings, neck: NeckSpec, clock: Clock, scene: Scene | None, stamps: StampReader | None
+) -> Source:
+    kind, address = settings.source_kind, settings.source.partition(":")[2]
+    if scene is not None:
+        played = BagSource(scene.walk, clock, scene.others) if kind == "bag" else None
+        return played or ReplaySource(scene.walk, scene.sensor, scene.seed, clock, settings.passes, scene.others)
+    if kind not in SOURCE.shipped:
+        given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
+        own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))
+        return own
+    if kind == "camera" and clock.is_real:
+        return CameraSource(address, settings.camera, clock)
+    if stamps is None:
+        raise SettingsError(f"source {settings.source!r} needs real time")
+    ros2 = settings.options.ros2
+    if kind == "ros4hri":
+        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, ros2.network, ros2.base_frame)
+    if kind == "ros2":
+        frame_id = None if settings.mount.axes == "flu" else ANY_FRAME
+        return Ros2Person(address, clock.now_s, stamps.now_loop_s, ros2.network, ros2.pose_type, frame_id)
+    wire: Wire = StandardInput()
+    if kind in ("udp", "tcp"):
+        named = parse_address(settings.source, address, "127.0.0.1")
+        wire = UdpPort(*named) if kind == "udp" else TcpClient(*named)
+    signatures = None if settings.key_file is None else Signatures(read_key(settings.key_file))
+    return LineSource(wire, clock, stamps, Senders(settings.allow, signatures is not None), signatures)
+
+
+def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounted: bool) -> Ros2Cues | None:
+    """The listener to topics of cues; None where none is named.
+
+    Args:
+        settings: The settings.
+        neck: The neck.
+        clock: The loop's clock.
+        mounted: Whether the base frame of tf is that of the mount; else it is the neck's own base frame.
+
+    Raises:
+        SettingsError: If settings do not go together.
+    """
+    ros2 = settings.options.ros2
+    if ros2.point_topic is None and ros2.sound_topic is None:
+        return None
+    named = "options.ros2.point_topic" if ros2.point_topic is not None else "options.ros2.sound_topic"
+    if not clock.is_real:
+        raise SettingsError(f"{named}: ROS 2 needs real time; accepted without --simulated-clock")
+    if ros2.point_topic is not None and not settings.several:
+        raise SettingsError(f"{named}: accepted with attend, or with look_away.rhythm told")
+    if ros2.sound_topic is not None and settings.attend is None:
+        raise SettingsError("options.ros2.sound_topic: accepted with attend, such as speaker")
+    if ros2.base_frame is None and (ros2.point_topic is not None or ros2.sound_frame is not None):
+        raise SettingsError(f"{named}: needs options.ros2.base_frame, the frame of tf that is the neck's base frame")
+    if mounted and settings.mount.moves and ros2.base_frame is not None:
+        raise SettingsError(
+            f"mount.on {settings.mount.on}: {named} needs a base_frame that does not move with the neck; accepted: base"
+        )
+
+    def to_base(place_m: FloatArray) -> FloatArray:
+        if not mounted:
+            return place_m
+        seen = settings.mount.in_sensor(HeadObservation(0.0, np.array(place_m)))
+        return settings.mount.to_base(seen, neck.geometry, None).head_position_base_m
+
+    return Ros2Cues(clock.now_s, clock.from_unix_s, ros2, to_base)
+
+
+def _facing(scene: Scene) -> FloatArray:
+    """Start of a simulated neck: at the first head, or beside it, shape (N,), radians."""
+    truth = scene.walk.truth
+    return scene.neck.command_limits.clip_position(scene.first_angles_rad(truth.head_position_m[truth.valid][0]))
+
+
+def _on_loop_clock(true_head: TrueHead, source: Source) -> TrueHeadAt:
+    def at(times_s: FloatArray) -> FloatArray:
+        own_s = source.own_s(times_s) if isinstance(source, ReplaySource) else times_s
+        return np.where(true_head.known(own_s)[:, None], true_head(own_s), np.nan)
+
+    return at
+
+
+class MonotonicRobot:
+    """A robot whose readings are stamped with `time.monotonic`, as it was made before the loop's clock.
+
+    Args:
+        inner: The robot.
+        clock: The loop's clock.
+    """
+
+    def __init__(self, inner: Robot, clock: Clock) -> None:
+        self._inner, self._clock = inner, clock
+        self.connect, self.send_command, self.close = inner.connect, inner.send_command, inner.close
+
+    def read_state(self) -> JointState | None:
+        """See `gazempc.robots.robot.Robot.read_state`."""
+        state = self._inner.read_state()
+        return None if state is None else replace(state, time_s=self._clock.from_monotonic_s(state.time_s))

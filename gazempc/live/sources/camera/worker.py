@@ -1,0 +1,174 @@
+"""The process of the camera source: it captures, finds the person, and sends observations and small pictures."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+
+from gazempc.errors import GazempcError
+from gazempc.live.process import second_to_the_run
+from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
+from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, open_pictures
+from gazempc.live.sources.camera.finder import FaceSensor
+from gazempc.live.sources.camera.intrinsics import Intrinsics, from_calibration, from_field_of_view
+from gazempc.live.sources.source import SourceError
+from gazempc.parts import said
+from predictors import HeadObservation
+
+# So many pixels and pictures are enough to see who is there, and cost the run next to nothing.
+_WIDTH_PX = 320
+_QUALITY = 60
+_PERIOD_S = 0.2
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A small picture.
+
+    Attributes:
+        captured_s: When it was captured, on the clock of `time.monotonic`, seconds.
+        jpeg: The picture.
+    """
+
+    captured_s: float
+    jpeg: bytes
+
+
+class Showing:
+    """Makes small pictures, five a second."""
+
+    def __init__(self) -> None:
+        self._cv2 = import_opencv()
+        self._last_s = float("-inf")
+
+    def of(self, picture: Picture, captured_s: float) -> Shown | None:
+        """The small one of a picture.
+
+        Args:
+            picture: The picture.
+            captured_s: When it was captured, seconds.
+
+        Returns:
+            The small one; None if it is too soon after the last one.
+        """
+        if captured_s - self._last_s < _PERIOD_S:
+            return None
+        self._last_s = captured_s
+        height, width = picture.rgb.shape[:2]
+        size = (_WIDTH_PX, max(1, round(height * _WIDTH_PX / width)))
+        small = self._cv2.resize(picture.rgb, size, interpolation=self._cv2.INTER_AREA)
+        _, jpeg = self._cv2.imencode(".jpg", small[:, :, ::-1], [self._cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        return Shown(captured_s, jpeg.tobytes())
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The first picture has come.
+
+    Attributes:
+        about: What the camera is, for people.
+    """
+
+    about: str
+
+
+@dataclass(frozen=True)
+class Failed:
+    """Nothing more will come.
+
+    Attributes:
+        why: What went wrong; empty at the end of a file.
+    """
+
+    why: str = ""
+
+
+# Observations have capture times on the clock of `time.monotonic`; a text is something that was wrong for a moment.
+Message = Opened | Failed | HeadObservation | Shown | str
+
+
+def serve(address: str, options: CameraOptions, parent: Connection, shows: bool = False) -> None:
+    """Work until nothing more comes or the parent is gone.
+
+    Args:
+        address: See `gazempc.live.sources.camera.capture.open_pictures`.
+        options: What to ask of the camera.
+        parent: Where messages go.
+        shows: Whether small pictures go there, too.
+    """
+    second_to_the_run()
+    # The camera is let go in order.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    try:
+        try:
+            _work(address, options, parent, Showing() if shows else None)
+            parent.send(Failed())
+        except (GazempcError, ValueError) as error:
+            parent.send(Failed(str(error)))
+        except (BrokenPipeError, ConnectionError):
+            raise
+        except Exception as error:
+            parent.send(Failed(f"the process of the camera ended: {said(error)}"))
+    except (BrokenPipeError, ConnectionError):
+        return  # the parent has ended
+
+
+def _work(address: str, options: CameraOptions, parent: Connection, showing: Showing | None) -> None:
+    detector = BlazeFace()
+    pictures = open_pictures(address, options)
+    try:
+        sensor, latest_s = None, float("-inf")
+        while (picture := pictures.read()) is not None:
+            if isinstance(picture, str):
+                parent.send(picture)
+                continue
+            if getattr(picture.rgb, "ndim", 0) != 3 or picture.rgb.shape[2] != 3 or picture.rgb.dtype.name != "uint8":
+                raise SourceError(f"source camera:{address}: a picture is not RGB, shape (height, width, 3), uint8")
+            if sensor is None:
+                height, width = picture.rgb.shape[:2]
+                sensor = FaceSensor(detector, intrinsics_of(options, width, height))
+                parent.send(Opened(_about(options, width, height)))
+            captured_s = picture.captured_s - 1e-3 * options.latency_ms
+            if captured_s <= latest_s:
+                continue  # a driver that gives a picture twice
+            latest_s = captured_s
+            observation = sensor.see(picture.rgb, captured_s)
+            if observation is not None:
+                parent.send(observation)
+            if showing is not None and (shown := showing.of(picture, captured_s)) is not None:
+                parent.send(shown)
+    finally:
+        pictures.close()
+
+
+def intrinsics_of(options: CameraOptions, width: int, height: int) -> Intrinsics:
+    """Which way each pixel looks.
+
+    Args:
+        options: Field of view or calibration.
+        width: Width of the pictures, pixels.
+        height: Height, pixels.
+
+    Returns:
+        The camera.
+
+    Raises:
+        SettingsError: If the calibration cannot be used.
+    """
+    if options.calibration is not None:
+        return from_calibration(options.calibration, width, height)
+    return from_field_of_view(options.fov_deg or LIKELY_FOV_DEG, width, height)
+
+
+def _about(options: CameraOptions, width: int, height: int) -> str:
+    about = f"{width} x {height} pixels, "
+    if options.calibration is not None:
+        return f"{about}calibrated by {options.calibration}"
+    if options.fov_deg is not None:
+        return f"{about}{options.fov_deg:g} degrees across"
+    return (
+        f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: directions and distances are wrong by as much as this is; "
+        "set --camera.fov-deg, or give --camera.calibration"
+    )

@@ -1,0 +1,201 @@
+"""What needs the extra `view`: MCAP files, the channels served to Foxglove, and the layout of its panels."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+import foxglove
+from foxglove.layouts import (
+    BaseRendererGridLayerSettings,
+    BaseRendererSceneUpdateTopicSettings,
+    ImageConfig,
+    ImageModeConfig,
+    ImagePanel,
+    Layout,
+    LogConfig,
+    LogPanel,
+    PlotConfig,
+    PlotPanel,
+    PlotSeries,
+    SplitContainer,
+    SplitItem,
+    ThreeDeeCameraState,
+    ThreeDeeConfig,
+    ThreeDeePanel,
+)
+
+from gazempc.errors import SettingsError
+from gazempc.live.view.orders import LogKept, named
+from gazempc.neck.spec import NeckSpec
+from gazempc.results.mcap_channels import Channels
+from gazempc.results.mcap_writer import McapWriter
+from gazempc.results.moments import CutMoment, Moment, TickMoment
+from gazempc.results.run_info import RunInfo
+
+
+class FoxgloveServer:
+    """The server, in threads of the SDK. A client that is slow misses the oldest messages.
+
+    Args:
+        run: What the run is.
+        host: Address.
+        port: Port; 0 for any that is free.
+
+    Attributes:
+        url: Address for Foxglove.
+
+    Raises:
+        SettingsError: If the address cannot be used.
+    """
+
+    def __init__(self, run: RunInfo, host: str, port: int) -> None:
+        # Channels end with their context.
+        self._context = foxglove.Context()
+        try:
+            self._server = foxglove.start_server(
+                name=f"gazempc {run.recording}", host=host, port=port, context=self._context
+            )
+        except (OSError, RuntimeError) as error:
+            raise SettingsError(f"--view-at {host}:{port}: {error}; another port: --view-at {host}:PORT") from None
+        self.url = f"ws://{named(host)}:{self._server.port}"
+        self._channels = Channels(run, self._context)
+
+    def take(self, moment: Moment) -> None:
+        """Send what happened.
+
+        Args:
+            moment: What.
+        """
+        self._channels.write(moment)
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._server.stop()
+
+
+_SHOWN_S = 30.0
+
+
+def write_layout(path: Path, neck: NeckSpec, camera: bool) -> None:
+    """Write the layout file; Foxglove takes it by *Import from file*.
+
+    Args:
+        path: File to write.
+        neck: The neck, whose joints are plotted.
+        camera: Whether there are pictures of a camera.
+    """
+    scene = ThreeDeePanel(
+        title="Person, forecast and gaze",
+        config=ThreeDeeConfig(
+            follow_tf="base",
+            fixed_frame="base",
+            camera_state=ThreeDeeCameraState(distance=8.0, perspective=True, phi=50.0, theta_offset=90.0),
+            layers={"grid": BaseRendererGridLayerSettings(frame_id="base", size=10.0, divisions=10.0)},
+            topics={"/scene": BaseRendererSceneUpdateTopicSettings(visible=True)},
+        ),
+    )
+    error = _plot(
+        "Gaze error, degrees",
+        {"to the true head": "/metrics.gaze_error_deg", "to the observed head": "/metrics.gaze_to_observed_deg"},
+    )
+    times = _plot(
+        "Milliseconds",
+        {"from capture to command": "/metrics.latency_ms", "lateness of ticks": "/metrics.late_ms"},
+    )
+    joints = _plot(
+        "Joints and commands, radians",
+        {f"{name} {kind}": f"/ticks.{kind}_{name}_rad" for name in neck.joint_names for kind in ("joint", "command")},
+    )
+    events = LogPanel(title="Events", config=LogConfig(topic_to_render="/events"))
+    picture = ImagePanel(title="Camera", config=ImageConfig(image_mode=ImageModeConfig(image_topic="/camera")))
+    left = [SplitItem(proportion=2, content=scene), SplitItem(content=events)]
+    right = [SplitItem(content=each) for each in ([picture] if camera else []) + [error, times, joints]]
+    layout = Layout(
+        content=SplitContainer(
+            direction="row",
+            items=[
+                SplitItem(content=SplitContainer(direction="column", items=left)),
+                SplitItem(content=SplitContainer(direction="column", items=right)),
+            ],
+        )
+    )
+    path.write_text(layout.to_json() + "\n", encoding="utf-8")
+
+
+def _plot(title: str, paths: dict[str, str]) -> PlotPanel:
+    series = [PlotSeries(label=label, value=value, enabled=True) for label, value in paths.items()]
+    return PlotPanel(title=title, config=PlotConfig(paths=series, following_view_width=_SHOWN_S))
+
+
+# So much a run that is killed may lose.
+_FLUSH_EVERY_S = 2.0
+
+
+class McapFiles:
+    """Writes one file after the other. A file is complete once its log is kept: then the log is attached.
+
+    Args:
+        run: What the run is.
+        folder: Where they go: ``log_000.mcap`` and so on.
+
+    Raises:
+        SettingsError: If the first file cannot be written.
+    """
+
+    def __init__(self, run: RunInfo, folder: Path) -> None:
+        self._run, self._folder = run, folder
+        self._number = 0
+        self._lost = 0
+        self._begun = False
+        self._flush_s = 0.0
+        self._complete: deque[McapWriter] = deque()
+        self._open: tuple[McapWriter, Channels] | None = self._next()
+
+    def take(self, moment: Moment | LogKept) -> None:
+        """Write what happened.
+
+        Args:
+            moment: What.
+
+        Raises:
+            SettingsError: If a file cannot be written.
+            OSError: If a log cannot be read.
+        """
+        if isinstance(moment, LogKept):
+            self._finish(moment)
+        elif not isinstance(moment, CutMoment):
+            self._open = self._open or self._next()
+            writer, channels = self._open
+            channels.write(moment)
+            self._begun = True
+            if isinstance(moment, TickMoment) and moment.time_s >= self._flush_s:
+                self._flush_s = moment.time_s + _FLUSH_EVERY_S
+                writer.flush()
+        elif self._open is not None:
+            self._complete.append(self._open[0])
+            self._open = None
+
+    def close(self) -> None:
+        """Close what is open. Without its log a file has all channels; one of a run that never began is removed."""
+        if self._open is not None:
+            self._complete.append(self._open[0])
+        while self._complete:
+            self._complete.popleft().close()
+        if not self._begun:
+            self._path(0).unlink(missing_ok=True)
+
+    def _next(self) -> tuple[McapWriter, Channels]:
+        writer = McapWriter(self._run, self._path(self._number))
+        self._number += 1
+        return writer, Channels(self._run, writer.context)
+
+    def _path(self, number: int) -> Path:
+        return self._folder / f"log_{number:03}.mcap"
+
+    def _finish(self, kept: LogKept) -> None:
+        writer = self._complete.popleft()
+        lost, self._lost = kept.lost - self._lost, kept.lost
+        writer.note("gazempc_lost", {"moments": str(lost)})
+        writer.attach(kept.path.read_bytes())
+        writer.close()

@@ -1,1 +1,0 @@
-"""What arrives in a live run, checked each second: clock, unit, axes, rate and ids. May import gazempc.live."""

@@ -1,0 +1,294 @@
+"""A neck of Dynamixel X motors, one a joint, on one serial line (protocol 2.0)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gazempc.errors import RobotError, SettingsError
+from gazempc.neck.spec import NeckSpec
+from gazempc.robots.dynamixel_bus import DynamixelBus
+from gazempc.robots.options import DynamixelOptions
+from gazempc.types import FloatArray, JointState
+
+_T = TypeVar("_T")
+
+# Parts of the control table: address, bytes. Those that follow a failure differ in length from what may have failed,
+# so that a late answer to one question is never taken for the answer to another.
+_MODE = (11, 1)
+_RANGE = (48, 8)  # Max and Min Position Limit
+_TORQUE_ENABLE = (64, 1)
+_TORQUE = (64, 2)  # Torque Enable and LED
+_PROFILE = (108, 8)  # Profile Acceleration and Velocity
+_PROFILE_AND_GOAL = (108, 12)
+_GOAL = (116, 4)
+_PRESENT = (128, 8)  # Present Velocity and Position
+
+_TICKS_PER_TURN = 4096
+_TICKS_PER_RAD = _TICKS_PER_TURN / (2.0 * np.pi)
+_RAD_S_PER_UNIT = 0.229 * 2.0 * np.pi / 60.0
+_POSITION_MODE, _EXTENDED_POSITION_MODE = 3, 4
+
+# Setting up may take its time; while the loop runs, the time for an answer is `reply_timeout_ms`.
+_CONNECT_WAIT_MS = 100.0
+# Period of retries without an answer, so that the ticks in between lose no time.
+_RETRY_S = 0.1
+
+
+class DynamixelNeck:
+    """X motors (or MX with protocol 2.0), in position or extended position mode, driven by sync read and write.
+
+    Motors are set up by `connect`: Profile Velocity and Profile Acceleration to 0 (no limit), because the smoother
+    shapes the motion and a second profile would add a lag that the controller does not know. EEPROM is never written.
+    A motor without torque gets its present position as goal before torque is switched on; a motor that holds goes on
+    holding. After that the first commands are approached at `approach_speed_rad_s`, so that a neck that stands
+    elsewhere than the command does not jump there.
+
+    A lost answer costs one call: the next one asks whether the motors still hold, and goes on if they do. Otherwise
+    they are set up again, one exchange a call (a few ms each), also after the port was gone. Without an answer, one
+    call in 0.1 s waits for it and the others fail at once. A motor that has shut itself down is not restarted: its
+    error goes away with a reboot or a power cycle, and then it is set up again.
+
+    Args:
+        neck: Limits and rates.
+        clock_s: Gives the present time in seconds; never runs backwards.
+        options: Port, motors and how they are driven.
+
+    Raises:
+        SettingsError: If ids, zero ticks or directions cannot be right, or are not one for each joint of the neck.
+    """
+
+    def __init__(self, neck: NeckSpec, clock_s: Callable[[], float], options: DynamixelOptions) -> None:
+        motor_ids, directions, zero_ticks = options.motor_ids, options.directions, options.zero_ticks
+        for name, values in (("motor_ids", motor_ids), ("zero_ticks", zero_ticks), ("directions", directions)):
+            if len(values) != neck.joints:
+                joints = ", ".join(neck.joint_names)
+                raise SettingsError(f"{name} {values}: neck {neck.name!r} needs {neck.joints} numbers, of {joints}")
+        if not all(0 <= i <= 252 for i in motor_ids) or len(set(motor_ids)) < neck.joints:
+            raise SettingsError(f"motor_ids {motor_ids}: must be different numbers from 0 to 252")
+        if any(direction not in (1, -1) for direction in directions):
+            raise SettingsError(f"directions {directions}: each must be 1 or -1")
+        # Also keeps clear of -131,073, whose bytes look like the header of a packet; the library does not mask it.
+        if any(abs(zero) > 65_536 for zero in zero_ticks):
+            raise SettingsError(f"zero_ticks {zero_ticks}: each must be from -65536 to 65536")
+        self._clock_s = clock_s
+        self._ids = motor_ids
+        self._zero = np.array(zero_ticks, dtype=np.float64)
+        self._direction = np.array(directions, dtype=np.float64)
+        self._reply_timeout_ms = options.reply_timeout_ms
+        motors = dict(zip(neck.joint_names, motor_ids, strict=True))
+        self._bus = DynamixelBus(options.port, options.baud_rate_bps, motors, options.reply_timeout_ms)
+        self._step_ticks = options.approach_speed_rad_s * neck.servo_period_s * _TICKS_PER_RAD
+        self._torque_off_on_close = options.torque_off_on_close
+        ends = self._zero + self._direction * np.stack([neck.position_min_rad, neck.position_max_rad]) * _TICKS_PER_RAD
+        # Whole ticks inside the limits: rounding must not lead out of them.
+        self._tick_min, self._tick_max = np.ceil(ends.min(axis=0)), np.floor(ends.max(axis=0))
+        self._connected = False
+        self._ready = False
+        self._steps: Iterator[None] | None = None
+        self._retry_at_s = -np.inf
+        self._trouble = ""
+        self._answered = False
+        self._approaching = True
+        self._goal = np.zeros(neck.joints)
+
+    def connect(self) -> None:
+        """Open the port, find the motors and let them hold where they are; see `gazempc.robots.robot.Robot.connect`.
+
+        Raises:
+            RobotError: If the port cannot be opened, a motor does not answer, has an error, is of another kind, is not
+                in a position mode, or cannot reach the neck's range; names port, baud rate, id and what to check.
+            MissingOptionalDependencyError: If dynamixel-sdk is not installed.
+        """
+        if self._connected:
+            return
+        self._bus.load()
+        self._bus.wait_ms = max(self._reply_timeout_ms, _CONNECT_WAIT_MS)
+        try:
+            for _ in self._set_up():
+                pass
+        except RobotError:
+            self._drop_port()
+            raise
+        except Exception as error:
+            raise self._port_error(error) from error
+        finally:
+            self._bus.wait_ms = self._reply_timeout_ms
+        self._connected = self._ready = True
+        self._retry_at_s = -np.inf
+
+    def read_state(self) -> JointState | None:
+        """Read all joints, in one exchange; see `gazempc.robots.robot.Robot.read_state`.
+
+        Returns:
+            Angles and velocities; its time is the middle of the exchange.
+
+        Raises:
+            RobotError: If a motor does not answer rightly, has an error, or is being set up again.
+        """
+        return self._perform(self._state)
+
+    def send_command(self, position_rad: FloatArray) -> FloatArray:
+        """Send goal positions; see `gazempc.robots.robot.Robot.send_command`.
+
+        Motors do not acknowledge a sync write. So they must have answered something since the last command; if nothing
+        was read in between, they are asked first whether they hold.
+
+        Args:
+            position_rad: One for each joint, shape (N,), radians.
+
+        Returns:
+            What was really sent, shape (N,), radians: clamped to the joints' range, in whole ticks, and after the
+            set-up no farther from the last goal than the approach allows.
+
+        Raises:
+            RobotError: If the command is not finite, or the robot does not answer.
+        """
+        position = np.asarray(position_rad, dtype=np.float64)
+        if position.shape != self._zero.shape or not np.all(np.isfinite(position)):
+            raise RobotError(f"refused a command that is not {self._zero.size} finite angles: {position_rad}")
+        ticks = np.rint(self._zero + self._direction * position * _TICKS_PER_RAD)
+        return self._perform(lambda: self._send(np.clip(ticks, self._tick_min, self._tick_max)))
+
+    def close(self) -> None:
+        """Release the port; the motors hold their last goal, or let go if `torque_off_on_close`; never raises."""
+        if self._bus.is_open and self._connected and self._torque_off_on_close:
+            with suppress(Exception):
+                self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\0"))
+                self._read(_TORQUE)  # has been carried out when it is answered
+        self._drop_port()
+        self._connected = self._ready = False
+
+    def _perform(self, exchange: Callable[[], _T]) -> _T:
+        if not self._connected:
+            raise RobotError(f"the Dynamixel neck at {self._bus.port_name} is not connected: call connect() first")
+        if self._clock_s() < self._retry_at_s:
+            raise RobotError(self._trouble)
+        try:
+            if self._ready or self._recover():
+                return exchange()
+        except RobotError as error:
+            self._failed(error)
+            raise
+        except Exception as error:
+            fault = self._port_error(error)
+            self._failed(fault)
+            raise fault from error
+        raise RobotError(f"{self._trouble} (it is being set up again)")
+
+    def _failed(self, error: RobotError) -> None:
+        if self._steps is not None:
+            self._drop_port()
+        # After the first failure the next call asks again at once: most often, one answer was lost.
+        self._retry_at_s = -np.inf if self._ready else self._clock_s() + _RETRY_S
+        self._ready = self._answered = False
+        self._trouble = str(error)
+
+    def _recover(self) -> bool:
+        """Take one step back to normal; True if that was the last one."""
+        if self._steps is None and self._bus.is_open:
+            if self._torque_is_on().all():
+                self._ready = True
+                return True
+            self._trouble = f"{self._bus.line}: a motor has lost its torque; perhaps its power was gone"
+        self._steps = self._steps or self._set_up()
+        try:
+            next(self._steps)
+        except StopIteration:
+            self._steps = None
+            self._ready = True
+        return self._ready
+
+    def _set_up(self) -> Iterator[None]:
+        """Find the motors and let them hold where they are; at most one exchange with them between two yields."""
+        if not self._bus.is_open:
+            self._bus.open()
+        for i in range(len(self._ids)):
+            self._bus.ping(i)
+            yield
+        modes = [answer[0] for answer in self._read(_MODE)]
+        for i, mode in enumerate(modes):
+            if mode not in (_POSITION_MODE, _EXTENDED_POSITION_MODE):
+                raise RobotError(
+                    f"{self._bus.motor(i)}: Operating Mode (11) is {mode}, but must be {_POSITION_MODE} (position) or "
+                    f"{_EXTENDED_POSITION_MODE} (extended position): set it with torque off; it is not changed here"
+                )
+        yield
+        for i, answer in enumerate(self._read(_RANGE)):
+            high, low = struct.unpack("<ii", answer)
+            if modes[i] == _POSITION_MODE and not low <= self._tick_min[i] <= self._tick_max[i] <= high:
+                raise RobotError(
+                    f"{self._bus.motor(i)}: the neck needs {self._tick_min[i]:.0f}..{self._tick_max[i]:.0f} ticks, "
+                    f"but the Position Limits (52, 48) are {low}..{high}: check zero tick and direction, or set them"
+                )
+        yield
+        holds = self._torque_is_on()
+        yield
+        present = [struct.unpack("<ii", answer)[1] for answer in self._read(_PRESENT)]
+        # With torque off the position counts on over full turns; with torque on in position mode it is within one.
+        goals = [p % _TICKS_PER_TURN if m == _POSITION_MODE else p for p, m in zip(present, modes, strict=True)]
+        yield
+        unlimited = bytes(_PROFILE[1])
+        if holds.any():
+            self._bus.write(_PROFILE, {m: unlimited for m, on in zip(self._ids, holds, strict=True) if on})
+        limp = {m: goals[i] for i, m in enumerate(self._ids) if not holds[i]}
+        if limp:
+            self._bus.write(_PROFILE_AND_GOAL, {m: unlimited + struct.pack("<i", goal) for m, goal in limp.items()})
+        for i, answer in enumerate(self._read(_PROFILE_AND_GOAL)):
+            goal = struct.unpack("<i", answer[8:])[0]
+            if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
+                raise RobotError(
+                    f"{self._bus.motor(i)}: did not take profile 0 and goal {limp.get(self._ids[i], goal)}: check the "
+                    "wiring, and that it stands inside its Position Limits (52, 48)"
+                )
+            # A motor that holds keeps the goal that it has.
+            self._goal[i] = goal
+        yield
+        self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\1"))
+        for i, on in enumerate(self._torque_is_on()):
+            if not on:
+                raise RobotError(f"{self._bus.motor(i)}: did not switch its torque on: check its supply and its errors")
+        self._approaching = True
+
+    def _torque_is_on(self) -> NDArray[np.bool_]:
+        return np.array([answer[0] == 1 for answer in self._read(_TORQUE)])
+
+    def _state(self) -> JointState:
+        before_s = self._clock_s()
+        answers = np.array([struct.unpack("<ii", answer) for answer in self._read(_PRESENT)], dtype=np.float64)
+        time_s = 0.5 * (before_s + self._clock_s())
+        position_rad = self._direction * (answers[:, 1] - self._zero) / _TICKS_PER_RAD
+        return JointState(time_s, position_rad, self._direction * answers[:, 0] * _RAD_S_PER_UNIT)
+
+    def _send(self, ticks: FloatArray) -> FloatArray:
+        if not self._answered and not self._torque_is_on().all():
+            raise RobotError(f"{self._bus.line}: a motor has lost its torque; perhaps its power was gone")
+        goal = ticks
+        if self._approaching:
+            near = np.clip(ticks, self._goal - self._step_ticks, self._goal + self._step_ticks)
+            goal = np.clip(near, self._tick_min, self._tick_max)
+            self._approaching = bool(np.any(goal != ticks))
+        sent = np.rint(goal)
+        self._bus.write(_GOAL, {m: struct.pack("<i", int(g)) for m, g in zip(self._ids, sent, strict=True)})
+        # Not rounded: a slow approach moves by less than a tick at a time.
+        self._goal = goal
+        self._answered = False
+        return self._direction * (sent - self._zero) / _TICKS_PER_RAD
+
+    def _read(self, part: tuple[int, int]) -> list[bytes]:
+        answers = self._bus.read(part)
+        self._answered = True
+        return answers
+
+    def _drop_port(self) -> None:
+        self._bus.drop()
+        self._steps = None
+
+    def _port_error(self, error: Exception) -> RobotError:
+        self._drop_port()
+        return RobotError(f"{self._bus.line}: the port failed ({error}): check that the adapter is plugged in")

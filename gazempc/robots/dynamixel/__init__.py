@@ -1,1 +1,0 @@
-"""A neck of Dynamixel motors. May import gazempc.robots."""

@@ -1,0 +1,147 @@
+"""A neck simulated by MuJoCo: the plant that we did not write, to check everything else against."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gazempc.errors import MissingOptionalDependencyError, RobotError
+from gazempc.neck.spec import NeckSpec
+from gazempc.robots.mujoco_model import neck_mjcf, timestep_s
+from gazempc.types import FloatArray, JointState
+
+# Rounding of a clock, in steps: far below a step, far above what sums of times accumulate.
+_SAME_STEP = 1e-6
+
+
+class MujocoNeck:
+    """Hinges with position servos behind MuJoCo's own actuator delay, in lock-step with the clock given.
+
+    Time is that of the clock when a method is called; the simulation is stepped up to then, as many steps of
+    `gazempc.robots.mujoco_model.timestep_s` as are complete. On the loop's simulated clock that is exact; on another
+    clock the state is less than one step (1 ms) old, and has its own time.
+
+    Args:
+        neck: What to simulate: geometry, ranges, servos, dead times, encoder noise and load.
+        clock_s: Gives the present time in seconds; never runs backwards.
+        position_rad: Where it stands at rest in the beginning, shape (N,), radians; None for where they rest.
+        seed: Of the encoders' noise.
+    """
+
+    keeps_any_clock = True
+
+    def __init__(
+        self, neck: NeckSpec, clock_s: Callable[[], float], position_rad: FloatArray | None = None, seed: int = 0
+    ) -> None:
+        self._neck = neck
+        self._start_rad = np.asarray(neck.rest_rad if position_rad is None else position_rad, dtype=np.float64)
+        self._clock_s = clock_s
+        self._step_s = timestep_s(neck)
+        self._steps = 0
+        self._start_s = 0.0
+        self._load_rad = np.deg2rad([axis.load_offset_deg for axis in neck.axes])
+        self._noise_rad = np.deg2rad([axis.encoder_noise_deg for axis in neck.axes])
+        self._rng = np.random.default_rng(seed)
+        self._mujoco: Any = None
+        self._model: Any = None
+        self._data: Any = None
+        # MuJoCo's order is that of the parts: the body first.
+        self._order: list[int] = []
+
+    @property
+    def mjcf(self) -> str:
+        """The model as XML: write it to a file, and MuJoCo's viewer opens it."""
+        return neck_mjcf(self._neck)
+
+    @property
+    def model(self) -> Any:
+        """The ``mujoco.MjModel`` that runs, for viewers and renderers; RobotError if not connected."""
+        self._check_connected()
+        return self._model
+
+    @property
+    def data(self) -> Any:
+        """The ``mujoco.MjData`` that runs, for viewers and renderers: to be read only; RobotError if not connected."""
+        self._check_connected()
+        return self._data
+
+    def connect(self) -> None:
+        """Start the simulation at the clock's time; see `gazempc.robots.robot.Robot.connect`.
+
+        Raises:
+            MissingOptionalDependencyError: If MuJoCo is not installed.
+            RobotError: If MuJoCo refuses the model, as versions before 3.5 do.
+        """
+        if self._data is not None:
+            return
+        try:
+            import mujoco  # noqa: PLC0415
+        except ImportError:
+            raise MissingOptionalDependencyError("the MuJoCo neck", "mujoco", "mujoco") from None
+        try:
+            model = mujoco.MjModel.from_xml_string(self.mjcf)
+        except ValueError as error:
+            raise RobotError(
+                f"MuJoCo {mujoco.__version__} refused the model of neck {self._neck.name!r} "
+                f"(at least 3.5 is needed, for actuators with a delay): {error}"
+            ) from None
+        data = mujoco.MjData(model)
+        order = [int(model.joint(name).qposadr[0]) for name in self._neck.joint_names]
+        data.qpos[order] = self._start_rad + self._load_rad
+        data.ctrl[:] = self._start_rad
+        for actuator, start in enumerate(self._start_rad):
+            samples = int(model.actuator_history[actuator, 0])
+            if samples:
+                # Before the beginning it was told to stand where it stands.
+                mujoco.mj_initCtrlHistory(model, data, actuator, None, np.full((samples, 1), start))
+        mujoco.mj_forward(model, data)
+        self._mujoco, self._model, self._data, self._order = mujoco, model, data, order
+        self._start_s, self._steps = self._clock_s(), 0
+
+    def read_state(self) -> JointState | None:
+        """See `gazempc.robots.robot.Robot.read_state`; the velocity is without noise."""
+        true = self.true_state()
+        if not self._neck.reports_joints:
+            return None
+        noise_rad = self._rng.normal(0.0, self._noise_rad) if self._noise_rad.any() else 0.0
+        return JointState(true.time_s, true.position_rad + noise_rad, true.velocity_rad_s)
+
+    def true_state(self) -> JointState:
+        """Where the joints really are; raises as `read_state`."""
+        time_s = self._advance()
+        return JointState(time_s, self._data.qpos[self._order], self._data.qvel[self._order])
+
+    def send_command(self, position_rad: FloatArray) -> FloatArray:
+        """See `gazempc.robots.robot.Robot.send_command`."""
+        if not np.all(np.isfinite(position_rad)):
+            raise RobotError(f"refused a command that is not finite: {position_rad}")
+        self._advance()
+        sent: FloatArray = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        self._data.ctrl[:] = sent
+        return sent
+
+    def close(self) -> None:
+        """Stop the simulation; see `gazempc.robots.robot.Robot.close`."""
+        self._model = self._data = None
+
+    def _check_connected(self) -> None:
+        if self._data is None:
+            raise RobotError("the MuJoCo neck is not connected: call connect() first")
+
+    def _advance(self) -> float:
+        self._check_connected()
+        now_s = self._clock_s()
+        elapsed = (now_s - self._start_s) / self._step_s
+        if not elapsed >= self._steps - _SAME_STEP:
+            reached_s = self._start_s + self._steps * self._step_s
+            raise RobotError(f"the clock of the MuJoCo neck cannot run backwards: {reached_s} s -> {now_s} s")
+        todo = math.floor(elapsed + _SAME_STEP) - self._steps
+        if todo > 0:
+            self._mujoco.mj_step(self._model, self._data, todo)
+            self._steps += todo
+        # On a step the clock's own figure: one that differs by a rounding error would be taken for an old measurement.
+        on_step = abs(elapsed - self._steps) < _SAME_STEP
+        return now_s if on_step else self._start_s + self._steps * self._step_s

@@ -1,1 +1,0 @@
-"""A neck simulated by MuJoCo. May import gazempc.robots."""

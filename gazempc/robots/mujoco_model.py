@@ -1,0 +1,178 @@
+"""The MuJoCo model (MJCF) of a neck: hinges, native actuator delay, a camera in the eye, something to look at."""
+
+from __future__ import annotations
+
+import math
+
+from gazempc.neck.spec import BODY_AXIS, EYE_AXES, Axis, NeckSpec
+
+# A head on a geared motor. Gains follow from the inertia, so that these figures do not change the servo; they only
+# set how much the head's own inertia, which changes with tilt when the eye is off the axes, counts beside the gears'.
+_ARMATURE_KG_M2 = 0.1
+_HEAD_KG = 1.0
+_HEAD_RADIUS_M = 0.09
+_HEAD_KG_M2 = 0.4 * _HEAD_KG * _HEAD_RADIUS_M**2
+_YOKE_KG = 0.3
+_YOKE_KG_M2 = 1e-3
+# An eye is so light that its motion does not turn the head; its mass is a part of the head's.
+_EYE_ARMATURE_KG_M2 = 1e-4
+_EYE_KG = 0.02
+_EYE_RADIUS_M = 0.02
+_EYE_KG_M2 = 0.4 * _EYE_KG * _EYE_RADIUS_M**2
+# A body so heavy that the head's motion hardly turns it.
+_TORSO_KG = 10.0
+_TORSO_KG_M2 = 0.5
+_LARGEST_STEP_S = 1e-3
+# Steps are this small against the fastest servo that they stay accurate, and stable.
+_LARGEST_STEP_RAD = 0.02
+
+
+def timestep_s(neck: NeckSpec) -> float:
+    """Time step of the simulation: 1 ms or a little less, so that a servo period is a whole number of steps.
+
+    Args:
+        neck: The neck.
+
+    Returns:
+        The step, seconds; smaller for a servo too fast for 1 ms.
+    """
+    fastest_rad_s = max(axis.natural_frequency_rad_s for axis in neck.axes)
+    largest_s = min(_LARGEST_STEP_S, _LARGEST_STEP_RAD / fastest_rad_s)
+    return neck.servo_period_s / math.ceil(neck.servo_period_s / largest_s - 1e-9)
+
+
+def neck_mjcf(neck: NeckSpec) -> str:
+    """Write a neck as an MJCF model, to be simulated or opened in MuJoCo's viewer.
+
+    The world frame is the base frame (x forward, y left, z up, origin at the pan axis). Joints and actuators are named
+    as in `NeckSpec.joint_names`, the actuators in that order; they take positions in radians. The camera is named
+    ``eye``. Both eyes are drawn as one.
+
+    The actuators are what a geared position servo is, a spring and a damper on the joint's inertia J with the head
+    straight ahead. Stiffness kp = J wn^2, damping kv = 2 zeta wn J. Weight is compensated (a balanced head). A dead
+    time shorter than one step acts as one step, which is the least that MuJoCo can delay.
+
+    Args:
+        neck: The neck.
+
+    Returns:
+        The model, XML.
+    """
+    step_s = timestep_s(neck)
+    tilt_axis, eye = neck.geometry.tilt_axis_in_pan_m, neck.geometry.eye_in_tilt_m
+    # The head's mass is around the eye: without offsets it is on both axes, and the servos are exactly as specified.
+    x, y, z = eye
+    turned_kg_m2 = _YOKE_KG_M2 + _HEAD_KG_M2 + _HEAD_KG * ((tilt_axis[0] + x) ** 2 + (tilt_axis[1] + y) ** 2)
+    kg_m2 = dict.fromkeys(EYE_AXES, _EYE_ARMATURE_KG_M2 + _EYE_KG_M2) | {
+        "pan": _ARMATURE_KG_M2 + turned_kg_m2,
+        "tilt": _ARMATURE_KG_M2 + _HEAD_KG_M2 + _HEAD_KG * (x**2 + z**2),
+        BODY_AXIS: _ARMATURE_KG_M2 + _TORSO_KG_M2 + turned_kg_m2,
+    }
+    servos = "\n".join(
+        f'    <general name="{name}" joint="{name}" {_servo(axis, kg_m2[name], step_s)}/>'
+        for name, axis in zip(neck.joint_names, neck.axes, strict=True)
+    )
+    body, end_of_body = _body(neck)
+    head_kg = _HEAD_KG - (0.0 if neck.eyes is None else _EYE_KG)
+    return f"""<mujoco model="gazempc neck {_attribute(neck.name)}">
+  <compiler angle="radian" autolimits="true"/>
+  <!-- implicitfast: the damping of the actuators is integrated implicitly, so that stiff servos stay stable -->
+  <option timestep="{step_s!r}" integrator="implicitfast"/>
+  <default>
+    <!-- Nothing touches anything: the neck only moves, and its parts are drawn inside each other. -->
+    <geom contype="0" conaffinity="0"/>
+    <!-- Hard stops at the ends of the range. -->
+    <joint type="hinge" solreflimit="0.003 1" solimplimit="0.99 0.9999 0.0001"/>
+  </default>
+  <visual>
+    <global offwidth="1280" offheight="960"/>
+    <map znear="0.005"/>
+  </visual>
+  <asset>
+    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.7 0.8 0.9" rgb2="0.95 0.95 1" width="64" height="64"/>
+    <texture name="tiles" type="2d" builtin="checker" rgb1="0.75 0.75 0.7" rgb2="0.6 0.6 0.55" width="64" height="64"/>
+    <material name="floor" texture="tiles" texrepeat="10 10" texuniform="false"/>
+  </asset>
+  <worldbody>
+    <light directional="true" pos="0 0 3" dir="-0.3 -0.2 -1"/>
+    <geom name="floor" type="plane" pos="0 0 -1.2" size="5 5 0.1" material="floor"/>
+    <geom name="column" type="cylinder" fromto="0 0 -1.2 0 0 -0.12" size="0.05" rgba="0.3 0.3 0.35 1"/>
+    <camera name="bystander" pos="1.2 0.7 0.25" mode="targetbody" target="head"/>{body}
+    <body name="yoke" gravcomp="1">
+      <inertial pos="0 0 0" mass="{_YOKE_KG}" diaginertia="{_YOKE_KG_M2} {_YOKE_KG_M2} {_YOKE_KG_M2}"/>
+      <joint name="pan" axis="0 0 1" {_joint(neck.pan)}/>
+      <geom type="cylinder" fromto="0 0 -0.12 0 0 -0.08" size="0.04" rgba="0.8 0.5 0.2 1"/>
+      <geom type="capsule" fromto="0 0 -0.1 {_vector(tilt_axis)}" size="0.02" rgba="0.8 0.5 0.2 1"/>
+      <body name="head" pos="{_vector(tilt_axis)}" gravcomp="1">
+        <inertial pos="{_vector(eye)}" mass="{head_kg}" diaginertia="{_HEAD_KG_M2} {_HEAD_KG_M2} {_HEAD_KG_M2}"/>
+        <joint name="tilt" axis="0 -1 0" {_joint(neck.tilt)}/>
+        <geom type="sphere" pos="{_vector((x - 0.08, y, z))}" size="{_HEAD_RADIUS_M}" rgba="0.9 0.9 0.9 1"/>
+{_eyes(neck)}
+      </body>
+    </body>{end_of_body}
+  </worldbody>
+  <actuator>
+{servos}
+  </actuator>
+</mujoco>
+"""
+
+
+def _body(neck: NeckSpec) -> tuple[str, str]:
+    """What turns under the neck, around all that stands on it."""
+    if neck.body is None:
+        return "", ""
+    begin = f"""
+    <body name="torso" gravcomp="1">
+      <inertial pos="0 0 -0.5" mass="{_TORSO_KG}" diaginertia="{_TORSO_KG_M2} {_TORSO_KG_M2} {_TORSO_KG_M2}"/>
+      <joint name="{BODY_AXIS}" axis="0 0 1" {_joint(neck.body)}/>
+      <geom type="box" pos="0 0 -0.35" size="0.09 0.16 0.2" rgba="0.5 0.5 0.6 1"/>"""
+    return begin, "\n    </body>"
+
+
+def _eyes(neck: NeckSpec) -> str:
+    """Eyes and camera, in the head's frame."""
+    x, y, z = neck.geometry.eye_in_tilt_m
+    # In the face, so that it sees past the head and the eyes that are drawn.
+    camera = '<camera name="eye" pos="{}" xyaxes="0 -1 0 0 0 1" fovy="60"/>'
+    if neck.eyes is None:
+        return f"""        <geom type="sphere" pos="{_vector((x, y + 0.035, z + 0.01))}" size="0.012" rgba="0 0 0 1"/>
+        <geom type="sphere" pos="{_vector((x, y - 0.035, z + 0.01))}" size="0.012" rgba="0 0 0 1"/>
+        {camera.format(_vector((x, y, z)))}"""
+    pan, tilt = EYE_AXES
+    return f"""        <body name="eyes" pos="{_vector((x, y, z))}" gravcomp="1">
+          <inertial pos="0 0 0" mass="{_EYE_KG}" diaginertia="{_EYE_KG_M2} {_EYE_KG_M2} {_EYE_KG_M2}"/>
+          <joint name="{pan}" axis="0 0 1" {_joint(neck.eyes.pan, _EYE_ARMATURE_KG_M2)}/>
+          <joint name="{tilt}" axis="0 -1 0" {_joint(neck.eyes.tilt, _EYE_ARMATURE_KG_M2)}/>
+          <geom type="sphere" size="{_EYE_RADIUS_M}" rgba="1 1 1 1"/>
+          <geom type="sphere" pos="0.012 0 0" size="0.011" rgba="0 0 0 1"/>
+          {camera.format("0 0 0")}
+        </body>"""
+
+
+def _joint(axis: Axis, armature_kg_m2: float = _ARMATURE_KG_M2) -> str:
+    low, high = math.radians(axis.position_min_deg), math.radians(axis.position_max_deg)
+    return f'range="{low!r} {high!r}" armature="{armature_kg_m2}"'
+
+
+def _servo(axis: Axis, inertia_kg_m2: float, step_s: float) -> str:
+    kp = inertia_kg_m2 * axis.natural_frequency_rad_s**2
+    kv = inertia_kg_m2 * 2.0 * axis.damping_ratio * axis.natural_frequency_rad_s
+    # A load is a constant torque: the joint settles where the servo's spring holds it.
+    load_n_m = kp * math.radians(axis.load_offset_deg)
+    low, high = math.radians(axis.position_min_deg), math.radians(axis.position_max_deg)
+    servo = f'biastype="affine" gainprm="{kp!r}" biasprm="{load_n_m!r} {-kp!r} {-kv!r}" ctrlrange="{low!r} {high!r}"'
+    if axis.dead_time_s == 0.0:
+        return servo
+    # Interpolated, because times are sums of steps: held samples would slip by a whole step with every rounding error,
+    # and a dead time that is not a whole number of steps would be rounded up.
+    samples = math.ceil(axis.dead_time_s / step_s) + 2
+    return f'{servo} delay="{axis.dead_time_s!r}" nsample="{samples}" interp="linear"'
+
+
+def _vector(vector: tuple[float, float, float]) -> str:
+    return " ".join(repr(float(x)) for x in vector)
+
+
+def _attribute(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")

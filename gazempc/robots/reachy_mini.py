@@ -1,0 +1,402 @@
+"""Reachy Mini's head and body over the websocket of its daemon."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.neck.kinematics import head_angles_rad
+from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.robots.options import ReachyMiniOptions
+from gazempc.types import FloatArray, JointState
+
+# How far the head turns without the body: the daemon's inverse kinematics (reachy-mini 1.13.0) with all motors within
+# their limits, 0.5 deg or more inside. Beyond it a motor stops at its limit and the head tips over to the side, or the
+# pose is ignored. Also within the SDK's own limits (pitch 40 deg, yaw 65 deg from the body).
+_TILT_RAD = np.deg2rad([-40.0, -36.0, -32.0, -28.0, -24.0, 31.0, 36.0, 40.0])
+_PAN_MAX_RAD = np.deg2rad([38.0, 47.0, 54.0, 61.0, 65.0, 65.0, 59.0, 53.5])
+_TURN_NOISE = 0.02
+
+
+def head_matrix(position_rad: FloatArray) -> FloatArray:
+    """Pose of the head that looks along pan and tilt: yaw, then pitch, no roll, the head's origin where it rests.
+
+    Args:
+        position_rad: Pan (to the left) and tilt (up), shape (2,), radians.
+
+    Returns:
+        Homogeneous matrix, shape (4, 4), in the daemon's frame (x forward, y left, z up; its pitch is positive down).
+    """
+    (cp, ct), (sp, st) = np.cos(position_rad), np.sin(position_rad)
+    return np.array(
+        [[cp * ct, -sp, -cp * st, 0.0], [sp * ct, cp, -sp * st, 0.0], [st, 0.0, ct, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    )
+
+
+def head_angles(matrix: FloatArray) -> FloatArray:
+    """Pan and tilt of the head's forward axis, whatever its roll; the inverse of `head_matrix`.
+
+    Args:
+        matrix: Pose of the head, shape (4, 4).
+
+    Returns:
+        Pan and tilt, shape (2,), radians.
+
+    Raises:
+        ValueError: If it is no pose: wrong shape, not finite, not a rotation.
+    """
+    turn = matrix[:3, :3] if matrix.shape == (4, 4) else np.full((3, 3), np.nan)
+    # Written so that a NaN is refused.
+    if not (np.all(np.abs(turn @ turn.T - np.eye(3)) < _TURN_NOISE) and np.linalg.det(turn) > 0):
+        raise ValueError("not a pose")
+    x, y, z = turn[:, 0]
+    return np.array([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
+
+
+def joint_angles(matrix: FloatArray, body_yaw_rad: float, joints: int) -> FloatArray:
+    """Angles of the joints.
+
+    Args:
+        matrix: Pose of the head in the daemon's frame, which does not turn with the body, shape (4, 4).
+        body_yaw_rad: Where the body stands.
+        joints: 3 with the body, 2 for a body that is kept straight.
+
+    Returns:
+        Pan and tilt of the head, and the yaw of the body where it moves, shape (2,) or (3,), radians.
+
+    Raises:
+        ValueError: See `head_angles`.
+    """
+    pan_rad, tilt_rad = head_angles(matrix)
+    if joints == len(AXES):
+        return np.array([pan_rad, tilt_rad])
+    return np.array([math.remainder(pan_rad - body_yaw_rad, math.tau), tilt_rad, body_yaw_rad])
+
+
+def clamp_to_head(position_rad: FloatArray) -> FloatArray:
+    """Nearest pan and tilt, seen from the body, that the head reaches: tilt first, then pan for that tilt.
+
+    Args:
+        position_rad: Pan and tilt, shape (2,), radians.
+
+    Returns:
+        Pan and tilt, shape (2,), radians.
+    """
+    tilt = np.clip(position_rad[1], _TILT_RAD[0], _TILT_RAD[-1])
+    pan_max = np.interp(tilt, _TILT_RAD, _PAN_MAX_RAD)
+    return np.array([np.clip(position_rad[0], -pan_max, pan_max), tilt])
+
+
+# A head that lies (asleep) or a body that is turned would jump when the first command puts them straight.
+_DISPLACED_M = 0.02
+_BODY_TURNED_RAD = math.radians(10.0)
+# The daemon sends a pose every 20 ms. Older ones than this are stale; a longer silence is a lost connection.
+_STALE_S = 0.2
+_SILENCE_S = 1.0
+_STUCK_S = 1.0  # for a send that waits
+_RETRY_S = 0.25
+_OPEN_S = 1.0
+_CONNECT_S = 5.0
+_POLL_S = 0.1
+# Poses have no velocity: a line is laid through the last few. Poses that arrive in one bunch tell none.
+_POSES = 4
+_SPAN_MIN_S = 0.03
+
+
+class ReachyMiniNeck:
+    """Reachy Mini's head (pan is yaw, tilt is pitch, roll 0) over the websocket of ``reachy-mini-daemon``.
+
+    One thread listens (and connects again, four times a second, when the connection is lost), another one sends; so no
+    call waits for the network. A command that could not go out yet is replaced by the next one. The body is turned
+    where the neck has one, else it is kept straight. The antennas are left alone. The daemon goes to a target at once:
+    so after every connection, and after the motors were off, the first commands are approached at
+    `approach_speed_rad_s` from where the head is.
+
+    The daemon sends poses without a time; their time is that of their arrival. `close` lets the daemon hold the
+    last target with the motors on.
+
+    Args:
+        neck: Limits and rates.
+        clock_s: Gives the present time in seconds; runs as the wall clock does.
+        options: Address of the daemon, and speed to the first command.
+
+    Raises:
+        SettingsError: If straight ahead is not in the neck's range, or the neck has eyes.
+    """
+
+    def __init__(
+        self,
+        neck: NeckSpec,
+        clock_s: Callable[[], float],
+        options: ReachyMiniOptions = ReachyMiniOptions(),  # noqa: B008  (frozen)
+    ) -> None:
+        if np.any(neck.position_min_rad > 0.0) or np.any(neck.position_max_rad < 0.0):
+            # Only then what is clamped to the head's reach, towards the middle, stays in the neck's range.
+            raise SettingsError(f"neck {neck.name!r}: the range for Reachy Mini must contain 0 of all joints")
+        if neck.eyes is not None:
+            raise SettingsError(f"neck {neck.name!r} has eyes, and those of Reachy Mini do not turn")
+        self._neck = neck
+        self._clock_s = clock_s
+        host, port = options.host, options.port
+        self._host, self._port = host, port
+        self._uri = f"ws://{f'[{host}]' if ':' in host else host}:{port}/ws/sdk"
+        self._step_rad = options.approach_speed_rad_s * neck.servo_period_s
+        self._threads: list[threading.Thread] = []
+        # One for every connect(): a thread of an earlier one that is slow to end must not go on.
+        self._stop = threading.Event()
+        # Guards all below; told of every change.
+        self._changed = threading.Condition()
+        self._socket: Any = None
+        self._lost = ""
+        self._poses: deque[tuple[float, FloatArray]] = deque(maxlen=_POSES)
+        self._fresh = False
+        self._displaced_m = math.inf
+        self._body_yaw_rad = 0.0
+        self._no_motion = ""
+        self._joints_known = self._status_known = False
+        self._goal_rad: FloatArray | None = None
+        self._approaching = True
+        self._message: str | None = None
+        self._sending_since_s: float | None = None
+
+    def connect(self) -> None:
+        """Connect to the daemon and wait until it has told its state; see `gazempc.robots.robot.Robot.connect`.
+
+        Raises:
+            RobotError: If there is no daemon, it does not tell its state, its motors are off, the head is not up or
+                the body is turned; names the address and what to do.
+            MissingOptionalDependencyError: If websockets is not installed.
+        """
+        if self._threads:
+            return
+        try:
+            import websockets.sync.client  # noqa: PLC0415  (optional)
+        except ImportError as error:
+            raise MissingOptionalDependencyError("Reachy Mini", "websockets", "reachy") from error
+        self._lost = ""
+        self._stop = stop = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._listen, args=(websockets.sync.client.connect, stop), daemon=True),
+            threading.Thread(target=self._send, args=(stop,), daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+        with self._changed:
+            self._changed.wait_for(lambda: self._lost or (self._socket is not None and not self._missing()), _CONNECT_S)
+            refusal = self._refusal()
+        if refusal:
+            self.close()
+            raise RobotError(refusal)
+
+    def read_state(self) -> JointState | None:
+        """Newest pose of the head, without waiting; see `gazempc.robots.robot.Robot.read_state`.
+
+        Returns:
+            Where the head looks, and its velocity by the last few poses; None if no pose has come since the last
+            call, the newest is older than 0.2 s, or too few have come for a velocity.
+
+        Raises:
+            RobotError: If there is no connection; it is being tried again meanwhile.
+        """
+        with self._changed:
+            self._require_connection()
+            now_s, clock_s = time.monotonic(), self._clock_s()
+            fresh, self._fresh = self._fresh, False
+            if not fresh or len(self._poses) < _POSES or now_s - self._poses[-1][0] > _STALE_S:
+                return None
+            times_s = np.array([time_s for time_s, _ in self._poses])
+            angles_rad = np.array([angles for _, angles in self._poses])
+        if times_s[-1] - times_s[0] < _SPAN_MIN_S:
+            return None
+        velocity_rad_s = np.polyfit(times_s - times_s[-1], angles_rad, 1)[0]
+        return JointState(clock_s - (now_s - times_s[-1]), angles_rad[-1], velocity_rad_s)
+
+    def send_command(self, position_rad: FloatArray) -> FloatArray:
+        """Hand a target to the sending thread, without waiting; see `gazempc.robots.robot.Robot.send_command`.
+
+        Args:
+            position_rad: Pan and tilt, and the yaw of a body that turns, shape (N,), radians.
+
+        Returns:
+            What is sent, shape (N,), radians: clamped to the neck's range and to what the head reaches, and after a
+            connection no farther from the last target than the approach allows.
+
+        Raises:
+            RobotError: If the command is not finite, or the robot does not answer or cannot move.
+        """
+        position = np.asarray(position_rad, dtype=np.float64)
+        if position.shape != (self._neck.joints,) or not np.all(np.isfinite(position)):
+            raise RobotError(f"refused a command that is not {self._neck.joints} finite angles: {position_rad}")
+        target = self._within_reach(position)
+        with self._changed:
+            self._require_connection()
+            if refusal := self._refusal():
+                self._goal_rad, self._approaching = None, True
+                raise RobotError(refusal)
+            if self._approaching:
+                start = self._poses[-1][1] if self._goal_rad is None else self._goal_rad
+                goal = self._within_reach(np.clip(target, start - self._step_rad, start + self._step_rad))
+                self._approaching = bool(np.any(goal != target))
+                target = goal
+            self._goal_rad = target
+            # The daemon's frame does not turn with the body.
+            head = head_matrix(head_angles_rad(target)).ravel().tolist()
+            body_yaw_rad = 0.0 if self._neck.body is None else float(target[-1])
+            self._message = json.dumps({"type": "set_full_target", "head": head, "body_yaw": body_yaw_rad})
+            self._changed.notify_all()
+        return target.copy()
+
+    def close(self) -> None:
+        """End the connection and both threads; the robot holds the last target. Never raises."""
+        with self._changed:
+            self._stop.set()
+            self._changed.notify_all()
+        for thread in reversed(self._threads):
+            # A daemon that takes nothing any more holds the sending thread; the listening one then sets it free.
+            thread.join(_POLL_S if thread is self._threads[-1] else 4.0 * _OPEN_S)
+        self._threads = []
+
+    def _within_reach(self, position_rad: FloatArray) -> FloatArray:
+        within = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        return np.concatenate((clamp_to_head(within[:2]), within[2:]))
+
+    def _require_connection(self) -> None:
+        if not self._threads:
+            raise RobotError(f"Reachy Mini at {self._uri} is not connected: call connect() first")
+        if self._socket is None:
+            raise RobotError(self._refusal())
+
+    def _missing(self) -> str:
+        """Kinds of messages that have not come since the connection was made."""
+        known = {"head_pose": self._poses, "joint_positions": self._joints_known, "daemon_status": self._status_known}
+        return " and no ".join(kind for kind, has_come in known.items() if not has_come)
+
+    def _refusal(self) -> str:
+        """Why it cannot be commanded now; empty if it can."""
+        if self._socket is None:
+            return self._lost or f"Reachy Mini: no connection to the daemon at {self._uri}"
+        if missing := self._missing():
+            trouble = f"the daemon answers, but no {missing} message has come: see its log"
+        elif self._no_motion:
+            trouble = self._no_motion
+        elif self._sending_since_s is not None and time.monotonic() - self._sending_since_s > _STUCK_S:
+            trouble = "the daemon takes no commands any more"
+        elif self._goal_rad is None and self._displaced_m > _DISPLACED_M:
+            trouble = "the head is not up; wake the robot first"
+        elif self._neck.body is None and self._goal_rad is None and abs(self._body_yaw_rad) > _BODY_TURNED_RAD:
+            trouble = f"the body is turned by {math.degrees(self._body_yaw_rad):.0f} deg; turn it forward first"
+        else:
+            return ""
+        return f"Reachy Mini at {self._uri}: {trouble}"
+
+    def _listen(self, open_websocket: Callable[..., Any], stop: threading.Event) -> None:
+        """Receive until closed; connect again whenever the connection is lost."""
+        while not stop.is_set():
+            try:
+                # A socket of our own: a robot is not behind the proxy that the environment may name.
+                raw = socket.create_connection((self._host, self._port), timeout=_OPEN_S)
+                raw.settimeout(None)
+                with open_websocket(
+                    self._uri, sock=raw, open_timeout=_OPEN_S, close_timeout=_OPEN_S, compression=None
+                ) as connection:
+                    try:
+                        self._receive(connection, stop)
+                    finally:
+                        self._forget(connection)
+            except Exception as error:  # whatever the library or the system raises, it is tried again
+                with self._changed:
+                    if stop.is_set():
+                        return
+                    self._lost = (
+                        f"Reachy Mini: no connection to the daemon at {self._uri} ({error or type(error).__name__}); "
+                        "start it with `reachy-mini-daemon` (add --sim for its simulator), or check address and network"
+                    )
+                    self._changed.notify_all()
+                    self._changed.wait_for(stop.is_set, _RETRY_S)
+
+    def _receive(self, connection: Any, stop: threading.Event) -> None:
+        with self._changed:
+            if stop.is_set():
+                return
+            self._socket = connection
+            self._changed.notify_all()
+        heard_s = time.monotonic()
+        while not stop.is_set():
+            with suppress(TimeoutError):
+                heard_s = self._take(connection.recv(timeout=_POLL_S), heard_s)
+            if time.monotonic() - heard_s > _SILENCE_S:
+                raise TimeoutError(f"connected, but no head_pose message for {_SILENCE_S:g} s")
+
+    def _forget(self, connection: Any) -> None:
+        """Drop all that was known of this connection; old commands must not reach the next one."""
+        with self._changed:
+            if self._socket is not connection:
+                return
+            self._socket = self._message = self._goal_rad = None
+            self._approaching, self._fresh = True, False
+            self._joints_known = self._status_known = False
+            self._poses.clear()
+        # The library's own close would wait: for a send that waits for the network (it holds a lock), and in some
+        # versions for messages that are not received any more. What was sent is still delivered.
+        with suppress(Exception):
+            connection.socket.shutdown(socket.SHUT_RDWR)
+            while True:
+                connection.recv(timeout=_POLL_S)
+
+    def _take(self, message: str | bytes, heard_s: float) -> float:
+        """Take in a message; returns when the last pose came, on the monotonic clock, seconds."""
+        now_s = time.monotonic()
+        with self._changed, suppress(Exception):  # unreadable messages are ignored
+            content = json.loads(message)
+            if content["type"] == "head_pose":
+                matrix = np.array(content["head_pose"], dtype=np.float64)
+                angles_rad = joint_angles(matrix, self._body_yaw_rad, self._neck.joints)
+                # The daemon sends the body's angle just before the pose of the same moment.
+                if self._joints_known or self._neck.body is None:
+                    self._poses.append((now_s, angles_rad))
+                self._displaced_m = float(np.linalg.norm(matrix[:3, 3]))
+                self._fresh = True
+                heard_s = now_s
+            elif content["type"] == "joint_positions":
+                self._body_yaw_rad = float(content["head_joint_positions"][0])
+                self._joints_known = True
+            elif content["type"] == "daemon_status":
+                self._no_motion = _no_motion(content)
+                self._status_known = True
+            self._changed.notify_all()
+        return heard_s
+
+    def _send(self, stop: threading.Event) -> None:
+        """Send the newest message, until closed."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: stop.is_set() or self._message is not None)
+                connection, message, self._message = self._socket, self._message, None
+                if message is None:
+                    return
+                self._sending_since_s = time.monotonic()
+            with suppress(Exception):  # the listening thread sees the loss, too, and tells
+                connection.send(message)
+            with self._changed:
+                self._sending_since_s = None
+
+
+def _no_motion(status: dict[str, Any]) -> str:
+    """Why the robot would not move, by a daemon_status message; empty if it would."""
+    backend = status["backend_status"] or {}
+    mode = backend.get("motor_control_mode")
+    if status["state"] != "running":
+        return f"the daemon's state is {status['state']!r}, not 'running': {status.get('error')}"
+    if backend.get("error"):
+        return f"the daemon reports: {backend['error']}"
+    return "" if mode == "enabled" else f"motors are {mode!r}, not 'enabled': wake the robot first"

@@ -1,1 +1,0 @@
-"""The head of Reachy Mini, and its body. May import gazempc.robots."""

@@ -1,0 +1,96 @@
+"""Capture times of wrong clocks and units: what they look like, and that what is named mends them."""
+
+import re
+
+import numpy as np
+import pytest
+
+from gazempc.live.capture_clock import judge_stamps
+from gazempc.live.clock import RealClock, SimulatedClock
+from gazempc.live.hints import Frame, SetupHints
+from gazempc.live.stamps import StampReader, Stamps
+
+HEAD = np.array([2.0, 0.0, 0.4])
+CLOCK = RealClock()
+# What the computer's clocks show at the zero of the loop's.
+UNIX_S, MONOTONIC_S = -CLOCK.from_unix_s(0.0), -CLOCK.from_monotonic_s(0.0)
+ARRIVALS_S = 5.0 + np.arange(28) / 30.0
+LATE_S = 0.04
+
+
+def frames_of(stamps, reader):
+    """What becomes of stamps that arrive at 30 Hz."""
+    captures_s = [reader.loop_s(float(stamp), at_s) for stamp, at_s in zip(stamps, ARRIVALS_S, strict=True)]
+    return [Frame(at_s, each_s, HEAD, HEAD, None) for at_s, each_s in zip(ARRIVALS_S, captures_s, strict=True)]
+
+
+def judged(stamps, settings=None, hints=None):
+    reader = StampReader(settings or Stamps(), CLOCK)
+    found = judge_stamps(frames_of(stamps, reader), 0.5, reader, CLOCK, hints or SetupHints())
+    return None if found is None else (str(found.event), found.text)
+
+
+def unix(off_s=0.0, per_s=1.0):
+    return per_s * (UNIX_S + ARRIVALS_S - LATE_S + off_s)
+
+
+def monotonic(per_s=1.0):
+    return per_s * (MONOTONIC_S + ARRIVALS_S - LATE_S)
+
+
+WRONG = {
+    "milliseconds": (unix(per_s=1e3), "Unix time in milliseconds", "--stamps.unit ms"),
+    "microseconds": (unix(per_s=1e6), "Unix time in microseconds", "--stamps.unit us"),
+    "nanoseconds": (unix(per_s=1e9), "Unix time in nanoseconds", "--stamps.unit ns"),
+    "monotonic": (monotonic(), "monotonic clock", "--stamps.clock monotonic"),
+    "monotonic nanoseconds": (monotonic(1e9), "monotonic clock", "--stamps.clock monotonic --stamps.unit ns"),
+    "behind": (unix(-37.3), "another clock, 37.3 s behind", "--stamps.clock other"),
+    "ahead": (unix(0.3), "s ahead", "--stamps.clock other"),
+    "milliseconds of another clock": (unix(-37.3, 1e3), "in milliseconds", "--stamps.clock other --stamps.unit ms"),
+    "local time": (unix(7200.0), "local time", "--stamps.clock other"),
+    "from its own start": (ARRIVALS_S - 3.0, "another start", "--stamps.clock other"),
+    "milliseconds from its own start": (1e3 * ARRIVALS_S, "milliseconds", "--stamps.clock other --stamps.unit ms"),
+    "frame numbers": (np.arange(28.0), "frame numbers", "--stamps.clock arrival"),
+    "simulated time": (20.0 + 0.3 * ARRIVALS_S, "advance by 0.3", "--stamps.clock arrival"),
+    # A whole second passes in the middle of them, whenever the test runs.
+    "whole seconds": (np.floor(unix(-(unix()[14] % 1.0))), "whole seconds", "--stamps.clock arrival"),
+    "standing": (np.full(28, unix()[0]), "the same capture time", "--stamps.clock arrival"),
+    "slow": (unix(-0.76), "0.80 s after capture", "--stamps.clock other"),
+}
+
+
+@pytest.mark.parametrize(("stamps", "looks", "mend"), WRONG.values(), ids=WRONG.keys())
+def test_wrong_stamps_are_named_and_the_option_mends_them(stamps, looks, mend):
+    event, text = judged(stamps)
+    assert event == "wrong_clock"
+    assert looks in text
+    assert text.endswith(mend) or f"{mend}," in text
+    options = dict(re.findall(r"--stamps\.(clock|unit) (\w+)", text))
+    mended = Stamps(**options)
+    assert judged(stamps, mended) is None
+    reader = StampReader(mended, CLOCK)
+    ages_s = np.array([frame.arrival_s - frame.capture_s for frame in frames_of(stamps, reader)])
+    assert np.all((ages_s >= 0.0) & (ages_s < 0.1))
+
+
+@pytest.mark.parametrize(
+    "settings", [Stamps(), Stamps(unit="ms"), Stamps(clock="monotonic"), Stamps(clock="monotonic", unit="ns")]
+)
+def test_right_stamps_are_not_complained_of(settings):
+    per_s = {"s": 1.0, "ms": 1e3, "ns": 1e9}[settings.unit]
+    assert judged(unix(per_s=per_s) if settings.clock == "unix" else monotonic(per_s), settings) is None
+
+
+def test_seconds_read_as_milliseconds_are_seconds():
+    _, text = judged(unix(), Stamps(unit="ms"))
+    assert "look like Unix time:" in text
+
+
+def test_the_words_are_those_of_python_or_of_a_source_of_one_s_own():
+    assert 'clock="other"' in judged(unix(-37.3), hints=SetupHints(python=True))[1]
+    frames = [Frame(at_s, UNIX_S + at_s, HEAD, HEAD, None) for at_s in ARRIVALS_S]
+    own = judge_stamps(frames, 0.5, None, CLOCK, SetupHints(own_source=True))
+    assert "clock.from_unix_s" in own.text
+    frames = [Frame(at_s, at_s - 3.0, HEAD, HEAD, None) for at_s in ARRIVALS_S]
+    simulated = judge_stamps(frames, 0.5, None, SimulatedClock(), SetupHints(own_source=True))
+    assert "3 s behind" in simulated.text

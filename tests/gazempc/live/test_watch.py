@@ -1,0 +1,267 @@
+"""What arrives is watched: wrong unit, axes, rate and names are findings, good data are not."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from builders.checks import assert_same_commands, assert_sound
+from builders.live import run_live
+
+from gazempc.live.clock import SimulatedClock
+from gazempc.live.hints import Frame, SetupHints
+from gazempc.live.mount import Mount
+from gazempc.live.plausibility import judge_ids, judge_place, judge_rate
+from gazempc.live.watch import FollowedPerson, Watch
+from gazempc.settings import LoopSettings
+from gazempc.sim.scene import SceneSettings, make_scene
+from gazempc.sim.sensor import observe, sensor_names
+from predictors import HeadObservation
+
+TIMES_S = np.arange(28) / 30.0
+# Somebody walks by 2 m in front of the sensor, at 1.2 m/s.
+WALK_M = np.column_stack([np.full(28, 2.0), 1.2 * (TIMES_S - 0.45), np.full(28, 0.4)])
+
+
+def judged_place(sent, mount=None, names=None, times_s=TIMES_S):
+    mount = mount or Mount()
+    frames = []
+    for k, head in enumerate(sent):
+        seen = mount.in_sensor(HeadObservation(float(times_s[k]), np.array(head)))
+        base_m = mount.to_base(seen, None, None).head_position_base_m
+        name = None if names is None else names[k]
+        frames.append(Frame(times_s[k] + 0.05, times_s[k], seen.head_position_base_m, base_m, name))
+    return [(str(event), text) for event, text in judge_place(frames, times_s, mount, SetupHints())]
+
+
+def columns(walk, order, signs):
+    return walk[:, order] * signs
+
+
+UNITS = {
+    "millimetres": (1e3 * WALK_M, "millimetres", 0.001),
+    "centimetres": (1e2 * WALK_M, "centimetres", 0.01),
+    "inches": (WALK_M / 0.0254, "inches", 0.0254),
+    "thousandths": (WALK_M / 1e3, "a thousandth of metres", 1000.0),
+}
+
+
+@pytest.mark.parametrize(("sent", "looks", "unit_m"), UNITS.values(), ids=UNITS.keys())
+def test_a_wrong_unit_is_named_and_the_option_mends_it(sent, looks, unit_m):
+    ((event, text),) = judged_place(sent)
+    assert event == "wrong_unit"
+    assert looks in text
+    assert f"--mount.unit-m {unit_m:g}" in text.replace("1000.0", "1000")
+    assert judged_place(sent, Mount(unit_m=unit_m)) == []
+
+
+# The same walk as trackers with other axes state it: columns and signs written out by hand.
+AXES = {
+    "optical": columns(WALK_M, [1, 2, 0], [-1, -1, 1]),
+    "opengl": columns(WALK_M, [1, 2, 0], [-1, 1, -1]),
+    "unity": columns(WALK_M, [1, 2, 0], [-1, 1, 1]),
+}
+
+
+@pytest.mark.parametrize(("axes", "sent"), AXES.items(), ids=AXES.keys())
+def test_wrong_axes_are_named_and_the_option_mends_them(axes, sent):
+    ((event, text),) = judged_place(sent)
+    assert event == "wrong_axes"
+    assert f"--mount.axes {axes}" in text
+    mended = Mount(axes=axes)
+    assert judged_place(sent, mended) == []
+    back = [mended.in_sensor(HeadObservation(0.0, head)).head_position_base_m for head in sent]
+    np.testing.assert_allclose(back, WALK_M, atol=1e-12)
+
+
+def test_both_at_once_are_told_one_after_the_other():
+    sent = 1e3 * AXES["optical"]
+    assert [event for event, _ in judged_place(sent)] == ["wrong_unit"]
+    assert [event for event, _ in judged_place(sent, Mount(unit_m=0.001))] == ["wrong_axes"]
+    assert judged_place(sent, Mount(unit_m=0.001, axes="optical")) == []
+
+
+def test_a_sensor_that_is_turned_by_its_mount_is_right():
+    assert judged_place(AXES["optical"], Mount(roll_pitch_yaw_deg=(-90.0, 0.0, -90.0))) == []
+
+
+def test_somebody_too_high_too_far_or_too_fast():
+    ((event, text),) = judged_place(WALK_M, Mount(position_m=(0.0, 0.0, 3.0)))
+    assert event == "implausible_person"
+    assert "3.4 m above" in text
+    assert "--mount.position-m" in text
+    assert [event for event, _ in judged_place(np.add(WALK_M, (22000.0, 0, 0)))] == ["implausible_person"]
+    ((event, text),) = judged_place(WALK_M * [1.0, 8.0, 1.0])
+    assert event == "implausible_person"
+    assert re.search(r"moves at 9\.\d m/s", text)
+
+
+def test_two_people_in_turn_are_too_fast_for_one_unless_they_have_names():
+    two = WALK_M + np.column_stack([np.zeros(28), 2.5 * (np.arange(28) % 3 == 0), np.zeros(28)])
+    assert judged_place(WALK_M) == []
+    ((event, text),) = judged_place(np.where(np.arange(28)[:, None] // 7 % 2, WALK_M, np.add(WALK_M, (0, 3.0, 0))))
+    assert event == "implausible_person"
+    assert "person_id" in text
+    assert judged_place(two, names=["a" if k % 3 == 0 else "b" for k in range(28)]) == []
+
+
+HEAD = np.array([2.0, 0.0, 0.4])
+
+
+def named(names):
+    return [Frame(0.03 * k, 0.03 * k, HEAD, HEAD, name) for k, name in enumerate(names)]
+
+
+@pytest.mark.parametrize(("rate_hz", "said"), [(30.0, ""), (6.5, ""), (5.0, "5.0 frames"), (0.8, "0.8 frames")])
+def test_rare_frames_are_told_from_the_median_of_their_intervals(rate_hz, said):
+    found = judge_rate(np.arange(0.0, 4.0, 1.0 / rate_hz), 1.0, SetupHints())
+    assert [said] * bool(said) == [each.text[: len(said)] for each in found]
+    # Each person of a frame has its time; a gap is no rate.
+    twice = np.repeat(np.arange(0.0, 1.0, 1.0 / 30.0), 2)
+    assert judge_rate(np.append(twice, [3.0, 3.03]), 1.0, SetupHints()) == []
+    if rate_hz < 1.0:
+        assert "--loop.lost-after-s 3.1" in found[0].text
+
+
+def test_a_name_for_each_frame_is_no_name():
+    (found,) = judge_ids(named(map(str, range(10))), SetupHints())
+    assert found.event == "new_id_each_frame"
+    assert "--no-use-ids" in found.text
+    assert judge_ids(named(["a"] * 10), SetupHints()) == []
+    assert judge_ids(named(["a", "b"] * 5), SetupHints()) == []
+    assert judge_ids(named([None] * 10), SetupHints()) == []
+
+
+def changed(sighting, **fields):
+    return dataclasses.replace(sighting, observation=dataclasses.replace(sighting.observation, **fields))
+
+
+def optical_mm(now_s, sighting):
+    x, y, z = sighting.observation.head_position_base_m
+    turned = {"head_quat_wxyz": None, "pelvis_quat_wxyz": None}
+    return [changed(sighting, head_position_base_m=1e3 * np.array([-y, -z, x]), **turned)]
+
+
+def test_within_a_second_of_data_it_is_an_event_and_a_warning_and_the_options_give_the_right_gaze():
+    wrong = run_live(change=optical_mm, duration_s=3.0)
+    assert_sound(wrong)
+    (said_s,) = wrong.event_s("wrong_unit")
+    assert said_s < 1.2
+    refused, text = wrong.report.warnings
+    assert refused.startswith("implausible_person: ")
+    assert text.startswith("wrong_unit: ")
+    assert wrong.used == 0
+    mended = run_live(change=optical_mm, duration_s=3.0, mount=Mount(unit_m=0.001, axes="optical"))
+    assert_sound(mended)
+    assert mended.events == {"no_observation_yet"}
+    assert mended.report.warnings == []
+    assert_same_commands(mended, within_rad=1e-9)
+
+
+def test_a_slow_tracker_is_told_and_its_frames_are_used():
+    """Every tenth frame of 30 a second."""
+    count = [0]
+
+    def rare(now_s, sighting):
+        count[0] += 1
+        return [sighting] if count[0] % 10 == 0 else []
+
+    result = run_live(change=rare, duration_s=4.0)
+    assert_sound(result)
+    assert "low_frame_rate" in result.events
+    assert result.refused == {}
+    assert "3.0 frames a second" in result.report.warnings[0]
+
+
+class Attends:
+    """Looks at whoever is nearest to a place."""
+
+    def __init__(self, at_m):
+        self.newest = None if at_m is None else HeadObservation(0.0, np.array(at_m))
+
+
+def frames(*people_m, seconds=2.0, name=lambda k, i: None):
+    for k in range(int(30 * seconds)):
+        for i, at_m in enumerate(people_m):
+            head_m = np.array(at_m, dtype=float)
+            yield Frame(k / 30 + 0.05, k / 30, head_m, head_m, name(k, i))
+
+
+def told(given, at_m=None):
+    found = []
+    followed = FollowedPerson(found.append, Attends(at_m))
+    for frame in given:
+        followed.see(frame)
+    return found
+
+
+def said(given, at_m=None):
+    watch, found = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints()), []
+    followed = FollowedPerson(watch.see, Attends(at_m))
+    for frame in given:
+        followed.see(frame)
+        found += [str(finding.event) for finding in watch.findings(frame.arrival_s)]
+    return found
+
+
+LEFT, RIGHT = [2.0, 1.5, 0.3], [2.5, -1.5, 0.3]
+
+
+def test_one_frame_an_instant_is_told_of_whoever_is_looked_at():
+    for at_m, i in ((LEFT, 0), (RIGHT, 1)):
+        seen = told(frames(LEFT, RIGHT), at_m)
+        assert len(seen) == 59
+        assert {tuple(frame.sensor_m) for frame in seen} == {tuple((LEFT, RIGHT)[i])}
+
+
+def test_several_people_without_names_are_no_alarm():
+    assert said(frames(LEFT, RIGHT, [4.0, 0.0, 0.2])) == []
+
+
+def test_a_wrong_unit_and_new_names_are_noticed_among_several():
+    millimetres = [list(1e3 * np.array(at_m)) for at_m in (LEFT, RIGHT)]
+    assert said(frames(*millimetres)) == ["wrong_unit"]
+    assert said(frames(LEFT, RIGHT, name=lambda k, i: f"{2 * k + i}"), LEFT) == ["new_id_each_frame"]
+
+
+WALKS = ("subject01_R1", "subject04_R3", "subject08_R6", "subject12_R4")
+
+
+def found_in(sightings, change=lambda head: head):
+    """What is said, and how long after the first frame."""
+    watch, said = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints()), []
+    for sighting in sightings:
+        seen = sighting.observation
+        said += [(sighting.arrival_s - sightings[0].arrival_s, *each) for each in watch.findings(sighting.arrival_s)]
+        head = change(seen.head_position_base_m)
+        watch.see(Frame(sighting.arrival_s, seen.capture_time_s, head, head, seen.person_id))
+    return said
+
+
+def seen(walk, sensor="reference", seed=0):
+    scene = make_scene(walk, SceneSettings(sensor=sensor))
+    return observe(scene.walk, scene.sensor, seed)
+
+
+@pytest.mark.parametrize("sensor", sensor_names())
+@pytest.mark.parametrize("walk", WALKS)
+def test_good_data_are_not_complained_of(walk, sensor):
+    assert found_in(seen(walk, sensor)) == []
+
+
+OTHER = {
+    "millimetres": lambda head: 1e3 * head,
+    "centimetres": lambda head: 1e2 * head,
+    "optical": lambda head: np.array([-head[1], -head[2], head[0]]),
+    "opengl": lambda head: np.array([-head[1], head[2], -head[0]]),
+    "unity": lambda head: np.array([-head[1], head[2], head[0]]),
+}
+
+
+@pytest.mark.parametrize(("name", "change"), OTHER.items(), ids=OTHER.keys())
+@pytest.mark.parametrize("walk", WALKS)
+def test_other_units_and_axes_are_named_within_a_second(walk, name, change):
+    after_s, event, text = found_in(seen(walk), change)[0]
+    assert after_s < 1.0
+    assert event == ("wrong_unit" if "metres" in name else "wrong_axes")
+    assert name in text
