@@ -25,8 +25,8 @@ from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.loop.planner import BackgroundPlanner
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.limits import limit_violations
 from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.motion import limit_violations
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState
 from predictors import Forecast, HeadObservation, Predictor

@@ -1,4 +1,4 @@
-"""A neck file from what a data sheet says; the rest by rules of thumb, marked as assumed."""
+"""A neck file from a data sheet: the rest by rules of thumb, marked as assumed; and TOML text of specifications."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import datetime
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +19,40 @@ from gazempc.neck import rules
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.settings import Settings
 from gazempc.specfiles import parse_spec
+
+
+def as_toml(values: Mapping[str, object]) -> str:
+    """Text that `gazempc.specfiles` reads.
+
+    Args:
+        values: Numbers, texts, truths and lists; a mapping is a table.
+
+    Returns:
+        TOML, tables last.
+    """
+    return "\n".join(_lines(values, "")) + "\n"
+
+
+def _lines(values: Mapping[str, object], within: str) -> list[str]:
+    lines = [f"{key} = {_toml(value)}" for key, value in values.items() if not isinstance(value, Mapping)]
+    for key, fields in values.items():
+        if isinstance(fields, Mapping):
+            plain = any(not isinstance(field, Mapping) for field in fields.values())
+            lines += ["", f"[{within}{key}]"] if plain else []
+            lines += _lines(fields, f"{within}{key}.")
+    return lines
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # JSON's escapes are TOML's, but for one character that JSON leaves as it is.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value)
+
 
 _DEG = math.pi / 180.0
 # Radians a second in one of the unit. A servo's data sheet says how long it takes for 60 degrees.

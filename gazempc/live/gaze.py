@@ -21,8 +21,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.people.attention import Attended
 from gazempc.people.company import Sound
 from gazempc.people.cues import Glance, Rhythm, Speech, Thinking
-from gazempc.results.join import join_logs
-from gazempc.results.log import ComputeTimes, Fault, Log
+from gazempc.results.log import ComputeTimes, Fault, Log, join_logs
 from gazempc.robots.robot import Robot
 from gazempc.settings import DEFAULT_PREDICTOR, LookAwayMode
 from predictors import Predictor

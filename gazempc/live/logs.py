@@ -10,8 +10,7 @@ from gazempc.live.clock import RealClock
 from gazempc.live.parts import Keeping, LiveParts
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.results.join import merge_faults
-from gazempc.results.log import Fault
+from gazempc.results.log import Fault, merge_faults
 from gazempc.results.moments import CutMoment, JointsMoment
 
 

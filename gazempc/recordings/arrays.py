@@ -12,11 +12,11 @@ from gazempc.recordings.readers.checks import (
     check_finite,
     check_frame_count,
     check_frame_interval,
+    check_head_travel,
+    check_plausible,
     check_times_increase,
     check_unit_quaternions,
 )
-from gazempc.recordings.readers.plausible import check_plausible
-from gazempc.recordings.readers.position_checks import check_head_travel
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.types import FloatArray
 

@@ -1,4 +1,4 @@
-"""The log that is attached to an MCAP file of `gazempc.results.mcap_file`."""
+"""The log that is attached to an MCAP file of `gazempc.results.mcap`."""
 
 from __future__ import annotations
 

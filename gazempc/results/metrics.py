@@ -9,7 +9,7 @@ import numpy as np
 
 from gazempc.errors import LeftOutError
 from gazempc.neck.kinematics import gaze_error_rad
-from gazempc.recordings.readers.route_group import travel
+from gazempc.recordings.readers.labels import travel
 from gazempc.results.contact import (
     CONTACT_DEG,
     longest_break_s,
@@ -20,9 +20,8 @@ from gazempc.results.contact import (
     time_to_stable,
 )
 from gazempc.results.forecast_metrics import false_starts_per_min, forecast_metrics
-from gazempc.results.limits import limit_violations
 from gazempc.results.log import Log
-from gazempc.results.motion import motion_metrics
+from gazempc.results.motion import limit_violations, motion_metrics
 from gazempc.types import FloatArray
 
 SCORED_FROM_S = 1.0

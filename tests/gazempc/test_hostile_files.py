@@ -32,8 +32,7 @@ from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.tables.mapping import read_mapping
-from gazempc.results.log import Log, load_log
-from gazempc.results.log_shapes import SHAPES
+from gazempc.results.log import SHAPES, Log, load_log
 from gazempc.run_settings import load_settings
 
 MOST_S, MOST_MB, MOST_CHARACTERS = 2.0, 500, 5000

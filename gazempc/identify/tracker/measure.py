@@ -10,9 +10,9 @@ import numpy as np
 
 from gazempc.identify.tracker.fit import GroupFit
 from gazempc.identify.tracker.gated import Errors, TrackJumps, measure_errors
+from gazempc.identify.tracker.read import HeadTrack
 from gazempc.identify.tracker.sight import along_and_across, cut, still, still_yaw
 from gazempc.identify.tracker.timing import FrameTimes, frame_times
-from gazempc.identify.tracker.track import HeadTrack
 from gazempc.types import BoolArray, FloatArray
 
 # A shorter time is too short to estimate a wander of one second.

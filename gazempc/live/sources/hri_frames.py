@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.hri_ids import KINDS, Kind
 from gazempc.live.sources.tf import WAITS_S
-from gazempc.recordings.readers.bag_axes import forward
-from gazempc.recordings.readers.bag_frames import Poses
-from gazempc.recordings.readers.bag_people import is_person
+from gazempc.recordings.readers.bag import is_person
+from gazempc.recordings.readers.bag_frames import Poses, forward
 from gazempc.ros2.transforms import Moved, Transforms
 from gazempc.ros2.wire import WireError, on_loop_clock
 from gazempc.types import FloatArray

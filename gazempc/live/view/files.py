@@ -6,8 +6,7 @@ from collections import deque
 from pathlib import Path
 
 from gazempc.live.view.orders import LogKept
-from gazempc.results.mcap_channels import Channels
-from gazempc.results.mcap_writer import McapWriter
+from gazempc.results.mcap_channels import Channels, McapWriter
 from gazempc.results.moments import CutMoment, Moment, TickMoment
 from gazempc.results.run_info import RunInfo
 

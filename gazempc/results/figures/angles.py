@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 
 from gazempc.neck.kinematics import gaze_ray, look_at, unwrap_pan
 from gazempc.neck.spec import AXES
-from gazempc.results.figures.head_and_body import parts
-from gazempc.results.figures.known import draw_known, finish, shown_head
+from gazempc.results.figures.known import draw_known, finish, parts, shown_head
 from gazempc.results.figures.style import DPI, OBSERVED, Logs, readable, say, shade_unscored, styles
 from gazempc.results.log import Log
 from gazempc.types import FloatArray, IntArray

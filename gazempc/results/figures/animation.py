@@ -17,8 +17,7 @@ from PIL import Image
 
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.contact import CONTACT_DEG
-from gazempc.results.figures.head_and_body import parts
-from gazempc.results.figures.known import shown_head
+from gazempc.results.figures.known import parts, shown_head
 from gazempc.results.figures.people import draw_turns, has_attention, looks_away, person_colour, turns
 from gazempc.results.figures.style import CONTACT_COLOUR, Logs, Style, recording_title, styles
 from gazempc.results.log import Log

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from gazempc.recordings.together import MARK
+from gazempc.recordings.load import MARK
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.results.run_summary import LABELS

@@ -1,4 +1,4 @@
-"""What a report holds, before it is HTML."""
+"""Content of a report, before it is HTML: tables, curves (thinned to keep the page small), pictures, events."""
 
 from __future__ import annotations
 
@@ -8,7 +8,109 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gazempc.results.page.chart import Chart
+import numpy as np
+
+from gazempc.types import FloatArray
+
+# Twice as many points as a wide screen has columns: more cannot be seen without zooming far in.
+_POINTS = 4000
+# Lines that a print without colours tells apart: dashes and gaps, in pixels.
+_DASHES = ("", "8 5", "2 4", "12 5 2 5", "5 8", "16 6", "8 4 2 4 2 4", "1 8")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve.
+
+    Attributes:
+        label: Its name in the legend.
+        colour: CSS colour.
+        x: Rising, shape (N,).
+        y: Shape (N,); NaN leaves a gap.
+        names: What each point is, shape (N,); empty where the axes say it.
+    """
+
+    label: str
+    colour: str
+    x: FloatArray
+    y: FloatArray
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Span:
+    """A part of the axis.
+
+    Attributes:
+        start: Where it begins.
+        end: Where it ends.
+        name: What it is.
+        colour: CSS colour of a bar along the top; empty for a grey ground.
+    """
+
+    start: float
+    end: float
+    name: str
+    colour: str = ""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Curves over one axis.
+
+    Attributes:
+        title: What they show.
+        x_label: Name and unit.
+        y_label: Name and unit.
+        curves: The curves; the first ones are drawn below the others.
+        levels: Heights of horizontal lines, with their names.
+        spans: Parts of the axis that are marked.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: tuple[Curve, ...]
+    levels: tuple[tuple[float, str], ...] = ()
+    spans: tuple[Span, ...] = ()
+
+    def dash(self, index: int) -> str:
+        """Dashes of a curve, as SVG takes them."""
+        return _DASHES[index % len(_DASHES)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """What the page's script reads; NaN is None."""
+        return {
+            "x": self.x_label,
+            "y": self.y_label,
+            "levels": self.levels,
+            "spans": [vars(span) for span in self.spans],
+            "curves": [
+                {"label": c.label, "dash": self.dash(i), **_points(c)} | ({"names": c.names} if c.names else {})
+                for i, c in enumerate(self.curves)
+            ],
+        }
+
+
+def _points(curve: Curve) -> dict[str, list[float | None]]:
+    keep = list(range(curve.x.size)) if curve.names else _kept(curve.y)
+    return {"xs": _numbers(curve.x[keep]), "ys": _numbers(curve.y[keep])}
+
+
+def _kept(y: FloatArray) -> list[int]:
+    """Indices of the points to keep: of each stretch the lowest and the highest, so that no peak is lost."""
+    if y.size <= _POINTS:
+        return list(range(y.size))
+    kept: list[int] = []
+    for part in np.array_split(np.arange(y.size), _POINTS // 2):
+        known = part[np.isfinite(y[part])]
+        kept += sorted({known[np.argmin(y[known])], known[np.argmax(y[known])]}) if known.size else part[:1].tolist()
+    return kept
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
+
 
 # A number, perhaps with a sign, or the dash of one that is not known.
 _NUMBER = re.compile(r"[-+−–]?\d|[-–]$")

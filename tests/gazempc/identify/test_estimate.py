@@ -8,11 +8,11 @@ from builders.identification import REFERENCE, altered, assert_close, drive, pla
 from scipy import signal
 
 from gazempc.errors import SettingsError
-from gazempc.identify.command import main as identify
 from gazempc.identify.estimate import bandwidth_hz, estimate_axis
 from gazempc.identify.excitation import ExcitationSettings, excite
-from gazempc.identify.fitting import robust_covariance
-from gazempc.identify.toml import as_toml
+from gazempc.identify.identify import main as identify
+from gazempc.identify.new_neck import as_toml
+from gazempc.identify.servo_fit import robust_covariance
 from gazempc.live.clock import SimulatedClock
 from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck

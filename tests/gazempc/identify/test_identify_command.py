@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from builders.identification import Failing, altered
 
-from gazempc.identify import command as identify
+from gazempc.identify import identify
 from gazempc.identify.estimate import bandwidth_hz, estimate_axis
-from gazempc.identify.report import neck_toml
+from gazempc.identify.identified import neck_toml
 from gazempc.neck.spec import load_neck
 from gazempc.results.log import load_log
 from gazempc.run import main as run_main

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from gazempc.identify import command as identify
+from gazempc.identify import identify
 from gazempc.identify.new_neck import read_range, read_speed
 from gazempc.neck.spec import load_neck
 from gazempc.sim.replay import ReplaySettings, replay_scene

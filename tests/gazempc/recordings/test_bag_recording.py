@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from gazempc.errors import RecordingError, SettingsError
 from gazempc.front import replay
 from gazempc.recordings.load import load
+from gazempc.recordings.readers.labels import route_group
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.route_group import route_group
 from gazempc.results.metrics import measure
 from gazempc.run import main
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.route_group import travel
+from gazempc.recordings.readers.labels import travel
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.everyday import everyday_names, generate_everyday
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from gazempc.errors import RecordingError, SettingsError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.shipped import shipped_mappings
+from gazempc.recordings.readers.table import shipped_mappings
 
 CAMERA_M = np.array([-2.0, 0.0, 1.2])
 

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.errors import GazempcError, MissingOptionalDependencyError, RecordingError
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.route_group import route_group
-from gazempc.recordings.readers.tables.own import COLUMNS
+from gazempc.recordings.readers.labels import route_group
+from gazempc.recordings.readers.tables.people import COLUMNS
 
 N = 60
 Rows = list[list[str]]

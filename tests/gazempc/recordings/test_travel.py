@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.route_group import travel
+from gazempc.recordings.readers.labels import travel
 
 STEP_M = 0.7
 

@@ -26,10 +26,15 @@ from gazempc.results.figures.animation import (
     head_offset_deg,
     running_contact,
 )
-from gazempc.results.figures.birds_eye import birds_eye, draw_birds_eye
-from gazempc.results.figures.gaze_error import draw_gaze_error, gaze_error
 from gazempc.results.figures.known import known_title, shown_head
-from gazempc.results.figures.overview import draw_contact_bars, overview
+from gazempc.results.figures.overview import (
+    birds_eye,
+    draw_birds_eye,
+    draw_contact_bars,
+    draw_gaze_error,
+    gaze_error,
+    overview,
+)
 from gazempc.results.figures.style import recording_title, style
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure

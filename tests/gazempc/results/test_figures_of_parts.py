@@ -19,10 +19,15 @@ from scipy.spatial.transform import Rotation
 from gazempc.neck.spec import load_neck
 from gazempc.results.figures.angles import angles
 from gazempc.results.figures.animation import animate, head_offset_deg, part_offsets_deg
-from gazempc.results.figures.birds_eye import birds_eye, draw_birds_eye
-from gazempc.results.figures.gaze_error import draw_gaze_error, gaze_error
-from gazempc.results.figures.head_and_body import head_alone, head_error_deg, parts
-from gazempc.results.figures.overview import draw_contact_bars, overview
+from gazempc.results.figures.known import head_alone, head_error_deg, parts
+from gazempc.results.figures.overview import (
+    birds_eye,
+    draw_birds_eye,
+    draw_contact_bars,
+    draw_gaze_error,
+    gaze_error,
+    overview,
+)
 from gazempc.results.figures.style import series_look, styles
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure

@@ -13,15 +13,12 @@ from PIL import Image
 from gazempc.loop.events import MEANINGS
 from gazempc.results.figures import overview as overview_module
 from gazempc.results.figures.animation import animate, running_contact
-from gazempc.results.figures.attended import attended
-from gazempc.results.figures.birds_eye import draw_birds_eye
-from gazempc.results.figures.gaze_error import draw_gaze_error
-from gazempc.results.figures.overview import overview
+from gazempc.results.figures.overview import attended, draw_birds_eye, draw_gaze_error, overview
 from gazempc.results.figures.people import are_alike, draw_turns, has_attention, person_colour, question, turns
 from gazempc.results.figures.style import recording_title
 from gazempc.results.metrics import measure
 from gazempc.results.page.run_page import run_page
-from gazempc.results.repeats import measured_again
+from gazempc.results.table import measured_again
 
 ATTENDED = ((0.5, 1, "policy"), (4.0, 2, "left"), (8.0, 0, "nobody"))
 AWAY = ((5.0, 6.5, "thinking"),)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import gazempc as gz
-from gazempc.results.join import join_logs, merge_faults
-from gazempc.results.log import Fault
+from gazempc.results.log import Fault, join_logs, merge_faults
 
 ROWS = {
     "time_s": ("time_s", "head_true", "joint_", "command_"),

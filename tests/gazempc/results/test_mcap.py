@@ -17,7 +17,7 @@ from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray, head_angles_rad
 from gazempc.results.log import Fault, Log
-from gazempc.results.mcap_file import write_mcap
+from gazempc.results.mcap import write_mcap
 from gazempc.results.mcap_read import has_log
 from gazempc.results.metrics import gaze_error_deg, measure
 from gazempc.run import main as run_main

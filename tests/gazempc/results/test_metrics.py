@@ -14,10 +14,9 @@ from scipy.stats import f as f_distribution
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import load_neck
 from gazempc.results.forecast_metrics import forecast_metrics
-from gazempc.results.limits import limit_violations
 from gazempc.results.log import Log, load_log
 from gazempc.results.metrics import gap_closed, measure
-from gazempc.results.motion import log_dimensionless_jerk, sparc
+from gazempc.results.motion import limit_violations, log_dimensionless_jerk, sparc
 from gazempc.sim.replay import replay_scene
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensor import load_sensor

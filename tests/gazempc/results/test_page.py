@@ -18,12 +18,10 @@ from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.results.log import Fault
 from gazempc.results.metrics import gaze_error_deg
-from gazempc.results.page.chart import Chart, Curve
-from gazempc.results.page.content import Page, PageTable, Unusual
-from gazempc.results.page.log_charts import error_chart
-from gazempc.results.page.run_page import captions, run_page
+from gazempc.results.page.content import Chart, Curve, Page, PageTable, Unusual
+from gazempc.results.page.run_page import captions, error_chart, run_page
 from gazempc.results.page.write import MAX_PAGE_BYTES, embed, write_page
-from gazempc.results.repeats import measured_again
+from gazempc.results.table import measured_again
 
 EVIL = '</script><script>throw 1</script><img src="https://outside.example/x.png" onerror="throw 2">\'"&'
 

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from gazempc.neck.spec import load_neck
-from gazempc.results.compute import ComputeMetrics
 from gazempc.results.metrics import Metrics
-from gazempc.results.repeats import by_controller
-from gazempc.results.run_summary import make_rows
-from gazempc.results.table import sentence, table
+from gazempc.results.run_summary import ComputeMetrics, make_rows
+from gazempc.results.table import by_controller, sentence, table
 
 NECK = load_neck("reference")
 ERRORS_DEG = {"reactive": (10.0, 12.0, 11.0), "mpc": (1.0, 2.0, 1.5), "perfect": (0.0, 0.0, 0.0)}

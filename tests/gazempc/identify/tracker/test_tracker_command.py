@@ -8,7 +8,7 @@ from builders.bags import face_rows, pose_rows, write_bag
 from builders.trackers import person_m, seen_m
 from scipy.spatial.transform import Rotation
 
-from gazempc.identify.command import main
+from gazempc.identify.identify import main
 from gazempc.recordings.arrays import recording_from_arrays
 from gazempc.sim.sensor import load_sensor, observe
 

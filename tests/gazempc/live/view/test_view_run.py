@@ -21,7 +21,7 @@ from gazempc.live.view.child import ViewProcess
 from gazempc.live.view.feed import Feed
 from gazempc.live.view.orders import ViewOrders
 from gazempc.recordings.load import load
-from gazempc.results.log_moments import moments_of
+from gazempc.results.mcap import moments_of
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.moments import CutMoment, EventMoment
 from gazempc.run import main as run_main

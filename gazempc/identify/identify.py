@@ -47,7 +47,6 @@ from gazempc.types import FloatArray
 if TYPE_CHECKING:
     from gazempc.identify.estimate import AxisEstimate
 
-
 _INTERRUPTED = 130
 # A robot's first message may take a while.
 _PATIENCE_S = 2.0
@@ -148,7 +147,7 @@ def _run(settings: IdentifySettings) -> None:
     progress = Progress()
     if settings.tracker is not None:
         # Only here: the other ways need neither readers nor the fit.
-        from gazempc.identify.tracker.command import identify_tracker  # noqa: PLC0415
+        from gazempc.identify.tracker.sensor_file import identify_tracker  # noqa: PLC0415
 
         identify_tracker(settings.tracker, settings.person, settings.out, progress)
         return
@@ -177,7 +176,7 @@ def _run(settings: IdentifySettings) -> None:
     estimates, refusals = _estimate(taken, settings)
 
     # Matplotlib is imported only here, so that --help and bad input answer at once.
-    from gazempc.identify.report import draw, neck_toml, table  # noqa: PLC0415
+    from gazempc.identify.identified import draw, neck_toml, table  # noqa: PLC0415
 
     if estimates:
         print(f"\n{table(estimates, neck)}\n\n± is half the 95 % confidence interval.")

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gazempc.identify.estimate import AxisEstimate, Interval
+from gazempc.identify.new_neck import as_toml
 from gazempc.identify.record import NeckRecord
-from gazempc.identify.toml import as_toml
 from gazempc.neck.spec import NeckSpec
 
 _MEASURED, _MODEL = "#E69F00", "#00405F"
