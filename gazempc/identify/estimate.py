@@ -53,7 +53,7 @@ def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisDat
         read_delay_s: How much later than the measurement the angles' time stamps are, seconds.
 
     Returns:
-        What can be fitted.
+        Usable data of the axis.
 
     Raises:
         IdentificationError: If that is not enough.
@@ -177,7 +177,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class AxisEstimate:
-    """What was found out about one axis.
+    """Estimate of one axis.
 
     Attributes:
         axis: Name of the joint, one of `NeckSpec.joint_names`.
@@ -193,7 +193,7 @@ class AxisEstimate:
         misread: Readings left out because no joint can move so.
         time_s: When the angles were measured, shape (N,), seconds.
         measured_rad: The angles, shape (N,), radians.
-        model_rad: What the fitted model says, shape (N,), radians.
+        model_rad: The fitted model, shape (N,), radians.
         doubts: Why the result should not be used, each with figures and advice; empty if it may be.
     """
 
@@ -215,7 +215,7 @@ class AxisEstimate:
 
     @property
     def note(self) -> str:
-        """What to know when the result is used; empty if nothing."""
+        """Warning for the use of the result; empty without one."""
         if self.structured_rms_deg < _NOTED_DEG:
             return ""
         return (
@@ -245,8 +245,8 @@ def estimate_axis(
         record: Commands and angles.
         index: Which joint, in the order of `NeckSpec.joint_names`.
         dead_time_max_s: Largest dead time that is looked for, seconds.
-        read_delay_s: How much later than the measurement the angles' time stamps are, seconds. The data cannot tell
-            this from dead time.
+        read_delay_s: How much later than the measurement the angles' time stamps are, seconds. The data do not
+            separate this from dead time.
 
     Returns:
         The estimate; look at its doubts.
@@ -257,7 +257,7 @@ def estimate_axis(
     name = record.neck().joint_names[index]
     data = prepare_axis(record, index, read_delay_s)
     starts = _scan(data, dead_time_max_s)
-    # What was sent before the record began is not known and acts until a dead time after its first command.
+    # Commands before the record are unknown and act until a dead time after its first command.
     known = data.time_s >= data.command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)
     if np.count_nonzero(known) < FEWEST_READINGS or float(np.ptp(data.measured_rad[known])) < 1e-9:
         raise IdentificationError(

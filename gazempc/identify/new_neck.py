@@ -55,7 +55,7 @@ def _toml(value: object) -> str:
 
 
 _DEG = math.pi / 180.0
-# Radians a second in one of the unit. A servo's data sheet says how long it takes for 60 degrees.
+# Radians a second in one of the unit. A servo's data sheet has the time for 60 degrees.
 _SPEEDS = {"deg/s": _DEG, "rad/s": 1.0, "rpm": 2.0 * math.pi / 60.0}
 _SECONDS_FOR_60_DEG = "s/60deg"
 _SPEED_UNITS = f"{', '.join(_SPEEDS)} or {_SECONDS_FOR_60_DEG}"
@@ -65,7 +65,7 @@ Answer = TypeVar("Answer")
 
 
 class DataSheet(Settings):
-    """What a data sheet says of a neck; what is not given is asked for."""
+    """Values of a neck's data sheet; a missing one is asked for."""
 
     pan_deg: tuple[float, float] | None = Field(
         default=None, description="Range of pan, degrees: right end (negative) and left end; straight ahead is 0"
@@ -97,13 +97,13 @@ def new_neck(path: Path, sheet: DataSheet) -> NeckSpec:
 
     Args:
         path: TOML file to write; must not exist.
-        sheet: What is known.
+        sheet: Known values.
 
     Returns:
         The neck that the file holds.
 
     Raises:
-        SettingsError: If the file exists, a value is wrong, or nobody answers.
+        SettingsError: If the file exists, a value is wrong, or there is no answer.
     """
     if path.exists():
         raise SettingsError(f"--new {path}: exists already; give another name, or delete it first")
@@ -189,7 +189,7 @@ def _axis(name: str, sheet: DataSheet) -> _Axis:
 
 
 def _answer(given: str | None, option: str, question: str, read: Callable[[str], Answer]) -> Answer:
-    """What an option says, or a person; asked again until it can be read."""
+    """An option's value, or a person's answer, asked again until it can be read."""
     if given is not None:
         try:
             return read(given)
@@ -199,7 +199,7 @@ def _answer(given: str | None, option: str, question: str, read: Callable[[str],
         try:
             said = input(question)
         except EOFError:
-            raise SettingsError(f"nobody answers: give {option}, or call this in a terminal") from None
+            raise SettingsError(f"no answer: give {option}, or call this in a terminal") from None
         try:
             return read(said)
         except ValueError as error:

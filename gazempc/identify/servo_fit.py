@@ -147,7 +147,7 @@ class ServoModel:
         return self._first_rad + self._read_off(*motion, self._since_s - dead_time_s)
 
     def free(self, natural_frequency_rad_s: float, damping_ratio: float) -> FloatArray:
-        """What is left of an initial position and of an initial velocity since the first reading, shape (N, 2)."""
+        """Free response of an initial position and of an initial velocity since the first reading, shape (N, 2)."""
         ad, _ = self._discrete(natural_frequency_rad_s, damping_ratio)
         denominator = [1.0, -np.trace(ad), np.linalg.det(ad)]
         # Until it has died away; no need to go on through the whole record.

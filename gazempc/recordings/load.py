@@ -11,7 +11,6 @@ from gazempc.files.bounds import check_file, check_folder
 from gazempc.recordings.readers.bag import open_bag, read_bag
 from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
 from gazempc.recordings.readers.bvh import read_bvh
-from gazempc.recordings.readers.checks import check_plausible
 from gazempc.recordings.readers.kinect import read_kinect
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.table import TABLES, read_table
@@ -56,11 +55,9 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     """
     accepted = f"a file ending in {', '.join(_READERS)}, or the folder of a ROS 2 bag or of OpenPose"
     if not isinstance(name_or_path, str | Path):
-        raise RecordingError(
-            repr(name_or_path)[:80], "", "this is no name and no path", f"{accepted}, or a synthetic name"
-        )
+        problem, synthetic = "this is no name and no path", f"{accepted}, or a synthetic name"
+        raise RecordingError(repr(name_or_path)[:80], "", problem, synthetic)
     name, path = str(name_or_path), Path(name_or_path)
-    given = options if options is not None else ReadOptions()
     walks, everyday = synthetic_names(), everyday_names()
     if name in walks:
         return generate(name)
@@ -68,50 +65,34 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         return generate_everyday(name)
     try:
         name.encode()
+        is_directory, exists = path.is_dir(), path.exists()
     except UnicodeEncodeError:
         raise RecordingError(ascii(name), "", "the name is not text in UTF-8", "a file with another name") from None
-    try:
-        is_directory, exists = path.is_dir(), path.exists()
     except (OSError, ValueError) as error:  # such as a name longer than the system allows, or with a zero in it
         raise RecordingError(name, "", f"cannot be opened: {error}", accepted) from None
-    if is_directory and not is_recording_folder(path):
-        raise RecordingError(name, "", "this is a directory, and neither a ROS 2 bag nor OpenPose's", accepted)
-    if is_directory:
-        try:
-            check_folder(path)
-        except OSError as error:
-            place = Path(error.filename or path).name
-            raise RecordingError(path, place, f"cannot be read: {error.strerror}", "a folder of files") from None
-        return _read(read_table if is_openpose_folder(path) else read_bag, path, given)
-    if not exists:
-        looks_like_file = path.suffix.lower() in _READERS or len(path.parts) > 1
-        names = f"{suggest(name, (*walks, *everyday))}, each person with {', '.join((*ROUTES, *ACTIVITIES))}"
-        expected = accepted if looks_like_file else f"{accepted}, or a synthetic name: {names}"
-        raise RecordingError(name, "", "no such file or synthetic recording", expected)
     reader = _READERS.get(path.suffix.lower())
+    if not exists:
+        near = f"{suggest(name, (*walks, *everyday))}, each person with {', '.join((*ROUTES, *ACTIVITIES))}"
+        expected = accepted if reader or len(path.parts) > 1 else f"{accepted}, or a synthetic name: {near}"
+        raise RecordingError(name, "", "no such file or synthetic recording", expected)
+    if is_directory:
+        reader = read_table if is_openpose_folder(path) else read_bag if is_recording_folder(path) else None
     if reader is None:
-        raise RecordingError(name, "", f"unknown kind of file {path.suffix!r}", accepted)
+        problem = "this is a directory, and neither a ROS 2 bag nor OpenPose's"
+        raise RecordingError(name, "", problem if is_directory else f"unknown kind of file {path.suffix!r}", accepted)
     try:
-        check_file(path)
+        if is_directory:
+            check_folder(path)
+        else:
+            check_file(path)
+        return reader(path, options or ReadOptions())
     except OSError as error:
-        raise RecordingError(name, "", f"cannot be read: {error.strerror}", accepted) from None
-    return _read(reader, path, given)
+        place = Path(error.filename).name if is_directory and error.filename else ""
+        raise RecordingError(path, place, f"cannot be read: {error.strerror or error}", accepted) from None
 
 
 # Its name in `import gazempc`.
 load_recording = load
-
-
-def _read(reader: Reader, path: Path, options: ReadOptions) -> Recording:
-    """Read a recording, and refuse one that cannot be of a walk."""
-    try:
-        recording = reader(path, options)
-    except OSError as error:
-        raise RecordingError(path, "", f"cannot be read: {error.strerror or error}", "a sound file") from None
-    seen = recording.truth.valid
-    heads_m = recording.truth.head_position_m[seen]
-    check_plausible(path, recording.times_s[seen], heads_m, recording.has_robot)
-    return recording
 
 
 MARK = "+"
@@ -123,7 +104,7 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
     Args:
         words: Names or paths joined by ``+``, such as ``subject03_R4+subject05_R1``; a ROS 2 bag with several people;
             or a folder of recordings, which are taken to begin together.
-        options: What the user says about the files.
+        options: Options of the readers.
 
     Returns:
         A recording a person, on one clock.

@@ -20,7 +20,7 @@ from gazempc.results.run_info import RunInfo
 from gazempc.results.tables import LogFrames, frames_of
 from gazempc.types import BoolArray, FloatArray, IntArray, StringArray
 
-# What each array's axes count: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at,
+# Axes of each array: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at,
 # W looks away, S swaps of identity. See `gazempc.results.log.Log`.
 SHAPES: Mapping[str, tuple[str | int, ...]] = {
     "time_s": ("M",),
@@ -59,7 +59,7 @@ _FINITE = ("time_s", "command_position_rad", "capture_time_s", "arrival_time_s",
 
 
 def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horizons_s: Sequence[float]) -> None:
-    """Refuse arrays of another kind or length than the others say, and ticks that do not follow each other.
+    """Refuse arrays of inconsistent kinds or lengths, and ticks that do not follow each other.
 
     Args:
         path: File, for messages.
@@ -137,7 +137,7 @@ class Log:
     Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it.
 
     Attributes:
-        run: What the run was; as JSON text in the file.
+        run: Description of the run; as JSON text in the file.
         time_s: Servo ticks, shape (M,), seconds.
         head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
         joint_time_s: Time of the newest joint reading at each tick, shape (M,), seconds; NaN if the robot did not

@@ -47,7 +47,7 @@ def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> 
 
 
 def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> Iterator[Moment]:
-    """What happened in a run, by its log.
+    """Moments of a run, from its log.
 
     Args:
         log: The log. Plans, lateness and pictures are not in it.

@@ -65,7 +65,7 @@ class McapWriter:
     """Writes all that is logged to its context; closes the file at the end of a ``with``.
 
     Args:
-        run: What the run is; kept in the file's metadata.
+        run: Description of the run; kept in the file's metadata.
         path: File to write; an old one is replaced.
 
     Attributes:
@@ -89,7 +89,7 @@ class McapWriter:
 
         Args:
             name: Their name.
-            about: What they say.
+            about: Their content.
         """
         self._writer.write_metadata(name, about)
 
@@ -101,7 +101,7 @@ class McapWriter:
         """Attach the log itself.
 
         Args:
-            log: What `gazempc.results.log.Log.save` writes.
+            log: Bytes of `gazempc.results.log.Log.save`.
         """
         self._writer.attach(log_time=0, create_time=0, name=ATTACHMENT, media_type="application/octet-stream", data=log)
 
@@ -179,8 +179,8 @@ def camera_frame(run: RunInfo) -> PlacedFrame:
     """Frame of the sensor: x along its view, y left, z up.
 
     Args:
-        run: What the run was. A live run says where its sensor was; the sensor of a replay is in the base's origin, or
-            on the tilt axis if it moves with the head.
+        run: Description of the run. A live run has the place of its sensor; the sensor of a replay is in the base's
+            origin, or on the tilt axis if it moves with the head.
 
     Returns:
         The frame in ``base``, ``tilt`` or ``eye``.
@@ -240,7 +240,7 @@ _HEAD_M, _OBSERVED_M = 0.2, 0.1
 # Axes of an ellipsoid of two standard deviations are four of them long.
 _AXIS_SDS = 4.0
 _GAZE_LENGTH_M = 4.0
-# Okabe & Ito (2008): told apart by colour-blind people, too.
+# Okabe & Ito (2008): for colour-blind people, too.
 _TRUE, _SEEN = Color(r=0.0, g=0.62, b=0.45, a=0.8), Color(r=0.9, g=0.62, b=0.0, a=0.9)
 _FORECAST, _CLOUD = Color(r=0.0, g=0.45, b=0.7, a=1.0), Color(r=0.34, g=0.71, b=0.91, a=0.25)
 _GAZE, _PLAN = Color(r=0.84, g=0.37, b=0.0, a=1.0), Color(r=0.8, g=0.47, b=0.65, a=1.0)
@@ -356,7 +356,7 @@ class Channels:
     """Messages of one run.
 
     Args:
-        run: What the run is.
+        run: Description of the run.
         context: Receives them, and writes or serves them.
     """
 
@@ -396,7 +396,7 @@ class Channels:
         """Write what happened.
 
         Args:
-            moment: What.
+            moment: The moment.
         """
         match moment:
             case TickMoment():
@@ -414,8 +414,8 @@ class Channels:
             case PictureMoment():
                 self._picture(moment)
             case AttendedMoment():
-                told = {"person": moment.person, "why": moment.why}
-                self._attended.log(told, log_time=nanoseconds(moment.time_s))
+                content = {"person": moment.person, "why": moment.why}
+                self._attended.log(content, log_time=nanoseconds(moment.time_s))
 
     def _tick(self, tick: TickMoment) -> None:
         at, joints = nanoseconds(tick.time_s), self._true_joints or tick.joints

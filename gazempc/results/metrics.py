@@ -33,7 +33,7 @@ _FEWEST_SCORED = 10
 
 @dataclass(frozen=True)
 class Metrics:
-    """Metrics of one run; the fields are the keys of `summary.json`. NaN where the log cannot tell.
+    """Metrics of one run; the fields are the keys of `summary.json`. NaN where the log does not determine them.
 
     Gaze, contact and smoothness are taken from 1.0 s after the first frame to the last frame; peaks and violations
     over the whole run. RMS acceleration adds all joints. The names of the forecast's metrics hold the horizon in ms.

@@ -131,7 +131,7 @@ def motion_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
         scored: Ticks of the scored window, shape (M,).
 
     Returns:
-        Metrics by their names in `gazempc.results.metrics.Metrics`; NaN where the log cannot tell.
+        Metrics by their names in `gazempc.results.metrics.Metrics`; NaN where the log does not determine them.
     """
     neck, read = log.neck, readings(log)
     enough = read.tick.size >= _FEWEST

@@ -159,7 +159,7 @@ def write_summary(path: Path, about: dict[str, Any], rows: list[Row]) -> None:
 
     Args:
         path: File to write.
-        about: What stands before the rows, such as recording and settings.
+        about: Content before the rows, such as recording and settings.
         rows: The figures; NaN becomes null, as JSON has no NaN.
     """
     content = {**about, "versions": versions(), "rows": [row.as_dict() for row in rows]}

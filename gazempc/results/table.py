@@ -57,7 +57,7 @@ class Repeats:
         return float(np.std(known, ddof=1)) if len(known) > 1 else math.nan
 
     def as_dict(self) -> dict[str, Any]:
-        """What stands in `summary.json`: mean, s.d. and the values under each seed, by figure."""
+        """Content of `summary.json`: mean, s.d. and the values under each seed, by figure."""
         names = [name for name in self._figures[0] if name not in {"controller", "predictor"}]
         return {
             "controller": self.first.controller,
@@ -171,7 +171,7 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     Args:
         repeats: The figures.
         neck: Its limits stand beside the peaks.
-        against: What stands for the truth, where that is unknown; printed below the table.
+        against: Reference in the place of an unknown truth; printed below the table.
 
     Returns:
         Lines of text.
@@ -190,7 +190,7 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
 
 
 def sentence(repeats: Sequence[Repeats]) -> str:
-    """What the table means, in one or two sentences.
+    """The conclusion of the table, in one or two sentences.
 
     Args:
         repeats: The figures; means over the seeds are compared.
@@ -223,7 +223,7 @@ def sentence(repeats: Sequence[Repeats]) -> str:
 
 
 def _costs(predictive: Sequence[Repeats], reactive: Repeats, perfect: Repeats | None) -> list[str]:
-    """What forecasts cost against the reactive gaze, where they do, and what to try."""
+    """Costs of forecasts against the reactive gaze, and remedies."""
 
     def beyond_noise(r: Repeats, name: str, sign: float, least: float) -> float:
         """Mean difference to the reactive gaze if it is more than twice its standard error, else 0."""
@@ -232,7 +232,7 @@ def _costs(predictive: Sequence[Repeats], reactive: Repeats, perfect: Repeats | 
         error = float(np.std(differences, ddof=1)) / math.sqrt(differences.size) if differences.size > 1 else 0.0
         return mean if mean > max(least, _STANDARD_ERRORS * error) else 0.0
 
-    told, forecasts = [], set()
+    costs, forecasts = [], set()
     for r in predictive:
         lost = beyond_noise(r, "eye_contact_2p6", -1.0, _CONTACT_LEVEL)
         reactive_deg = reactive.mean("gaze_error_rms_deg")
@@ -240,15 +240,15 @@ def _costs(predictive: Sequence[Repeats], reactive: Repeats, perfect: Repeats | 
         parts = [f"{100.0 * lost:.1f} points less contact"] if lost else []
         parts += [f"{more_deg:.2f} deg more RMS error"] if more_deg else []
         if parts:
-            told.append(f"{label(r.first.controller)} has {' and '.join(parts)} than the reactive gaze.")
+            costs.append(f"{label(r.first.controller)} has {' and '.join(parts)} than the reactive gaze.")
             forecasts.add(r.first.predictor)
-    if not told:
+    if not costs:
         return []
     if perfect is not None and perfect.mean("gaze_error_rms_deg") < reactive.mean("gaze_error_rms_deg"):
-        told.append("On this recording the forecast costs more than it gains.")
+        costs.append("On this recording the forecast costs more than it gains.")
     tries = [] if forecasts == {"last_position"} else ["--predictor last_position"]
     tries += ["the noise of your own tracker (gazempc identify --tracker)", "--controllers reactive"]
-    return [*told, f"Try {', '.join(tries[:-1])} or {tries[-1]}."]
+    return [*costs, f"Try {', '.join(tries[:-1])} or {tries[-1]}."]
 
 
 def _spread(mean: float, sd: float, digits: int, unit: str) -> str:

@@ -11,12 +11,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, SettingsError, suggest
+from gazempc.files.text import read_text
 from gazempc.live.sources.json_lines import LineError, parse_line
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.bag import BagTrack, read_bag_tracks
+from gazempc.recordings.readers.bag import Sighted, read_bag_tracks
 from gazempc.recordings.readers.checks import check_plausible
 from gazempc.recordings.readers.table import TABLES
-from gazempc.recordings.readers.text import read_text
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
@@ -34,7 +34,7 @@ class HeadTrack:
         position_m: Of the head, shape (N, 3), metres.
         head_yaw_rad: Shape (N,); NaN where not known.
         pelvis_yaw_rad: Shape (N,); NaN where not known.
-        delays_s: From the stamp to arrival, shape (N,), seconds; None where the file does not say.
+        delays_s: From the stamp to arrival, shape (N,), seconds; None where unknown.
         notes: Omissions and decisions of the reader.
     """
 
@@ -47,23 +47,17 @@ class HeadTrack:
     notes: tuple[str, ...] = ()
 
 
-def of_bag(track: BagTrack) -> HeadTrack:
-    """The track of a person's frame in a bag.
-
-    Args:
-        track: As the reader gives it.
-
-    Returns:
-        The same, with the yaw of the face's axis that points to the camera.
-    """
-    notes = [f"frame {track.parent_id}" + (", optical axes turned to x forward, y left, z up" if track.optical else "")]
-    if track.repeated:
-        notes.append(f"{track.repeated} messages repeat an earlier stamp: left out")
-    if track.unusable:
-        notes.append(f"{track.unusable} messages without finite numbers: left out")
-    yaw_rad = _facing_yaw_rad(track.position_m, track.quat_wxyz)
-    unknown = np.full(track.times_s.size, np.nan)
-    return HeadTrack(track.frame_id, track.times_s, track.position_m, yaw_rad, unknown, track.delays_s, tuple(notes))
+def of_bag(seen: Sighted, optical: bool) -> HeadTrack:
+    """The track of a person's frame in a bag, with the yaw of the face's axis that points to the camera."""
+    poses, count = seen.poses, seen.poses.times_s.size
+    notes = [f"frame {seen.frame}" + (", optical axes turned to x forward, y left, z up" if optical else "")]
+    if seen.repeated:
+        notes.append(f"{seen.repeated} messages repeat an earlier stamp: left out")
+    if seen.unusable:
+        notes.append(f"{seen.unusable} messages without finite numbers: left out")
+    yaw_rad = _facing_yaw_rad(poses.position_m, poses.quat_wxyz)
+    unknown = np.full(count, np.nan)
+    return HeadTrack(seen.name, poses.times_s, poses.position_m, yaw_rad, unknown, poses.delays_s, tuple(notes))
 
 
 def of_recording(path: Path) -> HeadTrack:
@@ -111,9 +105,7 @@ def of_lines(path: Path) -> list[HeadTrack]:
         try:
             observation = parse_line(text, np.nan, lambda unix_s: unix_s)
         except LineError as error:
-            problem = (
-                "age_s says no time of capture in a file; give capture_time_s" if '"age_s"' in text else str(error)
-            )
+            problem = "age_s is no time of capture in a file; give capture_time_s" if '"age_s"' in text else str(error)
             bad.append(f"line {number}: {problem}")
             continue
         found[observation.person_id or path.stem].append(observation)
@@ -128,7 +120,7 @@ def _of_observations(person: str, observations: Sequence[HeadObservation], notes
     times_s, first = np.unique([o.capture_time_s for o in observations], return_index=True)
     kept = [observations[k] for k in first]
     repeated = len(observations) - len(kept)
-    said = [*notes, *([f"{repeated} lines repeat an earlier capture time: left out"] if repeated else [])]
+    notes = [*notes, *([f"{repeated} lines repeat an earlier capture time: left out"] if repeated else [])]
     unknown = np.full(4, np.nan)
     heads, pelvises = (
         np.array([unknown if quat is None else quat for quat in quats])
@@ -136,7 +128,7 @@ def _of_observations(person: str, observations: Sequence[HeadObservation], notes
     )
     positions_m = np.array([o.head_position_base_m for o in kept])
     head_rad, pelvis_rad = _forward_yaw_rad(heads), _forward_yaw_rad(pelvises)
-    return HeadTrack(person, times_s, positions_m, head_rad, pelvis_rad, None, tuple(said))
+    return HeadTrack(person, times_s, positions_m, head_rad, pelvis_rad, None, tuple(notes))
 
 
 def _forward_yaw_rad(quats_wxyz: FloatArray) -> FloatArray:
@@ -190,7 +182,7 @@ def read_track(path: Path, person: str | None, tell: Callable[[float], None]) ->
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     if path.is_dir():
-        tracks: Sequence[HeadTrack] = [of_bag(track) for track in read_bag_tracks(path, tell)]
+        tracks: Sequence[HeadTrack] = [of_bag(*found) for found in read_bag_tracks(path, tell)]
     elif path.suffix.lower() in _LINES:
         tracks = of_lines(path)
     elif not path.exists() or path.suffix.lower() not in (*TABLES, ".json"):

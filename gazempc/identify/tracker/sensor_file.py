@@ -11,8 +11,7 @@ import numpy as np
 
 from gazempc.files.whole import write_whole
 from gazempc.identify.new_neck import as_toml
-from gazempc.identify.tracker.fit import Known
-from gazempc.identify.tracker.measure import DirectionError, TrackerErrors, YawErrors, measure_tracker
+from gazempc.identify.tracker.measure import DirectionError, Known, TrackerErrors, YawErrors, measure_tracker
 from gazempc.identify.tracker.read import HeadTrack, read_track
 from gazempc.progress import Progress
 
@@ -68,7 +67,7 @@ def _direction_rows(
     name: str, unit: str, error: DirectionError, factor: float, used: str
 ) -> Iterator[tuple[str, str, str]]:
     fit = error.fit
-    if error.hidden:
+    if error.fit.hidden:
         yield f"{name}: white ({unit})", f"< {factor * fit.white.value:.3f}", f"{used}; hidden by motion or smoothing"
     else:
         yield f"{name}: white ({unit})", shown(fit.white, factor, 3), used
@@ -113,7 +112,7 @@ def warnings(errors: TrackerErrors) -> list[str]:
         found.append(
             f"only {errors.used_s:.0f} s of a person who is still; 30 s give a better estimate, mainly of wander"
         )
-    if errors.along.hidden or errors.across.hidden:
+    if errors.along.fit.hidden or errors.across.fit.hidden:
         found.append(
             "white error cannot be measured: the tracker smooths, or the person moved. The file has upper bounds"
         )
@@ -131,7 +130,7 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
 
     Args:
         errors: Of the tracker.
-        track: What they were measured on.
+        track: The measured track.
         name: Of the new sensor.
         origin: File that was read.
         day: When.
@@ -178,7 +177,7 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
 
 def _white(error: DirectionError, factor: float, digits: int) -> str:
     white = error.fit.white
-    return f"at most {factor * white.value:.{digits}f}" if error.hidden else shown(white, factor, digits)
+    return f"at most {factor * white.value:.{digits}f}" if error.fit.hidden else shown(white, factor, digits)
 
 
 def _direction_table(error: DirectionError, factor: float, unit: str) -> dict[str, object]:

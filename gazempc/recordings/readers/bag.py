@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, SettingsError, suggest
 from gazempc.recordings.readers.bag_frames import (
@@ -21,6 +20,7 @@ from gazempc.recordings.readers.bag_frames import (
     Axes,
     FrameTree,
     Poses,
+    composed,
     forward,
     person_axes,
     poses_of,
@@ -35,16 +35,9 @@ from gazempc.recordings.readers.bag_messages import (
     read_messages,
     stamp_ns,
 )
-from gazempc.recordings.readers.checks import (
-    MIN_SEEN_FRAMES,
-    check_frame_count,
-    check_frame_interval,
-    check_head_travel,
-    smoothed,
-)
-from gazempc.recordings.readers.labels import labels_for
+from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.recording import Labels, Recording, Track
+from gazempc.recordings.recording import Recording, Track
 from gazempc.types import FloatArray
 
 # In the order of preference: a face is measured, a person is derived from faces and bodies.
@@ -110,9 +103,9 @@ def people(frames: FrameTree, topics: Mapping[str, str], messages: Sequence[BagM
     Returns:
         FrameTree and topics with at least one usable pose. Faces that a tracker gave to one person are joined.
     """
-    persons, lists = _persons(messages), _Lists(messages)
+    persons = _persons(messages)
     found = [
-        lists.checked(seen)
+        _listed(seen, messages)
         for name in frames.names
         if is_person(name) and (seen := _of_frame(frames, name, persons.get(name.partition("_")[2])))
     ]
@@ -120,24 +113,20 @@ def people(frames: FrameTree, topics: Mapping[str, str], messages: Sequence[BagM
     return sorted((seen for seen in found if seen.poses.times_s.size), key=lambda seen: seen.rank)
 
 
-class _Lists:
-    """When which faces were listed as tracked: some trackers go on sending the last pose of a face that they lost."""
+def _listed(seen: Sighted, messages: Iterable[BagMessage]) -> Sighted:
+    """A face without the poses at which neither the list before nor the one after has it as tracked.
 
-    def __init__(self, messages: Iterable[BagMessage]) -> None:
-        lists = [message for message in messages if message.topic == FACES]
-        self._received_s = np.array([1e-9 * message.received_ns for message in lists])
-        self._ids = [frozenset(message.content.ids) for message in lists]
-
-    def checked(self, seen: Sighted) -> Sighted:
-        """A face without the poses of which neither the list before nor the one after knows."""
-        face = seen.name.removeprefix("face_")
-        has = np.array([face in ids for ids in self._ids], dtype=np.bool_)
-        if not (seen.name.startswith("face_") and has.any()):
-            return seen
-        after = np.searchsorted(self._received_s, seen.poses.times_s + seen.poses.delays_s)
-        last = has.size - 1
-        listed = has[np.clip(after - 1, 0, last)] | has[np.clip(after, 0, last)]
-        return replace(seen, poses=seen.poses.chosen(listed), unlisted=int((~listed).sum()))
+    Some trackers go on sending the last pose of a face that they lost.
+    """
+    face = seen.name.removeprefix("face_")
+    lists = [message for message in messages if message.topic == FACES]
+    has = np.array([face in message.content.ids for message in lists], dtype=np.bool_)
+    if not (seen.name.startswith("face_") and has.any()):
+        return seen
+    received_s = np.array([1e-9 * message.received_ns for message in lists])
+    after = np.searchsorted(received_s, seen.poses.times_s + seen.poses.delays_s)
+    listed = has[np.clip(after - 1, 0, has.size - 1)] | has[np.clip(after, 0, has.size - 1)]
+    return replace(seen, poses=seen.poses.chosen(listed), unlisted=int((~listed).sum()))
 
 
 def _persons(messages: Iterable[BagMessage]) -> dict[str, str]:
@@ -159,7 +148,7 @@ def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | Non
         edges = [edge for edge in (*frames.moving, *frames.fixed) if edge[1] == here and edge[0] not in been]
         if not edges:
             return None
-        # A frame has one parent; where two are told, the one told more often is it.
+        # A frame has one parent; of two, the more frequent one.
         edge = max(edges, key=lambda edge: len(frames.moving[edge].times_s) if edge in frames.moving else 0)
         way.append((edge, True))
         here = edge[0]
@@ -168,7 +157,7 @@ def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | Non
     if not moving:
         return None
     poses, repeated, unusable = usable(frames.moving[moving[0]])
-    # Where the frame's own transform says all, it stays as it is.
+    # A single transform stays as it is.
     if len(way) > 1:
         position_m, turn, known = frames.along(way, poses.times_s)
         quats = turn.as_quat(scalar_first=True)
@@ -186,16 +175,12 @@ def _joined(found: Sequence[Sighted]) -> list[Sighted]:
 
 
 def _join(group: Sequence[Sighted]) -> Sighted:
-    fields = zip(
-        *((s.poses.times_s, s.poses.delays_s, s.poses.position_m, s.poses.quat_wxyz) for s in group), strict=True
-    )
+    fields = zip(*(vars(seen.poses).values() for seen in group), strict=True)
     poses, repeated, _ = usable(Poses(*(np.concatenate(field) for field in fields)))
     first = group[0]
-    return Sighted(
+    return replace(
+        first,
         name=f"{first.name.partition('_')[0]}_{first.person}",
-        topic=TF,
-        person=first.person,
-        frame=first.frame,
         poses=poses,
         repeated=repeated + sum(seen.repeated for seen in group),
         unusable=sum(seen.unusable for seen in group),
@@ -214,7 +199,7 @@ def _of_topic(topic: str, messages: Iterable[BagMessage]) -> Sighted:
         if point is None:
             pose = getattr(content.pose, "pose", content.pose)
             point, q = pose.position, pose.orientation
-            # All zeros is how ROS says that there is none.
+            # In ROS all zeros mean no orientation.
             quat = (q.w, q.x, q.y, q.z) if any((q.w, q.x, q.y, q.z)) else quat
         at_ns = stamp_ns(content.header)
         rows.append((1e-9 * at_ns, 1e-9 * (message.received_ns - at_ns), point.x, point.y, point.z, *quat))
@@ -222,7 +207,7 @@ def _of_topic(topic: str, messages: Iterable[BagMessage]) -> Sighted:
     frame = max(dict.fromkeys(frames), key=frames.count) if frames else ""
     same = np.array([name == frame for name in frames], dtype=np.bool_)
     poses, repeated, unusable = usable(poses_of(rows).chosen(same))
-    # Who writes the identity into each message knows no orientation.
+    # The identity in every message means no orientation.
     if (poses.quat_wxyz == (1.0, 0.0, 0.0, 0.0)).all():
         poses = Poses(poses.times_s, poses.delays_s, poses.position_m, np.full_like(poses.quat_wxyz, np.nan))
     return Sighted(topic, topic, topic, frame, poses, repeated, unusable + int((~same).sum()))
@@ -235,41 +220,14 @@ _EXPECTED = (
 
 
 @dataclass(frozen=True)
-class BagTrack:
-    """One person over time, in the frame of the sensor.
-
-    Attributes:
-        frame_id: Name of the person's frame, such as ``face_23ed9``, or the topic.
-        parent_id: Frame of the sensor that it is given in.
-        optical: Whether that frame had optical axes, which were turned.
-        times_s: Stamps, shape (N,), seconds, strictly increasing.
-        delays_s: From the stamp to the message's arrival in the bag, shape (N,), seconds.
-        position_m: Shape (N, 3), metres, in the sensor's frame, x forward, y left, z up.
-        quat_wxyz: Orientation of the person's frame in that frame, shape (N, 4); NaN where not known.
-        repeated: Messages with a stamp that had been there already; left out.
-        unusable: Messages with a number that is not finite, or no orientation; left out.
-    """
-
-    frame_id: str
-    parent_id: str
-    optical: bool
-    times_s: FloatArray
-    delays_s: FloatArray
-    position_m: FloatArray
-    quat_wxyz: FloatArray
-    repeated: int
-    unusable: int
-
-
-@dataclass(frozen=True)
 class Bag:
-    """What is in a bag.
+    """Content of a bag.
 
     Attributes:
         path: Its folder.
         topics: Type of each topic.
         frames: FrameTree over time.
-        people: What may be a person's head, the likeliest and longest first; at least one.
+        people: Possible heads of people, the likeliest and longest first; at least one.
     """
 
     path: Path
@@ -278,7 +236,7 @@ class Bag:
     people: list[Sighted]
 
 
-def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: None) -> tuple[BagTrack, ...]:
+def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: None) -> list[tuple[Sighted, bool]]:
     """Read the tracks of people in a bag.
 
     Args:
@@ -286,7 +244,8 @@ def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: No
         tell: Called with the share that is read, 0 to 1.
 
     Returns:
-        A track for each person, the longest first. Where there are faces, heads, bodies and persons are not taken, and
+        For each person the track in the sensor's frame, x forward, y left, z up, and whether that frame had optical
+        axes, which were turned; the longest first. Where there are faces, heads, bodies and persons are not taken, and
         topics only where there are no such frames.
 
     Raises:
@@ -297,13 +256,10 @@ def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: No
     sensed = [seen for seen in bag.people if seen.frame not in FIXED_FRAMES]
     if not sensed:
         found = ", ".join(f"{seen.name} in {seen.frame}" for seen in bag.people)
-        raise RecordingError(
-            path,
-            f"topic {TF}",
-            f"no person is given in the frame of a sensor; found {found}",
-            "face_<id> in a camera's frame",
-        )
-    return tuple(_track(seen) for seen in sensed if seen.rank[0] == sensed[0].rank[0])
+        problem = f"no person is given in the frame of a sensor; found {found}"
+        raise RecordingError(path, f"topic {TF}", problem, "face_<id> in a camera's frame")
+    turned = [(seen, *forward(seen.frame, seen.poses)) for seen in sensed if seen.rank[0] == sensed[0].rank[0]]
+    return [(replace(seen, poses=poses), optical) for seen, poses, optical in turned]
 
 
 def open_bag(path: Path, tell: Callable[[float], None] = lambda share: None) -> Bag:
@@ -314,7 +270,7 @@ def open_bag(path: Path, tell: Callable[[float], None] = lambda share: None) -> 
         tell: Called with the share that is read, 0 to 1.
 
     Returns:
-        What is in it.
+        Its content.
 
     Raises:
         RecordingError: If this is no bag, or has no person in it.
@@ -330,21 +286,6 @@ def open_bag(path: Path, tell: Callable[[float], None] = lambda share: None) -> 
     if tracked and not any(name in frames.names for name in (f"face_{face}" for face in tracked)):
         problem += f". {FACES} lists {', '.join(tracked)}, but where they are was not recorded"
     raise RecordingError(path, f"topic {TF}", problem, _EXPECTED)
-
-
-def _track(seen: Sighted) -> BagTrack:
-    poses, optical = forward(seen.frame, seen.poses)
-    return BagTrack(
-        seen.name,
-        seen.frame,
-        optical,
-        poses.times_s,
-        poses.delays_s,
-        poses.position_m,
-        poses.quat_wxyz,
-        seen.repeated,
-        seen.unusable,
-    )
 
 
 def read_bag(path: Path, options: ReadOptions) -> Recording:
@@ -369,35 +310,21 @@ def read_bag(path: Path, options: ReadOptions) -> Recording:
     bag = open_bag(path)
     seen = _chosen(bag, options)
     frame, axes, poses, notes = _in_frame(bag, seen, options)
-    check_frame_count(Path(f"{path}: {seen.name} in {frame}"), poses.times_s.size, MIN_SEEN_FRAMES)
-    times_s = poses.times_s - poses.times_s[0]
-    check_frame_interval(path, times_s)
-    check_head_travel(path, times_s, poses.position_m)
-    every = np.ones(times_s.size, dtype=np.bool_)
+    if not poses.times_s.size:
+        raise RecordingError(f"{path}: {seen.name} in {frame}", "", "no frame", "at least one in that frame")
     pelvis = _pelvis(bag, seen, frame, axes, poses.times_s)
-    measured = Track(poses.position_m, poses.quat_wxyz, pelvis.position_m, pelvis.quat_wxyz, every)
-    truth = replace(measured, head_position_m=smoothed(path, times_s, poses.position_m, every))
-    name = path.stem if options.person is None else f"{path.stem}_{seen.person.strip('/').replace('/', '_')}"
-    return Recording(
-        name=name,
-        source=str(path),
-        kind="tracked",
-        times_s=times_s,
-        truth=truth,
-        measured=measured,
-        has_robot=frame not in FIXED_FRAMES,
-        labels=_labels(path, seen, times_s, poses.position_m),
-        notes=(*notes, *_listing(bag, seen)),
-        delays_s=np.maximum(poses.delays_s, 0.0),
-    )
-
-
-def _labels(path: Path, seen: Sighted, times_s: FloatArray, position_m: FloatArray) -> Labels:
-    """Labels as of any file; but ROS4HRI's persons are the same people in all bags of a robot."""
-    labels = labels_for(path, times_s, position_m)
-    from_index = labels.subject != path.stem.partition("_")[0]
-    known = seen.topic == TF and seen.person != seen.name.partition("_")[2]
-    return replace(labels, subject=seen.person) if known and not from_index else labels
+    every = np.ones(poses.times_s.size, dtype=np.bool_)
+    track = Track(poses.position_m, poses.quat_wxyz, pelvis.position_m, pelvis.quat_wxyz, every)
+    times_s, has_robot = poses.times_s - poses.times_s[0], frame not in FIXED_FRAMES
+    found = recording_of(path, times_s, track, "tracked", has_robot, notes=(*notes, *_listing(bag, seen)))
+    name, labels = path.stem, found.labels
+    if options.person is not None:
+        name = f"{name}_{seen.person.strip('/').replace('/', '_')}"
+    # ROS4HRI's persons are the same people in all bags of a robot; an index beside the bag wins.
+    is_person_id = seen.topic == TF and seen.person != seen.name.partition("_")[2]
+    if is_person_id and labels.subject == path.stem.partition("_")[0]:
+        labels = replace(labels, subject=seen.person)
+    return replace(found, name=name, labels=labels, delays_s=np.maximum(poses.delays_s, 0.0))
 
 
 def _chosen(bag: Bag, options: ReadOptions) -> Sighted:
@@ -406,9 +333,8 @@ def _chosen(bag: Bag, options: ReadOptions) -> Sighted:
         found = [seen for seen in found if seen.topic == options.bag_topic]
         if not found:
             topics = sorted({seen.topic for seen in bag.people})
-            raise SettingsError(
-                f"bag_topic: nobody on {options.bag_topic} in {bag.path}; {suggest(options.bag_topic, topics)}"
-            )
+            near = suggest(options.bag_topic, topics)
+            raise SettingsError(f"bag_topic: no person on {options.bag_topic} in {bag.path}; {near}")
     if options.person is not None:
         named = [seen for seen in found if seen.answers_to(options.person)]
         if not named:
@@ -418,12 +344,8 @@ def _chosen(bag: Bag, options: ReadOptions) -> Sighted:
     # Eyes are not between the hips.
     heads = [seen for seen in found if not seen.name.startswith("body_")]
     if not heads:
-        raise RecordingError(
-            bag.path,
-            f"topic {TF}",
-            f"only bodies: {', '.join(s.name for s in found)}",
-            "a head; or the option person",
-        )
+        problem = f"only bodies: {', '.join(s.name for s in found)}"
+        raise RecordingError(bag.path, f"topic {TF}", problem, "a head; or the option person")
     return heads[0]
 
 
@@ -435,8 +357,8 @@ def _in_frame(bag: Bag, seen: Sighted, options: ReadOptions) -> tuple[str, Axes,
     own, _ = forward(seen.frame, seen.poses, options.bag_axes if goal == seen.frame else None)
     turn, note = person_axes(own, seen.frame not in FIXED_FRAMES, seen.name.startswith("face_"))
     poses, was_optical = forward(goal, moved, options.bag_axes)
-    said = f"{seen.name}, {poses.times_s.size} frames in {goal}"
-    said += ", optical axes turned to x forward, y left, z up" if was_optical else ", x forward, y left, z up"
+    about = f"{seen.name}, {poses.times_s.size} frames in {goal}"
+    about += ", optical axes turned to x forward, y left, z up" if was_optical else ", x forward, y left, z up"
     counted = [
         (seen.repeated, "repeat a stamp"),
         (seen.unusable, "have no finite pose"),
@@ -444,23 +366,14 @@ def _in_frame(bag: Bag, seen: Sighted, options: ReadOptions) -> tuple[str, Axes,
         (lost, f"came while {goal} was not known"),
     ]
     notes = [
-        f"{said} (the options bag_frame and bag_axes change it)",
+        f"{about} (the options bag_frame and bag_axes change it)",
         *([note] if note else []),
         *(f"{count} messages {what}: left out" for count, what in counted if count),
     ]
     if poses.times_s.size:
         notes.append(f"messages arrived {1e3 * np.median(poses.delays_s):.0f} ms after their stamp (median)")
     axes: Axes = "optical" if was_optical else "forward"
-    return goal, axes, replace(poses, quat_wxyz=_after(poses.quat_wxyz, turn)), notes
-
-
-def _after(quats_wxyz: FloatArray, turn: Rotation | None) -> FloatArray:
-    """Orientations with a turn behind each; NaN where there is none."""
-    turned = np.full_like(quats_wxyz, np.nan)
-    known = np.isfinite(quats_wxyz).all(axis=1)
-    if turn is not None and known.any():
-        turned[known] = (Rotation.from_quat(quats_wxyz[known], scalar_first=True) * turn).as_quat(scalar_first=True)
-    return turned
+    return goal, axes, replace(poses, quat_wxyz=composed(poses.quat_wxyz, turn)), notes
 
 
 def _moved(bag: Bag, seen: Sighted, goal: str) -> tuple[Poses, int]:
@@ -472,41 +385,34 @@ def _moved(bag: Bag, seen: Sighted, goal: str) -> tuple[Poses, int]:
         raise SettingsError(f"bag_frame: no way from {seen.frame} to {goal!r} in {bag.path}; {suggest(goal, others)}")
     old = seen.poses
     shift_m, turn, known = bag.frames.along(way, old.times_s)
-    quats, oriented = old.quat_wxyz.copy(), np.isfinite(old.quat_wxyz).all(axis=1)
-    if oriented.any():
-        of_person = Rotation.from_quat(quats[oriented], scalar_first=True)
-        quats[oriented] = (turn[np.flatnonzero(oriented)] * of_person).as_quat(scalar_first=True)
+    quats = composed(old.quat_wxyz, first=turn)
     moved = Poses(old.times_s, old.delays_s, shift_m + turn.apply(old.position_m), quats)
     return moved.chosen(known), int((~known).sum())
 
 
 def _pelvis(bag: Bag, seen: Sighted, frame: str, axes: Axes, times_s: FloatArray) -> Poses:
     """Poses between the hips where the skeleton of the head is known, else NaN."""
-    unknown = Poses(
-        times_s, np.zeros_like(times_s), np.full((times_s.size, 3), np.nan), np.full((times_s.size, 4), np.nan)
-    )
+    count = times_s.size
+    unknown = Poses(times_s, np.zeros(count), np.full((count, 3), np.nan), np.full((count, 4), np.nan))
     own_id = seen.name.removeprefix("head_")
     way = bag.frames.way(f"body_{own_id}", frame) if seen.name.startswith("head_") else None
     if way is None:
         return unknown
     position_m, turn, known = bag.frames.along(way, times_s)
     poses, _ = forward(frame, replace(unknown, position_m=position_m, quat_wxyz=turn.as_quat(scalar_first=True)), axes)
-    return Poses(
-        times_s,
-        unknown.delays_s,
-        np.where(known[:, None], poses.position_m, np.nan),
-        np.where(known[:, None], poses.quat_wxyz, np.nan),
-    )
+    poses.position_m[~known] = np.nan
+    poses.quat_wxyz[~known] = np.nan
+    return poses
 
 
 def _listing(bag: Bag, seen: Sighted) -> Sequence[str]:
-    """What else is in the bag, for people."""
+    """Notes on the rest of the bag."""
 
-    def said(other: Sighted) -> str:
+    def described(other: Sighted) -> str:
         person = "" if other.person in other.name else f" of {other.person}"
         return f"{other.name}{person} ({other.poses.times_s.size} in {other.frame})"
 
-    others = [said(other) for other in bag.people if other is not seen]
+    others = [described(other) for other in bag.people if other is not seen]
     topics = [name for name, kind in bag.topics.items() if kind in POSE_TYPES or name in (TF, FACES)]
     rest = len(bag.topics) - len(topics)
     return [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -178,6 +178,7 @@ def poses_of(rows: Sequence[Sequence[float]]) -> Poses:
 
 Axes = Literal["optical", "forward"]
 
+_NO_TURN = Rotation.identity()
 # Optical axes (x right, y down, z forward) to x forward, y left, z up.
 _FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 # FrameTree that REP 103 and REP 105 give x forward, z up.
@@ -192,7 +193,7 @@ def optical_axes(frame: str, position_m: FloatArray, wanted: Axes | None = None)
     Args:
         frame: Its name.
         position_m: Of people in it, shape (N, 3), metres.
-        wanted: What the user says; None: told by the name, else by where people are.
+        wanted: The user's option; None: by the name, else by the positions of people.
 
     Returns:
         True if so.
@@ -213,18 +214,34 @@ def forward(frame: str, poses: Poses, wanted: Axes | None = None) -> tuple[Poses
     Args:
         frame: Name of the frame that they are in.
         poses: The poses.
-        wanted: What the user says of the frame's axes; None: as `optical_axes` tells.
+        wanted: The user's option for the frame's axes; None: by `optical_axes`.
 
     Returns:
         The poses in the same frame with these axes, and whether they had to be turned.
     """
     if not optical_axes(frame, poses.position_m, wanted):
         return poses, False
-    quats, known = poses.quat_wxyz.copy(), np.isfinite(poses.quat_wxyz).all(axis=1)
-    if known.any():
-        turns = _FROM_OPTICAL * Rotation.from_quat(quats[known], scalar_first=True)
-        quats[known] = turns.as_quat(scalar_first=True)
-    return Poses(poses.times_s, poses.delays_s, _FROM_OPTICAL.apply(poses.position_m), quats), True
+    quats = composed(poses.quat_wxyz, first=_FROM_OPTICAL)
+    return replace(poses, position_m=_FROM_OPTICAL.apply(poses.position_m), quat_wxyz=quats), True
+
+
+def composed(quats_wxyz: FloatArray, last: Rotation | None = _NO_TURN, first: Rotation = _NO_TURN) -> FloatArray:
+    """Orientations with a turn before and behind each.
+
+    Args:
+        quats_wxyz: Shape (N, 4); NaN where unknown.
+        last: Turn of the body's own axes; None makes all unknown.
+        first: Turn of the frame, one or N.
+
+    Returns:
+        Shape (N, 4); NaN where unknown.
+    """
+    turned, known = np.full_like(quats_wxyz, np.nan), np.isfinite(quats_wxyz).all(axis=1)
+    if last is not None and known.any():
+        before = first if first.single else first[np.flatnonzero(known)]
+        turns = before * Rotation.from_quat(quats_wxyz[known], scalar_first=True) * last
+        turned[known] = turns.as_quat(scalar_first=True)
+    return turned
 
 
 def person_axes(poses: Poses, from_sensor: bool, is_face: bool) -> tuple[Rotation | None, str]:

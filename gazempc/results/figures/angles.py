@@ -58,7 +58,7 @@ def _draw_column(column: Any, log: Log, colour: str) -> dict[str, dict[str, Any]
         colour: Colour of its controller.
 
     Returns:
-        What was drawn: name -> look, for the legend.
+        The drawn curves: name -> look, for the legend.
     """
     time_s, seen_s = log.time_s - log.time_s[0], log.capture_time_s - log.time_s[0]
     head, neck = shown_head(log), log.neck
@@ -140,7 +140,7 @@ def _continuous(log: Log, angles_rad: FloatArray) -> FloatArray:
 
 
 def _legend(figure: Figure, ax: Axes, drawn: dict[str, dict[str, Any]], columns: int) -> None:
-    """Kinds of line in a neutral colour, because the colour says which controller it is; only those that are drawn."""
+    """Kinds of line in a neutral colour, because the colour is the controller's; only those that are drawn."""
     for label, look in drawn.items():
         ax.plot([], [], **look, label=label)
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns, frameon=False)

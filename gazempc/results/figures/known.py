@@ -25,13 +25,13 @@ _BODY_LINE: Any = (0, (1.5, 1.5))
 
 @dataclass(frozen=True)
 class Part:
-    """What points somewhere beside the gaze.
+    """A direction beside the gaze.
 
     Attributes:
         label: Name for people.
         direction: Where it points in the base frame at each tick, shape (M, 3), unit; NaN where it is not known.
         line: Line style, as matplotlib takes it.
-        line_name: What the line is called.
+        line_name: Name of the line style.
         marker: Marker, as matplotlib takes it.
         level: Whether it turns about the vertical only.
     """
@@ -101,7 +101,7 @@ class ShownHead:
             between observations.
         known: At which ticks the true head is known, shape (M,).
         rare: Whether it is known at single ticks only, because the frames are far apart.
-        label: What it is, for a legend.
+        label: Name in a legend.
     """
 
     log: Log
@@ -140,7 +140,7 @@ def draw_known(ax: Axes, x: FloatArray, y: FloatArray, head: ShownHead, **look: 
         x: Shape (M,).
         y: Shape (M,).
         head: The head.
-        **look: What matplotlib's `plot` takes.
+        **look: Arguments of matplotlib's `plot`.
     """
     if not head.rare:
         ax.plot(x, y, **look)
@@ -161,7 +161,7 @@ def contact_shares(log: Log) -> tuple[float, float, float]:
 
 
 def known_title(logs: Logs) -> str:
-    """What a reader must know of the head in a figure; empty where it is known throughout."""
+    """Note on the head in a figure; empty where it is known throughout."""
     head = shown_head(next(iter(logs.values())))
     if not head.known.any():
         return "live run: the true head is unknown"

@@ -82,8 +82,8 @@ def draw_birds_eye(ax: Axes, logs: Logs, *, detailed: bool) -> tuple[Part, ...]:
     """Draw the walk from above, the robot, and where each controller's gaze was at some instants.
 
     A gaze ray ends as far from the eye as the head is; a dotted line joins its end to the head at that time.
-    The robot looks up the page and its left is on the left. Of a neck with eyes or a body, shorter lines say where head
-    and body pointed.
+    The robot looks up the page and its left is on the left. Of a neck with eyes or a body, shorter lines show where
+    head and body pointed.
 
     Args:
         ax: Axes to draw on.
@@ -91,7 +91,7 @@ def draw_birds_eye(ax: Axes, logs: Logs, *, detailed: bool) -> tuple[Part, ...]:
         detailed: The observed heads beside the true one, too; else only where that is unknown.
 
     Returns:
-        What is drawn beside the gaze, such as the robot's head.
+        Parts drawn beside the gaze, such as the robot's head.
     """
     heads = {name: shown_head(log) for name, log in logs.items()}
     shown = next(iter(heads.values()))
@@ -166,7 +166,7 @@ def _whom_by_whom(ax: Axes, log: Log) -> FloatArray:
 
 
 def _finish_plan(ax: Axes) -> None:
-    """Draw the robot; leave room for labels; say what the axes are."""
+    """Draw the robot; leave room for labels; name the axes."""
     ax.add_patch(FancyArrowPatch((0, 0), (0, 0.55), arrowstyle="-|>", mutation_scale=16, lw=2.5, fc="k", zorder=7))
     ax.plot(0, 0, "o", color="k", ms=11, zorder=7)
     ax.annotate("robot", (0, 0), (12, -3), textcoords="offset points", va="center")
@@ -357,7 +357,7 @@ _OVERVIEW_WIDTH = 32 / 3
 # Beside a bar of a larger share its words have no room.
 _LONG_BAR = 0.75
 _OF_ROBOT = "robot's"
-# Letters that have room in the time line of whom the gaze was for.
+# Letters that have room in the time line of the attended person.
 _LETTERS = 52
 _LONGEST_TITLE = 100
 
@@ -365,7 +365,7 @@ _LONGEST_TITLE = 100
 def draw_contact_bars(ax: Axes, logs: Logs) -> None:
     """Draw the share of the scored window with eye contact, a bar for each controller.
 
-    Of a neck with eyes a second bar says what the head alone would have.
+    Of a neck with eyes a second bar has the share of the head alone.
 
     Args:
         ax: Axes to draw on.
@@ -413,10 +413,10 @@ def overview(logs: Logs, path: Path) -> None:
         beside = draw_birds_eye(axes["walk"], logs, detailed=False)
         axes["walk"].set_title(_walk_title(beside), fontsize="medium")
         heads_alone = draw_gaze_error(axes["error"], logs, detailed=False)
-        said = (
+        legend = (
             "; dashed: error of the head alone" if heads_alone else f" (within {CONTACT_DEG[0]:g}°); grey: not scored"
         )
-        axes["error"].set_title(f"green: eye contact{said}", fontsize="medium")
+        axes["error"].set_title(f"green: eye contact{legend}", fontsize="medium")
         if people:
             _draw_people(axes["people"], people, axes["error"].get_xlim())
         draw_contact_bars(axes["bars"], logs)
@@ -438,7 +438,7 @@ def _time_lines(logs: Logs) -> dict[str, Log]:
 def _draw_people(ax: Axes, people: dict[str, Log], shown_s: tuple[float, float]) -> None:
     for row, log in enumerate(people.values()):
         draw_turns(ax, log, float(row), 0.9, _LETTERS)
-    ax.set_title("whom the gaze is for; hatched: it looks away", fontsize="medium")
+    ax.set_title("attended person; hatched: looks away", fontsize="medium")
     ax.set_yticks(range(len(people)), list(people) if len(people) > 1 else [""] * len(people))
     ax.tick_params(left=False)
     ax.set(xticks=[], xlim=shown_s, ylim=(len(people) - 0.5, -0.5))
@@ -448,12 +448,12 @@ def _draw_people(ax: Axes, people: dict[str, Log], shown_s: tuple[float, float])
 def _walk_title(beside: tuple[Part, ...]) -> str:
     if not beside:
         return "the walk from above, and where the robot looks"
-    said = (f"{part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)
-    return f"where the robot looks; {', '.join(said)}"
+    lines = (f"{part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)
+    return f"where the robot looks; {', '.join(lines)}"
 
 
 def _bar(ax: Axes, at: float, height: float, share: float, look: dict[str, Any], font: dict[str, Any]) -> Text:
     percent = 100.0 * share
     ax.barh(at, percent, height=height, **look)
-    said = f"{percent:.0f} %" if np.isfinite(percent) else "not known"
-    return ax.text(np.nan_to_num(percent) + 1.5, at, said, va="center", **font)
+    text = f"{percent:.0f} %" if np.isfinite(percent) else "not known"
+    return ax.text(np.nan_to_num(percent) + 1.5, at, text, va="center", **font)

@@ -14,7 +14,7 @@ from gazempc.types import FloatArray
 
 # Twice as many points as a wide screen has columns: more cannot be seen without zooming far in.
 _POINTS = 4000
-# Lines that a print without colours tells apart: dashes and gaps, in pixels.
+# Lines that differ in a print without colours: dashes and gaps, in pixels.
 _DASHES = ("", "8 5", "2 4", "12 5 2 5", "5 8", "16 6", "8 4 2 4 2 4", "1 8")
 
 
@@ -27,7 +27,7 @@ class Curve:
         colour: CSS colour.
         x: Rising, shape (N,).
         y: Shape (N,); NaN leaves a gap.
-        names: What each point is, shape (N,); empty where the axes say it.
+        names: Name of each point, shape (N,); empty where the axes suffice.
     """
 
     label: str
@@ -44,7 +44,7 @@ class Span:
     Attributes:
         start: Where it begins.
         end: Where it ends.
-        name: What it is.
+        name: Its name.
         colour: CSS colour of a bar along the top; empty for a grey ground.
     """
 
@@ -59,7 +59,7 @@ class Chart:
     """Curves over one axis.
 
     Attributes:
-        title: What they show.
+        title: Title.
         x_label: Name and unit.
         y_label: Name and unit.
         curves: The curves; the first ones are drawn below the others.
@@ -79,7 +79,7 @@ class Chart:
         return _DASHES[index % len(_DASHES)]
 
     def as_dict(self) -> dict[str, Any]:
-        """What the page's script reads; NaN is None."""
+        """Data of the page's script; NaN is None."""
         return {
             "x": self.x_label,
             "y": self.y_label,
@@ -121,10 +121,10 @@ class PageTable:
     """A table of texts.
 
     Attributes:
-        title: What stands above it; may be empty.
+        title: Title; may be empty.
         columns: Heading of each column.
         rows: Cells, one tuple a row. A first cell that begins with a space goes on with the row above it.
-        note: What a reader must know of it; stands below.
+        note: Stands below.
     """
 
     title: str
@@ -150,7 +150,7 @@ class Unusual:
 
     Attributes:
         what: In a few words, with numbers.
-        text: What it means.
+        text: Its meaning.
         traceback: Of the first exception, if there was one.
     """
 
@@ -164,15 +164,15 @@ class Page:
     """A report.
 
     Attributes:
-        title: What was done.
-        question: What it is to answer.
-        answer: The sentences that say what came out.
-        setup: What it was made with: name -> words.
+        title: Title.
+        question: The question that it answers.
+        answer: The conclusion, in sentences.
+        setup: The set-up: name -> words.
         tables: The numbers.
         charts: Curves that can be zoomed.
         pictures: Files to embed, with what each shows.
-        unusual: What was out of the ordinary.
-        command: What repeats it.
+        unusual: Unusual events.
+        command: The command that repeats it.
         settings: All settings, defaults included.
     """
 

@@ -50,7 +50,7 @@ def error_chart(logs: Mapping[str, Log]) -> Chart:
 
 
 def _people(logs: Mapping[str, Log]) -> Iterator[Span]:
-    """When contact is not due, and whom the gazes were for, where these are alike."""
+    """Times without contact due, and the attended people, where these are alike."""
     yield from (Span(from_s, to_s, "looks away") for from_s, to_s in away_in_all(logs))
     if any(log.attended_time_s.size for log in logs.values()) and are_alike(logs):
         for turn in turns(next(iter(logs.values()))):
@@ -80,7 +80,7 @@ _MOST_ROWS = 40
 
 
 def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
-    """Whom the gaze was for, and how well.
+    """Attended people, and metrics of attention.
 
     Args:
         logs: Controller -> log of the same recording.
@@ -95,9 +95,9 @@ def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
     rows = tuple((WORDS[name][0], *(_cell(WORDS[name][1] * each[name]) for each in found)) for name in known)
     of_each = PageTable("People and looks away", ("", *map(label, logs)), rows)
     name, log = list(logs.items())[-1]
-    whom = [(turn.from_s, turn.to_s, turn.texts[0]) for turn in turns(log)]
+    attended = [(turn.from_s, turn.to_s, turn.texts[0]) for turn in turns(log)]
     away = [(from_s, to_s, f"looks away: {why}") for from_s, to_s, why in looks_away(log)]
-    lines = tuple((f"{from_s:.2f}", f"{to_s:.2f}", what) for from_s, to_s, what in sorted(whom + away))
+    lines = tuple((f"{from_s:.2f}", f"{to_s:.2f}", what) for from_s, to_s, what in sorted(attended + away))
     note = f"The first {_MOST_ROWS} of {len(lines)}; all are in the log." if len(lines) > _MOST_ROWS else ""
     heading = f"Whom the gaze was for: {label(name)}"
     return of_each, PageTable(heading, ("from [s]", "to [s]", ""), lines[:_MOST_ROWS], note)
@@ -135,10 +135,10 @@ def run_page(
     Args:
         logs: Controller -> log of the same recording, each under the first seed.
         repeats: The figures of each, in the same order.
-        notes: What a reader must know.
+        notes: Notes for the reader.
         meanings: Event -> what it means.
         pictures: Figures and animation of the logs.
-        command: What repeats the run.
+        command: The command that repeats the run.
         settings: All its settings.
 
     Returns:
@@ -168,7 +168,7 @@ def run_page(
 
 
 def setup_of(log: Log) -> dict[str, str]:
-    """What a log was made with, for people.
+    """Set-up of a log, in words.
 
     Args:
         log: The run.
@@ -259,11 +259,11 @@ def live_page(
     """The report of a live run.
 
     Args:
-        summary: What stands in `summary.json`.
+        summary: Content of `summary.json`.
         log: The last log.
         meanings: Event -> what it means.
         pictures: Figures of the last log.
-        command: What repeats the run.
+        command: The command that repeats the run.
 
     Returns:
         The report.

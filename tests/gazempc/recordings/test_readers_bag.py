@@ -24,20 +24,6 @@ def test_optical_axes_are_turned(tmp_path, storage):
     assert forward == pytest.approx([0.0, -1.0, 0.0])  # the face's x axis points to the right of the camera
 
 
-def test_a_camera_without_the_name_is_told_by_where_people_are(tmp_path):
-    rows = face_rows("face_a", TIMES_S, [0.1, 0.0, 1.0], "default_cam")
-    rows += face_rows("face_b", TIMES_S[:4], [2.0, 0.1, 0.0], "lidar")
-    optical, level = read_bag_tracks(write_bag(tmp_path / "bag", rows))
-    assert (optical.optical, level.optical) == (True, False)
-    assert level.position_m[0] == pytest.approx([2.0, 0.1, 0.0])
-
-
-def test_faces_come_before_persons_and_long_tracks_first(tmp_path):
-    rows = face_rows("face_a", TIMES_S[:3], [0.0, 0.0, 1.0]) + face_rows("face_b", TIMES_S, [0.3, 0.0, 1.0])
-    rows += face_rows("person_c", TIMES_S, [1.0, 0.0, 0.0], "map") + face_rows("gaze_b", TIMES_S, [0, 0, 0], "face_b")
-    assert [track.frame_id for track in read_bag_tracks(write_bag(tmp_path / "bag", rows))] == ["face_b", "face_a"]
-
-
 def test_repeated_stamps_are_counted_and_bad_rows_left_out(tmp_path):
     rows = face_rows("face_a", TIMES_S, [0.0, 0.0, 1.0])
     rows += [rows[2], (1001.0, rows[0][1], "face_a", [0, 0, np.nan], (1, 0, 0, 0))]

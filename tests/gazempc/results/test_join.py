@@ -43,11 +43,6 @@ def test_the_parts_of_a_log_join_to_the_log():
     assert gz.measure(joined).as_dict() == pytest.approx(gz.measure(whole).as_dict(), nan_ok=True)
 
 
-def test_nothing_cannot_be_joined():
-    with pytest.raises(ValueError, match="at least one log"):
-        join_logs([])
-
-
 def test_of_each_event_the_first_exception_and_all_that_came():
     first, other = Fault("forecast_failed", 3, "TypeError: a", "trace a"), Fault("late_plan", 1, "OSError", "b")
     again = Fault("forecast_failed", 4, "ValueError: c", "trace c")

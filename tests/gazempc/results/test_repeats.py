@@ -81,14 +81,6 @@ def test_the_table_shows_spread_highest_peaks_and_all_violations():
     assert "MPC 90.0 % (RMS error 7.3 times smaller)" in sentence(rows)
 
 
-def test_one_seed_has_no_spread():
-    rows = repeats({name: values[:1] for name, values in ERRORS_DEG.items()})
-    text = table(rows, NECK)
-    assert "±" not in text
-    assert "seed" not in text
-    assert lines_of(text)["gaze error RMS [deg]"] == ["10.00", "1.00", "0.00"]
-
-
 @pytest.mark.parametrize(
     ("mpc_deg", "mpc_contact", "costs"),
     [
@@ -110,11 +102,3 @@ def test_a_forecast_that_costs_is_told_with_what_to_try(mpc_deg, mpc_contact, co
         assert cost in text
     assert ("deg more" in text) == any("deg more" in cost for cost in costs)
     assert ("points less" in text) == any("points less" in cost for cost in costs)
-
-
-def test_the_forecast_is_blamed_only_if_a_perfect_one_would_do_better():
-    errors_deg = {"reactive": (1.0, 1.1), "mpc": (1.3, 1.4)}
-    blame = "the forecast costs"
-    assert blame not in sentence(repeats(errors_deg))
-    assert blame in sentence(repeats(errors_deg | {"perfect": (0.1, 0.1)}))
-    assert blame not in sentence(repeats(errors_deg | {"perfect": (1.2, 1.2)}))

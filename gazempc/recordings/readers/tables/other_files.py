@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from gazempc.errors import MissingOptionalDependencyError, RecordingError
+from gazempc.files.text import read_text
 from gazempc.recordings.readers.tables.people import COLUMNS
 from gazempc.recordings.readers.tables.raw_table import RawTable
-from gazempc.recordings.readers.text import read_text
 
 # An hour of 50 columns at 60 Hz.
 _MOST_CELLS = 10_000_000
@@ -42,13 +42,13 @@ def parquet_table(path: Path) -> RawTable:
     try:
         file = pq.ParquetFile(path)
         arrow = file.schema_arrow
-        # What is nested in columns may be a thousand times as long as the table, and is no number.
+        # Nested columns may be a thousand times as long as the table, and hold no numbers.
         names = [field.name for field in arrow if not pa.types.is_nested(field.type)]
         if len(set(names)) < len(names):
             raise ValueError("a column stands there twice")
         cells = file.metadata.num_rows * len(names)
         if cells > _MOST_CELLS:
-            raise ValueError(f"it says that it has {cells} cells; accepted are {_MOST_CELLS} at most")
+            raise ValueError(f"it states {cells} cells; accepted are {_MOST_CELLS} at most")
         kinds = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary)
         # As numbers of distinct values: else one long text, repeated, takes gigabytes.
         texts = [field.name for field in arrow if any(is_kind(field.type) for is_kind in kinds)]
@@ -65,8 +65,7 @@ def parquet_table(path: Path) -> RawTable:
             raise RecordingError(path, f"column {name}", f"it holds {arrow.field(name).type}", "floating-point numbers")
         else:
             columns.append(_texts(column))
-    places = [f"row {k + 1}" for k in range(table.num_rows)]
-    return RawTable(path, "plain", tuple(table.column_names), columns, places)
+    return RawTable(path, "plain", tuple(table.column_names), columns, range(1, table.num_rows + 1))
 
 
 def _texts(column: Any) -> list[str]:
@@ -175,7 +174,7 @@ def openpose_table(path: Path) -> RawTable:
 
     Returns:
         Columns ``frame``, ``person``, ``Nose.x`` and so on, a row for each person in each frame, in metres or
-        millimetres, as the distance from nose to hips says.
+        millimetres, by the distance from nose to hips.
 
     Raises:
         RecordingError: If a file is damaged, or nowhere are 3-D key points.

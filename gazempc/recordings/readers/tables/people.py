@@ -23,7 +23,7 @@ _COLUMN = re.compile(
 
 
 def person_column(table: RawTable) -> str | None:
-    """A column whose few values come back in many rows, and whose name says who."""
+    """A column of ids: few values in many rows, and a name for people."""
     for name in table.names:
         if name and _COLUMN.fullmatch(name):
             values = table.texts(name)
@@ -64,14 +64,14 @@ def choose_from_header(table: RawTable, names: list[str], wanted: str | None) ->
     Args:
         table: The table.
         names: Who has columns.
-        wanted: What the user said, or None.
+        wanted: The user's choice, or None.
 
     Returns:
         The name, and a note if there are others.
 
     Raises:
         SettingsError: If the wanted one is not there.
-        RecordingError: If there are several, and nothing tells which is a person's head.
+        RecordingError: If there are several heads.
     """
     if wanted is not None:
         found = [name for name in names if name.casefold() == wanted.casefold()]
@@ -101,7 +101,7 @@ def rows_of_person(
         table: The table.
         column: Column with the people's ids.
         known: Rows in which a head is seen, shape (N,).
-        wanted: Whom the user wants, or None for the person with most rows.
+        wanted: The user's choice, or None for the person with most rows.
 
     Returns:
         Rows, shape (N,); the id; and a note if there are others.

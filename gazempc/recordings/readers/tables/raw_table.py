@@ -15,7 +15,7 @@ from gazempc.types import FloatArray
 
 Layout = Literal["plain", "no header", "motive", "vicon", "mvnx", "openpose"]
 
-# What programs write where they have no value.
+# Written by programs for a missing value.
 _MISSING = {"", "nan", "na", "n/a", "none", "null", "-", "--", "?"}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
 # Units as they stand in headers, by the name that mappings use.
@@ -44,24 +44,25 @@ class RawTable:
         layout: How the file is laid out.
         names: Names of the columns, in the order of the file; their numbers from 1 where it has no header.
         columns: For each name in `names` its cells, of N rows each, as text or as numbers.
-        places: For each row, words that find it in the file, such as ``row 17``.
-        units: Units of columns, by name, where the file says them.
-        rate_hz: Frames a second, where the file says them.
-        notes: What was noticed while reading.
+        places: For each row its place in the file: the line, or words such as ``frame 17``.
+        units: Units of columns, by name, where the file states them.
+        rate_hz: Frames a second, where the file states them.
+        notes: Remarks of the reader.
     """
 
     path: Path
     layout: Layout
     names: tuple[str, ...]
     columns: Sequence[Sequence[str] | FloatArray]
-    places: Sequence[str]
+    places: Sequence[int | str]
     units: Mapping[str, str] = field(default_factory=dict)
     rate_hz: float | None = None
     notes: tuple[str, ...] = ()
 
     def place(self, index: int) -> str:
-        """Words for a row."""
-        return self.places[index]
+        """Place of a row in the file, such as ``row 17``."""
+        place = self.places[index]
+        return place if isinstance(place, str) else f"row {place}"
 
     def first(self, count: int) -> RawTable:
         """The first rows."""
@@ -92,7 +93,7 @@ class RawTable:
         return np.array([self._number(name, row, cell) for row, cell in enumerate(cells)], dtype=np.float64)
 
     def unit(self, name: str) -> str | None:
-        """Unit of a column: the file's, or the one in its name; None where nothing says it."""
+        """Unit of a column: the file's, or the one in its name; None where neither has one."""
         return self.units.get(name) or split_unit(name)[1]
 
     def _column(self, name: str) -> Sequence[str] | FloatArray:
@@ -109,7 +110,7 @@ class RawTable:
             if _DECIMAL_COMMA.fullmatch(cell):
                 return float(cell.replace(",", "."))
         raise RecordingError(
-            self.path, f"{self.places[row]}, column {name}", f"{shown(cell)} is not a number", "a number"
+            self.path, f"{self.place(row)}, column {name}", f"{shown(cell)} is not a number", "a number"
         )
 
 
@@ -169,7 +170,7 @@ def wide(table: RawTable) -> RawTable:
         n for n in table.names if n not in named and n not in axes.values() and not _OF_LANDMARK.fullmatch(n)
     ]
     whose = list(zip(*(table.texts(name) for name in about_frame), strict=True)) or [()] * len(places)
-    # A frame's rows stand together; of a frame without a time or a number nothing else tells where it ends.
+    # A frame's rows follow each other; without a time or a number, a frame ends where the next one begins.
     rows: dict[tuple[str, ...], int] = {}
     for frame in whose:
         rows.setdefault(frame, len(rows))

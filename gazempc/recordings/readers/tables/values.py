@@ -13,7 +13,7 @@ from gazempc.recordings.readers.checks import MAX_MAGNITUDE
 from gazempc.recordings.readers.tables.raw_table import RawTable, split_unit
 from gazempc.types import FloatArray
 
-# What stands between a group's name and the letter of a column.
+# Between a group's name and the letter of a column.
 _JOINTS = ("", ".", "_", " ", "/", "-", ":", "__")
 _NUMBER = re.compile(r"#(\d+)")
 
@@ -23,7 +23,7 @@ class Columns:
 
     Args:
         table: The table.
-        person: What stands for ``{person}`` in a mapping.
+        person: Replaces ``{person}`` in a mapping.
     """
 
     def __init__(self, table: RawTable, person: str = "") -> None:
@@ -108,7 +108,7 @@ def listed(text: str) -> list[str] | None:
 
 LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 ANGLES_RAD = {"rad": 1.0, "deg": np.pi / 180.0}
-# Letters that tell the columns of a group.
+# Letters of the columns of a group.
 POSITION = (("x", "y", "z"), ("0", "1", "2"))
 QUATERNION = (("w", "x", "y", "z"), ("0", "1", "2", "3"))
 EULER = (("roll", "pitch", "yaw"), ("x", "y", "z"))
@@ -121,11 +121,11 @@ def vector(columns: Columns, text: str, alphabets: Sequence[Sequence[str]], what
     Args:
         columns: Columns of the table.
         text: A group's name, or a list of columns and constants such as ``=1.6``.
-        alphabets: Letters that tell the columns of a group.
-        what: What they are, for messages.
+        alphabets: Letters of the columns of a group.
+        what: Their name in messages.
 
     Returns:
-        Shape (N, C), and the unit that the table says, or None.
+        Shape (N, C), and the unit in the table, or None.
 
     Raises:
         RecordingError: If a column is missing or holds no numbers, or the list has another length.
@@ -198,10 +198,10 @@ def points(columns: Columns, text: str, what: str) -> tuple[list[tuple[float, Fl
     Args:
         columns: Columns of the table.
         text: The value without its unit.
-        what: What they are, for messages.
+        what: Their name in messages.
 
     Returns:
-        Sign and positions of shape (N, 3) of each, and the unit that the table says, or None.
+        Sign and positions of shape (N, 3) of each, and the unit in the table, or None.
     """
     found, units = [], []
     for sign, name in signed_terms(columns, text):
@@ -212,12 +212,12 @@ def points(columns: Columns, text: str, what: str) -> tuple[list[tuple[float, Fl
 
 
 def in_metres(columns: Columns, text: str, what: str) -> FloatArray:
-    """A position as a mapping says it: one point, or the mean of several.
+    """A position of a mapping: one point, or the mean of several.
 
     Args:
         columns: Columns of the table.
         text: The value, with its unit or without.
-        what: What it is, for messages.
+        what: Its name in messages.
 
     Returns:
         Shape (N, 3), metres, in the table's axes; NaN where a point is not known.
@@ -238,7 +238,7 @@ def direction(columns: Columns, text: str, what: str) -> FloatArray:
     Args:
         columns: Columns of the table.
         text: Such as ``LEFT_EAR-RIGHT_EAR``.
-        what: What it is, for messages.
+        what: Its name in messages.
 
     Returns:
         Shape (N, 3), of any length, in the table's axes.
@@ -262,7 +262,7 @@ _DATE_FORMATS = (
 
 
 def seconds(columns: Columns, text: str) -> FloatArray:
-    """Capture times as a mapping says them.
+    """Capture times of a mapping.
 
     Args:
         columns: Columns of the table.
@@ -273,7 +273,7 @@ def seconds(columns: Columns, text: str) -> FloatArray:
         Shape (N,), seconds; NaN where the file has none.
 
     Raises:
-        RecordingError: If a column is missing, a cell is no time, or a rate is nowhere said.
+        RecordingError: If a column is missing, a cell is no time, or a rate is missing.
     """
     head, _, last = text.rpartition(":")
     rate = _RATE.fullmatch(last.strip())
@@ -330,11 +330,11 @@ def _dates(columns: Columns, name: str) -> FloatArray:
     return np.array(found)
 
 
-def _frames(columns: Columns, column: str, said: str) -> FloatArray:
+def _frames(columns: Columns, column: str, rate: str) -> FloatArray:
     """Frame numbers as seconds; the smallest step between numbers is one frame."""
     table = columns.table
     numbers = table.numbers(columns.one(column)) if column else np.arange(float(len(table.places)))
-    rate_hz = float(said) if said else table.rate_hz
+    rate_hz = float(rate) if rate else table.rate_hz
     if not rate_hz:
         raise RecordingError(
             table.path,
