@@ -55,8 +55,7 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     """
     accepted = f"a file ending in {', '.join(_READERS)}, or the folder of a ROS 2 bag or of OpenPose"
     if not isinstance(name_or_path, str | Path):
-        problem, synthetic = "this is no name and no path", f"{accepted}, or a synthetic name"
-        raise RecordingError(repr(name_or_path)[:80], "", problem, synthetic)
+        raise RecordingError(repr(name_or_path)[:80], "", "no name and no path", f"{accepted}, or a synthetic name")
     name, path = str(name_or_path), Path(name_or_path)
     walks, everyday = synthetic_names(), everyday_names()
     if name in walks:

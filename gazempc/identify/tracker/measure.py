@@ -322,7 +322,7 @@ def _without_jumps(times_s: FloatArray, values: FloatArray) -> tuple[BoolArray, 
     limits, step_limits = _gates(aside), _gates(steps)
     calm = np.ones(times_s.size, dtype=np.bool_)
     durations_s, sizes = [], []
-    for first, last in _runs((aside > limits).any(axis=1)):
+    for first, last in _runs(np.asarray((aside > limits).any(axis=1))):
         way = aside[first:last].max(axis=0)
         axis = int(np.argmax(way / limits))
         # The others are the person's motion, or frames back on the track.
@@ -338,7 +338,7 @@ def _without_jumps(times_s: FloatArray, values: FloatArray) -> tuple[BoolArray, 
 def _gates(sizes: FloatArray) -> FloatArray:
     """Gate of each axis, shape (A,), from the sizes of deviations, shape (N, A)."""
     usual = sizes <= _OUTER_GATE * _NORMAL * np.median(sizes, axis=0)
-    return np.maximum(_GATE * np.sqrt(np.mean(sizes**2, axis=0, where=usual)), _LEAST)
+    return np.asarray(np.maximum(_GATE * np.sqrt(np.mean(sizes**2, axis=0, where=usual)), _LEAST))
 
 
 def _runs(flags: BoolArray) -> IntArray:
@@ -394,7 +394,8 @@ def _minimum(
         start = np.log(np.concatenate([[0.02, size, size, correlation_s] for size in white]))
         results.append(least_squares(residual, start))
     best = min(results, key=lambda result: float(result.cost))
-    covariance = np.linalg.pinv(best.jac.T @ best.jac)
+    jacobian = np.asarray(best.jac)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian)
     return best.x[at], np.sqrt(np.maximum(np.diag(covariance), 0.0))[at], float(best.cost)
 
 

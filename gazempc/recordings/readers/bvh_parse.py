@@ -91,7 +91,8 @@ def parse_bvh(path: Path) -> Bvh:
     if not 0.0 < frame_time_s < np.inf:
         raise lines.error(f"the frame time is {words[2]}", "a frame time above 0, in seconds")
     labels = [f"{joint.name} {channel}" for joint in joints for channel in joint.channels]
-    rows, numbers = [], []
+    rows: list[list[float]] = []
+    numbers: list[int] = []
     while not lines.at_end:
         words = lines.next("a frame")
         if len(words) != len(labels):
@@ -149,7 +150,7 @@ class _Lines:
         self._path, self.number = path, 0
         numbered = enumerate(text.splitlines(), start=1)
         pieces = ((number, piece.split()) for number, line in numbered for piece in _PIECES.findall(line))
-        self._lines = [(number, words) for number, words in pieces if words]
+        self._lines: list[tuple[int, list[str]]] = [(number, words) for number, words in pieces if words]
         self._next = 0
 
     @property

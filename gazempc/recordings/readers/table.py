@@ -88,12 +88,12 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     table = _raw(path)
-    mapping, notes = _mapping_of(table, options)
+    mapping, about = _mapping_of(table, options)
     for key in ("t", "head"):
         if getattr(mapping, key) is None:
             raise RecordingError(path, "mapping", f"columns of {key} are missing", "at least t and head")
     assert mapping.head is not None
-    notes, person, who = [*table.notes, *notes], options.person, ""
+    notes, person, who = [*table.notes, *about], options.person, ""
     if PERSON in mapping.head:
         names = people_in_header(table, mapping.head)
         if not names:

@@ -80,7 +80,7 @@ def test_the_report_says_whom_the_gaze_was_for(log):
         (pytest.approx(5.0, abs=0.006), pytest.approx(6.5, abs=0.006), "looks away"),
         (0.5, 4.0, "person 1: chosen"),
         (4.0, 8.0, "person 2: the one before left"),
-        (8.0, 10.0, "nobody"),
+        (8.0, 10.0, "no person"),
     ]
     assert dict(metrics.rows)["switches a minute"] == "6"
     assert line.rows == (

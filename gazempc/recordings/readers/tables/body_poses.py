@@ -219,8 +219,10 @@ def _radians(columns: Columns, words: list[str], of_column: str | None, what: st
 def _from_directions(forward: FloatArray | None, left: FloatArray | None) -> FloatArray:
     """Orientations by the forward direction, the left one, or both; upright where only one is known."""
     up = np.array([0.0, 0.0, 1.0])
-    x = np.cross(left, up) if forward is None else forward
-    y = np.cross(up, x) if left is None else left
+    if forward is None:
+        assert left is not None
+        forward = np.cross(left, up)
+    x, y = forward, np.cross(up, forward) if left is None else left
     with np.errstate(invalid="ignore", divide="ignore"):
         z = np.cross(x, y)
         z /= np.linalg.norm(z, axis=1, keepdims=True)
