@@ -41,22 +41,22 @@ _FORMAT = "Azure Kinect body tracking JSON (offline_processor)"
 _Number = float | None  # the tool writes null for NaN
 
 
-class _Strict(BaseModel):
+class _KinectModel(BaseModel):
     model_config = ConfigDict(strict=True)
 
 
-class _Body(_Strict):
+class _Body(_KinectModel):
     body_id: int
     joint_positions: list[tuple[_Number, _Number, _Number]]
     joint_orientations: list[tuple[_Number, _Number, _Number, _Number]]
 
 
-class _Frame(_Strict):
+class _Frame(_KinectModel):
     timestamp_usec: float = Field(ge=-(2.0**63), le=2.0**63)
     bodies: list[_Body]
 
 
-class _File(_Strict):
+class _File(_KinectModel):
     joint_names: list[str]
     frames: list[_Frame] = Field(min_length=1)
 

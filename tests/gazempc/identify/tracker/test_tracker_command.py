@@ -109,7 +109,7 @@ def test_what_is_refused(tmp_path, capsys):
     assert "--person" in refused(capsys, "--robot", "simulated", "--person", "anna", *out)
     aged = tmp_path / "aged.jsonl"
     aged.write_text("\n".join(json.dumps({"age_s": 0.1, "head_position_m": [1, 0, 0]}) for _ in range(90)))
-    assert "line 1: age_s says no time of capture" in refused(capsys, "--tracker", str(aged), *out)
+    assert "line 1: age_s is no time of capture" in refused(capsys, "--tracker", str(aged), *out)
     assert not (tmp_path / "mine.toml").exists()
 
 
