@@ -6,7 +6,6 @@ import math
 import pytest
 
 from gazempc.identify import identify
-from gazempc.identify.new_neck import read_range
 from gazempc.neck.spec import load_neck
 
 SHEET = ["--sheet.pan-deg", "-70", "80", "--sheet.tilt-deg", "-30", "40", "--sheet.speed", "60 rpm"]
@@ -81,11 +80,3 @@ def test_what_cannot_be_written_is_refused(tmp_path, monkeypatch, capsys):
     assert identify.main(["--new", new, *SHEET]) == 2
     assert "exists already" in capsys.readouterr().err
     assert (tmp_path / "n.toml").read_text() == before
-
-
-def test_ranges_are_two_numbers_around_straight_ahead():
-    assert read_range("-80 80") == read_range("80;-80 deg") == (-80.0, 80.0)
-    assert read_range("-30.5, 0") == (-30.5, 0.0)
-    for text in ("80", "a b", "0 0", "5 80", "-80 80 3"):
-        with pytest.raises(ValueError, match=r"no range|does not hold 0"):
-            read_range(text)

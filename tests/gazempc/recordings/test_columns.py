@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from builders import exports
 from builders.exports import Walk, in_axes, quat_in_axes
 from scipy.spatial.transform import Rotation
 
@@ -73,18 +72,6 @@ def test_axes_of_positions_and_quaternions(tmp_path, axes):
     same_head(recording)
     same_turn(recording)
     np.testing.assert_allclose(recording.truth.pelvis_position_m, Walk.pelvis_m, atol=1e-9)
-
-
-def test_axes_as_a_list_and_a_head_with_axes_of_its_own(tmp_path):
-    """A frame with z up, and a camera on the head: z forward, x right, y down."""
-    from_optical = Rotation.from_matrix(exports.FILE_FROM_OURS["optical"].T)
-    quats = (Walk.head * from_optical).as_quat()
-    header = ["s", "n", "w", "u", "a", "b", "c", "d"]
-    path = write(tmp_path / "a.csv", header, T, Walk.head_m, quats)
-    recording = read(path, "t=s, head=[n,w,u], head_q=[a,b,c,d]:xyzw, head_axes=[z,-x,-y]")
-    same_turn(recording)
-    with pytest.raises(SettingsError, match="expected one of z-up, y-up, optical, unity"):
-        read(path, "t=s, head=[n,w,u], axes=sideways")
 
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import csv
 import os
 from collections.abc import Callable
@@ -16,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import GazempcError, MissingOptionalDependencyError, RecordingError
+from gazempc.errors import GazempcError, RecordingError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.labels import route_group
 from gazempc.recordings.readers.tables.people import COLUMNS
@@ -91,31 +90,6 @@ def test_labels_come_from_the_index_beside_the_file(tmp_path: Path) -> None:
     assert (labels.subject, labels.group, labels.description) == ("p3", "sharp", "round a chair")
     labels = load(write_rows(tmp_path / "other_2.csv", table_rows())).labels
     assert (labels.subject, labels.group, labels.description) == ("other", "straight", "")
-
-
-@pytest.mark.parametrize(
-    ("stated", "activity", "moves", "group"),
-    [
-        ("sharp", "waiting", True, "standing"),
-        ("straight", "standing", False, "standing"),
-        ("", "sitting", True, "standing"),
-        ("turn", "moving", False, "turn"),
-        ("", "moving", True, "straight"),
-        ("sharp", "", False, "standing"),
-        ("sharp", "", True, "sharp"),
-        ("controls", "standing", False, "controls"),
-        ("controls", "", False, "controls"),
-    ],
-)
-def test_people_who_stay_are_standing_whatever_route_is_stated(
-    tmp_path: Path, stated: str, activity: str, moves: bool, group: str
-) -> None:
-    values = walk_values()
-    if not moves:
-        values[:, 1:] = values[0, 1:]
-    write_rows(tmp_path / "index.csv", [["clip", "subject", "group", "kind"], ["a", "eva", stated, activity]])
-    labels = load(write_rows(tmp_path / "a.csv", table_rows(values))).labels
-    assert (labels.group, labels.activity) == (group, activity or None)
 
 
 # ---------------------------------------------------------------- optional parts
@@ -308,20 +282,6 @@ def test_parquet_damage_is_named(tmp_path: Path, column: str) -> None:
     pq.write_table(pa.table(columns), path)
     with pytest.raises(RecordingError, match=rf"missing column\(s\) {column};"):
         load(path)
-
-
-def test_parquet_without_pyarrow_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real_import = builtins.__import__
-
-    def no_pyarrow(name: str, *args: object, **kwargs: object) -> object:
-        if name.startswith("pyarrow"):
-            raise ImportError(name)
-        return real_import(name, *args, **kwargs)  # type: ignore[arg-type]
-
-    (tmp_path / "a.parquet").write_bytes(b"PAR1")
-    monkeypatch.setattr(builtins, "__import__", no_pyarrow)
-    with pytest.raises(MissingOptionalDependencyError, match=r"pip install pyarrow"):
-        load(tmp_path / "a.parquet")
 
 
 def test_cut_off_and_damaged_tables_raise_nothing_else(tmp_path: Path) -> None:

@@ -9,8 +9,6 @@ import pytest
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.labels import travel
 
-STEP_M = 0.7
-
 
 def along_x(x_m, rate_hz=30.0):
     t = np.arange(x_m.size) / rate_hz
@@ -39,16 +37,6 @@ def test_a_start_follows_half_a_second_at_rest(pause_s, starts):
     assert found.leaves
     # The window of the speed, 0.3 s, blurs both ends.
     assert (found.start_s == pytest.approx(2.0 + pause_s, abs=0.15)) if starts else np.isnan(found.start_s)
-
-
-@pytest.mark.parametrize(("reach_m", "leaves"), [(0.9 * STEP_M, False), (1.2 * STEP_M, True)])
-def test_a_lean_is_no_start_unless_it_is_longer_than_a_step(reach_m, leaves):
-    """There and back, each in 1 s at a mean speed above 0.3 m/s."""
-    t = np.arange(0.0, 8.0, 1.0 / 30.0)
-    there = np.clip(t - 2.0, 0.0, 1.0) - np.clip(t - 5.0, 0.0, 1.0)
-    found = travel(*along_x(reach_m * there**2 * (3.0 - 2.0 * there)))
-    assert found.leaves == leaves
-    assert np.isfinite(found.start_s) == leaves
 
 
 def test_jumps_of_a_tracker_are_no_start():

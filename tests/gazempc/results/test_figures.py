@@ -154,12 +154,6 @@ def test_animation_runs_in_real_time(logs: Logs, count: int, tmp_path: Path) -> 
     assert (frames[-1][-2:, -2:] == 255).all()
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
-def test_head_offset_has_the_length_of_the_gaze_error(logs: Logs, name: str) -> None:
-    offset = head_offset_deg(logs[name])
-    np.testing.assert_allclose(np.linalg.norm(offset, axis=1), gaze_error_deg(logs[name]), atol=0.1)
-
-
 def test_head_offset_points_right_and_up(logs: Logs) -> None:
     # Seen along the gaze, a head turned to the right of it and above it.
     log = logs["mpc"]

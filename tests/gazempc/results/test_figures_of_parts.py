@@ -16,13 +16,12 @@ from scipy.spatial.transform import Rotation
 from gazempc.neck.spec import load_neck
 from gazempc.results.figures.angles import angles
 from gazempc.results.figures.animation import head_offset_deg, part_offsets_deg
-from gazempc.results.figures.known import head_error_deg, parts
+from gazempc.results.figures.known import parts
 from gazempc.results.figures.overview import (
     birds_eye,
     gaze_error,
     overview,
 )
-from gazempc.results.figures.style import styles
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg
 
@@ -58,19 +57,6 @@ def test_parts_point_where_rotations_say(log: Log) -> None:
         np.testing.assert_allclose(found[label], direction, atol=1e-12)
 
 
-def test_the_error_of_the_head_alone_is_that_of_its_direction(log: Log) -> None:
-    alone = head_error_deg(log)
-    if log.neck.eyes is None:
-        assert alone is None
-        return
-    to_head = log.head_true_base_m / np.linalg.norm(log.head_true_base_m, axis=1, keepdims=True)
-    direction = next(part.direction for part in parts(log) if part.label == "robot's head")
-    # The reference neck has all axes and the eye in one point.
-    by_hand = np.degrees(np.arccos(np.clip(np.sum(to_head * direction, axis=1), -1, 1)))
-    np.testing.assert_allclose(alone, by_hand, atol=1e-4)
-    assert alone.max() > 2.0 * gaze_error_deg(log).max(), "the eyes must be worth showing"
-
-
 def test_the_eye_sees_the_head_where_the_eyes_are_turned_away_from(log: Log) -> None:
     """Eyes turned left and up: the head points to the right of the gaze and below it."""
     offset = head_offset_deg(log)
@@ -82,9 +68,3 @@ def test_the_eye_sees_the_head_where_the_eyes_are_turned_away_from(log: Log) -> 
     marker, found = part_offsets_deg(replace(log, joint_position_rad=joints))["robot's head"]
     assert marker == "s"
     np.testing.assert_allclose(found, np.broadcast_to([6.0, -3.0], found.shape), atol=0.3)
-
-
-def test_controllers_of_the_users_own_never_share_a_colour_in_a_picture() -> None:
-    names = ["mpc", "a", "b", "c", "d", "e"]
-    assert len({look.colour for look in styles(names).values()}) == len(names)
-    assert styles(["mine"])["mine"] == styles(["mpc", "mine"])["mine"]

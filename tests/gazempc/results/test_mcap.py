@@ -12,7 +12,6 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 import gazempc as gz
-from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray, head_angles_rad
 from gazempc.results.log import Log
@@ -94,25 +93,6 @@ def test_metrics_are_the_errors_of_the_gaze(log, path):
     assert np.isnan(column(path, "/metrics", "late_ms")).all()
 
 
-@pytest.mark.parametrize("topic", ["/joints", "/commands"])
-def test_joints_and_commands_have_their_names_and_values(log, path, topic):
-    found = decoded(path, topic)
-    assert len(found) == pytest.approx(log.time_s.size / every(log), abs=1)
-    of = dict(zip(nanoseconds(log.time_s), range(log.time_s.size), strict=True))
-    rows = [of[at] for at, _ in found]
-    if topic == "/joints":
-        wanted = {"position": log.joint_position_rad, "velocity": log.joint_velocity_rad_s}
-    else:
-        wanted = {
-            "position": log.command_position_rad,
-            "velocity": log.command_velocity_rad_s,
-            "acceleration": log.command_acceleration_rad_s2,
-        }
-    assert {tuple(j.name for j in m.joints) for _, m in found} == {log.neck.joint_names}
-    for name, values in wanted.items():
-        np.testing.assert_array_equal([[getattr(j, name) for j in m.joints] for _, m in found], values[rows])
-
-
 def test_frames_lead_from_the_base_to_the_eye(log, path):
     """The chain of transforms is the kinematics of the neck, with its eyes and its body."""
     of = dict(zip(nanoseconds(log.time_s), log.joint_position_rad, strict=True))
@@ -180,14 +160,3 @@ def test_a_log_and_a_bag_are_told_apart(path, tmp_path):
     (file,) = bag.glob("*.mcap")
     assert not has_log(file)
     assert not has_log(tmp_path / "none.mcap")
-
-
-def test_what_is_no_log_is_refused_by_name(tmp_path):
-    import foxglove
-
-    foxglove.open_mcap(tmp_path / "other.mcap", context=foxglove.Context()).close()
-    with pytest.raises(SettingsError, match=r"other\.mcap: no log of gazempc"):
-        gz.load_log(tmp_path / "other.mcap")
-    (tmp_path / "cut.mcap").write_bytes((tmp_path / "other.mcap").read_bytes()[:30])
-    with pytest.raises(SettingsError, match=r"cut\.mcap: not an MCAP file"):
-        gz.load_log(tmp_path / "cut.mcap")

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, multivariate_t
 from scipy.stats import f as f_distribution
 
-from gazempc.errors import SettingsError
 from gazempc.neck.spec import load_neck
 from gazempc.results.forecast_metrics import forecast_metrics
 from gazempc.results.log import Log, load_log
@@ -206,10 +205,3 @@ def test_a_log_is_read_back_as_it_was_written(log, tmp_path):
             continue
         np.testing.assert_array_equal(getattr(again, field.name), getattr(log, field.name))
     assert measure(again).as_dict() == pytest.approx(measure(log).as_dict(), nan_ok=True, abs=0, rel=0)
-
-
-@pytest.mark.parametrize("content", [b"", b"not a log", b"PK\x03\x04 cut off"])
-def test_a_file_that_is_no_log_is_refused(tmp_path, content):
-    (tmp_path / "bad.npz").write_bytes(content)
-    with pytest.raises(SettingsError, match=r"bad\.npz"):
-        load_log(tmp_path / "bad.npz")

@@ -1,7 +1,6 @@
 """Means and spread over seeds of the noise, and the table that shows them: by hand."""
 
 import dataclasses
-import math
 import re
 
 import numpy as np
@@ -61,13 +60,6 @@ def test_mean_and_standard_deviation_over_the_seeds():
     told = mpc.as_dict()
     assert told["per_seed"]["gaze_error_rms_deg"] == [1.0, 2.0, 1.5]
     assert (told["controller"], told["mean"]["gaze_error_rms_deg"]) == ("mpc", 1.5)
-
-
-def test_a_seed_without_a_figure_does_not_count_and_none_has_no_mean():
-    _, mpc, _ = repeats(overshoot_deg=(1.0, math.nan, 3.0), sparc=(math.nan,) * 3)
-    assert (mpc.mean("overshoot_deg"), mpc.sd("overshoot_deg")) == (2.0, pytest.approx(math.sqrt(2.0)))
-    assert math.isnan(mpc.mean("sparc"))
-    assert math.isnan(mpc.sd("sparc"))
 
 
 def test_the_table_shows_spread_highest_peaks_and_all_violations():
