@@ -121,7 +121,7 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     if mapping.origin == "hips" and rows.size:
         track = _lifted_from_hips(path, track)
         notes.append(
-            f"positions are relative to the hips, which are put at {HIPS_HEIGHT_M} m: the walk is not in the file"
+            f"positions are relative to the hips, which are put at {HIPS_HEIGHT_M} m: how the person walks is not in the file"
         )
     kind = mapping.kind or "motion capture"
     found = recording_of(

@@ -214,7 +214,7 @@ def test_options_override_what_the_file_says(tmp_path: Path) -> None:
             with_options(**{option: "Hand"})
     with pytest.raises(RecordingError, match=r"65\.\d+ m from the pelvis.*bvh_unit_m"):
         with_options(bvh_unit_m=1.0)
-    with pytest.raises(RecordingError, match=r"z does not point up.*bvh_up_axis"):
+    with pytest.raises(RecordingError, match="bvh_unit_m"):
         with_options(bvh_up_axis="z")
 
 

@@ -213,8 +213,6 @@ def _drop_column(rows: Rows) -> None:
         (_scale_positions(1000.0), ["600 m", "(median)", "millimetres", "factor of 1000", "metres"]),
         (_scale_positions(1 / 1000.0), ["0.0006 m", "pelvis"]),
         (_scale_positions(100.0), ["60 m", "centimetres", "factor of 100"]),
-        (_scale_positions(25.4), ["15.24 m", "looks like values 25.4 times too large"]),
-        (_scale_positions(1 / 25.4), ["0.02362 m", "looks like values 25.4 times too small"]),
         (_scale_positions(1 / 0.0254), ["23.62 m", "looks like inches", "factor of 39.37"]),
         (_scale_positions(1 / 0.3048), ["1.969 m", "looks like feet"]),
         (_swap_y_and_z, ["z does not point up", "(0.00, 0.60, 0.00) m", "z up"]),

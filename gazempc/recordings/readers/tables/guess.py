@@ -18,7 +18,7 @@ from gazempc.types import FloatArray
 
 _HEIGHT_M = 1.6
 _RATE_HZ = 30
-_TIME = re.compile(r"(.*[._ ])?(t|secs?|seconds|time|time_?stamps?|stamp|date|date_?time)", re.I)
+_TIME = re.compile(r"(.*[._ ])?(t|s|secs?|seconds|time|time_?stamps?|stamp|date|date_?time)", re.I)
 _FRAME = re.compile(r"frame(_?(id|no|number|index))?|index", re.I)
 _GROUP = re.compile(r"(?P<base>.*?)[._ :\[-]*(?P<axis>[xyz])\]?", re.I)
 _HEAD = re.compile(r"head|face|nose|eye", re.I)
