@@ -98,8 +98,8 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
         names = people_in_header(table, mapping.head)
         if not names:
             raise Columns(table).missing(f"columns for {mapping.head}")
-        who, note = choose_from_header(table, names, person)
-        notes += note
+        who, more = choose_from_header(table, names, person)
+        notes += more
     elif person is not None and mapping.person is None:
         raise SettingsError(f"--reading.person {person}: {path} has no column of people; give person=COLUMN")
     columns = Columns(table, who)
@@ -107,22 +107,21 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     known = np.isfinite(parts.times_s) & np.isfinite(parts.head_m).all(axis=1)
     mine = np.ones(len(known), dtype=np.bool_)
     if mapping.person is not None:
-        mine, who, note = rows_of_person(table, columns.one(mapping.person), known, person)
-        notes += note
+        mine, who, more = rows_of_person(table, columns.one(mapping.person), known, person)
+        notes += more
     notes += _dropped(table, known, mine)
     rows, parts, frame = np.flatnonzero(known & mine), parts.rows(known & mine), ros_frame(columns, mapping)
     at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
     if frame is not None and mapping.head_axes is None:
-        parts, note = facing(parts, at_sensor, who.startswith("face_"))
-        notes += note
+        parts, more = facing(parts, at_sensor, who.startswith("face_"))
+        notes += more
     notes += _partly_unknown(parts)
     every = np.ones(len(rows), dtype=np.bool_)
     track = Track(parts.head_m, parts.head_quat, parts.pelvis_m, parts.pelvis_quat, every)
     if mapping.origin == "hips" and rows.size:
         track = _lifted_from_hips(path, track)
-        notes.append(
-            f"positions are relative to the hips, which are put at {HIPS_HEIGHT_M} m: how the person walks is not in the file"
-        )
+        note = f"positions are relative to the hips, which are put at {HIPS_HEIGHT_M} m"
+        notes.append(f"{note}: how the person walks is not in the file")
     kind = mapping.kind or "motion capture"
     found = recording_of(
         path, parts.times_s, track, kind, at_sensor, lambda index: table.place(int(rows[index])), notes=notes
