@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gazempc.recordings.readers.route_group import ROUTES, STANDING
+from gazempc.recordings.readers.labels import ROUTES, STANDING
 
 GROUP_ORDER = (STANDING, *ROUTES)
 # What people do in a clip, in reading order; other kinds follow.

@@ -10,8 +10,7 @@ from experiments.compare_report import COMPARED, DIFFERENCES, about, difference_
 from experiments.engine.job import Row
 from experiments.page_parts import failures, left_out, shares, survived
 from gazempc.results.figures.style import styles
-from gazempc.results.page.chart import Chart
-from gazempc.results.page.content import Page, PageTable, Unusual
+from gazempc.results.page.content import Chart, Page, PageTable, Unusual
 from gazempc.results.run_summary import label
 
 

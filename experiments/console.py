@@ -11,7 +11,7 @@ from gazempc.errors import suggest
 COMMANDS = {
     "run": ("gazempc.run", "replay a walk to several gazes, with table and pictures"),
     "live": ("gazempc.live.__main__", "look at a person who is there now"),
-    "identify": ("gazempc.identify.command", "measure a neck's dead time and servo"),
+    "identify": ("gazempc.identify.identify", "measure a neck's dead time and servo"),
     "margins": ("gazempc.margins.command", "how wrong a neck file may be before the neck swings"),
     "export": ("gazempc.export", "write a log as csv, parquet or mcap"),
     "compare": ("experiments.compare", "compare gazes over many recordings"),

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from gazempc.loop.events import MEANINGS
-from gazempc.results.page.chart import Chart, Curve
-from gazempc.results.page.content import Unusual
+from gazempc.results.page.content import Chart, Curve, Unusual
 
 SHARE_LABEL = "share of clips (%)"
 

@@ -71,7 +71,7 @@ def export(log: Log, to: Literal["csv", "parquet", "mcap"], stem: Path) -> list[
         OSError: If a file cannot be written.
     """
     if to == "mcap":
-        from gazempc.results.mcap_file import write_mcap  # noqa: PLC0415  (optional packages)
+        from gazempc.results.mcap import write_mcap  # noqa: PLC0415  (optional packages)
 
         path = stem.with_name(f"{stem.name}.mcap")
         write_mcap(log, path)

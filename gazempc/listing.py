@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gazempc.neck.spec import load_neck, neck_names
-from gazempc.recordings.readers.tables.shipped import shipped_mappings
+from gazempc.recordings.readers.table import shipped_mappings
 from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.sim.sensor import load_sensor, sensor_names

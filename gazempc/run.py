@@ -23,7 +23,7 @@ from gazempc.run_settings import RunSettings, config_path, load_settings
 if TYPE_CHECKING:
     from gazempc.neck.spec import NeckSpec
     from gazempc.results.log import Log
-    from gazempc.results.repeats import Repeats
+    from gazempc.results.table import Repeats
     from gazempc.sim.scene import Scene
 
 
@@ -94,7 +94,7 @@ def _run(settings: RunSettings, command: str) -> None:
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
     from gazempc.recordings.readers.table import remember_columns  # noqa: PLC0415
     from gazempc.recordings.recording import truth_of  # noqa: PLC0415
-    from gazempc.results.mcap_file import write_mcap  # noqa: PLC0415
+    from gazempc.results.mcap import write_mcap  # noqa: PLC0415
     from gazempc.results.run_summary import faults, label, write_summary  # noqa: PLC0415
     from gazempc.results.table import sentence, table  # noqa: PLC0415
     from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
@@ -167,9 +167,8 @@ def _run(settings: RunSettings, command: str) -> None:
 def _measure(path: Path, settings: RunSettings, command: str) -> None:
     from gazempc.recordings.recording import truth_of  # noqa: PLC0415
     from gazempc.results.log import load_log  # noqa: PLC0415
-    from gazempc.results.repeats import measured_again  # noqa: PLC0415
     from gazempc.results.run_summary import write_summary  # noqa: PLC0415
-    from gazempc.results.table import table  # noqa: PLC0415
+    from gazempc.results.table import measured_again, table  # noqa: PLC0415
 
     log = load_log(path)
     out = settings.out or Path("out") / path.stem
@@ -267,10 +266,7 @@ def _events(log: Log) -> list[str]:
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:
     from gazempc.results.figures.angles import angles  # noqa: PLC0415
     from gazempc.results.figures.animation import animate  # noqa: PLC0415
-    from gazempc.results.figures.attended import attended  # noqa: PLC0415
-    from gazempc.results.figures.birds_eye import birds_eye  # noqa: PLC0415
-    from gazempc.results.figures.gaze_error import gaze_error  # noqa: PLC0415
-    from gazempc.results.figures.overview import overview  # noqa: PLC0415
+    from gazempc.results.figures.overview import attended, birds_eye, gaze_error, overview  # noqa: PLC0415
     from gazempc.results.figures.people import has_attention  # noqa: PLC0415
 
     figures = {

@@ -18,16 +18,16 @@ from gazempc.loop.events import Event
 from gazempc.neck.spec import Axis, Eyes, Geometry, NeckSpec, neck_names
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.frames import AXES
+from gazempc.recordings.readers.table import shipped_mappings
+from gazempc.recordings.readers.tables.body_poses import AXES
 from gazempc.recordings.readers.tables.mapping import ColumnMapping
-from gazempc.recordings.readers.tables.own import COLUMNS
-from gazempc.recordings.readers.tables.shipped import shipped_mappings
-from gazempc.recordings.readers.tables.times import TIMES_S
+from gazempc.recordings.readers.tables.people import COLUMNS
+from gazempc.recordings.readers.tables.values import TIMES_S
 from gazempc.results.attention import AttentionMetrics
-from gazempc.results.compute import ComputeMetrics
 from gazempc.results.log import Fault, Log
 from gazempc.results.metrics import Metrics
 from gazempc.results.run_info import RunInfo
+from gazempc.results.run_summary import ComputeMetrics
 from gazempc.run_settings import RunSettings
 from gazempc.settings import (
     AttentionSettings,

@@ -23,8 +23,8 @@ from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import LiveSetup, build
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.limits import limit_violations
 from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.motion import limit_violations
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState
 from predictors import Forecast, HeadObservation, Predictor

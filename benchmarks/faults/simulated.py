@@ -13,9 +13,9 @@ from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import build
 from gazempc.live.sources.source import Arrived, Source
-from gazempc.results.limits import limit_violations
 from gazempc.results.log import Log
 from gazempc.results.metrics import measure
+from gazempc.results.motion import limit_violations
 from gazempc.types import FloatArray, Sighting
 
 Spoil = Callable[[Sighting, int, np.random.Generator], list[Sighting]]

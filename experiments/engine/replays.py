@@ -15,9 +15,8 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
-from gazempc.results.compute import measure_compute
 from gazempc.results.metrics import measure
-from gazempc.results.run_summary import faults
+from gazempc.results.run_summary import faults, measure_compute
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import make_scene
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor

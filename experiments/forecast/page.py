@@ -13,8 +13,7 @@ from experiments.forecast.report import about, forecast_table, rate_tables
 from experiments.forecast.summary import ClipResult, error_m
 from experiments.page_parts import shares
 from gazempc.results.figures.style import COLOURS
-from gazempc.results.page.chart import Chart, Curve
-from gazempc.results.page.content import Page, Unusual
+from gazempc.results.page.content import Chart, Curve, Page, Unusual
 
 _Row = Mapping[str, Any]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.clips import sensors_of
-from gazempc.recordings.readers.route_group import STANDING
+from gazempc.recordings.readers.labels import STANDING
 from gazempc.recordings.recording import truth_of
 from gazempc.results.page.content import PageTable
 

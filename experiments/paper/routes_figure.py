@@ -156,7 +156,7 @@ def _draw_ways(ax: Axes, recording: Recording, colour: str) -> None:
     path_m = _seen_path_m(recording)
     start, end = ROUTE_LANDMARKS[recording.name.split("_")[1]]
     for desk, (x, y) in ((start, path_m[0]), (end, path_m[-1])):
-        found = way(PAPER_ROOM.landmark(desk), (float(x), float(y)), PAPER_ROOM)
+        found = way(desk, (float(x), float(y)))
         ax.plot(found[:, 1], found[:, 0], color=colour, lw=0.6, ls=":", alpha=0.5, zorder=2)
 
 

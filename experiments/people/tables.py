@@ -16,9 +16,9 @@ from gazempc.people.company import Company
 from gazempc.people.engagement import Engagement
 from gazempc.people.person import PersonState
 from gazempc.people.schedule import RHYTHMS, LookAways
+from gazempc.recordings.load import load_together
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.walks import synthetic_names
-from gazempc.recordings.together import load_together
 from gazempc.results.attention import measure_attention
 from gazempc.settings import DEFAULT_PREDICTOR
 from gazempc.sim.replay import ReplaySettings, replay_scene

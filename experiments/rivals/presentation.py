@@ -19,8 +19,7 @@ from experiments.rivals.jobs import NAMES, OURS
 from experiments.rivals.plan import ALL_STILL, ALL_WALKS, BEHIND
 from experiments.rivals.trials import LOSS, WALKS
 from gazempc.results.figures.style import DPI, readable, style
-from gazempc.results.page.chart import Chart, Curve
-from gazempc.results.page.content import Page, PageTable, Unusual
+from gazempc.results.page.content import Chart, Curve, Page, PageTable, Unusual
 
 # Heading, figure, factor, digits.
 _Column = tuple[str, str, float, int]

@@ -14,8 +14,7 @@ from experiments.sweep.figures import colour_of, distinct, is_numeric, recorded_
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import Objective, direction_of
 from experiments.sweep.tables import means_table, pareto_front
-from gazempc.results.page.chart import Chart, Curve
-from gazempc.results.page.content import Page, Unusual
+from gazempc.results.page.content import Chart, Curve, Page, Unusual
 
 
 def sweep_page(

@@ -10,8 +10,8 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from experiments.sweep.names import accepted, check_name, check_settings, check_value, is_number, setting_fields
 from gazempc.errors import shown, suggest
-from gazempc.results.compute import ComputeMetrics
 from gazempc.results.metrics import Metrics
+from gazempc.results.run_summary import ComputeMetrics
 
 Design = Literal["grid", "random", "sobol", "optuna"]
 Direction = Literal["maximize", "minimize"]

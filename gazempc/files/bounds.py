@@ -51,7 +51,7 @@ def check_file(path: Path, most_bytes: int | None = None) -> int:
         Its size, bytes.
 
     Raises:
-        OSError: If there is no such file, or it is refused; `strerror` says why.
+        OSError: If there is no such file, or it is refused; `strerror` has the reason.
     """
     return _checked(path, path.stat(), most_bytes)
 
@@ -82,7 +82,7 @@ def read_limited(path: Path, most_bytes: int) -> bytes:
         Its bytes.
 
     Raises:
-        OSError: If it cannot be read, is no regular file or is too large; `strerror` says why.
+        OSError: If it cannot be read, is no regular file or is too large; `strerror` has the reason.
     """
     # Without O_NONBLOCK, opening a pipe waits for a writer.
     opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -117,8 +117,8 @@ def check_unpacked(unpacked_bytes: int, size_bytes: int) -> None:
         OSError: If the content is far larger than the file.
     """
     if unpacked_bytes > most_unpacked_bytes(size_bytes):
-        said = f"its content takes far more memory than its size explains: {_size(unpacked_bytes)} unpacked"
-        raise OSError(errno.ENOMEM, f"{said}, {_size(most_unpacked_bytes(size_bytes))} accepted")
+        problem = f"its content takes far more memory than its size explains: {_size(unpacked_bytes)} unpacked"
+        raise OSError(errno.ENOMEM, f"{problem}, {_size(most_unpacked_bytes(size_bytes))} accepted")
 
 
 def check_values(data: bytes) -> None:

@@ -52,7 +52,7 @@ def check_npz(path: Path, most_bytes: int) -> None:
 
     Raises:
         OSError: If it cannot be read, is too large, or its content is far larger than the file.
-        ValueError: If an array is not what its header says.
+        ValueError: If an array disagrees with its header.
     """
     data = read_limited(path, most_bytes)
     try:
@@ -74,7 +74,7 @@ def _check_members(archive: zipfile.ZipFile, size_bytes: int) -> None:
 
 
 def _check(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
-    """Refuse an array that is not what its header says, before it is unpacked.
+    """Refuse an array that disagrees with its header, before it is unpacked.
 
     Raises:
         ValueError: Names the array.
@@ -89,7 +89,7 @@ def _check(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
     if kind.kind not in _KINDS or kind.hasobject:
         raise ValueError(f"{shown(member.filename, 80)} holds {kind!s:.80}; accepted: numbers and text")
     if header_bytes + math.prod(shape) * kind.itemsize != member.file_size:
-        raise ValueError(f"{shown(member.filename, 80)} has {member.file_size} bytes, which is not what its shape says")
+        raise ValueError(f"{shown(member.filename, 80)} has {member.file_size} bytes, which disagrees with its shape")
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Any:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-# What a run writes, by its name. A controller's log has its computing times beside it.
+# Files that a run writes. A controller's log has its computing times beside it.
 _OURS = re.compile(
     r"(summary\.json|settings\.yaml|report\.html|(overview|birds_eye|angles|gaze_error)\.png|gaze\.gif|"
     r"(log|compute)_\d{3,}\.(npz|mcap))(\.\d+\.part)?"
@@ -62,7 +62,7 @@ def naming(path: Path) -> Iterator[None]:
     """Say in errors of the file system what was to be written: a write that fails does not know its file.
 
     Args:
-        path: What is written in here.
+        path: The file that is written inside.
 
     Raises:
         OSError: With the path.

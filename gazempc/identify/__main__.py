@@ -2,7 +2,7 @@
 
 import sys
 
-from gazempc.identify.command import main
+from gazempc.identify.identify import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""Motions that tell dead time and servo apart: steps of several sizes, then a band-limited multisine."""
+"""Motions that separate dead time and servo: steps of several sizes, then a band-limited multisine."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gazempc.types import FloatArray
 
 ExcitedAxes = tuple[Literal["all", "in_turn", "pan", "tilt", "eye_pan", "eye_tilt", "body_yaw"], ...]
 
-# Share of the command limits that is used: what the neck file says of a neck not yet measured may be optimistic.
+# Share of the command limits that is used: the file of a neck not yet measured may be optimistic.
 _MARGIN = 0.9
 # Nothing is known of the neck's answer yet, so it goes to where the motion starts at this share of its speed.
 _APPROACH_SPEED = 0.3
@@ -74,7 +74,7 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
     Args:
         neck: Its limits and servo rate.
         start_rad: Where the command starts at rest, shape (N,), radians.
-        settings: What to do.
+        settings: Joints, duration, amplitude and seed.
 
     Returns:
         The commands: from the start to the middle of the motion, the motion, and back to rest in the middle.
@@ -106,7 +106,7 @@ def moving_joints(neck: NeckSpec, axes: ExcitedAxes) -> tuple[str, ...]:
 
     Args:
         neck: The neck.
-        axes: What is chosen.
+        axes: The choice.
 
     Returns:
         The names, in the order of `NeckSpec.joint_names`.
@@ -178,7 +178,7 @@ def _motion(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> FloatArr
 
 def _steps(neck: NeckSpec, axis: int, settings: ExcitationSettings, rng: np.random.Generator) -> FloatArray:
     amplitude = _amplitude_rad(neck, axis, settings)
-    # The longest way is 1.5 amplitudes; a step that took longer would be a slow ramp, which says little.
+    # The longest way is 1.5 amplitudes; a step that took longer would be a slow ramp, with little information.
     while len(_move(neck, axis, 0.0, 1.5 * amplitude, 1.0)) > _LONGEST_STEP_S * neck.servo_rate_hz + 1:
         amplitude *= 0.8
     ends = round(_STEPS_SHARE * settings.duration_s * neck.servo_rate_hz)

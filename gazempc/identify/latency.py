@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from gazempc.identify.estimate import Interval
-from gazempc.identify.fitting import Z_95, fit
 from gazempc.identify.record import IdentificationError
+from gazempc.identify.servo_fit import Z_95, fit
 from gazempc.results.log import Log
 from gazempc.types import FloatArray
 
@@ -46,7 +46,7 @@ def estimate_latency(
 ) -> LatencyEstimate:
     """Find the delay at which observations agree best with a known motion; constant offsets do not matter.
 
-    The motion may be a person's true track, or what the joints' encoders say of a camera that turns before a fixed
+    The motion may be a person's true track, or the encoders' angles of a camera that turns before a fixed
     target: then `known` is the direction of the target as the encoders have it.
 
     Args:
@@ -54,14 +54,14 @@ def estimate_latency(
         known: The motion, shape (M, k), any unit; rows with NaN are left out.
         observed_time_s: Time stamps of the observations on the same clock, shape (F,), seconds. With times of arrival
             the latency is the whole of it; with times of capture it is the error of those.
-        observed: What was observed, shape (F, k), the same unit.
+        observed: Observations, shape (F, k), the same unit.
         latency_max_s: Largest latency that is looked for, seconds.
 
     Returns:
         The estimate.
 
     Raises:
-        IdentificationError: If the data cannot tell.
+        IdentificationError: If the data do not determine it.
     """
     known_time_s, known = _finite(known_time_s, known)
     observed_time_s, observed = _finite(observed_time_s, observed)
@@ -82,7 +82,7 @@ def estimate_latency(
         centred: FloatArray = difference - difference.mean(axis=0)
         return centred
 
-    # Each latency is judged by the observations whose moment it knows: a short record has few for all of them at once.
+    # Each latency is judged by the observations at known moments: a short record has few for all latencies at once.
     lags_s = np.arange(_EARLIEST_S, latency_max_s + 1e-9, _SCAN_STEP_S)
     scores = [
         float(np.mean(residual(lag_s, used) ** 2)) if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS
@@ -128,7 +128,7 @@ def log_latency(log: Log) -> tuple[LatencyEstimate, LatencyEstimate]:
         From the true motion to the arrival, and to the capture time that the sensor states; the second should be 0.
 
     Raises:
-        IdentificationError: If the data cannot tell, or the log has no true motion.
+        IdentificationError: If the data do not determine it, or the log has no true motion.
     """
     arrived = estimate_latency(log.time_s, log.head_true_base_m, log.arrival_time_s, log.head_observed_base_m)
     captured = estimate_latency(log.time_s, log.head_true_base_m, log.capture_time_s, log.head_observed_base_m)

@@ -1,4 +1,4 @@
-"""A neck file from what a data sheet says; the rest by rules of thumb, marked as assumed."""
+"""A neck file from a data sheet: the rest by rules of thumb, marked as assumed; and TOML text of specifications."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import datetime
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -20,8 +20,42 @@ from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.settings import Settings
 from gazempc.specfiles import parse_spec
 
+
+def as_toml(values: Mapping[str, object]) -> str:
+    """Text that `gazempc.specfiles` reads.
+
+    Args:
+        values: Numbers, texts, truths and lists; a mapping is a table.
+
+    Returns:
+        TOML, tables last.
+    """
+    return "\n".join(_lines(values, "")) + "\n"
+
+
+def _lines(values: Mapping[str, object], within: str) -> list[str]:
+    lines = [f"{key} = {_toml(value)}" for key, value in values.items() if not isinstance(value, Mapping)]
+    for key, fields in values.items():
+        if isinstance(fields, Mapping):
+            plain = any(not isinstance(field, Mapping) for field in fields.values())
+            lines += ["", f"[{within}{key}]"] if plain else []
+            lines += _lines(fields, f"{within}{key}.")
+    return lines
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # JSON's escapes are TOML's, but for one character that JSON leaves as it is.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value)
+
+
 _DEG = math.pi / 180.0
-# Radians a second in one of the unit. A servo's data sheet says how long it takes for 60 degrees.
+# Radians a second in one of the unit. A servo's data sheet has the time for 60 degrees.
 _SPEEDS = {"deg/s": _DEG, "rad/s": 1.0, "rpm": 2.0 * math.pi / 60.0}
 _SECONDS_FOR_60_DEG = "s/60deg"
 _SPEED_UNITS = f"{', '.join(_SPEEDS)} or {_SECONDS_FOR_60_DEG}"
@@ -31,7 +65,7 @@ Answer = TypeVar("Answer")
 
 
 class DataSheet(Settings):
-    """What a data sheet says of a neck; what is not given is asked for."""
+    """Values of a neck's data sheet; a missing one is asked for."""
 
     pan_deg: tuple[float, float] | None = Field(
         default=None, description="Range of pan, degrees: right end (negative) and left end; straight ahead is 0"
@@ -63,13 +97,13 @@ def new_neck(path: Path, sheet: DataSheet) -> NeckSpec:
 
     Args:
         path: TOML file to write; must not exist.
-        sheet: What is known.
+        sheet: Known values.
 
     Returns:
         The neck that the file holds.
 
     Raises:
-        SettingsError: If the file exists, a value is wrong, or nobody answers.
+        SettingsError: If the file exists, a value is wrong, or there is no answer.
     """
     if path.exists():
         raise SettingsError(f"--new {path}: exists already; give another name, or delete it first")
@@ -155,7 +189,7 @@ def _axis(name: str, sheet: DataSheet) -> _Axis:
 
 
 def _answer(given: str | None, option: str, question: str, read: Callable[[str], Answer]) -> Answer:
-    """What an option says, or a person; asked again until it can be read."""
+    """An option's value, or a person's answer, asked again until it can be read."""
     if given is not None:
         try:
             return read(given)
@@ -165,7 +199,7 @@ def _answer(given: str | None, option: str, question: str, read: Callable[[str],
         try:
             said = input(question)
         except EOFError:
-            raise SettingsError(f"nobody answers: give {option}, or call this in a terminal") from None
+            raise SettingsError(f"no answer: give {option}, or call this in a terminal") from None
         try:
             return read(said)
         except ValueError as error:

@@ -35,7 +35,7 @@ _LARGEST = 1e12
 
 
 class IdentificationError(GazempcError):
-    """The data cannot tell what was asked: says why, with figures, and what to do."""
+    """The data do not determine the result: the reason with figures, and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class NeckRecord:
     Attributes:
         about: JSON text: where it is from, the neck in full, and settings.
         command_time_s: When each command was sent, shape (K,), seconds.
-        command_rad: What was really sent to each joint, shape (K, N), radians; each is held until the next.
+        command_rad: Sent to each joint, shape (K, N), radians; each is held until the next.
         joint_time_s: When the angles were measured, shape (M,), seconds, on the same clock.
         joint_rad: Measured angles, shape (M, N), radians.
         failed_reads: How often the joints could not be read.
@@ -130,13 +130,13 @@ def record(
     Args:
         robot: Connected; stays connected.
         clock: The robot's clock.
-        excitation: What to command; begins where the joints stand.
+        excitation: Commands; begins where the joints stand.
         neck: Its limits, for the stop.
         about: Where the record is from; the neck is added.
         on_tick: Told after each tick the share that is done, 0 to 1.
 
     Returns:
-        What happened.
+        The record.
 
     Raises:
         RobotError: If a command does not get through, the joints cannot be read for half a second, or the computer is

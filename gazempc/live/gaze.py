@@ -19,8 +19,7 @@ from gazempc.loop.observer import JointEstimate
 from gazempc.neck.spec import NeckSpec
 from gazempc.people.attention import Attended
 from gazempc.people.company import Glance, Rhythm, Sound, Speech, Thinking
-from gazempc.results.join import join_logs
-from gazempc.results.log import ComputeTimes, Fault, Log
+from gazempc.results.log import ComputeTimes, Fault, Log, join_logs
 from gazempc.robots.robot import Robot
 from gazempc.settings import DEFAULT_PREDICTOR, LookAwayMode
 from predictors import Predictor

@@ -10,8 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from gazempc.live.setup import LiveSetup
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.results.join import merge_faults
-from gazempc.results.log import ComputeTimes, Fault, Log
+from gazempc.results.log import ComputeTimes, Fault, Log, merge_faults
 from gazempc.results.moments import CutMoment, JointsMoment, Moment
 
 LogSink = Callable[[Log, ComputeTimes], None]

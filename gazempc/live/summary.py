@@ -20,11 +20,10 @@ from gazempc.live.settings import LiveSettings
 from gazempc.loop.events import MEANINGS, Event
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.recording import truth_of
-from gazempc.results.compute import measure_compute
-from gazempc.results.limits import limit_violations
 from gazempc.results.log import ComputeTimes, Fault, Log
 from gazempc.results.metrics import measure
-from gazempc.results.run_summary import versions
+from gazempc.results.motion import limit_violations
+from gazempc.results.run_summary import measure_compute, versions
 
 _LATE_MS = 1.0
 _SHOWN_PROBLEMS = 5
@@ -134,7 +133,7 @@ class KeptLogs:
         """
         # Matplotlib takes a second to import, which no run may wait for.
         from gazempc.results.figures.angles import angles  # noqa: PLC0415
-        from gazempc.results.figures.attended import attended  # noqa: PLC0415
+        from gazempc.results.figures.overview import attended  # noqa: PLC0415
         from gazempc.results.figures.people import has_attention  # noqa: PLC0415
 
         if self._last is None or self._last[0].time_s.size < 2:
@@ -156,7 +155,7 @@ class KeptLogs:
         Returns:
             Name of the file; none where nothing was logged.
         """
-        from gazempc.results.page.live_page import live_page  # noqa: PLC0415  (slow to import)
+        from gazempc.results.page.run_page import live_page  # noqa: PLC0415  (slow to import)
         from gazempc.results.page.write import write_page  # noqa: PLC0415
 
         if self._last is None:

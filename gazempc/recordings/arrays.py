@@ -8,15 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gazempc.errors import RecordingError
-from gazempc.recordings.readers.checks import (
-    check_finite,
-    check_frame_count,
-    check_frame_interval,
-    check_times_increase,
-    check_unit_quaternions,
-)
-from gazempc.recordings.readers.plausible import check_plausible
-from gazempc.recordings.readers.position_checks import check_head_travel
+from gazempc.recordings.readers.checks import check_finite, check_motion, check_unit_quaternions
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.types import FloatArray
 
@@ -52,12 +44,7 @@ def recording_from_arrays(
             another unit, or a quaternion is not of unit length; names the array, the row and what is accepted.
     """
     times = _array(name, "times_s", times_s, ("N",))
-    check_frame_count(Path(name), times.size)
-    check_times_increase(Path(name), times, _row)
-    check_frame_interval(Path(name), times)
     head_m = _array(name, "head_position_m", head_position_m, (times.size, 3))
-    check_head_travel(Path(name), times, head_m)
-    check_plausible(Path(name), times, head_m, in_base_frame)
     pelvis_m = np.full_like(head_m, np.nan)
     if pelvis_position_m is not None:
         pelvis_m = _array(name, "pelvis_position_m", pelvis_position_m, (times.size, 3))
@@ -68,6 +55,7 @@ def recording_from_arrays(
         pelvis_quat_wxyz=_quats(name, "pelvis_quat_wxyz", pelvis_quat_wxyz, times.size),
         valid=np.ones(times.size, dtype=np.bool_),
     )
+    check_motion(Path(name), times, track, in_base_frame, "row {}".format)
     return Recording(
         name=name,
         source="arrays",
@@ -80,21 +68,17 @@ def recording_from_arrays(
     )
 
 
-def _row(index: int) -> str:
-    return f"row {index}"
-
-
 def _array(name: str, field: str, value: ArrayLike, shape: tuple[int | str, ...]) -> FloatArray:
-    said = f"an array of numbers of shape ({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+    accepted = f"an array of numbers of shape ({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise RecordingError(name, field, "these are no numbers", said) from None
+        raise RecordingError(name, field, "these are no numbers", accepted) from None
     fits = array.ndim == len(shape) and all(n in ("N", size) for n, size in zip(shape, array.shape, strict=True))
     if not fits:
-        raise RecordingError(name, field, f"its shape is {array.shape}", said)
+        raise RecordingError(name, field, f"its shape is {array.shape}", accepted)
     rows = array.reshape(len(array), -1)
-    check_finite(Path(name), rows, [field] * rows.shape[1], _row)
+    check_finite(Path(name), rows, [field] * rows.shape[1], "row {}".format)
     return array
 
 
@@ -103,5 +87,5 @@ def _quats(name: str, field: str, value: ArrayLike | None, frames: int) -> Float
         return np.full((frames, 4), np.nan)
     quats = np.asarray(value)
     quats = _array(name, field, np.tile(quats, (frames, 1)) if quats.shape == (4,) else quats, (frames, 4))
-    check_unit_quaternions(Path(name), quats, field, _row)
+    check_unit_quaternions(Path(name), quats, field, "row {}".format)
     return np.asarray(quats / np.linalg.norm(quats, axis=1, keepdims=True), dtype=np.float64)

@@ -1,20 +1,20 @@
-"""Load a recording by its name in the synthetic data set or by its path."""
+"""Load a recording by its name in the synthetic data set or by its path; or several people of one scene."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from gazempc.errors import RecordingError, suggest
 from gazempc.files.bounds import check_file, check_folder
+from gazempc.recordings.readers.bag import open_bag, read_bag
 from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
-from gazempc.recordings.readers.bag_recording import read_bag
 from gazempc.recordings.readers.bvh import read_bvh
 from gazempc.recordings.readers.kinect import read_kinect
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.plausible import check_plausible
 from gazempc.recordings.readers.table import TABLES, read_table
-from gazempc.recordings.readers.tables.openpose import is_openpose_folder
+from gazempc.recordings.readers.tables.other_files import is_openpose_folder
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names, generate_everyday
 from gazempc.recordings.synthetic.routes import ROUTES
@@ -55,11 +55,8 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     """
     accepted = f"a file ending in {', '.join(_READERS)}, or the folder of a ROS 2 bag or of OpenPose"
     if not isinstance(name_or_path, str | Path):
-        raise RecordingError(
-            repr(name_or_path)[:80], "", "this is no name and no path", f"{accepted}, or a synthetic name"
-        )
+        raise RecordingError(repr(name_or_path)[:80], "", "no name and no path", f"{accepted}, or a synthetic name")
     name, path = str(name_or_path), Path(name_or_path)
-    given = options if options is not None else ReadOptions()
     walks, everyday = synthetic_names(), everyday_names()
     if name in walks:
         return generate(name)
@@ -67,47 +64,81 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         return generate_everyday(name)
     try:
         name.encode()
+        is_directory, exists = path.is_dir(), path.exists()
     except UnicodeEncodeError:
         raise RecordingError(ascii(name), "", "the name is not text in UTF-8", "a file with another name") from None
-    try:
-        is_directory, exists = path.is_dir(), path.exists()
     except (OSError, ValueError) as error:  # such as a name longer than the system allows, or with a zero in it
         raise RecordingError(name, "", f"cannot be opened: {error}", accepted) from None
-    if is_directory and not is_recording_folder(path):
-        raise RecordingError(name, "", "this is a directory, and neither a ROS 2 bag nor OpenPose's", accepted)
-    if is_directory:
-        try:
-            check_folder(path)
-        except OSError as error:
-            place = Path(error.filename or path).name
-            raise RecordingError(path, place, f"cannot be read: {error.strerror}", "a folder of files") from None
-        return _read(read_table if is_openpose_folder(path) else read_bag, path, given)
-    if not exists:
-        looks_like_file = path.suffix.lower() in _READERS or len(path.parts) > 1
-        names = f"{suggest(name, (*walks, *everyday))}, each person with {', '.join((*ROUTES, *ACTIVITIES))}"
-        expected = accepted if looks_like_file else f"{accepted}, or a synthetic name: {names}"
-        raise RecordingError(name, "", "no such file or synthetic recording", expected)
     reader = _READERS.get(path.suffix.lower())
+    if not exists:
+        near = f"{suggest(name, (*walks, *everyday))}, each person with {', '.join((*ROUTES, *ACTIVITIES))}"
+        expected = accepted if reader or len(path.parts) > 1 else f"{accepted}, or a synthetic name: {near}"
+        raise RecordingError(name, "", "no such file or synthetic recording", expected)
+    if is_directory:
+        reader = read_table if is_openpose_folder(path) else read_bag if is_recording_folder(path) else None
     if reader is None:
-        raise RecordingError(name, "", f"unknown kind of file {path.suffix!r}", accepted)
+        problem = "this is a directory, and neither a ROS 2 bag nor OpenPose's"
+        raise RecordingError(name, "", problem if is_directory else f"unknown kind of file {path.suffix!r}", accepted)
     try:
-        check_file(path)
+        if is_directory:
+            check_folder(path)
+        else:
+            check_file(path)
+        return reader(path, options or ReadOptions())
     except OSError as error:
-        raise RecordingError(name, "", f"cannot be read: {error.strerror}", accepted) from None
-    return _read(reader, path, given)
+        place = Path(error.filename).name if is_directory and error.filename else ""
+        raise RecordingError(path, place, f"cannot be read: {error.strerror or error}", accepted) from None
 
 
 # Its name in `import gazempc`.
 load_recording = load
 
 
-def _read(reader: Reader, path: Path, options: ReadOptions) -> Recording:
-    """Read a recording, and refuse one that cannot be of a walk."""
-    try:
-        recording = reader(path, options)
-    except OSError as error:
-        raise RecordingError(path, "", f"cannot be read: {error.strerror or error}", "a sound file") from None
-    seen = recording.truth.valid
-    heads_m = recording.truth.head_position_m[seen]
-    check_plausible(path, recording.times_s[seen], heads_m, recording.has_robot)
-    return recording
+MARK = "+"
+
+
+def load_together(words: str | Path, options: ReadOptions | None = None) -> tuple[Recording, ...]:
+    """Load all people of a scene.
+
+    Args:
+        words: Names or paths joined by ``+``, such as ``subject03_R4+subject05_R1``; a ROS 2 bag with several people;
+            or a folder of recordings, which are taken to begin together.
+        options: Options of the readers.
+
+    Returns:
+        A recording a person, on one clock.
+
+    Raises:
+        RecordingError: If there is no such recording, a file is wrong, or the folder is empty.
+        MissingOptionalDependencyError: If the format needs a package that is not installed.
+    """
+    given = options or ReadOptions()
+    path = Path(words)
+    if path.is_dir() and not is_recording_folder(path):
+        files = sorted(p for p in path.iterdir() if p.is_file() and p.name != "index.csv" and p.suffix != ".toml")
+        if not files:
+            raise RecordingError(str(path), "", "this folder is empty", "recordings, one a person")
+        return tuple(load(file, given) for file in files)
+    if path.exists() and given.person is None and (path.is_dir() or path.suffix in FILE_ENDINGS):
+        return _everybody(path, given)
+    if path.exists():
+        return (load(path, given),)
+    parts = str(words).split(MARK)
+    return tuple(recording for part in parts for recording in _one_or_more(part, given, len(parts)))
+
+
+def _one_or_more(part: str, options: ReadOptions, parts: int) -> tuple[Recording, ...]:
+    # A word that is not a path names one recording, and the message of what is wrong with it.
+    return load_together(part, options) if parts > 1 and Path(part).exists() else (load(part, options),)
+
+
+def _everybody(path: Path, options: ReadOptions) -> tuple[Recording, ...]:
+    """All faces (or heads, or persons) of a bag, with their own starts."""
+    people = open_bag(path).people
+    alike = [seen for seen in people if seen.rank[0] == people[0].rank[0] and seen.poses.times_s.size > 1]
+    starts_s = [float(seen.poses.times_s[0]) for seen in alike]
+    recordings = [load(path, options.model_copy(update={"person": seen.name})) for seen in alike]
+    return tuple(
+        replace(recording, times_s=recording.times_s + start_s - min(starts_s))
+        for recording, start_s in zip(recordings, starts_s, strict=True)
+    )

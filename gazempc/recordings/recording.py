@@ -19,7 +19,7 @@ class Track:
     """Poses of head and pelvis at the recording's capture times.
 
     Rows where `valid` is False hold NaN. Where the person was seen, the head's position is known. The other parts are
-    optional: a row of NaN says that this part is not known in this frame. The frame of reference is the recording's
+    optional: a row of NaN: this part is unknown in this frame. The frame of reference is the recording's
     own: metres, z up, right-handed; the identity quaternion faces +x with +y to the person's left.
 
     Attributes:
@@ -38,7 +38,7 @@ class Track:
 
     @property
     def positions_only(self) -> bool:
-        """Whether no frame tells where head or pelvis is turned."""
+        """Whether no frame has an orientation of head or pelvis."""
         return not any(np.isfinite(quats).any() for quats in (self.head_quat_wxyz, self.pelvis_quat_wxyz))
 
 
@@ -62,7 +62,7 @@ def turned(quats_wxyz: FloatArray, yaws_rad: ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True)
 class Labels:
-    """What is known about a recording besides the motion.
+    """Facts about a recording besides the motion.
 
     Attributes:
         subject: Who walks; by default the name up to the first underscore.
@@ -84,7 +84,7 @@ class Recording:
     Attributes:
         name: Short name used in tables and file names.
         source: File path, or ``synthetic``.
-        kind: Where the data is from; said wherever the recording is shown.
+        kind: Origin of the data; shown with every result.
         times_s: Capture times, shape (N,), seconds, strictly increasing.
         truth: The best known true motion. For synthetic walks and motion capture it is the recorded motion. For body
             tracking and people tracked by a robot, it is the measured track, smoothed without lag.
@@ -92,8 +92,8 @@ class Recording:
         has_robot: True if the origin of the frame is the robot's sensor (x forward, y left, z up). Then the robot can
             stand where the sensor stood.
         labels: Subject, group, description and activity.
-        notes: What the reader found, inferred and left out, a line each, for people.
-        delays_s: From capture to arrival, shape (N,), seconds; None where the recording does not say.
+        notes: Remarks of the reader on what it found, inferred and left out, a line each.
+        delays_s: From capture to arrival, shape (N,), seconds; None where unknown.
     """
 
     name: str
@@ -109,7 +109,7 @@ class Recording:
 
 
 def truth_of(kind: str) -> str:
-    """What the truth of a kind of recording is, for people.
+    """The truth of a kind of recording, in words.
 
     Args:
         kind: Kind of a recording or of a run.

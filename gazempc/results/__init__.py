@@ -1,1 +1,1 @@
-"""What a run leaves: log, metrics, report, figures. May import gazempc.recordings and neck."""
+"""Results of a run: log, metrics, report, figures. May import gazempc.recordings and neck."""

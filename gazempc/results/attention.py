@@ -31,7 +31,7 @@ WORDS: Mapping[str, tuple[str, float]] = {
 
 @dataclass(frozen=True)
 class AttentionMetrics:
-    """Metrics of whom the gaze was on, and when; NaN where there is nothing to measure.
+    """Metrics of the attended people and of looks away; NaN where there is nothing to measure.
 
     Attributes:
         contact_attended: Share of the scored time with eye contact (2.6 deg) with the attended person, where contact
@@ -106,7 +106,7 @@ def attention_lines(found: AttentionMetrics) -> list[str]:
         found: The metrics.
 
     Returns:
-        A line on whom the gaze was on, and one on looks away; only what there was.
+        A line on the attended people, and one on looks away, where there were any.
     """
     lines = []
     if found.switches_per_minute > 0:

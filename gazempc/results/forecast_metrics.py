@@ -18,7 +18,7 @@ def squared_radius(degrees_of_freedom: ArrayLike, share: float, axes: int = _AXE
     """Squared radius, in units of the covariance, of the ellipsoid that should hold a share of the errors.
 
     With S the covariance and e the error, it is a limit of ``e' S^-1 e``. The errors of a forecast with nu degrees of
-    freedom are said to have a multivariate t distribution of that covariance. Its scale matrix is ``S (nu - 2) / nu``,
+    freedom are taken to have a multivariate t distribution of that covariance. Its scale matrix is ``S (nu - 2) / nu``,
     and the squared distance by that matrix over d axes has, divided by d, the distribution F(d, nu). Without end of nu
     it is the normal one, and ``e' S^-1 e`` has the distribution chi-square(d).
 
@@ -63,7 +63,7 @@ def forecast_metrics(log: Log) -> dict[str, float]:
         log: The run.
 
     Returns:
-        Metrics by their names in `gazempc.results.metrics.Metrics`; NaN where the log cannot tell.
+        Metrics by their names in `gazempc.results.metrics.Metrics`; NaN where the log does not determine them.
     """
     difference_m = log.forecast_mean_base_m - log.forecast_true_base_m
     error_mm = 1e3 * np.linalg.norm(difference_m, axis=-1)

@@ -1,9 +1,10 @@
-"""Everything that happened in one run, in one file that numpy reads."""
+"""Everything that happened in one run, in one file that numpy reads; the shapes of its arrays are checked when read."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -14,11 +15,94 @@ from gazempc.errors import SettingsError, shown
 from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.log_shapes import check_shapes
 from gazempc.results.mcap_read import attached_log, is_mcap
 from gazempc.results.run_info import RunInfo
 from gazempc.results.tables import LogFrames, frames_of
 from gazempc.types import BoolArray, FloatArray, IntArray, StringArray
+
+# Axes of each array: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at,
+# W looks away, S swaps of identity. See `gazempc.results.log.Log`.
+SHAPES: Mapping[str, tuple[str | int, ...]] = {
+    "time_s": ("M",),
+    "head_true_base_m": ("M", 3),
+    "joint_time_s": ("M",),
+    "joint_position_rad": ("M", "J"),
+    "joint_velocity_rad_s": ("M", "J"),
+    "command_position_rad": ("M", "J"),
+    "command_velocity_rad_s": ("M", "J"),
+    "command_acceleration_rad_s2": ("M", "J"),
+    "capture_time_s": ("F",),
+    "arrival_time_s": ("F",),
+    "head_observed_base_m": ("F", 3),
+    "person_id": ("F",),
+    "forecast_mean_base_m": ("F", "H", 3),
+    "forecast_covariance_m2": ("F", "H", 3, 3),
+    "forecast_degrees_of_freedom": ("F",),
+    "forecast_true_base_m": ("F", "H", 3),
+    "forecast_horizon_s": ("H",),
+    "event_time_s": ("E",),
+    "event_name": ("E",),
+    "attended_time_s": ("A",),
+    "attended_person": ("A",),
+    "attended_why": ("A",),
+    "away_start_s": ("W",),
+    "away_end_s": ("W",),
+    "away_why": ("W",),
+    "identity_swap_time_s": ("S",),
+}
+# Larger numbers than any second since 1970 or any metre are damage, and their squares would overflow.
+_LARGEST = 1e12
+# No run holds still for so long, and no reading is so old.
+_LONGEST_GAP_S = 60.0
+_KINDS = {"person_id": "U", "event_name": "U", "attended_why": "U", "away_why": "U", "attended_person": "i"}
+_FINITE = ("time_s", "command_position_rad", "capture_time_s", "arrival_time_s", "event_time_s")
+
+
+def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horizons_s: Sequence[float]) -> None:
+    """Refuse arrays of inconsistent kinds or lengths, and ticks that do not follow each other.
+
+    Args:
+        path: File, for messages.
+        values: The arrays by name.
+        joints: Number of joints of the neck.
+        horizons_s: Horizons at which logs have forecasts, seconds.
+
+    Raises:
+        SettingsError: Names the array.
+    """
+    counts: dict[str | int, int] = {"J": joints}
+    for name, axes in SHAPES.items():
+        array = values[name]
+        if array.size and array.dtype.kind != _KINDS.get(name, "f"):
+            raise _damaged(path, name, f"it holds {array.dtype}")
+        if array.ndim != len(axes):
+            raise _damaged(path, name, f"its shape is {array.shape}, expected {_said(axes)}")
+        for axis, length in zip(axes, array.shape, strict=True):
+            known = axis if isinstance(axis, int) else counts.setdefault(axis, length)
+            if length != known:
+                raise _damaged(path, name, f"its shape is {array.shape}, expected {_said(axes)} with {axis} = {known}")
+        may_be_infinite = name == "forecast_degrees_of_freedom"  # of a normal distribution
+        if array.dtype.kind == "f" and not may_be_infinite and (np.abs(array) > _LARGEST).any():
+            raise _damaged(path, name, f"it has values beyond {_LARGEST:g}")
+        if name in _FINITE and not np.isfinite(array).all():
+            raise _damaged(path, name, "it has values that are not finite")
+    if not np.array_equal(values["forecast_horizon_s"], horizons_s):
+        raise _damaged(path, "forecast_horizon_s", f"expected are {', '.join(map(str, horizons_s))} s")
+    time_s, joint_time_s = values["time_s"], values["joint_time_s"]
+    steps_s = np.diff(time_s)
+    if not ((steps_s > 0.0) & (steps_s < _LONGEST_GAP_S)).all():
+        raise _damaged(path, "time_s", f"the times do not increase by less than {_LONGEST_GAP_S:g} s each")
+    if time_s.size and (np.abs(joint_time_s - np.clip(joint_time_s, time_s[0], time_s[-1])) > _LONGEST_GAP_S).any():
+        raise _damaged(path, "joint_time_s", f"a time is more than {_LONGEST_GAP_S:g} s from all ticks")
+
+
+def _said(axes: tuple[str | int, ...]) -> str:
+    return f"({', '.join(map(str, axes))})"
+
+
+def _damaged(path: Path | str, name: str, problem: str) -> SettingsError:
+    return SettingsError(f"{path}: {name}: {problem}: not a log that can be used")
+
 
 _REASON_SHOWN = 400
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
@@ -53,7 +137,7 @@ class Log:
     Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it.
 
     Attributes:
-        run: What the run was; as JSON text in the file.
+        run: Description of the run; as JSON text in the file.
         time_s: Servo ticks, shape (M,), seconds.
         head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
         joint_time_s: Time of the newest joint reading at each tick, shape (M,), seconds; NaN if the robot did not
@@ -215,3 +299,42 @@ def load_log(path: Path | str) -> Log:
         ) from None
     check_shapes(path, values, values["run"].neck.joints, FORECAST_HORIZONS_S)
     return Log(**{name: values[name] for name in wanted})
+
+
+_ONCE = ("run", "forecast_horizon_s", "faults")
+
+
+def join_logs(logs: Sequence[Log]) -> Log:
+    """Join logs of one run.
+
+    Args:
+        logs: At least one, in the order of time.
+
+    Returns:
+        One log; an event that lasted over an end begins once more after it.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    if not logs:
+        raise ValueError("nothing to join: needed is at least one log")
+    joined: dict[str, Any] = {
+        f.name: np.concatenate([getattr(log, f.name) for log in logs]) for f in fields(Log) if f.name not in _ONCE
+    }
+    return replace(logs[0], **joined, faults=merge_faults(fault for log in logs for fault in log.faults))
+
+
+def merge_faults(faults: Iterable[Fault]) -> tuple[Fault, ...]:
+    """Faults of several logs.
+
+    Args:
+        faults: In the order of time.
+
+    Returns:
+        Each event once: its first exception, and how often it came in all.
+    """
+    merged: dict[str, Fault] = {}
+    for fault in faults:
+        first = merged.get(fault.event)
+        merged[fault.event] = fault if first is None else replace(first, count=first.count + fault.count)
+    return tuple(merged.values())

@@ -1,4 +1,4 @@
-"""The log that is attached to an MCAP file of `gazempc.results.mcap_file`."""
+"""The log that is attached to an MCAP file of `gazempc.results.mcap`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def attached_log(path: Path) -> bytes:
         path: The file.
 
     Returns:
-        What `gazempc.results.log.Log.save` wrote.
+        Bytes of `gazempc.results.log.Log.save`.
 
     Raises:
         SettingsError: If a package is missing, the file cannot be read, or no log is in it.

@@ -9,7 +9,7 @@ import numpy as np
 
 from gazempc.errors import LeftOutError
 from gazempc.neck.kinematics import gaze_error_rad
-from gazempc.recordings.readers.route_group import travel
+from gazempc.recordings.readers.labels import travel
 from gazempc.results.contact import (
     CONTACT_DEG,
     longest_break_s,
@@ -20,9 +20,8 @@ from gazempc.results.contact import (
     time_to_stable,
 )
 from gazempc.results.forecast_metrics import false_starts_per_min, forecast_metrics
-from gazempc.results.limits import limit_violations
 from gazempc.results.log import Log
-from gazempc.results.motion import motion_metrics
+from gazempc.results.motion import limit_violations, motion_metrics
 from gazempc.types import FloatArray
 
 SCORED_FROM_S = 1.0
@@ -34,7 +33,7 @@ _FEWEST_SCORED = 10
 
 @dataclass(frozen=True)
 class Metrics:
-    """Metrics of one run; the fields are the keys of `summary.json`. NaN where the log cannot tell.
+    """Metrics of one run; the fields are the keys of `summary.json`. NaN where the log does not determine them.
 
     Gaze, contact and smoothness are taken from 1.0 s after the first frame to the last frame; peaks and violations
     over the whole run. RMS acceleration adds all joints. The names of the forecast's metrics hold the horizon in ms.

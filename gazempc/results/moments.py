@@ -1,4 +1,4 @@
-"""What happens in a run, one value each: written for viewers as it happens, or from a log afterwards."""
+"""Moments of a run, one value each: written for viewers as it happens, or from a log afterwards."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SeenMoment(NamedTuple):
         capture_time_s: Time of its capture, seconds.
         head_observed_base_m: The head, shape (3,), metres.
         head_quat_wxyz: Its orientation, shape (4,); None where it was not observed.
-        person_id: Whom the sensor took it for; empty where it did not say.
+        person_id: The sensor's name of the person; empty without one.
         means_base_m: Forecast at `gazempc.results.log.FORECAST_HORIZONS_S` from the capture, shape (3, 3), metres; NaN
             where there is none.
         covariances_m2: Shape (3, 3, 3), square metres.
@@ -82,7 +82,7 @@ class EventMoment(NamedTuple):
     Attributes:
         time_s: The time, seconds.
         name: Its name.
-        text: What is known of it: the exception behind it, or its name.
+        text: The exception behind it, or its name.
     """
 
     time_s: float
@@ -117,7 +117,7 @@ class LateMoment(NamedTuple):
 
 
 class PictureMoment(NamedTuple):
-    """What the camera saw.
+    """A picture of the camera.
 
     Attributes:
         time_s: Time of its capture, seconds.

@@ -1,4 +1,4 @@
-"""What a run was: recording, parts, neck, sensor, and where its figures come from."""
+"""Description of a run: recording, parts, neck, sensor, and where its figures come from."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class RunInfo(BaseModel):
         seed: Seed of the simulated noise.
         mode: ``replay`` in simulated time, ``live`` on a clock.
         robot: Name of the robot.
-        joints: ``true`` if the log holds where the joints were, as only a simulation knows; ``measured`` if it holds
+        joints: ``true`` if the log holds where the joints were, known in simulation only; ``measured`` if it holds
             what a robot reported.
         settings: All settings of the run.
     """

@@ -1,4 +1,4 @@
-"""What a run tells: its figures, the exceptions it survived, and `summary.json`."""
+"""Figures of a run: metrics, computing times, survived exceptions, and `summary.json`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,65 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gazempc.files.whole import write_whole
-from gazempc.results.compute import ComputeMetrics
-from gazempc.results.log import Log
+from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import Metrics, gap_closed
+from gazempc.types import FloatArray
+
+
+@dataclass(frozen=True)
+class ComputeMetrics:
+    """Computing times; they differ from run to run.
+
+    Attributes:
+        update_ms_p50: Median predictor update, milliseconds.
+        update_ms_p99: 99th percentile.
+        update_ms_max: Longest.
+        step_ms_p50: Median controller step (forecast and plan), milliseconds.
+        step_ms_p99: 99th percentile.
+        step_ms_max: Longest.
+        missed_deadlines: Steps that took longer than a control period.
+    """
+
+    update_ms_p50: float
+    update_ms_p99: float
+    update_ms_max: float
+    step_ms_p50: float
+    step_ms_p99: float
+    step_ms_max: float
+    missed_deadlines: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """The metrics by name."""
+        return asdict(self)
+
+
+def measure_compute(times: ComputeTimes, control_period_s: float) -> ComputeMetrics:
+    """Summarise compute times.
+
+    Args:
+        times: Times that the loop measured.
+        control_period_s: Deadline of a step, seconds.
+
+    Returns:
+        The metrics; NaN where nothing was measured.
+    """
+
+    def percentile(values: FloatArray, q: float) -> float:
+        return float(np.percentile(values, q)) if values.size else float("nan")
+
+    return ComputeMetrics(
+        update_ms_p50=percentile(times.update_ms, 50),
+        update_ms_p99=percentile(times.update_ms, 99),
+        update_ms_max=percentile(times.update_ms, 100),
+        step_ms_p50=percentile(times.step_ms, 50),
+        step_ms_p99=percentile(times.step_ms, 99),
+        step_ms_max=percentile(times.step_ms, 100),
+        missed_deadlines=int(np.sum(times.step_ms > 1e3 * control_period_s)),
+    )
+
 
 LABELS = {
     "reactive": "reactive",
@@ -104,7 +159,7 @@ def write_summary(path: Path, about: dict[str, Any], rows: list[Row]) -> None:
 
     Args:
         path: File to write.
-        about: What stands before the rows, such as recording and settings.
+        about: Content before the rows, such as recording and settings.
         rows: The figures; NaN becomes null, as JSON has no NaN.
     """
     content = {**about, "versions": versions(), "rows": [row.as_dict() for row in rows]}

@@ -1,15 +1,99 @@
-"""What a run tells people: a table, and a sentence on what it means."""
+"""Figures of the controllers on one recording over the seeds of the noise: the printed table and its conclusion."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from gazempc.neck.spec import AXES, NeckSpec
-from gazempc.results.repeats import Repeats
-from gazempc.results.run_summary import label
+from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.metrics import measure
+from gazempc.results.run_summary import Row, label, make_rows, measure_compute
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Figures of one controller on one recording, once for each seed.
+
+    Attributes:
+        seeds: Seeds of the noise; logs and figures are of the first one.
+        rows: The figures under each.
+    """
+
+    seeds: tuple[int, ...]
+    rows: tuple[Row, ...]
+
+    @property
+    def first(self) -> Row:
+        """The figures under the first seed."""
+        return self.rows[0]
+
+    def values(self, name: str) -> list[float]:
+        """A figure under each seed, by its name in `summary.json`."""
+        return [float(figures[name]) for figures in self._figures]
+
+    @cached_property
+    def _figures(self) -> list[dict[str, Any]]:
+        # Once for all names: there are some seventy, and a row is copied deeply each time.
+        return [row.as_dict() for row in self.rows]
+
+    def mean(self, name: str) -> float:
+        """Mean over the seeds that have the figure; NaN if none has."""
+        known = [value for value in self.values(name) if math.isfinite(value)]
+        return float(np.mean(known)) if known else math.nan
+
+    def most(self, name: str) -> float:
+        """Largest over the seeds."""
+        return max(self.values(name))
+
+    def sd(self, name: str) -> float:
+        """Standard deviation over the seeds that have the figure; NaN with fewer than two."""
+        known = [value for value in self.values(name) if math.isfinite(value)]
+        return float(np.std(known, ddof=1)) if len(known) > 1 else math.nan
+
+    def as_dict(self) -> dict[str, Any]:
+        """Content of `summary.json`: mean, s.d. and the values under each seed, by figure."""
+        names = [name for name in self._figures[0] if name not in {"controller", "predictor"}]
+        return {
+            "controller": self.first.controller,
+            "predictor": self.first.predictor,
+            "mean": {name: self.mean(name) for name in names},
+            "sd": {name: self.sd(name) for name in names},
+            "per_seed": {name: self.values(name) for name in names},
+        }
+
+
+def by_controller(seeds: tuple[int, ...], rounds: list[list[Row]]) -> list[Repeats]:
+    """The figures of each controller.
+
+    Args:
+        seeds: The seeds.
+        rounds: For each seed the figures of all controllers, always in the same order.
+
+    Returns:
+        One entry a controller.
+    """
+    return [Repeats(seeds, rows) for rows in zip(*rounds, strict=True)]
+
+
+def measured_again(log: Log) -> Repeats:
+    """Figures of a log; the computing times are not in it, so these are NaN.
+
+    Args:
+        log: The log.
+
+    Returns:
+        The figures of its one run.
+    """
+    nothing = np.empty(0)
+    times = measure_compute(ComputeTimes(nothing, nothing, nothing), log.neck.control_period_s)
+    return Repeats((log.run.seed,), tuple(make_rows([(log.run.controller, log.run.predictor, measure(log), times)])))
+
 
 # Differences to the reactive gaze that count: beyond this share of its error, or this share of the time.
 _ERROR_LEVEL = 0.02
@@ -87,7 +171,7 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     Args:
         repeats: The figures.
         neck: Its limits stand beside the peaks.
-        against: What stands for the truth, where that is unknown; printed below the table.
+        against: Reference in the place of an unknown truth; printed below the table.
 
     Returns:
         Lines of text.
@@ -106,7 +190,7 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
 
 
 def sentence(repeats: Sequence[Repeats]) -> str:
-    """What the table means, in one or two sentences.
+    """The conclusion of the table, in one or two sentences.
 
     Args:
         repeats: The figures; means over the seeds are compared.
@@ -139,7 +223,7 @@ def sentence(repeats: Sequence[Repeats]) -> str:
 
 
 def _costs(predictive: Sequence[Repeats], reactive: Repeats, perfect: Repeats | None) -> list[str]:
-    """What forecasts cost against the reactive gaze, where they do, and what to try."""
+    """Costs of forecasts against the reactive gaze, and remedies."""
 
     def beyond_noise(r: Repeats, name: str, sign: float, least: float) -> float:
         """Mean difference to the reactive gaze if it is more than twice its standard error, else 0."""
@@ -148,7 +232,7 @@ def _costs(predictive: Sequence[Repeats], reactive: Repeats, perfect: Repeats | 
         error = float(np.std(differences, ddof=1)) / math.sqrt(differences.size) if differences.size > 1 else 0.0
         return mean if mean > max(least, _STANDARD_ERRORS * error) else 0.0
 
-    told, forecasts = [], set()
+    costs, forecasts = [], set()
     for r in predictive:
         lost = beyond_noise(r, "eye_contact_2p6", -1.0, _CONTACT_LEVEL)
         reactive_deg = reactive.mean("gaze_error_rms_deg")
@@ -156,15 +240,15 @@ def _costs(predictive: Sequence[Repeats], reactive: Repeats, perfect: Repeats | 
         parts = [f"{100.0 * lost:.1f} points less contact"] if lost else []
         parts += [f"{more_deg:.2f} deg more RMS error"] if more_deg else []
         if parts:
-            told.append(f"{label(r.first.controller)} has {' and '.join(parts)} than the reactive gaze.")
+            costs.append(f"{label(r.first.controller)} has {' and '.join(parts)} than the reactive gaze.")
             forecasts.add(r.first.predictor)
-    if not told:
+    if not costs:
         return []
     if perfect is not None and perfect.mean("gaze_error_rms_deg") < reactive.mean("gaze_error_rms_deg"):
-        told.append("On this recording the forecast costs more than it gains.")
+        costs.append("On this recording the forecast costs more than it gains.")
     tries = [] if forecasts == {"last_position"} else ["--predictor last_position"]
     tries += ["the noise of your own tracker (gazempc identify --tracker)", "--controllers reactive"]
-    return [*told, f"Try {', '.join(tries[:-1])} or {tries[-1]}."]
+    return [*costs, f"Try {', '.join(tries[:-1])} or {tries[-1]}."]
 
 
 def _spread(mean: float, sd: float, digits: int, unit: str) -> str:

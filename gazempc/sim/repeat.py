@@ -9,11 +9,10 @@ from functools import partial
 from typing import Any
 
 from gazempc.progress import Progress
-from gazempc.results.compute import measure_compute
 from gazempc.results.metrics import measure
 from gazempc.results.moments import Moment, PlanMoment
-from gazempc.results.repeats import Repeats, by_controller
-from gazempc.results.run_summary import Row, faults, make_rows
+from gazempc.results.run_summary import Row, faults, make_rows, measure_compute
+from gazempc.results.table import Repeats, by_controller
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 

@@ -12,11 +12,10 @@ from gazempc.errors import SettingsError
 from gazempc.neck.human import MOTION_MEANS, Motion, with_motion
 from gazempc.neck.kinematics import head_angles_rad, look_at
 from gazempc.neck.spec import NeckSpec, load_neck
-from gazempc.recordings.load import load
+from gazempc.recordings.load import MARK, load, load_together
 from gazempc.recordings.placement import Placement, place_together
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
-from gazempc.recordings.together import MARK, load_together
 from gazempc.settings import Settings
 from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
@@ -128,7 +127,7 @@ def make_scene(
 
     Args:
         recording: A recording, the name of a synthetic one, or a path; with `everybody` all that
-            `gazempc.recordings.together.load_together` takes.
+            `gazempc.recordings.load.load_together` takes.
         settings: Names and numbers of the rest.
         neck: A neck in place of the settings' one.
         sensor: A sensor in place of the settings' one.

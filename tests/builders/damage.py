@@ -17,15 +17,15 @@ from builders.replays import replayed
 from experiments.engine.cache import Cache, read_result
 from experiments.sweep.plan import load_plan
 from gazempc.identify.record import NeckRecord, load_record
-from gazempc.identify.tracker.track import of_lines
+from gazempc.identify.tracker.read import of_lines
 from gazempc.live.sources.camera.intrinsics import _plain_yaml
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.tables.mapping import read_mapping
 from gazempc.results.log import load_log
-from gazempc.results.mcap_file import write_mcap
-from gazempc.results.repeats import measured_again
+from gazempc.results.mcap import write_mcap
+from gazempc.results.table import measured_again
 from gazempc.run_settings import load_settings
 from gazempc.sim.sensor import load_sensor
 

@@ -108,17 +108,6 @@ def vicon_object(path, name="Anna_Head"):
     return _write(path, lines + [[str(k + 1), "0", *numbers(row)] for k, row in enumerate(rows)])
 
 
-def xsens_csv(path):
-    """Xsens MVN: the sheets Segment Position and Segment Orientation - Quat, side by side."""
-    header = ["Frame"]
-    for segment in ("Pelvis", "Head"):
-        header += [f"{segment} {axis}" for axis in "xyz"]
-    for segment in ("Pelvis", "Head"):
-        header += [f"{segment} q{k}" for k in range(4)]
-    values = np.hstack([Walk.pelvis_m, Walk.head_m, Walk.quat_wxyz("pelvis"), Walk.quat_wxyz("head")])
-    return _write(path, [header, *([str(k), *numbers(row)] for k, row in enumerate(values))])
-
-
 def mvnx(path):
     """Xsens MVN's XML, with the calibration pose before the frames."""
     frames = ['<frame time="0" index="-2" type="tpose"><orientation>1 0 0 0 1 0 0 0</orientation></frame>']

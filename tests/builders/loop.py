@@ -14,7 +14,7 @@ from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import PersonTrack
 from gazempc.neck.spec import load_neck
-from gazempc.results.limits import limit_violations
+from gazempc.results.motion import limit_violations
 from gazempc.settings import LoopSettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting

@@ -12,7 +12,7 @@ from experiments.engine.keys import program_hash
 from experiments.paper import frames
 from experiments.paper.filters import TUNED_TIME_S
 from experiments.paper.frames import FrameJob, labelled
-from gazempc.recordings.readers.tables.own import COLUMNS
+from gazempc.recordings.readers.tables.people import COLUMNS
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.recordings.synthetic.walks import generate
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from gazempc.identify.tracker.track import HeadTrack
+from gazempc.identify.tracker.read import HeadTrack
 
 
 def wander(rng, times_s, sd, correlation_s, axes=1):

@@ -8,7 +8,7 @@ import pytest
 from builders.damage import COSTLY, damaged, rng_of, sound_files
 
 from gazempc.errors import GazempcError
-from gazempc.recordings.readers.plausible import MOST_DURATION_S, MOST_EXTENT_M
+from gazempc.recordings.readers.checks import MOST_DURATION_S, MOST_EXTENT_M
 from gazempc.recordings.recording import Recording
 
 INPUTS = 2000

@@ -1,18 +1,155 @@
-"""Read a track from a table, lines of JSON or a bag, to measure its tracker."""
+"""Track of one person from a table, lines of JSON or a bag, to measure its tracker."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, SettingsError, suggest
-from gazempc.identify.tracker.track import HeadTrack, of_bag, of_lines, of_recording
-from gazempc.recordings.readers.bag import read_bag_tracks
-from gazempc.recordings.readers.plausible import check_plausible
+from gazempc.files.text import read_text
+from gazempc.live.sources.json_lines import LineError, parse_line
+from gazempc.recordings.load import load
+from gazempc.recordings.readers.bag import Sighted, read_bag_tracks
+from gazempc.recordings.readers.checks import check_plausible
 from gazempc.recordings.readers.table import TABLES
+from gazempc.types import FloatArray
+from predictors import HeadObservation
+
+# Some lines are cut off when a recording ends; more than this share is another format.
+_BAD_LINES = 0.1
+
+
+@dataclass(frozen=True)
+class HeadTrack:
+    """The track of one person. The sensor is at the origin (x forward, y left, z up).
+
+    Attributes:
+        person: The tracker's name of the person, or the file's.
+        times_s: Capture times, shape (N,), seconds, strictly increasing.
+        position_m: Of the head, shape (N, 3), metres.
+        head_yaw_rad: Shape (N,); NaN where not known.
+        pelvis_yaw_rad: Shape (N,); NaN where not known.
+        delays_s: From the stamp to arrival, shape (N,), seconds; None where unknown.
+        notes: Omissions and decisions of the reader.
+    """
+
+    person: str
+    times_s: FloatArray
+    position_m: FloatArray
+    head_yaw_rad: FloatArray
+    pelvis_yaw_rad: FloatArray
+    delays_s: FloatArray | None
+    notes: tuple[str, ...] = ()
+
+
+def of_bag(seen: Sighted, optical: bool) -> HeadTrack:
+    """The track of a person's frame in a bag, with the yaw of the face's axis that points to the camera."""
+    poses, count = seen.poses, seen.poses.times_s.size
+    notes = [f"frame {seen.frame}" + (", optical axes turned to x forward, y left, z up" if optical else "")]
+    if seen.repeated:
+        notes.append(f"{seen.repeated} messages repeat an earlier stamp: left out")
+    if seen.unusable:
+        notes.append(f"{seen.unusable} messages without finite numbers: left out")
+    yaw_rad = _facing_yaw_rad(poses.position_m, poses.quat_wxyz)
+    unknown = np.full(count, np.nan)
+    return HeadTrack(seen.name, poses.times_s, poses.position_m, yaw_rad, unknown, poses.delays_s, tuple(notes))
+
+
+def of_recording(path: Path) -> HeadTrack:
+    """The track of a recording; of a body tracker, what it measured.
+
+    Args:
+        path: File of the recording, its origin the sensor.
+
+    Returns:
+        The track.
+
+    Raises:
+        RecordingError: If the file cannot be read.
+        MissingOptionalDependencyError: If the format needs a package that is not installed.
+    """
+    recording = load(path)
+    seen = recording.measured or recording.truth
+    valid = seen.valid
+    unseen = () if valid.all() else (f"{int((~valid).sum())} frames without the person",)
+    notes = (*recording.notes, *unseen)
+    head_rad, pelvis_rad = (_forward_yaw_rad(quats[valid]) for quats in (seen.head_quat_wxyz, seen.pelvis_quat_wxyz))
+    times_s, position_m = recording.times_s[valid], seen.head_position_m[valid]
+    return HeadTrack(recording.name, times_s, position_m, head_rad, pelvis_rad, None, notes)
+
+
+def of_lines(path: Path) -> list[HeadTrack]:
+    """The tracks of all people in lines of JSON.
+
+    Args:
+        path: File with a line an observation, in the order of arrival.
+
+    Returns:
+        One track a person.
+
+    Raises:
+        RecordingError: If more than one line in ten is no observation; names the first.
+    """
+    found: dict[str, list[HeadObservation]] = defaultdict(list)
+    bad: list[str] = []
+    count = 0
+    for number, text in enumerate(read_text(path, "lines of JSON").splitlines(), 1):
+        if not text.strip():
+            continue
+        count += 1
+        try:
+            observation = parse_line(text, np.nan, lambda unix_s: unix_s)
+        except LineError as error:
+            problem = "age_s is no time of capture in a file; give capture_time_s" if '"age_s"' in text else str(error)
+            bad.append(f"line {number}: {problem}")
+            continue
+        found[observation.person_id or path.stem].append(observation)
+    if len(bad) > _BAD_LINES * count or not found:
+        place, _, problem = bad[0].partition(": ")
+        raise RecordingError(path, place, f"{problem} ({len(bad)} of {count} lines)", "an observation a line")
+    notes = [f"{len(bad)} of {count} lines are no observations ({bad[0]})"] if bad else []
+    return [_of_observations(person, observations, notes) for person, observations in found.items()]
+
+
+def _of_observations(person: str, observations: Sequence[HeadObservation], notes: Sequence[str]) -> HeadTrack:
+    times_s, first = np.unique([o.capture_time_s for o in observations], return_index=True)
+    kept = [observations[k] for k in first]
+    repeated = len(observations) - len(kept)
+    notes = [*notes, *([f"{repeated} lines repeat an earlier capture time: left out"] if repeated else [])]
+    unknown = np.full(4, np.nan)
+    heads, pelvises = (
+        np.array([unknown if quat is None else quat for quat in quats])
+        for quats in ([o.head_quat_wxyz for o in kept], [o.pelvis_quat_wxyz for o in kept])
+    )
+    positions_m = np.array([o.head_position_base_m for o in kept])
+    head_rad, pelvis_rad = _forward_yaw_rad(heads), _forward_yaw_rad(pelvises)
+    return HeadTrack(person, times_s, positions_m, head_rad, pelvis_rad, None, tuple(notes))
+
+
+def _forward_yaw_rad(quats_wxyz: FloatArray) -> FloatArray:
+    """Yaw of the forward axis +x, shape (N,)."""
+    w, x, y, z = quats_wxyz.T
+    return np.asarray(np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y**2 + z**2)))
+
+
+def _facing_yaw_rad(position_m: FloatArray, quats_wxyz: FloatArray) -> FloatArray:
+    """Yaw of whichever axis of a face points to the camera, shape (N,), NaN where not known: conventions differ."""
+    yaw_rad, known = np.full(len(quats_wxyz), np.nan), np.isfinite(quats_wxyz).all(axis=1)
+    if not known.any():
+        return yaw_rad
+    axes = np.moveaxis(Rotation.from_quat(quats_wxyz[known], scalar_first=True).as_matrix(), 2, 0)
+    sight = -position_m[known] / np.linalg.norm(position_m[known], axis=1, keepdims=True)
+    facing = np.median(np.einsum("kni,ni->kn", axes, sight), axis=1)
+    best = int(np.argmax(np.abs(facing)))
+    ahead = np.sign(facing[best]) * axes[best]
+    yaw_rad[known] = np.arctan2(ahead[:, 1], ahead[:, 0])
+    return yaw_rad
+
 
 _LINES = (".jsonl", ".ndjson")
 _ACCEPTED = (
@@ -45,7 +182,7 @@ def read_track(path: Path, person: str | None, tell: Callable[[float], None]) ->
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     if path.is_dir():
-        tracks: Sequence[HeadTrack] = [of_bag(track) for track in read_bag_tracks(path, tell)]
+        tracks: Sequence[HeadTrack] = [of_bag(*found) for found in read_bag_tracks(path, tell)]
     elif path.suffix.lower() in _LINES:
         tracks = of_lines(path)
     elif not path.exists() or path.suffix.lower() not in (*TABLES, ".json"):

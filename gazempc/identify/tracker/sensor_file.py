@@ -1,16 +1,128 @@
-"""The measured errors of a tracker, as a sensor file."""
+"""Measured errors of a tracker: the command, the printed table and the sensor file."""
 
 from __future__ import annotations
 
 import datetime
 import math
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
-from gazempc.identify.toml import as_toml
-from gazempc.identify.tracker.measure import DirectionError, TrackerErrors, YawErrors
-from gazempc.identify.tracker.report import ASSUMED_LATENCY_S, DEG, shown
-from gazempc.identify.tracker.track import HeadTrack
+from gazempc.files.whole import write_whole
+from gazempc.identify.new_neck import as_toml
+from gazempc.identify.tracker.measure import DirectionError, Known, TrackerErrors, YawErrors, measure_tracker
+from gazempc.identify.tracker.read import HeadTrack, read_track
+from gazempc.progress import Progress
+
+DEG = 180.0 / math.pi
+ASSUMED_LATENCY_S = 0.066
+_GOOD_S = 20.0
+
+
+def table(errors: TrackerErrors) -> str:
+    """Rows with value, standard deviation, and seconds of data used."""
+    rows = list(_rows(errors))
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    return "\n".join(
+        f"{name.ljust(widths[0])}  {value.rjust(widths[1])}  {remark}".rstrip() for name, value, remark in rows
+    )
+
+
+def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
+    frames, used = errors.frames, f"{errors.used_s:.0f} s"
+    low_m, middle_m, high_m = errors.range_m
+    yield "range (m)", f"{middle_m:.2f}", f"median; {low_m:.2f} to {high_m:.2f}"
+    yield "frames a second", f"{frames.rate_hz:.2f}", f"{frames.duration_s:.0f} s"
+    kept = "about a steady rate; not in the file" if frames.regular else "irregular"
+    yield "s.d. of their intervals (ms)", f"{1e3 * frames.jitter_s:.1f}", kept
+    yield "single frames missing (%)", f"{100 * frames.single_share:.2f}", ""
+    gaps_s = frames.gaps_s
+    spell = f"{gaps_s.min():.2f} to {gaps_s.max():.2f} s long" if gaps_s.size else ""
+    yield "longer gaps", f"{gaps_s.size}", spell
+    if errors.delay_s is not None:
+        yield "from stamp to arrival (ms)", f"{1e3 * errors.delay_s:.1f}", "median"
+    yield from _direction_rows("range", "% of the range", errors.along, 100.0, used)
+    yield from _direction_rows("bearing", "deg, each axis", errors.across, DEG, used)
+    jumps = errors.jumps
+    if jumps.durations_s.size:
+        along, across = errors.jump_sizes_m
+        size = f"{np.median(along):.2f} m along, {np.median(across):.2f} m across the line of sight (medians); "
+        last = f"up to {jumps.durations_s.max():.2f} s" if jumps.durations_s.any() else "one frame each"
+        yield "jumps a second", f"{jumps.durations_s.size / errors.used_s:.2f}", size + last
+    else:
+        yield "jumps a second", "0", used
+    for name, yaw in (("head yaw", errors.head_yaw), ("pelvis yaw", errors.pelvis_yaw)):
+        if yaw is None:
+            yield name, "-", "not in the recording"
+            continue
+        yield from _direction_rows(name, "deg", yaw.error, DEG, f"{yaw.used_s:.0f} s")
+        if yaw.flips:
+            yield f"{name}: half turns", f"{yaw.flips}", "from one frame to the next; not in the file"
+        if yaw.known_share < 1.0:
+            yield f"{name}: known (%)", f"{100 * yaw.known_share:.1f}", "of the frames"
+
+
+def _direction_rows(
+    name: str, unit: str, error: DirectionError, factor: float, used: str
+) -> Iterator[tuple[str, str, str]]:
+    fit = error.fit
+    if error.fit.hidden:
+        yield f"{name}: white ({unit})", f"< {factor * fit.white.value:.3f}", f"{used}; hidden by motion or smoothing"
+    else:
+        yield f"{name}: white ({unit})", shown(fit.white, factor, 3), used
+    if error.wander == "unknown":
+        yield (
+            f"{name}: wander ({unit})",
+            "unknown",
+            "hidden by the person's motion, or too slow for this recording; not in the file",
+        )
+    elif error.wander == "none" or fit.wander is None or fit.correlation_s is None:
+        yield f"{name}: wander ({unit})", "none", "none seen, or no more than a person's sway"
+    else:
+        yield f"{name}: wander ({unit})", shown(fit.wander, factor, 3), used
+        yield f"{name}: its correlation time (s)", shown(fit.correlation_s, 1.0, 2), used
+
+
+def shown(known: Known, factor: float, digits: int) -> str:
+    """A value with its standard deviation.
+
+    Args:
+        known: The value.
+        factor: From its unit to the one shown.
+        digits: After the point.
+
+    Returns:
+        Text such as ``0.082 ± 0.003``.
+    """
+    # A spread rounded to nothing would claim certainty.
+    return f"{factor * known.value:.{digits}f} ± {max(factor * known.sd, 10.0**-digits):.{digits}f}"
+
+
+def warnings(errors: TrackerErrors) -> list[str]:
+    """Warnings about the file: unknown, bounded or assumed values."""
+    found = []
+    if errors.moved:
+        found.append(
+            f"the person moved too much: still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s. Wander "
+            "is unknown and left out, so the file describes a tracker with less error than yours; record 30 s of a "
+            "person who stands still"
+        )
+    elif errors.used_s < _GOOD_S:
+        found.append(
+            f"only {errors.used_s:.0f} s of a person who is still; 30 s give a better estimate, mainly of wander"
+        )
+    if errors.along.fit.hidden or errors.across.fit.hidden:
+        found.append(
+            "white error cannot be measured: the tracker smooths, or the person moved. The file has upper bounds"
+        )
+    if errors.jumps.durations_s.size and not errors.jumps_across:
+        found.append("jumps are small or along the line of sight only; a sensor file has no field for them; left out")
+    if errors.latency_s is None:
+        found.append(
+            f"latency is not measured: the file assumes {1e3 * ASSUMED_LATENCY_S:.0f} ms, as the sensor reference"
+        )
+    return found
 
 
 def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str, day: datetime.date) -> str:
@@ -18,7 +130,7 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
 
     Args:
         errors: Of the tracker.
-        track: What they were measured on.
+        track: The measured track.
         name: Of the new sensor.
         origin: File that was read.
         day: When.
@@ -65,7 +177,7 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
 
 def _white(error: DirectionError, factor: float, digits: int) -> str:
     white = error.fit.white
-    return f"at most {factor * white.value:.{digits}f}" if error.hidden else shown(white, factor, digits)
+    return f"at most {factor * white.value:.{digits}f}" if error.fit.hidden else shown(white, factor, digits)
 
 
 def _direction_table(error: DirectionError, factor: float, unit: str) -> dict[str, object]:
@@ -98,3 +210,32 @@ def _jumps_table(errors: TrackerErrors) -> dict[str, object]:
 
 def _rounded(value: float) -> float:
     return float(f"{float(value):.4g}")
+
+
+def identify_tracker(path: Path, person: str | None, out: Path, progress: Progress) -> None:
+    """Measure a tracker from a recording, print what was found and write a sensor file.
+
+    Args:
+        path: Recording: table, lines of JSON or folder of a bag.
+        person: The tracker's name of the person; None: who has the longest track.
+        out: TOML file to write.
+        progress: Says how far it is.
+
+    Raises:
+        RecordingError: If the recording cannot be read.
+        SettingsError: If there is no such person.
+        MissingOptionalDependencyError: If the format needs a package that is not installed.
+    """
+    progress.say(f"reading {path}")
+    track = read_track(path, person, progress.at)
+    print(f"{path.name}: {track.person}, {track.times_s.size} frames")
+    for note in track.notes:
+        print(f"  {note}")
+    progress.say("fitting")
+    errors = measure_tracker(track, progress.at)
+    print(f"\n{table(errors)}\n\n± is one standard deviation.")
+    for warning in warnings(errors):
+        print(f"Warning: {warning}.")
+    write_whole(out, sensor_toml(errors, track, out.stem, path.name, datetime.date.today()))
+    print(f"\nWritten: {out}")
+    print(f"Use it: python -m gazempc.run --replay subject03_R4 --sensor {out}")

@@ -50,7 +50,7 @@ def frame_times(times_s: FloatArray) -> FrameTimes:
         times_s: Stamps, shape (N,), seconds, strictly increasing.
 
     Returns:
-        What the stamps say.
+        Rate, jitter and losses.
     """
     intervals_s = np.diff(times_s)
     duration_s = float(times_s[-1] - times_s[0])

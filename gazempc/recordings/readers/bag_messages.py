@@ -1,4 +1,4 @@
-"""Messages of a ROS 2 bag: those that say where people are, decoded without a ROS installation."""
+"""Messages of a ROS 2 bag: positions of people, decoded without a ROS installation."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def person_of_topic(topic: str) -> str | None:
 def read_messages(
     path: Path, tell: Callable[[float], None] = lambda share: None
 ) -> tuple[Mapping[str, str], list[BagMessage]]:
-    """Read the messages of a bag that say where people are.
+    """Read the messages of a bag with positions of people.
 
     Args:
         path: Folder of the bag, or a file of it.
@@ -82,7 +82,7 @@ def read_messages(
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - optional
     except ImportError:
         raise MissingOptionalDependencyError("Reading ROS 2 bags", "rosbags", "bags") from None
-    # What is read here has been the same in all releases of ROS 2.
+    # These definitions are the same in all releases of ROS 2.
     store = get_typestore(Stores.ROS2_FOXY)
     for name, definition in _OWN_TYPES.items():
         store.register(get_types_from_msg(definition, name))
@@ -101,9 +101,9 @@ def read_messages(
                 content = store.deserialize_cdr(raw, connection.msgtype)
                 messages.append(BagMessage(connection.topic, received_ns, content))
     except (OSError, SettingsError) as error:
-        said = error.strerror or str(error) if isinstance(error, OSError) else str(error)
+        reason = error.strerror or str(error) if isinstance(error, OSError) else str(error)
         place = Path(error.filename).name if isinstance(error, OSError) and error.filename else ""
-        raise RecordingError(path, place, f"cannot be read: {said}", _EXPECTED) from None
+        raise RecordingError(path, place, f"cannot be read: {reason}", _EXPECTED) from None
     except Exception as error:  # a damaged bag makes the library raise errors of many unrelated classes
         raise RecordingError(path, "", f"cannot be read ({_first_line(error)})", _EXPECTED) from None
     return dict(sorted(topics.items())), messages

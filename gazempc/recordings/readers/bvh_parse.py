@@ -1,74 +1,30 @@
-"""Parsing of BVH text into joints and channel values; knows nothing of people.
+"""BVH text into joints and channel values, and their forward kinematics.
 
 Lines are counted from 1. Joint names may hold blanks, braces may stand on the line of a name.
 """
 
 from __future__ import annotations
 
-import math
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, shown
+from gazempc.files.text import read_text
 from gazempc.recordings.readers.checks import check_finite
-from gazempc.recordings.readers.text import read_text
 from gazempc.types import FloatArray
 
-
-class Lines:
-    """The file's lines that are not blank, split into words, read one after the other."""
-
-    def __init__(self, path: Path, text: str) -> None:
-        self.path = path
-        split = ((number, line.split()) for number, line in enumerate(text.splitlines(), start=1))
-        self._lines = [(number, words) for number, words in split if words]
-        self._next = 0
-        self.number = 0
-
-    def next(self, expected: str) -> list[str]:
-        """Words of the next line.
-
-        Raises:
-            RecordingError: If the file ends instead.
-        """
-        if self._next == len(self._lines):
-            last = self._lines[-1][0]
-            raise RecordingError(self.path, f"line {last}", "the file ends here (cut off?)", expected)
-        self.number, words = self._lines[self._next]
-        self._next += 1
-        return words
-
-    def push_back(self, words: list[str]) -> None:
-        """Hand in words of the current line that the next call shall return."""
-        self._next -= 1
-        self._lines[self._next] = (self.number, words)
-
-    def rest(self) -> list[tuple[int, list[str]]]:
-        """All lines not yet read, with their numbers."""
-        return self._lines[self._next :]
-
-    def error(self, problem: str, expected: str) -> RecordingError:
-        """An error in the current line."""
-        return RecordingError(self.path, f"line {self.number}", problem, expected)
-
-
-def parse_number(path: Path, line: int, word: str) -> float:
-    """Parse a number of a line.
-
-    Raises:
-        RecordingError: If it is not one; shows what stands there.
-    """
-    try:
-        return float(word)
-    except ValueError:
-        raise RecordingError(path, f"line {line}", f"{shown(word)} is not a number", "a number") from None
-
-
+Pose = tuple[Rotation, FloatArray]
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
 _CHANNEL_OF_LOWER = {name.lower(): name for name in _CHANNELS}
 _MAX_OFFSET = 1e9
+_PIECES = re.compile(r"[{}]|[^{}]+")
+_END_SITE = -1
+_HIERARCHY = "one ROOT with JOINT, End Site, OFFSET, CHANNELS and braces in it, then MOTION"
 
 
 @dataclass
@@ -119,147 +75,11 @@ def parse_bvh(path: Path) -> Bvh:
     Raises:
         RecordingError: If the file is cut off or is not BVH; names the line.
     """
-    lines = Lines(path, read_text(path, "a BVH file"))
+    lines = _Lines(path, read_text(path, "a BVH file"))
     words = lines.next("HIERARCHY")
     if words[0].upper() != "HIERARCHY":
         raise lines.error(f"the file begins with {shown(' '.join(words))}", "HIERARCHY, as in a BVH file")
-    joints = _Hierarchy(lines).read()
-    count, frame_time_s = _motion_header(lines)
-    channels = sum(len(joint.channels) for joint in joints)
-    frames = lines.rest()
-    motion = _frames(lines, frames, channels)
-    if len(frames) != count:
-        number = frames[-1][0] if frames else lines.number
-        raise RecordingError(
-            path, f"line {number}", f"the file ends after {len(frames)} frames", f"{count}, as 'Frames:' says"
-        )
-    labels = [f"{joint.name} {channel}" for joint in joints for channel in joint.channels]
-    check_finite(path, motion, labels, lambda index: f"line {frames[index][0]}")
-    return Bvh(joints, frame_time_s, motion)
-
-
-class _Hierarchy:
-    """The joints read so far and where in their tree the next line belongs."""
-
-    def __init__(self, lines: Lines) -> None:
-        self.joints: list[Joint] = []
-        self._lines = lines
-        self._open: list[int] = []  # indices; the last is the joint being described
-        self._in_end_site = False
-        self._channels = 0
-
-    def read(self) -> list[Joint]:
-        """Read up to and with the line MOTION."""
-        readers = {
-            "ROOT": self._root,
-            "JOINT": self._joint,
-            "END": self._end_site,
-            "OFFSET": self._offset,
-            "CHANNELS": self._joint_channels,
-            "}": self._close,
-        }
-        while True:
-            inside = f" (joint {self.joints[self._open[-1]].name!r} is open)" if self._open else ""
-            words = self._lines.next(f"the rest of the hierarchy{inside}, then MOTION")
-            keyword = words[0].upper()
-            if keyword == "MOTION":
-                if not self.joints or self._open:
-                    problem = f"MOTION comes before the hierarchy is complete{inside}"
-                    raise self._lines.error(problem, "one ROOT, all braces closed, then MOTION")
-                return self.joints
-            if keyword != "ROOT" and (keyword not in readers or not self._open):
-                raise self._out_of_place(words)
-            readers[keyword](words)
-
-    def _out_of_place(self, words: list[str]) -> RecordingError:
-        known = "one ROOT with JOINT, End Site, OFFSET, CHANNELS and braces in it, then MOTION"
-        return self._lines.error(f"{shown(' '.join(words))} is out of place here", known)
-
-    def _root(self, words: list[str]) -> None:
-        if self.joints:
-            raise self._out_of_place(words)
-        self._add(words, -1)
-
-    def _joint(self, words: list[str]) -> None:
-        if self._in_end_site:
-            raise self._out_of_place(words)
-        self._add(words, self._open[-1])
-
-    def _add(self, words: list[str], parent: int) -> None:
-        self.joints.append(Joint(_name(self._lines, words), parent))
-        _open_brace(self._lines, words)
-        self._open.append(len(self.joints) - 1)
-
-    def _end_site(self, words: list[str]) -> None:
-        if self._in_end_site:
-            raise self._out_of_place(words)
-        _open_brace(self._lines, words)
-        self._in_end_site = True
-
-    def _offset(self, words: list[str]) -> None:
-        joint, offset = self.joints[self._open[-1]], _offset(self._lines, words)
-        if not self._in_end_site:
-            joint.offset = offset
-        elif joint.end_offset is None:  # of several end sites the first counts
-            joint.end_offset = offset
-
-    def _joint_channels(self, words: list[str]) -> None:
-        joint = self.joints[self._open[-1]]
-        if self._in_end_site or joint.channels:
-            raise self._out_of_place(words)
-        joint.channels, joint.first_channel = _channels(self._lines, words), self._channels
-        self._channels += len(joint.channels)
-
-    def _close(self, words: list[str]) -> None:
-        if self._in_end_site:
-            self._in_end_site = False
-        else:
-            self._open.pop()
-        if len(words) > 1:
-            self._lines.push_back(words[1:])
-
-
-def _name(lines: Lines, words: list[str]) -> str:
-    """Joint's name: all words up to a brace."""
-    name = " ".join(word for word in words[1:] if word != "{")
-    if not name:
-        raise lines.error(f"{words[0]} without a name", f"{words[0]} and a joint's name")
-    return name
-
-
-def _open_brace(lines: Lines, words: list[str]) -> None:
-    """Read the opening brace, on the same line or the next."""
-    if words[-1] == "{":
-        return
-    following = lines.next("an opening brace")
-    if following[0] != "{":
-        raise lines.error(f"{shown(' '.join(following))} follows {shown(' '.join(words))}", "an opening brace")
-    if len(following) > 1:
-        lines.push_back(following[1:])
-
-
-def _offset(lines: Lines, words: list[str]) -> FloatArray:
-    """Three numbers of an OFFSET."""
-    if len(words) != 4:
-        raise lines.error(f"OFFSET with {len(words) - 1} values", "OFFSET and three numbers")
-    offset = np.array([parse_number(lines.path, lines.number, word) for word in words[1:]])
-    if not (np.abs(offset) <= _MAX_OFFSET).all():
-        raise lines.error(f"OFFSET {' '.join(words[1:])}", "three finite numbers")
-    return offset
-
-
-def _channels(lines: Lines, words: list[str]) -> tuple[str, ...]:
-    """Names of a joint's channels, spelt as in _CHANNELS."""
-    expected = f"CHANNELS, their number and names out of {', '.join(_CHANNELS)}, each once"
-    channels = tuple(_CHANNEL_OF_LOWER.get(word.lower(), "") for word in words[2:])
-    count_is_right = len(words) > 1 and words[1] == str(len(channels))
-    if not count_is_right or "" in channels or len(set(channels)) != len(channels):
-        raise lines.error(f"{shown(' '.join(words), 80)}", expected)
-    return channels
-
-
-def _motion_header(lines: Lines) -> tuple[int, float]:
-    """Number of frames and the time between two, seconds."""
+    joints = _hierarchy(lines)
     words = lines.next("Frames: and their number")
     if words[0].lower() != "frames:" or len(words) != 2 or not words[1].isdecimal() or len(words[1]) > 9:
         raise lines.error(f"{shown(' '.join(words))} after MOTION", "Frames: and their number")
@@ -267,25 +87,147 @@ def _motion_header(lines: Lines) -> tuple[int, float]:
     words = lines.next("Frame Time: and seconds")
     if [word.lower() for word in words[:2]] != ["frame", "time:"] or len(words) != 3:
         raise lines.error(f"{shown(' '.join(words))} after Frames:", "Frame Time: and seconds")
-    frame_time_s = parse_number(lines.path, lines.number, words[2])
-    if not (math.isfinite(frame_time_s) and frame_time_s > 0.0):
+    (frame_time_s,) = lines.numbers(words[2:])
+    if not 0.0 < frame_time_s < np.inf:
         raise lines.error(f"the frame time is {words[2]}", "a frame time above 0, in seconds")
-    return count, frame_time_s
+    labels = [f"{joint.name} {channel}" for joint in joints for channel in joint.channels]
+    rows: list[list[float]] = []
+    numbers: list[int] = []
+    while not lines.at_end:
+        words = lines.next("a frame")
+        if len(words) != len(labels):
+            problem = f"{len(words)} values in frame {len(rows) + 1}"
+            raise lines.error(problem, f"{len(labels)} values, one for each channel")
+        rows.append(lines.numbers(words))
+        numbers.append(lines.number)
+    if len(rows) != count:
+        raise lines.error(f"the file ends after {len(rows)} frames", f"{count}, as in 'Frames:'")
+    motion = np.array(rows).reshape(count, len(labels))
+    check_finite(path, motion, labels, lambda index: f"line {numbers[index]}")
+    return Bvh(joints, frame_time_s, motion)
 
 
-def _frames(lines: Lines, frames: list[tuple[int, list[str]]], channels: int) -> FloatArray:
-    """Channel values of all frames, shape (N, C)."""
-    motion = np.empty((len(frames), channels))
-    for index, (number, words) in enumerate(frames):
-        if len(words) != channels:
-            raise RecordingError(
-                lines.path,
-                f"line {number}",
-                f"{len(words)} values in frame {index + 1}",
-                f"{channels} values, one for each channel",
-            )
+def poses(bvh: Bvh, wanted: Iterable[int], frames: slice = slice(None)) -> dict[int, Pose]:
+    """Forward kinematics of some joints and of all between them and the root.
+
+    A position channel stands in the place of the same component of OFFSET, as in most programs.
+
+    Args:
+        bvh: The file.
+        wanted: Indices of joints.
+        frames: N frames.
+
+    Returns:
+        For each joint its rotation (N of them, joint to file axes) and position, shape (N, 3), file units.
+    """
+    needed: set[int] = set()
+    for index in wanted:
+        while index >= 0 and index not in needed:
+            needed.add(index)
+            index = bvh.joints[index].parent  # noqa: PLW2901 - up to the root
+    motion = bvh.motion[frames]
+    found: dict[int, Pose] = {}
+    for index in sorted(needed):
+        joint = bvh.joints[index]
+        local, turn = np.tile(joint.offset, (len(motion), 1)), Rotation.identity(len(motion))
+        for column, channel in enumerate(joint.channels, start=joint.first_channel):
+            axis = channel[0].lower()
+            if channel.endswith("position"):
+                local[:, "xyz".index(axis)] = motion[:, column]
+            else:
+                turn *= Rotation.from_euler(axis, motion[:, column : column + 1], degrees=True)
+        if joint.parent >= 0:
+            parent_turn, parent_position = found[joint.parent]
+            turn, local = parent_turn * turn, parent_position + parent_turn.apply(local)
+        found[index] = turn, local
+    return found
+
+
+class _Lines:
+    """The file's lines that are not blank, split into words, braces apart."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self._path, self.number = path, 0
+        numbered = enumerate(text.splitlines(), start=1)
+        pieces = ((number, piece.split()) for number, line in numbered for piece in _PIECES.findall(line))
+        self._lines: list[tuple[int, list[str]]] = [(number, words) for number, words in pieces if words]
+        self._next = 0
+
+    @property
+    def at_end(self) -> bool:
+        return self._next == len(self._lines)
+
+    def next(self, expected: str) -> list[str]:
+        if self.at_end:
+            raise self.error("the file ends here (cut off?)", expected)
+        self.number, words = self._lines[self._next]
+        self._next += 1
+        return words
+
+    def numbers(self, words: list[str]) -> list[float]:
         try:
-            motion[index] = [float(word) for word in words]
-        except ValueError:
-            motion[index] = [parse_number(lines.path, number, word) for word in words]
-    return motion
+            return [float(word) for word in words]
+        except ValueError as error:
+            text = str(error).partition(": ")[2].strip("'")
+            raise self.error(f"{shown(text)} is not a number", "a number") from None
+
+    def error(self, problem: str, expected: str) -> RecordingError:
+        return RecordingError(self._path, f"line {self.number}", problem, expected)
+
+
+def _hierarchy(lines: _Lines) -> list[Joint]:
+    """All joints; reads up to and with the line MOTION."""
+    joints: list[Joint] = []
+    opened: list[int] = []  # indices of the joints whose braces are open, `_END_SITE` for an end site
+    waiting: int | None = None  # the next brace opens it
+    channels = 0
+    while True:
+        within = [index for index in opened if index != _END_SITE]
+        inside = f" (joint {joints[within[-1]].name!r} is open)" if within else ""
+        words = lines.next(f"the rest of the hierarchy{inside}, then MOTION")
+        keyword = words[0].upper()
+        joint = joints[opened[-1]] if opened and opened[-1] != _END_SITE else None
+        if waiting is not None:
+            if keyword != "{":
+                raise lines.error(f"{shown(' '.join(words))} in the place of an opening brace", "an opening brace")
+            opened.append(waiting)
+            waiting = None
+        elif keyword == "MOTION" and joints and not opened:
+            return joints
+        elif (keyword == "ROOT" and not joints) or (keyword == "JOINT" and joint is not None):
+            if len(words) == 1:
+                raise lines.error(f"{words[0]} without a name", f"{words[0]} and a joint's name")
+            joints.append(Joint(" ".join(words[1:]), opened[-1] if opened else -1))
+            waiting = len(joints) - 1
+        elif keyword == "END" and joint is not None:
+            waiting = _END_SITE
+        elif keyword == "}" and opened:
+            opened.pop()
+        elif keyword == "OFFSET" and joint is not None:
+            joint.offset = _offset(lines, words)
+        elif keyword == "OFFSET" and opened:
+            ends = joints[within[-1]]
+            ends.end_offset = _offset(lines, words) if ends.end_offset is None else ends.end_offset
+        elif keyword == "CHANNELS" and joint is not None and not joint.channels:
+            joint.channels, joint.first_channel = _channels(lines, words), channels
+            channels += len(joint.channels)
+        else:
+            raise lines.error(f"{shown(' '.join(words))} is out of place here{inside}", _HIERARCHY)
+
+
+def _offset(lines: _Lines, words: list[str]) -> FloatArray:
+    if len(words) != 4:
+        raise lines.error(f"OFFSET with {len(words) - 1} values", "OFFSET and three numbers")
+    offset = np.array(lines.numbers(words[1:]))
+    if not (np.abs(offset) <= _MAX_OFFSET).all():
+        raise lines.error(f"OFFSET {' '.join(words[1:])}", "three finite numbers")
+    return offset
+
+
+def _channels(lines: _Lines, words: list[str]) -> tuple[str, ...]:
+    channels = tuple(_CHANNEL_OF_LOWER.get(word.lower(), "") for word in words[2:])
+    count_is_right = len(words) > 1 and words[1] == str(len(channels))
+    if not count_is_right or "" in channels or len(set(channels)) != len(channels):
+        expected = f"CHANNELS, their number and names out of {', '.join(_CHANNELS)}, each once"
+        raise lines.error(shown(" ".join(words), 80), expected)
+    return channels

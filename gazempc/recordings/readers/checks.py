@@ -1,52 +1,139 @@
-"""Checks that all readers share; each names the file, the place in it, what was wrong and what belongs there.
+"""Checks of a recording, shared by all readers, and the recording made of a checked track.
 
-Readers hand in a `place` function that turns a frame's index into words a person can find in the file, such
-as ``row 17`` (a line of a table) or ``frame 12``.
+Each error names the file, the place in it, the problem and what is accepted. A `place` function turns the index of a
+frame into its place in the file, such as ``row 17`` (a line of a table) or ``frame 12``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
+from scipy.interpolate import make_smoothing_spline
 
 from gazempc.errors import RecordingError
-from gazempc.types import FloatArray
+from gazempc.recordings.readers.labels import labels_for
+from gazempc.recordings.recording import DataKind, Recording, Track, truth_of
+from gazempc.types import BoolArray, FloatArray
 
 Place = Callable[[int], str]
 
 MIN_FRAMES = 4
+MIN_SEEN_FRAMES = 5  # of a track that is smoothed: the spline needs as many
 QUATERNION_NORM_TOLERANCE = 1e-2
-
-MAX_MAGNITUDE = 1e9  # larger values are damage, and their squares would overflow further on
+MAX_MAGNITUDE = 1e9  # larger values are damage, and their squares would overflow
+# Longer than any walk before a robot; its replay takes an hour, too.
+MOST_DURATION_S = 3600.0
+# After a longer gap, another walk begins.
+MOST_GAP_S = 60.0
+# No sensor of a robot detects a head from farther away.
+MOST_RANGE_M = 100.0
+# In a frame of the floor the robot is placed beside the walk; across a campus is far enough.
+MOST_EXTENT_M = 1000.0
+HEAD_TO_PELVIS_RANGE_M = (0.3, 1.1)
 _FRAME_INTERVAL_RANGE_S = (1.0 / 1000.0, 1.0)
-_TYPICAL_FRAME_INTERVAL_S = 1.0 / 30.0
-_TIME_UNITS_S = {
-    "seconds": 1.0,
-    "milliseconds": 1e-3,
-    "microseconds": 1e-6,
-    "nanoseconds": 1e-9,
-    "minutes": 60.0,
-}
-
-TimeUnit = Literal["seconds", "microseconds"]
+_TYPICAL_FRAME_INTERVAL_S, _TYPICAL_HEAD_TO_PELVIS_M, _TYPICAL_SPEED_M_S = 1.0 / 30.0, 0.6, 1.0
+# Averaged over this time, jumps of a tracker do not count as speed.
+_TRAVEL_S = 1.0
+_FASTEST_M_S = 12.5  # the best sprinters' highest speed
+_MOST_CLIMB_M = 1.0  # getting up from a chair, or a few steps of a staircase
+_TIMES_S = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0}
+_LENGTHS_M = {"metres": 1.0, "millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "feet": 0.3048}
 
 
-def check_frame_count(source: Path, count: int, minimum: int = MIN_FRAMES) -> None:
-    """Refuse a recording that is too short to say anything about motion.
+@dataclass(frozen=True)
+class Prescribed:
+    """Units that a format prescribes, and the options that change how it is read; named in messages."""
+
+    time: str = "seconds"
+    length: str = "metres"
+    options: str = ""
+
+
+def recording_of(
+    path: Path,
+    times_s: FloatArray,
+    track: Track,
+    kind: DataKind,
+    has_robot: bool,
+    place: Place = "frame {}".format,
+    prescribed: Prescribed = Prescribed(),
+    notes: Sequence[str] = (),
+) -> Recording:
+    """Check a track that was read from a file, and make the recording.
+
+    Where the track is a tracker's own, the truth is the track with its positions smoothed without lag.
 
     Args:
-        source: File that was read.
-        count: Frames in it (with the person in view).
-        minimum: Fewest frames accepted.
+        path: The file.
+        times_s: Capture times, shape (N,), seconds.
+        track: Poses, z up, at these times.
+        kind: Kind of data.
+        has_robot: Whether the frame's origin is the robot's sensor.
+        place: Place of a frame in the file.
+        prescribed: The format's units, and the options of its reader.
+        notes: What was inferred and left out.
+
+    Returns:
+        The recording, named after the file, with the labels of the index file beside it.
 
     Raises:
-        RecordingError: If there are fewer.
+        RecordingError: If a check fails.
     """
-    if count < minimum:
-        raise RecordingError(source, "", f"only {count} frame(s)", f"at least {minimum} frames")
+    measured = bool(truth_of(kind))
+    check_motion(path, times_s, track, has_robot, place, prescribed, MIN_SEEN_FRAMES if measured else MIN_FRAMES)
+    truth = _smoothed(path, times_s - times_s[0], track) if measured else track
+    path_m = truth.pelvis_position_m if np.isfinite(truth.pelvis_position_m).any() else truth.head_position_m
+    return Recording(
+        name=path.stem,
+        source=str(path),
+        kind=kind,
+        times_s=times_s,
+        truth=truth,
+        measured=track if measured else None,
+        has_robot=has_robot,
+        labels=labels_for(path, times_s, path_m),
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def check_motion(
+    source: Path,
+    times_s: FloatArray,
+    track: Track,
+    has_robot: bool,
+    place: Place,
+    prescribed: Prescribed = Prescribed(),
+    fewest: int = MIN_FRAMES,
+) -> None:
+    """Refuse a track that is too short, has damaged times or another unit or axis, or cannot be of one walk.
+
+    Args:
+        source: File, or name of the recording.
+        times_s: Shape (N,), seconds.
+        track: The track; finite where the person was seen.
+        has_robot: Whether the frame's origin is the robot's sensor.
+        place: Place of a frame in the file.
+        prescribed: The format's units, and the options of its reader.
+        fewest: Fewest frames with the person in view.
+
+    Raises:
+        RecordingError: Names the first check that fails.
+    """
+    seen = track.valid
+    if seen.sum() < fewest:
+        raise RecordingError(source, "", f"only {seen.sum()} frame(s)", f"at least {fewest} frames")
+    check_times_increase(source, times_s, place)
+    _check_frame_interval(source, times_s, prescribed.time)
+    head_m, pelvis_m = track.head_position_m, track.pelvis_position_m
+    both = seen & np.isfinite(pelvis_m).all(axis=1)
+    if both.any():
+        _check_body(source, head_m[both] - pelvis_m[both], prescribed)
+    else:
+        _check_head_travel(source, times_s[seen], head_m[seen])
+    check_plausible(source, times_s[seen], head_m[seen], has_robot)
 
 
 def check_finite(source: Path, values: FloatArray, columns: Sequence[str], place: Place) -> None:
@@ -56,21 +143,16 @@ def check_finite(source: Path, values: FloatArray, columns: Sequence[str], place
         source: File that was read.
         values: Shape (N, C), in file order.
         columns: Names of the C columns.
-        place: Words for a frame's index.
+        place: Place of a frame in the file.
 
     Raises:
         RecordingError: Names the first such value's place and column.
     """
-    bad = ~np.isfinite(values)
-    bad |= np.abs(np.where(bad, 0.0, values)) > MAX_MAGNITUDE
+    bad = ~(np.abs(values) <= MAX_MAGNITUDE)
     if bad.any():
         index, column = (int(k) for k in np.argwhere(bad)[0])
-        raise RecordingError(
-            source,
-            f"{place(index)}, column {columns[column]}",
-            f"the value is {values[index, column]:g}",
-            f"a finite number no larger than {MAX_MAGNITUDE:g}",
-        )
+        where, problem = f"{place(index)}, column {columns[column]}", f"the value is {values[index, column]:g}"
+        raise RecordingError(source, where, problem, f"a finite number no larger than {MAX_MAGNITUDE:g}")
 
 
 def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
@@ -79,7 +161,7 @@ def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
     Args:
         source: File that was read.
         times: Shape (N,), in the file's unit.
-        place: Words for a frame's index.
+        place: Place of a frame in the file.
 
     Raises:
         RecordingError: Names the first such frame, its time stamp and the one before it.
@@ -93,11 +175,9 @@ def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
         return
     index = int(np.argmax(steps <= 0.0)) + 1
     before, now = float(times[index - 1]), float(times[index])
-    problem = (
-        f"duplicate time stamp {now!r} (the same in {place(index - 1)})"
-        if now == before
-        else f"time goes backwards, from {before!r} in {place(index - 1)} to {now!r}"
-    )
+    problem = f"time goes backwards, from {before!r} in {place(index - 1)} to {now!r}"
+    if now == before:
+        problem = f"duplicate time stamp {now!r} (the same in {place(index - 1)})"
     raise RecordingError(source, place(index), problem, expected)
 
 
@@ -106,9 +186,9 @@ def check_unit_quaternions(source: Path, quat_wxyz: FloatArray, columns: str, pl
 
     Args:
         source: File that was read.
-        quat_wxyz: Shape (N, 4), finite; rows of NaN are not known, and pass.
-        columns: What people call these columns, such as ``head_q{w,x,y,z}``.
-        place: Words for a frame's index.
+        quat_wxyz: Shape (N, 4), finite; rows of NaN are unknown, and pass.
+        columns: Name of these columns, such as ``head_q{w,x,y,z}``.
+        place: Place of a frame in the file.
 
     Raises:
         RecordingError: Names the first such frame, the columns and the norm.
@@ -117,47 +197,123 @@ def check_unit_quaternions(source: Path, quat_wxyz: FloatArray, columns: str, pl
     bad = np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE
     if bad.any():
         index = int(np.argmax(bad))
-        raise RecordingError(
-            source,
-            f"{place(index)}, columns {columns}",
-            f"not a unit quaternion: its norm is {norms[index]:.4g}",
-            f"a norm of 1 to within {QUATERNION_NORM_TOLERANCE:g}",
-        )
+        where, problem = f"{place(index)}, columns {columns}", f"not a unit quaternion: its norm is {norms[index]:.4g}"
+        raise RecordingError(source, where, problem, f"a norm of 1 to within {QUATERNION_NORM_TOLERANCE:g}")
 
 
-def check_frame_interval(source: Path, times_s: FloatArray, unit: TimeUnit = "seconds") -> None:
-    """Refuse time stamps in a wrong unit, told by the median interval between frames.
+def check_plausible(source: Path, times_s: FloatArray, head_position_m: FloatArray, at_sensor: bool) -> None:
+    """Refuse recordings that last for hours, or of people kilometres away.
 
     Args:
-        source: File that was read.
-        times_s: Shape (N,), seconds if the file keeps to its format.
-        unit: Unit the file's format prescribes, named in the message.
+        source: File, for messages.
+        times_s: Times at which the head is known, shape (N,), seconds, increasing.
+        head_position_m: Its position, shape (N, 3), metres.
+        at_sensor: Whether the frame's origin is the robot's sensor.
 
     Raises:
-        RecordingError: If the median is outside 1 ms to 1 s; names the probable unit.
+        RecordingError: Names the time, and what is accepted.
     """
+    if not times_s.size:
+        return
+    since_s, steps_s = times_s - times_s[0], np.diff(times_s, prepend=times_s[0])
+    after = int(np.argmax(steps_s))
+    if steps_s[after] > MOST_GAP_S:
+        problem = f"a gap of {steps_s[after]:.4g} s, from {since_s[after - 1]:.4g} s after the first frame on"
+        expected = f"frames at most {MOST_GAP_S:g} s apart; a walk after a longer gap is another recording"
+        raise RecordingError(source, "time stamps", problem, expected)
+    if since_s[-1] > MOST_DURATION_S:
+        problem, expected = (
+            f"the recording lasts {since_s[-1] / 3600.0:.4g} h",
+            f"{MOST_DURATION_S / 3600.0:g} h at most",
+        )
+        raise RecordingError(source, "time stamps", problem, f"{expected}: cut it into walks")
+    away_m = head_position_m if at_sensor else head_position_m - np.median(head_position_m, axis=0)
+    ranges_m = np.linalg.norm(away_m, axis=1)
+    far, most_m = int(np.argmax(ranges_m)), MOST_RANGE_M if at_sensor else MOST_EXTENT_M
+    if ranges_m[far] > most_m:
+        origin = "the sensor" if at_sensor else "the middle of the walk"
+        problem = f"{since_s[far]:.4g} s after the first frame the head is {ranges_m[far]:.4g} m from {origin}"
+        raise RecordingError(source, "positions", problem, f"{most_m:g} m at most, in metres")
+
+
+def _check_frame_interval(source: Path, times_s: FloatArray, unit: str) -> None:
     interval_s = float(np.median(np.diff(times_s)))
     low_s, high_s = _FRAME_INTERVAL_RANGE_S
     # Time stamps are rounded in files: a 1000 Hz recording must not fail by the last digit.
-    if low_s * (1.0 - 1e-6) <= interval_s <= high_s * (1.0 + 1e-6):
-        return
-    raw = interval_s / _TIME_UNITS_S[unit]
-    causes = {name: raw * size_s for name, size_s in _TIME_UNITS_S.items() if name != unit}
-    fitting = [name for name, value in causes.items() if low_s <= value <= high_s]
-    fitting.sort(key=lambda name: abs(np.log(causes[name] / _TYPICAL_FRAME_INTERVAL_S)))
-    hint = ""
-    if fitting:
-        factor = _TIME_UNITS_S[fitting[0]] / _TIME_UNITS_S[unit]
-        hint = f": looks like {fitting[0]} where {unit} belong, a factor of {factor_text(factor)}"
-    raise RecordingError(
-        source,
-        "time stamps",
-        f"the median interval between frames is {interval_s:.4g} s when read as {unit}{hint}",
-        f"time stamps in {unit}, {low_s:g} to {high_s:g} s apart (median)",
+    if not low_s * (1.0 - 1e-6) <= interval_s <= high_s * (1.0 + 1e-6):
+        hint = _likely_unit(interval_s, unit, _TIMES_S, _FRAME_INTERVAL_RANGE_S, _TYPICAL_FRAME_INTERVAL_S)
+        problem = f"the median interval between frames is {interval_s:.4g} s when read as {unit}{hint}"
+        expected = f"time stamps in {unit}, {low_s:g} to {high_s:g} s apart (median)"
+        raise RecordingError(source, "time stamps", problem, expected)
+
+
+def _check_body(source: Path, from_pelvis_m: FloatArray, prescribed: Prescribed) -> None:
+    """Refuse a wrong unit by the distance from pelvis to head, and a person who is not upright; shape (N, 3)."""
+    distance_m, unit = float(np.median(np.linalg.norm(from_pelvis_m, axis=1))), prescribed.length
+    low_m, high_m = HEAD_TO_PELVIS_RANGE_M
+    options = f"; {prescribed.options}" if prescribed.options else ""
+    if not low_m <= distance_m <= high_m:
+        hint = _likely_unit(distance_m, unit, _LENGTHS_M, HEAD_TO_PELVIS_RANGE_M, _TYPICAL_HEAD_TO_PELVIS_M)
+        problem = f"the head is {distance_m:.4g} m from the pelvis (median) when read as {unit}{hint}"
+        expected = f"positions in {unit}, with {low_m:g} to {high_m:g} m from pelvis to head{options}"
+        raise RecordingError(source, "positions", problem, expected)
+    x_m, y_m, z_m = np.median(from_pelvis_m, axis=0)
+    if z_m < 0.5 * np.linalg.norm((x_m, y_m, z_m)):
+        problem = f"z does not point up: from pelvis to head is ({x_m:.2f}, {y_m:.2f}, {z_m:.2f}) m (median)"
+        raise RecordingError(source, "positions", problem, f"metres with z up and the person upright{options}")
+
+
+def _check_head_travel(source: Path, times_s: FloatArray, head_position_m: FloatArray) -> None:
+    """Refuse impossible motion, where no pelvis shows the unit: a person who stands may have any unit."""
+    after = np.minimum(np.searchsorted(times_s, times_s + _TRAVEL_S), len(times_s) - 1)
+    moved = after > np.arange(len(times_s))
+    way_m = np.linalg.norm(head_position_m[after] - head_position_m, axis=1)[moved]
+    speed_m_s = float(np.median(way_m / (times_s[after] - times_s)[moved]))
+    if speed_m_s > _FASTEST_M_S:
+        hint = _likely_unit(speed_m_s, "metres", _LENGTHS_M, (0.1, 3.0), _TYPICAL_SPEED_M_S)
+        problem = f"the head travels at {speed_m_s:.4g} m/s (median) when read as metres{hint}"
+        expected = f"positions in metres, and a person slower than {_FASTEST_M_S:g} m/s"
+        raise RecordingError(source, "positions", problem, expected)
+    x_m, y_m, z_m = np.ptp(head_position_m, axis=0)
+    if z_m > max(_MOST_CLIMB_M, float(np.hypot(x_m, y_m))):
+        problem = f"z does not point up: the head moves by {z_m:.2f} m along z, ({x_m:.2f}, {y_m:.2f}) m along x and y"
+        raise RecordingError(source, "positions", problem, "metres with z up and a person who walks on a floor")
+
+
+def _likely_unit(
+    value: float, unit: str, sizes: Mapping[str, float], accepted: tuple[float, float], typical: float
+) -> str:
+    """The unit that makes a value plausible, and its factor, as the end of a message; empty if none does."""
+    found = {name: value / sizes[unit] * size for name, size in sizes.items() if name != unit}
+    fitting = [name for name, converted in found.items() if accepted[0] <= converted <= accepted[1]]
+    if not fitting:
+        return ""
+    likely = min(fitting, key=lambda name: abs(np.log(found[name] / typical)))
+    factor = sizes[unit] / sizes[likely]
+    shown = f"{factor:.4g}" if factor >= 1.0 else f"1/{1.0 / factor:.4g}"
+    return f": looks like {likely} where {unit} belong, a factor of {shown}"
+
+
+def _smoothed(path: Path, times_s: FloatArray, track: Track) -> Track:
+    """The track with positions smoothed without lag."""
+    pelvis_m = track.pelvis_position_m
+    known = np.asarray(np.isfinite(pelvis_m).all(axis=1))
+    return replace(
+        track,
+        head_position_m=_spline(path, times_s, track.head_position_m, track.valid),
+        pelvis_position_m=_spline(path, times_s, pelvis_m, known) if known.sum() >= MIN_SEEN_FRAMES else pelvis_m,
     )
 
 
-def factor_text(file_unit_over_true_unit: float) -> str:
-    """How many times too large the values are, as 1000 or 1/1000."""
-    factor = 1.0 / file_unit_over_true_unit
-    return f"{factor:.4g}" if factor >= 1.0 else f"1/{1.0 / factor:.4g}"
+def _spline(path: Path, times_s: FloatArray, position_m: FloatArray, seen: BoolArray) -> FloatArray:
+    """Cubic smoothing spline, its strength by generalised cross-validation; shape (N, 3), NaN where not seen."""
+    smooth_m = np.full_like(position_m, np.nan)
+    # In units of the frame interval the spline's equations are well scaled at any frame rate.
+    knots = times_s[seen] / np.median(np.diff(times_s))
+    try:
+        for axis in range(3):
+            smooth_m[seen, axis] = make_smoothing_spline(knots, position_m[seen, axis])(knots)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        problem = f"the track cannot be smoothed ({error})"
+        raise RecordingError(path, "time stamps", problem, "frames at a steady rate") from None
+    return smooth_m

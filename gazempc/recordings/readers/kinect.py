@@ -2,44 +2,70 @@
 
 The file's frame is the depth camera's (x right, y down, z forward; millimetres); a joint's own axes are +X
 up, +Y where the person faces, +Z to the person's left. Both are turned to this package's: x forward, y left,
-z up. The joints' axes are nowhere published as a promise, so they are checked against the face at load.
+z up. The joints' axes are nowhere documented, so they are checked against the face at load.
+
+Frames are counted from 0, as they stand in the file's list ``frames``.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError
+from gazempc.files.text import read_text
 from gazempc.recordings.readers.checks import (
-    check_frame_count,
-    check_frame_interval,
+    Place,
+    Prescribed,
+    check_finite,
+    check_times_increase,
+    check_unit_quaternions,
+    recording_of,
 )
-from gazempc.recordings.readers.kinect_json import BodyTrack, read_body
-from gazempc.recordings.readers.labels import labels_for
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.position_checks import (
-    check_head_to_pelvis,
-    check_upright,
-)
-from gazempc.recordings.readers.smoothing import MIN_SEEN_FRAMES, smoothed
 from gazempc.recordings.recording import Recording, Track
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
+JOINTS = ("PELVIS", "HEAD", "NOSE", "EAR_LEFT", "EAR_RIGHT")
 _MAX_AXIS_ERROR_DEG = 60.0
-
 _LEVEL_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-_JOINT_FROM_PERSON = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+_PERSON_IN_JOINT = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+# An hour at 30 Hz with one body has 7 million; each takes some 60 bytes of memory or more.
+_MOST_LISTS = 10_000_000
+_FORMAT = "Azure Kinect body tracking JSON (offline_processor)"
+_Number = float | None  # the tool writes null for NaN
+
+
+class _KinectModel(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+
+class _Body(_KinectModel):
+    body_id: int
+    joint_positions: list[tuple[_Number, _Number, _Number]]
+    joint_orientations: list[tuple[_Number, _Number, _Number, _Number]]
+
+
+class _Frame(_KinectModel):
+    timestamp_usec: float = Field(ge=-(2.0**63), le=2.0**63)
+    bodies: list[_Body]
+
+
+class _File(_KinectModel):
+    joint_names: list[str]
+    frames: list[_Frame] = Field(min_length=1)
 
 
 def read_kinect(path: Path, options: ReadOptions) -> Recording:
     """Read a body tracking file.
 
     The robot's frame is the depth camera's place, turned level: x forward, y left, z up. Time is 0 at the
-    body's first sighting; frames between sightings are kept as not valid. The measured track is the raw one;
-    for the truth its positions are smoothed without lag by a cubic spline (generalised cross-validation).
+    body's first sighting; frames between sightings are kept as not valid.
 
     Args:
         path: File to read.
@@ -52,91 +78,117 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
         RecordingError: If the file is not such JSON, the body is not in it, the values are damaged or in
             other units, or the head's axes disagree with the face.
     """
-    body = read_body(path, options.kinect_body_id)
-    check_frame_count(path, int(body.seen.sum()), MIN_SEEN_FRAMES)
-    times_s = (body.times_usec - body.times_usec[0]) * 1e-6
-    check_frame_interval(path, times_s, unit="microseconds")
-    head = options.kinect_head_joint.upper()
-    level_from_camera = _level_from_camera(options.kinect_camera_pitch_deg)
-    measured = Track(
-        head_position_m=_position_m(body, head, level_from_camera),
-        head_quat_wxyz=_quat_wxyz(body, head, level_from_camera),
-        pelvis_position_m=_position_m(body, "PELVIS", level_from_camera),
-        pelvis_quat_wxyz=_quat_wxyz(body, "PELVIS", level_from_camera),
-        valid=body.seen,
-    )
-    seen_head_m = measured.head_position_m[body.seen]
-    seen_pelvis_m = measured.pelvis_position_m[body.seen]
-    check_head_to_pelvis(path, seen_head_m, seen_pelvis_m, unit="millimetres")
-    check_upright(path, seen_head_m, seen_pelvis_m, "an upright person, and the camera's pitch as an option")
-    _check_head_axes(path, body, head, measured.head_quat_wxyz, level_from_camera)
-    truth = Track(
-        head_position_m=smoothed(path, times_s, measured.head_position_m, body.seen),
-        head_quat_wxyz=measured.head_quat_wxyz.copy(),
-        pelvis_position_m=smoothed(path, times_s, measured.pelvis_position_m, body.seen),
-        pelvis_quat_wxyz=measured.pelvis_quat_wxyz.copy(),
-        valid=body.seen.copy(),
-    )
-    return Recording(
-        name=path.stem,
-        source=str(path),
-        kind="body tracking",
-        times_s=times_s,
-        truth=truth,
-        measured=measured,
-        has_robot=True,
-        labels=labels_for(path, times_s, truth.pelvis_position_m),
-    )
+    file = _parse(path)
+    times_usec = np.array([frame.timestamp_usec for frame in file.frames])
+    check_times_increase(path, times_usec, "frame {}".format)
+    bodies = [_bodies(path, index, frame) for index, frame in enumerate(file.frames)]
+    chosen = _choose(path, bodies, options.kinect_body_id)
+    sightings = np.array([chosen in found for found in bodies])
+    first, last = np.flatnonzero(sightings)[[0, -1]]
+    seen = sightings[first : last + 1]
+    tracked = [found[chosen] for found in bodies if chosen in found]
 
+    def place(row: int) -> str:
+        return f"frame {np.flatnonzero(sightings)[row]}, body {chosen}"
 
-def _level_from_camera(pitch_deg: float) -> FloatArray:
-    """Rotation from the camera's axes to level ones, shape (3, 3); the pitch is positive looking up."""
+    positions_mm = _joints(path, file.joint_names, "joint_positions", [body.joint_positions for body in tracked], place)
+    quats = _joints(path, file.joint_names, "joint_orientations", [body.joint_orientations for body in tracked], place)
+    for name, values in quats.items():
+        check_unit_quaternions(path, values, f"{name} joint_orientations (w,x,y,z)", place)
     # Looking up is a negative turn about +y (left), as a positive one takes x to -z.
-    pitch = Rotation.from_euler("y", -pitch_deg, degrees=True).as_matrix()
-    return np.asarray(pitch @ _LEVEL_FROM_CAMERA)
-
-
-def _position_m(body: BodyTrack, joint: str, level_from_camera: FloatArray) -> FloatArray:
-    """Position of a joint in the level frame, shape (N, 3), metres."""
-    return np.asarray(body.position_camera_mm[joint] @ level_from_camera.T * 1e-3)
-
-
-def _quat_wxyz(body: BodyTrack, joint: str, level_from_camera: FloatArray) -> FloatArray:
-    """Orientation of a joint's person axes in the level frame, shape (N, 4)."""
-    quat_wxyz = np.full((len(body.seen), 4), np.nan)
-    camera_from_joint = Rotation.from_quat(body.quat_camera_wxyz[joint][body.seen][:, [1, 2, 3, 0]])
-    level_from_person = (
-        Rotation.from_matrix(level_from_camera) * camera_from_joint * Rotation.from_matrix(_JOINT_FROM_PERSON)
+    level = Rotation.from_euler("y", -options.kinect_camera_pitch_deg, degrees=True)
+    level *= Rotation.from_matrix(_LEVEL_FROM_CAMERA)
+    head = options.kinect_head_joint.upper()
+    turns = {
+        name: level * Rotation.from_quat(quats[name], scalar_first=True) * _PERSON_IN_JOINT for name in (head, "PELVIS")
+    }
+    face = positions_mm["NOSE"] - 0.5 * (positions_mm["EAR_LEFT"] + positions_mm["EAR_RIGHT"])
+    _check_head_axes(path, head, turns[head], level.apply(face))
+    track = Track(
+        head_position_m=_spread(1e-3 * level.apply(positions_mm[head]), seen),
+        head_quat_wxyz=_spread(turns[head].as_quat(scalar_first=True), seen),
+        pelvis_position_m=_spread(1e-3 * level.apply(positions_mm["PELVIS"]), seen),
+        pelvis_quat_wxyz=_spread(turns["PELVIS"].as_quat(scalar_first=True), seen),
+        valid=seen,
     )
-    quat_wxyz[body.seen] = level_from_person.as_quat()[:, [3, 0, 1, 2]]
-    return quat_wxyz
+    times_s = (times_usec[first : last + 1] - times_usec[first]) * 1e-6
+    prescribed = Prescribed("microseconds", "millimetres", "the option kinect_camera_pitch_deg turns the axes")
+    return recording_of(path, times_s, track, "body tracking", has_robot=True, prescribed=prescribed)
 
 
-def _check_head_axes(
-    path: Path, body: BodyTrack, joint: str, head_quat_wxyz: FloatArray, level_from_camera: FloatArray
-) -> None:
-    """Refuse a file whose head axes are not those this reader takes for granted.
+def _parse(path: Path) -> _File:
+    text = read_text(path, _FORMAT)
+    if (found := text.count("[") + text.count("{")) > _MOST_LISTS:
+        raise RecordingError(path, "", f"not JSON of frames: {found} lists and objects", f"{_MOST_LISTS} at most")
+    try:
+        file = _File.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"])).replace("frames.", "frame ", 1).replace(".", ", ", 1)
+        raise RecordingError(path, where, first["msg"], _FORMAT) from None
+    for name in JOINTS:
+        if name not in file.joint_names:
+            raise RecordingError(path, "joint_names", f"no joint {name}", f"the joints {', '.join(JOINTS)}")
+    return file
 
-    Raises:
-        RecordingError: If the head's forward axis is over 60 degrees (median) from the direction in which
-            the nose is from between the ears, or its up axis over 60 degrees from up.
-    """
-    ears_mm = 0.5 * (body.position_camera_mm["EAR_LEFT"] + body.position_camera_mm["EAR_RIGHT"])
-    face = ((body.position_camera_mm["NOSE"] - ears_mm) @ level_from_camera.T)[body.seen]
-    head = Rotation.from_quat(head_quat_wxyz[body.seen][:, [1, 2, 3, 0]])
+
+def _bodies(path: Path, index: int, frame: _Frame) -> dict[int, _Body]:
+    """Bodies of a frame by id."""
+    found = {body.body_id: body for body in frame.bodies}
+    if len(found) < len(frame.bodies):
+        raise RecordingError(path, f"frame {index}", "two bodies with the same id", "each body once")
+    return found
+
+
+def _choose(path: Path, bodies: list[dict[int, _Body]], body_id: int | None) -> int:
+    """Id of the body to read: the wanted one, or the one in most frames (of several, the lowest id)."""
+    counts = Counter(seen_id for found in bodies for seen_id in found)
+    if not counts:
+        raise RecordingError(path, "frames", f"no body in any of {len(bodies)} frames", "a tracked body")
+    if body_id is None:
+        return min(counts, key=lambda seen_id: (-counts[seen_id], seen_id))
+    if body_id not in counts:
+        ids = ", ".join(f"{seen_id} ({counts[seen_id]} frames)" for seen_id in sorted(counts))
+        raise RecordingError(path, "frames", f"no body with id {body_id}", f"one of the ids {ids}")
+    return body_id
+
+
+def _joints(
+    path: Path, names: list[str], field: str, frames: Sequence[Sequence[Sequence[_Number]]], place: Place
+) -> dict[str, FloatArray]:
+    """Values of each of `JOINTS` in the frames with the body, shape (N, C)."""
+    for row, entries in enumerate(frames):
+        if len(entries) != len(names):
+            problem = f"{len(entries)} {field} for {len(names)} joint_names"
+            raise RecordingError(path, place(row), problem, f"{len(names)} {field}, one a joint")
+    found, axes = {}, "xyz" if field == "joint_positions" else "wxyz"
+    for joint in JOINTS:
+        column = names.index(joint)
+        found[joint] = np.array([entries[column] for entries in frames], dtype=np.float64)
+        check_finite(path, found[joint], [f"{joint} {field} {axis}" for axis in axes], place)
+    return found
+
+
+def _check_head_axes(path: Path, joint: str, head: Rotation, face: FloatArray) -> None:
+    """Refuse a head whose axes are over 60 degrees (median) from the face, nose minus ears, and from up."""
     forward_deg = _median_angle_deg(head.apply([1.0, 0.0, 0.0]), face)
     up_deg = _median_angle_deg(head.apply([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 1.0]]))
-    if forward_deg >= _MAX_AXIS_ERROR_DEG or up_deg >= _MAX_AXIS_ERROR_DEG:
-        raise RecordingError(
-            path,
-            f"joint {joint}",
+    if max(forward_deg, up_deg) >= _MAX_AXIS_ERROR_DEG:
+        problem = (
             f"its forward axis is {forward_deg:.0f} deg from the face (nose minus the ears' midpoint) "
-            f"and its up axis {up_deg:.0f} deg from up (medians)",
-            f"both under {_MAX_AXIS_ERROR_DEG:.0f} deg, with the joint's axes +X up, +Y facing, +Z left",
+            f"and its up axis {up_deg:.0f} deg from up (medians)"
         )
+        expected = f"both under {_MAX_AXIS_ERROR_DEG:.0f} deg, with the joint's axes +X up, +Y facing, +Z left"
+        raise RecordingError(path, f"joint {joint}", problem, expected)
 
 
 def _median_angle_deg(a: FloatArray, b: FloatArray) -> float:
-    """Median angle between vectors, row by row, degrees."""
     cross = np.linalg.norm(np.cross(a, b), axis=1)
     return float(np.degrees(np.median(np.arctan2(cross, np.sum(a * b, axis=1)))))
+
+
+def _spread(values: FloatArray, seen: BoolArray) -> FloatArray:
+    """Rows for all frames from rows for the frames with a sighting; NaN in the others."""
+    spread = np.full((len(seen), values.shape[1]), np.nan)
+    spread[seen] = values
+    return spread

@@ -1,4 +1,4 @@
-"""What a user may tell the readers about a file that the file does not say itself."""
+"""Options of the readers: facts about a file that are not in it."""
 
 from __future__ import annotations
 
@@ -59,8 +59,7 @@ class ReadOptions(BaseModel):
     )
     bvh_facing: Literal["x", "-x", "y", "-y", "z", "-z"] | None = Field(
         default=None,
-        description="Axis that the person faces in a BVH file's rest pose; default: by left and right "
-        "joints, else by feet, else by the direction of walking.",
+        description="Axis that the person faces in a BVH file's rest pose; default: by left and right joints.",
     )
     bvh_up_axis: Literal["y", "z"] | None = Field(
         default=None,

@@ -1,67 +1,143 @@
-"""Recordings as tables, as programs export them: finds out what the columns mean, and reads them.
+"""Recordings as tables: the meaning of their columns, and from a table to a recording.
 
 The package's own columns, in any order, are ``t`` (seconds) and ``head_{x,y,z}`` (metres, z up, right-handed).
 Optional are ``pelvis_{x,y,z}``, ``head_q{w,x,y,z}`` and ``pelvis_q{w,x,y,z}`` (unit quaternions; the identity faces
-+x with +y to the left). Other columns are ignored. For other tables a mapping says what the columns mean: the user's,
-one that was saved beside the file, one that ships, or a guess.
++x with +y to the left). Other columns are ignored. For other tables a mapping gives the meaning of the columns: the
+user's, one saved beside the file, one that ships, or a guess.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache, partial
+from itertools import product
 from pathlib import Path
 
-from gazempc.errors import RecordingError, shown
+import numpy as np
+
+from gazempc.errors import RecordingError, SettingsError, shown
+from gazempc.recordings.readers.bag_frames import FIXED_FRAMES
+from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.guess import Guess, guess
-from gazempc.recordings.readers.tables.long import wide
-from gazempc.recordings.readers.tables.mapped import recording_of
+from gazempc.recordings.readers.tables.body_poses import (
+    Parts,
+    facing,
+    orientations,
+    read_parts,
+    ros_frame,
+)
+from gazempc.recordings.readers.tables.guess import guess
 from gazempc.recordings.readers.tables.mapping import (
     ColumnMapping,
+    ShippedMapping,
     parse_columns,
     read_mapping,
     save_mapping,
     saved_places,
 )
-from gazempc.recordings.readers.tables.mvnx import mvnx_table
-from gazempc.recordings.readers.tables.openpose import openpose_table
-from gazempc.recordings.readers.tables.own import NEEDED, own_mapping
-from gazempc.recordings.readers.tables.parquet import parquet_table
-from gazempc.recordings.readers.tables.raw_table import RawTable
-from gazempc.recordings.readers.tables.shipped import fitting_mapping
+from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
+from gazempc.recordings.readers.tables.people import (
+    NEEDED,
+    PERSON,
+    choose_from_header,
+    own_mapping,
+    people_in_header,
+    rows_of_person,
+)
+from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, wide
 from gazempc.recordings.readers.tables.text_table import read_text_table
-from gazempc.recordings.recording import Recording
+from gazempc.recordings.readers.tables.values import Columns, in_metres, seconds
+from gazempc.recordings.recording import Recording, Track
+from gazempc.specfiles import load_spec, shipped_names
+from gazempc.types import BoolArray
+
+FOLDER = "recordings/readers/tables/mappings"
+# With fewer rows usable, something else is wrong than a head out of sight.
+_LEAST_USABLE = 0.5
+# Height of hips that the file has at the origin, of a standing person of 1.75 m; and how near the origin they must be.
+HIPS_HEIGHT_M, _HIPS_AT_ORIGIN_M = 0.95, 0.1
+_FEW_ROWS = 20
+# Readers of tables, by the ending of the file.
+TABLES: dict[str, Callable[[Path], RawTable]] = {
+    ".csv": read_text_table,
+    ".tsv": read_text_table,
+    ".txt": read_text_table,
+    ".parquet": parquet_table,
+    ".mvnx": mvnx_table,
+}
 
 
 def read_table(path: Path, options: ReadOptions) -> Recording:
     """Read a table: text, Parquet, Xsens MVN's ``.mvnx``, or a folder of OpenPose's files.
 
+    Rows without a time or a head position are dropped and counted; a part that is unknown in a row is NaN.
+
     Args:
-        path: What to read; the ending says what it is.
-        options: What the user says of its columns and people.
+        path: The table; its ending gives the format.
+        options: The user's mapping of the columns, and the person.
 
     Returns:
         The recording, with the file's own time stamps.
 
     Raises:
-        RecordingError: If the file is no table, or its columns are not understood; rows of text are lines, from 1.
-        SettingsError: If an option is wrong.
+        RecordingError: If the file is no table, its columns are not understood, more than half of the rows cannot be
+            used, or a check fails; rows of text are lines, from 1.
+        SettingsError: If an option is wrong, or there is no such person.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     table = _raw(path)
-    mapping, notes = mapping_of(table, options)
-    return recording_of(table, mapping, options.person, notes)
+    mapping, about = _mapping_of(table, options)
+    for key in ("t", "head"):
+        if getattr(mapping, key) is None:
+            raise RecordingError(path, "mapping", f"columns of {key} are missing", "at least t and head")
+    assert mapping.head is not None
+    notes, person, who = [*table.notes, *about], options.person, ""
+    if PERSON in mapping.head:
+        names = people_in_header(table, mapping.head)
+        if not names:
+            raise Columns(table).missing(f"columns for {mapping.head}")
+        who, more = choose_from_header(table, names, person)
+        notes += more
+    elif person is not None and mapping.person is None:
+        raise SettingsError(f"--reading.person {person}: {path} has no column of people; give person=COLUMN")
+    columns = Columns(table, who)
+    parts = read_parts(columns, mapping)
+    known = np.isfinite(parts.times_s) & np.isfinite(parts.head_m).all(axis=1)
+    mine = np.ones(len(known), dtype=np.bool_)
+    if mapping.person is not None:
+        mine, who, more = rows_of_person(table, columns.one(mapping.person), known, person)
+        notes += more
+    notes += _dropped(table, known, mine)
+    rows, parts, frame = np.flatnonzero(known & mine), parts.rows(known & mine), ros_frame(columns, mapping)
+    at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
+    if frame is not None and mapping.head_axes is None:
+        parts, more = facing(parts, at_sensor, who.startswith("face_"))
+        notes += more
+    notes += _partly_unknown(parts)
+    every = np.ones(len(rows), dtype=np.bool_)
+    track = Track(parts.head_m, parts.head_quat, parts.pelvis_m, parts.pelvis_quat, every)
+    if mapping.origin == "hips" and rows.size:
+        track = _lifted_from_hips(path, track)
+        note = f"positions are relative to the hips, which are put at {HIPS_HEIGHT_M} m"
+        notes.append(f"{note}: how the person walks is not in the file")
+    kind = mapping.kind or "motion capture"
+    found = recording_of(
+        path, parts.times_s, track, kind, at_sensor, lambda index: table.place(int(rows[index])), notes=notes
+    )
+    return found if person is None else replace(found, name="_".join([path.stem, *re.findall(r"\w+", who)]))
 
 
 def remember_columns(path: Path, options: ReadOptions) -> str:
-    """Save what the user said of a table's columns, or had guessed, beside it: next time nothing need be said.
+    """Save the user's mapping of a table's columns, or a guess that was asked for, beside the table.
 
     Args:
-        path: What was read.
-        options: What the user said.
+        path: The recording.
+        options: Options of the readers.
 
     Returns:
-        What was done, for people; empty if there is nothing to remember.
+        A line for people; empty if there is nothing to save.
 
     Raises:
         RecordingError: If the table cannot be read.
@@ -69,57 +145,52 @@ def remember_columns(path: Path, options: ReadOptions) -> str:
     is_table = path.is_dir() or path.suffix.lower() in TABLES
     if not is_table or not (options.columns is not None or options.guess):
         return ""
-    mapping, _ = mapping_of(_raw(path), options)
+    mapping, _ = _mapping_of(_raw(path), options)
     try:
         return f"columns saved in {save_mapping(path, mapping)}"
     except RecordingError as error:
         return f"columns not saved: {error}"
 
 
-def mapping_of(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[str, ...]]:
-    """What the columns of a table mean, by the first that says it: user, saved file, header, shipped mapping, guess.
-
-    Args:
-        table: The table.
-        options: What the user says; `columns` completes or overrules what is found otherwise.
-
-    Returns:
-        The mapping, and what is to be said of it.
-
-    Raises:
-        RecordingError: If nothing says it; proposes a guess.
-        SettingsError: If an option or a saved file is wrong.
-    """
-    said = parse_columns(options.columns) if options.columns is not None else ColumnMapping()
-    base, notes = _found(table, options, complete=said.t is not None and said.head is not None)
-    return said.over(base), notes
+@lru_cache(maxsize=1)
+def shipped_mappings() -> dict[str, ShippedMapping]:
+    """All mappings that ship, by name, in the order in which they are tried."""
+    found = {name: load_spec(ShippedMapping, FOLDER, name) for name in shipped_names(FOLDER)}
+    # Those that ask for more columns come first: a skeleton before a rigid body.
+    return dict(sorted(found.items(), key=lambda item: -len(item[1].texts())))
 
 
 def _raw(path: Path) -> RawTable:
     return openpose_table(path) if path.is_dir() else wide(TABLES[path.suffix.lower()](path))
 
 
-def _found(table: RawTable, options: ReadOptions, complete: bool) -> tuple[ColumnMapping, tuple[str, ...]]:
-    if options.mapping is not None:
-        return read_mapping(options.mapping), (f"columns as in {options.mapping}",)
-    if complete:
-        return ColumnMapping(), ()
-    saved = next((place for place in saved_places(table.path) if place.is_file()), None)
+def _mapping_of(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[str, ...]]:
+    """Mapping of a table, by the first of user, saved file, header, shipped mapping and guess; and notes."""
+    given = ColumnMapping() if options.columns is None else parse_columns(options.columns)
+    if options.mapping is None and given.t is not None and given.head is not None:
+        return given, ()
+    base, notes = _found(table, options)
+    return given.over(base), notes
+
+
+def _found(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[str, ...]]:
+    saved = options.mapping or next((place for place in saved_places(table.path) if place.is_file()), None)
     if saved is not None:
         return read_mapping(saved), (f"columns as in {saved}",)
     if set(NEEDED) <= set(table.names):
         return own_mapping(table), ()
-    fitting = fitting_mapping(table)
-    if fitting is not None:
-        name, shipped = fitting
-        note = (shipped.note,) if shipped.note else ()
-        return ColumnMapping.model_validate(shipped.texts()), (f"columns as in {name}: {shipped.source}", *note)
-    guessed = _guess(table)
+    for name, mapping in shipped_mappings().items():
+        if table.layout in mapping.layout and _shape_fits(table, mapping) and (shipped := _present(table, mapping)):
+            note = (shipped.note,) if shipped.note else ()
+            return ColumnMapping.model_validate(shipped.texts()), (f"columns as in {name}: {shipped.source}", *note)
+    try:
+        guessed = guess(table)
+    except RecordingError:  # such as a cell that is no number
+        guessed = None
     if options.guess and guessed is not None:
         return guessed.mapping, (f'columns guessed: "{guessed.mapping.as_option()}"', *guessed.remarks)
-    missing = [name for name in NEEDED if name not in table.names]
     proposal = (
-        "no columns that could be the time and one head: say them, such as --reading.columns 't=stamp:ms, "
+        "no columns that could be the time and one head: give them, such as --reading.columns 't=stamp:ms, "
         "head=[px,py,pz]:mm'"
     )
     if guessed is not None:
@@ -128,26 +199,100 @@ def _found(table: RawTable, options: ReadOptions, complete: bool) -> tuple[Colum
             f'a guess: --reading.columns "{guessed.mapping.as_option()}"{remarks}; paste and correct it, or take it as '
             "it is by --guess"
         )
-    raise RecordingError(
-        table.path,
-        "header",
-        f"missing column(s) {', '.join(missing)}; found {shown(', '.join(table.names), 200)}",
-        f"the columns {', '.join(NEEDED)}, or what the columns mean; {proposal}",
-    )
+    missing = ", ".join(name for name in NEEDED if name not in table.names)
+    problem = f"missing column(s) {missing}; found {shown(', '.join(table.names), 200)}"
+    expected = f"the columns {', '.join(NEEDED)}, or what the columns mean; {proposal}"
+    raise RecordingError(table.path, "header", problem, expected)
 
 
-def _guess(table: RawTable) -> Guess | None:
-    try:
-        return guess(table)
-    except RecordingError:  # such as a cell that is no number: nothing can be told from such columns
+def _shape_fits(table: RawTable, mapping: ShippedMapping) -> bool:
+    """Whether a table without a header has as many columns, with numbers, whole numbers and words where they belong."""
+    if mapping.columns is None:
+        return True
+    if len(table.names) != mapping.columns:
+        return False
+    for number, name in enumerate(table.names, 1):
+        cells = table.texts(name)[:_FEW_ROWS]
+        is_text = not all(is_number(cell) for cell in cells)
+        if is_text != (number in mapping.words):
+            return False
+        if number in mapping.integers and any(float(cell.replace(",", ".")) % 1.0 for cell in cells):
+            return False
+    return True
+
+
+def _present(table: RawTable, mapping: ShippedMapping) -> ShippedMapping | None:
+    """The mapping without optional parts that are not in the table; None if a needed part is not."""
+    given = mapping.texts()
+    for head in given["head"].split("|"):
+        names = people_in_header(table, head) if PERSON in head else [""]
+        # Of several, each has the same columns.
+        columns = Columns(table.first(_FEW_ROWS), (names or [""])[0])
+        if names and _is_there(partial(in_metres, columns, head, "head")):
+            break
+    else:
         return None
+    readers: dict[str, Callable[[str], object]] = {
+        "t": partial(seconds, columns),
+        "person": columns.one,
+        "frame_id": columns.one,
+        "pelvis": partial(in_metres, columns, what="pelvis"),
+    }
+    for part, way in product(("head", "pelvis"), ("q", "euler", "yaw", "forward", "left")):
+        readers[f"{part}_{way}"] = partial(_orientations, columns, part, way)
+    found: dict[str, str | None] = {"head": head}
+    for key, read in readers.items():
+        if key in given:
+            texts = given[key].split("|")
+            found[key] = next((text for text in texts if _is_there(partial(read, text))), None)
+    needed = ("t", *(key for key in ("person", *mapping.needs) if key in given))
+    return None if any(found[key] is None for key in needed) else mapping.model_copy(update=found)
 
 
-# How tables are read, by the ending of the file.
-TABLES: dict[str, Callable[[Path], RawTable]] = {
-    ".csv": read_text_table,
-    ".tsv": read_text_table,
-    ".txt": read_text_table,
-    ".parquet": parquet_table,
-    ".mvnx": mvnx_table,
-}
+def _orientations(columns: Columns, part: str, way: str, text: str) -> object:
+    """Orientations by one value of a mapping; the axes do not matter for whether its columns are there."""
+    return orientations(columns, ColumnMapping.model_validate({f"{part}_{way}": text}), part, "z-up")
+
+
+def _is_there(read: Callable[[], object]) -> bool:
+    """Whether columns are in the header; errors of their cells are raised when they are read."""
+    try:
+        read()
+    except RecordingError as error:
+        return error.where != "header"
+    return True
+
+
+def _lifted_from_hips(path: Path, track: Track) -> Track:
+    """Positions relative to the hips, lifted to the height of hips."""
+    from_origin_m = float(np.nanmedian(np.linalg.norm(track.pelvis_position_m, axis=1)))
+    if not from_origin_m < _HIPS_AT_ORIGIN_M:
+        problem = f"the middle of the hips is {from_origin_m:.2f} from the origin (median)"
+        expected = "world landmarks, in metres from the middle of the hips; coordinates of the image have no depth"
+        raise RecordingError(path, "positions", problem, expected)
+    lift_m = np.array([0.0, 0.0, HIPS_HEIGHT_M])
+    head_m, pelvis_m = track.head_position_m + lift_m, track.pelvis_position_m + lift_m
+    return replace(track, head_position_m=head_m, pelvis_position_m=pelvis_m)
+
+
+def _dropped(table: RawTable, known: BoolArray, mine: BoolArray) -> list[str]:
+    """Note on rows that are left out; raises if they are too many."""
+    count, lost = int(mine.sum()), mine & ~known
+    if not lost.any():
+        return []
+    first = table.place(int(np.argmax(lost)))
+    note = f"{lost.sum()} of {count} rows have no time or no head position (first {first})"
+    if count - lost.sum() < _LEAST_USABLE * count:
+        raise RecordingError(table.path, "", note, f"at least {_LEAST_USABLE:.0%} of the rows, or other columns")
+    return [f"{note}: dropped"]
+
+
+def _partly_unknown(parts: Parts) -> list[str]:
+    """Notes on parts that are known in some rows only."""
+    notes = []
+    for name, values in (("head", parts.head_quat), ("pelvis", parts.pelvis_m), ("pelvis", parts.pelvis_quat)):
+        unknown = int((~np.isfinite(values).all(axis=1)).sum())
+        if 0 < unknown < len(values):
+            what = "position" if values.shape[1] == 3 else "orientation"
+            notes.append(f"the {name}'s {what} is not known in {unknown} of {len(values)} rows")
+    return notes

@@ -79,7 +79,7 @@ _WALK_HEADING_RAD = np.radians((60.0, 150.0))  # to either side of "away from th
 
 @dataclass(frozen=True)
 class Activity:
-    """What people do.
+    """An activity of a person.
 
     Attributes:
         group: Label of the recordings.
@@ -156,7 +156,7 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -
         distance_m, bearing_rad = rng.uniform(*_DISTANCE_M), rng.uniform(-_BEARING_RAD, _BEARING_RAD)
         base_m = walked_m + distance_m * np.array([np.cos(bearing_rad), np.sin(bearing_rad)])
 
-    # Whoever stands faces the robot more or less; who walks turns to the direction of travel during the first steps,
+    # People who stand face the robot more or less; people who walk turn to the direction of travel in the first steps,
     # and away from it during the last.
     stands_m = base_m[-1] if activity == "stop" else base_m[0]
     facing_rad = np.arctan2(-stands_m[1], -stands_m[0]) + rng.uniform(-_FACING_RAD, _FACING_RAD)

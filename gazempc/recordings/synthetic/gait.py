@@ -30,7 +30,7 @@ ROLL_SWING_RAD = np.radians(1.0)  # at the stride rate
 
 @dataclass(frozen=True)
 class WalkerTraits:
-    """What stays the same about a person from walk to walk.
+    """Constant traits of a person.
 
     Attributes:
         head_height_m: Of the head above the floor.

@@ -1,8 +1,8 @@
 """Synthetic walks before the robot: 14 people on 6 routes, after the paper's experiment.
 
-The walks are made from their names alone, out of published figures for human locomotion, so that everybody
-can run every experiment without recordings of people. They are no substitute for recordings of people:
-results on them say how a method copes with motion like this model's.
+The walks are made from their names alone, out of published figures for human locomotion, so that all
+experiments run without recordings of people. They are no substitute for recordings of people: results on them
+hold for motion like this model's.
 
 The origin of the frame is the robot's sensor and the axis of its neck's pan, 1.2 m above the floor; x is
 forward, y left, z up.
@@ -150,7 +150,7 @@ def quat_wxyz(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) 
 
 
 def measured_track(rng: np.random.Generator, truth: Track) -> Track:
-    """What a body tracker in the origin of the frame sees of a person: noise, bias and missing frames."""
+    """Measurements of a person by a body tracker in the origin of the frame: noise, bias and missing frames."""
     count = len(truth.valid)
     bias_m = rng.uniform(-_DEPTH_BIAS_M, _DEPTH_BIAS_M)
     valid = rng.uniform(size=count) >= _MISSING_SHARE

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 
 from gazempc.neck.kinematics import gaze_ray, look_at, unwrap_pan
 from gazempc.neck.spec import AXES
-from gazempc.results.figures.head_and_body import parts
-from gazempc.results.figures.known import draw_known, finish, shown_head
+from gazempc.results.figures.known import draw_known, finish, parts, shown_head
 from gazempc.results.figures.style import DPI, OBSERVED, Logs, readable, say, shade_unscored, styles
 from gazempc.results.log import Log
 from gazempc.types import FloatArray, IntArray
@@ -59,7 +58,7 @@ def _draw_column(column: Any, log: Log, colour: str) -> dict[str, dict[str, Any]
         colour: Colour of its controller.
 
     Returns:
-        What was drawn: name -> look, for the legend.
+        The drawn curves: name -> look, for the legend.
     """
     time_s, seen_s = log.time_s - log.time_s[0], log.capture_time_s - log.time_s[0]
     head, neck = shown_head(log), log.neck
@@ -141,7 +140,7 @@ def _continuous(log: Log, angles_rad: FloatArray) -> FloatArray:
 
 
 def _legend(figure: Figure, ax: Axes, drawn: dict[str, dict[str, Any]], columns: int) -> None:
-    """Kinds of line in a neutral colour, because the colour says which controller it is; only those that are drawn."""
+    """Kinds of line in a neutral colour, because the colour is the controller's; only those that are drawn."""
     for label, look in drawn.items():
         ax.plot([], [], **look, label=label)
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns, frameon=False)

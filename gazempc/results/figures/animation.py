@@ -1,4 +1,4 @@
-"""What the robot's eye sees, for each controller side by side, in real time."""
+"""View of the robot's eye, for each controller side by side, in real time."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from PIL import Image
 
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.contact import CONTACT_DEG
-from gazempc.results.figures.head_and_body import parts
-from gazempc.results.figures.known import shown_head
+from gazempc.results.figures.known import parts, shown_head
 from gazempc.results.figures.people import draw_turns, has_attention, looks_away, person_colour, turns
 from gazempc.results.figures.style import CONTACT_COLOUR, Logs, Style, recording_title, styles
 from gazempc.results.log import Log
@@ -107,7 +106,7 @@ def frame_times(length_s: float) -> FloatArray:
 
 
 class _TimeLine:
-    """Whom the gaze is for, in the view and below it."""
+    """The attended person, in the view and below it."""
 
     def __init__(self, view: Axes, line: Axes, log: Log) -> None:
         length_s = float(log.time_s[-1] - log.time_s[0])
@@ -123,7 +122,7 @@ class _TimeLine:
         self._now.set_xdata([at_s, at_s])
         turn = next((turn for turn in reversed(self._turns) if turn.from_s <= at_s), None)
         away = next((why for from_s, to_s, why in self._away if from_s <= at_s <= to_s), "")
-        number, text = (turn.number, turn.texts[0]) if turn else (0, "nobody")
+        number, text = (turn.number, turn.texts[0]) if turn else (0, "no person")
         self._text.set_text(f"person {number}, looks away: {away}" if away and number else text)
         self._text.set_bbox({"fc": person_colour(number), "ec": "none", "pad": 1.5})
 

@@ -1,4 +1,4 @@
-"""What figures draw of a head that is not known at every tick: of rare frames, or of a live run."""
+"""The directions and heads that figures show: robot's head and body, and a person's head that is partly unknown."""
 
 from __future__ import annotations
 
@@ -11,11 +11,82 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gazempc.errors import LeftOutError
+from gazempc.neck.kinematics import gaze_ray, head_angles_rad
 from gazempc.recordings.recording import truth_of
 from gazempc.results.figures.style import DPI, Logs, recording_title, setup_title
 from gazempc.results.log import Log
-from gazempc.results.metrics import measure
+from gazempc.results.metrics import gaze_error_deg, measure
 from gazempc.types import BoolArray, FloatArray
+
+# Of what points elsewhere than the gaze; its colour is that of its controller.
+HEAD_LINE: Any = (0, (6, 1.5, 1.5, 1.5))
+_BODY_LINE: Any = (0, (1.5, 1.5))
+
+
+@dataclass(frozen=True)
+class Part:
+    """A direction beside the gaze.
+
+    Attributes:
+        label: Name for people.
+        direction: Where it points in the base frame at each tick, shape (M, 3), unit; NaN where it is not known.
+        line: Line style, as matplotlib takes it.
+        line_name: Name of the line style.
+        marker: Marker, as matplotlib takes it.
+        level: Whether it turns about the vertical only.
+    """
+
+    label: str
+    direction: FloatArray
+    line: Any
+    line_name: str
+    marker: str
+    level: bool
+
+
+def parts(log: Log) -> tuple[Part, ...]:
+    """The parts that point elsewhere than the gaze.
+
+    Args:
+        log: The run.
+
+    Returns:
+        The head of a neck with eyes, and the body of one that turns; none of pan and tilt.
+    """
+    neck, joints = log.neck, log.joint_position_rad
+    found = []
+    if neck.eyes is not None:
+        _, direction = gaze_ray(neck.geometry, head_angles_rad(joints))
+        found.append(Part("robot's head", direction, HEAD_LINE, "dashed", "s", level=False))
+    if neck.body is not None:
+        yaw = joints[:, neck.joint_names.index("body_yaw")]
+        forward = np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=-1)
+        found.append(Part("robot's body", forward, _BODY_LINE, "dotted", "^", level=True))
+    return tuple(found)
+
+
+def head_alone(log: Log) -> Log | None:
+    """The run as if the eyes looked where the head points; None for a neck without eyes."""
+    neck = log.neck
+    if neck.eyes is None:
+        return None
+    plain = neck.model_copy(update={"eyes": None, "body": None})
+    return replace(
+        log,
+        run=log.run.model_copy(update={"neck": plain}),
+        joint_position_rad=head_angles_rad(log.joint_position_rad),
+        joint_velocity_rad_s=head_angles_rad(log.joint_velocity_rad_s),
+        command_position_rad=head_angles_rad(log.command_position_rad),
+        command_velocity_rad_s=head_angles_rad(log.command_velocity_rad_s),
+        command_acceleration_rad_s2=head_angles_rad(log.command_acceleration_rad_s2),
+    )
+
+
+def head_error_deg(log: Log) -> FloatArray | None:
+    """Angle between where the head points and the true head, shape (M,), degrees; None for a neck without eyes."""
+    alone = head_alone(log)
+    return None if alone is None else gaze_error_deg(alone)
+
 
 # So large is a point that stands alone, points.
 _POINT = 4.0
@@ -30,7 +101,7 @@ class ShownHead:
             between observations.
         known: At which ticks the true head is known, shape (M,).
         rare: Whether it is known at single ticks only, because the frames are far apart.
-        label: What it is, for a legend.
+        label: Name in a legend.
     """
 
     log: Log
@@ -69,7 +140,7 @@ def draw_known(ax: Axes, x: FloatArray, y: FloatArray, head: ShownHead, **look: 
         x: Shape (M,).
         y: Shape (M,).
         head: The head.
-        **look: What matplotlib's `plot` takes.
+        **look: Arguments of matplotlib's `plot`.
     """
     if not head.rare:
         ax.plot(x, y, **look)
@@ -90,7 +161,7 @@ def contact_shares(log: Log) -> tuple[float, float, float]:
 
 
 def known_title(logs: Logs) -> str:
-    """What a reader must know of the head in a figure; empty where it is known throughout."""
+    """Note on the head in a figure; empty where it is known throughout."""
     head = shown_head(next(iter(logs.values())))
     if not head.known.any():
         return "live run: the true head is unknown"

@@ -1,4 +1,4 @@
-"""Whom the gaze was for over time, as all figures draw it: a bar a person, hatched where it looks away."""
+"""The attended person over time, as all figures draw it: a bar a person, hatched where it looks away."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # Paul Tol's light scheme, for colour-blind people, too. Controllers have none of it, nor has contact.
 _COLOURS = ("#EEDD88", "#99DDFF", "#FFAABB", "#BBCC33", "#EE8866", "#AAAA00")
-_NOBODY = "#E0E0E0"
+_NO_PERSON = "#E0E0E0"
 _WHY = {"policy": "chosen", "left": "the one before left"}
 _HATCH, _BOX = "////", {"fc": "w", "ec": "none", "pad": 1.0}
 
@@ -39,9 +39,9 @@ class Turn:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """What it is called, the longest text first."""
+        """Its names, the longest first."""
         if not self.number:
-            return ("nobody",)
+            return ("no person",)
         name = f"person {self.number}"
         return (f"{name}: {_WHY[self.why]}", name, str(self.number)) if self.why in _WHY else (name, str(self.number))
 
@@ -56,7 +56,7 @@ def has_attention(logs: Logs) -> bool:
 
 
 def question(logs: Logs) -> str:
-    """What a picture or a report of a run answers.
+    """The question of a picture or a report of a run.
 
     Args:
         logs: The runs.
@@ -69,7 +69,7 @@ def question(logs: Logs) -> str:
 
 
 def turns(log: Log) -> tuple[Turn, ...]:
-    """Whom the gaze was for, one after the other.
+    """The attended people, one after the other.
 
     Args:
         log: The run.
@@ -160,7 +160,7 @@ def person_colour(number: int) -> str:
     Returns:
         A colour as matplotlib and CSS take it.
     """
-    return _COLOURS[(number - 1) % len(_COLOURS)] if number else _NOBODY
+    return _COLOURS[(number - 1) % len(_COLOURS)] if number else _NO_PERSON
 
 
 def _write(ax: Axes, x: float, y: float, texts: Sequence[str], letters: float, **look: Any) -> None:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from gazempc.recordings.together import MARK
+from gazempc.recordings.load import MARK
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.results.run_summary import LABELS
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Logs = Mapping[str, Log]
 
-# Okabe and Ito's colours, which colour-blind people can tell apart.
+# Okabe and Ito's colours, for colour-blind people, too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 CONTACT_COLOUR = "#009E73"
 # Observations are points, because the path between them was not observed.
@@ -44,7 +44,7 @@ class Style:
 
     Attributes:
         label: Name for people.
-        colour: Colour that colour-blind people can tell apart too (Okabe and Ito).
+        colour: Colour for colour-blind people, too (Okabe and Ito).
         width: Line width, points; thinner lines are drawn over wider ones, so that both show where they meet.
     """
 
@@ -55,7 +55,7 @@ class Style:
 
 @dataclass(frozen=True)
 class SeriesLook:
-    """What tells lines apart that share a colour, or a print without colours: those of predictors or necks, say.
+    """Differences between lines that share a colour, such as those of predictors or necks.
 
     Attributes:
         line: Line style, as matplotlib takes it.
@@ -68,7 +68,7 @@ class SeriesLook:
     hatch: str
 
 
-# The first one is that of a picture in which nothing has to be told apart.
+# The first one is that of a picture with one series.
 _SERIES = (
     SeriesLook("-", "o", ""),
     SeriesLook((0, (4, 1.5)), "s", "//"),

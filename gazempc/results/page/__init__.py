@@ -1,1 +1,1 @@
-"""One page of HTML that tells a result to a stranger, complete in one file. May import gazempc.results."""
+"""Reports as one page of HTML, complete in one file. May import gazempc.results."""

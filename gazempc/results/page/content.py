@@ -1,4 +1,4 @@
-"""What a report holds, before it is HTML."""
+"""Content of a report, before it is HTML: tables, curves (thinned to keep the page small), pictures, events."""
 
 from __future__ import annotations
 
@@ -8,7 +8,109 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gazempc.results.page.chart import Chart
+import numpy as np
+
+from gazempc.types import FloatArray
+
+# Twice as many points as a wide screen has columns: more cannot be seen without zooming far in.
+_POINTS = 4000
+# Lines that differ in a print without colours: dashes and gaps, in pixels.
+_DASHES = ("", "8 5", "2 4", "12 5 2 5", "5 8", "16 6", "8 4 2 4 2 4", "1 8")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve.
+
+    Attributes:
+        label: Its name in the legend.
+        colour: CSS colour.
+        x: Rising, shape (N,).
+        y: Shape (N,); NaN leaves a gap.
+        names: Name of each point, shape (N,); empty where the axes suffice.
+    """
+
+    label: str
+    colour: str
+    x: FloatArray
+    y: FloatArray
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Span:
+    """A part of the axis.
+
+    Attributes:
+        start: Where it begins.
+        end: Where it ends.
+        name: Its name.
+        colour: CSS colour of a bar along the top; empty for a grey ground.
+    """
+
+    start: float
+    end: float
+    name: str
+    colour: str = ""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Curves over one axis.
+
+    Attributes:
+        title: Title.
+        x_label: Name and unit.
+        y_label: Name and unit.
+        curves: The curves; the first ones are drawn below the others.
+        levels: Heights of horizontal lines, with their names.
+        spans: Parts of the axis that are marked.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: tuple[Curve, ...]
+    levels: tuple[tuple[float, str], ...] = ()
+    spans: tuple[Span, ...] = ()
+
+    def dash(self, index: int) -> str:
+        """Dashes of a curve, as SVG takes them."""
+        return _DASHES[index % len(_DASHES)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Data of the page's script; NaN is None."""
+        return {
+            "x": self.x_label,
+            "y": self.y_label,
+            "levels": self.levels,
+            "spans": [vars(span) for span in self.spans],
+            "curves": [
+                {"label": c.label, "dash": self.dash(i), **_points(c)} | ({"names": c.names} if c.names else {})
+                for i, c in enumerate(self.curves)
+            ],
+        }
+
+
+def _points(curve: Curve) -> dict[str, list[float | None]]:
+    keep = list(range(curve.x.size)) if curve.names else _kept(curve.y)
+    return {"xs": _numbers(curve.x[keep]), "ys": _numbers(curve.y[keep])}
+
+
+def _kept(y: FloatArray) -> list[int]:
+    """Indices of the points to keep: of each stretch the lowest and the highest, so that no peak is lost."""
+    if y.size <= _POINTS:
+        return list(range(y.size))
+    kept: list[int] = []
+    for part in np.array_split(np.arange(y.size), _POINTS // 2):
+        known = part[np.isfinite(y[part])]
+        kept += sorted({known[np.argmin(y[known])], known[np.argmax(y[known])]}) if known.size else part[:1].tolist()
+    return kept
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
+
 
 # A number, perhaps with a sign, or the dash of one that is not known.
 _NUMBER = re.compile(r"[-+−–]?\d|[-–]$")
@@ -19,10 +121,10 @@ class PageTable:
     """A table of texts.
 
     Attributes:
-        title: What stands above it; may be empty.
+        title: Title; may be empty.
         columns: Heading of each column.
         rows: Cells, one tuple a row. A first cell that begins with a space goes on with the row above it.
-        note: What a reader must know of it; stands below.
+        note: Stands below.
     """
 
     title: str
@@ -48,7 +150,7 @@ class Unusual:
 
     Attributes:
         what: In a few words, with numbers.
-        text: What it means.
+        text: Its meaning.
         traceback: Of the first exception, if there was one.
     """
 
@@ -62,15 +164,15 @@ class Page:
     """A report.
 
     Attributes:
-        title: What was done.
-        question: What it is to answer.
-        answer: The sentences that say what came out.
-        setup: What it was made with: name -> words.
+        title: Title.
+        question: The question that it answers.
+        answer: The conclusion, in sentences.
+        setup: The set-up: name -> words.
         tables: The numbers.
         charts: Curves that can be zoomed.
         pictures: Files to embed, with what each shows.
-        unusual: What was out of the ordinary.
-        command: What repeats it.
+        unusual: Unusual events.
+        command: The command that repeats it.
         settings: All settings, defaults included.
     """
 

@@ -1,8 +1,9 @@
-"""The report of one recording: what a run, or a log measured again, has to tell."""
+"""Reports of a recording, of a log measured again, and of a live run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,101 @@ import numpy as np
 
 from gazempc.neck.spec import Axis, NeckSpec
 from gazempc.recordings.recording import truth_of
-from gazempc.results.figures.people import question
+from gazempc.results.attention import WORDS, measure_attention
+from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.figures.people import (
+    are_alike,
+    away_in_all,
+    has_attention,
+    looks_away,
+    person_colour,
+    question,
+    turns,
+)
+from gazempc.results.figures.style import COLOURS, styles
 from gazempc.results.log import Log
-from gazempc.results.metrics import SCORED_FROM_S
-from gazempc.results.page.content import Page, PageTable, Unusual
-from gazempc.results.page.log_charts import error_chart
-from gazempc.results.page.people_tables import people_tables
-from gazempc.results.repeats import Repeats
+from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
+from gazempc.results.page.content import Chart, Curve, Page, PageTable, Span, Unusual
 from gazempc.results.run_summary import label
-from gazempc.results.table import sentence, table_lines
+from gazempc.results.table import Repeats, sentence, table_lines
+
+
+def error_chart(logs: Mapping[str, Log]) -> Chart:
+    """The gaze error of each controller over time.
+
+    Args:
+        logs: Controller -> log of the same recording.
+
+    Returns:
+        The chart; curves have gaps where the true head or the joints are not known.
+    """
+    looks = styles(logs)
+    curves = tuple(
+        Curve(looks[name].label, looks[name].colour, log.time_s - log.time_s[0], gaze_error_deg(log))
+        for name, log in logs.items()
+    )
+    levels = ((CONTACT_DEG[0], f"eye contact, {CONTACT_DEG[0]:g}°"),)
+    spans = (Span(0.0, SCORED_FROM_S, "not scored"), *_people(logs))
+    return Chart("Gaze error over time", "time (s)", "gaze error (deg)", curves, levels, spans)
+
+
+def _people(logs: Mapping[str, Log]) -> Iterator[Span]:
+    """Times without contact due, and the attended people, where these are alike."""
+    yield from (Span(from_s, to_s, "looks away") for from_s, to_s in away_in_all(logs))
+    if any(log.attended_time_s.size for log in logs.values()) and are_alike(logs):
+        for turn in turns(next(iter(logs.values()))):
+            yield Span(turn.from_s, turn.to_s, turn.texts[0], person_colour(turn.number))
+
+
+def joints_chart(log: Log) -> Chart:
+    """Where the joints were: for runs in which the gaze error is unknown.
+
+    Args:
+        log: The run.
+
+    Returns:
+        The chart.
+    """
+    time_s, angles_deg = log.time_s - log.time_s[0], np.rad2deg(log.joint_position_rad)
+    curves = tuple(
+        Curve(name.replace("_", " "), colour, time_s, angles_deg[:, k])
+        for k, (name, colour) in enumerate(zip(log.neck.joint_names, COLOURS, strict=False))
+    )
+    spans = tuple(_people({log.run.controller: log}))
+    return Chart("Joints over time", "time (s)", "angle (deg)", curves, spans=spans)
+
+
+# A longer list is for the log, not for a page.
+_MOST_ROWS = 40
+
+
+def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
+    """Attended people, and metrics of attention.
+
+    Args:
+        logs: Controller -> log of the same recording.
+
+    Returns:
+        The metrics, and the time line of the last run; nothing where the gaze was for one person all the time.
+    """
+    if not has_attention(logs):
+        return ()
+    found = [asdict(measure_attention(log)) for log in logs.values()]
+    known = [name for name in WORDS if any(np.isfinite(each[name]) for each in found)]
+    rows = tuple((WORDS[name][0], *(_cell(WORDS[name][1] * each[name]) for each in found)) for name in known)
+    of_each = PageTable("People and looks away", ("", *map(label, logs)), rows)
+    name, log = list(logs.items())[-1]
+    attended = [(turn.from_s, turn.to_s, turn.texts[0]) for turn in turns(log)]
+    away = [(from_s, to_s, f"looks away: {why}") for from_s, to_s, why in looks_away(log)]
+    lines = tuple((f"{from_s:.2f}", f"{to_s:.2f}", what) for from_s, to_s, what in sorted(attended + away))
+    note = f"The first {_MOST_ROWS} of {len(lines)}; all are in the log." if len(lines) > _MOST_ROWS else ""
+    heading = f"Whom the gaze was for: {label(name)}"
+    return of_each, PageTable(heading, ("from [s]", "to [s]", ""), lines[:_MOST_ROWS], note)
+
+
+def _cell(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"
+
 
 # Of what a run draws, in the order in which a reader wants it.
 _ABOUT = {
@@ -48,10 +135,10 @@ def run_page(
     Args:
         logs: Controller -> log of the same recording, each under the first seed.
         repeats: The figures of each, in the same order.
-        notes: What a reader must know.
+        notes: Notes for the reader.
         meanings: Event -> what it means.
         pictures: Figures and animation of the logs.
-        command: What repeats the run.
+        command: The command that repeats the run.
         settings: All its settings.
 
     Returns:
@@ -81,7 +168,7 @@ def run_page(
 
 
 def setup_of(log: Log) -> dict[str, str]:
-    """What a log was made with, for people.
+    """Set-up of a log, in words.
 
     Args:
         log: The run.
@@ -161,3 +248,79 @@ def _servo(axis: Axis) -> str:
         f"dead time {axis.dead_time_s:g} s, servo lag {axis.servo_lag_s:.2g} s, at most {axis.velocity_max_rad_s:g} "
         f"rad/s, {axis.acceleration_max_rad_s2:g} rad/s², {axis.jerk_max_rad_s3:g} rad/s³"
     )
+
+
+_UNKNOWN = "The true head is unknown, so the gaze error is unknown, too."
+
+
+def live_page(
+    summary: Mapping[str, Any], log: Log, meanings: Mapping[str, str], pictures: Iterable[Path], command: str
+) -> Page:
+    """The report of a live run.
+
+    Args:
+        summary: Content of `summary.json`.
+        log: The last log.
+        meanings: Event -> what it means.
+        pictures: Figures of the last log.
+        command: The command that repeats the run.
+
+    Returns:
+        The report.
+    """
+    names, metrics = summary["logs"], summary["metrics_of_last_log"]
+    known = bool(np.isfinite(log.head_true_base_m).any())
+    of_log = f"{names[-1]}, the last of {len(names)} logs" if len(names) > 1 else names[-1]
+    answer = _UNKNOWN
+    if metrics is not None and metrics["gaze_error_rms_deg"] is not None:
+        answer = (
+            f"The gaze was on the person's eyes (within 2.6 deg) {100 * metrics['eye_contact_2p6']:.1f} % of the time, "
+            f"at an RMS error of {metrics['gaze_error_rms_deg']:.2f} deg, against {summary['scored_against']}."
+        )
+    chart = error_chart({log.run.controller: log}) if known else joints_chart(log)
+    return Page(
+        title=f"Live gaze from {log.run.recording}",
+        question=question({log.run.controller: log}),
+        answer=(answer,),
+        setup=setup_of(log) | {"gaze": f"{log.run.controller}, predictor {log.run.predictor}", "log": of_log},
+        tables=(*_live_tables(summary, of_log), *people_tables({log.run.controller: log})),
+        charts=(chart,),
+        pictures=captions(pictures),
+        unusual=tuple(_live_unusual(summary, meanings)),
+        command=command,
+        settings=summary["settings"],
+    )
+
+
+def _live_tables(summary: Mapping[str, Any], of_log: str) -> tuple[PageTable, ...]:
+    known = (summary["metrics_of_last_log"] or {}) | (summary["compute_of_last_log"] or {})
+    rows = [(name, f"{value:.4g}") for name, value in known.items() if value is not None]
+    metrics = [PageTable(f"Metrics of {of_log}", ("", "value"), tuple(rows))] if rows else []
+    return PageTable("The whole run", ("", "value"), tuple(_live_rows(summary))), *metrics
+
+
+def _live_rows(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    late, latency = summary["lateness_ms"], summary["end_to_end_latency_ms"]
+    yield "stopped by", summary["stopped_by"]
+    yield "ticks", str(summary["ticks"])
+    yield " skipped", str(summary["skipped_ticks"])
+    yield from ((f" later than due, {name} [ms]", f"{late[name]:.2f}") for name in ("p50", "p99", "max"))
+    yield "observations", str(summary["observations"])
+    yield " used", str(summary["used"])
+    yield from ((f" refused: {name}", str(count)) for name, count in summary["refused"].items())
+    if latency["p50"] is not None:
+        yield from ((f"from capture to command, {name} [ms]", f"{latency[name]:.0f}") for name in ("p50", "p99"))
+    yield "limit violations", str(summary["limit_violations"])
+
+
+def _live_unusual(summary: Mapping[str, Any], meanings: Mapping[str, str]) -> Iterator[Unusual]:
+    if summary["limit_violations"]:
+        yield Unusual(f"{summary['limit_violations']} violations of the neck's limits")
+    yield from (Unusual(f"warning: {warning}") for warning in summary["warnings"])
+    faults = {fault["event"]: fault for fault in summary["faults"]}
+    for event in dict.fromkeys([*summary["events"], *faults]):
+        fault = faults.get(event)
+        count = fault["count"] if fault else summary["events"][event]
+        text = ": ".join(filter(None, (meanings.get(event, ""), fault["error"] if fault else "")))
+        yield Unusual(f"{event}, {count} x", text, fault["traceback"] if fault else "")
+    yield from (Unusual(f"not used: {problem}") for problem in summary["problems"])

@@ -129,6 +129,6 @@ def _cut(table: PageTable) -> PageTable:
 
 
 def _shorter(text: str) -> str:
-    """A long text without its middle: the end of a traceback says most."""
+    """A long text without its middle: the end of a traceback matters most."""
     half = _MAX_TEXT // 2
     return text if len(text) <= _MAX_TEXT else f"{text[:half]}\n[...]\n{text[-half:]}"

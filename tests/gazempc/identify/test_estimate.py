@@ -7,12 +7,9 @@ import pytest
 from builders.identification import REFERENCE, altered, assert_close, drive, plant, simulate
 from scipy import signal
 
-from gazempc.errors import SettingsError
-from gazempc.identify.command import main as identify
 from gazempc.identify.estimate import bandwidth_hz, estimate_axis
-from gazempc.identify.excitation import ExcitationSettings, excite
-from gazempc.identify.fitting import robust_covariance
-from gazempc.identify.toml import as_toml
+from gazempc.identify.identify import main as identify
+from gazempc.identify.new_neck import as_toml
 from gazempc.live.clock import SimulatedClock
 from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
@@ -39,14 +36,6 @@ def test_dead_time_and_servo_are_told_apart(dead_times_s, wn, zeta):
         assert found.fit_percent > 95
 
 
-def test_without_noise_the_truth_comes_back(clean):
-    found = estimate_axis(clean, 0)
-    assert_close(found, 0.4, 12.0, 0.9, dead_time_ms=1e-3, bandwidth_share=1e-5)
-    assert found.damping_ratio.value == pytest.approx(0.9, abs=1e-5)
-    assert found.servo_lag_s.value == pytest.approx(0.15, abs=1e-5)
-    assert found.dead_time_s.half_width >= 0.99e-4, "no one knows a real neck to the nanosecond"
-
-
 @pytest.mark.slow
 def test_intervals_hold_what_they_promise(clean):
     """95 % intervals of repeats with noise that is correlated in time, as of friction, hold the truth."""
@@ -67,27 +56,6 @@ def test_intervals_hold_what_they_promise(clean):
     assert np.all(narrow <= 0.75 * repeats), narrow / repeats
 
 
-def test_covariance_of_correlated_errors_is_that_of_repeats():
-    """A mean of first-order noise has a variance (1 + rho) / (1 - rho) times that of independent errors."""
-    rng, rho, n = np.random.default_rng(5), 0.8, 4000
-    stated = [
-        robust_covariance(np.ones((n, 1)), signal.lfilter([1.0], [1.0, -rho], rng.normal(0, math.sqrt(1 - rho**2), n)))
-        for _ in range(20)
-    ]
-    assert np.mean(stated) == pytest.approx((1 + rho) / (1 - rho) / n, rel=0.2)
-
-
-class _Jittering(SimulatedClock):
-    """Wakes up late, each time differently."""
-
-    def __init__(self):
-        super().__init__()
-        self._rng = np.random.default_rng(7)
-
-    def sleep_until_s(self, time_s):
-        super().sleep_until_s(time_s + float(self._rng.exponential(0.002)))
-
-
 class _Reporting(SimulatedNeck):
     """Reports as cheap hardware does: rarely, the same reading again in between, in whole encoder steps, wild ones."""
 
@@ -104,17 +72,6 @@ class _Reporting(SimulatedNeck):
                 angles = np.full(2, -math.pi)
             self._held = JointState(now.time_s + self.stamped_late_s, angles, now.velocity_rad_s)
         return self._held
-
-
-def test_cheap_hardware_is_identified_all_the_same():
-    """A late computer; 33 readings a second, each reported many times, in 0.088 deg steps, some of them -180 deg."""
-    clock, truth = _Jittering(), plant((0.2345, 0.08), 14.0, 0.7, encoder_noise_deg=0.1)
-    taken = drive(_Reporting(truth, REFERENCE.rest_rad, clock.now_s), clock, ExcitationSettings(duration_s=16.0))
-    for axis, dead_time_s in enumerate((0.2345, 0.08)):
-        found = estimate_axis(taken, axis)
-        assert_close(found, dead_time_s, 14.0, 0.7)
-        assert 3 <= found.misread <= 10
-        assert found.time_s.size < 1000
 
 
 def test_a_known_delay_of_the_time_stamps_is_taken_off():
@@ -156,19 +113,3 @@ def test_eyes_and_body_are_identified_each_for_itself(tmp_path, robot):
 
 def altered_axis(axis, dead_time_s, wn):
     return axis.model_copy(update={"dead_time_s": dead_time_s, "natural_frequency_rad_s": wn})
-
-
-def test_in_turn_one_joint_moves_at_a_time_also_of_the_eyes():
-    neck = load_neck("reference_eyes")
-    motion = excite(neck, neck.rest_rad, ExcitationSettings(axes=("in_turn",), duration_s=8.0)).position_rad
-    moves = np.abs(np.diff(motion, axis=0)) > 0
-    assert np.all(moves.sum(axis=1) <= 1)
-    assert np.all(moves.any(axis=0))
-    only = excite(neck, neck.rest_rad, ExcitationSettings(axes=("eye_tilt",), duration_s=8.0)).position_rad
-    assert np.flatnonzero(np.ptp(only, axis=0)).tolist() == [3]
-    two = ExcitationSettings(axes=("in_turn", "eye_pan", "pan"), duration_s=8.0)
-    moves = np.abs(np.diff(excite(neck, neck.rest_rad, two).position_rad, axis=0)) > 0
-    assert np.flatnonzero(moves.any(axis=0)).tolist() == [0, 2]
-    assert np.all(moves.sum(axis=1) <= 1)
-    with pytest.raises(SettingsError, match="--axes body_yaw: neck 'reference_eyes' has no such joint"):
-        excite(neck, neck.rest_rad, ExcitationSettings(axes=("body_yaw",)))

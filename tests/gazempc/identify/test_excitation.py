@@ -1,7 +1,6 @@
 """Excitation: within limits, one axis at a time, from where the neck stands."""
 
 import numpy as np
-from builders.identification import REFERENCE, SHORT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -58,22 +57,3 @@ def test_excitation_stays_within_limits(pan, tilt, rates, how):
         assert np.all(peak <= bound * (1 + 1e-6) + 1e-13 / h**order), order
     assert np.ptp(motion.position_rad[:, 0]) > 0
     assert (np.ptp(motion.position_rad[:, 1]) > 0) == (how.axes != ("pan",))
-
-
-def test_in_turn_moves_one_axis_at_a_time_and_seeds_differ():
-    turn = excite(REFERENCE, REFERENCE.rest_rad, ExcitationSettings(axes=("in_turn",), duration_s=10.0))
-    moving = np.abs(np.diff(turn.position_rad, axis=0)) > 0
-    assert moving.any(axis=0).all()
-    assert not moving.all(axis=1).any()
-    one, same, other = (
-        excite(REFERENCE, REFERENCE.rest_rad, ExcitationSettings(seed=seed)).position_rad for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(one, same)
-    assert not np.array_equal(one, other)
-
-
-def test_excitation_begins_where_the_neck_stands():
-    start = np.deg2rad([60.0, -20.0])
-    motion = excite(REFERENCE, start, SHORT)
-    assert np.all(np.abs(motion.position_rad[0] - start) < 1e-4)
-    assert np.ptp(motion.position_rad[-200:], axis=0).max() == 0.0

@@ -4,11 +4,11 @@ import datetime
 
 import numpy as np
 import pytest
-from builders.identification import Failing, altered
+from builders.identification import altered
 
-from gazempc.identify import command as identify
+from gazempc.identify import identify
 from gazempc.identify.estimate import bandwidth_hz, estimate_axis
-from gazempc.identify.report import neck_toml
+from gazempc.identify.identified import neck_toml
 from gazempc.neck.spec import load_neck
 from gazempc.results.log import load_log
 from gazempc.run import main as run_main
@@ -93,18 +93,6 @@ def test_command_line_refuses_and_says_why(clean, tmp_path, capsys):
     assert not (tmp_path / "n.toml").exists()
 
 
-def test_command_line_stops_when_interrupted(tmp_path, monkeypatch, capsys):
-    def make(name, options, neck, clock, position_rad, seed=0):
-        robot = Failing(neck, position_rad, clock.now_s)
-        robot.sends, robot.error = 250, KeyboardInterrupt
-        return robot
-
-    monkeypatch.setattr(identify, "make_robot", make)
-    assert identify.main(["--robot", "simulated", "--out", str(tmp_path / "n.toml")]) == 130
-    assert "interrupted" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_neck_without_encoders_is_not_moved(tmp_path, monkeypatch, capsys):
     moved = []
 
@@ -117,8 +105,3 @@ def test_a_neck_without_encoders_is_not_moved(tmp_path, monkeypatch, capsys):
     assert identify.main(["--robot", "simulated", "--out", str(tmp_path / "n.toml")]) == 2
     assert "not reported its joints within 2 s" in capsys.readouterr().err
     assert moved == []
-
-
-def test_a_neck_that_takes_speeds_is_refused(tmp_path, capsys):
-    assert identify.main(["--robot", "simulated", "--neck", "ptz", "--out", str(tmp_path / "n.toml")]) == 2
-    assert 'pan has command = "velocity", and identification sends angles' in capsys.readouterr().err

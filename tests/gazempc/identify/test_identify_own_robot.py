@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from gazempc.identify.command import main
+from gazempc.identify.identify import main
 
 ROBOT = '''
 import numpy as np

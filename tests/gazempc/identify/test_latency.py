@@ -21,15 +21,6 @@ def test_latency_of_a_known_motion_is_found(latency_s):
     assert found.residual_rms == pytest.approx(0.01, rel=0.15)
 
 
-def test_latency_of_a_camera_that_turns_before_a_fixed_target():
-    """The encoders say where the target should be seen: one axis, in radians."""
-    times_s = np.arange(0, 8, 0.005)
-    pan = 0.3 * np.sin(2 * times_s) * np.sin(0.7 * times_s)
-    seen_s = np.arange(0.5, 7.5, 0.04)
-    bearing = 0.2 - np.interp(seen_s - 0.1, times_s, pan)
-    assert estimate_latency(times_s, -pan, seen_s, bearing).latency_s.value == pytest.approx(0.1, abs=1e-3)
-
-
 def test_latency_is_refused_where_nothing_tells_it():
     rng, known_s, seen_s = np.random.default_rng(1), np.arange(0, 6, 0.01), np.arange(0.0, 6.0, 1 / 30)
     noise = rng.normal(0, 0.01, (seen_s.size, 3))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from builders.identification import altered, plant, simulate
+from builders.identification import altered
 
 from gazempc.identify.estimate import estimate_axis
 from gazempc.identify.record import IdentificationError
@@ -65,11 +65,6 @@ def test_refuses_what_the_data_cannot_tell(clean, problem):
 def test_refuses_a_dead_time_beyond_what_was_looked_for(clean):
     assert "--dead-time-max-s" in refusal(clean, dead_time_max_s=0.3)
     assert refusal(clean, dead_time_max_s=0.5) == ""
-
-
-def test_refuses_a_servo_too_fast_for_the_readings():
-    text = refusal(altered(simulate(plant((0.1, 0.1), 250.0, 1.0, encoder_noise_deg=0.5))))
-    assert "bandwidth is only known to" in text
 
 
 def test_play_in_the_gears_is_noted_and_noise_is_not(clean):

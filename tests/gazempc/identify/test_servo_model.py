@@ -9,7 +9,7 @@ from scipy import signal
 
 from gazempc.identify.estimate import bandwidth_hz
 from gazempc.identify.excitation import ExcitationSettings, excite
-from gazempc.identify.model import ServoModel
+from gazempc.identify.servo_fit import ServoModel
 
 
 @pytest.mark.parametrize(("wn", "zeta"), [(6.0, 1.2), (12.0, 0.9), (25.0, 0.5), (10.0, 1.0)])

@@ -21,9 +21,9 @@ from builders.ports import free_port
 from gazempc.live import session as live
 from gazempc.live.settings import LiveSettings
 from gazempc.loop.events import Event
-from gazempc.results.limits import limit_violations
 from gazempc.results.log import load_log
 from gazempc.results.metrics import measure
+from gazempc.results.motion import limit_violations
 
 
 class Program:

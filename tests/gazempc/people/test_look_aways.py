@@ -12,7 +12,7 @@ from gazempc.neck.spec import load_neck, neck_names
 from gazempc.people.aversion import Aversion, fitted, shift_of, with_aversion
 from gazempc.people.schedule import RHYTHMS, LookAways
 from gazempc.results.attention import measure_attention
-from gazempc.results.limits import limit_violations
+from gazempc.results.motion import limit_violations
 from gazempc.settings import LookAwaySettings, LoopSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene

@@ -17,7 +17,7 @@ from gazempc.loop.smoother import Smoother
 from gazempc.people.attention import Attention
 from gazempc.people.company import Cues, Glance, Rhythm, Speech, Thinking
 from gazempc.people.schedule import LookAways
-from gazempc.results.limits import limit_violations
+from gazempc.results.motion import limit_violations
 from gazempc.settings import AttentionSettings, LoopSettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting

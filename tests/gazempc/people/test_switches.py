@@ -7,8 +7,8 @@ from builders.standing import standing_together
 from experiments.people.standing import least_time_s
 from gazempc.people.policies import Nearest
 from gazempc.results.attention import measure_attention
-from gazempc.results.limits import limit_violations
 from gazempc.results.metrics import gaze_error_deg
+from gazempc.results.motion import limit_violations
 from gazempc.settings import AttentionSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 

@@ -33,16 +33,6 @@ def test_what_is_given_is_kept():
     assert not gz.recording_from_arrays("anna", TIMES_S, HEAD_M).has_robot
 
 
-def test_what_is_left_out_is_not_known():
-    made = gz.recording_from_arrays("walk", TIMES_S, HEAD_M)
-    for values in (made.truth.head_quat_wxyz, made.truth.pelvis_position_m, made.truth.pelvis_quat_wxyz):
-        assert values.shape[0] == 120
-        assert np.isnan(values).all()
-    assert made.truth.valid.all()
-    assert made.truth.positions_only
-    assert not gz.recording_from_arrays("walk", TIMES_S, HEAD_M, pelvis_quat_wxyz=[1, 0, 0, 0]).truth.positions_only
-
-
 def test_the_same_arrays_as_of_a_synthetic_walk_give_the_same_replay():
     walk = gz.load_recording("subject03_R4")
     made = gz.recording_from_arrays(

@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from builders import exports
 from builders.exports import Walk, in_axes, quat_in_axes
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, SettingsError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.mapping import ColumnMapping, parse_columns, read_mapping, save_mapping
 from gazempc.run import main
 
 T = Walk.times_s
@@ -74,29 +72,6 @@ def test_axes_of_positions_and_quaternions(tmp_path, axes):
     same_head(recording)
     same_turn(recording)
     np.testing.assert_allclose(recording.truth.pelvis_position_m, Walk.pelvis_m, atol=1e-9)
-
-
-def test_left_handed_axes_of_unity(tmp_path):
-    """Unity: x right, y up, z forward; a turn to the left about y is negative there."""
-    x, y, z = Walk.head_m.T
-    half = -0.5 * (Walk.travel_rad + 0.3)
-    header = ["s", "x", "y", "z", "qx", "qy", "qz", "qw"]
-    path = write(tmp_path / "a.csv", header, T, -y, z, x, 0 * T, np.sin(half), 0 * T, np.cos(half))
-    recording = read(path, "t=s, head=[x,y,z], head_q=q, axes=unity")
-    same_head(recording)
-    same_turn(recording)
-
-
-def test_axes_as_a_list_and_a_head_with_axes_of_its_own(tmp_path):
-    """A frame with z up, and a camera on the head: z forward, x right, y down."""
-    from_optical = Rotation.from_matrix(exports.FILE_FROM_OURS["optical"].T)
-    quats = (Walk.head * from_optical).as_quat()
-    header = ["s", "n", "w", "u", "a", "b", "c", "d"]
-    path = write(tmp_path / "a.csv", header, T, Walk.head_m, quats)
-    recording = read(path, "t=s, head=[n,w,u], head_q=[a,b,c,d]:xyzw, head_axes=[z,-x,-y]")
-    same_turn(recording)
-    with pytest.raises(SettingsError, match="expected one of z-up, y-up, optical, unity"):
-        read(path, "t=s, head=[n,w,u], axes=sideways")
 
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
@@ -170,18 +145,6 @@ def test_times(tmp_path, columns):
         assert recording.times_s[0] == pytest.approx(START_S, abs=1e-6)
 
 
-def test_seconds_and_nanoseconds_are_added(tmp_path):
-    nanoseconds = np.round(1e9 * T) + 0.5e9
-    path = write(tmp_path / "a.csv", ["sec", "ns", "x", "y", "z"], nanoseconds // 1e9, nanoseconds % 1e9, Walk.head_m)
-    np.testing.assert_allclose(read(path, "t=sec:s+ns:ns, head=[x,y,z]").times_s, T + 0.5, atol=1e-9)
-
-
-def test_no_date(tmp_path):
-    path = write(tmp_path / "a.csv", ["when", "x", "y", "z"], ["noon"] * 90, Walk.head_m)
-    with pytest.raises(RecordingError, match=r"row 2, column when: 'noon' is no date and no clock time"):
-        read(path, "t=when:date, head=[x,y,z]")
-
-
 @pytest.mark.parametrize("ending", [".csv", ".tsv", ".txt"])
 @pytest.mark.parametrize(("separator", "comma"), [(",", False), (";", False), (";", True), ("\t", True), ("  ", False)])
 def test_separators_and_decimal_commas(tmp_path, separator, comma, ending):
@@ -190,29 +153,11 @@ def test_separators_and_decimal_commas(tmp_path, separator, comma, ending):
     same_head(load(path))
 
 
-def test_a_table_without_header_has_numbers_for_names(tmp_path):
-    path = write(tmp_path / "a.csv", None, T, Walk.head_m, 0 * T)
-    same_head(read(path, "t=1, head=[2,3,4]"))
-    said = (
-        r"missing column\(s\) t, head_x.*found '1, 2, 3, 4, 5'.*t=1:s, head=\[2,3,4\].*the order t, x, y, z is a guess"
-    )
-    with pytest.raises(RecordingError, match=said):
-        load(path)
-
-
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
 def test_encodings_of_excel(tmp_path, encoding):
     path = write(tmp_path / "a.csv", ["t", "head_x", "head_y", "head_z", "Winkel °"], T, Walk.head_m, 0 * T)
     path.write_bytes(path.read_text().encode(encoding))
     same_head(load(path))
-
-
-def test_words_before_the_table_are_skipped_and_said(tmp_path):
-    path = write(tmp_path / "a.csv", ["t", "head_x", "head_y", "head_z"], T, Walk.head_m)
-    path.write_text(f"Recorded by somebody\nRate,30\n\n{path.read_text()}")
-    recording = load(path)
-    same_head(recording)
-    assert recording.notes == ("the first 2 lines are no part of the table: skipped",)
 
 
 def test_headers_in_comments_units_in_a_second_line_and_excels_separator_line(tmp_path):
@@ -239,29 +184,6 @@ def test_several_people_by_an_id_column(tmp_path):
         read(path, "t=s, head=[x,y,z], person=who", person="bop")
 
 
-@pytest.mark.parametrize("column", ["person_id", "id", "track_id", "Person", "body id"])
-def test_several_people_in_the_packages_own_columns(tmp_path, column):
-    header = ["t", "head_x", "head_y", "head_z", column]
-    both = [np.repeat(T, 2), np.repeat(Walk.head_m, 2, axis=0) + np.tile([[0.0], [3.0]], (90, 1)), [7.0, 9.0] * 90]
-    path = write(tmp_path / "a.csv", header, *both)
-    same_head(load(path))
-    assert "person 7 of 2 (90 rows, the most)" in load(path).notes[0]
-    same_head(load(path, ReadOptions(person="9")), Walk.head_m + 3.0)
-
-
-def test_a_person_cannot_be_chosen_where_nothing_tells_people_apart(tmp_path):
-    path = write(tmp_path / "a.csv", ["s", "x", "y", "z"], T, Walk.head_m)
-    with pytest.raises(SettingsError, match=r"does not tell people apart; say person=COLUMN"):
-        read(path, "t=s, head=[x,y,z]", person="anna")
-
-
-def test_the_origin_may_be_the_robots_sensor(tmp_path):
-    path = write(tmp_path / "a.csv", ["s", "x", "y", "z"], T, Walk.head_m)
-    assert read(path, "t=s, head=[x,y,z], origin=sensor").has_robot
-    assert read(path, "t=s, head=[x,y,z], kind=tracked").measured is not None
-    assert not read(path, "t=s, head=[x,y,z]").has_robot
-
-
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
@@ -280,13 +202,6 @@ def test_mappings_that_cannot_be_read(tmp_path, columns, said):
     path = write(tmp_path / "a.csv", ["s", "x", "y", "z"], T, Walk.head_m)
     with pytest.raises((SettingsError, RecordingError), match=said):
         read(path, columns)
-
-
-def test_text_and_toml_say_the_same(tmp_path):
-    mapping = parse_columns('t=stamp "a":ns, head=[p x,p y,=1.6]:m, head_q=q, axes=y-up, person=id, origin=sensor')
-    assert parse_columns(mapping.as_option()) == mapping
-    assert read_mapping(save_mapping(tmp_path / "a.csv", mapping)) == mapping
-    assert mapping.over(ColumnMapping(t="x", pelvis="p")).texts()["pelvis"] == "p"
 
 
 def test_a_mapping_beside_the_file_is_found_and_one_for_the_folder(tmp_path):

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from gazempc.errors import RecordingError, SettingsError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.shipped import shipped_mappings
 
 CAMERA_M = np.array([-2.0, 0.0, 1.2])
 
@@ -54,12 +53,6 @@ def test_euler_angles_of_motive_are_left_out_and_said(tmp_path):
     assert any("Euler angles in the order XYZ" in note and "head_euler" in note for note in recording.notes)
 
 
-def test_motive_with_a_robot_in_it_takes_the_head_and_says_so(tmp_path):
-    recording = load(exports.motive(tmp_path / "a.csv", "Head of Anna", others=["Robot"]))
-    check(recording)
-    assert any("'Head of Anna'; also in the file: Robot" in note for note in recording.notes)
-
-
 def test_bodies_of_which_any_may_be_the_head_are_asked_for(tmp_path):
     path = exports.motive(tmp_path / "a.csv", "Anna", others=["Bob"])
     with pytest.raises(RecordingError, match=r"Anna, Bob.*--reading\.person 'Anna'"):
@@ -95,13 +88,6 @@ def test_vicon_tracker_object(tmp_path):
 
 def test_xsens_mvnx(tmp_path):
     check(load(exports.mvnx(tmp_path / "a.mvnx")), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
-
-
-def test_xsens_sheets_need_the_rate(tmp_path):
-    path = exports.xsens_csv(tmp_path / "a.csv")
-    with pytest.raises(RecordingError, match=r"no frame rate.*--reading\.columns 't=Frame:60hz'"):
-        load(path)
-    check(load(path, ReadOptions(columns="t=Frame:30hz")), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
 
 
 @pytest.mark.parametrize("frame", ["camera_color_optical_frame", "base_link", "map"])
@@ -165,11 +151,6 @@ def test_rostopic_of_ros_1(tmp_path):
     assert not recording.has_robot
 
 
-def test_landmarks_of_the_image_are_refused(tmp_path):
-    with pytest.raises(RecordingError, match=r"middle of the hips is 0\.87 from the origin.*world landmarks"):
-        load(exports.mediapipe(tmp_path / "a.csv", in_image=True))
-
-
 @pytest.mark.parametrize("unit_m", [1.0, 0.001])
 def test_openpose(tmp_path, unit_m):
     folder = exports.openpose(tmp_path / "walk", lost=[20], unit_m=unit_m)
@@ -183,19 +164,6 @@ def test_openpose(tmp_path, unit_m):
     assert recording.name == "walk"
     with pytest.raises(RecordingError, match=r"no frame rate.*t=frame:60hz"):
         load(folder)
-
-
-def test_openpose_without_3d(tmp_path):
-    folder = exports.openpose(tmp_path / "walk")
-    for file in folder.iterdir():
-        file.write_text('{"version": 1.3, "people": [{"person_id": [-1], "pose_keypoints_3d": []}]}')
-    with pytest.raises(RecordingError, match=r"no 3-D key points in any frame.*--3d --write_json"):
-        load(folder)
-
-
-def test_every_shipped_mapping_says_its_source():
-    assert len(shipped_mappings()) == 16
-    assert all(mapping.source for mapping in shipped_mappings().values())
 
 
 def test_what_ros2_prints_between_messages_is_dropped_and_said(tmp_path):

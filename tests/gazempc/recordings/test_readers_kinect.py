@@ -126,20 +126,6 @@ def test_left_and_up_have_their_signs(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.truth.pelvis_position_m[5], [2.0, 0.5, 0.3], atol=1e-9)
 
 
-def test_truth_is_smoother_than_what_was_measured_and_does_not_lag(tmp_path: Path) -> None:
-    content, random = document(), np.random.default_rng(4)
-    for frame in content["frames"]:
-        for position in frame["bodies"][0]["joint_positions"]:
-            position[:] = (np.array(position) + random.normal(scale=10.0, size=3)).tolist()
-    recording = load(write(tmp_path / "a.json", content))
-    assert recording.measured is not None
-    raw_m = recording.measured.pelvis_position_m - pelvis_path_m()
-    smooth_m = recording.truth.pelvis_position_m - pelvis_path_m()
-    assert np.sqrt(np.mean(smooth_m**2)) < 0.5 * np.sqrt(np.mean(raw_m**2))
-    assert abs(np.mean(smooth_m[:, 0])) < 0.004  # 0.75 m/s: a lag of a frame would be 25 mm
-    np.testing.assert_array_equal(recording.truth.head_quat_wxyz, recording.measured.head_quat_wxyz)
-
-
 def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path: Path) -> None:
     content = document()
     for k in [0, 1, 10, 11, 12, N - 1]:
@@ -237,94 +223,41 @@ NOSE = NAMES.index("NOSE")
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "named"),
     [
-        (_delete("joint_names"), ["'joint_names' is missing", "offline_processor"]),
-        (_delete("frames"), ["'frames' is missing"]),
-        (_put({}, "frames"), ["'frames' is not a list", "a list"]),
-        (_put([], "frames"), ["the list is empty", "a list of frames"]),
-        (_put("SPINE", "joint_names", NOSE), ["joint_names", "no joint NOSE", "PELVIS, HEAD, NOSE"]),
-        (_put("frame", "frames", 4), ["frame 4", "not a JSON object"]),
-        (_delete("frames", 4, "timestamp_usec"), ["frame 4", "'timestamp_usec' is missing"]),
-        (_put("x", "frames", 4, "timestamp_usec"), ["frame 4", "'timestamp_usec' is not a whole number"]),
-        (_put(True, "frames", 4, "timestamp_usec"), ["frame 4", "'timestamp_usec' is not a whole number"]),
-        (_put(10**400, "frames", 4, "timestamp_usec"), ["frame 4", "too large"]),
-        (_put(START_USEC, "frames", 4, "timestamp_usec"), ["frame 4", "backwards", "5000000000.0", "larger"]),
-        (
-            _put(START_USEC + 3 * STEP_USEC, "frames", 4, "timestamp_usec"),
-            ["frame 4", "duplicate", "frame 3"],
-        ),
-        (_delete("frames", 4, "bodies"), ["frame 4", "'bodies' is missing"]),
-        (_put([1], "frames", 4, "bodies"), ["frame 4", "not a JSON object"]),
-        (_delete("frames", 4, "bodies", 0, "body_id"), ["frame 4", "'body_id' is missing"]),
-        (
-            _delete("frames", 4, "bodies", 0, "joint_orientations"),
-            ["frame 4, body 7", "'joint_orientations'"],
-        ),
-        (
-            lambda content: joints(content, 4).pop(),
-            ["frame 4, body 7", "6 joint_positions for 7", "one a joint"],
-        ),
-        (lambda content: joints(content, 4)[NOSE].pop(), ["frame 4, body 7, joint NOSE", "list of 3"]),
-        (_put("1", "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["joint NOSE", "'1'", "3 numbers"]),
-        (_put(None, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["joint NOSE, column y", "nan"]),
-        (
-            _put(np.nan, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1),
-            ["frame 4", "column y", "finite"],
-        ),
-        (_put(10**400, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["column y", "inf", "finite"]),
-        (
-            _put(9.0, "frames", 4, "bodies", 0, "joint_orientations", NOSE, 0),
-            ["frame 4", "joint NOSE", "norm"],
-        ),
-        (lambda content: content["frames"][4]["bodies"].append(content["frames"][4]["bodies"][0]), ["twice"]),
-        (_drop_bodies, ["no body in any of 40 frames", "a tracked body"]),
-        (lambda content: content["frames"].__delitem__(slice(4, None)), ["only 4 frame(s)", "at least 5"]),
-        (_scale(1e-3), ["looks like metres where millimetres belong", "factor of 1/1000"]),
-        (_scale(0.1), ["looks like centimetres where millimetres belong", "factor of 1/10"]),
-        (_scale(1e3), ["values 1000 times too large"]),
-        (_scale(25.4), ["looks like values 25.4 times too large"]),
-        (_scale(1 / 25.4), ["looks like inches where millimetres belong", "factor of 1/25.4"]),
-        (_scale_times(1e-3), ["looks like milliseconds where microseconds belong", "factor of 1/1000"]),
-        (_scale_times(1000), ["looks like nanoseconds where microseconds belong", "factor of 1000"]),
-        (
-            _turn_head_joints("x", 90.0),
-            ["joint NOSE", "forward axis is 90", "up axis 0 deg", "+X up, +Y facing"],
-        ),
-        (_turn_head_joints("y", 90.0), ["joint NOSE", "up axis 90 deg", "both under 60 deg"]),
+        (_delete("joint_names"), ["joint_names"]),
+        (_put([], "frames"), ["frames"]),
+        (_put("SPINE", "joint_names", NOSE), ["joint_names", "NOSE"]),
+        (_put("frame", "frames", 4), ["frame 4"]),
+        (_put(True, "frames", 4, "timestamp_usec"), ["frame 4", "timestamp_usec"]),
+        (_put(10**400, "frames", 4, "timestamp_usec"), ["frame 4", "timestamp_usec"]),
+        (_put(START_USEC, "frames", 4, "timestamp_usec"), ["frame 4", "5000000000.0"]),
+        (_put(START_USEC + 3 * STEP_USEC, "frames", 4, "timestamp_usec"), ["frame 4", "frame 3"]),
+        (_delete("frames", 4, "bodies", 0, "joint_orientations"), ["frame 4", "joint_orientations"]),
+        (lambda content: joints(content, 4).pop(), ["frame 4, body 7", "6 joint_positions for 7"]),
+        (lambda content: joints(content, 4)[NOSE].pop(), ["frame 4", "joint_positions"]),
+        (_put("1", "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4", "joint_positions"]),
+        (_put(None, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4, body 7", "NOSE", "y", "nan"]),
+        (_put(1e12, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4", "NOSE", "1e+12"]),
+        (_put(9.0, "frames", 4, "bodies", 0, "joint_orientations", NOSE, 0), ["frame 4", "NOSE", "norm"]),
+        (lambda content: content["frames"][4]["bodies"].append(content["frames"][4]["bodies"][0]), ["frame 4"]),
+        (_drop_bodies, ["40 frames"]),
+        (lambda content: content["frames"].__delitem__(slice(4, None)), ["4 frame(s)", "at least 5"]),
+        (_scale(1e-3), ["metres where millimetres", "1/1000"]),
+        (_scale(1 / 25.4), ["inches where millimetres", "1/25.4"]),
+        (_scale_times(1000), ["nanoseconds where microseconds", "1000"]),
+        (_turn_head_joints("x", 90.0), ["NOSE", "90 deg from the face"]),
+        (_turn_head_joints("y", 90.0), ["NOSE", "90 deg from up"]),
     ],
 )
-def test_damage_is_named(tmp_path: Path, change: Change, said: list[str]) -> None:
+def test_damage_is_named(tmp_path: Path, change: Change, named: list[str]) -> None:
     content = copy.deepcopy(document())
     change(content)
     path = write(tmp_path / "walk.json", content)
     with pytest.raises(RecordingError) as caught:
         load(path)
-    for words in [str(path), "Expected: ", *said]:
+    for words in [str(path), "Expected: ", *named]:
         assert words in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "empty"),
-        ("[1, 2]", "not an object"),
-        ('{"frames":\n [1, 2', "line 2, column 7: not JSON.*cut off"),
-        ('{"frames":\n [1, 2}]', "line 2, column 7: not JSON"),
-        ("[" * 100_000, "not JSON"),
-        ('{"frames": ' + "9" * 5000 + "}", "not JSON"),
-    ],
-)
-def test_files_that_are_not_this_json(tmp_path: Path, text: str, said: str) -> None:
-    path = tmp_path / "walk.json"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(RecordingError, match=said):
-        load(path)
-
-
-def test_a_tilted_camera_without_its_pitch_is_noticed_when_it_matters(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"z does not point up.*camera's pitch"):
-        load(write(tmp_path / "a.json", document(pitch=75.0)))
 
 
 def test_cut_off_and_damaged_files_raise_nothing_else(tmp_path: Path) -> None:
@@ -333,11 +266,11 @@ def test_cut_off_and_damaged_files_raise_nothing_else(tmp_path: Path) -> None:
     path = write(tmp_path / "walk.json", content)
     whole = path.read_bytes()
     random = np.random.default_rng(1)
-    for size in range(0, len(whole), 50):
+    for size in range(0, len(whole), 500):
         path.write_bytes(whole[:size])
         with pytest.raises(RecordingError):
             load(path)
-    for _ in range(150):
+    for _ in range(40):
         data = bytearray(whole)
         for place in random.integers(len(data), size=2):
             data[place] = random.integers(32, 127)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import csv
 import os
 from collections.abc import Callable
@@ -16,10 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import GazempcError, MissingOptionalDependencyError, RecordingError
+from gazempc.errors import GazempcError, RecordingError
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.route_group import route_group
-from gazempc.recordings.readers.tables.own import COLUMNS
+from gazempc.recordings.readers.labels import route_group
+from gazempc.recordings.readers.tables.people import COLUMNS
 
 N = 60
 Rows = list[list[str]]
@@ -65,17 +64,6 @@ def test_csv_is_read_back(tmp_path: Path) -> None:
     )
 
 
-def test_csv_column_order_extra_columns_bom_crlf_and_blank_lines_do_not_matter(tmp_path: Path) -> None:
-    rows = table_rows()
-    order = np.random.default_rng(0).permutation(len(COLUMNS))
-    shuffled = [[row[k] for k in order] + ["note" if i == 0 else "free text"] for i, row in enumerate(rows)]
-    path = tmp_path / "a.CSV"
-    text = "\r\n".join(",".join(row) for row in shuffled[:5]) + "\r\n\r\n"
-    text += "\r\n".join(",".join(row) for row in shuffled[5:]) + "\r\n"
-    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    np.testing.assert_array_equal(load(path).truth.head_position_m, walk_values()[:, 1:4])
-
-
 def test_parquet_equals_csv(tmp_path: Path) -> None:
     values = walk_values()
     table = pa.table({name: values[:, k] for k, name in enumerate(COLUMNS)} | {"note": ["x"] * N})
@@ -87,19 +75,6 @@ def test_parquet_equals_csv(tmp_path: Path) -> None:
     np.testing.assert_array_equal(from_parquet.times_s, from_csv.times_s)
     np.testing.assert_array_equal(from_parquet.truth.head_quat_wxyz, from_csv.truth.head_quat_wxyz)
     assert from_parquet.labels == from_csv.labels
-
-
-def test_quaternions_are_normalised_after_the_check(tmp_path: Path) -> None:
-    values = walk_values()
-    values[:, 4:8] *= 1.004
-    recording = load(write_rows(tmp_path / "a.csv", table_rows(values)))
-    np.testing.assert_allclose(np.linalg.norm(recording.truth.head_quat_wxyz, axis=1), 1.0, atol=1e-15)
-
-
-def test_standing_person_is_accepted(tmp_path: Path) -> None:
-    values = walk_values()
-    values[:, 1:] = values[0, 1:]
-    assert load(write_rows(tmp_path / "a.csv", table_rows(values))).labels.group == "standing"
 
 
 def test_labels_come_from_the_index_beside_the_file(tmp_path: Path) -> None:
@@ -115,39 +90,6 @@ def test_labels_come_from_the_index_beside_the_file(tmp_path: Path) -> None:
     assert (labels.subject, labels.group, labels.description) == ("p3", "sharp", "round a chair")
     labels = load(write_rows(tmp_path / "other_2.csv", table_rows())).labels
     assert (labels.subject, labels.group, labels.description) == ("other", "straight", "")
-
-
-@pytest.mark.parametrize(
-    ("stated", "activity", "moves", "group"),
-    [
-        ("sharp", "waiting", True, "standing"),
-        ("straight", "standing", False, "standing"),
-        ("", "sitting", True, "standing"),
-        ("turn", "moving", False, "turn"),
-        ("", "moving", True, "straight"),
-        ("sharp", "", False, "standing"),
-        ("sharp", "", True, "sharp"),
-        ("controls", "standing", False, "controls"),
-        ("controls", "", False, "controls"),
-    ],
-)
-def test_people_who_stay_are_standing_whatever_route_is_stated(
-    tmp_path: Path, stated: str, activity: str, moves: bool, group: str
-) -> None:
-    values = walk_values()
-    if not moves:
-        values[:, 1:] = values[0, 1:]
-    write_rows(tmp_path / "index.csv", [["clip", "subject", "group", "kind"], ["a", "eva", stated, activity]])
-    labels = load(write_rows(tmp_path / "a.csv", table_rows(values))).labels
-    assert (labels.group, labels.activity) == (group, activity or None)
-
-
-def test_the_column_kind_of_the_index_is_the_activity(tmp_path: Path) -> None:
-    write_rows(tmp_path / "walk7.csv", table_rows())
-    index = [["clip", "subject", "group", "kind"], ["walk7", "p3", "straight", "starting"]]
-    write_rows(tmp_path / "index.csv", index)
-    assert load(tmp_path / "walk7.csv").labels.activity == "starting"
-    assert load(write_rows(tmp_path / "other.csv", table_rows())).labels.activity is None
 
 
 # ---------------------------------------------------------------- optional parts
@@ -213,30 +155,6 @@ def test_heads_in_another_unit_or_with_another_axis_up_are_refused(
         assert words in str(caught.value)
 
 
-def test_jumps_of_a_tracker_are_no_running(tmp_path: Path) -> None:
-    t = np.arange(200) / 50.0
-    head_m = np.column_stack([1.2 * t, 0.1 * (np.arange(200) % 7 > 3), np.full(200, 1.6)])  # 5 m/s from frame to frame
-    assert load(write_rows(tmp_path / "a.csv", heads(t, head_m))).times_s.size == 200
-
-
-def test_every_track_of_other_people_is_read(tracks_dir: Path) -> None:
-    """Positions only, at 16 and at 50 frames a second; subjects, groups and activities are those of the index."""
-    with (tracks_dir / "index.csv").open(encoding="utf-8") as stream:
-        index = {row["clip"]: row for row in csv.DictReader(stream)}
-    for clip, row in list(index.items())[::20]:
-        recording = load(tracks_dir / f"{clip}.csv")
-        labels = recording.labels
-        assert recording.truth.positions_only
-        group = "standing" if row["kind"] == "waiting" else row["group"]
-        assert (labels.subject, labels.group, labels.activity) == (row["subject"], group, row["kind"])
-        assert recording.times_s[-1] - recording.times_s[0] == pytest.approx(float(row["duration_s"]), abs=0.011)
-
-
-def test_a_damaged_index_is_no_obstacle(tmp_path: Path) -> None:
-    (tmp_path / "index.csv").write_bytes(b'clip,subject,group\nwalk\xff\x00,"')
-    assert load(write_rows(tmp_path / "walk.csv", table_rows())).labels.subject == "walk"
-
-
 def _set(row: int, column: str, text: str) -> Callable[[Rows], None]:
     def change(rows: Rows) -> None:
         rows[row - 1][COLUMNS.index(column)] = text
@@ -295,8 +213,6 @@ def _drop_column(rows: Rows) -> None:
         (_scale_positions(1000.0), ["600 m", "(median)", "millimetres", "factor of 1000", "metres"]),
         (_scale_positions(1 / 1000.0), ["0.0006 m", "pelvis"]),
         (_scale_positions(100.0), ["60 m", "centimetres", "factor of 100"]),
-        (_scale_positions(25.4), ["15.24 m", "looks like values 25.4 times too large"]),
-        (_scale_positions(1 / 25.4), ["0.02362 m", "looks like values 25.4 times too small"]),
         (_scale_positions(1 / 0.0254), ["23.62 m", "looks like inches", "factor of 39.37"]),
         (_scale_positions(1 / 0.3048), ["1.969 m", "looks like feet"]),
         (_swap_y_and_z, ["z does not point up", "(0.00, 0.60, 0.00) m", "z up"]),
@@ -323,14 +239,6 @@ def test_rows_without_time_or_head_are_dropped_and_said(tmp_path: Path, column: 
     assert recording.notes == ("2 of 60 rows have no time or no head position (first row 9): dropped",)
 
 
-def test_more_than_half_of_the_rows_without_a_head_are_too_many(tmp_path: Path) -> None:
-    rows = table_rows()
-    for line in range(2, 33):
-        _set(line, "head_z", "")(rows)
-    with pytest.raises(RecordingError, match=r"31 of 60 rows have no time or no head.*Expected: at least 50%"):
-        load(write_rows(tmp_path / "walk.csv", rows))
-
-
 @pytest.mark.parametrize(("column", "part"), [("pelvis_qz", "pelvis_quat_wxyz"), ("head_qw", "head_quat_wxyz")])
 def test_a_part_that_is_not_known_in_a_row_is_nan_there_and_said(tmp_path: Path, column: str, part: str) -> None:
     rows = table_rows()
@@ -339,14 +247,6 @@ def test_a_part_that_is_not_known_in_a_row_is_nan_there_and_said(tmp_path: Path,
     assert np.isnan(getattr(recording.truth, part)[7]).all()
     assert np.isfinite(np.delete(getattr(recording.truth, part), 7, axis=0)).all()
     assert recording.notes == (f"the {column.partition('_')[0]}'s orientation is not known in 1 of 60 rows",)
-
-
-def test_a_last_row_that_is_cut_off_is_dropped_and_said(tmp_path: Path) -> None:
-    rows = table_rows()
-    rows[-1] = rows[-1][:9]
-    recording = load(write_rows(tmp_path / "walk.csv", rows))
-    assert recording.times_s.size == N - 1
-    assert recording.notes == ("the last row (61) is cut off: dropped",)
 
 
 @pytest.mark.parametrize(
@@ -366,19 +266,6 @@ def test_files_that_are_no_text_tables(tmp_path: Path, data: bytes, said: str) -
         load(path)
 
 
-def test_values_a_thousand_times_too_small_are_called_so(tmp_path: Path) -> None:
-    rows = table_rows()
-    _scale_positions(1 / 1000.0)(rows)
-    with pytest.raises(RecordingError, match="values 1000 times too small"):
-        load(write_rows(tmp_path / "walk.csv", rows))
-
-
-def test_the_index_is_not_a_recording(tmp_path: Path) -> None:
-    path = write_rows(tmp_path / "index.csv", [["clip", "subject", "group"], ["a", "b", "straight"]])
-    with pytest.raises(RecordingError, match=r"missing column\(s\) t, head_x.*found 'clip, subject, group'"):
-        load(path)
-
-
 @pytest.mark.parametrize("column", ["t", "pelvis_qy"])
 def test_parquet_damage_is_named(tmp_path: Path, column: str) -> None:
     values = walk_values()
@@ -393,31 +280,6 @@ def test_parquet_damage_is_named(tmp_path: Path, column: str) -> None:
     pq.write_table(pa.table(columns), path)
     with pytest.raises(RecordingError, match=rf"missing column\(s\) {column};"):
         load(path)
-
-
-def test_parquet_that_is_cut_off(tmp_path: Path) -> None:
-    values = walk_values()
-    path = tmp_path / "a.parquet"
-    pq.write_table(pa.table({name: values[:, k] for k, name in enumerate(COLUMNS)}), path)
-    whole = path.read_bytes()
-    for size in range(0, len(whole), 500):
-        path.write_bytes(whole[:size])
-        with pytest.raises(RecordingError, match="Expected: a Parquet table"):
-            load(path)
-
-
-def test_parquet_without_pyarrow_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real_import = builtins.__import__
-
-    def no_pyarrow(name: str, *args: object, **kwargs: object) -> object:
-        if name.startswith("pyarrow"):
-            raise ImportError(name)
-        return real_import(name, *args, **kwargs)  # type: ignore[arg-type]
-
-    (tmp_path / "a.parquet").write_bytes(b"PAR1")
-    monkeypatch.setattr(builtins, "__import__", no_pyarrow)
-    with pytest.raises(MissingOptionalDependencyError, match=r"pip install pyarrow"):
-        load(tmp_path / "a.parquet")
 
 
 def test_cut_off_and_damaged_tables_raise_nothing_else(tmp_path: Path) -> None:
@@ -446,22 +308,6 @@ def test_any_cells_raise_recording_errors_only(tmp_path: Path, cells: Rows) -> N
     path.write_bytes(text.encode("utf-8", errors="replace"))
     with pytest.raises(RecordingError):
         load(path)
-
-
-@pytest.mark.parametrize(
-    ("turn_deg", "group"),
-    [(0, "straight"), (15, "straight"), (45, "turn"), (-45, "turn"), (-90, "sharp"), (200, "sharp")],
-)
-@pytest.mark.parametrize("rate_hz", [15.0, 30.0, 120.0])
-def test_group_of_an_arc_with_sway(turn_deg: float, group: str, rate_hz: float) -> None:
-    t = np.arange(0.0, 5.0, 1.0 / rate_hz)
-    heading = 3.0 + np.radians(turn_deg) * np.clip((t - 1.5) / 2.0, 0.0, 1.0)
-    path = np.cumsum(1.2 / rate_hz * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
-    sideways = np.column_stack([-np.sin(heading), np.cos(heading)])
-    path += 0.03 * np.sin(2 * np.pi * 0.95 * t)[:, None] * sideways
-    pelvis = np.column_stack([path, np.full(len(t), 0.95)])
-    pelvis[5:8] = np.nan
-    assert route_group(t, pelvis) == group
 
 
 def test_groups_of_real_walks_agree_with_their_index(walks_dir: Path) -> None:

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.route_group import travel
-
-STEP_M = 0.7
+from gazempc.recordings.readers.labels import travel
 
 
 def along_x(x_m, rate_hz=30.0):
@@ -32,18 +30,6 @@ def test_the_start_is_where_the_speed_passes_0_3_m_s(rate_hz):
     assert found.start_s == pytest.approx(2.3, abs=max(1 / 30, 0.5 / rate_hz) + 1e-9)
 
 
-def test_a_start_may_not_depend_on_rows_without_a_head():
-    t, path_m = starting()
-    path_m[::5] = np.nan
-    assert travel(t, path_m).start_s == pytest.approx(2.3, abs=0.04)
-
-
-def test_one_who_walks_from_the_beginning_leaves_but_does_not_start():
-    found = travel(*along_x(1.2 * np.arange(90) / 30.0))
-    assert found.leaves
-    assert np.isnan(found.start_s)
-
-
 @pytest.mark.parametrize(("pause_s", "starts"), [(0.3, False), (0.9, True)])
 def test_a_start_follows_half_a_second_at_rest(pause_s, starts):
     t = np.arange(0.0, 6.0, 1.0 / 30.0)
@@ -51,22 +37,6 @@ def test_a_start_follows_half_a_second_at_rest(pause_s, starts):
     assert found.leaves
     # The window of the speed, 0.3 s, blurs both ends.
     assert (found.start_s == pytest.approx(2.0 + pause_s, abs=0.15)) if starts else np.isnan(found.start_s)
-
-
-@pytest.mark.parametrize(("reach_m", "leaves"), [(0.9 * STEP_M, False), (1.2 * STEP_M, True)])
-def test_a_lean_is_no_start_unless_it_is_longer_than_a_step(reach_m, leaves):
-    """There and back, each in 1 s at a mean speed above 0.3 m/s."""
-    t = np.arange(0.0, 8.0, 1.0 / 30.0)
-    there = np.clip(t - 2.0, 0.0, 1.0) - np.clip(t - 5.0, 0.0, 1.0)
-    found = travel(*along_x(reach_m * there**2 * (3.0 - 2.0 * there)))
-    assert found.leaves == leaves
-    assert np.isfinite(found.start_s) == leaves
-
-
-def test_one_who_drifts_away_slowly_leaves_without_a_start():
-    found = travel(*along_x(0.2 * np.arange(300) / 30.0))
-    assert found.leaves
-    assert np.isnan(found.start_s)
 
 
 def test_jumps_of_a_tracker_are_no_start():

@@ -7,7 +7,6 @@ import pytest
 from builders.attention import TICK_S, attention_log, error_in
 
 from gazempc.results.attention import attention_lines, measure_attention
-from gazempc.results.log import load_log
 
 TWO_SWITCHES = ((0.0, 1, "policy"), (4.0, 2, "policy"), (8.0, 0, "left"), (9.0, 3, "policy"))
 
@@ -40,13 +39,6 @@ def test_overshoot_is_that_of_the_worst_switch():
     assert np.isnan(measure_attention(attention_log(error_deg, TWO_SWITCHES[:1])).switch_overshoot_deg)
 
 
-def test_swaps_are_those_of_the_log():
-    log = attention_log(error_in(12.0, 20.0, (0.0, 12.0)), TWO_SWITCHES, swaps_s=(3.0, 3.1))
-    found = measure_attention(log)
-    assert found.identity_swaps == 2
-    assert "people were taken for each other 2 times" in attention_lines(found)
-
-
 def test_looks_away_against_their_schedule():
     """Of 10 s, 9 are scored; the gaze leaves 0.1 s late and is back 0.2 s late, then 0.1 s early and 0.1 s late."""
     planned = ((2.0, 3.0, "listening"), (6.0, 8.0, "listening"))
@@ -68,15 +60,3 @@ def test_where_nobody_knows_the_true_head_only_switches_are_counted():
     unknown = (found.contact_attended, found.identity_swaps, found.switches_without_contact)
     assert np.isnan(unknown).all()
     assert attention_lines(found) == ["10.0 switches a minute"]
-
-
-def test_one_person_all_the_time_has_no_such_metrics():
-    found = measure_attention(attention_log(error_in(5.0, 20.0, (1.0, 5.0))))
-    assert np.isnan([found.identity_swaps, found.time_to_contact_after_switch_s, found.return_late_s]).all()
-    assert attention_lines(found) == []
-
-
-def test_a_log_among_several_people_is_read_as_it_was_written(tmp_path):
-    log = attention_log(error_in(2.0, 20.0), ((0.0, 1, "policy"),), swaps_s=(1.5,))
-    log.save(tmp_path / "mpc.npz")
-    assert load_log(tmp_path / "mpc.npz").identity_swap_time_s.tolist() == [1.5]

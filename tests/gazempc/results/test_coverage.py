@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, multivariate_t
+from scipy.stats import multivariate_t
 
 from gazempc.results.forecast_metrics import inside, squared_radius
 
@@ -43,11 +43,6 @@ def test_each_forecast_counts_by_its_own_degrees_of_freedom():
     nees = np.array([7.81, 7.82, 9.88, 9.89, np.nan])
     freedom = np.array([np.inf, np.inf, 4.0, 4.0, 4.0])
     assert inside(nees, freedom, 0.95).tolist() == [True, False, True, False, False]
-
-
-@pytest.mark.parametrize("freedom", [1e9, 1e15, 1e300])
-def test_very_many_degrees_of_freedom_are_normal(freedom):
-    assert squared_radius(freedom, 0.9) == pytest.approx(chi2.ppf(0.9, df=3), rel=1e-6)
 
 
 def test_the_ellipse_seen_from_above_holds_the_share_of_two_axes():

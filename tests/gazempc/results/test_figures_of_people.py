@@ -11,17 +11,12 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from gazempc.loop.events import MEANINGS
-from gazempc.results.figures import overview as overview_module
 from gazempc.results.figures.animation import animate, running_contact
-from gazempc.results.figures.attended import attended
-from gazempc.results.figures.birds_eye import draw_birds_eye
-from gazempc.results.figures.gaze_error import draw_gaze_error
-from gazempc.results.figures.overview import overview
-from gazempc.results.figures.people import are_alike, draw_turns, has_attention, person_colour, question, turns
-from gazempc.results.figures.style import recording_title
+from gazempc.results.figures.overview import attended
+from gazempc.results.figures.people import are_alike, draw_turns, person_colour
 from gazempc.results.metrics import measure
 from gazempc.results.page.run_page import run_page
-from gazempc.results.repeats import measured_again
+from gazempc.results.table import measured_again
 
 ATTENDED = ((0.5, 1, "policy"), (4.0, 2, "left"), (8.0, 0, "nobody"))
 AWAY = ((5.0, 6.5, "thinking"),)
@@ -52,65 +47,13 @@ def test_each_turn_is_a_bar_in_the_colour_of_its_person_and_says_why(log):
     ]
     assert bars[3].get_hatch()
     said = [text.get_text() for text in ax.texts]
-    assert said == ["person 1: chosen", "person 2: the one before left", "nobody", "thinking"]
-
-
-def test_words_that_have_no_room_are_shorter_or_left_out(log):
-    ax = drawn(lambda ax, log: draw_turns(ax, log, 0.0, 1.0, letters=30), log)
-    assert [text.get_text() for text in ax.texts] == ["person 1", "2"]
-
-
-def test_no_two_of_six_people_share_a_colour():
-    assert len({person_colour(number) for number in range(1, 7)}) == 6
+    assert said == ["person 1: chosen", "person 2: the one before left", "no person", "thinking"]
 
 
 def test_runs_with_the_same_turns_are_alike(log):
     other = replace(log, attended_time_s=log.attended_time_s + np.array([0.0, 0.1, 0.0]))
     assert are_alike({"a": log, "b": replace(log, attended_time_s=log.attended_time_s + 1e-6)})
     assert not are_alike({"a": log, "b": other})
-
-
-def test_the_title_of_many_recordings_names_the_first(log):
-    def title(name):
-        return recording_title({"mpc": replace(log, run=log.run.model_copy(update={"recording": name}))})
-
-    assert title("subject03_R4+subject05_R1").startswith("subject03_R4+subject05_R1,")
-    assert title("+".join(f"subject{k:02d}_R4" for k in range(1, 9))).startswith("subject01_R4 and 7 more,")
-
-
-def test_the_overview_has_one_time_line_or_one_a_run(log, tmp_path, monkeypatch):
-    rows = []
-    monkeypatch.setattr(overview_module, "draw_turns", lambda ax, log, at, *_: rows.append(at))
-    overview({"reactive": log, "mpc": log}, tmp_path / "alike.png")
-    assert rows == [0.0]
-    later = replace(log, attended_time_s=log.attended_time_s + 0.2)
-    overview({"reactive": log, "mpc": later}, tmp_path / "unlike.png")
-    assert rows == [0.0, 0.0, 1.0]
-    assert "the person it attends to" in question({"mpc": log})
-
-
-def test_one_person_all_the_time_has_no_time_line(tmp_path):
-    plain = attention_log(error_in(3.0, 15.0, (1.0, 3.0)))
-    assert not has_attention({"mpc": plain})
-    [turn] = turns(plain)
-    assert (turn.from_s, turn.to_s, turn.number) == (0.0, 3.0, 1)
-    assert "a walking person" in question({"mpc": plain})
-
-
-def test_paths_of_two_people_are_not_joined(log):
-    ax = drawn(lambda ax, log: draw_birds_eye(ax, {"mpc": log}, detailed=False), log)
-    bands = {line.get_label(): line for line in ax.lines if line.get_label().startswith("person")}
-    assert set(bands) == {"person 1", "person 2"}
-    assert set(bands["person 2"].get_xdata()) == {1.0}
-    path = next(line for line in ax.lines if line.get_label() == "true head")
-    left_m = np.asarray(path.get_xdata())
-    assert not np.any(np.abs(np.diff(left_m)) > 0.5)
-
-
-def test_contact_that_is_not_due_is_grey(log):
-    ax = drawn(lambda ax, log: draw_gaze_error(ax, {"mpc": log}, detailed=False), log)
-    grey = [patch for patch in ax.patches if colors.to_hex(patch.get_facecolor()) == colors.to_hex("0.92")]
-    assert [(p.get_x(), p.get_x() + p.get_width()) for p in grey] == [(0.0, 1.0), pytest.approx((5.0, 6.5), abs=0.006)]
 
 
 def test_the_animations_last_share_is_the_metric(log):
@@ -137,12 +80,12 @@ def test_the_report_says_whom_the_gaze_was_for(log):
         (pytest.approx(5.0, abs=0.006), pytest.approx(6.5, abs=0.006), "looks away"),
         (0.5, 4.0, "person 1: chosen"),
         (4.0, 8.0, "person 2: the one before left"),
-        (8.0, 10.0, "nobody"),
+        (8.0, 10.0, "no person"),
     ]
     assert dict(metrics.rows)["switches a minute"] == "6"
     assert line.rows == (
         ("0.50", "4.00", "person 1: chosen"),
         ("4.00", "8.00", "person 2: the one before left"),
         ("5.00", "6.50", "looks away: thinking"),
-        ("8.00", "10.00", "nobody"),
+        ("8.00", "10.00", "no person"),
     )

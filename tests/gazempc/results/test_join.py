@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import gazempc as gz
-from gazempc.results.join import join_logs, merge_faults
-from gazempc.results.log import Fault
+from gazempc.results.log import Fault, join_logs, merge_faults
 
 ROWS = {
     "time_s": ("time_s", "head_true", "joint_", "command_"),
@@ -42,11 +41,6 @@ def test_the_parts_of_a_log_join_to_the_log():
             np.testing.assert_array_equal(getattr(joined, field.name), getattr(whole, field.name), err_msg=field.name)
     assert joined.run == whole.run
     assert gz.measure(joined).as_dict() == pytest.approx(gz.measure(whole).as_dict(), nan_ok=True)
-
-
-def test_nothing_cannot_be_joined():
-    with pytest.raises(ValueError, match="at least one log"):
-        join_logs([])
 
 
 def test_of_each_event_the_first_exception_and_all_that_came():

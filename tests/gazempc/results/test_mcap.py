@@ -3,21 +3,19 @@
 import dataclasses
 import json
 import math
-import sys
 
 import numpy as np
 import pytest
 from builders.bags import face_rows, write_bag
-from builders.mcap import column, decoded, entities, messages, numbers, placed
+from builders.mcap import column, decoded, entities, numbers, placed
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 import gazempc as gz
-from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray, head_angles_rad
-from gazempc.results.log import Fault, Log
-from gazempc.results.mcap_file import write_mcap
+from gazempc.results.log import Log
+from gazempc.results.mcap import write_mcap
 from gazempc.results.mcap_read import has_log
 from gazempc.results.metrics import gaze_error_deg, measure
 from gazempc.run import main as run_main
@@ -95,25 +93,6 @@ def test_metrics_are_the_errors_of_the_gaze(log, path):
     assert np.isnan(column(path, "/metrics", "late_ms")).all()
 
 
-@pytest.mark.parametrize("topic", ["/joints", "/commands"])
-def test_joints_and_commands_have_their_names_and_values(log, path, topic):
-    found = decoded(path, topic)
-    assert len(found) == pytest.approx(log.time_s.size / every(log), abs=1)
-    of = dict(zip(nanoseconds(log.time_s), range(log.time_s.size), strict=True))
-    rows = [of[at] for at, _ in found]
-    if topic == "/joints":
-        wanted = {"position": log.joint_position_rad, "velocity": log.joint_velocity_rad_s}
-    else:
-        wanted = {
-            "position": log.command_position_rad,
-            "velocity": log.command_velocity_rad_s,
-            "acceleration": log.command_acceleration_rad_s2,
-        }
-    assert {tuple(j.name for j in m.joints) for _, m in found} == {log.neck.joint_names}
-    for name, values in wanted.items():
-        np.testing.assert_array_equal([[getattr(j, name) for j in m.joints] for _, m in found], values[rows])
-
-
 def test_frames_lead_from_the_base_to_the_eye(log, path):
     """The chain of transforms is the kinematics of the neck, with its eyes and its body."""
     of = dict(zip(nanoseconds(log.time_s), log.joint_position_rad, strict=True))
@@ -124,11 +103,6 @@ def test_frames_lead_from_the_base_to_the_eye(log, path):
         eye_m, direction = gaze_ray(log.neck.geometry, of[at])
         np.testing.assert_allclose(position_m, eye_m, atol=1e-12)
         np.testing.assert_allclose(turn.apply([1.0, 0.0, 0.0]), direction, atol=1e-12)
-
-
-def test_the_person_stands_where_it_was_observed(log, path):
-    sent = [m.transforms for _, m in decoded(path, "/tf") if m.transforms[-1].child_frame_id == "person"]
-    np.testing.assert_array_equal([placed(frames, "person")[0] for frames in sent], log.head_observed_base_m)
 
 
 def test_the_camera_stands_where_it_is_mounted(log, tmp_path):
@@ -163,33 +137,6 @@ def test_what_is_drawn_is_what_was_seen_and_forecast(log, path):
     np.testing.assert_allclose(direction / 4.0, directions[30 * every(log)], atol=1e-9)
 
 
-def test_events_are_log_messages(log, tmp_path):
-    event = log.event_name.tolist()[0]
-    survived = dataclasses.replace(log, faults=(Fault(event, 3, "ValueError: no", "..."),))
-    write_mcap(survived, tmp_path / "e.mcap")
-    sent = decoded(tmp_path / "e.mcap", "/events")
-    assert [(at, m.name) for at, m in sent] == list(zip(nanoseconds(log.event_time_s), log.event_name, strict=True))
-    assert sent[0][1].message == f"{event} (3 x): ValueError: no"
-
-
-def test_who_is_looked_at_is_a_channel(log, tmp_path):
-    changed_s = np.array([0.0, log.time_s[100]])
-    who = {"attended_person": np.array([2, 0]), "attended_why": np.array(["nearest", "left"])}
-    write_mcap(dataclasses.replace(log, attended_time_s=changed_s, **who), tmp_path / "a.mcap")
-    assert numbers(tmp_path / "a.mcap", "/attended") == [
-        (0, {"person": 2, "why": "nearest"}),
-        (nanoseconds(changed_s)[1], {"person": 0, "why": "left"}),
-    ]
-
-
-def test_fields_are_named_before_the_first_message(path):
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    channel = next(c for c in summary.channels.values() if c.topic == "/metrics")
-    schema = json.loads(summary.schemas[channel.schema_id].data)
-    assert set(schema["properties"]) == set(json.loads(messages(path, "/metrics")[0][1]))
-
-
 def test_a_replay_writes_its_plans(tmp_path, capsys):
     words = ["--replay", "subject03_R1", "--controllers", "reactive", "lookahead", "--predictor", "constant_velocity"]
     words += ["--noise-seeds", "1", "--log", "mcap", "--no-figures", "--out", str(tmp_path)]
@@ -213,31 +160,3 @@ def test_a_log_and_a_bag_are_told_apart(path, tmp_path):
     (file,) = bag.glob("*.mcap")
     assert not has_log(file)
     assert not has_log(tmp_path / "none.mcap")
-
-
-def test_it_is_measured_again_to_the_last_digit(log, path, tmp_path, capsys):
-    assert run_main(["--replay", str(path), "--out", str(tmp_path / "again"), "--no-figures"]) == 0
-    capsys.readouterr()
-    (row,) = json.loads((tmp_path / "again" / "summary.json").read_text())["rows"]
-    for name, value in measure(log).as_dict().items():
-        assert row[name] == value or (row[name] is None and not math.isfinite(value)), name
-
-
-def test_what_is_no_log_is_refused_by_name(tmp_path):
-    import foxglove
-
-    foxglove.open_mcap(tmp_path / "other.mcap", context=foxglove.Context()).close()
-    with pytest.raises(SettingsError, match=r"other\.mcap: no log of gazempc"):
-        gz.load_log(tmp_path / "other.mcap")
-    (tmp_path / "cut.mcap").write_bytes((tmp_path / "other.mcap").read_bytes()[:30])
-    with pytest.raises(SettingsError, match=r"cut\.mcap: not an MCAP file"):
-        gz.load_log(tmp_path / "cut.mcap")
-
-
-@pytest.mark.parametrize("package", ["foxglove", "mcap.reader"])
-def test_a_missing_package_names_its_extra(log, path, tmp_path, monkeypatch, package):
-    monkeypatch.setitem(sys.modules, package, None)
-    for name in ("channels", "writer"):
-        monkeypatch.delitem(sys.modules, f"gazempc.results.mcap_{name}", raising=False)
-    with pytest.raises(SettingsError, match=r"gazempc\[view\]"):
-        write_mcap(log, tmp_path / "x.mcap") if package == "foxglove" else gz.load_log(path)

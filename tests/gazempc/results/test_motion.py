@@ -9,10 +9,9 @@ from builders.replays import replayed
 
 from gazempc.neck.spec import load_neck
 from gazempc.results.metrics import measure
-from gazempc.results.motion import derivative, eye_eccentricity_deg, readings
+from gazempc.results.motion import derivative
 
 REFERENCE, EYES = load_neck("reference"), load_neck("reference_eyes")
-BODY = load_neck("reachy_mini_body")
 PERIOD_S = REFERENCE.servo_period_s
 LENGTH_S, AMPLITUDE_RAD, SPEED_RAD_S = 6.0, 0.4, 3.0
 EVEN_S = np.arange(0.0, LENGTH_S, PERIOD_S)
@@ -94,12 +93,6 @@ def test_a_robot_that_reports_less_often_than_it_is_asked_or_not_at_all_for_a_wh
     assert found.ldlj == pytest.approx(measure(pan_swings(replay, EVEN_S, EVEN_S)).ldlj, rel=0.02)
 
 
-def test_readings_are_new_ones_half_a_period_apart(replay):
-    read_s = np.array([0.0, 0.0, 0.001, 0.0026, np.nan, 0.002, 0.0100])
-    log = pan_swings(replay, PERIOD_S * np.arange(7), read_s)
-    assert readings(log).tick.tolist() == [0, 3, 6]
-
-
 def test_derivatives_are_exact_for_polynomials_at_any_times():
     time_s = np.array([0.0, 0.1, 0.15, 0.4, 1.0])
     cubic = np.stack([2.0 * time_s**3, time_s**2], axis=1)
@@ -118,17 +111,3 @@ def test_head_and_eyes_are_apart(replay):
     assert found.rms_acceleration_rad_s2 == pytest.approx(np.sqrt(2.0) * head, rel=0.02)
     aside_deg = np.degrees(np.arccos(np.cos(head_rad[scored]) * np.cos(0.1)))
     assert found.eye_eccentricity_p95_deg == pytest.approx(np.quantile(aside_deg, 0.95), rel=1e-9)
-
-
-def test_a_head_on_a_body_moves_with_it(replay):
-    turning = np.stack([0.0 * EVEN_S, 0.0 * EVEN_S, swing_rad(EVEN_S)], axis=1)
-    still = np.stack([-swing_rad(EVEN_S), 0.0 * EVEN_S, swing_rad(EVEN_S)], axis=1)
-    assert measure(moved(replay, BODY, turning, EVEN_S)).head_rms_acceleration_rad_s2 > 1.0
-    assert measure(moved(replay, BODY, still, EVEN_S)).head_rms_acceleration_rad_s2 < 1e-6
-    assert np.isnan(eye_eccentricity_deg(moved(replay, BODY, still, EVEN_S))).all()
-
-
-def test_a_head_without_eyes_has_the_acceleration_of_the_neck(replay):
-    found = measure(replay)
-    assert found.head_rms_acceleration_rad_s2 == found.rms_acceleration_rad_s2
-    assert np.isnan(found.eye_eccentricity_p95_deg)

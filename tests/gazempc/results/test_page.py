@@ -1,6 +1,5 @@
 """The report: it says what the metrics say, needs no other file, and shows what a stranger wrote as text."""
 
-import base64
 import io
 import json
 import re
@@ -18,12 +17,10 @@ from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.results.log import Fault
 from gazempc.results.metrics import gaze_error_deg
-from gazempc.results.page.chart import Chart, Curve
-from gazempc.results.page.content import Page, PageTable, Unusual
-from gazempc.results.page.log_charts import error_chart
-from gazempc.results.page.run_page import captions, run_page
-from gazempc.results.page.write import MAX_PAGE_BYTES, embed, write_page
-from gazempc.results.repeats import measured_again
+from gazempc.results.page.content import Chart, Curve, Page, PageTable, Unusual
+from gazempc.results.page.run_page import run_page
+from gazempc.results.page.write import MAX_PAGE_BYTES, write_page
+from gazempc.results.table import measured_again
 
 EVIL = '</script><script>throw 1</script><img src="https://outside.example/x.png" onerror="throw 2">\'"&'
 
@@ -141,49 +138,10 @@ def test_a_page_stays_small_whatever_it_is_given(tmp_path):
     assert soup.find(id="pictures").figcaption.text == "an animation: too large for this page, see the file large.gif"
 
 
-def test_a_picture_without_a_caption_comes_last_with_its_name(tmp_path):
-    own, known = tmp_path / "my_own_figure.png", tmp_path / "angles.png"
-    about = captions([own, known])
-    assert list(about) == [known, own]
-    assert about[own] == "my own figure"
-
-
-def test_pictures_are_embedded_as_far_as_there_is_room(tmp_path):
-    shades = np.random.default_rng(0).choice([0, 90, 255], (100, 100, 3)).astype(np.uint8)
-    paths = [tmp_path / f"{k}.png" for k in range(3)]
-    for path in paths:
-        Image.fromarray(shades).save(path, compress_level=0)
-    one = len(embed(paths[:1], 10**6)[0].uri)
-    assert [len(p.uri) for p in embed(paths, 10**6)] == [one] * 3
-    for picture, path in zip(embed(paths, 10**6), paths, strict=True):
-        assert base64.b64decode(picture.uri.partition(",")[2]) == path.read_bytes()
-        assert (picture.width, picture.height) == (100, 100)
-    # Twenty-seven colours fit into a palette, and all three pictures then into the room.
-    smaller = embed(paths, 2 * one)
-    assert all(0 < len(p.uri) < one / 2 for p in smaller)
-    with Image.open(io.BytesIO(base64.b64decode(smaller[0].uri.partition(",")[2]))) as image:
-        assert np.array_equal(np.asarray(image.convert("RGB")), shades)
-    assert [bool(p.uri) for p in embed(paths, len(smaller[0].uri) * 3 // 2)] == [True, False, False]
-
-
 def gif(width, height):
     out = io.BytesIO()
     Image.new("P", (width, height)).save(out, "GIF")
     return out.getvalue()
-
-
-def test_where_nothing_could_be_scored_the_page_says_so(tmp_path):
-    nothing = {"tables": (PageTable("t", ("a", "b"), ()),), "charts": (Chart("c", "x", "y", ()),), "answer": ()}
-    _, soup = written(plain_page(**nothing, setup={"sensors": ""}), tmp_path)
-    assert soup.find(class_="answer").text == "Nothing could be scored; the reasons stand below."
-    assert soup.find_all(["table", "figure", "dt"]) == []
-
-
-def test_gaps_and_single_points_stay_what_they_are(logs):
-    log = logs["reactive"]
-    heads = np.where((np.arange(log.time_s.size) % 7 == 0)[:, None], log.head_true_base_m, np.nan)
-    (curve,) = error_chart({"reactive": replace(log, head_true_base_m=heads)}).as_dict()["curves"]
-    assert [value is not None for value in curve["ys"]] == [k % 7 == 0 for k in range(log.time_s.size)]
 
 
 @pytest.mark.slow

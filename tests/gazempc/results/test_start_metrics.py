@@ -79,12 +79,6 @@ def test_a_planned_look_away_does_not_lose_contact(template):
     assert measure(dataclasses.replace(log, **away)).time_from_start_to_contact_s == 0.0
 
 
-def test_without_a_start_there_is_no_time(template):
-    t, _ = starter()
-    for y_m in (np.zeros(t.size), 1.0 * t - 4.0):
-        assert np.isnan(measure(gazing(template, np.zeros(t.size), y_m=y_m)).time_from_start_to_contact_s)
-
-
 def standing(template, off_m, seconds=12.0, y_m=0.0, rate_hz=30.0):
     """A run whose forecasts for 0.5 s lie aside of the observed head, by `off_m` of the capture times."""
     log = gazing(template, np.zeros(round(seconds / TICK_S)), y_m=y_m)
@@ -126,13 +120,3 @@ def test_false_starts_are_episodes_a_minute(template, episodes, size_m, count):
 
     minutes = (12.0 - 1 / 30) / 60.0
     assert measure(standing(template, off_m)).false_starts_per_min == pytest.approx(count / minutes)
-
-
-def test_one_who_leaves_the_spot_has_no_false_starts(template):
-    walking = 0.4 * TICK_S * np.arange(2400)
-    assert np.isnan(measure(standing(template, lambda t: np.zeros((t.size, 3)), y_m=walking)).false_starts_per_min)
-
-
-def test_forecasts_that_are_missing_are_no_false_starts(template):
-    log = standing(template, lambda t: np.full((t.size, 3), np.nan))
-    assert measure(log).false_starts_per_min == 0.0

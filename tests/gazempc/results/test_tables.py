@@ -1,7 +1,5 @@
 """A log as tables: every value is that of the log."""
 
-import csv
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -37,12 +35,6 @@ def test_tables_are_read_back_to_the_last_bit(log, tmp_path, to):
         assert list(again) == list(frame)
         for name in frame.select_dtypes("number"):
             np.testing.assert_array_equal(again[name], frame[name])
-
-
-def test_a_value_that_is_not_known_is_an_empty_cell(log, tmp_path):
-    (_, _, forecasts, _) = export(log, "csv", tmp_path / "run")
-    last = list(csv.DictReader(forecasts.read_text().splitlines()))[-1]
-    assert last["head_true_x_base_m"] == ""  # one second after the last frame
 
 
 def test_the_command_writes_beside_the_log(log, tmp_path, capsys):

@@ -12,12 +12,12 @@ from builders.replays import replayed
 from scipy import signal
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError
-from gazempc.identify.command import main as identify
+from gazempc.identify.identify import main as identify
 from gazempc.live.session import main as live
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, load_neck
-from gazempc.results.limits import limit_violations
 from gazempc.results.metrics import measure
+from gazempc.results.motion import limit_violations
 from gazempc.robots import mujoco_model
 from gazempc.robots.mujoco import MujocoNeck
 from gazempc.sim.simulated import SimulatedNeck

@@ -8,8 +8,8 @@ from builders.standing import standing_together
 
 from gazempc.errors import SettingsError
 from gazempc.people import people
-from gazempc.recordings.together import load_together
-from gazempc.results.limits import limit_violations
+from gazempc.recordings.load import load_together
+from gazempc.results.motion import limit_violations
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.sim.sensing.tables import FieldOfView

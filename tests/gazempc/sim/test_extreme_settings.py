@@ -8,8 +8,8 @@ from pydantic import ValidationError
 
 from gazempc.controllers.mpc import qp
 from gazempc.neck.spec import NeckSpec, load_neck
-from gazempc.results.limits import limit_violations
 from gazempc.results.metrics import measure
+from gazempc.results.motion import limit_violations
 from gazempc.sim.replay import ReplaySettings
 
 LARGEST = {"velocity_max_rad_s": 1e3, "acceleration_max_rad_s2": 1e6, "jerk_max_rad_s3": 1e9}

@@ -1,4 +1,4 @@
-"""What the columns of a table mean: a mapping, from text on the command line or from a TOML file."""
+"""Meaning of the columns of a table: a mapping, from text on the command line or from a TOML file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OPENING, _CLOSING = "[(", "])"
 class ColumnMapping(BaseModel):
     """Which columns are time, head, pelvis and person; each value is columns and, after a colon, their unit or order.
 
-    What is None is not in the table. See the page *Tables as exported* for the values.
+    None: not in the table. See the page *Tables as exported* for the values.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -43,10 +43,10 @@ class ColumnMapping(BaseModel):
     pelvis_left: str | None = Field(default=None, description="Points whose difference is to its left")
     pelvis_axes: str | None = Field(default=None, description="Its own axes, where they differ from the frame's")
     axes: str | None = Field(default=None, description="Axes of the table's frame; without it z up")
-    frame_id: str | None = Field(default=None, description="Column of the ROS frame, which says if it is optical")
-    person: str | None = Field(default=None, description="Column that says whose row it is")
+    frame_id: str | None = Field(default=None, description="Column of the ROS frame, whose name shows optical axes")
+    person: str | None = Field(default=None, description="Column of the person's id")
     origin: Literal["sensor", "floor", "hips"] | None = Field(
-        default=None, description="What the frame's origin is: the robot's sensor, a point of the floor, or the hips"
+        default=None, description="Origin of the frame: the robot's sensor, a point of the floor, or the hips"
     )
 
     kind: Literal["motion capture", "tracked"] | None = Field(
@@ -78,13 +78,13 @@ class ShippedMapping(ColumnMapping):
     A value may name alternatives, ``a|b``: the first that the table has is taken.
 
     Attributes:
-        source: What writes such tables, and where its columns are described.
+        source: Program that writes such tables, and where its columns are described.
         layout: Layouts of the table.
         columns: How many columns it has, where it has no header.
         integers: Numbers of the columns that hold whole numbers, likewise.
         words: Numbers of the columns that hold text, likewise.
         needs: Keys without which a table is another one, besides `t`, `head` and `person`.
-        note: What people must know of it; shown with the results.
+        note: Shown with the results.
     """
 
     source: str

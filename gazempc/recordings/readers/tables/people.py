@@ -1,4 +1,4 @@
-"""Several people in one table: told apart by an id column, or by names in the header."""
+"""Several people in one table, by an id column or by names in the header; the package's own columns."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections import Counter
 
 import numpy as np
 
-from gazempc.errors import RecordingError, SettingsError, suggest
-from gazempc.recordings.readers.tables.columns import split_options
+from gazempc.errors import RecordingError, SettingsError, shown, suggest
+from gazempc.recordings.readers.tables.mapping import ColumnMapping
 from gazempc.recordings.readers.tables.raw_table import RawTable
-from gazempc.recordings.readers.tables.values import LENGTHS_M, POSITION
+from gazempc.recordings.readers.tables.values import LENGTHS_M, POSITION, split_options
 from gazempc.types import BoolArray
 
 PERSON = "{person}"
@@ -23,7 +23,7 @@ _COLUMN = re.compile(
 
 
 def person_column(table: RawTable) -> str | None:
-    """A column whose few values come back in many rows, and whose name says who."""
+    """A column of ids: few values in many rows, and a name for people."""
     for name in table.names:
         if name and _COLUMN.fullmatch(name):
             values = table.texts(name)
@@ -64,14 +64,14 @@ def choose_from_header(table: RawTable, names: list[str], wanted: str | None) ->
     Args:
         table: The table.
         names: Who has columns.
-        wanted: What the user said, or None.
+        wanted: The user's choice, or None.
 
     Returns:
         The name, and a note if there are others.
 
     Raises:
         SettingsError: If the wanted one is not there.
-        RecordingError: If there are several, and nothing tells which is a person's head.
+        RecordingError: If there are several heads.
     """
     if wanted is not None:
         found = [name for name in names if name.casefold() == wanted.casefold()]
@@ -101,7 +101,7 @@ def rows_of_person(
         table: The table.
         column: Column with the people's ids.
         known: Rows in which a head is seen, shape (N,).
-        wanted: Whom the user wants, or None for the person with most rows.
+        wanted: The user's choice, or None for the person with most rows.
 
     Returns:
         Rows, shape (N,); the id; and a note if there are others.
@@ -134,3 +134,37 @@ def _plain(text: str) -> str:
         return str(int(number)) if number.is_integer() else text.strip()
     except (ValueError, OverflowError):
         return text.strip()
+
+
+NEEDED = ("t", "head_x", "head_y", "head_z")
+# Each of these is there with all of its columns, or not at all.
+_OPTIONAL = {
+    "head_q{w,x,y,z}": tuple(f"head_q{part}" for part in "wxyz"),
+    "pelvis_{x,y,z}": tuple(f"pelvis_{axis}" for axis in "xyz"),
+    "pelvis_q{w,x,y,z}": tuple(f"pelvis_q{part}" for part in "wxyz"),
+}
+COLUMNS = (*NEEDED, *(name for names in _OPTIONAL.values() for name in names))
+
+
+def own_mapping(table: RawTable) -> ColumnMapping:
+    """Mapping of the package's own columns.
+
+    Raises:
+        RecordingError: If an optional part is there in part.
+    """
+    begun = [names for names in _OPTIONAL.values() if any(name in table.names for name in names)]
+    missing = [name for names in begun for name in names if name not in table.names]
+    if missing:
+        raise RecordingError(
+            table.path,
+            "header",
+            f"missing column(s) {', '.join(missing)}; found {shown(', '.join(table.names), 200)}",
+            f"the columns {', '.join(NEEDED)}, and with all of its columns or none, each of {', '.join(_OPTIONAL)}",
+        )
+    person = person_column(table)
+    several = person is not None and len(set(table.texts(person))) > 1
+    keys = {"head_q{w,x,y,z}": "head_q", "pelvis_{x,y,z}": "pelvis", "pelvis_q{w,x,y,z}": "pelvis_q"}
+    optional = {keys[part]: keys[part] for part, names in _OPTIONAL.items() if names in begun}
+    return ColumnMapping.model_validate(
+        {"t": "t:s", "head": "head:m"} | optional | ({"person": person} if several else {})
+    )

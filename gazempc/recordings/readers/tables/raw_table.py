@@ -1,4 +1,4 @@
-"""A table as a file has it: named columns of text or numbers, not yet understood."""
+"""A table as a file has it: named columns of text or numbers; rows of single landmarks put together, a row a frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gazempc.types import FloatArray
 
 Layout = Literal["plain", "no header", "motive", "vicon", "mvnx", "openpose"]
 
-# What programs write where they have no value.
+# Written by programs for a missing value.
 _MISSING = {"", "nan", "na", "n/a", "none", "null", "-", "--", "?"}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
 # Units as they stand in headers, by the name that mappings use.
@@ -44,24 +44,25 @@ class RawTable:
         layout: How the file is laid out.
         names: Names of the columns, in the order of the file; their numbers from 1 where it has no header.
         columns: For each name in `names` its cells, of N rows each, as text or as numbers.
-        places: For each row, words that find it in the file, such as ``row 17``.
-        units: Units of columns, by name, where the file says them.
-        rate_hz: Frames a second, where the file says them.
-        notes: What was noticed while reading.
+        places: For each row its place in the file: the line, or words such as ``frame 17``.
+        units: Units of columns, by name, where the file states them.
+        rate_hz: Frames a second, where the file states them.
+        notes: Remarks of the reader.
     """
 
     path: Path
     layout: Layout
     names: tuple[str, ...]
     columns: Sequence[Sequence[str] | FloatArray]
-    places: Sequence[str]
+    places: Sequence[int | str]
     units: Mapping[str, str] = field(default_factory=dict)
     rate_hz: float | None = None
     notes: tuple[str, ...] = ()
 
     def place(self, index: int) -> str:
-        """Words for a row."""
-        return self.places[index]
+        """Place of a row in the file, such as ``row 17``."""
+        place = self.places[index]
+        return place if isinstance(place, str) else f"row {place}"
 
     def first(self, count: int) -> RawTable:
         """The first rows."""
@@ -92,7 +93,7 @@ class RawTable:
         return np.array([self._number(name, row, cell) for row, cell in enumerate(cells)], dtype=np.float64)
 
     def unit(self, name: str) -> str | None:
-        """Unit of a column: the file's, or the one in its name; None where nothing says it."""
+        """Unit of a column: the file's, or the one in its name; None where neither has one."""
         return self.units.get(name) or split_unit(name)[1]
 
     def _column(self, name: str) -> Sequence[str] | FloatArray:
@@ -109,7 +110,7 @@ class RawTable:
             if _DECIMAL_COMMA.fullmatch(cell):
                 return float(cell.replace(",", "."))
         raise RecordingError(
-            self.path, f"{self.places[row]}, column {name}", f"{shown(cell)} is not a number", "a number"
+            self.path, f"{self.place(row)}, column {name}", f"{shown(cell)} is not a number", "a number"
         )
 
 
@@ -141,3 +142,54 @@ def split_unit(name: str) -> tuple[str, str | None]:
         if found and found["unit"].lower() in UNIT_WORDS and found["stem"]:
             return found["stem"], UNIT_WORDS[found["unit"].lower()]
     return name, None
+
+
+_LANDMARK = re.compile(
+    r"(landmark|joint|key_?point|body_?part|marker|bone|segment)(_?(id|name|index|no|nr|number))?", re.I
+)
+_AXIS = re.compile(r"(?P<kind>pos|position)?[._ ]?(?P<axis>[xyz])", re.I)
+# Of one landmark only: what else stands in a row, such as a time, is the frame's.
+_OF_LANDMARK = re.compile(r"(visibility|presence|confidence|score|likelihood|type)", re.I)
+
+
+def wide(table: RawTable) -> RawTable:
+    """A table with columns ``NOSE_x``, ``NOSE_y`` and so on, a row a frame.
+
+    Args:
+        table: A table; one without a column of landmarks, and x, y, z beside it, is returned as it is.
+
+    Returns:
+        The table; a landmark without a row in a frame has blank cells there.
+    """
+    named = [name for name in table.names if _LANDMARK.fullmatch(name)]
+    axes = {m["axis"].lower(): name for name in table.names if (m := _AXIS.fullmatch(split_unit(name)[0]))}
+    if not named or set(axes) != {"x", "y", "z"}:
+        return table
+    label, places = named[0], table.texts(named[0])
+    about_frame = [
+        n for n in table.names if n not in named and n not in axes.values() and not _OF_LANDMARK.fullmatch(n)
+    ]
+    whose = list(zip(*(table.texts(name) for name in about_frame), strict=True)) or [()] * len(places)
+    # A frame's rows follow each other; without a time or a number, a frame ends where the next one begins.
+    rows: dict[tuple[str, ...], int] = {}
+    for frame in whose:
+        rows.setdefault(frame, len(rows))
+    landmarks = list(dict.fromkeys(places))
+    prefix = "" if not all(mark.isdigit() for mark in landmarks) else f"{label.partition('_')[0].lower()}_"
+    found = {name: [""] * len(rows) for mark in landmarks for name in (f"{prefix}{mark}_{axis}" for axis in "xyz")}
+    cells = {axis: table.texts(name) for axis, name in axes.items()}
+    first = [0] * len(rows)
+    for index in range(len(places) - 1, -1, -1):
+        row = rows[whose[index]]
+        first[row] = index
+        for axis in "xyz":
+            found[f"{prefix}{places[index]}_{axis}"][row] = cells[axis][index]
+    unit = table.unit(axes["x"])
+    return replace(
+        table,
+        names=(*about_frame, *found),
+        columns=[*([frame[k] for frame in rows] for k in range(len(about_frame))), *found.values()],
+        places=[table.places[index] for index in first],
+        units={**table.units, **(dict.fromkeys(found, unit) if unit else {})},
+        notes=(*table.notes, f"rows of {len(landmarks)} landmarks are put together, a row a frame"),
+    )

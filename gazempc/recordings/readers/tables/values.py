@@ -1,20 +1,114 @@
-"""Reads points, angles and quaternions from the columns that a mapping names."""
+"""Values of a mapping from the columns of a table: points, directions, times."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from datetime import UTC, datetime
 
 import numpy as np
 
-from gazempc.errors import RecordingError
+from gazempc.errors import RecordingError, shown, suggest
 from gazempc.recordings.readers.checks import MAX_MAGNITUDE
-from gazempc.recordings.readers.tables.columns import Columns, listed, split_options
+from gazempc.recordings.readers.tables.raw_table import RawTable, split_unit
 from gazempc.types import FloatArray
+
+# Between a group's name and the letter of a column.
+_JOINTS = ("", ".", "_", " ", "/", "-", ":", "__")
+_NUMBER = re.compile(r"#(\d+)")
+
+
+class Columns:
+    """Finds columns of one table, for one person of those whose names are in its header.
+
+    Args:
+        table: The table.
+        person: Replaces ``{person}`` in a mapping.
+    """
+
+    def __init__(self, table: RawTable, person: str = "") -> None:
+        self.table = table
+        self._person = person
+        self._by_name: dict[str, str] = {}
+        for name in reversed(table.names):
+            self._by_name[split_unit(name)[0].casefold()] = name
+        self._by_name |= {name.casefold(): name for name in reversed(table.names)}
+
+    def one(self, text: str) -> str:
+        """Name of the column that a value names.
+
+        Raises:
+            RecordingError: If there is none.
+        """
+        wanted = self._filled(text)
+        number = _NUMBER.fullmatch(wanted)
+        if number and 0 < int(number[1]) <= len(self.table.names):
+            return self.table.names[int(number[1]) - 1]
+        found = wanted if wanted in self.table.names else self._by_name.get(wanted.casefold())
+        if found is None:
+            raise self.missing(f"column {wanted!r}", wanted)
+        return found
+
+    def has(self, text: str) -> bool:
+        """Whether there is such a column."""
+        wanted = self._filled(text)
+        return wanted in self.table.names or wanted.casefold() in self._by_name
+
+    def group(self, text: str, alphabets: Sequence[Sequence[str]]) -> list[str] | None:
+        """Columns of a group such as ``head`` for ``head_x``, ``head_y``, ``head_z``; None if they are not there."""
+        base = self._filled(text).casefold()
+        for letters in alphabets:
+            for joint in _JOINTS:
+                for wanted in ([f"{base}{joint}{c}" for c in letters], [f"{c}{joint}{base}" for c in letters]):
+                    if all(name in self._by_name for name in wanted):
+                        return [self._by_name[name] for name in wanted]
+        return None
+
+    def missing(self, what: str, wanted: str = "") -> RecordingError:
+        """The error that columns are not there."""
+        near = suggest(wanted, self.table.names).partition(";")[0] if wanted else ""
+        hint = f" ({near})" if near.startswith("perhaps") else ""
+        return RecordingError(
+            self.table.path,
+            "header",
+            f"no {what}{hint}; found {shown(', '.join(self.table.names), 200)}",
+            "columns of the file, as its header or, without one, their numbers name them",
+        )
+
+    def _filled(self, text: str) -> str:
+        return text.replace("{person}:", f"{self._person}:" if self._person else "").replace("{person}", self._person)
+
+
+def split_options(text: str, known: Sequence[str]) -> tuple[str, list[str]]:
+    """Take units and orders off the end of a value.
+
+    Args:
+        text: Such as ``pose.position:mm``.
+        known: Words that may stand there.
+
+    Returns:
+        The rest, and the words.
+    """
+    words: list[str] = []
+    while ":" in text:
+        rest, _, word = text.rpartition(":")
+        if word.strip() not in known:
+            break
+        words.insert(0, word.strip())
+        text = rest
+    return text.strip(), words
+
+
+def listed(text: str) -> list[str] | None:
+    """Elements of ``[a, b, c]``; None if the text is no list."""
+    if text[:1] in "[(" and text[-1:] in "])":
+        return [part.strip() for part in text[1:-1].split(",")]
+    return None
+
 
 LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 ANGLES_RAD = {"rad": 1.0, "deg": np.pi / 180.0}
-# Letters that tell the columns of a group.
+# Letters of the columns of a group.
 POSITION = (("x", "y", "z"), ("0", "1", "2"))
 QUATERNION = (("w", "x", "y", "z"), ("0", "1", "2", "3"))
 EULER = (("roll", "pitch", "yaw"), ("x", "y", "z"))
@@ -27,11 +121,11 @@ def vector(columns: Columns, text: str, alphabets: Sequence[Sequence[str]], what
     Args:
         columns: Columns of the table.
         text: A group's name, or a list of columns and constants such as ``=1.6``.
-        alphabets: Letters that tell the columns of a group.
-        what: What they are, for messages.
+        alphabets: Letters of the columns of a group.
+        what: Their name in messages.
 
     Returns:
-        Shape (N, C), and the unit that the table says, or None.
+        Shape (N, C), and the unit in the table, or None.
 
     Raises:
         RecordingError: If a column is missing or holds no numbers, or the list has another length.
@@ -104,10 +198,10 @@ def points(columns: Columns, text: str, what: str) -> tuple[list[tuple[float, Fl
     Args:
         columns: Columns of the table.
         text: The value without its unit.
-        what: What they are, for messages.
+        what: Their name in messages.
 
     Returns:
-        Sign and positions of shape (N, 3) of each, and the unit that the table says, or None.
+        Sign and positions of shape (N, 3) of each, and the unit in the table, or None.
     """
     found, units = [], []
     for sign, name in signed_terms(columns, text):
@@ -118,12 +212,12 @@ def points(columns: Columns, text: str, what: str) -> tuple[list[tuple[float, Fl
 
 
 def in_metres(columns: Columns, text: str, what: str) -> FloatArray:
-    """A position as a mapping says it: one point, or the mean of several.
+    """A position of a mapping: one point, or the mean of several.
 
     Args:
         columns: Columns of the table.
         text: The value, with its unit or without.
-        what: What it is, for messages.
+        what: Its name in messages.
 
     Returns:
         Shape (N, 3), metres, in the table's axes; NaN where a point is not known.
@@ -144,7 +238,7 @@ def direction(columns: Columns, text: str, what: str) -> FloatArray:
     Args:
         columns: Columns of the table.
         text: Such as ``LEFT_EAR-RIGHT_EAR``.
-        what: What it is, for messages.
+        what: Its name in messages.
 
     Returns:
         Shape (N, 3), of any length, in the table's axes.
@@ -155,3 +249,98 @@ def direction(columns: Columns, text: str, what: str) -> FloatArray:
     if not plus or not minus:
         raise RecordingError(columns.table.path, f"mapping of the {what}", f"{text!r}", "a difference of points: A-B")
     return np.asarray(np.mean(plus, axis=0) - np.mean(minus, axis=0))
+
+
+TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+_RATE = re.compile(r"(?P<rate>[\d.]*)\s*hz", re.IGNORECASE)
+_WAYS = (*TIMES_S, "date")
+_DATE_FORMATS = (
+    "%H:%M:%S.%f", "%H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%Y/%m/%d %H:%M:%S.%f",
+    "%Y/%m/%d %H:%M:%S", "%d/%m/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S", "%m/%d/%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S",
+    "%m/%d/%Y %I:%M:%S.%f %p", "%m/%d/%Y %I:%M:%S %p", "%Y-%m-%d %H-%M-%S.%f", "%Y-%m-%d_%H-%M-%S.%f",
+)  # fmt: skip
+
+
+def seconds(columns: Columns, text: str) -> FloatArray:
+    """Capture times of a mapping.
+
+    Args:
+        columns: Columns of the table.
+        text: ``stamp:ns``; a sum such as ``sec:s+nanosec:ns``; ``frame:100hz`` for frame numbers; ``:30hz`` for the
+            rows as they follow each other; ``when:date`` for dates or clock times.
+
+    Returns:
+        Shape (N,), seconds; NaN where the file has none.
+
+    Raises:
+        RecordingError: If a column is missing, a cell is no time, or a rate is missing.
+    """
+    head, _, last = text.rpartition(":")
+    rate = _RATE.fullmatch(last.strip())
+    if rate:
+        return _frames(columns, head.strip(), rate["rate"])
+    total = np.zeros(len(columns.table.places))
+    for term in [text] if columns.has(split_options(text, _WAYS)[0]) else text.split("+"):
+        body, words = split_options(term, _WAYS)
+        name = columns.one(body)
+        unit = (words or [columns.table.unit(name) or "s"])[-1]
+        if unit == "date":
+            total += _dates(columns, name)
+        elif unit in TIMES_S:
+            total += columns.table.numbers(name) * TIMES_S[unit]
+        else:
+            raise RecordingError(columns.table.path, f"column {name}", f"it is in {unit}", "a unit of time")
+    return total
+
+
+def seconds_since_1970(cell: str) -> float | None:
+    """A date or a clock time as seconds; None if the text is neither. Without a time zone it counts as UTC."""
+    cell = cell.strip().replace(",", ".")
+    found: datetime | None
+    try:
+        found = datetime.fromisoformat(cell)
+    except ValueError:
+        found = next((date for way in _DATE_FORMATS if (date := _parsed(cell, way)) is not None), None)
+    if found is None:
+        return None
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+
+
+def _parsed(cell: str, way: str) -> datetime | None:
+    try:
+        # Years before 1970 have no time stamp everywhere.
+        found = datetime.strptime(cell, way)
+        return found if found.year > 1970 else found.replace(year=1970)
+    except ValueError:
+        return None
+
+
+def _dates(columns: Columns, name: str) -> FloatArray:
+    table, found = columns.table, []
+    for row, cell in enumerate(table.texts(name)):
+        value = seconds_since_1970(cell) if cell else float("nan")
+        if value is None:
+            raise RecordingError(
+                table.path,
+                f"{table.place(row)}, column {name}",
+                f"{shown(cell)} is no date and no clock time",
+                "such as 2024-05-01T12:00:00.25, 01.05.2024 12:00:00,25 or 12:00:00.25",
+            )
+        found.append(value)
+    return np.array(found)
+
+
+def _frames(columns: Columns, column: str, rate: str) -> FloatArray:
+    """Frame numbers as seconds; the smallest step between numbers is one frame."""
+    table = columns.table
+    numbers = table.numbers(columns.one(column)) if column else np.arange(float(len(table.places)))
+    rate_hz = float(rate) if rate else table.rate_hz
+    if not rate_hz:
+        raise RecordingError(
+            table.path,
+            "time stamps",
+            "the file has frame numbers and no frame rate",
+            f"the rate, such as --reading.columns 't={column}:60hz'",
+        )
+    steps = np.diff(np.unique(numbers[np.isfinite(numbers)]))
+    return numbers / (float(steps.min()) if steps.size else 1.0) / rate_hz

@@ -14,7 +14,7 @@ from gazempc.live.view.orders import ViewOrders
 from gazempc.live.view.viewers import ViewProcess
 from gazempc.live.view.web import Snapshots
 from gazempc.neck.kinematics import gaze_error_rad
-from gazempc.results.log_moments import moments_of
+from gazempc.results.mcap import moments_of
 from gazempc.results.moments import EventMoment, LateMoment, PictureMoment, PlanMoment, TickMoment
 
 # The smallest JPEG that browsers show: one grey pixel.

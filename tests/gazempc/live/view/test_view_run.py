@@ -20,7 +20,7 @@ from gazempc.live.session import main, parse
 from gazempc.live.view.orders import ViewOrders
 from gazempc.live.view.viewers import Feed, ViewProcess
 from gazempc.recordings.load import load
-from gazempc.results.log_moments import moments_of
+from gazempc.results.mcap import moments_of
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.moments import CutMoment, EventMoment
 

@@ -1,4 +1,4 @@
-"""What was identified, for people (table, figure) and for programs (a neck file)."""
+"""Results of an identification: table, figure and neck file."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gazempc.identify.estimate import AxisEstimate, Interval
+from gazempc.identify.new_neck import as_toml
 from gazempc.identify.record import NeckRecord
-from gazempc.identify.toml import as_toml
 from gazempc.neck.spec import NeckSpec
 
 _MEASURED, _MODEL = "#E69F00", "#00405F"
@@ -24,7 +24,7 @@ _BESIDE = 2
 
 
 def table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
-    """Estimates with 95 % intervals beside what the neck file says, two joints beside each other.
+    """Estimates with 95 % intervals beside the values of the neck file, two joints beside each other.
 
     Args:
         estimates: One for each joint that moved.
@@ -74,7 +74,7 @@ def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, orig
         neck: Where limits, geometry and rates are from.
         estimates: One for each joint that moved; a joint without estimate stays as it is.
         name: Of the new neck.
-        origin: What was measured.
+        origin: The measured robot or log.
         day: When.
 
     Returns:

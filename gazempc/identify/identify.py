@@ -8,7 +8,7 @@ Example: python -m gazempc.identify --robot simulated --out my_neck.toml
 
 Without a robot, from a log already recorded: python -m gazempc.identify --from-log log.npz --out my_neck.toml
 
-A tracker is measured from a recording, best of somebody who stands still for 30 s; its errors go to a sensor file.
+A tracker is measured from a recording, best of a person who stands still for 30 s; its errors go to a sensor file.
 
 Example: python -m gazempc.identify --tracker my_bag --out my_tracker.toml
 """
@@ -45,7 +45,6 @@ from gazempc.types import FloatArray
 
 if TYPE_CHECKING:
     from gazempc.identify.estimate import AxisEstimate
-
 
 _INTERRUPTED = 130
 # A robot's first message may take a while.
@@ -88,7 +87,7 @@ class IdentifySettings(ExcitationSettings):
         default=0.0,
         ge=0,
         le=1,
-        description="How much later than the measurement the angles are stamped; data cannot tell it from dead time",
+        description="Delay of the angles' stamps after the measurement; the data do not separate it from dead time",
     )
 
 
@@ -99,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, 2 on bad input or where the data cannot tell, 130 if interrupted.
+        Exit status: 0, 2 on bad input or where the data do not determine the result, 130 if interrupted.
     """
     for number in (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ():
         # As Ctrl-C: the neck is braked, then the command ends.
@@ -147,7 +146,7 @@ def _run(settings: IdentifySettings) -> None:
     progress = Progress()
     if settings.tracker is not None:
         # Only here: the other ways need neither readers nor the fit.
-        from gazempc.identify.tracker.command import identify_tracker  # noqa: PLC0415
+        from gazempc.identify.tracker.sensor_file import identify_tracker  # noqa: PLC0415
 
         identify_tracker(settings.tracker, settings.person, settings.out, progress)
         return
@@ -167,7 +166,7 @@ def _run(settings: IdentifySettings) -> None:
         neck = load_neck(settings.neck or "reference")
         neck.check_takes_angles("identification")
         taken = _excite(settings, neck, progress)
-        # Kept even where the data cannot tell, to look at.
+        # Kept even where the data do not determine the result, to look at.
         taken.save(settings.out.with_suffix(".npz"))
         written.append(settings.out.with_suffix(".npz"))
         origin = f"robot {settings.robot}, neck {neck.name}"
@@ -176,7 +175,7 @@ def _run(settings: IdentifySettings) -> None:
     estimates, refusals = _estimate(taken, settings)
 
     # Matplotlib is imported only here, so that --help and bad input answer at once.
-    from gazempc.identify.report import draw, neck_toml, table  # noqa: PLC0415
+    from gazempc.identify.identified import draw, neck_toml, table  # noqa: PLC0415
 
     if estimates:
         print(f"\n{table(estimates, neck)}\n\n± is half the 95 % confidence interval.")
@@ -189,7 +188,8 @@ def _run(settings: IdentifySettings) -> None:
         _print_latency(settings.from_log)
     if refusals:
         files = f"\nTo look at: {', '.join(map(str, written))}" if written else ""
-        raise IdentificationError("no neck file written, the data cannot tell:\n" + "\n".join(refusals) + files)
+        reasons = "\n".join(refusals)
+        raise IdentificationError(f"no neck file written, the data do not determine the neck:\n{reasons}{files}")
     text = neck_toml(neck, estimates, settings.out.stem, origin, datetime.date.today())
     write_whole(settings.out, text)
     _print_margins(load_neck(settings.out))
@@ -206,7 +206,7 @@ def _check(settings: IdentifySettings) -> None:
     if settings.person is not None and settings.tracker is None:
         raise SettingsError("--person: chooses a track of --tracker FILE, which is not given")
     if settings.sheet != DataSheet() and settings.new is None:
-        raise SettingsError("--sheet: what a data sheet says is for --new FILE, which is not given")
+        raise SettingsError("--sheet: values of a data sheet are for --new FILE, which is not given")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -306,10 +306,10 @@ def _print_margins(neck: NeckSpec) -> None:
 
     mpc = Mpc(neck)
     try:
-        told = sentences(neck, margins(mpc))
+        lines = sentences(neck, margins(mpc))
     except SettingsError as error:
-        told = [str(error)]
-    print("\n" + "\n".join(f"{line}." for line in told))
+        lines = [str(error)]
+    print("\n" + "\n".join(f"{line}." for line in lines))
     for warning in too_small(mpc):
         print(f"Warning: {warning}.")
 

@@ -1,19 +1,53 @@
-"""What happened in a run, moment by moment, by its log."""
+"""A log as an MCAP file: channels for viewers, and the whole log, exact to the last bit, as an attachment.
+
+Written with foxglove-sdk, read with the `mcap` library; both are in the extra ``view``.
+"""
 
 from __future__ import annotations
 
 import heapq
+import io
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
+from gazempc.errors import SettingsError
+from gazempc.files.whole import whole
 from gazempc.results.log import Log
+from gazempc.results.mcap_read import NEEDS_VIEW
 from gazempc.results.moments import AttendedMoment, EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
 from gazempc.types import JointState
 
 
+def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> None:
+    """Write a log as MCAP.
+
+    The channels are those of `gazempc.results.mcap_channels.Channels`. A log has neither plans, lateness nor pictures.
+
+    Args:
+        log: The log.
+        path: File to write; an old one is replaced.
+        plans: The plans of the run, where they were kept.
+
+    Raises:
+        SettingsError: If a package is missing or the file cannot be written.
+    """
+    try:
+        from gazempc.results.mcap_channels import Channels, McapWriter  # noqa: PLC0415
+    except ImportError:
+        raise SettingsError(NEEDS_VIEW) from None
+    buffer = io.BytesIO()
+    log.save(buffer)
+    with whole(Path(path)) as part, McapWriter(log.run, part) as writer:
+        channels = Channels(log.run, writer.context)
+        for moment in moments_of(log, plans):
+            channels.write(moment)
+        writer.attach(buffer.getvalue())
+
+
 def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> Iterator[Moment]:
-    """What happened in a run, by its log.
+    """Moments of a run, from its log.
 
     Args:
         log: The log. Plans, lateness and pictures are not in it.

@@ -13,7 +13,7 @@ def read_text(path: Path, format_name: str) -> str:
 
     Args:
         path: File to read.
-        format_name: What it is meant to be, for the message (``a CSV table``).
+        format_name: Expected format, for the message (``a CSV table``).
 
     Returns:
         Its text without a byte order mark.
@@ -29,7 +29,7 @@ def read_bytes(path: Path, format_name: str) -> bytes:
 
     Args:
         path: File to read.
-        format_name: What it is meant to be, for the message.
+        format_name: Expected format, for the message.
 
     Returns:
         Its bytes.
@@ -53,7 +53,7 @@ def decode(path: Path, data: bytes, format_name: str) -> str:
     Args:
         path: File it is from.
         data: Its bytes.
-        format_name: What it is meant to be, for the message.
+        format_name: Expected format, for the message.
 
     Returns:
         Its text without a byte order mark.

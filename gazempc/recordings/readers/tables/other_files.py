@@ -1,0 +1,235 @@
+"""Tables as Parquet, Xsens MVN's ``.mvnx`` and folders of OpenPose's 3-D key points."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from gazempc.errors import MissingOptionalDependencyError, RecordingError
+from gazempc.files.text import read_text
+from gazempc.recordings.readers.tables.people import COLUMNS
+from gazempc.recordings.readers.tables.raw_table import RawTable
+
+# An hour of 50 columns at 60 Hz.
+_MOST_CELLS = 10_000_000
+# Names and dates are shorter.
+_LONGEST_TEXT = 200
+
+
+def parquet_table(path: Path) -> RawTable:
+    """Read the columns of a Parquet file.
+
+    Args:
+        path: File to read.
+
+    Returns:
+        The table; numbers are numbers, all else is text.
+
+    Raises:
+        RecordingError: If the file is no such table, or columns of ours hold no numbers; rows are counted from 1.
+        MissingOptionalDependencyError: If pyarrow is not installed.
+    """
+    try:
+        import pyarrow as pa  # noqa: PLC0415 - optional
+        import pyarrow.parquet as pq  # noqa: PLC0415 - optional
+    except ImportError:
+        raise MissingOptionalDependencyError("Reading Parquet files", "pyarrow", "parquet") from None
+    try:
+        file = pq.ParquetFile(path)
+        arrow = file.schema_arrow
+        # Nested columns may be a thousand times as long as the table, and hold no numbers.
+        names = [field.name for field in arrow if not pa.types.is_nested(field.type)]
+        if len(set(names)) < len(names):
+            raise ValueError("a column stands there twice")
+        cells = file.metadata.num_rows * len(names)
+        if cells > _MOST_CELLS:
+            raise ValueError(f"it states {cells} cells; accepted are {_MOST_CELLS} at most")
+        kinds = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary)
+        # As numbers of distinct values: else one long text, repeated, takes gigabytes.
+        texts = [field.name for field in arrow if any(is_kind(field.type) for is_kind in kinds)]
+        table = pq.ParquetFile(path, read_dictionary=texts).read(columns=names)
+    except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
+        raise RecordingError(path, "", _library_text(error), "a Parquet table") from None
+    if table.num_rows == 0:
+        raise RecordingError(path, "", "a header and no rows", "a row a frame")
+    columns = []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            columns.append(column.to_numpy().astype(np.float64))
+        elif name in COLUMNS:
+            raise RecordingError(path, f"column {name}", f"it holds {arrow.field(name).type}", "floating-point numbers")
+        else:
+            columns.append(_texts(column))
+    return RawTable(path, "plain", tuple(table.column_names), columns, range(1, table.num_rows + 1))
+
+
+def _texts(column: Any) -> list[str]:
+    """Cells of a column that holds no numbers, as text; equal ones are one text in memory."""
+    cells: list[str] = []
+    for chunk in column.chunks:
+        words = chunk if hasattr(chunk, "dictionary") else chunk.dictionary_encode()
+        texts = ["" if value is None else str(value)[:_LONGEST_TEXT] for value in words.dictionary.to_pylist()]
+        cells += ["" if index is None else texts[index] for index in words.indices.to_pylist()]
+    return cells
+
+
+def _library_text(error: Exception) -> str:
+    """First line of a library's message, without its final full stop."""
+    lines = str(error).strip().splitlines()
+    return f"cannot be read ({lines[0].rstrip('.') if lines else type(error).__name__})"
+
+
+# A frame has about 30, and takes 5 kB: a file of the largest size has a million.
+_MOST_TAGS = 2_000_000
+_ACCEPTED = "an .mvnx file of Xsens MVN with positions and orientations of the segments"
+
+
+def mvnx_table(path: Path) -> RawTable:
+    """Read the frames of a recording; calibration poses are left out.
+
+    Args:
+        path: File to read.
+
+    Returns:
+        Columns ``Time_ms``, ``Head x``, ``Head q0`` and so on for each segment; metres, z up, scalar first.
+
+    Raises:
+        RecordingError: If the file is no such XML, or a frame has other counts than the segments.
+    """
+    text = read_text(path, "an .mvnx file")
+    if (found := text.count("<")) > _MOST_TAGS:
+        raise RecordingError(path, "", f"{found} tags", f"{_MOST_TAGS} at most: {_ACCEPTED}")
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise RecordingError(path, "", "it defines entities, which may stand for gigabytes", _ACCEPTED)
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise RecordingError(path, "", f"not valid XML: {error}", _ACCEPTED) from None
+    segments = [element.get("label") or "" for element in root.iterfind(".//{*}segments/{*}segment")]
+    frames = [frame for frame in root.iterfind(".//{*}frame") if frame.get("type", "normal") == "normal"]
+    if not segments or not frames:
+        raise RecordingError(path, "", f"{len(segments)} segments and {len(frames)} frames", _ACCEPTED)
+    rows = []
+    for number, frame in enumerate(frames):
+        try:
+            time_ms = float(frame.get("time") or "nan")
+        except ValueError:
+            time_ms = float("nan")
+        positions = _numbers(path, number, frame, "position", 3 * len(segments))
+        quats = _numbers(path, number, frame, "orientation", 4 * len(segments))
+        rows.append([time_ms, *positions, *quats])
+    names = ["Time_ms", *(f"{s} {c}" for s in segments for c in "xyz")]
+    names += [f"{s} q{k}" for s in segments for k in range(4)]
+    return RawTable(
+        path=path,
+        layout="mvnx",
+        names=tuple(names),
+        columns=list(np.array(rows).T),
+        places=[f"frame {k}" for k in range(len(rows))],
+    )
+
+
+def _numbers(path: Path, number: int, frame: ElementTree.Element, what: str, count: int) -> list[float]:
+    element = frame.find(f"{{*}}{what}")
+    text = "" if element is None else element.text or ""
+    try:
+        found = [float(word) for word in text.split()]
+    except ValueError:
+        found = []
+    if len(found) != count:
+        raise RecordingError(path, f"frame {number}, {what}", f"{len(found)} numbers", f"{count} numbers")
+    return found
+
+
+PATTERN = "*_keypoints.json"
+# The first key points of BODY_25, in its order, as far as they are read.
+_NAMES = (
+    "Nose", "Neck", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist", "MidHip", "RHip", "RKnee",
+    "RAnkle", "LHip", "LKnee", "LAnkle", "REye", "LEye", "REar", "LEar",
+)  # fmt: skip
+_BODY_25 = 25
+_FRAME = re.compile(r"(\d+)_keypoints$")
+# Ids of people are counted; no place sees more.
+_MOST_PEOPLE = 1e9
+# Nose and hips are so far apart in either unit; see HEAD_TO_PELVIS_RANGE_M.
+_METRES_BELOW = 10.0
+_OPENPOSE = "files of OpenPose --3d --write_json with pose_keypoints_3d of BODY_25: 25 times x, y, z, score"
+
+
+def is_openpose_folder(path: Path) -> bool:
+    """Whether a folder holds OpenPose's files, one a frame."""
+    return next(path.glob(PATTERN), None) is not None
+
+
+def openpose_table(path: Path) -> RawTable:
+    """Read all frames of a folder; a key point that was not found is NaN.
+
+    Args:
+        path: The folder.
+
+    Returns:
+        Columns ``frame``, ``person``, ``Nose.x`` and so on, a row for each person in each frame, in metres or
+        millimetres, by the distance from nose to hips.
+
+    Raises:
+        RecordingError: If a file is damaged, or nowhere are 3-D key points.
+    """
+    rows, places = [], []
+    for file in sorted(path.glob(PATTERN)):
+        found = _FRAME.search(file.stem)
+        if found is None:
+            raise RecordingError(file, "", "no frame number in the file's name", "NAME_000000000012_keypoints.json")
+        for index, person in enumerate(_people(file)):
+            points = person.get("pose_keypoints_3d") or []
+            if not points:
+                continue
+            rows.append([float(found[1]), _id(person, index), *_key_points(file, points)])
+            places.append(file.name)
+    if not rows:
+        raise RecordingError(path, "", "no 3-D key points in any frame", _OPENPOSE)
+    values = np.array(rows)
+    names = ["frame", "person", *(f"{name}.{axis}" for name in _NAMES for axis in "xyz")]
+    nose, hips = (values[:, 2 + 3 * _NAMES.index(name) :][:, :3] for name in ("Nose", "MidHip"))
+    apart = np.linalg.norm(nose - hips, axis=1)
+    known = apart[np.isfinite(apart)]
+    unit = "mm" if known.size and float(np.median(known)) > _METRES_BELOW else "m"
+    return RawTable(
+        path=path,
+        layout="openpose",
+        names=tuple(names),
+        columns=list(values.T),
+        places=places,
+        units=dict.fromkeys(names[2:], unit),
+        notes=(f"positions are in {unit}, by the distance from nose to hips",),
+    )
+
+
+def _people(file: Path) -> list[dict[str, object]]:
+    try:
+        people = json.loads(read_text(file, "a JSON file"))["people"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise RecordingError(file, "", "no JSON with a list 'people'", _OPENPOSE) from None
+    if not isinstance(people, list) or not all(isinstance(person, dict) for person in people):
+        raise RecordingError(file, "people", "not a list of people", _OPENPOSE)
+    return people
+
+
+def _id(person: dict[str, object], index: int) -> float:
+    """OpenPose's id where it tracks people, else the place in the list."""
+    given = person.get("person_id")
+    number = given[0] if isinstance(given, list) and given else -1
+    return float(number) if isinstance(number, int | float) and 0 <= number < _MOST_PEOPLE else float(index)
+
+
+def _key_points(file: Path, points: object) -> list[float]:
+    try:
+        values = np.array(points, dtype=np.float64).reshape(_BODY_25, 4)
+    except (TypeError, ValueError, OverflowError):
+        raise RecordingError(file, "pose_keypoints_3d", "not 100 numbers", _OPENPOSE) from None
+    values[values[:, 3] <= 0.0] = np.nan
+    return [float(value) for value in values[: len(_NAMES), :3].ravel()]
