@@ -94,6 +94,6 @@ def test_every_example_has_a_thumbnail_in_the_gallery():
     """The build of the pages draws those that `gallery.py` names."""
     page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
     drawn = (ROOT / "docs" / "extensions" / "gallery.py").read_text(encoding="utf-8")
-    names = [path.stem for path in EXAMPLES]
+    names = [path.stem for path in [*EXAMPLES, *ROBOTS]]
     assert [name for name in names if f":img-top: _thumbnails/{name}.png\n" not in page] == []
     assert [name for name in names if f'    "{name}": thumbnails.' not in drawn] == []
