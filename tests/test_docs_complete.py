@@ -13,11 +13,9 @@ from builders.pages import DOCS, ROOT, page
 from pydantic import BaseModel
 
 import gazempc
-from gazempc.live.sources.camera.options import CameraOptions
 from gazempc.loop.events import Event
 from gazempc.neck.spec import Axis, Eyes, Geometry, NeckSpec, neck_names
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
-from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.tables.frames import AXES
 from gazempc.recordings.readers.tables.mapping import ColumnMapping
 from gazempc.recordings.readers.tables.own import COLUMNS
@@ -28,22 +26,7 @@ from gazempc.results.compute import ComputeMetrics
 from gazempc.results.log import Fault, Log
 from gazempc.results.metrics import Metrics
 from gazempc.results.run_info import RunInfo
-from gazempc.run_settings import RunSettings
-from gazempc.settings import (
-    AttentionSettings,
-    ConstantAccelerationSettings,
-    ConstantVelocitySettings,
-    CoordinatedTurnSettings,
-    HeadPoseSettings,
-    InteractingModelsSettings,
-    LookAheadSettings,
-    LookAwaySettings,
-    LoopSettings,
-    MpcSettings,
-    ParticleSettings,
-    PelvisPursuitSettings,
-    WalkerSettings,
-)
+from gazempc.settings import AttentionSettings, LookAwaySettings
 from gazempc.sim.sensor import SensorSpec, sensor_names
 
 
@@ -60,28 +43,13 @@ def setting_names(model, prefix=""):
             yield f"{prefix}{name}"
 
 
+# Settings of the commands are on a page that is made from the models: see test_settings_tables.py.
 DESCRIBED = {
-    "quickstart": settings_of(RunSettings),
-    "recordings": [*settings_of(ReadOptions), *COLUMNS, "index.csv"],
+    "recordings": [*COLUMNS, "index.csv"],
     "formats": [*shipped_mappings(), *ColumnMapping.model_fields, *AXES, *TIMES_S],
-    "camera": settings_of(CameraOptions, prefix="camera."),
     "necks": [*neck_names(), *settings_of(NeckSpec, Geometry, Axis, Eyes)],
     "trackers": [*sensor_names(), *setting_names(SensorSpec)],
-    "controllers": [
-        *settings_of(MpcSettings, prefix="mpc."),
-        *settings_of(LookAheadSettings, prefix="lookahead."),
-    ],
-    "predictors": [
-        *PREDICTOR.shipped,
-        *settings_of(ConstantVelocitySettings, prefix="constant_velocity."),
-        *settings_of(HeadPoseSettings, prefix="head_pose."),
-        *settings_of(PelvisPursuitSettings, prefix="pelvis_pursuit."),
-        *settings_of(ConstantAccelerationSettings, prefix="constant_acceleration."),
-        *settings_of(CoordinatedTurnSettings, prefix="coordinated_turn."),
-        *settings_of(InteractingModelsSettings, prefix="interacting_models."),
-        *settings_of(ParticleSettings, prefix="particle."),
-        *settings_of(WalkerSettings, prefix="walker."),
-    ],
+    "predictors": PREDICTOR.shipped,
     "metrics": [f.name for model in (Metrics, AttentionMetrics, ComputeMetrics, Log, Fault) for f in fields(model)]
     + ["gap_closed", *RunInfo.model_fields],
     "own_parts": [
@@ -93,7 +61,7 @@ DESCRIBED = {
         *settings_of(LookAwaySettings, prefix="look_away."),
     ],
     "api": [f"gz.{name}" for name in gazempc.__all__],
-    "safety": [*(event.value for event in Event), *settings_of(LoopSettings)],
+    "safety": [event.value for event in Event],
 }
 
 
