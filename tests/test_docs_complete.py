@@ -13,7 +13,6 @@ from builders.pages import DOCS, ROOT, page
 from pydantic import BaseModel
 
 import gazempc
-from gazempc.loop.events import Event
 from gazempc.neck.spec import Axis, Eyes, Geometry, NeckSpec, neck_names
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
 from gazempc.recordings.readers.tables.frames import AXES
@@ -43,7 +42,7 @@ def setting_names(model, prefix=""):
             yield f"{prefix}{name}"
 
 
-# Settings of the commands are on a page that is made from the models: see test_settings_tables.py.
+# Settings, events and names of the front door are made from the code: see test_generated_tables.py.
 DESCRIBED = {
     "recordings": [*COLUMNS, "index.csv"],
     "formats": [*shipped_mappings(), *ColumnMapping.model_fields, *AXES, *TIMES_S],
@@ -60,8 +59,6 @@ DESCRIBED = {
         *settings_of(AttentionSettings, prefix="attention."),
         *settings_of(LookAwaySettings, prefix="look_away."),
     ],
-    "api": [f"gz.{name}" for name in gazempc.__all__],
-    "safety": [event.value for event in Event],
 }
 
 
@@ -121,12 +118,6 @@ def test_public_modules_are_in_the_api():
     }
     places |= {"gazempc.errors"} | {module for module, _ in gazempc._PLACES.values()} - {"predictors"}
     assert places - set(described) == set()
-
-
-def test_the_api_says_where_each_name_of_the_front_door_is_described():
-    rows = dict(re.findall(r"\| `gz\.(\w+)` \|.*?\{py:(?:func|class)\}`([\w.]+)` \|", page("api")))
-    names = {name: getattr(gazempc, name) for name in gazempc.__all__}
-    assert rows == {name: f"{value.__module__}.{value.__qualname__}" for name, value in names.items()}
 
 
 def test_citation_is_valid_and_of_this_version():

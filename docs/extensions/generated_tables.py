@@ -1,10 +1,12 @@
-"""Tables of settings, made from the pydantic models: a block `{settings} module.Model` becomes its fields and tables.
+"""Tables that are made from the code, in place of blocks of a page, before the page is parsed.
 
-`{settings} module.Model beside module.Other` leaves out what the other model has, too.
+`{settings} module.Model` lists the fields of a pydantic model and of its tables; `beside module.Other` leaves out what
+the other one has. `{events}` lists the events of a log, `{front_door}` the names of `import gazempc as gz`.
 """
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Iterator
 from pkgutil import resolve_name
@@ -14,7 +16,10 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from sphinx.application import Sphinx
 
-_BLOCK = re.compile(r"^```\{settings\} (\S+)(?: beside (\S+))?\n```$", re.MULTILINE)
+import gazempc
+from gazempc.loop.events import MEANINGS
+
+_SETTINGS = re.compile(r"^```\{settings\} (\S+)(?: beside (\S+))?\n```$", re.MULTILINE)
 
 
 def model_within(field: FieldInfo) -> type[BaseModel] | None:
@@ -58,6 +63,22 @@ def markdown(model: type[BaseModel], beside: type[BaseModel] | None = None) -> I
                 yield f"| `{name}` | {default(field)} | {text} |"
 
 
+def events() -> Iterator[str]:
+    """Lines of the table of events: name, and condition with the reaction."""
+    yield from ["| event | meaning |", "|---|---|"]
+    yield from (f"| `{name}` | {meaning} |" for name, meaning in MEANINGS.items())
+
+
+def front_door() -> Iterator[str]:
+    """Lines of the table of names of the package: name, first sentence of its docstring, link to its module's page."""
+    yield from ["| name | what it is | described at |", "|---|---|---|"]
+    for name in gazempc.__all__:
+        value = getattr(gazempc, name)
+        first = re.split(r"[.;:](?:\s|$)", inspect.getdoc(value) or "")[0]
+        role = "class" if isinstance(value, type) else "func"
+        yield f"| `gz.{name}` | {first} | {{py:{role}}}`{value.__module__}.{value.__qualname__}` |"
+
+
 def expand(app: object, name: str, source: list[str]) -> None:
     """Put the tables in place of the blocks of a page."""
 
@@ -65,7 +86,9 @@ def expand(app: object, name: str, source: list[str]) -> None:
         model, *beside = (resolve_name(":".join(place.rsplit(".", 1))) for place in block.groups() if place)
         return "\n".join(markdown(model, *beside))
 
-    source[0] = _BLOCK.sub(made, source[0])
+    source[0] = _SETTINGS.sub(made, source[0])
+    for kind, rows in (("events", events), ("front_door", front_door)):
+        source[0] = source[0].replace(f"```{{{kind}}}\n```", "\n".join(rows()))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

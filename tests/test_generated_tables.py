@@ -1,10 +1,12 @@
-"""The generated page of settings has every field of the models, with its default and its meaning."""
+"""Tables made from the code: every setting, event and name of the front door, with its meaning."""
 
 import pytest
 from builders.pages import DOCS, page
 from pydantic import BaseModel, Field
 
+import gazempc
 from gazempc.live.settings import LiveSettings
+from gazempc.loop.events import Event
 from gazempc.run_settings import RunSettings
 
 pytest.importorskip("sphinx", reason="sphinx is not installed (extra docs)")
@@ -13,9 +15,9 @@ pytest.importorskip("sphinx", reason="sphinx is not installed (extra docs)")
 @pytest.fixture
 def extension(monkeypatch):
     monkeypatch.syspath_prepend(DOCS / "extensions")
-    import settings_tables
+    import generated_tables
 
-    return settings_tables
+    return generated_tables
 
 
 class Inner(BaseModel):
@@ -62,11 +64,27 @@ def leaves(values, prefix=""):
             yield f"{prefix}{name}"
 
 
+def expanded(extension, name):
+    """Last cells of the tables of a page, by the code in the first cell."""
+    source = [page(name)]
+    extension.expand(None, name, source)
+    return {row.split("`")[1]: row.split(" | ")[-1] for row in source[0].splitlines() if row.startswith("| `")}
+
+
+def test_every_event_is_on_the_page_of_safety(extension):
+    assert {event.value for event in Event} - set(expanded(extension, "safety")) == set()
+
+
+def test_every_name_of_the_front_door_links_to_its_description(extension):
+    found = expanded(extension, "api")
+    assert set(found) == {f"gz.{name}" for name in gazempc.__all__}
+    assert found["gz.replay"] == "{py:func}`gazempc.front.replay` |"
+    assert found["gz.Mpc"] == "{py:class}`gazempc.controllers.mpc.mpc.Mpc` |"
+
+
 @pytest.mark.parametrize("settings", [RunSettings(), LiveSettings(source="replay")], ids=["run", "live"])
 def test_every_setting_is_on_the_page_with_a_meaning(extension, settings):
-    source = [page("settings")]
-    extension.expand(None, "settings", source)
-    meanings = {row.split("`")[1]: row.split(" | ")[-1] for row in source[0].splitlines() if row.startswith("| `")}
+    meanings = expanded(extension, "settings")
     names = set(leaves(settings.model_dump()))
     assert names - set(meanings) == set()
     assert [name for name in names if len(meanings[name]) < 6] == []
