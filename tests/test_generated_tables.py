@@ -21,7 +21,7 @@ def extension(monkeypatch):
 
 
 class Inner(BaseModel):
-    gain: float = Field(default=0.5, description="Of a|b")
+    gain: float = Field(default=0.5, description="Of a|b, see --gain")
 
 
 class Outer(BaseModel):
@@ -46,8 +46,8 @@ def test_nested_tables_defaults_and_escapes(extension):
         "| `name` |  | Name |",
         "| `ids` | `1, 2` |  |",
         "| `on` | no |  |",
-        "| `inner.gain` | `0.5` | Of a\\|b |",
-        "| `perhaps.gain` | `0.5` | Of a\\|b |",
+        "| `inner.gain` | `0.5` | Of a\\|b, see `--gain` |",
+        "| `perhaps.gain` | `0.5` | Of a\\|b, see `--gain` |",
     ]
 
 

@@ -60,6 +60,7 @@ def markdown(model: type[BaseModel], beside: type[BaseModel] | None = None) -> I
             yield from ["| setting | default | meaning |", "|---|---|---|"]
             for name, field in rows.items():
                 text = re.sub(r"([|<*])", r"\\\1", field.description or "")
+                text = re.sub(r"(?<!`)--[a-z][\w.-]*", r"`\g<0>`", text)  # a bare -- would become a dash
                 yield f"| `{name}` | {default(field)} | {text} |"
 
 
