@@ -27,7 +27,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_design",
     "gallery",
-    "glossary_links",
+    "generated_tables",
     "tables_and_pictures",
 ]
 myst_enable_extensions = ["colon_fence"]

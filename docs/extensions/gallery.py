@@ -19,9 +19,11 @@ from thumbnails import Draw
 import gazempc
 from gazempc import Log
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+EXAMPLES = {path.stem: path for path in (Path(__file__).resolve().parents[2] / "examples").rglob("*.py")}
 DRAWN: dict[str, Draw] = {
     "compare_gazes": thumbnails.error_over_time,
+    "dynamixel_pan_tilt": thumbnails.error_over_time,
+    "fetch": thumbnails.error_over_time,
     "outside_predictor": thumbnails.error_over_time,
     "ocp": thumbnails.planned_angles,
     "own_controller": thumbnails.error_over_time,
@@ -29,6 +31,9 @@ DRAWN: dict[str, Draw] = {
     "own_recording": thumbnails.from_above,
     "own_robot": thumbnails.command_and_joint,
     "own_tracker": thumbnails.command_and_joint,
+    "pr2": thumbnails.command_and_joint,
+    "ptz_camera": thumbnails.error_over_time,
+    "reachy_mini": thumbnails.error_over_time,
     "read_a_log": thumbnails.command_and_joint,
     "receptionist": thumbnails.who_is_looked_at,
     "receptionist_replay": thumbnails.who_is_looked_at,
@@ -72,7 +77,7 @@ def run_example(path: Path) -> list[Log]:
 def make_thumbnails(app: Sphinx) -> None:
     """Draw those that are not there, or are older than their script."""
     for name, draw in DRAWN.items():
-        script, picture = EXAMPLES / f"{name}.py", Path(app.srcdir) / "_thumbnails" / f"{name}.png"
+        script, picture = EXAMPLES[name], Path(app.srcdir) / "_thumbnails" / f"{name}.png"
         if not picture.exists() or picture.stat().st_mtime < script.stat().st_mtime:
             logging.getLogger(__name__).info("running %s for its thumbnail", script.name)
             thumbnails.thumbnail(run_example(script), draw, picture)

@@ -1,6 +1,7 @@
 """Each example runs from anywhere and prints what stands at its end."""
 
 import json
+import re
 import runpy
 import sys
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from experiments.forecast.command import main as forecast
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+ROBOTS = sorted((ROOT / "examples" / "robots").glob("*.py"))
 _MARK = "# It prints:\n"
 
 
@@ -32,7 +34,7 @@ def suppress_exit_0():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [*EXAMPLES, *ROBOTS], ids=lambda path: path.stem)
 def test_an_example_prints_what_it_says(path, tmp_path, monkeypatch, capsys):
     """As a program from its folder, but in this process: the libraries are loaded once."""
     monkeypatch.chdir(tmp_path)
@@ -49,8 +51,22 @@ def test_an_example_prints_what_it_says(path, tmp_path, monkeypatch, capsys):
 
 def test_the_examples_are_few_and_short():
     assert 6 <= len(EXAMPLES) <= 12
-    for path in EXAMPLES:
-        assert len(path.read_text(encoding="utf-8").split(_MARK)[0].splitlines()) <= 60, path.name
+    for path, most in [*((path, 60) for path in EXAMPLES), *((path, 25) for path in ROBOTS)]:
+        assert len(path.read_text(encoding="utf-8").split(_MARK)[0].splitlines()) <= most, path.name
+
+
+def test_the_readme_shows_the_numbers_that_each_robot_prints():
+    """A row for each script, with numbers of its output."""
+    rows = [
+        line for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines() if "examples/robots/" in line
+    ]
+    assert len(rows) == len(ROBOTS)
+    for path in ROBOTS:
+        (row,) = (row for row in rows if f"(examples/robots/{path.name})" in row)
+        numbers = re.findall(r"\d+\.\d+ deg|\d+ ?%", row)
+        printed = promised(path.read_text(encoding="utf-8")).replace(" %", "%")
+        assert numbers
+        assert [number for number in numbers if number.replace(" %", "%") not in printed] == [], path.name
 
 
 @pytest.mark.slow
@@ -70,13 +86,14 @@ def test_the_predictor_from_outside_enters_the_benchmark(tmp_path, monkeypatch):
 
 def test_every_example_is_shown_in_the_documentation():
     page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
-    assert [path.name for path in EXAMPLES if f"../examples/{path.name}\n" not in page] == []
+    shown = re.findall(r"^```\{literalinclude\} \.\./examples/(.*)$", page, re.MULTILINE)
+    assert sorted(shown) == sorted(str(path.relative_to(ROOT / "examples")) for path in [*EXAMPLES, *ROBOTS])
 
 
 def test_every_example_has_a_thumbnail_in_the_gallery():
     """The build of the pages draws those that `gallery.py` names."""
     page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
     drawn = (ROOT / "docs" / "extensions" / "gallery.py").read_text(encoding="utf-8")
-    names = [path.stem for path in EXAMPLES]
+    names = [path.stem for path in [*EXAMPLES, *ROBOTS]]
     assert [name for name in names if f":img-top: _thumbnails/{name}.png\n" not in page] == []
     assert [name for name in names if f'    "{name}": thumbnails.' not in drawn] == []

@@ -1,0 +1,23 @@
+"""A pan-tilt-zoom camera, which takes speeds, keeps a walking person in the middle of its picture.
+
+The neck file `ptz` has the top speeds of a Sony EVI-D30 and a dead time of 0.3 s. Replays accept necks that take speeds;
+on a camera, send `log.command_velocity_rad_s` by VISCA or ONVIF ContinuousMove, or write a class with four methods.
+"""
+
+import numpy as np
+
+import gazempc as gz
+
+for controller in ("reactive", "lookahead", "mpc"):
+    log = gz.replay("subject09_R6", neck="ptz", controller=controller)
+    metrics = gz.measure(log)
+    speed_deg_s = np.degrees(np.abs(log.command_velocity_rad_s[:, 0]).max())
+    print(
+        f"{controller:<9} {metrics.gaze_error_rms_deg:.2f} deg, within 4 deg {metrics.eye_contact_4:4.0%} of the time, "
+        f"top speed {speed_deg_s:.0f} deg/s"
+    )
+
+# It prints:
+# reactive  8.64 deg, within 4 deg  34% of the time, top speed 27 deg/s
+# lookahead 1.41 deg, within 4 deg  97% of the time, top speed 57 deg/s
+# mpc       1.36 deg, within 4 deg 100% of the time, top speed 46 deg/s

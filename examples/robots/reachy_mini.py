@@ -1,0 +1,22 @@
+"""Reachy Mini, head alone and head with body, while a person turns sharply in front of it.
+
+On the robot, or on the daemon's own simulator (`reachy-mini-daemon --sim --headless --no-media`):
+
+    gazempc live --source camera --mount.on head --robot reachy_mini --neck reachy_mini_body
+"""
+
+import gazempc as gz
+
+for neck in ("reachy_mini", "reachy_mini_body"):
+    for controller in ("reactive", "mpc"):
+        metrics = gz.measure(gz.replay("subject09_R6", neck=neck, controller=controller))
+        print(
+            f"{neck:<17}{controller:<9} {metrics.gaze_error_rms_deg:.2f} deg, "
+            f"eye contact {metrics.eye_contact_2p6:4.0%}, {metrics.rms_acceleration_rad_s2:.2f} rad/s²"
+        )
+
+# It prints:
+# reachy_mini      reactive  4.27 deg, eye contact  39%, 0.56 rad/s²
+# reachy_mini      mpc       0.60 deg, eye contact 100%, 0.51 rad/s²
+# reachy_mini_body reactive  1.65 deg, eye contact  86%, 0.99 rad/s²
+# reachy_mini_body mpc       0.58 deg, eye contact 100%, 0.46 rad/s²
