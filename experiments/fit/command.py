@@ -15,11 +15,11 @@ from typing import Any
 
 from pydantic import Field
 
-from experiments.engine.cache import result_file
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command
+from experiments.engine.cache import Cache
+from experiments.engine.choices import find_recordings, in_place
+from experiments.engine.command import Command, WorkSettings, check
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.engine.recordings import find_recordings, in_place
 from experiments.fit.doubt import errors_on_left_out, fit_doubt
 from experiments.fit.examples import Examples
 from experiments.fit.jobs import ExamplesJob, NetworksJob, examples_of, model_of
@@ -53,18 +53,6 @@ class FitSettings(WorkSettings):
     out: Path = Field(default=Path("out/fit"), description="Where to write; an interrupted fit goes on there")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 2 on bad input, 130 if interrupted.
-    """
-    return run_command("fit", lambda: _run(parse(FitSettings, "fit", __doc__, arguments)))
-
-
 def fit(**settings: Any) -> WalkerModel:
     """Fit and write all models.
 
@@ -80,7 +68,7 @@ def fit(**settings: Any) -> WalkerModel:
     return _fit(check(FitSettings, "fit", settings))
 
 
-def _run(settings: FitSettings) -> int:
+def _run(settings: FitSettings, _: str) -> int:
     _fit(settings)
     print(f"Written to {settings.out}/: {MODEL_FILE}, and {FOLDS}/ with a model for each person that has not seen them")
     print(
@@ -109,7 +97,7 @@ def _fit(settings: FitSettings) -> WalkerModel:
     about = {
         "command": f"python -m experiments.fit --recordings {' '.join(Path(r).name for r in settings.recordings)}",
         "recordings": [Path(path).stem for path in paths],
-        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED, "recordings", "tracker"}),
+        "settings": settings.saved("recordings", "tracker"),
         "tracker": tracker.name if tracker else "drawn at random",
         "versions": {k: v for k, v in versions().items() if k in _COMPUTE} | {k: version(k) for k in ("jax", "optax")},
     }
@@ -141,7 +129,7 @@ def _networks(
         # Other chance than in the examples that networks are fitted on.
         scoring = [ExamplesJob(in_place(path), settings.seed + 1, 0, tracker) for path in paths]
         scored = [examples_of(row) for row in _check(engine.run(scoring))]
-        files = [result_file(folder.resolve(), job.key()) for job in examples]
+        files = [Cache(folder.resolve()).path(job.key()) for job in examples]
         jobs = []
         for person in left_out:
             used = [file for file, name in zip(files, people, strict=True) if name != person and file is not None]
@@ -165,6 +153,8 @@ def _save_whole(model: WalkerModel, path: Path) -> None:
     model.save(part)
     part.replace(path)
 
+
+main = Command("fit", FitSettings, __doc__, _run).main
 
 if __name__ == "__main__":
     sys.exit(main())

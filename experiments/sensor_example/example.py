@@ -15,8 +15,8 @@ import numpy as np
 import tyro
 from pydantic import Field
 
-from experiments.engine.command import parse, run_command
-from experiments.engine.replays import each_sensor
+from experiments.engine.choices import each_sensor
+from experiments.engine.command import Command
 from experiments.sensor_example.seen import SeenWalk, see
 from gazempc.errors import SettingsError
 from gazempc.loop.build import Person, make_predictor
@@ -54,20 +54,6 @@ class SensorExampleSettings(PredictorSettings):
     out: Path = Field(default=Path("out/sensors"), description="Folder to write to")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 2 on bad input.
-    """
-    return run_command(
-        "sensor_example", lambda: _run(parse(SensorExampleSettings, "sensor_example", __doc__, arguments))
-    )
-
-
 def sensor_example(settings: SensorExampleSettings) -> list[SeenWalk]:
     """See the walk through each sensor, and draw.
 
@@ -100,7 +86,7 @@ def sensor_example(settings: SensorExampleSettings) -> list[SeenWalk]:
     return all_seen
 
 
-def _run(settings: SensorExampleSettings) -> int:
+def _run(settings: SensorExampleSettings, _: str) -> int:
     all_seen = sensor_example(settings)
     walk = all_seen[0].walk
     instants = ", ".join(f"{instant.now_s:.1f}" for instant in all_seen[0].instants)
@@ -123,3 +109,6 @@ def _instants(chosen_s: Sequence[float], end_s: float) -> FloatArray:
             f"accepted: 0 to {max(latest_s, 0.0):.2f} s"
         )
     return np.unique(np.array(chosen_s)) if chosen_s else np.linspace(_FIRST_S, latest_s, _INSTANTS)
+
+
+main = Command("sensor_example", SensorExampleSettings, __doc__, _run).main

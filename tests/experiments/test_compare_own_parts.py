@@ -7,7 +7,7 @@ from builders.comparisons import rows_of, runs, settings
 from builders.own_parts import own_module
 
 from experiments.compare import compare, main
-from experiments.engine.own_parts import name_parts, parts_hash
+from experiments.engine.choices import name_parts, parts_hash
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -37,17 +37,6 @@ def test_the_source_of_a_part_of_ones_own_is_in_the_key(tmp_path, monkeypatch):
     assert hashes[0] != hashes[1]
     assert parts_hash("mpc", "walker") == []
     assert first != runs(tmp_path, **{**chosen, "controllers": ("lookahead",)})[0].job.key()
-
-
-def test_the_sources_of_a_folder_without_init_are_in_the_key(tmp_path, monkeypatch):
-    hashes = []
-    for i, more in enumerate(("", "# changed")):
-        (tmp_path / f"loose{i}").mkdir()
-        own_module(tmp_path / f"loose{i}", monkeypatch, more=more)
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.syspath_prepend(str(tmp_path))
-        hashes.append(parts_hash(f"loose{i}.my_parts:Sluggish", "walker"))
-    assert hashes[0] != hashes[1]
 
 
 def test_exceptions_that_runs_survived_are_said_and_kept(tmp_path, monkeypatch, capsys):

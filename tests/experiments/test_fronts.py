@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from experiments import front_gaps, fronts, plan_example
+from experiments import front_gaps, fronts
 from experiments.sweep import sweep
 
 
@@ -83,11 +83,6 @@ def test_a_table_that_cannot_be_compared_is_refused(tmp_path, capsys, rows, said
     assert said in capsys.readouterr().err
 
 
-def test_without_a_sweep_the_command_says_what_to_run(tmp_path, capsys):
-    assert fronts.main([str(tmp_path / "nothing")]) == 2
-    assert "run python -m experiments.sweep first" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_a_sweep_is_compared(tmp_path):
     study = tmp_path / "small.yaml"
@@ -101,10 +96,3 @@ def test_a_sweep_is_compared(tmp_path):
     assert fronts.main([str(tmp_path / "out")]) == 0
     margins = json.loads((tmp_path / "out" / "fronts.json").read_text())
     assert {m["group"] for m in margins} == {"straight", "all"}
-
-
-def test_one_plan_is_drawn(tmp_path, capsys):
-    assert plan_example.main(["--out", str(tmp_path / "plan.png")]) == 0
-    assert (tmp_path / "plan.png").stat().st_size > 10_000
-    assert plan_example.main(["--at-s", "0.0", "--out", str(tmp_path / "none.png")]) == 2
-    assert "nobody had been seen yet" in capsys.readouterr().err

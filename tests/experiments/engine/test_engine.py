@@ -9,8 +9,7 @@ import pytest
 from tiny_jobs import Tiny
 
 from experiments.engine.engine import Engine
-from experiments.engine.job import carry_out
-from experiments.engine.keys import program_hash
+from experiments.engine.job import carry_out, program_hash
 from gazempc.errors import GazempcError
 
 
@@ -32,7 +31,7 @@ def test_results_come_in_the_order_of_the_jobs_and_equal_jobs_are_done_once(firs
     assert [row.get("square") for row in rows[:4]] == [9, 1, 9, 4]
     np.testing.assert_array_equal(rows[3]["array"], np.full((2, 2), 0.1))
     assert fresh == 4  # without the equal one and the failed ones
-    assert sorted(path.suffix for path in folder.iterdir()) == [".json", ".json", ".json", ".npz"]
+    assert len(list(folder.iterdir())) == 4
     assert all(row["pid"] != os.getpid() for row in rows[:4])
 
 

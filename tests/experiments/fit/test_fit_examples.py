@@ -1,8 +1,6 @@
 """Examples on which the predictor `walker` is fitted: where they lead, what they are of, and that chance is seeded."""
 
 import dataclasses
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,21 +10,18 @@ from builders.walkers import straight_model
 from experiments.fit.examples import (
     _joined,
     _variant,
-    _variants,
     examples_of_walk,
     fitting_examples,
     is_straight,
-    join,
     scoring_examples,
     scoring_sensors,
 )
-from experiments.fit.trackers import KINDS, seen_through
+from experiments.fit.trackers import seen_through
 from experiments.fit.variants import bend, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor
 from predictors import Walker
-from predictors.walker.features import N_INPUTS, N_SPREAD
 from predictors.walker.network import KNOTS_S
 
 SAME = """
@@ -74,21 +69,6 @@ def test_examples_lead_to_where_the_walk_went(sensor):
     np.testing.assert_allclose(examples.weight, 0.7)
 
 
-def test_examples_of_many_recordings_are_one_table():
-    parts = [fitting_examples(name, 0, 3) for name in ("subject01_R1", "subject02_R4")]
-    table = join(parts)
-    n = sum(p.weight.size for p in parts)
-    assert n > 200
-    assert table.network.shape == (n, N_INPUTS)
-    assert table.spread.shape == (n, N_SPREAD)
-    assert table.noise_m.shape == (n, 2, 3)
-    assert table.departure_m.shape == (n, KNOTS_S.size, 3)
-    assert np.isfinite(table.network).all()
-    assert np.isfinite(table.spread).all()
-    assert (table.weight > 0).all()
-    assert ((table.noise_m > 0).all(axis=2).sum(axis=1) == 1).all()  # either measured or stated
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "examples",
@@ -100,14 +80,6 @@ def test_the_same_seed_gives_the_same_examples_and_another_others(examples):
     for name, value in vars(a).items():
         np.testing.assert_array_equal(value, getattr(b, name))
     assert a.network.shape != other.network.shape or not np.array_equal(a.network, other.network)
-
-
-@pytest.mark.slow
-def test_two_processes_make_the_same_examples():
-    other = subprocess.run([sys.executable, "-c", SAME], capture_output=True, text=True, check=True).stdout
-    here = {}
-    exec(SAME, here)
-    assert other.split() == [here["said"]]
 
 
 def test_who_stands_gives_examples_and_who_runs_none():
@@ -180,44 +152,3 @@ def watched(monkeypatch):
     monkeypatch.setattr("experiments.fit.examples.examples_of_walk", lambda *_: toy(2, 0))
     monkeypatch.setattr("experiments.fit.examples.wobble", shake)
     return seen, wobbled
-
-
-def test_half_of_the_walks_in_streets_wobble_and_no_others(monkeypatch):
-    """Marked by a height that nobody has; those in streets are flat, with their wobble or without."""
-    seen, wobbled = watched(monkeypatch)
-    parts = _variants(straight_walk(3.0), np.random.default_rng(0), [False] * 200 + [True] * 100, None)
-    assert len(parts) == len(seen)
-    shaken = {kind: [walk.head_m[:, 2].min() > 5.0 for k, _, walk in seen if k == kind] for kind in KINDS}
-    street = shaken.pop("street")
-    assert len(street) > 50
-    assert np.mean(street) == pytest.approx(0.5, abs=0.15)
-    assert sum(street) == len(wobbled)
-    assert not any(any(each) for each in shaken.values())
-    assert all(np.ptp(walk.head_m[:, 2]) < 1e-9 for kind, _, walk in seen if kind == "street")
-
-
-def test_scoring_sees_other_walks_of_the_person_as_well(monkeypatch):
-    """The walk as it is through each tracker of the claims, then twelve variants through trackers of all kinds."""
-    seen, _ = watched(monkeypatch)
-    scoring_examples("subject03_R1", 0)
-    walk = walk_of(load("subject03_R1"))
-    own, others = seen[: len(scoring_sensors())], seen[len(scoring_sensors()) :]
-    assert [name for _, name, _ in own] == [s.name for s in scoring_sensors()]
-    for _, _, as_it_is in own:
-        np.testing.assert_allclose(np.diff(as_it_is.head_m, axis=0), np.diff(walk.head_m, axis=0), atol=1e-9)
-    assert len(others) == 12
-    assert {kind for kind, _, _ in others} >= {"street", "white"}
-    sizes = [np.linalg.norm(np.diff(other.head_m, axis=0), axis=1).sum() for _, _, other in others]
-    assert np.ptp(sizes) > 1.0
-
-
-def test_a_fit_for_one_tracker_sees_every_walk_through_it(monkeypatch):
-    """Scoring as well; a shipped sensor that is called `street` has its own errors only, and its walks no wobble."""
-    seen, wobbled = watched(monkeypatch)
-    street = load_sensor("street")
-    fitting_examples("subject03_R1", 0, 4, street)
-    scoring_examples("subject03_R1", 0, street)
-    assert [(kind, name) for kind, name, _ in seen[:4]] == [("given", "street")] * 4
-    assert [name for _, name, _ in seen[4:]] == ["street"] * 13
-    assert {kind for kind, _, _ in seen[5:]} == {"given"}
-    assert not wobbled

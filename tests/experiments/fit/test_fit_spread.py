@@ -112,51 +112,6 @@ def test_the_shares_of_the_noise_are_recovered_at_each_knot(share):
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.02)
 
 
-@pytest.mark.slow
-def test_noise_that_is_in_no_error_has_no_share():
-    """Errors of 10 cm, whatever the noise up to 10 cm: a share adds next to nothing to the scale, at the worst 6 %."""
-    rng, n = np.random.default_rng(0), 6000
-    noise_m = some_noise(rng, n)
-    found = fit_spread(np.ones((n, 1)), noise_m, t_errors(rng, n, 0.1, 6.0), np.ones(n))
-    assert found.noise_share.max() < 0.35
-    assert np.median(found.noise_share) < 0.1
-    np.testing.assert_allclose(np.exp(found.log_spread[0]), 0.1, rtol=0.08)
-
-
-def test_longer_tails_than_are_tried_still_hold_95_percent():
-    """With three degrees of freedom the covariance would be made of the rarest errors; five are stated, and wider."""
-    rng, u = np.random.default_rng(0), np.ones((4000, 1))
-    found = fit_spread(u, no_noise(4000), t_errors(rng, 4000, 0.05, 3.0), np.ones(4000))
-    assert found.degrees_of_freedom == 5.0
-    inside = held(t_errors(rng, 12000, 0.05, 3.0), np.exp(found.log_spread[0]), 5.0)
-    np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.035)
-
-
-@pytest.mark.slow
-def test_of_many_rows_those_in_between_tell_the_same():
-    """Only every third row is read for the coefficients, and all for the ellipsoids."""
-    rng, n = np.random.default_rng(2), 36000
-    u = np.column_stack([np.ones(n), rng.uniform(0, 2, n)])
-    scale = np.exp(u @ [np.log(0.05), 0.5])[:, None, None]
-    found = fit_spread(u, no_noise(n), t_errors(rng, n, scale, 6.0), np.ones(n))
-    assert 5.0 <= found.degrees_of_freedom <= 8.0
-    np.testing.assert_allclose(found.log_scale(u) - np.log(scale), 0.0, atol=0.12)
-    inside = held(t_errors(rng, n, scale, 6.0), stated(found, u, no_noise(n)), found.degrees_of_freedom)
-    np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.015)
-
-
-@pytest.mark.slow
-def test_weights_count():
-    """Two kinds of people with errors of 5 and 10 cm: whoever has the weight has the scale."""
-    rng, n = np.random.default_rng(1), 4000
-    error = np.concatenate([t_errors(rng, n, 0.05, 5.0), t_errors(rng, n, 0.1, 5.0)])
-    weight = np.repeat([1.0, 1e-6], n)
-    u = np.ones((2 * n, 1))
-    for order, scale in ((1, 0.05), (-1, 0.1)):
-        found = fit_spread(u, no_noise(2 * n), error, weight[::order])
-        np.testing.assert_allclose(np.exp(found.log_spread), scale, rtol=0.12)
-
-
 def same_for_all(scale_m, v, share=0.0):
     unhidden = np.zeros((1, 0)), np.zeros((0, KNOTS, 3))
     return Spread(np.full((1, KNOTS, 3), np.log(scale_m)), *unhidden, np.full((2, KNOTS), share), v)
@@ -172,43 +127,6 @@ def test_calibration_scales_what_is_stated_too_small_or_too_large(said, v):
     np.testing.assert_allclose(np.exp(found.log_spread), 0.1, rtol=0.03)
     assert found.degrees_of_freedom == v
     np.testing.assert_array_equal(before.log_spread, np.log(said))
-
-
-@pytest.mark.parametrize("factor", [0.7, 1.0, 1.6])
-def test_calibration_scales_the_share_of_the_noise_as_well(factor):
-    """So that long and short axes of the ellipsoid keep their ratio."""
-    rng, n = np.random.default_rng(0), 20000
-    noise_m = no_noise(n)
-    noise_m[: n // 2, 0] = noise_m[n // 2 :, 1] = [0.2, 0.01, 0.01]
-    error = t_errors(rng, n, np.sqrt(0.05**2 + shared2(np.full((2, KNOTS), 0.5), noise_m)), 6.0)
-    before = same_for_all(0.05 * factor, 6.0, 0.5 * factor)
-    found = calibrate(before, np.ones((n, 1)), noise_m, error, np.ones(n))
-    np.testing.assert_allclose(np.exp(found.log_spread), 0.05, rtol=0.03)
-    np.testing.assert_allclose(found.noise_share, 0.5, rtol=0.03)
-    np.testing.assert_array_equal(before.noise_share, 0.5 * factor)
-
-
-def test_calibration_is_bounded_and_where_nothing_is_known_it_changes_nothing():
-    rng = np.random.default_rng(0)
-    error = t_errors(rng, 2000, 1.0, 5.0)
-    error[:, 7] = np.nan
-    found = calibrate(same_for_all(0.1, 5.0, 0.3), np.ones((2000, 1)), no_noise(2000), error, np.ones(2000))
-    np.testing.assert_allclose(np.exp(found.log_spread[0, :7]), 0.2)
-    np.testing.assert_allclose(np.exp(found.log_spread[0, 7]), 0.1)
-    np.testing.assert_allclose(found.noise_share, 2 * [[*7 * [0.6], 0.3]])
-
-
-def test_with_tails_that_are_not_the_true_ones_the_worse_of_both_shares_is_least_wrong():
-    """Errors of a mixture that no t distribution describes: both are missed by the same number of points."""
-    rng = np.random.default_rng(0)
-    wide = rng.random((40000, 1, 1)) < 0.2
-    error = np.where(wide, 0.4, 0.1) * rng.standard_normal((40000, KNOTS, 3))
-    u = np.ones((40000, 1))
-    found = calibrate(same_for_all(0.1, 20.0), u, no_noise(40000), error, np.ones(40000))
-    inside68, inside95 = held(error, np.exp(found.log_spread[0]), 20.0)
-    assert inside68 > 0.68
-    assert inside95 < 0.95
-    assert inside68 - 0.68 == pytest.approx(0.95 - inside95, abs=0.01)
 
 
 def test_doubt_is_fitted_to_all_errors_that_were_found():

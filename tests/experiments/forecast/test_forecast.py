@@ -10,7 +10,7 @@ from builders.own_parts import own_module
 
 from experiments.forecast.command import forecast, main
 from experiments.forecast.errors import forecast_errors
-from experiments.forecast.glance import turn_head
+from experiments.forecast.view import turn_head
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording, Track
@@ -143,13 +143,6 @@ def test_bad_input(words, expected, tmp_path, capsys):
     assert expected in capsys.readouterr().err
 
 
-def test_a_standing_person_has_finite_errors():
-    walk = straight_walk(speed=0.0)
-    errors = forecast_errors(walk, ConstantVelocity(), load_sensor("reference"), HORIZONS, 0)
-    assert np.isfinite(errors.difference_m[0]).all()
-    assert dataclasses.is_dataclass(errors)
-
-
 def test_hidden_cues_are_not_seen():
     """The paper's rule without one of its two angles is the filter alone; with both it is not."""
     walk = load("subject04_R5")
@@ -181,23 +174,6 @@ def test_a_glance_turns_the_head_and_nothing_else(from_s):
     assert np.isnan(turn_head(unknown, 40.0, from_s).truth.head_quat_wxyz).all()
 
 
-@pytest.mark.slow
-def test_cues_ratio_and_example(tmp_path):
-    words = ["--recordings", "subject01_R4", "subject02_R1", "--horizons", "0.5", "--out", str(tmp_path)]
-    shown = ["--predictors", "constant_velocity", "walker", "--cues", "both", "none", "--example", "subject03_R6"]
-    assert main([*words, *shown]) == 0
-    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
-    assert {(r["predictor"], r["cues"]) for r in rows} == {
-        (p, c) for p in ("constant_velocity", "walker") for c in ("both", "none")
-    }
-    plain = {r["group"]: r["error_true_mm"] for r in rows if r["predictor"] == "constant_velocity"}
-    for r in rows:
-        assert r["ratio_to_constant_velocity"] == pytest.approx(r["error_true_mm"] / plain[r["group"]])
-        assert r["n_people_seen_in_fitting"] == 0
-    for name in ("cues.png", "coverage.png", "example.png", "forecast_error.png"):
-        assert (tmp_path / name).stat().st_size > 5000
-
-
 def test_people_who_stand_are_compared_with_the_last_position_too(tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
     shown = ["--predictors", "constant_velocity", "last_position", "--horizons", "0.5", "--jobs", "1"]
@@ -227,24 +203,6 @@ def line_file(folder, rate_hz=30.0, seconds=4.0):
     return str(folder / "ann_1.csv")
 
 
-@pytest.mark.parametrize(("rate_hz", "count"), [(30.0, 120), (10.0, 40), (2.5, 10), (90.0, 120)])
-def test_thinned_frames_are_every_so_manieth_of_the_recording(tmp_path, rate_hz, count):
-    """A thinned recording gives what a file with these frames alone gives."""
-    options = {"predictors": ["constant_velocity"], "sensors": ["perfect"], "jobs": 1, "horizons": (0.4, 0.8)}
-    every = line_file(tmp_path / "every")
-    (thinned,) = forecast(recordings=[every], rates=(rate_hz,), out=tmp_path / "a", **options).results
-    assert thinned.errors.update_us.size == count
-    assert thinned.sensor == f"perfect at {rate_hz:g} Hz"
-    alone = line_file(tmp_path / "alone", rate_hz=min(rate_hz, 30.0))
-    (own,) = forecast(recordings=[alone], out=tmp_path / "b", **options).results
-    known = min(len(own.errors.difference_m), len(thinned.errors.difference_m))
-    for i in range(2):
-        error_m = thinned.errors.difference_m[:known, i]
-        both = np.isfinite(error_m) & np.isfinite(own.errors.difference_m[:known, i])
-        np.testing.assert_allclose(error_m[both], own.errors.difference_m[:known, i][both], atol=1e-7)
-        assert both.any()
-
-
 def test_one_table_has_the_errors_over_the_frame_rate(tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
     words = ["--recordings", "subject01_R1", "--predictors", "constant_velocity", "last_position", "--jobs", "1"]
@@ -266,11 +224,6 @@ def test_one_table_has_the_errors_over_the_frame_rate(tmp_path, monkeypatch):
     assert "By frame rate" in (tmp_path / "report.html").read_text()
 
 
-def test_an_example_that_does_not_exist_is_refused_at_once(tmp_path, capsys):
-    assert main(["--recordings", "subject01_R4", "--example", "nobody", "--out", str(tmp_path)]) == 2
-    assert "nobody" in capsys.readouterr().err
-
-
 def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name(tmp_path, monkeypatch):
     """With the settings of `constant_velocity` it errs as that does; with others it does not."""
     own = own_module(tmp_path, monkeypatch)
@@ -281,19 +234,6 @@ def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name
     _, other = forecast(**words, options={"psd": 0.5}, out=tmp_path / "out").results
     assert not np.array_equal(plain.errors.difference_m, other.errors.difference_m)
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 3
-
-
-def test_a_recording_that_cannot_be_read_is_said_and_the_others_are_kept(tmp_path, capsys):
-    (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
-    words = ["--recordings", str(tmp_path / "bad.csv"), "subject01_R1", "--predictors", "last_position", "--jobs", "1"]
-    assert main([*words, "--out", str(tmp_path / "out")]) == 4
-    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("- failed")]
-    assert "last_position on bad: " in line
-    assert "missing column" in line
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    (failed,) = summary["failed"]
-    assert failed["recording"].endswith("bad.csv")
-    assert {row["group"] for row in summary["rows"]} == {"straight", "all"}
 
 
 def test_a_predictor_that_fails_is_named_with_the_recordings(tmp_path, monkeypatch, capsys):
@@ -310,13 +250,3 @@ def test_a_predictor_that_fails_is_named_with_the_recordings(tmp_path, monkeypat
     assert {(row["predictor"], row["group"]) for row in summary["rows"]} == {
         ("last_position", group) for group in ("straight", "turn", "all")
     }
-
-
-def test_where_everything_fails_the_reasons_are_written_all_the_same(tmp_path, capsys):
-    (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
-    out = tmp_path / "out"
-    assert main(["--recordings", str(tmp_path / "bad.csv"), "--jobs", "1", "--out", str(out)]) == 4
-    assert "missing column" in capsys.readouterr().out
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["rows"] == []
-    assert len(summary["failed"]) == 5

@@ -5,7 +5,7 @@ import pytest
 from builders.sensing import sensor, standing
 
 from experiments.forecast.command import forecast
-from experiments.forecast.placing import observations_of, placed_for
+from experiments.forecast.view import observations_of, placed_for
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording

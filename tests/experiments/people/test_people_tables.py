@@ -7,7 +7,6 @@ from scipy.optimize import brentq
 
 from experiments.people import standing, tables
 from experiments.people.standing import SecondLater, least_time_s, switches
-from experiments.people.study import main
 from experiments.people.tables import decided
 from gazempc.neck.spec import load_neck
 from gazempc.results.attention import measure_attention
@@ -66,11 +65,6 @@ def test_engagement_on_recordings_is_right_for_at_least_95_percent_of_the_decide
     found = decided(bags_dir)
     assert found.right_s + found.wrong_s > 60.0
     assert found.right_s / (found.right_s + found.wrong_s) >= 0.95
-
-
-def test_a_folder_without_bags_is_refused(tmp_path, capsys):
-    assert main(["--parts", "--bags", str(tmp_path), "--out", str(tmp_path)]) == 2
-    assert "no bags" in capsys.readouterr().err
 
 
 def test_the_least_time_is_that_of_the_fastest_motion():

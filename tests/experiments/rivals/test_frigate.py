@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from builders.rival_bench import CAMERA, NECK, Plant, camera, neck_with, ramp, run, standing
+from builders.rival_bench import CAMERA, NECK, Plant, camera, ramp, run, standing
 
 from experiments.rivals.laws.frigate import CornerFilter, Frigate, FrigateCalibration, MoveTime, believed_velocity
 
@@ -84,23 +84,6 @@ def test_calibration_finds_the_line_of_a_plant_with_a_dead_time_and_a_speed():
     assert (fit.offset_s, fit.slope_s) == (pytest.approx(offset_s), pytest.approx(slope_s))
     assert fit.zero_move_s == times_s[0] < 0.05
     assert fit.slope_s == pytest.approx(np.pi / 4.0, abs=0.08)
-
-
-def test_a_line_that_the_program_would_not_accept_is_none():
-    law = FrigateCalibration(NECK, CAMERA)
-    run(law, standing(0.0), 20.0, Plant(), seen=lambda t: False, dt_s=0.01)
-    assert law.finished
-    assert law.move_time() is None
-
-
-def test_the_time_of_a_move_is_as_the_program_has_it():
-    assert MoveTime(0.4, 0.8, 0.1).predict_s(np.array([-0.5, 0.25])) == pytest.approx(0.04 + 0.6)
-
-
-def test_moves_stay_within_the_necks_range():
-    near = neck_with(position_min_deg=-20.0, position_max_deg=20.0)
-    course = run(Frigate(near, PROMPT), standing(40.0), 3.0, Plant(0.1, 0.0, 1.0), PROMPT)
-    assert course.head_deg[:, 0].max() == pytest.approx(20.0, abs=1e-6)
 
 
 def test_the_corner_filter_learns_a_steady_velocity():

@@ -1,8 +1,6 @@
 """The command, its rows and the wrong models."""
 
 import json
-from importlib.resources import files
-from pathlib import Path
 
 import pytest
 from bs4 import BeautifulSoup
@@ -13,7 +11,6 @@ from experiments.rivals.jobs import FIGURES, ModelError, RivalJob
 from experiments.rivals.plan import ERRORS, at_their_best, by_error, labelled, summarise, wrong_jobs
 from experiments.rivals.trials import make_trial
 from gazempc.neck.spec import load_neck
-from gazempc.settings import WalkerSettings
 from gazempc.sim.sensor import load_sensor
 
 REFERENCE, SENSOR = load_neck("reference"), on_the_head(load_sensor("face_camera"))
@@ -126,11 +123,6 @@ def test_eye_contact_is_compared_with_the_mpc_clip_by_clip() -> None:
     assert summarise(runs[1:2])[0]["eye_contact_behind_mpc"] is None
 
 
-def test_the_best_comes_first() -> None:
-    rows = summarise([run_of("mpc", 0.5), run_of("humotion", 0.6), run_of("reactive", 0.1)])
-    assert [row["rival"] for row in rows] == ["humotion", "mpc", "reactive"]
-
-
 def test_with_a_wrong_model_constants_stay_those_that_are_best_with_the_right_one() -> None:
     tried = [("smith", {"gain": 1.0}, 0.6), ("smith", {"gain": 0.5}, 0.4), ("humotion", {}, 0.9)]
     jobs = [RivalJob(rival, "turns", "w1", REFERENCE, SENSOR, constants=constants) for rival, constants, _ in tried]
@@ -172,17 +164,3 @@ def test_a_wrong_model_is_believed_and_does_not_move_the_robot() -> None:
     # Who believes in a longer latency takes each frame for an older one.
     assert wrong.capture_time_s[0] == pytest.approx(right.capture_time_s[0] - 0.05)
     assert wrong.arrival_time_s[0] == pytest.approx(right.arrival_time_s[0], abs=1e-9)
-
-
-def test_a_job_has_a_key_of_its_own() -> None:
-    model = Path(str(files("predictors.walker") / "walker.npz"))
-    job = RivalJob("humotion", "step", None, REFERENCE, SENSOR)
-    others = [
-        RivalJob("op3", "step", None, REFERENCE, SENSOR),
-        RivalJob("humotion", "ramp", None, REFERENCE, SENSOR),
-        RivalJob("humotion", "step", None, REFERENCE, SENSOR, 1),
-        RivalJob("humotion", "step", None, REFERENCE, SENSOR, error=ModelError(servo_scale=0.8)),
-        RivalJob("humotion", "step", None, REFERENCE, SENSOR, walker=WalkerSettings(fitted=model)),
-    ]
-    assert len({each.key() for each in [job, *others]}) == 6
-    assert RivalJob("humotion", "step", None, REFERENCE, SENSOR).key() == job.key()
