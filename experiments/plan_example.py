@@ -89,7 +89,7 @@ def plan_example(settings: PlanExampleSettings, _: str = "") -> int:
     moments = controller.moments
     chosen = [m for m in moments if m.situation.start_s <= settings.at_s + 1e-9]
     if not chosen:
-        raise SettingsError(f"--at-s {settings.at_s}: nobody had been seen yet; use a later instant")
+        raise SettingsError(f"--at-s {settings.at_s}: no person had been observed yet; use a later instant")
     true_rad = look_at(neck.geometry, log.head_true_base_m).angles_rad[:, 0]
     figure = draw(chosen[-1], neck, log.time_s, true_rad)
     settings.out.parent.mkdir(parents=True, exist_ok=True)

@@ -104,7 +104,7 @@ def _fit(settings: FitSettings) -> WalkerModel:
     folder = settings.out / FOLDS
     folder.mkdir(parents=True, exist_ok=True)
     for person, model in zip(left_out, models, strict=True):
-        # Whoever is left out of the networks is left out of the uncertainty as well.
+        # A person left out of the networks is left out of the uncertainty as well.
         used = [k for k, name in enumerate(people) if name != person]
         told = {**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]}
         fitted = replace(model, **vars(fit_doubt([found[k] for k in used])), about=told)

@@ -52,7 +52,7 @@ def placed_for(recording: Recording, sensor: SensorSpec) -> Recording:
     """A recording in the frame in which a sensor sees it.
 
     Where nothing depends on the robot's place, the recording's own frame serves: errors are then the same everywhere.
-    Otherwise the robot stands where a replay puts it if nobody says anything: where the recording's sensor stood, or
+    Otherwise the robot stands at the default place of a replay: where the recording's sensor stood, or
     2.5 m beside the walk.
 
     Args:

@@ -115,12 +115,10 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
     write_whole(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
     text = report(summary)
     write_whole(folder / "summary.md", text)
-    from experiments.paper.figures import draw_bars, draw_filters, draw_rules  # noqa: PLC0415
+    from experiments.paper.figures import draw_bars  # noqa: PLC0415
     from experiments.paper.routes_figure import draw_routes  # noqa: PLC0415
 
     draw_bars(summary, folder / "error_bars.png")
-    draw_filters(summary, folder / "filters.png")
-    draw_rules(summary, folder / "rules.png")
     scored = [r["source"] for r in first if not r["failed"] and not r["left_out"]]
     draw_routes([make_scene(source).walk for source in scored], folder / "routes.png")
     print(text)

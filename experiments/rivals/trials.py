@@ -149,7 +149,7 @@ def _alone(
         pelvis_quat_wxyz=faces,
         valid=np.ones(times_s.size, dtype=np.bool_),
     )
-    return Recording(name, "synthetic", "synthetic", times_s, track, None, True, Labels(subject="nobody"))
+    return Recording(name, "synthetic", "synthetic", times_s, track, None, True, Labels(subject="synthetic"))
 
 
 def _stopping(walk: Recording) -> Recording:

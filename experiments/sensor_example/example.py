@@ -75,14 +75,11 @@ def sensor_example(settings: SensorExampleSettings) -> list[SeenWalk]:
     predictor = make_predictor(settings.predictor, settings, person, settings.options)
     all_seen = [see(walk, sensor, predictor, instants_s.tolist(), settings.seed) for sensor in sensors]
 
-    from experiments.sensor_example.figure import draw_overview, draw_sensor  # noqa: PLC0415  (slow to import)
+    from experiments.sensor_example.figure import draw_overview  # noqa: PLC0415  (slow to import)
 
     settings.out.mkdir(parents=True, exist_ok=True)
     about = f"predictor {name_of(PREDICTOR, predictor)}; seed {settings.seed}"
-    for seen in all_seen:
-        draw_sensor(seen, about, settings.out / f"{seen.sensor}.png")
-    if len(all_seen) > 1:
-        draw_overview(all_seen, about, settings.out / OVERVIEW)
+    draw_overview(all_seen, about, settings.out / OVERVIEW)
     return all_seen
 
 
@@ -95,7 +92,7 @@ def _run(settings: SensorExampleSettings, _: str) -> int:
         along_mm, across_mm = seen.error_rms_mm()
         errors = f"{along_mm:5.0f} mm along, {across_mm:4.0f} mm across the line of sight"
         print(f"  {seen.sensor:16} {seen.capture_s.size:4d} frames, {errors}")
-    print(f"Written to {settings.out}/: a picture a sensor{f', and {OVERVIEW}' if len(all_seen) > 1 else ''}")
+    print(f"Written to {settings.out}/: {OVERVIEW}")
     return 0
 
 

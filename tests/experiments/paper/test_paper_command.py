@@ -20,14 +20,14 @@ from experiments.paper.validation import exact_weight
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
 SWEPT_S = (TUNED_TIME_S, SLOW_TIME_S, 2.0)
-FIGURES = ("error_bars.png", "filters.png", "rules.png", "routes.png")
+FIGURES = ("error_bars.png", "routes.png")
 
 
 def run(folder, out, drawn=False):
     """The command with three of its filters, figures only where wanted."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("experiments.paper.reproduction.FILTER_TIMES_S", SWEPT_S)
-        for name in () if drawn else ("figures.draw_bars", "figures.draw_filters", "figures.draw_rules"):
+        for name in () if drawn else ("figures.draw_bars",):
             patch.setattr(f"experiments.paper.{name}", lambda *_: None)
         if not drawn:
             patch.setattr("experiments.paper.routes_figure.draw_routes", lambda *_: None)
