@@ -86,13 +86,3 @@ def test_sensors_and_kinds_have_rows_of_their_own_by_hand():
     assert [(r["sensor"], r["group"], r["kind"]) for r in table] == list(expected)
     pairs = paired_differences(rows + others, "gaze_error_rms_deg", "mpc", "lookahead")
     assert {(d["sensor"], d["group"], d["kind"]): d["difference"] for d in pairs} == expected
-
-
-def test_the_gap_is_closed_towards_the_perfect_forecast_with_the_same_sensor():
-    rows = [
-        row("a", controller, rms, sensor=sensor)
-        for sensor, errors in {"near": (10.0, 4.0, 2.0), "far": (30.0, 15.0, 10.0)}.items()
-        for controller, rms in zip(("reactive", "mpc", "perfect"), errors, strict=True)
-    ]
-    add_gap_closed(rows)
-    assert [r["gap_closed"] for r in rows if r["controller"] == "mpc"] == [0.75, 0.75]

@@ -21,22 +21,6 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 @pytest.mark.slow
-def test_a_comparison_writes_its_tables(tmp_path):
-    compare(**settings(tmp_path))
-    rows = rows_of(tmp_path)
-    assert len(rows) == 9
-    assert {r["group"] for r in rows} == {"straight", "turn", "sharp"}
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert {r["group"] for r in summary["rows"]} == {"straight", "turn", "sharp", "all"}
-    means = [float(r["gaze_error_rms_deg"]) for r in rows if r["controller"] == "lookahead"]
-    entry = next(r for r in summary["rows"] if r["group"] == "all" and r["controller"] == "lookahead")
-    assert entry["gaze_error_rms_deg"] == pytest.approx(np.mean(means))
-    assert entry["n_clips"] == 3
-    assert entry["n_people"] == 2
-    assert "Limit violations in all runs: 0." in (tmp_path / "summary.md").read_text()
-
-
-@pytest.mark.slow
 def test_a_comparison_writes_a_report_with_its_numbers(tmp_path):
     out = tmp_path / "<b>out"
     words = ["--recordings", "subject01_R1", "subject02_R6", "--controllers", "reactive", "lookahead", "--jobs", "1"]

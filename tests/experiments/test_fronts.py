@@ -2,7 +2,6 @@
 
 import csv
 import json
-import math
 
 import pytest
 
@@ -14,13 +13,6 @@ def test_a_front_leaves_out_what_is_beaten():
     points = [(2.0, 1.0), (1.0, 2.0), (1.5, 3.0), (3.0, 1.5), (2.5, 0.5)]
     assert front_gaps.front(points, 1.0) == [(1.0, 2.0), (2.0, 1.0), (2.5, 0.5)]
     assert front_gaps.front(points, -1.0) == [(1.0, 2.0), (1.5, 3.0)]
-
-
-def test_between_points_a_front_is_a_line_and_it_does_not_reach_below_its_smoothest():
-    front = [(1.0, 2.0), (2.0, 1.0)]
-    assert front_gaps.at(front, 1.25) == pytest.approx(1.75)
-    assert front_gaps.at(front, 9.0) == 1.0
-    assert math.isnan(front_gaps.at(front, 0.9))
 
 
 def write_table(path, rows):

@@ -53,12 +53,6 @@ def test_a_second_run_does_only_what_failed(first):
     assert again[6]["failed"] == rows[6]["failed"]
 
 
-def test_nothing_to_do_starts_no_worker(first, monkeypatch):
-    monkeypatch.setattr("experiments.engine.engine.on_this_machine", None)
-    with Engine(first[0], jobs=2) as engine:
-        assert engine.run([Tiny(3)])[0]["square"] == 9
-
-
 def test_a_worker_that_dies_is_said_and_the_rest_is_kept(tmp_path):
     with Engine(tmp_path, jobs=1) as engine:
         engine.run([Tiny(1), Tiny(2)])
@@ -72,12 +66,6 @@ def test_another_program_or_file_in_the_worker_is_no_result():
     assert "is not the one that asks" in carry_out(job, job.key(), "0")["failed"]
     assert "not find the same files" in carry_out(job, "0", program_hash())["failed"]
     assert carry_out(job, job.key(), program_hash())["square"] == 4
-
-
-def test_a_folder_that_cannot_be_made_is_said(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(GazempcError, match="cannot make this folder"):
-        Engine(tmp_path / "file" / "runs", jobs=1)
 
 
 def test_importing_the_engine_for_a_worker_is_light():

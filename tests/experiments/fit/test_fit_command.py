@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import json
-import shutil
 from contextlib import redirect_stdout
 
 import numpy as np
@@ -15,7 +13,6 @@ from builders.walkers import NOTHING, straight_model
 
 from experiments.fit.command import fit, main
 from experiments.fit.doubt import errors_on_left_out
-from experiments.fit.spread import Spread
 from experiments.forecast.command import main as forecast
 from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, KNOTS_S, WalkerModel, load_walker_model
 
@@ -70,45 +67,6 @@ def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeyp
     rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
     assert {r["n_people_seen_in_fitting"] for r in rows if r["predictor"] == "walker"} == {1}
     assert "flatters" in (tmp_path / "summary.md").read_text()
-
-
-@pytest.fixture
-def no_doubt(monkeypatch):
-    """Fits state no doubt: what is used again does not depend on it."""
-    monkeypatch.setattr("experiments.fit.command.errors_on_left_out", lambda models, people, _: people)
-    monkeypatch.setattr(
-        "experiments.fit.command.fit_doubt",
-        lambda _: Spread(**{f.name: getattr(straight_model(), f.name) for f in dataclasses.fields(Spread)}),
-    )
-
-
-def networks_in(folder):
-    """Results of `NetworksJob`: the files that have weights."""
-    found = {}
-    for path in (folder / "runs").glob("*.npz"):
-        with np.load(path) as data:
-            if "weights_0" in data:
-                found[path] = path.stat().st_mtime_ns
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("no_doubt")
-def test_finished_fits_are_used_again_and_only_those(tmp_path, finished):
-    """Interrupted between the fits, the next start makes only what is missing; with other settings, all networks."""
-    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    first, before = load_walker_model(tmp_path / "walker.npz"), networks_in(tmp_path)
-    assert len(before) == 6
-    gone, *kept = before
-    gone.unlink()
-    again = fit(**settings(tmp_path))
-    assert all(np.array_equal(a, b) for a, b in zip(first.weights, again.weights, strict=True))
-    after = networks_in(tmp_path)
-    assert after.keys() == before.keys()
-    assert all(after[path] == before[path] for path in kept)
-    other = fit(**settings(tmp_path, steps=21))
-    assert not np.array_equal(first.weights[0], other.weights[0])
-    assert len(networks_in(tmp_path)) == 12
 
 
 def test_one_person_is_not_enough(tmp_path, capsys):

@@ -1,19 +1,14 @@
 """Examples on which the predictor `walker` is fitted: where they lead, what they are of, and that chance is seeded."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from builders.fits import standing, straight_walk, toy
+from builders.fits import standing, straight_walk
 from builders.walkers import straight_model
 
 from experiments.fit.examples import (
     _joined,
-    _variant,
     examples_of_walk,
-    fitting_examples,
     is_straight,
-    scoring_examples,
     scoring_sensors,
 )
 from experiments.fit.trackers import seen_through
@@ -23,14 +18,6 @@ from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor
 from predictors import Walker
 from predictors.walker.network import KNOTS_S
-
-SAME = """
-import hashlib
-from experiments.fit.examples import fitting_examples, scoring_examples
-parts = (fitting_examples("subject02_R4", 3, 3), scoring_examples("subject02_R4", 3))
-said = hashlib.sha256(b"".join(a.tobytes() for p in parts for a in vars(p).values())).hexdigest()
-print(said)
-"""
 
 
 def seen(walk, sensor, seed=0):
@@ -69,19 +56,6 @@ def test_examples_lead_to_where_the_walk_went(sensor):
     np.testing.assert_allclose(examples.weight, 0.7)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "examples",
-    [lambda seed: fitting_examples("subject05_R3", seed, 3), lambda seed: scoring_examples("subject05_R3", seed)],
-    ids=["fitting", "scoring"],
-)
-def test_the_same_seed_gives_the_same_examples_and_another_others(examples):
-    a, b, other = examples(7), examples(7), examples(8)
-    for name, value in vars(a).items():
-        np.testing.assert_array_equal(value, getattr(b, name))
-    assert a.network.shape != other.network.shape or not np.array_equal(a.network, other.network)
-
-
 def test_who_stands_gives_examples_and_who_runs_none():
     """Standing people are the networks' business; nobody runs there."""
     still = standing()
@@ -105,22 +79,6 @@ def test_a_recording_of_which_nothing_is_left_is_named():
         _joined([nothing, nothing], "ann_stands")
 
 
-def test_variants_of_straight_walks_stand_or_bend_and_those_of_turns_are_not_bent_again():
-    walk, bent_walks, standing_variants = straight_walk(4.0), 0, 0
-    for seed in range(120):
-        varied, bent = _variant(walk, True, False, np.random.default_rng(seed))
-        assert varied.times_s.size == varied.head_m.shape[0] == varied.head_yaw_rad.size
-        assert np.isfinite(varied.head_m).all()
-        stands = np.linalg.norm(np.ptp(varied.head_m[:, :2], axis=0)) < 0.3
-        assert not (bent and stands)
-        bent_walks += bent
-        standing_variants += stands
-    assert standing_variants >= 5
-    assert 40 < bent_walks < 90
-    turning = [_variant(walk, False, plain, np.random.default_rng(s)) for s in range(20) for plain in (True, False)]
-    assert not any(bent for _, bent in turning)
-
-
 def test_straight_is_what_keeps_its_direction():
     assert is_straight(straight_walk(sway_m=0.04))
     assert is_straight(straight_walk(0.5))
@@ -134,21 +92,3 @@ def test_scoring_sees_people_through_the_trackers_that_claims_are_made_on():
     positions = scoring_sensors()[2]
     assert not positions.head_yaw.reported
     assert not positions.pelvis_yaw.reported
-
-
-def watched(monkeypatch):
-    """Notes each variant's tracker and walk, and how often a walk was made to wobble."""
-    seen, wobbled = [], []
-
-    def look(walk, tracker, sensor, rng):
-        seen.append((tracker, sensor.name, walk))
-        return []
-
-    def shake(walk, rng):
-        wobbled.append(walk)
-        return dataclasses.replace(walk, head_m=walk.head_m + np.array([0.0, 0.0, 7.0]))
-
-    monkeypatch.setattr("experiments.fit.examples.seen_through", look)
-    monkeypatch.setattr("experiments.fit.examples.examples_of_walk", lambda *_: toy(2, 0))
-    monkeypatch.setattr("experiments.fit.examples.wobble", shake)
-    return seen, wobbled

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from builders.fits import toy
-from builders.walkers import random_model
 from scipy.optimize import approx_fprime
 from scipy.stats import f as f_distribution
 
-from experiments.fit.doubt import Found, errors_on_left_out, fit_doubt
 from experiments.fit.spread import Spread, SpreadLikelihood, calibrate, fit_spread
-from predictors.walker.network import KNOTS_S, N_DOUBT, RegimeMotion
+from predictors.walker.network import KNOTS_S
 
 KNOTS = KNOTS_S.size
 
@@ -72,15 +69,6 @@ def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.025)
 
 
-def test_what_is_not_linear_in_the_reasons_is_found_by_the_hidden_units():
-    """Doubt is high where either of two reasons holds, but not where both do: no linear formula says that."""
-    rng, n = np.random.default_rng(0), 4000
-    u = np.column_stack([np.ones(n), rng.integers(0, 2, (n, 2))])
-    scale = np.where(u[:, 1] != u[:, 2], 0.1, 0.03)[:, None, None]
-    found = fit_spread(u, no_noise(n), t_errors(rng, n, scale, 6.0), np.ones(n))
-    np.testing.assert_allclose(found.log_scale(u) - np.log(scale), 0.0, atol=0.15)
-
-
 def test_the_gradient_of_the_likelihood_is_its_slope():
     rng = np.random.default_rng(0)
     u = np.column_stack([np.ones(40), rng.standard_normal((40, 2))])
@@ -92,24 +80,6 @@ def test_the_gradient_of_the_likelihood_is_its_slope():
     x[-1] = 6.3
     expected = approx_fprime(x, lambda at: likelihood(at)[0], 1e-6)
     np.testing.assert_allclose(likelihood(x)[1], expected, atol=2e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("share", [(0.3, 0.9), (0.8, 0.4), (1.5, 1.5)])
-def test_the_shares_of_the_noise_are_recovered_at_each_knot(share):
-    """Of measured and of stated noise, each its own; they fall with the horizon."""
-    rng, n = np.random.default_rng(0), 6000
-    u = np.column_stack([np.ones(n), rng.uniform(0, 2, n)])
-    noise_m = some_noise(rng, n)
-    shares = np.outer(share, np.linspace(1.0, 0.5, KNOTS))
-    own = np.exp(u @ [np.log(0.01), 0.5])[:, None, None] * np.ones((1, KNOTS, 3))
-    scale = np.sqrt(own**2 + shared2(shares, noise_m))
-    found = fit_spread(u, noise_m, t_errors(rng, n, scale, 6.0), np.ones(n))
-    assert 5.0 <= found.degrees_of_freedom <= 8.0
-    np.testing.assert_allclose(found.noise_share, shares, rtol=0.08, atol=0.01)
-    np.testing.assert_allclose(found.log_scale(u) - np.log(own), 0.0, atol=0.25)
-    inside = held(t_errors(rng, n, scale, 6.0), stated(found, u, noise_m), found.degrees_of_freedom)
-    np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.02)
 
 
 def same_for_all(scale_m, v, share=0.0):
@@ -127,23 +97,3 @@ def test_calibration_scales_what_is_stated_too_small_or_too_large(said, v):
     np.testing.assert_allclose(np.exp(found.log_spread), 0.1, rtol=0.03)
     assert found.degrees_of_freedom == v
     np.testing.assert_array_equal(before.log_spread, np.log(said))
-
-
-def test_doubt_is_fitted_to_all_errors_that_were_found():
-    """Through the table of errors of each recording, by the model that has not seen the person."""
-    model = random_model()
-    examples = [toy(300, seed) for seed in range(3)]
-    found = errors_on_left_out({"ann": model, "bob": model}, ["ann", "bob", "ann"], examples)
-    assert [f.weight.size for f in found] == [300] * 3
-    motion = RegimeMotion(examples[1].line_m_s.astype(float), examples[1].places_m.astype(float))
-    said = model.answer(examples[1].network.astype(float), examples[1].spread.astype(float), motion)
-    np.testing.assert_allclose(found[1].doubt, said[1])
-    np.testing.assert_allclose(found[1].error_m, said[0] - examples[1].departure_m)
-    np.testing.assert_array_equal(found[1].noise_m, examples[1].noise_m)
-    fitted = fit_doubt(found)
-    assert fitted.log_spread.shape == (N_DOUBT, KNOTS, 3)
-    assert fitted.noise_share.shape == (2, KNOTS)
-    assert fitted.degrees_of_freedom > 2.0
-    table = Found.join(found)
-    scale = stated(fitted, table.doubt, table.noise_m)
-    np.testing.assert_allclose(held(table.error_m, scale, fitted.degrees_of_freedom), (0.68, 0.95), atol=0.06)

@@ -112,25 +112,6 @@ def test_a_head_turned_for_good_turns_the_step_by_that_angle(monkeypatch):
         assert np.all(np.diff(np.abs(removed.yaw_deg[10:])) < 0)
 
 
-def test_where_no_yaw_is_known_the_rule_adds_nothing(monkeypatch):
-    row = made_errors(monkeypatch, np.tile([2.0, 0.5, 0.4], (60, 1)), rules=tuple(RULES), head_deg=30.0)
-    (video,) = frames_of([row], rule="travel direction")
-    assert np.isnan(video.yaw_deg).all()
-    np.testing.assert_array_equal(video.turn_m, 0.0)
-
-
-def test_frames_out_of_range_are_not_used(monkeypatch):
-    """Along the sensor's axis from 0.2 to 7.95 m at 1.5 m/s; the distance is x itself."""
-    x = 0.213 + 1.5 * np.arange(156) / 30
-    row = made_errors(monkeypatch, np.stack([x, 0 * x, 0 * x], axis=1))
-    inside = (x >= 0.5) & (x <= 5.46)
-    assert 0 < inside.sum() < x.size
-    assert row["seen_frames"] == inside.sum()
-    for horizon_s, steps in zip(HORIZONS_S, (15, 30), strict=True):
-        (video,) = frames_of([row], horizon_s=horizon_s)
-        assert len(video.base_m) == inside.sum() - steps
-
-
 def test_a_frame_whose_future_was_not_seen_is_not_scored(monkeypatch):
     """Half a second is missing: frames before it are judged only if the frame 15 later is there."""
     valid = np.ones(120, dtype=bool)
@@ -177,28 +158,6 @@ def rotation(angle_deg):
 
 def make_observation(i):
     return HeadObservation(i / 30, line_m()[i])
-
-
-@pytest.mark.parametrize("lost", [1, 2])
-def test_one_or_two_lost_frames_are_bridged_wherever_they_are(monkeypatch, lost):
-    """The frames around them are 0.1 s apart at most, which is not a longer gap than 0.1 s."""
-    counts = set()
-    for first in range(40, 60):
-        valid = np.ones(90, dtype=bool)
-        valid[first : first + lost] = False
-        row = made_errors(monkeypatch, line_m(90), valid=valid)
-        (video,) = frames_of([row])
-        counts.add(len(video.base_m))
-    assert counts == {90 - 15 - lost}
-
-
-def test_a_walk_around_a_circle_turns_as_it_does(monkeypatch):
-    """1.2 rad/s at radius 1 m: chords of 2 sin(0.3) m, each turned by 0.6 rad to the left."""
-    angle = 1.2 * np.arange(120) / 30
-    circle = np.stack([3 + np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    row = made_errors(monkeypatch, circle)
-    np.testing.assert_allclose(row["speed_m_s"], 2 * np.sin(0.3) / 0.5, atol=1e-3)
-    np.testing.assert_allclose(row["turn_deg"], np.degrees(0.6), atol=0.1)
 
 
 def test_the_control_turns_by_the_waist():

@@ -28,14 +28,6 @@ def test_a_box_200_px_tall_is_followed_from_131_or_49_px_on(move_time, px):
         assert bool(course.command[-1, 0]) is moves
 
 
-def test_a_move_goes_the_share_of_the_image_in_which_the_face_is():
-    """The law takes the tangent for an angle: it goes tan 30 deg of 45 deg, and then what is left likewise."""
-    course = run(Frigate(NECK, PROMPT), standing(30.0), 4.0, Plant(0.1, 0.0, 1.0), PROMPT)
-    first_deg = 45.0 * np.tan(np.deg2rad(30.0))
-    second_deg = first_deg + 45.0 * np.tan(np.deg2rad(30.0 - first_deg))
-    np.testing.assert_allclose(np.unique(np.rad2deg(course.command[:, 0])), [0.0, first_deg, second_deg], atol=1e-6)
-
-
 def test_frames_of_the_motion_that_come_after_it_move_the_camera_too_far():
     late = camera(latency_s=0.6)
     course = run(Frigate(NECK, late), standing(30.0), 4.0, Plant(0.1, 0.0, 1.0), late)
@@ -60,14 +52,6 @@ def test_a_calibrated_camera_goes_further_by_what_the_person_walks_meanwhile():
     ahead = 10.0 * np.pi / 180.0 * (0.3 + 0.79 * seen)
     went_deg = np.rad2deg(course.command[began, 0]) - course.head_deg[began, 0]
     np.testing.assert_allclose(went_deg, 45.0 * (seen + ahead), atol=0.05)
-
-
-def test_after_ten_seconds_it_goes_home():
-    course = run(
-        Frigate(NECK, PROMPT), standing(30.0), 13.0, Plant(0.1, 0.0, 1.0), PROMPT, lambda t: t < 1.5, dt_s=0.005
-    )
-    assert course.head_deg[course.time_s > 11.0, 0][0] == pytest.approx(29.14, abs=0.01)
-    assert course.head_deg[-1, 0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_calibration_finds_the_line_of_a_plant_with_a_dead_time_and_a_speed():

@@ -102,11 +102,6 @@ def test_of_constants_that_are_level_the_smoothest_is_shown() -> None:
     assert at_their_best(runs) == runs[1:2]
 
 
-def test_without_any_contact_the_least_error_is_the_best() -> None:
-    runs = [run_of("op3", 0.0, "detection_period_s=0.1", 20.0), run_of("op3", 0.0, "detection_period_s=0.2", 15.0)]
-    assert at_their_best(runs) == runs[1:]
-
-
 def test_who_settles_beside_the_face_comes_last() -> None:
     near = run_of("mpc", 0.9, trial="step") | {"settling_s": 2.0, "rest_error_deg": 0.3}
     aside = run_of("conversation_app", 0.0, trial="step") | {"settling_s": 0.5, "rest_error_deg": 10.0}
@@ -134,21 +129,6 @@ def test_with_a_wrong_model_constants_stay_those_that_are_best_with_the_right_on
     found = by_error([run_of("smith", 0.6, "gain=1", error=ModelError()), run_of("smith", 0.1, "gain=1", error=late)])
     assert [(row["by"], row["eye_contact_2p6"]) for row in found["dead time"]] == [(0.0, 0.6), (30.0, 0.1)]
     assert [(row["by"], row["error"]) for row in found["latency"]] == [(0.0, "latency")]
-
-
-def test_the_command_keeps_these_constants_however_bad_they_are_with_a_wrong_model(tmp_path, monkeypatch) -> None:
-    late, right = ModelError(dead_time_scale=1.3), ModelError()
-    runs = [run_of("smith", 0.6, "gain=1", error=right), run_of("smith", 0.4, "gain=0.5", error=right)]
-    runs += [run_of(rival, 0.1, constants, error=late) for rival, constants in (("smith", "gain=1"), ("mpc", ""))]
-    runs += [run_of("mpc", 0.9, error=right), run_of("op3", 0.1, error=right)]
-    for run in runs:
-        run["trial"] = "pass_2.5m"
-    runs += [run | {"trial": "turns"} for run in runs]
-    monkeypatch.setattr("experiments.rivals.comparison._done", lambda settings: (runs, [], 0))
-    assert main(["--wrong-model", "--out", str(tmp_path)]) == 0
-    rows = json.loads((tmp_path / "rows.json").read_text())["rows"]
-    smith = {(row.get("by"), row["eye_contact_2p6"]) for row in rows if row["rival"] == "smith"}
-    assert smith == {(0.0, 0.6), (30.0, 0.1)}
 
 
 def test_a_wrong_model_is_believed_and_does_not_move_the_robot() -> None:

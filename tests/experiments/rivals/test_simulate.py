@@ -44,21 +44,6 @@ def run(rival, neck: NeckSpec = REFERENCE, trial: str = "still_seated_left", **s
     return simulate(Scene(one.walk, neck, SENSOR, start_rad=one.start_rad, **scene), lambda *_: rival)
 
 
-def test_an_angle_is_reached_at_top_speed_after_the_dead_time() -> None:
-    log = run(Told("position", (math.radians(60.0), 0.0)))
-    pan = log.joint_position_rad[:, 0]
-    moves = log.time_s[np.flatnonzero(pan > 1e-9)[0]]
-    assert moves == pytest.approx(REFERENCE.pan.dead_time_s, abs=0.011)
-    assert np.max(np.diff(pan)) / REFERENCE.servo_period_s == pytest.approx(REFERENCE.pan.velocity_max_rad_s, rel=0.02)
-    assert pan[-1] == pytest.approx(math.radians(60.0))
-
-
-def test_a_speed_integrates_behind_dead_time_and_lag() -> None:
-    log = run(Told("velocity", (0.05, 0.0)))
-    delay_s = REFERENCE.pan.dead_time_s + REFERENCE.pan.servo_lag_s
-    assert log.joint_position_rad[-1, 0] == pytest.approx(0.05 * (log.time_s[-1] - delay_s), abs=1e-4)
-
-
 def test_a_rival_sees_faces_late_in_the_head_as_it_stood() -> None:
     rival = Told("velocity", (0.05, 0.0))
     run(rival)

@@ -11,27 +11,8 @@ from builders.sweeps import SMALL, table_of, words, written
 
 from experiments.sweep.plan import load_plan
 from experiments.sweep.sweep import SweepSettings, main, run_sweep, sweep
-from experiments.sweep.variants import resolve
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
-
-
-def job_of(path, **changes):
-    return resolve({"controller": "lookahead", **changes}).on(str(path))
-
-
-def test_a_result_is_named_by_all_it_depends_on(tmp_path):
-    changes = [{}, {"seed": 1}, {"model.dead_time_scale": 0.9}, {"sensor.rate_hz": 10}, {"neck": "slow"}]
-    changes += [{"predictor": "last_position"}, {"controller": "mpc"}, {"distance_m": 2}]
-    keys = {job_of("subject01_R1", **change).key() for change in changes} | {job_of("subject01_R4").key()}
-    source = tmp_path / "walk.csv"
-    for text in ("one", "another"):
-        source.write_text(text)
-        keys.add(job_of(source).key())
-    (tmp_path / "index.csv").write_text("clip,subject,group")
-    keys.add(job_of(source).key())
-    assert len(keys) == len(changes) + 4
-    assert job_of("subject01_R1").key() == job_of("subject01_R1", seed=0).key()
 
 
 @pytest.fixture(scope="module")
