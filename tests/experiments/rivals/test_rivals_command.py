@@ -60,7 +60,7 @@ def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> Non
     text = capsys.readouterr().out
     assert "## walks, neck reachy_mini, sensor face_camera" in text
     assert f"| {walks['humotion']['rival']} | " in text
-    assert "| **reactive** | " in text
+    assert "| reactive | " in text
     report = BeautifulSoup((tmp_path / "report.html").read_text(encoding="utf-8"), "html.parser")
     for row in walks.values():
         assert f"{row['rival']} {100 * row['eye_contact_2p6']:.1f} %" in report.find(class_="answer").text
