@@ -75,7 +75,7 @@ def test_a_recording_of_which_nothing_is_left_is_named():
     still = standing()
     nothing = examples_of_walk(still, seen(still, "perfect"), 1.0)  # not even sway, so no direction
     assert nothing.weight.size == 0
-    with pytest.raises(GazempcError, match="ann_stands: nobody is seen"):
+    with pytest.raises(GazempcError, match="ann_stands: no person slower than 3 m/s"):
         _joined([nothing, nothing], "ann_stands")
 
 

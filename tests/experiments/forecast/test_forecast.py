@@ -203,7 +203,7 @@ def test_a_predictor_that_fails_is_named_with_the_recordings(tmp_path, monkeypat
     own = own_module(tmp_path, monkeypatch, "failing_parts", more=fails)
     words = ["--recordings", "subject01_R1", "subject01_R4", "--predictors", f"{own}:Failing", "last_position"]
     assert main([*words, "--jobs", "1", "--out", str(tmp_path / "out")]) == 4
-    assert f"- failed {own}:Failing on subject01_R1 and 1 more: predictor steady: " in capsys.readouterr().out
+    assert f"failed: {own}:Failing on subject01_R1: predictor steady: " in capsys.readouterr().out
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert {(f["recording"], f["predictor"]) for f in summary["failed"]} == {
         (name, f"{own}:Failing") for name in ("subject01_R1", "subject01_R4")

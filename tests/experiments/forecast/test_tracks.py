@@ -91,7 +91,7 @@ def test_a_walk_that_comes_too_near_is_left_out_where_the_place_matters(tmp_path
     assert left_out["sensor"] == "face_camera"
     assert summary["n_left_out"] == 1
     assert {row["sensor"] for row in summary["rows"]} == {"reference"}
-    assert f"- left out round, sensor face_camera: {left_out['left_out']}" in capsys.readouterr().out
+    assert f"- left out round: {left_out['left_out']}" in capsys.readouterr().out
 
 
 def clip(recording, predictor, error_m, freedom=np.inf, nees=1.0):
