@@ -1,7 +1,7 @@
 """How long one frame with many people takes: `python -m benchmarks.people`.
 
 Twenty people walk about and are seen 30 times a second, without names, with error. Of one of them a forecast is asked
-for after each frame, as the loop does. Every 1.5 s it is somebody else's turn, who is made ready for it in 0.5 s.
+for after each frame, as the loop does. Every 1.5 s attention switches to another person, announced 0.5 s before.
 """
 
 from __future__ import annotations

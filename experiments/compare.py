@@ -7,93 +7,39 @@ if __name__ == "__main__":  # before the other imports, which are slow
 
     end_during_imports("compare")
 
-import csv
 import itertools
-import json
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-import tyro
 from pydantic import Field
 
-from experiments.aggregate import add_gap_closed, paired_differences, summarise
-from experiments.compare_report import COMPARED, report
-from experiments.engine.command import (
-    NOT_SAVED,
-    WorkSettings,
-    call_of,
-    check,
-    command_of,
-    exit_status,
-    parse,
-    run_command,
-    throughput,
-)
+from experiments.aggregate import COMPARED, DIFFERENCES, add_gap_closed, paired_differences, summarise
+from experiments.engine.choices import ChoiceSettings, each_sensor, find_recordings, in_place, name_parts, options_of
+from experiments.engine.command import Command, call_of, check, exit_status, throughput
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.engine.own_parts import check_parts, name_parts, options_of
-from experiments.engine.recordings import find_recordings, in_place
-from experiments.engine.replays import ReplayJob, all_faults, each_sensor
-from gazempc.files.whole import whole, write_whole
+from experiments.engine.replays import ReplayJob, all_faults
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.results.run_summary import versions
-from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, PredictorChoice, WalkerSettings
+from gazempc.settings import ControllerChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.scene import PlaceSettings
 
 
-class CompareSettings(WorkSettings, PlaceSettings):
+class CompareSettings(ChoiceSettings, PlaceSettings):
     """Settings of `python -m experiments.compare`."""
 
-    recordings: tuple[str, ...] = Field(
-        min_length=1, description="'synthetic' (14 x 6), 'everyday' (14 x 5), folders, files or synthetic names"
-    )
     controllers: tuple[ControllerChoice, ...] = Field(
         default=("reactive", "lookahead", "mpc", "perfect"),
         min_length=1,
         description="What to compare; module:Class for your own",
     )
-    predictors: tuple[PredictorChoice | Literal["default"], ...] = Field(
-        default=("default",), min_length=1, description="Forecasts; default is the run command's; module:Class"
-    )
-    sensors: tuple[str, ...] = Field(
-        default=(),
-        description="Shipped sensors or .toml files; without them each recording's own if tracked, else reference",
-    )
     necks: tuple[str, ...] = Field(default=("reference",), min_length=1, description="Shipped necks or .toml files")
-    walker: WalkerSettings = WalkerSettings()
-    options: Annotated[dict[str, Any], tyro.conf.Suppress] = Field(
-        default={}, description="Options of parts of your own: --options.KEY VALUE, for a parameter of the constructor"
-    )
     out: Path = Field(default=Path("out/compare"), description="Where to write; an interrupted run goes on there")
     figures: bool = Field(default=True, description="Draw figures")
-
-
-@dataclass(frozen=True)
-class Compared:
-    """One run of a comparison: its labels, and the job."""
-
-    labels: dict[str, Any]
-    job: ReplayJob
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 1 if runs left the limits, 4 if runs failed, 2 on bad input, 130 if interrupted.
-    """
-    return run_command(
-        "compare", lambda: _run(parse(CompareSettings, "compare", __doc__, arguments), command_of("compare", arguments))
-    )
 
 
 def compare(**settings: Any) -> list[Row]:
@@ -127,24 +73,24 @@ def _run(settings: CompareSettings, command: str) -> int:
 
 
 def _replay_all(settings: CompareSettings) -> tuple[list[Row], float]:
-    runs = runs_of(settings)
+    labels, jobs = zip(*runs_of(settings), strict=True)
     with Engine(settings.out / "runs", settings.jobs, settings.dask) as engine:
-        results = engine.run([run.job for run in runs])
-    rows = [run.labels | result for run, result in zip(runs, results, strict=True)]
+        results = engine.run(jobs)
+    rows = [label | result for label, result in zip(labels, results, strict=True)]
     for part in ("controller", "predictor"):
         name_parts(rows, part)
     add_gap_closed(rows)
     return rows, sum(row.get("simulated_s", 0.0) for row in engine.fresh)
 
 
-def runs_of(settings: CompareSettings) -> list[Compared]:
+def runs_of(settings: CompareSettings) -> list[tuple[Row, ReplayJob]]:
     """Every combination on every recording, after checking all that can be checked before.
 
     Args:
         settings: What to compare.
 
     Returns:
-        The runs; the perfect forecast is run once for each neck and sensor, as it has no predictor.
+        Labels and job of each run; the perfect forecast is run once for each neck and sensor, as it has no predictor.
 
     Raises:
         GazempcError: If a recording, neck, sensor or part does not exist.
@@ -152,44 +98,24 @@ def runs_of(settings: CompareSettings) -> list[Compared]:
     recordings = find_recordings(settings.recordings)
     necks = {name: load_neck(name) for name in settings.necks}
     sensors = each_sensor(settings.sensors)
-    predictors = dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in settings.predictors)
-    check_parts(settings.controllers, predictors, settings.options)
-    if settings.walker.fitted is not None:
-        walker_model(settings.walker.fitted, "")  # before anything runs
-    runs: dict[tuple[str | None, ...], Compared] = {}
+    predictors = settings.checked_predictors(*settings.controllers)
+    place = {name: getattr(settings, name) for name in PlaceSettings.model_fields}
+    runs: dict[tuple[str | None, ...], tuple[Row, ReplayJob]] = {}
     for recording, (sensor, by_name), (neck_name, neck), predictor, controller in itertools.product(
         recordings, sensors.items(), necks.items(), predictors, settings.controllers
     ):
         shown = "perfect" if controller == "perfect" else predictor
-        chosen = _settings_of(settings, controller, shown, sensor)
+        options = options_of(controller, shown, settings.options)
+        chosen = ReplaySettings(predictor=shown, walker=settings.walker, options=options, sensor=sensor, **place)
+        labels = {
+            **{"recording": Path(recording).stem, "source": recording},
+            **dict.fromkeys(("data_kind", "subject", "group", "kind")),
+            **{"controller": controller, "predictor": shown, "neck": neck_name},
+            **{"sensor": None if sensor is None else by_name[sensor].name, "seed": settings.seed, "notes": None},
+        }
         job = ReplayJob(in_place(recording), controller, chosen, neck, neck, by_name)
-        labels = _labels(job, recording, neck_name)
-        runs.setdefault((recording, sensor, neck_name, shown, controller), Compared(labels, job))
+        runs.setdefault((recording, sensor, neck_name, shown, controller), (labels, job))
     return list(runs.values())
-
-
-def _settings_of(settings: CompareSettings, controller: str, predictor: str, sensor: str | None) -> ReplaySettings:
-    place = {name: getattr(settings, name) for name in PlaceSettings.model_fields}
-    options = options_of(controller, predictor, settings.options)
-    return ReplaySettings(predictor=predictor, walker=settings.walker, options=options, sensor=sensor, **place)
-
-
-def _labels(job: ReplayJob, recording: str, neck: str) -> dict[str, Any]:
-    chosen = job.settings.sensor
-    return {
-        "recording": Path(recording).stem,
-        "source": recording,
-        "data_kind": None,
-        "subject": None,
-        "group": None,
-        "kind": None,
-        "controller": job.controller,
-        "predictor": job.settings.predictor,
-        "neck": neck,
-        "sensor": None if chosen is None else job.sensors[chosen].name,
-        "seed": job.settings.seed,
-        "notes": None,
-    }
 
 
 def write(settings: CompareSettings, rows: list[Row], command: str) -> tuple[str, list[str]]:
@@ -204,22 +130,14 @@ def write(settings: CompareSettings, rows: list[Row], command: str) -> tuple[str
         The text of ``summary.md``, and the names of the files.
     """
     done = [row for row in rows if not row["left_out"] and not row["failed"]]
-    columns = list(dict.fromkeys(name for row in rows for name in row if name != "faults"))
-    with whole(settings.out / "results.csv") as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-    summary = _summary(settings, rows, done)
-    write_whole(settings.out / "summary.json", json.dumps(summary, indent=2) + "\n")
-    text = report(summary, done)
-    write_whole(settings.out / "summary.md", text)
     # Slow to import.
-    from experiments.compare_figures import draw_all  # noqa: PLC0415
-    from experiments.compare_page import compare_page  # noqa: PLC0415
-    from gazempc.results.page.write import write_page  # noqa: PLC0415
+    from experiments.compare_page import compare_page, draw_all  # noqa: PLC0415
+    from experiments.pages import write_csv, write_results  # noqa: PLC0415
 
+    write_csv(settings.out / "results.csv", rows)
+    summary = _summary(settings, rows, done)
     drawn = draw_all(summary["rows"], done, settings.out) if settings.figures and done else []
-    write_page(compare_page(summary, done, drawn, command), settings.out)
+    text = write_results(compare_page(summary, done, drawn, command), settings.out, summary)
     files = ["report.html", "results.csv", "summary.json", "summary.md"]
     return text, [*files, *(path.name for path in drawn)]
 
@@ -232,7 +150,7 @@ def _summary(settings: CompareSettings, rows: list[Row], done: list[Row]) -> dic
     return {
         "rows": summarise(done),
         **{
-            f"mpc_minus_lookahead_{name}": paired_differences(done, metric, "mpc", "lookahead")
+            f"{DIFFERENCES}{name}": paired_differences(done, metric, "mpc", "lookahead")
             for name, (metric, _, _) in compared
         },
         "n_left_out": len(left_out),
@@ -241,7 +159,7 @@ def _summary(settings: CompareSettings, rows: list[Row], done: list[Row]) -> dic
         "faults": all_faults(rows),
         "people_seen_in_fitting": _seen_in_fitting(settings, done),
         "seed": settings.seed,
-        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED, "figures"}),
+        "settings": settings.saved("figures"),
         "versions": versions(),
     }
 
@@ -251,6 +169,8 @@ def _seen_in_fitting(settings: CompareSettings, done: list[Row]) -> list[str]:
     fitted = settings.walker.fitted
     return [p for p in people if p in walker_model(fitted, p).about.get("people", ())]
 
+
+main = Command("compare", CompareSettings, __doc__, _run).main
 
 if __name__ == "__main__":
     sys.exit(main())

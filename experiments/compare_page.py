@@ -1,17 +1,45 @@
-"""The report of a comparison of gazes."""
+"""The tables, report and figures of a comparison of gazes."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from experiments.clips import sensors_of
-from experiments.compare_report import COMPARED, DIFFERENCES, about, difference_table, gaze_table
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.aggregate import COMPARED, DIFFERENCES, figure_name, groups_of, sensors_of
 from experiments.engine.job import Row
-from experiments.page_parts import failures, left_out, shares, survived
-from gazempc.results.figures.style import styles
+from experiments.pages import count, failures, left_out, shares, survived
+from gazempc.recordings.recording import truth_of
+from gazempc.results.figures.style import SeriesLook, readable, series_look, style, styles
 from gazempc.results.page.content import Chart, Page, PageTable, Unusual
 from gazempc.results.run_summary import label
+
+
+def about(summary: Row, done: Sequence[Row]) -> list[str]:
+    """What a reader must know of the means, in sentences.
+
+    Args:
+        summary: What is in `summary.json`.
+        done: Runs with metrics.
+
+    Returns:
+        The sentences.
+    """
+    placement = summary["settings"]["placement"] or "that fits each recording"
+    counted = Counter({r["source"]: r["data_kind"] for r in done}.values())
+    kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
+    return [
+        f"{count(len({r['source'] for r in done}), 'recording')} ({kinds or 'none'}) of "
+        f"{count(len({r['subject'] for r in done}), 'person', 'people')}; placement {placement}, seed "
+        f"{summary['settings']['seed']}. Means over clips; in brackets 95 % bootstrap intervals over people (none where"
+        " one person walks).",
+        f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed. Limit violations in all "
+        f"runs: {sum(run['limit_violations'] or 0 for run in done)}.",
+        *(f"Of {kind} recordings the gaze error is against {truth_of(kind)}." for kind in counted if truth_of(kind)),
+    ]
 
 
 def compare_page(summary: Row, done: Sequence[Row], pictures: Iterable[Path], command: str) -> Page:
@@ -89,11 +117,186 @@ def _unusual(summary: Row, done: Sequence[Row]) -> Iterator[Unusual]:
         yield Unusual(f"{violations} violations of a neck's limits")
     if people := summary["people_seen_in_fitting"]:
         yield Unusual(
-            f"the predictor walker was fitted on {len(people)} of those who walk here, which flatters it",
-            "For people left out see --walker.fitted.",
+            f"the predictor walker was fitted on {count(len(people), 'person', 'people')} of these recordings",
+            "Its figures are optimistic; for people left out see --walker.fitted.",
         )
     yield from failures(summary["failed"])
     yield from survived(summary["faults"])
     yield from left_out(summary["left_out"])
     noted = dict.fromkeys((run["recording"], run["notes"]) for run in done if run["notes"])
     yield from (Unusual(f"note on {name}", note) for name, note in noted)
+
+
+def gaze_table(rows: list[Row], title: str = "") -> PageTable:
+    """Means of each gaze.
+
+    Args:
+        rows: Of one sensor, as of `experiments.aggregate.summarise`.
+        title: What stands above.
+
+    Returns:
+        The table.
+    """
+    # Most recordings do not say of what kind they are.
+    has_kinds = any(r["kind"] != "all" for r in rows)
+    # Without body and eyes, the head's acceleration is that of all joints.
+    has_more = any(r["head_rms_acceleration_rad_s2"] != r["rms_acceleration_rad_s2"] for r in rows)
+    has_eyes = any(r["eye_eccentricity_p95_deg"] is not None for r in rows)
+    # Of people who start, and of people who stay on the spot.
+    has_starts, has_stays = (
+        any(r[name] is not None for r in rows) for name in ("time_from_start_to_contact_s", "false_starts_per_min")
+    )
+    columns = [
+        *("group", *(["kind"] if has_kinds else []), "clips", "people", "neck", "gaze", "filter and forecast"),
+        *("gaze error RMS [deg]", "eye contact 2.6 deg [%]", "gap closed", "RMS acceleration [rad/s^2]"),
+        *(["of the head [rad/s^2]"] if has_more else []),
+        *(["eyes aside, 95 % below [deg]"] if has_eyes else []),
+        *(["start to contact [s]"] if has_starts else []),
+        *(["false starts [1/min]"] if has_stays else []),
+    ]
+    lines = []
+    for r in rows:
+        cells = [
+            *(r["group"], *([r["kind"]] if has_kinds else []), str(r["n_clips"]), str(r["n_people"]), r["neck"]),
+            *(label(r["controller"]), r["predictor"]),
+            *(_cell(r, "gaze_error_rms_deg", 2), _cell(r, "eye_contact_2p6", 1, 100.0)),
+            *(_cell(r, "gap_closed", 3), _cell(r, "rms_acceleration_rad_s2", 2)),
+            *([_cell(r, "head_rms_acceleration_rad_s2", 2)] if has_more else []),
+            *([_cell(r, "eye_eccentricity_p95_deg", 1)] if has_eyes else []),
+            *([_cell(r, "time_from_start_to_contact_s", 2)] if has_starts else []),
+            *([_cell(r, "false_starts_per_min", 1)] if has_stays else []),
+        ]
+        lines.append(tuple(cells))
+    return PageTable(title, tuple(columns), tuple(lines))
+
+
+def difference_table(differences: list[Row], digits: int, title: str) -> PageTable:
+    """MPC minus look-ahead on the same clips; below 0 the MPC is better.
+
+    Args:
+        differences: Of one sensor, as of `experiments.aggregate.paired_differences`.
+        digits: After the point.
+        title: What stands above.
+
+    Returns:
+        The table.
+    """
+    columns = ("clips", "filter and forecast", "neck", "difference", "number of clips", "less in", "more in")
+    rows = tuple(
+        (
+            _clips(d),
+            d["predictor"],
+            d["neck"],
+            _interval(d, digits),
+            *(str(d[n]) for n in ("n_clips", "n_less", "n_more")),
+        )
+        for d in differences
+    )
+    return PageTable(title, columns, rows, "On the same clips; below 0 the MPC is better.")
+
+
+def _cell(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
+    if row[name] is None:
+        return "-"
+    text = f"{factor * row[name]:.{digits}f}"
+    if interval := row[f"{name}_ci95"]:
+        text += f" [{factor * interval[0]:.{digits}f}, {factor * interval[1]:.{digits}f}]"
+    return text
+
+
+def _clips(d: Row) -> str:
+    return str(d["group"] if d["kind"] == "all" else d["kind"])
+
+
+def _interval(d: Row, digits: int) -> str:
+    interval = f" [{d['ci95'][0]:+.{digits}f}, {d['ci95'][1]:+.{digits}f}]" if d["ci95"] else ""
+    return f"{d['difference']:+.{digits}f}{interval}"
+
+
+# Figures by file name: metric, label of the axis, factor.
+_BARS = {
+    "gaze_error": ("gaze_error_rms_deg", "RMS gaze error (deg)", 1.0),
+    "eye_contact": ("eye_contact_2p6", "eye contact within 2.6 deg (% of the time)", 100.0),
+    "gap_closed": ("gap_closed", "gap between reactive and perfect closed", 1.0),
+}
+
+
+def draw_all(rows: Sequence[Row], runs: Sequence[Row], out: Path) -> list[Path]:
+    """Draw gaze error, eye contact and gap closed by group, once for each sensor.
+
+    Args:
+        rows: Means, as of `experiments.aggregate.summarise`.
+        runs: The runs behind them.
+        out: Folder to write to.
+
+    Returns:
+        The files.
+    """
+    drawn: list[Path] = []
+    sensors = sensors_of(rows)
+    for sensor in sensors:
+        here = [row for row in rows if row["sensor"] == sensor and row["kind"] == "all"]
+        kinds = Counter({run["source"]: run["data_kind"] for run in runs if run["sensor"] == sensor}.values())
+        data = ", ".join(f"{n} recordings, {kind}" for kind, n in sorted(kinds.items())) + f"; sensor {sensor}"
+        for name, (metric, axis, factor) in _BARS.items():
+            if any(row[metric] is not None for row in here):
+                drawn.append(out / figure_name(name, sensor, sensors))
+                _bars(here, data, metric, axis, factor, drawn[-1])
+    return drawn
+
+
+def _looks(series: Sequence[tuple[str, str, str]]) -> list[tuple[str, SeriesLook]]:
+    """Colour of each by its controller, and what tells it from the others of that controller."""
+    colours = styles(dict.fromkeys(controller for controller, _, _ in series))
+    before: Counter[str] = Counter()
+    looks = []
+    for controller, _, _ in series:
+        looks.append((colours[controller].colour, series_look(before[controller])))
+        before[controller] += 1
+    return looks
+
+
+def _series(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
+    return list(dict.fromkeys((r["controller"], r["predictor"], r["neck"]) for r in rows))
+
+
+def _name(series: tuple[str, str, str], all_series: Sequence[tuple[str, str, str]]) -> str:
+    controller, predictor, neck = series
+    parts = [style(controller).label]
+    # Said only where it tells series apart.
+    if controller != "perfect" and len({p for c, p, _ in all_series if c != "perfect"}) > 1:
+        parts.append(predictor)
+    if len({n for _, _, n in all_series}) > 1:
+        parts.append(neck)
+    return ", ".join(parts)
+
+
+def _bars(rows: Sequence[Row], data: str, figure: str, label: str, factor: float, path: Path) -> None:
+    groups, series = groups_of(r for r in rows if r["group"] != "all"), _series(rows)
+    width_inches = max(8.5, 3.0 + 0.35 * len(groups) * len(series))
+    with readable(width_inches):
+        plot = Figure(figsize=(width_inches, 4.2), layout="constrained")
+        ax = plot.subplots()
+        width = 0.8 / len(series)
+        for i, (one, (colour, look)) in enumerate(zip(series, _looks(series), strict=True)):
+            chosen = {r["group"]: r for r in rows if (r["controller"], r["predictor"], r["neck"]) == one}
+            present = [g for g in groups if g in chosen and chosen[g][figure] is not None]
+            x = np.array([groups.index(g) for g in present]) + (i - (len(series) - 1) / 2) * width
+            means = np.array([factor * chosen[g][figure] for g in present])
+            intervals = [chosen[g][f"{figure}_ci95"] for g in present]
+            ax.bar(x, means, width * 0.92, color=colour, hatch=look.hatch, label=_name(one, series))
+            for at, mean, interval in zip(x, means, intervals, strict=True):
+                if interval is not None:  # one person alone has no spread over people
+                    ends = np.maximum([[mean - factor * interval[0]], [factor * interval[1] - mean]], 0.0)
+                    ax.errorbar([at], [mean], ends, fmt="none", color="black", capsize=2, linewidth=1)
+        ax.set_xticks(range(len(groups)), [_group_label(rows, g) for g in groups])
+        ax.set_ylabel(label)
+        plot.legend(frameon=False, fontsize="small", loc="outside right upper")
+        ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
+        plot.supxlabel(data, fontsize="small", color="0.4")
+        plot.savefig(path, dpi=150)
+
+
+def _group_label(rows: Sequence[Row], group: str) -> str:
+    row = next(r for r in rows if r["group"] == group)
+    return f"{group}\n{row['n_clips']} clips, {row['n_people']} people"

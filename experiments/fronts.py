@@ -19,10 +19,9 @@ import tyro
 from matplotlib.figure import Figure
 from pydantic import BaseModel, ConfigDict, Field
 
-from experiments.clips import GROUP_ORDER
-from experiments.engine.command import run_command
+from experiments.aggregate import GROUP_ORDER
+from experiments.engine.command import Command
 from experiments.front_gaps import CONTACT, ERROR, HEAD, SMOOTHNESS, front, gaps, gaze
-from gazempc.command import TYRO_CONFIG
 from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.results.figures.style import readable
@@ -41,22 +40,7 @@ class FrontsSettings(BaseModel):
     rival: str = Field(default="lookahead", description="Case to compare with")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 2 on bad input.
-    """
-    settings = tyro.cli(
-        FrontsSettings, config=TYRO_CONFIG, args=arguments, prog="python -m experiments.fronts", description=__doc__
-    )
-    return run_command("fronts", lambda: fronts(settings))
-
-
-def fronts(settings: FrontsSettings) -> int:
+def fronts(settings: FrontsSettings, _: str = "") -> int:
     """Compare, print, and write ``fronts.json`` and ``fronts.png`` beside the sweep's tables.
 
     Args:
@@ -169,6 +153,8 @@ def _draw(drawn: Sequence[tuple[str, list[list[list[float]]]]], settings: Fronts
         figure.supylabel("RMS gaze error [deg]")
         return figure
 
+
+main = Command("fronts", FrontsSettings, __doc__, fronts).main
 
 if __name__ == "__main__":
     raise SystemExit(main())

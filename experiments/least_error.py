@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from experiments.engine.job import Row
-from experiments.engine.keys import key_of, models_hash, recording_hash
+from experiments.engine.job import Row, key_of, models_hash, recording_hash
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
@@ -49,14 +48,7 @@ class BoundJob:
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
-        content = {
-            "recording": recording_hash(self.recording),
-            "scene": self.scene.model_dump(mode="json", exclude={"neck", "sensor"}),
-            "neck": self.neck.model_dump(mode="json"),
-            "sensor": None if self.sensor is None else self.sensor.model_dump(mode="json"),
-            "models": models_hash(self.walker.fitted),
-        }
-        return key_of(content, __name__)
+        return key_of(self, recording=recording_hash(self.recording), models=models_hash(self.walker.fitted))
 
     def run(self) -> Row:
         """Group, RMS gaze error of each of `CONTROLLERS`, and the least one (``bound``), degrees."""

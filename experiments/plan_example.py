@@ -7,18 +7,15 @@ its confidence, the plan, the joint that will follow it, and the limits.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
-import tyro
 from matplotlib.figure import Figure
 from pydantic import Field
 
-from experiments.engine.command import run_command
-from gazempc.command import TYRO_CONFIG
+from experiments.engine.command import Command
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.controllers.mpc.condense import growing_steps
 from gazempc.controllers.mpc.mpc import Mpc
@@ -74,26 +71,7 @@ class _Remembering(Mpc):
         return plan
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 2 on bad input.
-    """
-    settings = tyro.cli(
-        PlanExampleSettings,
-        config=TYRO_CONFIG,
-        args=arguments,
-        prog="python -m experiments.plan_example",
-        description=__doc__,
-    )
-    return run_command("plan_example", lambda: plan_example(settings))
-
-
-def plan_example(settings: PlanExampleSettings) -> int:
+def plan_example(settings: PlanExampleSettings, _: str = "") -> int:
     """Replay up to the instant, and draw.
 
     Args:
@@ -107,11 +85,11 @@ def plan_example(settings: PlanExampleSettings) -> int:
     """
     scene = make_scene(settings.replay, settings)
     neck, controller = scene.neck, _Remembering(scene.neck)
-    log, _ = replay_scene(scene, controller, DEFAULT_PREDICTOR)
+    log = replay_scene(scene, controller, DEFAULT_PREDICTOR).log
     moments = controller.moments
     chosen = [m for m in moments if m.situation.start_s <= settings.at_s + 1e-9]
     if not chosen:
-        raise SettingsError(f"--at-s {settings.at_s}: nobody had been seen yet; use a later instant")
+        raise SettingsError(f"--at-s {settings.at_s}: no person had been observed yet; use a later instant")
     true_rad = look_at(neck.geometry, log.head_true_base_m).angles_rad[:, 0]
     figure = draw(chosen[-1], neck, log.time_s, true_rad)
     settings.out.parent.mkdir(parents=True, exist_ok=True)
@@ -213,6 +191,8 @@ def _shares(plan: Plan, neck: NeckSpec) -> tuple[FloatArray, FloatArray]:
     ]
     return times_s[kept], np.array(rows(*motion)).reshape(3, -1)[:, kept]
 
+
+main = Command("plan_example", PlanExampleSettings, __doc__, plan_example).main
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-import tyro
 from pydantic import BaseModel, ConfigDict, Field
 
-from experiments.engine.command import run_command
-from gazempc.command import TYRO_CONFIG
+from experiments.engine.command import Command
 from gazempc.controllers.controller import Situation
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.loop.drive import Drive
@@ -158,22 +155,7 @@ def compare(neck: NeckSpec) -> tuple[Margins, float, float]:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 2 on bad input.
-    """
-    settings = tyro.cli(
-        SwingSettings, config=TYRO_CONFIG, args=arguments, prog="python -m experiments.swing", description=__doc__
-    )
-    return run_command("swing", lambda: _work(settings))
-
-
-def _work(settings: SwingSettings) -> int:
+def _work(settings: SwingSettings, _: str) -> int:
     print(f"{'neck':<17} {'gain margin':>12} {'simulated':>10} {'delay margin [ms]':>18} {'simulated':>10}")
     for name in settings.necks:
         neck = load_neck(name)
@@ -184,6 +166,8 @@ def _work(settings: SwingSettings) -> int:
         )
     return 0
 
+
+main = Command("swing", SwingSettings, __doc__, _work).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,65 +1,20 @@
 """Forecasts of a walking person's head: one method a file. May import nothing of gazempc.
 
-Each name below is imported when it is first used: SciPy, which most of them need, takes a third of a second.
+Each name is imported when it is first used: SciPy, which most of them need, takes a third of a second.
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
+import pkgutil
+import re
+from typing import Any
 
-if TYPE_CHECKING:
-    from predictors.baselines.constant_acceleration import ConstantAcceleration
-    from predictors.baselines.coordinated_turn import CoordinatedTurn
-    from predictors.baselines.interacting_models import InteractingModels
-    from predictors.baselines.particle import ParticleFilter
-    from predictors.bearing import bearing_covariance
-    from predictors.constant_velocity import ConstantVelocity
-    from predictors.head_pose import HeadPose
-    from predictors.last_position import LastPosition
-    from predictors.pelvis_pursuit import PelvisPursuit
-    from predictors.perfect import Perfect
-    from predictors.predictor import NotReadyError, OutOfOrderError, Predictor
-    from predictors.types import Forecast, HeadObservation
-    from predictors.walker.predictor import Walker
+# Module of each name. The stub is the only list, and type checkers read it, too.
+_STUB = (pkgutil.get_data(__name__, "__init__.pyi") or b"").decode()
+_PLACES = {name: module for module, name in re.findall(r"^from (\S+) import (\w+)", _STUB, re.M)}
 
-_PLACES = {
-    "ConstantAcceleration": "predictors.baselines.constant_acceleration",
-    "ConstantVelocity": "predictors.constant_velocity",
-    "CoordinatedTurn": "predictors.baselines.coordinated_turn",
-    "Forecast": "predictors.types",
-    "HeadObservation": "predictors.types",
-    "HeadPose": "predictors.head_pose",
-    "InteractingModels": "predictors.baselines.interacting_models",
-    "LastPosition": "predictors.last_position",
-    "NotReadyError": "predictors.predictor",
-    "OutOfOrderError": "predictors.predictor",
-    "ParticleFilter": "predictors.baselines.particle",
-    "PelvisPursuit": "predictors.pelvis_pursuit",
-    "Perfect": "predictors.perfect",
-    "Predictor": "predictors.predictor",
-    "Walker": "predictors.walker.predictor",
-    "bearing_covariance": "predictors.bearing",
-}
-
-__all__ = [
-    "ConstantAcceleration",
-    "ConstantVelocity",
-    "CoordinatedTurn",
-    "Forecast",
-    "HeadObservation",
-    "HeadPose",
-    "InteractingModels",
-    "LastPosition",
-    "NotReadyError",
-    "OutOfOrderError",
-    "ParticleFilter",
-    "PelvisPursuit",
-    "Perfect",
-    "Predictor",
-    "Walker",
-    "bearing_covariance",
-]
+__all__ = list(_PLACES)
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Which detections a track refuses, and when it is given to somebody else: the same for all filters."""
+"""Gating: which detections a track rejects, and when it is lost; the same for all filters."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _OTHERS_SPEED_M_S, _OTHERS_ERROR_M = 2.0, 0.1
 _GIVEN_UP_AFTER_S, _CANDIDATE_FRAMES = 0.75, 2
 # So that a time that is a whole number of frames is not decided by the last bit.
 _ROUNDING_S = 1e-6
-# Where the tracker says that it is somebody else, the person may still come back.
+# With another identity at the tracker, the person may still come back.
 _GIVEN_UP_BY_ID_S = 1.5
 
 
@@ -98,14 +98,14 @@ class Gate:
             Whether the observation is to be used.
         """
         innovation_m = observation.head_position_base_m - expected_m
-        # Who has another name and is where the person may have gone meanwhile is more probably somebody else.
+        # A detection of another identity within the person's reach is more probably another person.
         since_s = 0.0 if self._is_named_otherwise(observation) else observation.capture_time_s - self._accepted_s
         near = is_near(innovation_m, spread_m2 + self._measured_m2, since_s)
         of_candidate = bool(self._candidate) and _of_one_person(self._candidate[-1], observation)
         if near and of_candidate:
             near = _apart_m(self._candidate[-1], observation) > math.hypot(*innovation_m.tolist())
         if not (of_candidate and len(self._candidate) >= _CANDIDATE_FRAMES):
-            # What agrees with two others is somebody at that place, and tells nothing of the tracker's error.
+            # A detection that agrees with two others is a person at that place, no tracker error.
             self._learn(innovation_m, spread_m2, observation.capture_time_s)
         if near:
             self._accept(observation)

@@ -101,7 +101,7 @@ class HeadPose:
             # Another track may be another person.
             self._started_at_s = self._position.started_at_s
             self._forget_yaw()
-        # Whoever was detected where an observation is refused is not the person; their head says nothing either.
+        # A gated-out detection is another person's; so is its head yaw.
         for taken in self._position.taken_in:
             self._take_in_yaw(taken)
 

@@ -66,7 +66,7 @@ class PelvisPursuit:
         self._position.update(observation)
         if self._position.started_at_s != started_at_s:
             self._pelvis_time_s = -np.inf  # a new track: maybe another person
-        # Whoever was detected where an observation is refused is not the person; nor is that pelvis theirs.
+        # A gated-out detection is another person's; so is its pelvis yaw.
         if observation.pelvis_quat_wxyz is not None and not self._position.rejections_in_a_row:
             self._pelvis_yaw_rad = yaw_rad(observation.pelvis_quat_wxyz)
             self._pelvis_time_s = observation.capture_time_s
@@ -75,7 +75,7 @@ class PelvisPursuit:
         """Angle by which the velocity is going to turn.
 
         Returns:
-            Radians, positive to the person's left; 0 where there is nothing to go by.
+            Radians, positive to the person's left; 0 without a pelvis yaw or a velocity.
 
         Raises:
             NotReadyError: If there has been no observation since the last reset.

@@ -14,8 +14,7 @@ import numpy as np
 
 from experiments.engine.command import run_command
 from experiments.engine.engine import Engine
-from experiments.engine.job import Row
-from experiments.engine.keys import key_of
+from experiments.engine.job import Row, key_of
 from gazempc.errors import GazempcError, LeftOutError
 
 
@@ -36,7 +35,7 @@ class Tiny:
 
     def key(self) -> str:
         """Everything but the log."""
-        return key_of({"number": self.number, "does": self.does}, __name__)
+        return key_of(self, log="")
 
     def run(self) -> Row:
         """See `Tiny`."""

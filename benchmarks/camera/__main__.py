@@ -117,7 +117,7 @@ def main(json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None) -
     ]
     walks += [(f"across at {range_m:g} m, cheap webcam", across(range_m), webcam) for range_m in SPOILT_M]
     walks += [(f"across at 2 m, head turns by {turn:g} deg", across(2.0, yaw_deg=turn), as_it_is) for turn in TURNS_DEG]
-    walks.append(("nobody", lambda _: None, as_it_is))
+    walks.append(("no person", lambda _: None, as_it_is))
     rows = []
     print(f"{'walk':<38} found  bearing  range: bias, sd   yaw  nees  others  names    cpu")
     print(f"{'':<38}   [%]    [deg]         [%]  [%] [deg]                       [ms]")

@@ -88,7 +88,7 @@ class RenderedCamera:
 
 
 def passer_by(time_s: float) -> Person:
-    """Somebody who walks past at 1.5 m with 0.8 m/s, and looks at the robot, or a little ahead."""
+    """A person who walks past at 1.5 m with 0.8 m/s, and looks at the robot, or a little ahead."""
     aside_m = 2.2 - 0.8 * time_s
     eyes_m = np.array([1.5, aside_m, 0.25 + 0.02 * math.sin(2 * math.tau * 0.9 * time_s)])
     towards_rad = math.atan2(eyes_m[1], eyes_m[0])

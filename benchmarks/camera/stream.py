@@ -65,7 +65,7 @@ class PictureServer:
                 """Nothing to say."""
 
             def do_GET(self) -> None:
-                """Send pictures until nobody takes them."""
+                """Send pictures until the connection closes."""
                 self.send_response(200)
                 self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
                 self.end_headers()

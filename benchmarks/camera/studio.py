@@ -85,7 +85,7 @@ class Studio:
         """Render one picture.
 
         Args:
-            person: The person; nobody is in the room where it is None.
+            person: The person; None for an empty room.
             camera_m: Position of the camera, shape (3,), metres.
             camera_turn: Its orientation; the identity looks along +x, with +z up.
 
@@ -148,7 +148,7 @@ def _relief() -> tuple[FloatArray, FloatArray, Any]:
     radii, angles = np.meshgrid(np.linspace(0, 1, _GRID // 2), np.linspace(0, 2 * np.pi, _GRID, endpoint=False))
     u_px = _HEAD_CENTRE_PX[0] + _HEAD_HALF_PX[0] * radii * np.cos(angles)
     v_px = _HEAD_CENTRE_PX[1] + _HEAD_HALF_PX[1] * radii * np.sin(angles)
-    # Nobody sees the person mirrored: what is on the left of the portrait is the person's right.
+    # The view is not mirrored: the left of the portrait is the person's right.
     y_m, z_m = -(u_px - _EYES_PX[0]) * _M_PER_PX, -(v_px - _EYES_PX[1]) * _M_PER_PX
     x_m = -_EAR_DEPTH_M * (np.abs(y_m) / _EAR_ASIDE_M) ** 2.5
     x_m += _NOSE_M * np.exp(-0.5 * (y_m**2 + (z_m + _NOSE_BELOW_M) ** 2) / _NOSE_WIDTH_M**2)

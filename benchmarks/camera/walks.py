@@ -64,7 +64,7 @@ def watch(
 
     Args:
         studio: Renders it.
-        person_at: The person at a time in seconds; None if nobody is there.
+        person_at: The person at a time in seconds; None if there is none.
         frames: Number of pictures.
         spoilt: Makes of a picture what a worse camera would have given.
 
@@ -110,7 +110,7 @@ def watch(
 
 
 def across(range_m: float, seconds: float = 4.0, yaw_deg: float = _YAW_DEG) -> Callable[[float], Person]:
-    """Somebody who walks across the view at one distance, and turns the head.
+    """A person who walks across the view at one distance, and turns the head.
 
     Args:
         range_m: The distance, metres.

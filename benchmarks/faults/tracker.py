@@ -43,7 +43,7 @@ def lines_of(fault: str, began_s: float, now_s: float, frame: int) -> bytes:
 
 
 def strange(now_s: float, frame: int) -> bytes:
-    """What a stranger sends: somebody else at the other side, newer than anything."""
+    """Forged observations: another person at the other side, with the newest capture time."""
     return b'{"age_s": 0.0, "head_position_m": [2.0, %.1f, 0.4]}\n' % (2.0 if frame % 60 < 30 else -2.0)
 
 

@@ -1,4 +1,4 @@
-"""Whom the neck is to look at: somebody who walks past, then one after the other of those who stand."""
+"""The targets: a person who walks past, then standing persons in turn."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _HOLD_TICKS = 50
 # Where the targets are, pan and tilt; the person before them leaves at pan 63 deg, and the third is beyond the limits.
 _TARGETS_DEG = ((-20, -15), (50, 30), (100, 60), (40, 10), (-35, -30), (20, -20))
 _TARGET_DISTANCE_M = 1.5
-# How fast somebody who stands may move.
+# Speed of a standing person's head, at most.
 _STANDING_M_S = 0.1
 
 

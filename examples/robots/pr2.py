@@ -4,9 +4,8 @@ On the robot, `--robot ros2` with the options of `fetch.py` in place of `--robot
 `--source replay`. Without `--simulated-clock` the same run takes real time.
 """
 
-from gazempc.live.session import main as live
-
 import gazempc as gz
+from gazempc.live.session import main as live
 
 words = "--source replay --replay subject09_R6 --robot mujoco --neck pr2 --simulated-clock"
 live([*words.split(), "--no-figures", "--log", "npz"])

@@ -1,25 +1,25 @@
-"""What all commands over many recordings share: their common settings, exit status and messages."""
+"""What all commands share: their common settings, command line, exit status and messages."""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import tyro
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from experiments.engine.signals import Interrupted, ending_on_signals
 from gazempc import command
-from gazempc.command import TYRO_CONFIG
 from gazempc.errors import SettingsError
 from gazempc.part_options import take_options
 from gazempc.settings import Settings
 from gazempc.specfiles import explain
 
-S = TypeVar("S", bound=Settings)
+S = TypeVar("S", bound=BaseModel)
 
 
 class WorkSettings(Settings):
@@ -31,49 +31,67 @@ class WorkSettings(Settings):
     )
     out: Path = Field(default=Path("out"), description="Where to write; an interrupted command goes on there")
 
+    def saved(self, *also: str) -> dict[str, Any]:
+        """The settings for a summary: without these, as results do not depend on who does the jobs.
 
-# The same results come of any number of workers, in any place.
-NOT_SAVED = frozenset(WorkSettings.model_fields)
+        Args:
+            also: Other fields to leave out.
+        """
+        return self.model_dump(mode="json", exclude={*WorkSettings.model_fields, *also})
 
 
-def parse(model: type[S], name: str, about: str | None, arguments: Sequence[str] | None) -> S:
-    """Settings from a command line; a model with a field ``options`` takes ``--options.KEY VALUE``.
+@dataclass(frozen=True)
+class Command(Generic[S]):
+    """A command line.
 
-    Args:
-        model: The settings.
-        name: The command's name.
+    Attributes:
+        name: Python runs ``experiments.<name>``.
+        model: The settings; a model with a field ``options`` takes ``--options.KEY VALUE``.
         about: What it does, for ``--help``.
-        arguments: Command line without the program's name; None for the process's.
-
-    Returns:
-        The settings.
-
-    Raises:
-        SettingsError: If an option has no value.
-        SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
+        work: Does it with the settings and the words that repeat it, and gives the exit status.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    prog = f"python -m experiments.{name}"
-    if "options" not in model.model_fields:
-        return tyro.cli(model, config=TYRO_CONFIG, args=words, prog=prog, description=about)
-    words, options = take_options(words)
-    return tyro.cli(model, config=TYRO_CONFIG, args=words, prog=prog, description=about).model_copy(
-        update={"options": options}
-    )
 
+    name: str
+    model: type[S]
+    about: str | None
+    work: Callable[[S, str], int]
 
-def command_of(name: str, arguments: Sequence[str] | None) -> str:
-    """What repeats a command, for its report.
+    def main(self, arguments: Sequence[str] | None = None) -> int:
+        """Run the command line.
 
-    Args:
-        name: The command's name.
-        arguments: Command line without the program's name; None for the process's.
-    """
-    return command.command_line(f"experiments.{name}", sys.argv[1:] if arguments is None else arguments)
+        Args:
+            arguments: Command line without the program's name; default: the process's.
+
+        Returns:
+            Exit status: 0; 1 if a limit was left; 4 if a job failed; else as of `run_command`.
+        """
+        words = list(sys.argv[1:] if arguments is None else arguments)
+        line = command.command_line(f"experiments.{self.name}", words)
+        return run_command(self.name, lambda: self.work(self.parse(words), line))
+
+    def parse(self, words: list[str]) -> S:
+        """Settings from a command line.
+
+        Args:
+            words: Command line without the program's name.
+
+        Returns:
+            The settings.
+
+        Raises:
+            SettingsError: If an option has no value.
+            SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
+        """
+        own: dict[str, Any] = {}
+        if "options" in self.model.model_fields:
+            words, own["options"] = take_options(words)
+        prog = f"python -m experiments.{self.name}"
+        found = tyro.cli(self.model, config=command.TYRO_CONFIG, args=words, prog=prog, description=self.about)
+        return found.model_copy(update=own)
 
 
 def call_of(name: str, values: dict[str, Any]) -> str:
-    """The same of a call from Python, such as ``experiments.compare.compare(recordings=['synthetic'])``."""
+    """What repeats a call from Python, such as ``experiments.compare.compare(recordings=['synthetic'])``."""
     return f"{name}({', '.join(f'{key}={value!r}' for key, value in values.items())})"
 
 

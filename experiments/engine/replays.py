@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from experiments.engine.job import Row
-from experiments.engine.keys import file_hash, key_of, models_hash, recording_hash
-from experiments.engine.own_parts import parts_hash
-from gazempc.errors import LeftOutError, SettingsError
+from experiments.engine.job import Row, file_hash, key_of, models_hash, parts_hash, recording_hash
+from gazempc.errors import LeftOutError
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
@@ -19,12 +17,7 @@ from gazempc.results.metrics import measure
 from gazempc.results.run_summary import faults, measure_compute
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import make_scene
-from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
-
-# These are names of what the key says by its content.
-_BY_CONTENT = {"neck", "sensor", "walker"}
-# Sensors that a recording may call for if none is named.
-_DEFAULT_SENSORS = ("reference", "recorded")
+from gazempc.sim.sensor import SensorSpec, default_sensor
 
 
 @dataclass(frozen=True)
@@ -50,17 +43,14 @@ class ReplayJob:
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
-        content = {
-            "recording": recording_hash(self.recording),
-            "controller": self.controller,
-            "settings": self.settings.model_dump(mode="json", exclude=_BY_CONTENT),
-            "mapping": file_hash(self.settings.reading.mapping) if self.settings.reading.mapping else "",
-            "models": models_hash(self.settings.walker.fitted),
-            "necks": [neck.model_dump(mode="json") for neck in (self.neck, self.robot_neck)],
-            "sensors": {name: sensor.model_dump(mode="json") for name, sensor in self.sensors.items()},
-            "own parts": parts_hash(self.controller, self.settings.predictor),
-        }
-        return key_of(content, __name__)
+        mapping, fitted = self.settings.reading.mapping, self.settings.walker.fitted
+        return key_of(
+            self,
+            recording=recording_hash(self.recording),
+            mapping=file_hash(mapping) if mapping else "",
+            models=models_hash(fitted),
+            parts=parts_hash(self.controller, self.settings.predictor),
+        )
 
     def run(self) -> Row:
         """Replay and measure.
@@ -87,41 +77,6 @@ class ReplayJob:
         names = {"controller_name": done.log.run.controller, "predictor_name": done.log.run.predictor}
         survived = {"faults": faults(done.log)} if done.log.faults else {}
         return labels | names | metrics_of(done) | survived
-
-
-def sensors_by_name(chosen: str | None) -> dict[str, SensorSpec]:
-    """The chosen sensor, or all that a recording may call for.
-
-    Args:
-        chosen: Shipped sensor or .toml file; None for the one that fits each recording.
-
-    Returns:
-        Sensor by name.
-
-    Raises:
-        SettingsError: If there is no such sensor.
-    """
-    return {name: load_sensor(name) for name in ((chosen,) if chosen else _DEFAULT_SENSORS)}
-
-
-def each_sensor(chosen: Sequence[str]) -> dict[str | None, dict[str, SensorSpec]]:
-    """The sensors of a comparison.
-
-    Args:
-        chosen: Shipped sensors or .toml files; none for the one that fits each recording.
-
-    Returns:
-        What `sensors_by_name` gives for each; under None if none was chosen.
-
-    Raises:
-        SettingsError: If there is no such sensor, or two have the same name, which tables could not tell apart.
-    """
-    found = {name: sensors_by_name(name) for name in dict.fromkeys(chosen or (None,))}
-    first: dict[str, str] = {}
-    for word, sensor in ((word, sensors[word]) for word, sensors in found.items() if word is not None):
-        if first.setdefault(sensor.name, word) != word:
-            raise SettingsError(f"sensors {first[sensor.name]} and {word} have the same name, {sensor.name!r}")
-    return found
 
 
 def metrics_of(done: Replayed) -> Row:
@@ -157,15 +112,6 @@ def all_faults(rows: Iterable[Row]) -> list[Row]:
             known = merged.get(key, parts | fault | {"runs": 0, "count": 0})
             merged[key] = known | {"runs": known["runs"] + 1, "count": known["count"] + fault["count"]}
     return list(merged.values())
-
-
-def fault_lines(faults_of_runs: Iterable[Row]) -> list[str]:
-    """What `all_faults` gives for people, one line each."""
-    return [
-        f"{', '.join(str(f[name]) for name in ('controller', 'predictor') if name in f)}: {f['event']} ({f['count']} x "
-        f"in {f['runs']} runs): {f['error']}"
-        for f in faults_of_runs
-    ]
 
 
 def load_once(recording: str, reading: ReadOptions | None = None) -> Recording:

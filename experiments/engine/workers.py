@@ -11,8 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any
 
-from experiments.engine.job import Job, Row, carry_out
-from experiments.engine.keys import program_hash
+from experiments.engine.job import Job, Row, carry_out, program_hash
 from experiments.engine.signals import kept_from_children
 from gazempc.errors import GazempcError, MissingOptionalDependencyError
 

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import Field
 
-from experiments.engine.command import parse, run_command
+from experiments.engine.command import Command
 from experiments.eyes.shifts import Direction, Shift, make_shift
 from gazempc.errors import SettingsError
 from gazempc.neck.human import (
@@ -153,19 +153,7 @@ def _cell(each: BesidePeople | None) -> str:
     return "" if each is None else f"{each.ours:.0f} ({each.people:.0f}) {' ' if each.fits else '*'}"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 2 on bad input.
-    """
-    return run_command("eyes.human", lambda: _run(parse(HumanSettings, "eyes.human", __doc__, arguments)))
-
-
-def _run(settings: HumanSettings) -> int:
+def _run(settings: HumanSettings, _: str) -> int:
     given = load_neck(settings.neck)
     neck = with_motion(given, "human")
     if neck.body is not None:
@@ -192,6 +180,8 @@ def _velocity(label: str, ours_deg_s: float, people_deg_s: float) -> BesidePeopl
 def _name(shift: Shift) -> str:
     return f"{shift.direction} {shift.amplitude_deg:.0f}"
 
+
+main = Command("eyes.human", HumanSettings, __doc__, _run).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,4 +1,4 @@
-"""A shift of gaze to somebody who stands there: who moves when, how far and how fast."""
+"""A gaze shift to a standing person: onset, amplitude and velocity of head and eyes."""
 
 from __future__ import annotations
 

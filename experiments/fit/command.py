@@ -15,11 +15,11 @@ from typing import Any
 
 from pydantic import Field
 
-from experiments.engine.cache import result_file
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, parse, run_command
+from experiments.engine.cache import Cache
+from experiments.engine.choices import find_recordings, in_place
+from experiments.engine.command import Command, WorkSettings, check
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.engine.recordings import find_recordings, in_place
 from experiments.fit.doubt import errors_on_left_out, fit_doubt
 from experiments.fit.examples import Examples
 from experiments.fit.jobs import ExamplesJob, NetworksJob, examples_of, model_of
@@ -54,18 +54,6 @@ class FitSettings(WorkSettings):
     out: Path = Field(default=Path("out/fit"), description="Where to write; an interrupted fit goes on there")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 2 on bad input, 130 if interrupted.
-    """
-    return run_command("fit", lambda: _run(parse(FitSettings, "fit", __doc__, arguments)))
-
-
 def fit(**settings: Any) -> WalkerModel:
     """Fit and write all models.
 
@@ -81,7 +69,7 @@ def fit(**settings: Any) -> WalkerModel:
     return _fit(check(FitSettings, "fit", settings))
 
 
-def _run(settings: FitSettings) -> int:
+def _run(settings: FitSettings, _: str) -> int:
     _fit(settings)
     print(f"Written to {settings.out}/: {MODEL_FILE}, and {FOLDS}/ with a model for each person that has not seen them")
     print(
@@ -110,14 +98,14 @@ def _fit(settings: FitSettings) -> WalkerModel:
     about = {
         "command": f"python -m experiments.fit --recordings {' '.join(Path(r).name for r in settings.recordings)}",
         "recordings": [Path(path).stem for path in paths],
-        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED, "recordings", "tracker"}),
+        "settings": settings.saved("recordings", "tracker"),
         "tracker": tracker.name if tracker else "drawn at random",
         "versions": {k: v for k, v in versions().items() if k in _COMPUTE} | {k: version(k) for k in ("jax", "optax")},
     }
     folder = settings.out / FOLDS
     folder.mkdir(parents=True, exist_ok=True)
     for person, model in zip(left_out, models, strict=True):
-        # Whoever is left out of the networks is left out of the uncertainty as well.
+        # A person left out of the networks is left out of the uncertainty as well.
         used = [k for k, name in enumerate(people) if name != person]
         told = {**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]}
         fitted = replace(model, **vars(fit_doubt([found[k] for k in used])), about=told)
@@ -142,7 +130,7 @@ def _networks(
         # Other chance than in the examples that networks are fitted on.
         scoring = [ExamplesJob(in_place(path), settings.seed + 1, 0, tracker) for path in paths]
         scored = [examples_of(row) for row in _check(engine.run(scoring))]
-        files = [result_file(folder.resolve(), job.key()) for job in examples]
+        files = [Cache(folder.resolve()).path(job.key()) for job in examples]
         jobs = []
         for person in left_out:
             used = [file for file, name in zip(files, people, strict=True) if name != person and file is not None]
@@ -166,6 +154,8 @@ def _save_whole(model: WalkerModel, path: Path) -> None:
     save_walker_model(model, part)
     part.replace(path)
 
+
+main = Command("fit", FitSettings, __doc__, _run).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -77,9 +77,7 @@ def join(parts: list[Examples]) -> Examples:
 def _joined(parts: list[Examples], name: str) -> Examples:
     known = [p for p in parts if p.weight.size]
     if not known:
-        raise GazempcError(
-            f"{name}: nobody is seen in it at less than 3 m/s, so nothing can be fitted on it: leave it out"
-        )
+        raise GazempcError(f"{name}: no person slower than 3 m/s is observed, so there are no examples: leave it out")
     return join(known)
 
 
@@ -89,7 +87,7 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
     Args:
         walk: The true walk.
         observations: What is seen of it.
-        weight: Weight of each example; frames at which somebody runs count less.
+        weight: Weight of each example; frames of a running person count less.
 
     Returns:
         The examples.
@@ -133,7 +131,7 @@ def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | 
         The examples.
 
     Raises:
-        GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
+        GazempcError: If the recording cannot be read, is too short, or no person walks in it.
     """
     name, walk, rng, stands = _walk_and_chance(path, seed)
     return _joined(_variants(walk, rng, [_PLAIN[k % len(_PLAIN)] for k in range(variants)], tracker, stands), name)
@@ -213,7 +211,7 @@ def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) ->
         The examples.
 
     Raises:
-        GazempcError: If the recording cannot be read, is too short, or nobody walks in it.
+        GazempcError: If the recording cannot be read, is too short, or no person walks in it.
     """
     name, walk, rng, stands = _walk_and_chance(path, seed)
     # Errors in real turns are larger than in bent walks, and real turns are rare in recordings.

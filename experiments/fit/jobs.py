@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.engine.cache import read_result
-from experiments.engine.job import Row
-from experiments.engine.keys import key_of, recording_hash
+from experiments.engine.job import Row, key_of, recording_hash
 from experiments.fit.examples import Examples, fitting_examples, join, scoring_examples
 from experiments.fit.networks import fit_networks
 from gazempc.sim.sensor import SensorSpec
@@ -40,13 +39,7 @@ class ExamplesJob:
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
-        content = {
-            "recording": recording_hash(self.recording),
-            "seed": self.seed,
-            "variants": self.variants,
-            "tracker": None if self.tracker is None else self.tracker.model_dump(mode="json"),
-        }
-        return key_of(content, *_PROGRAM)
+        return key_of(self, recording=recording_hash(self.recording))
 
     def run(self) -> Row:
         """The examples, array by array."""
@@ -75,12 +68,8 @@ class NetworksJob:
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
-        content = {
-            "examples": [path.stem for path in self.examples],
-            "settings": [self.seed, self.networks, self.steps, self.sees_yaws],
-            "versions": [_version(library) for library in LIBRARIES],
-        }
-        return key_of(content, *_PROGRAM)
+        names, versions = [path.stem for path in self.examples], [_version(library) for library in LIBRARIES]
+        return key_of(self, examples=names, versions=versions)
 
     def run(self) -> Row:
         """Weights and biases, layer by layer."""
@@ -119,10 +108,3 @@ def _version(library: str) -> str:
         return version(library)
     except PackageNotFoundError:
         return "not installed"
-
-
-# Modules of the jobs.
-_PROGRAM = (
-    __name__,
-    *(f"experiments.fit.{module}" for module in ("examples", "networks", "pace", "standing", "trackers", "variants")),
-)

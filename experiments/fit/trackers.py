@@ -125,7 +125,7 @@ def beside(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
     """The walk in the frame of a robot somewhere beside it, 1.2 m high."""
     away_rad, away_m = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(_NEAREST_M, _FARTHEST_M)
     direction = np.array([np.cos(away_rad), np.sin(away_rad)])
-    # Beyond the walk's own end in that direction, so that nobody walks through the robot.
+    # Beyond the walk's own end in that direction, so that no walk passes through the robot.
     at = walk.head_m[:, :2].mean(axis=0)
     at = at + direction * (away_m + float(np.max((walk.head_m[:, :2] - at) @ direction)))
     return replace(walk, head_m=walk.head_m - [*at, _HEIGHT_M])

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from experiments.forecast.placing import observations_of
+from experiments.forecast.view import observations_of
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.sensor import SensorSpec

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.aggregate import bootstrap_mean
-from experiments.clips import clips_of
+from experiments.aggregate import bootstrap_mean, clips_of
 from experiments.forecast.errors import Cues, ForecastErrors
 from gazempc.results.forecast_metrics import inside
 from gazempc.types import FloatArray

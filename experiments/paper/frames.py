@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -11,8 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.engine.job import Row
-from experiments.engine.keys import key_of, recording_hash
+from experiments.engine.job import Row, key_of, recording_hash
 from experiments.paper.published import FRAME_RATE_HZ, HORIZON_S, PUBLISHED, RANGE_M
 from gazempc.errors import LeftOutError
 from gazempc.recordings.recording import Recording
@@ -80,7 +79,7 @@ class FrameJob:
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
-        return key_of({**asdict(self), "recording": recording_hash(self.recording)}, __name__)
+        return key_of(self, recording=recording_hash(self.recording))
 
     def run(self) -> Row:
         """Labels and, for each horizon, the errors against the filtered and against the true position."""

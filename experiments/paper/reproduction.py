@@ -11,10 +11,10 @@ from typing import Any
 
 from pydantic import Field
 
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, exit_status, parse, run_command
+from experiments.engine.choices import find_recordings, in_place
+from experiments.engine.command import Command, WorkSettings, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.engine.recordings import find_recordings, in_place
 from experiments.paper.analysis import analyse, known_groups
 from experiments.paper.filters import FILTER_TIMES_S, SLOW_TIME_S, TUNED_TIME_S
 from experiments.paper.findings import report, side_by_side
@@ -42,18 +42,6 @@ class PaperSettings(WorkSettings):
     out: Path = Field(default=Path("out/paper"), description="Where to write; an interrupted run goes on there")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 4 if a recording could not be read, 2 on bad input, 130 if interrupted.
-    """
-    return run_command("paper", lambda: _run(parse(PaperSettings, "paper", __doc__, arguments)))
-
-
 def validate(**settings: Any) -> dict[str, Row]:
     """Validate each data set as the paper does, and write tables and figures.
 
@@ -70,7 +58,7 @@ def validate(**settings: Any) -> dict[str, Row]:
     return _validate(check(PaperSettings, "paper", settings))
 
 
-def _run(settings: PaperSettings) -> int:
+def _run(settings: PaperSettings, _: str) -> int:
     summaries = _validate(settings)
     print(f"Written to {settings.out}/")
     return exit_status(False, any(s["failed"] for s in summaries.values()))
@@ -121,18 +109,16 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
         "left_out": left_out,
         "failed": failed,
         **analyse(rows_by_time, settings.filter_time_s, settings.seed, settings.trials),
-        "settings": settings.model_dump(mode="json", exclude={*NOT_SAVED}),
+        "settings": settings.saved(),
         "versions": versions(),
     }
     write_whole(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
     text = report(summary)
     write_whole(folder / "summary.md", text)
-    from experiments.paper.figures import draw_bars, draw_filters, draw_rules  # noqa: PLC0415
+    from experiments.paper.figures import draw_bars  # noqa: PLC0415
     from experiments.paper.routes_figure import draw_routes  # noqa: PLC0415
 
     draw_bars(summary, folder / "error_bars.png")
-    draw_filters(summary, folder / "filters.png")
-    draw_rules(summary, folder / "rules.png")
     scored = [r["source"] for r in first if not r["failed"] and not r["left_out"]]
     draw_routes([make_scene(source).walk for source in scored], folder / "routes.png")
     print(text)
@@ -156,3 +142,6 @@ def _rows(recordings: Sequence[str], folder: Path, settings: PaperSettings) -> d
         results = engine.run(jobs)
     rows = [labelled(name, result) for (name, _), result in zip(asked, results, strict=True)]
     return {time_s: rows[i :: len(times_s)] for i, time_s in enumerate(times_s)}
+
+
+main = Command("paper", PaperSettings, __doc__, _run).main

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Rectangle, Wedge
 
-from experiments.clips import GROUP_ORDER
+from experiments.aggregate import GROUP_ORDER
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.room import PAPER_ROOM, ROUTE_LANDMARKS, Room, way
 from gazempc.results.figures.style import COLOURS

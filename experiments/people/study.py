@@ -8,13 +8,12 @@ their durations and intervals (`schedule`), and switches between two people (`sw
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
 
-from experiments.engine.command import parse, run_command
+from experiments.engine.command import Command
 from experiments.people.tables import (
     crossing_table,
     crowd_table,
@@ -48,19 +47,7 @@ class PeopleStudySettings(Settings):
     out: Path = Field(default=Path("out/people"), description="Folder to write to")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 2 on bad input.
-    """
-    return run_command("people", lambda: _run(parse(PeopleStudySettings, "people", __doc__, arguments)))
-
-
-def _run(settings: PeopleStudySettings) -> int:
+def _run(settings: PeopleStudySettings, _: str) -> int:
     measure = {
         "crossing": lambda: crossing_table(settings.sensors, settings.seeds),
         "returns": lambda: return_table(settings.every),
@@ -79,3 +66,6 @@ def _run(settings: PeopleStudySettings) -> int:
     path.write_text(f"{text}\n", encoding="utf-8")
     print(f"{text}\n\n{path}")
     return 0
+
+
+main = Command("people", PeopleStudySettings, __doc__, _run).main

@@ -15,10 +15,11 @@ from typing import Annotated, Any
 import tyro
 from pydantic import Field
 
-from experiments.engine.command import NOT_SAVED, WorkSettings, check, command_of, exit_status, parse, run_command
+from experiments.engine.choices import check_fitted, find_recordings, in_place
+from experiments.engine.command import Command, WorkSettings, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.engine.recordings import find_recordings, in_place
+from experiments.pages import text_of
 from experiments.rivals.camera import on_the_head
 from experiments.rivals.jobs import NAMES, RivalJob
 from experiments.rivals.plan import (
@@ -33,19 +34,10 @@ from experiments.rivals.plan import (
     summarise,
     wrong_jobs,
 )
-from experiments.rivals.presentation import (
-    RivalsPage,
-    draw_contact,
-    draw_wrong_model,
-    rivals_page,
-    shown_errors,
-    shown_gazes,
-    tables,
-)
+from experiments.rivals.presentation import Shown, draw_contact, of_errors, of_gazes, rivals_page
 from experiments.rivals.trials import TRIALS, TURNS
 from gazempc.errors import SettingsError, suggest
 from gazempc.files.whole import write_whole
-from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.results.page.write import write_page
 from gazempc.results.run_summary import versions
@@ -54,6 +46,7 @@ from gazempc.sim.sensor import load_sensor
 
 # Seven people, each straight past and in a sharp turn, and a turn: half the set, which takes some ten minutes.
 SYNTHETIC = tuple(f"subject{person:02}_{route}" for person in range(1, 8) for route in ("R1", "R4", "R5"))
+STANDING = tuple(f"subject{person:02}_stand" for person in range(1, 8))
 _WRONG_TRIALS = ("pass_2.5m", TURNS)
 
 
@@ -62,6 +55,9 @@ class RivalsSettings(WorkSettings):
 
     recordings: tuple[str, ...] = Field(
         default=(), description="Walks: 'synthetic', folders, files or synthetic names; without it 21 synthetic ones"
+    )
+    standing: tuple[str, ...] = Field(
+        default=(), description="People who stand or sit: folders or files; without it seven synthetic ones who stand"
     )
     necks: tuple[str, ...] = Field(
         default=("reference", "reachy_mini", "ptz"), min_length=1, description="Shipped necks or .toml files"
@@ -80,20 +76,6 @@ class RivalsSettings(WorkSettings):
         default=None, description="File for the rows; without it rows.json beside the rest"
     )
     out: Path = Field(default=Path("out/rivals"), description="Where to write; an interrupted run goes on there")
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 4 if a run failed, 2 on bad input, 130 if interrupted.
-    """
-    return run_command(
-        "rivals", lambda: _run(parse(RivalsSettings, "rivals", __doc__, arguments), command_of("rivals", arguments))
-    )
 
 
 def rivals(**settings: Any) -> list[Row]:
@@ -119,12 +101,14 @@ def _jobs(settings: RivalsSettings) -> list[RivalJob]:
                 raise SettingsError(f"no {what} {word!r}; {suggest(word, known)}; accepted: {', '.join(known)}")
     necks = [load_neck(name) for name in settings.necks]
     sensors = [on_the_head(load_sensor(name)) for name in settings.sensors]
-    if settings.walker.fitted is not None:
-        walker_model(settings.walker.fitted, "")  # before anything runs
-    recordings = [in_place(name) for name in find_recordings(settings.recordings or SYNTHETIC)]
-    if not settings.wrong_model:
-        return make_jobs(settings.rivals, recordings, necks, sensors, settings.seed, settings.trials)
-    return make_jobs(settings.rivals, recordings, necks[:1], sensors[:1], settings.seed, _WRONG_TRIALS)
+    check_fitted(settings.walker)
+    walks, standing = (
+        [in_place(name) for name in find_recordings(words)]
+        for words in (settings.recordings or SYNTHETIC, settings.standing or STANDING)
+    )
+    if settings.wrong_model:
+        return make_jobs(settings.rivals, walks, necks[:1], sensors[:1], settings.seed, _WRONG_TRIALS)
+    return make_jobs(settings.rivals, walks, necks, sensors, settings.seed, settings.trials, standing)
 
 
 def _done(settings: RivalsSettings) -> tuple[list[Row], list[Row], int]:
@@ -142,44 +126,35 @@ def _done(settings: RivalsSettings) -> tuple[list[Row], list[Row], int]:
 
 def _run(settings: RivalsSettings, command: str) -> int:
     done, failed, left_out = _done(settings)
-    shown = _report_wrong_model(settings, done) if settings.wrong_model else _report(settings, done)
-    saved = settings.model_dump(mode="json", exclude={*NOT_SAVED, "rows"})
-    told = {"settings": saved, "versions": versions(), "rows": shown.rows}
+    rows, shown, pictures = _wrong_model(done) if settings.wrong_model else _gazes(settings, done)
+    saved = settings.saved("rows")
     path = settings.rows or settings.out / "rows.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, json.dumps(told, indent=2) + "\n")
-    write_page(rivals_page(shown, saved, failed, left_out, command), settings.out)
-    for run in failed:
-        print(f"failed: {run['rival']}, {run['trial']}, {run['recording']}, {run['neck']}: {run['failed']}")
-    if left_out:
-        print(f"{left_out} runs left out: the walk is too near, or too short.")
+    write_whole(path, json.dumps({"settings": saved, "versions": versions(), "rows": rows}, indent=2) + "\n")
+    page = rivals_page(shown, pictures, saved, failed, left_out, command)
+    text = text_of(page)
+    write_whole(settings.out / "tables.md", text)
+    write_page(page, settings.out)
+    print(text)
     print(f"Written to {settings.out}/ (report.html, tables and pictures) and {path}")
     return exit_status(False, bool(failed))
 
 
-def _report(settings: RivalsSettings, runs: Sequence[Row]) -> RivalsPage:
+def _gazes(settings: RivalsSettings, runs: Sequence[Row]) -> tuple[list[Row], Shown, list[Path]]:
     best = at_their_best(runs)
     rows, drawn = summarise(best), []
-    for sensor in dict.fromkeys(row["sensor"] for row in rows):
-        of_sensor = [row for row in rows if row["sensor"] == sensor]
-        if any(row["trial"] == ALL_WALKS for row in of_sensor):
-            drawn.append(settings.out / f"contact_{sensor}.png")
-            draw_contact(of_sensor, ALL_WALKS, drawn[-1])
-    text = tables(rows)
-    write_whole(settings.out / "tables.md", text + "\n")
-    print(text)
-    return shown_gazes(rows, best, drawn)
+    for sensor in dict.fromkeys(row["sensor"] for row in rows if row["trial"] == ALL_WALKS):
+        drawn.append(settings.out / f"contact_{sensor}.png")
+        draw_contact([row for row in rows if row["sensor"] == sensor], ALL_WALKS, drawn[-1])
+    return rows, of_gazes(rows, best), drawn
 
 
-def _report_wrong_model(settings: RivalsSettings, runs: Sequence[Row]) -> RivalsPage:
+def _wrong_model(runs: Sequence[Row]) -> tuple[list[Row], Shown, list[Path]]:
     found = by_error([run for run in runs if run["rival"] in WITH_MODEL])
     level = summarise(at_their_best([run for run in runs if run["rival"] in WITHOUT_MODEL]))
     shown = {LABELS[name]: [row for row in rows if row["trial"] == ALL_WALKS] for name, rows in found.items()}
-    picture = settings.out / "wrong_model.png"
-    draw_wrong_model(shown, [row for row in level if row["trial"] == ALL_WALKS], picture)
-    for label, rows in shown.items():
-        print(f"{label}: eye contact, %")
-        for rival in dict.fromkeys(row["rival"] for row in rows):
-            of_rival = sorted((row["by"], row["eye_contact_2p6"]) for row in rows if row["rival"] == rival)
-            print(f"  {rival}: " + ", ".join(f"{by:+g}: {100.0 * contact:.1f}" for by, contact in of_rival))
-    return shown_errors([*(row for rows in found.values() for row in rows), *level], shown, [picture])
+    rows = [*(row for rows in found.values() for row in rows), *level]
+    return rows, of_errors(shown, [row for row in level if row["trial"] == ALL_WALKS]), []
+
+
+main = Command("rivals", RivalsSettings, __doc__, _run).main

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from experiments.engine.job import Row
-from experiments.engine.keys import key_of, models_hash, recording_hash
+from experiments.engine.job import Row, key_of, models_hash, recording_hash
 from experiments.rivals.laws import RIVALS
 from experiments.rivals.laws.frigate import Frigate, FrigateCalibration, MoveTime
 from experiments.rivals.laws.reachy_mini import ReachyMini, ReachyMiniCaptureRaw
@@ -92,8 +91,6 @@ NAMES = (*RIVALS, *OURS)
 ANSWERS = ("overshoot_deg", "settling_s", "settling_2p6_s", "reversals", "rest_error_deg", "recontact_s")
 GAZES = ("gaze_error_rms_deg", "eye_contact_2p6", "rms_acceleration_rad_s2")
 FIGURES = (*ANSWERS, *GAZES)
-# What a result depends on besides this module.
-_USED = ("camera", "laws", "motor", "response", "rival", "simulate", "trials")
 
 
 @dataclass(frozen=True)
@@ -157,14 +154,8 @@ class RivalJob:
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
-        content = {
-            "run": [self.rival, self.trial, self.seed, self.constants, asdict(self.error)],
-            "recording": None if self.recording is None else recording_hash(self.recording),
-            "models": models_hash(self.walker.fitted),
-            "neck": self.neck.model_dump(mode="json"),
-            "sensor": self.sensor.model_dump(mode="json"),
-        }
-        return key_of(content, __name__, *(f"experiments.rivals.{name}" for name in _USED))
+        recording = None if self.recording is None else recording_hash(self.recording)
+        return key_of(self, recording=recording, models=models_hash(self.walker.fitted))
 
     def run(self) -> Row:
         """Labels and `FIGURES`; None where a trial does not have a figure."""

@@ -11,7 +11,7 @@ from experiments.aggregate import bootstrap_mean
 from experiments.engine.job import Row
 from experiments.rivals.jobs import FIGURES, NAMES, OURS, ModelError, RivalJob
 from experiments.rivals.laws import RIVALS
-from experiments.rivals.trials import ALONE, LOSS, STILL, TRIALS, WALKS, takes
+from experiments.rivals.trials import ALONE, LOSS, POSTURES, STILL, TRIALS, WALKS, takes
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load
 from gazempc.results.contact import CONTACT_DEG
@@ -34,6 +34,7 @@ def make_jobs(
     sensors: Sequence[SensorSpec],
     seed: int,
     trials: Iterable[str] = TRIALS,
+    standing: Sequence[str] = (),
 ) -> list[RivalJob]:
     """All jobs of a comparison.
 
@@ -44,17 +45,19 @@ def make_jobs(
         sensors: The sensors, on the head.
         seed: Of all errors.
         trials: Names of `experiments.rivals.trials.TRIALS`.
+        standing: Recordings of people who stand or sit, by name or path.
 
     Returns:
         The jobs.
     """
-    groups = {name: load(name).labels.group for name in recordings}
+    walks, stays = ({name: load(name).labels for name in names} for names in (recordings, standing))
     people: list[tuple[str, str | None]] = []
     for trial in trials:
         if trial in ALONE:
             people.append((trial, None))
         else:
-            people += [(trial, name) for name, group in groups.items() if takes(trial, group)]
+            found = stays if trial in POSTURES else walks
+            people += [(trial, name) for name, labels in found.items() if takes(trial, labels)]
     return [
         RivalJob(rival, trial, recording, neck, sensor, seed, constants)
         for neck in necks

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -14,15 +12,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter
 
 from experiments.engine.job import Row
-from experiments.page_parts import shares
+from experiments.pages import shares
 from experiments.rivals.jobs import NAMES, OURS
 from experiments.rivals.plan import ALL_STILL, ALL_WALKS, BEHIND
-from experiments.rivals.trials import LOSS, WALKS
+from experiments.rivals.trials import LOSS, POSTURES, WALKS
 from gazempc.results.figures.style import DPI, readable, style
 from gazempc.results.page.content import Chart, Curve, Page, PageTable, Unusual
 
 # Heading, figure, factor, digits.
 _Column = tuple[str, str, float, int]
+# Sentences, tables and charts of a report.
+Shown = tuple[tuple[str, ...], tuple[PageTable, ...], tuple[Chart, ...]]
 _ANSWERS: tuple[_Column, ...] = (
     ("overshoot (deg)", "overshoot_deg", 1.0, 2),
     ("settling to 1 deg (s)", "settling_s", 1.0, 2),
@@ -35,11 +35,12 @@ _GAZES: tuple[_Column, ...] = (
     ("RMS error (deg)", "gaze_error_rms_deg", 1.0, 2),
     ("RMS acceleration (rad/s2)", "rms_acceleration_rad_s2", 1.0, 2),
 )
+_BEHIND_MPC: _Column = ("behind the MPC (points)", BEHIND, 100.0, 1)
 _COLUMNS: dict[str, tuple[_Column, ...]] = {
     ALL_STILL: (*_ANSWERS, *_GAZES[:1]),
     "step": _ANSWERS,
     "ramp": (*_ANSWERS, *_GAZES),
-    ALL_WALKS: (*_GAZES[:1], ("behind the MPC (points)", BEHIND, 100.0, 1), *_GAZES[1:]),
+    **dict.fromkeys((*POSTURES, ALL_WALKS), (*_GAZES[:1], _BEHIND_MPC, *_GAZES[1:])),
     LOSS: (("back in contact after (s)", "recontact_s", 1.0, 2), *_GAZES),
 }
 
@@ -64,22 +65,6 @@ def page_tables(rows: Sequence[Row]) -> list[PageTable]:
     return found
 
 
-def tables(rows: Sequence[Row]) -> str:
-    """All tables, in Markdown: the best first, ours in bold.
-
-    Args:
-        rows: Rows as of `experiments.rivals.plan.summarise`.
-
-    Returns:
-        The text.
-    """
-    lines: list[str] = []
-    for table in page_tables(rows):
-        cells = tuple((f"**{name}**" if name in OURS else name, *rest) for name, *rest in table.rows)
-        lines += [f"## {table.title}", "", *replace(table, rows=cells).markdown(), ""]
-    return "\n".join(lines)
-
-
 def _cell(row: Row, column: _Column) -> str:
     _, figure, factor, digits = column
     if row[figure] is None:
@@ -95,8 +80,6 @@ def _cell(row: Row, column: _Column) -> str:
 _COLOURS = ("#332288", "#999933", "#882255", "#44AA99", "#117733", "#AA4499", "#DDCC77")
 _MARKERS = "sD^v<>PX"
 _TICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
-# Rivals with less contact than this share one line of text.
-_LITTLE = 0.01
 
 
 def draw_contact(rows: Sequence[Row], trial: str, path: Path) -> None:
@@ -147,88 +130,32 @@ def _points(ax: Axes, rows: Sequence[Row]) -> None:
         ax.plot([x], [y], marker, color=colour, ms=size, label=f"ours: {rival}" if ours else rival)
 
 
-def draw_wrong_model(panels: Mapping[str, Sequence[Row]], level: Sequence[Row], path: Path) -> None:
-    """Eye contact against an error of the model; rivals without a model are level lines.
-
-    Args:
-        panels: Rows with ``rival``, ``by`` and ``eye_contact_2p6``, by the label of the error.
-        level: Rows of rivals that have no model.
-        path: PNG file to write.
-    """
-    width_inches = 4.6 * len(panels)
-    with readable(width_inches):
-        plot = Figure(figsize=(width_inches, 5.0), layout="constrained")
-        axes = plot.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-        for ax, (label, rows) in zip(axes, panels.items(), strict=True):
-            _level_lines(ax, level)
-            for rival in dict.fromkeys(row["rival"] for row in rows):
-                of_rival = sorted((row for row in rows if row["rival"] == rival), key=lambda row: float(row["by"]))
-                look = style(rival)
-                y = [100.0 * row["eye_contact_2p6"] for row in of_rival]
-                ax.plot([row["by"] for row in of_rival], y, "o-", color=look.colour, label=look.label, ms=4)
-            ax.set_xlabel(fill(label, 30))
-            ax.grid(alpha=0.3)
-        axes[0].set_ylabel("eye contact within 2.6 deg (% of the time)")
-        # Free space in the middle panel, between the lowest curve and the lines of the other laws.
-        axes[len(axes) // 2].legend(fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 0.12))
-        plot.savefig(path, dpi=DPI)
-
-
-def _level_lines(ax: Axes, level: Sequence[Row]) -> None:
-    some = [row for row in level if row["eye_contact_2p6"] >= _LITTLE]
-    for k, row in enumerate(some):
-        y = 100.0 * row["eye_contact_2p6"]
-        ax.axhline(y, color="0.6", lw=0.8)
-        # Side by side: two lines may be nearer than a name is tall.
-        at = (0.01 + 0.18 * (k % 5), y)
-        ax.annotate(row["rival"], at, xycoords=("axes fraction", "data"), fontsize=6, va="bottom", color="0.4")
-    if left := len(level) - len(some):
-        ax.axhline(0.0, color="0.6", lw=0.8)
-        text = f"{left} rivals without a model: below {100.0 * _LITTLE:g} %"
-        ax.annotate(text, (0.01, -2.5), xycoords=("axes fraction", "data"), fontsize=6, va="top", color="0.4")
-
-
 # So many laws, and ours, are named in the answer.
 _BEST = 3
 
 
-@dataclass(frozen=True)
-class RivalsPage:
-    """What a comparison shows.
-
-    Attributes:
-        rows: What stands in the file of rows.
-        answer: What came out, in sentences.
-        tables: The numbers.
-        charts: Curves.
-        pictures: Figures.
-    """
-
-    rows: list[Row]
-    answer: tuple[str, ...]
-    tables: tuple[PageTable, ...]
-    charts: tuple[Chart, ...]
-    pictures: tuple[Path, ...]
-
-
-def shown_gazes(rows: list[Row], runs: Sequence[Row], pictures: Iterable[Path]) -> RivalsPage:
+def of_gazes(rows: Sequence[Row], runs: Sequence[Row]) -> Shown:
     """What a comparison with the right model shows.
 
     Args:
         rows: As of `experiments.rivals.plan.summarise`.
         runs: The runs behind them.
-        pictures: Figures.
+
+    Returns:
+        Answer, tables and charts.
     """
-    return RivalsPage(rows, tuple(_answers(rows)), tuple(page_tables(rows)), tuple(_charts(runs)), tuple(pictures))
+    return tuple(_answers(rows)), tuple(page_tables(rows)), tuple(_charts(runs))
 
 
-def shown_errors(rows: list[Row], by_label: Mapping[str, Sequence[Row]], pictures: Iterable[Path]) -> RivalsPage:
+def of_errors(by_label: Mapping[str, Sequence[Row]], level: Sequence[Row]) -> Shown:
     """What wrong models show.
 
     Args:
-        rows: All rows.
         by_label: Rows with ``rival``, ``by`` and ``eye_contact_2p6``, by the label of the error.
-        pictures: Figures.
+        level: Rows of rivals without a model.
+
+    Returns:
+        Answer, tables and charts.
     """
     tables, charts = [], []
     for label, of_error in by_label.items():
@@ -241,25 +168,34 @@ def shown_errors(rows: list[Row], by_label: Mapping[str, Sequence[Row]], picture
             curves.append(Curve(rival, colour_of(rival), known[:, 0], known[:, 1]))
         tables.append(PageTable(f"Eye contact in %, by {label}", ("", *(f"{by:+g}" for by in ticks)), tuple(lines)))
         charts.append(Chart(f"Eye contact over {label}", label, "eye contact (%)", tuple(curves)))
-    answer = "How much eye contact is lost by what is believed wrongly stands in the tables; 0 is the right model."
-    return RivalsPage(rows, (answer,), tuple(tables), tuple(charts), tuple(pictures))
+    lines = [(row["rival"], f"{100.0 * row['eye_contact_2p6']:.1f}") for row in level]
+    tables.append(PageTable("Eye contact in % of laws without a model", ("", "all errors"), tuple(lines)))
+    answer = "The tables show the eye contact that an error of the model costs; 0 is the right model."
+    return (answer,), tuple(tables), tuple(charts)
 
 
 def rivals_page(
-    shown: RivalsPage, settings: Mapping[str, Any], failed: Sequence[Row], left_out: int, command: str
+    shown: Shown,
+    pictures: Iterable[Path],
+    settings: Mapping[str, Any],
+    failed: Sequence[Row],
+    left_out: int,
+    command: str,
 ) -> Page:
-    """The report.
+    """The report of a comparison.
 
     Args:
-        shown: What came out.
+        shown: Answer, tables and charts.
+        pictures: Figures.
         settings: All settings.
         failed: Runs that failed.
-        left_out: How many runs were left out.
+        left_out: Number of runs that were left out.
         command: What repeats it.
 
     Returns:
         The report.
     """
+    answer, tables, charts = shown
     unusual = [
         Unusual(f"failed: {run['rival']}, {run['trial']}, {run['recording']}, {run['neck']}", run["failed"])
         for run in failed
@@ -269,7 +205,7 @@ def rivals_page(
     return Page(
         title="Comparison with control laws that others run",
         question="In the same trials, with the same camera and necks: who keeps eye contact, and how smoothly?",
-        answer=shown.answer,
+        answer=answer,
         setup={
             "walks": ", ".join(settings["recordings"]) or "21 synthetic ones",
             "laws": ", ".join(settings["rivals"]),
@@ -279,9 +215,9 @@ def rivals_page(
             "ours": ", ".join(OURS),
             "numbers": "means over clips, in brackets 95 % bootstrap intervals over people; the best first",
         },
-        tables=shown.tables,
-        charts=shown.charts,
-        pictures={path: path.stem.replace("_", " ") for path in shown.pictures},
+        tables=tables,
+        charts=charts,
+        pictures={path: path.stem.replace("_", " ") for path in pictures},
         unusual=tuple(unusual),
         command=command,
         settings=settings,

@@ -38,10 +38,13 @@ LOSS, LOSS_S = "loss", 1.0
 _LOSS_AFTER = 0.35
 # At its end the person comes to stand, so that a law that lags can be back in contact, too.
 STANDS_S, _STOP_TIME_S, _PACE_S = 4.0, 0.2, 0.1
+# People who really stand or sit, as far away as the motionless face.
+STAND, SIT = f"stand_{STILL_DISTANCE_M:g}m", f"sit_{STILL_DISTANCE_M:g}m"
+POSTURES = (STAND, SIT)
 # Trials on walks, whose figures are means over people.
 WALKS = (*PASSES_M, TURNS)
 ALONE = (*STILL, "step", "ramp")
-TRIALS = (*ALONE, *WALKS, LOSS)
+TRIALS = (*ALONE, *POSTURES, *WALKS, LOSS)
 
 
 @dataclass(frozen=True)
@@ -65,10 +68,17 @@ class Trial:
     back_s: float | None = None
 
 
-def takes(trial: str, group: str | None) -> bool:
-    """Whether a trial is made on walks of a route group; a walk without one counts as straight."""
-    turns = group not in (None, "straight")
-    return turns if trial == TURNS else not turns
+def takes(trial: str, labels: Labels) -> bool:
+    """Whether a trial is made with a recording.
+
+    Args:
+        trial: One of `POSTURES` for people who stay, else one on walks.
+        labels: The recording's. A walk without a group counts as straight, and a person who stays as standing unless
+            the kind is ``sitting``.
+    """
+    if trial in POSTURES:
+        return (trial == SIT) == (labels.activity == "sitting")
+    return (trial == TURNS) == (labels.group not in (None, "straight"))
 
 
 def make_trial(name: str, recording: str | None) -> Trial:
@@ -76,7 +86,7 @@ def make_trial(name: str, recording: str | None) -> Trial:
 
     Args:
         name: One of `TRIALS`.
-        recording: For trials on walks: a synthetic name or a path.
+        recording: For trials on recorded people: a synthetic name or a path.
 
     Returns:
         The trial.
@@ -94,7 +104,8 @@ def make_trial(name: str, recording: str | None) -> Trial:
     if recording is None:
         raise ValueError(f"trial {name!r} needs a recording")
     try:
-        walk = place(load(recording), "side", PASSES_M.get(name, TURN_DISTANCE_M), HEIGHT_M)
+        distance_m = STILL_DISTANCE_M if name in POSTURES else PASSES_M.get(name, TURN_DISTANCE_M)
+        walk = place(load(recording), "side", distance_m, HEIGHT_M)
     except PlacementError as error:
         raise LeftOutError(str(error)) from None
     if name != LOSS:
@@ -138,7 +149,7 @@ def _alone(
         pelvis_quat_wxyz=faces,
         valid=np.ones(times_s.size, dtype=np.bool_),
     )
-    return Recording(name, "synthetic", "synthetic", times_s, track, None, True, Labels(subject="nobody"))
+    return Recording(name, "synthetic", "synthetic", times_s, track, None, True, Labels(subject="synthetic"))
 
 
 def _stopping(walk: Recording) -> Recording:

@@ -15,8 +15,8 @@ import numpy as np
 import tyro
 from pydantic import Field
 
-from experiments.engine.command import parse, run_command
-from experiments.engine.replays import each_sensor
+from experiments.engine.choices import each_sensor
+from experiments.engine.command import Command
 from experiments.sensor_example.seen import SeenWalk, see
 from gazempc.errors import SettingsError
 from gazempc.loop.build import Person, make_predictor
@@ -54,20 +54,6 @@ class SensorExampleSettings(PredictorSettings):
     out: Path = Field(default=Path("out/sensors"), description="Folder to write to")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 2 on bad input.
-    """
-    return run_command(
-        "sensor_example", lambda: _run(parse(SensorExampleSettings, "sensor_example", __doc__, arguments))
-    )
-
-
 def sensor_example(settings: SensorExampleSettings) -> list[SeenWalk]:
     """See the walk through each sensor, and draw.
 
@@ -89,18 +75,15 @@ def sensor_example(settings: SensorExampleSettings) -> list[SeenWalk]:
     predictor = make_predictor(settings.predictor, settings, person, settings.options)
     all_seen = [see(walk, sensor, predictor, instants_s.tolist(), settings.seed) for sensor in sensors]
 
-    from experiments.sensor_example.figure import draw_overview, draw_sensor  # noqa: PLC0415  (slow to import)
+    from experiments.sensor_example.figure import draw_overview  # noqa: PLC0415  (slow to import)
 
     settings.out.mkdir(parents=True, exist_ok=True)
     about = f"predictor {name_of(PREDICTOR, predictor)}; seed {settings.seed}"
-    for seen in all_seen:
-        draw_sensor(seen, about, settings.out / f"{seen.sensor}.png")
-    if len(all_seen) > 1:
-        draw_overview(all_seen, about, settings.out / OVERVIEW)
+    draw_overview(all_seen, about, settings.out / OVERVIEW)
     return all_seen
 
 
-def _run(settings: SensorExampleSettings) -> int:
+def _run(settings: SensorExampleSettings, _: str) -> int:
     all_seen = sensor_example(settings)
     walk = all_seen[0].walk
     instants = ", ".join(f"{instant.now_s:.1f}" for instant in all_seen[0].instants)
@@ -109,7 +92,7 @@ def _run(settings: SensorExampleSettings) -> int:
         along_mm, across_mm = seen.error_rms_mm()
         errors = f"{along_mm:5.0f} mm along, {across_mm:4.0f} mm across the line of sight"
         print(f"  {seen.sensor:16} {seen.capture_s.size:4d} frames, {errors}")
-    print(f"Written to {settings.out}/: a picture a sensor{f', and {OVERVIEW}' if len(all_seen) > 1 else ''}")
+    print(f"Written to {settings.out}/: {OVERVIEW}")
     return 0
 
 
@@ -123,3 +106,6 @@ def _instants(chosen_s: Sequence[float], end_s: float) -> FloatArray:
             f"accepted: 0 to {max(latest_s, 0.0):.2f} s"
         )
     return np.unique(np.array(chosen_s)) if chosen_s else np.linspace(_FIRST_S, latest_s, _INSTANTS)
+
+
+main = Command("sensor_example", SensorExampleSettings, __doc__, _run).main

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.patches import Ellipse, FancyArrowPatch
+from matplotlib.patches import Ellipse
 
 from experiments.sensor_example.seen import SHARE, Instant, SeenWalk
 from gazempc.results.figures.style import COLOURS
@@ -23,28 +23,7 @@ _FORECAST, _SEEN = COLOURS[0], COLOURS[4]
 _PAST_S, _ROOM_M = 0.6, 0.12
 _PANELS_A_ROW = 3
 _DPI = 110
-_CENTRED: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 9}
 _LEGEND: dict[str, Any] = {"loc": "outside lower center", "ncols": 3, "frameon": False}
-
-
-def draw_sensor(seen: SeenWalk, about: str, path: Path) -> None:
-    """Draw what one sensor saw: the whole walk with the robot, and the instant in the middle nearer.
-
-    Args:
-        seen: What it saw.
-        about: Second line of the title.
-        path: PNG file to write.
-    """
-    figure = Figure(figsize=(10.5, 6.2), layout="constrained")
-    whole, near = figure.subplots(1, 2)
-    _draw_whole(whole, seen)
-    _draw_near(near, seen, _window([seen]))
-    _label_horizons(near, _middle(seen))
-    near.set_title(f"at {_middle(seen).now_s:.1f} s, nearer", fontsize="medium")
-    whole.set_title("the whole walk", fontsize="medium")
-    figure.legend(*near.get_legend_handles_labels(), **_LEGEND)
-    figure.suptitle(f"Sensor {seen.sensor}: {_walk_title(seen)}\n{about}", fontsize="medium")
-    figure.savefig(path, dpi=_DPI)
 
 
 def draw_overview(all_seen: Sequence[SeenWalk], about: str, path: Path) -> None:
@@ -95,24 +74,6 @@ def _window(all_seen: Sequence[SeenWalk]) -> tuple[FloatArray, float]:
     return 0.5 * (low + high), 0.5 * float(np.max(high - low)) + _ROOM_M
 
 
-def _draw_whole(ax: Axes, seen: SeenWalk) -> None:
-    _draw_walk(ax, seen, dot=2.0)
-    for instant in seen.instants:
-        _draw_instant(ax, seen, instant, dot=3.5)
-        before, head, after = seen.truth(instant.now_s + np.array([-0.1, 0.0, 0.1]))[:, :2]
-        # Beside the path, on the side away from the robot. On the page, right is -y and up is x.
-        normal = np.array([before[1] - after[1], after[0] - before[0]]) / max(np.linalg.norm(after - before), 1e-9)
-        normal = normal if normal @ head > 0 else -normal
-        beside = (-20.0 * normal[1], 20.0 * normal[0])
-        ax.annotate(f"{instant.now_s:.1f} s", (head[1], head[0]), beside, **_CENTRED)
-    ax.add_patch(FancyArrowPatch((0, 0), (0, 0.55), arrowstyle="-|>", mutation_scale=16, lw=2.5, fc="k", zorder=7))
-    ax.plot(0, 0, "o", color="k", ms=11, zorder=7)
-    ax.annotate("robot", (0, 0), (12, -3), textcoords="offset points", va="center")
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.08)
-    ax.xaxis.set_inverted(True)
-
-
 def _draw_near(ax: Axes, seen: SeenWalk, window: tuple[FloatArray, float]) -> None:
     instant = _middle(seen)
     _draw_walk(ax, seen, dot=4.0)
@@ -121,15 +82,6 @@ def _draw_near(ax: Axes, seen: SeenWalk, window: tuple[FloatArray, float]) -> No
     ax.set_aspect("equal")
     ax.set_xlim(y_m + half_m, y_m - half_m)
     ax.set_ylim(x_m - half_m, x_m + half_m)
-
-
-def _label_horizons(ax: Axes, instant: Instant) -> None:
-    for mean, true, horizon_s in zip(instant.means_base_m, instant.true_base_m, FORECAST_HORIZONS_S, strict=True):
-        off = true - mean
-        away = off / max(float(np.linalg.norm(off)), 1e-9)
-        ax.annotate(
-            f"{horizon_s:g} s", (true[1], true[0]), (-16.0 * away[1], 16.0 * away[0]), fontsize="small", **_CENTRED
-        )
 
 
 def _draw_walk(ax: Axes, seen: SeenWalk, dot: float) -> None:

@@ -106,7 +106,7 @@ def see(walk: Recording, sensor: SensorSpec, predictor: Predictor, instants_s: S
 
 def _forecast(predictor: Predictor, truth: TrueHead, now_s: float, sensor: str, seen: bool) -> Instant:
     if not seen:
-        raise SettingsError(f"--at-s {now_s:g}: sensor {sensor!r} had seen nobody yet; use a later instant")
+        raise SettingsError(f"--at-s {now_s:g}: sensor {sensor!r} had no observation yet; use a later instant")
     times_s = now_s + np.array(FORECAST_HORIZONS_S)
     forecast = predictor.forecast(times_s)
     true_m = truth(times_s)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.aggregate import bootstrap_mean
-from experiments.clips import GROUP_ORDER
+from experiments.aggregate import GROUP_ORDER, bootstrap_mean
 from experiments.engine.job import Row
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Objective, direction_of

@@ -18,7 +18,7 @@ from gazempc.settings import ControllerChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import SensorSpec, load_sensor
 
-# Options of parts of the user's own are checked together, see `experiments.engine.own_parts`.
+# Options of parts of the user's own are checked together, see `experiments.engine.choices`.
 OPTION = "options."
 _PARTS = {"controller": CONTROLLER, "predictor": PREDICTOR}
 DEAD_TIME_SCALE = "model.dead_time_scale"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from experiments.engine.job import Row
-from experiments.page_parts import failures, left_out, survived
+from experiments.pages import failures, left_out, survived
 from experiments.sweep.figures import colour_of, distinct, is_numeric, recorded_or_synthetic, said
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import Objective, direction_of

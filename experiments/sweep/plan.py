@@ -14,10 +14,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from experiments.engine.own_parts import check_parts
-from experiments.engine.recordings import find_recordings, in_place
+from experiments.engine.choices import check_parts, find_recordings, in_place
 from experiments.sweep.names import OPTION, setting_fields
-from experiments.sweep.relations import check_relations
 from experiments.sweep.spec import Case, Range, SweepSpec, lines_of
 from experiments.sweep.variants import resolve
 from gazempc.errors import GazempcError, SettingsError, shown, suggest
@@ -52,7 +50,7 @@ def read_walks(words: Sequence[str], reading: ReadOptions) -> tuple[tuple[Walk, 
     """Read recordings.
 
     Args:
-        words: As for `experiments.engine.recordings.find_recordings`.
+        words: As for `experiments.engine.choices.find_recordings`.
         reading: What the user says about the files.
 
     Returns:
@@ -185,12 +183,12 @@ def load_plan(
     data = _read(path)
     if fitted is not None and isinstance(data.get("base", {}), dict):
         data["base"] = {**data.get("base", {}), "walker.fitted": str(fitted)}
-    problems = check_relations(data)
+    problems: list[str] = []
     spec: SweepSpec | None = None
     try:
         spec = SweepSpec.model_validate(data)
     except ValidationError as error:
-        problems = lines_of(error, SweepSpec) + problems
+        problems = lines_of(error, SweepSpec)
     words = recordings or data.get("recordings", ["synthetic"])
     walks: tuple[Walk, ...] = ()
     if isinstance(words, (list, tuple)) and words and all(isinstance(word, str) for word in words):

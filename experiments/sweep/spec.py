@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from experiments.sweep.names import accepted, check_name, check_settings, check_value, is_number, setting_fields
 from gazempc.errors import shown, suggest
@@ -175,6 +175,41 @@ class SweepSpec(_Strict):
     def varied(self) -> tuple[str, ...]:
         """Names that vary in any case."""
         return tuple(dict.fromkeys(name for case in self.all_cases() for name in case.vary))
+
+    @model_validator(mode="after")
+    def _check_relations(self) -> Self:
+        problems = list(self._relations())
+        if problems:
+            raise ValueError("\n".join(problems))
+        return self
+
+    def _relations(self) -> Iterator[str]:
+        if not self.cases and not self.vary:
+            yield "vary: nothing varies; give vary or cases"
+        names = [case.name for case in self.cases]
+        yield from (f"cases: the name {name!r} is used twice" for name in {n for n in names if names.count(n) > 1})
+        parts = [("", self.base, self.vary), *((f"cases.{i}.", c.base, c.vary) for i, c in enumerate(self.cases))]
+        for where, base, vary in parts:
+            yield from (f"{where}vary: {name} is in base too" for name in sorted({*base} & {*vary}))
+        for i, case in enumerate(self.all_cases()):
+            where = f"cases.{i}." if self.cases else ""
+            if "controller" not in {**case.base, **case.vary}:
+                yield f"{where}base: no controller; give it in base or in vary"
+            for name in (n for n, entry in case.vary.items() if case.design == "grid" and isinstance(entry, Range)):
+                yield f"{where}vary: {name}: a grid needs a list of values (designs with ranges: random, sobol, optuna)"
+            if case.design != "grid" and case.n is None:
+                yield f"{where}n: missing; design {case.design} needs the number of points"
+            if case.design != "grid" and not case.vary:
+                yield f"{where}vary: nothing varies; design {case.design} needs a setting to vary"
+        varied = (*LABELS, *self.varied())
+        drawn = {
+            "response": [name for x, _, by in self.figures.response for name in (x, by)],
+            "heatmap": [name for x, y, _ in self.figures.heatmap for name in (x, y)],
+            "pareto": [by for _, _, by in self.figures.pareto],
+        }
+        for kind, names in drawn.items():
+            for name in (n for n in names if n not in varied):
+                yield f"figures.{kind}: {name} does not vary; {suggest(name, varied)}"
 
 
 def direction_of(metric: str) -> Direction:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Sequence
@@ -12,20 +11,19 @@ from typing import Annotated, Any
 import tyro
 from pydantic import Field
 
-from experiments.engine.command import WorkSettings, command_of, exit_status, parse, run_command, throughput
+from experiments.engine.choices import name_parts
+from experiments.engine.command import Command, WorkSettings, exit_status, throughput
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.engine.own_parts import name_parts
-from experiments.engine.replays import all_faults, fault_lines
-from experiments.sweep.figures import draw_all, recorded_or_synthetic
+from experiments.engine.replays import all_faults
+from experiments.pages import write_csv, write_results
+from experiments.sweep.figures import draw_all
 from experiments.sweep.page import sweep_page
 from experiments.sweep.plan import Point, SweepPlan, load_plan, shipped_studies
 from experiments.sweep.spec import Case
-from experiments.sweep.tables import objective_means, pareto_front, point_table, run_row, text_table, write_table
+from experiments.sweep.tables import objective_means, pareto_front, point_table, run_row
 from experiments.sweep.tuning import check_installed, tune
 from experiments.sweep.variants import resolve
-from gazempc.files.whole import write_whole
-from gazempc.results.page.write import write_page
 from gazempc.results.run_summary import versions
 from gazempc.settings import WalkerSettings
 
@@ -61,7 +59,7 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
                 chunks = [[row for row in scored if row["point"] == i] for i in range(len(points))]
                 return [objective_means(chunk, plan.spec.objectives) for chunk in chunks]
 
-            points = tune(plan, case, out / "optuna.log", score)
+            points = tune(plan, case, score)
             rows += _rows(plan, engine, [(case, i, point) for i, point in enumerate(points)])
     for part in ("controller", "predictor"):
         name_parts(rows, part)
@@ -95,20 +93,6 @@ class SweepSettings(WorkSettings):
     figures: bool = Field(default=True, description="Draw figures")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: Command line without the program's name; default: the process's.
-
-    Returns:
-        Exit status: 0, 1 if runs left the limits, 4 if runs failed, 2 on bad input, 130 if interrupted.
-    """
-    return run_command(
-        "sweep", lambda: sweep(parse(SweepSettings, "sweep", __doc__, arguments), command_of("sweep", arguments))
-    )
-
-
 def sweep(settings: SweepSettings, command: str = "") -> int:
     """Do all runs and write tables and figures.
 
@@ -129,16 +113,21 @@ def sweep(settings: SweepSettings, command: str = "") -> int:
     wall_s = time.monotonic() - started_s
 
     table = point_table(plan, rows)
-    write_table(out / "results.csv", rows)
-    write_table(out / "table.csv", table)
+    write_csv(out / "results.csv", rows)
+    write_csv(out / "table.csv", table)
     summary = _summary(plan, rows, table)
-    write_whole(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     pictures = draw_all(plan, rows, table, out) if settings.figures and table else []
     command = command or f"experiments.sweep.sweep.sweep({settings!r})"
-    write_page(sweep_page(plan, summary, rows, table, pictures, command), out)
-    _print(plan, summary, table)
+    print(write_results(sweep_page(plan, summary, rows, table, pictures, command), out, summary))
     print(throughput(simulated_s, wall_s, settings), end="")
-    written = ["report.html", "results.csv", "table.csv", "summary.json", *(path.name for path in pictures)]
+    written = [
+        "report.html",
+        "results.csv",
+        "table.csv",
+        "summary.json",
+        "summary.md",
+        *(path.name for path in pictures),
+    ]
     print(f"Written to {out}/: {', '.join(written)}")
     return exit_status(any(row["limit_violations"] for row in rows), bool(summary["failed"]))
 
@@ -167,20 +156,7 @@ def _summary(plan: SweepPlan, rows: list[Row], table: list[Row]) -> dict[str, An
     }
 
 
-def _print(plan: SweepPlan, summary: dict[str, Any], table: list[Row]) -> None:
-    print(f"{plan.spec.name}: {' '.join(plan.spec.question.split())}".rstrip(": "))
-    people = len({walk.subject for walk in plan.walks})
-    print(f"{recorded_or_synthetic(plan)} of {people} {'people' if people > 1 else 'person'}; means over clips")
-    print(text_table(plan, table))
-    print(
-        f"{summary['n_runs']} runs, {len(summary['failed'])} failed, {len(summary['left_out'])} recordings left out "
-        f"somewhere, {summary['limit_violations']} limit violations"
-    )
-    for line in fault_lines(summary["faults"]):
-        print(f"survived: {line}")
-    for failure in summary["failed"][:5]:
-        print(f"failed: {failure['case']} {failure['recording']}: {failure['failed']}")
-
+main = Command("sweep", SweepSettings, __doc__, sweep).main
 
 if __name__ == "__main__":
     sys.exit(main())

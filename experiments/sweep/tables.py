@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.aggregate import bootstrap_mean
-from experiments.clips import groups_of
+from experiments.aggregate import bootstrap_mean, groups_of
 from experiments.engine.job import Row
 from experiments.sweep.plan import Point, SweepPlan, Walk
 from experiments.sweep.spec import METRICS, Case, Objective
-from gazempc.files.whole import whole
 from gazempc.results.page.content import PageTable
 
 
@@ -128,29 +124,12 @@ def objective_means(rows: Sequence[Row], objectives: Sequence[Objective]) -> lis
     return [float(value) for value in values.mean(axis=0)]
 
 
-def write_table(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as CSV; all have the keys of the first. Faults have a place in `summary.json` only."""
-    with whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        columns = [name for name in rows[0] if name != "faults"] if rows else []
-        writer = csv.DictWriter(file, columns, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def means_table(plan: SweepPlan, table: Sequence[Row], title: str) -> PageTable:
     """The means over all groups."""
     metrics = [metric for metric in tabulated(plan) if metric in plan.spec.metrics]
     columns = list(dict.fromkeys(["case", "controller", *plan.spec.varied(), "n_clips", *metrics]))
     rows = tuple(tuple(_cell(row[c]) for c in columns) for row in table if row["group"] == "all")
     return PageTable(title, tuple(columns), rows)
-
-
-def text_table(plan: SweepPlan, table: Sequence[Row]) -> str:
-    """The means over all groups as readable text."""
-    means = means_table(plan, table, "")
-    lines, columns = [means.columns, *means.rows], means.columns
-    widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
-    return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
 
 
 def _cell(value: Any) -> str:

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from experiments.engine.own_parts import options_of
-from experiments.engine.replays import ReplayJob, sensors_by_name
+from experiments.engine.choices import options_of, sensors_by_name
+from experiments.engine.replays import ReplayJob
 from experiments.sweep.names import DEAD_TIME_SCALE, OPTION, accepted, check_settings, setting_fields
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import NeckSpec, load_neck

@@ -5,8 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from experiments.engine.job import carry_out
-from experiments.engine.keys import program_hash
+from experiments.engine.job import carry_out, program_hash
 
 
 def in_this_process(jobs, count):

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from experiments.engine.job import carry_out
-from experiments.engine.keys import program_hash
+from experiments.engine.job import carry_out, program_hash
 from experiments.paper import frames
 from experiments.paper.filters import TUNED_TIME_S
 from experiments.paper.frames import FrameJob, labelled

@@ -6,17 +6,6 @@ import pytest
 from experiments.aggregate import add_gap_closed, bootstrap_mean, paired_differences, summarise
 
 
-def test_bootstrap_of_equal_values_has_no_spread():
-    assert bootstrap_mean([2.0, 2.0, 2.0], ["a", "b", "b"]) == (2.0, 2.0, 2.0)
-
-
-def test_every_clip_weighs_the_same():
-    mean, low, high = bootstrap_mean([1.0, 2.0, 3.0, 10.0], ["a", "a", "a", "b"])
-    assert mean == 4.0
-    assert low == pytest.approx(2.0)
-    assert high == pytest.approx(10.0)
-
-
 def test_the_interval_has_its_coverage():
     """20 people with one clip each, unit spread: the interval's half width is near 1.96 / sqrt(20)."""
     values = np.random.default_rng(1).standard_normal(20)
@@ -76,18 +65,6 @@ def test_gap_closed_summary_and_differences_by_hand():
     assert (differences[0]["n_clips"], differences[0]["n_less"], differences[0]["n_more"]) == (2, 1, 1)
 
 
-def test_clips_without_the_figure_are_no_pair():
-    rows = [row(clip, gaze, 1.0, "x") for clip in "abc" for gaze in ("lookahead", "mpc")]
-    for entry, overshoot_deg in zip(rows, (2.0, 1.5, None, 1.0, 0.5, 0.5), strict=True):
-        entry["overshoot_deg"] = overshoot_deg
-    (_, everyone) = paired_differences(rows, "overshoot_deg", "mpc", "lookahead")
-    assert everyone["difference"] == -0.25
-    assert (everyone["n_clips"], everyone["n_less"], everyone["n_more"]) == (2, 1, 0)
-    for entry in rows:
-        entry["overshoot_deg"] = None
-    assert paired_differences(rows, "overshoot_deg", "mpc", "lookahead") == []
-
-
 def test_sensors_and_kinds_have_rows_of_their_own_by_hand():
     """Rows by kind are of all groups and the other way round; a clip without a kind counts in `all` only."""
     figures = {("near", "a"): 1.0, ("near", "b"): 2.0, ("near", "c"): 6.0, ("far", "a"): 10.0, ("far", "b"): 30.0}
@@ -109,13 +86,3 @@ def test_sensors_and_kinds_have_rows_of_their_own_by_hand():
     assert [(r["sensor"], r["group"], r["kind"]) for r in table] == list(expected)
     pairs = paired_differences(rows + others, "gaze_error_rms_deg", "mpc", "lookahead")
     assert {(d["sensor"], d["group"], d["kind"]): d["difference"] for d in pairs} == expected
-
-
-def test_the_gap_is_closed_towards_the_perfect_forecast_with_the_same_sensor():
-    rows = [
-        row("a", controller, rms, sensor=sensor)
-        for sensor, errors in {"near": (10.0, 4.0, 2.0), "far": (30.0, 15.0, 10.0)}.items()
-        for controller, rms in zip(("reactive", "mpc", "perfect"), errors, strict=True)
-    ]
-    add_gap_closed(rows)
-    assert [r["gap_closed"] for r in rows if r["controller"] == "mpc"] == [0.75, 0.75]

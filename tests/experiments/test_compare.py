@@ -10,33 +10,14 @@ from bs4 import BeautifulSoup
 from builders.comparisons import rows_of, runs, settings
 
 from experiments.compare import compare, main
-from experiments.compare_figures import _looks
-from experiments.engine.keys import models_hash
-from experiments.engine.recordings import find_recordings
-from gazempc.errors import GazempcError, SettingsError
-from gazempc.recordings.synthetic.everyday import everyday_names
+from experiments.engine.choices import find_recordings
+from experiments.engine.job import models_hash
+from gazempc.errors import GazempcError
 from gazempc.recordings.synthetic.walks import synthetic_names
-from gazempc.results.figures.style import style
 from gazempc.settings import WalkerSettings
 from predictors.walker.model_file import save_walker_model, shipped_walker_model
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
-
-
-@pytest.mark.slow
-def test_a_comparison_writes_its_tables(tmp_path):
-    compare(**settings(tmp_path))
-    rows = rows_of(tmp_path)
-    assert len(rows) == 9
-    assert {r["group"] for r in rows} == {"straight", "turn", "sharp"}
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert {r["group"] for r in summary["rows"]} == {"straight", "turn", "sharp", "all"}
-    means = [float(r["gaze_error_rms_deg"]) for r in rows if r["controller"] == "lookahead"]
-    entry = next(r for r in summary["rows"] if r["group"] == "all" and r["controller"] == "lookahead")
-    assert entry["gaze_error_rms_deg"] == pytest.approx(np.mean(means))
-    assert entry["n_clips"] == 3
-    assert entry["n_people"] == 2
-    assert "Limit violations in all runs: 0." in (tmp_path / "summary.md").read_text()
 
 
 @pytest.mark.slow
@@ -97,21 +78,6 @@ def test_several_sensors_and_kinds_have_tables_and_figures_of_their_own(tmp_path
     assert {"gaze_error_reference.png", "gaze_error_perfect.png"} < {path.name for path in out.glob("*.png")}
 
 
-def test_a_neck_with_eyes_has_columns_of_head_and_eyes(tmp_path):
-    chosen = {"controllers": ("lookahead",), "recordings": ("subject01_R1",), "necks": ("reference", "reference_eyes")}
-    compare(**settings(tmp_path, **chosen))
-    plain, eyes = json.loads((tmp_path / "summary.json").read_text())["rows"][:2]
-    assert (plain["neck"], eyes["neck"]) == ("reference", "reference_eyes")
-    assert plain["head_rms_acceleration_rad_s2"] == plain["rms_acceleration_rad_s2"]
-    assert plain["eye_eccentricity_p95_deg"] is None
-    text = (tmp_path / "summary.md").read_text()
-    (head,) = (line for line in text.splitlines() if line.startswith("| group"))
-    assert head.endswith("| RMS acceleration [rad/s^2] | of the head [rad/s^2] | eyes aside, 95 % below [deg] |")
-    (row,) = (line for line in text.splitlines() if "| all |" in line and "| reference_eyes |" in line)
-    wanted = f"| {eyes['head_rms_acceleration_rad_s2']:.2f} | {eyes['eye_eccentricity_p95_deg']:.1f} |"
-    assert row.endswith(wanted)
-
-
 def test_a_gaze_that_starts_aside_is_compared_by_contact_and_overshoot(tmp_path):
     aside = {"controllers": ("lookahead", "mpc"), "start_offset_deg": 60.0, "recordings": ("subject01_R1",)}
     compare(**settings(tmp_path, **aside))
@@ -144,25 +110,25 @@ def test_a_clip_that_comes_too_near_is_left_out_and_counted(tmp_path):
 
 
 def test_default_predictor_and_one_perfect_run_for_all():
-    labels = [run.labels for run in runs(Path("x"), predictors=("default", "walker", "head_pose"))]
+    labels = [row for row, _ in runs(Path("x"), predictors=("default", "walker", "head_pose"))]
     assert sum(row["controller"] == "perfect" for row in labels) == 3
     assert {row["predictor"] for row in labels if row["controller"] == "reactive"} == {"walker", "head_pose"}
 
 
 def test_a_job_is_named_by_all_it_depends_on(tmp_path):
-    jobs = [run.job for run in runs(tmp_path)]
+    jobs = [job for _, job in runs(tmp_path)]
     assert len({job.key() for job in jobs}) == len(jobs)
-    assert runs(tmp_path, seed=1)[0].job.key() != jobs[0].key()
+    assert runs(tmp_path, seed=1)[0][1].key() != jobs[0].key()
     file = tmp_path / "walk.csv"
     file.write_text("one")
-    job = runs(tmp_path, recordings=(str(file),))[0].job
+    [(_, job), *_] = runs(tmp_path, recordings=(str(file),))
     first = job.key()
     file.write_text("two")
     assert job.key() != first
     bag = tmp_path / "bag"
     bag.mkdir()
     (bag / "metadata.yaml").write_text("one")
-    job = runs(tmp_path, recordings=(str(bag),))[0].job
+    [(_, job), *_] = runs(tmp_path, recordings=(str(bag),))
     first = job.key()
     (bag / "bag.mcap").write_text("two")
     assert job.key() != first
@@ -202,13 +168,6 @@ def test_everyday_people_are_compared_with_their_own_metrics(tmp_path):
     assert "start to contact [s]" in text
 
 
-def test_what_everyday_stands_for():
-    assert find_recordings(["everyday"]) == list(everyday_names())
-    assert find_recordings(["subject02_R1", "subject03_stop"]) == ["subject02_R1", "subject03_stop"]
-    with pytest.raises(GazempcError, match="everyday"):
-        find_recordings(["everyda"])
-
-
 @pytest.mark.parametrize(
     ("words", "expected"),
     [(["--recordings", "nowhere"], "nowhere"), (["--recordings", "synthetic", "--necks", "x"], "'x'")],
@@ -217,21 +176,6 @@ def test_bad_input_is_refused_before_anything_runs(words, expected, tmp_path, ca
     assert main([*words, "--out", str(tmp_path / "out")]) == 2
     assert expected in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_figures_are_drawn(tmp_path):
-    controllers = ("reactive", "lookahead", "mpc", "perfect")
-    recordings = ("subject01_R4", "subject02_R4")
-    compare(**settings(tmp_path, recordings=recordings, controllers=controllers, figures=True))
-    names = {path.name for path in tmp_path.glob("*.png")}
-    assert names == {
-        "gaze_error.png",
-        "eye_contact.png",
-        "gap_closed.png",
-        "error_against_acceleration.png",
-        "mpc_minus_lookahead.png",
-    }
 
 
 def test_another_fitted_model_is_another_run(tmp_path):
@@ -243,16 +187,11 @@ def test_another_fitted_model_is_another_run(tmp_path):
     for content in (b"one", b"two"):
         path.write_bytes(content)
         walker = WalkerSettings(fitted=tmp_path)
-        [run] = runs(tmp_path, recordings=("subject01_R1",), controllers=("mpc",), walker=walker)
-        keys.append(run.job.key())
-        assert run.job.settings.walker.fitted == tmp_path
+        [(_, job)] = runs(tmp_path, recordings=("subject01_R1",), controllers=("mpc",), walker=walker)
+        keys.append(job.key())
+        assert job.settings.walker.fitted == tmp_path
     assert keys[0] != keys[1]
     assert models_hash(tmp_path / "walker.npz") != models_hash(tmp_path)
-
-
-def test_a_fitted_model_that_is_not_there_is_refused_before_anything_runs(tmp_path):
-    with pytest.raises(GazempcError, match=r"walker\.fitted.*nowhere"):
-        runs(tmp_path, walker=WalkerSettings(fitted=tmp_path / "nowhere"))
 
 
 def test_people_that_the_model_has_seen_are_said(tmp_path):
@@ -263,24 +202,6 @@ def test_people_that_the_model_has_seen_are_said(tmp_path):
         tmp_path / "out", recordings=recordings, controllers=("reactive",), walker=WalkerSettings(fitted=tmp_path)
     )
     compare(**chosen)
-    assert "fitted on 1 person of those who walk here" in (tmp_path / "out" / "summary.md").read_text()
+    assert "fitted on 1 person of these recordings" in (tmp_path / "out" / "summary.md").read_text()
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["people_seen_in_fitting"] == ["subject01"]
-
-
-def test_wrong_settings_from_python_are_named():
-    with pytest.raises(SettingsError, match="recordigs"):
-        compare(recordigs=["synthetic"])
-
-
-def test_two_predictors_of_one_gaze_share_its_colour_and_nothing_else():
-    """In bars by hatching, in points by markers; so they are told apart without colours, too."""
-    series = [(gaze, predictor, "reference") for predictor in ("a", "b") for gaze in ("reactive", "mpc")]
-    looks = dict(zip(series, _looks(series), strict=True))
-    for gaze in ("reactive", "mpc"):
-        (colour, first), (same, second) = (looks[gaze, predictor, "reference"] for predictor in ("a", "b"))
-        assert colour == same == style(gaze).colour
-        assert first.marker != second.marker
-        assert first.hatch != second.hatch
-    own = _looks([("mine", "a", "n"), ("yours", "a", "n"), ("theirs", "a", "n")])
-    assert len({colour for colour, _ in own}) == 3

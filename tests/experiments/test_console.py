@@ -31,11 +31,6 @@ def test_every_command_is_there_and_explains_itself(name, capsys):
     assert "--" in capsys.readouterr().out
 
 
-def test_arguments_and_status_are_passed_on(capsys):
-    assert main(["run", "--replay", "subject99_R9"]) == 2
-    assert "subject99_R9" in capsys.readouterr().err
-
-
 def test_it_starts_as_a_module_too():
     done = subprocess.run(
         [sys.executable, "-m", "experiments.console", "--help"], capture_output=True, text=True, check=True

@@ -2,11 +2,10 @@
 
 import csv
 import json
-import math
 
 import pytest
 
-from experiments import front_gaps, fronts, plan_example
+from experiments import front_gaps, fronts
 from experiments.sweep import sweep
 
 
@@ -14,13 +13,6 @@ def test_a_front_leaves_out_what_is_beaten():
     points = [(2.0, 1.0), (1.0, 2.0), (1.5, 3.0), (3.0, 1.5), (2.5, 0.5)]
     assert front_gaps.front(points, 1.0) == [(1.0, 2.0), (2.0, 1.0), (2.5, 0.5)]
     assert front_gaps.front(points, -1.0) == [(1.0, 2.0), (1.5, 3.0)]
-
-
-def test_between_points_a_front_is_a_line_and_it_does_not_reach_below_its_smoothest():
-    front = [(1.0, 2.0), (2.0, 1.0)]
-    assert front_gaps.at(front, 1.25) == pytest.approx(1.75)
-    assert front_gaps.at(front, 9.0) == 1.0
-    assert math.isnan(front_gaps.at(front, 0.9))
 
 
 def write_table(path, rows):
@@ -83,11 +75,6 @@ def test_a_table_that_cannot_be_compared_is_refused(tmp_path, capsys, rows, said
     assert said in capsys.readouterr().err
 
 
-def test_without_a_sweep_the_command_says_what_to_run(tmp_path, capsys):
-    assert fronts.main([str(tmp_path / "nothing")]) == 2
-    assert "run python -m experiments.sweep first" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_a_sweep_is_compared(tmp_path):
     study = tmp_path / "small.yaml"
@@ -101,10 +88,3 @@ def test_a_sweep_is_compared(tmp_path):
     assert fronts.main([str(tmp_path / "out")]) == 0
     margins = json.loads((tmp_path / "out" / "fronts.json").read_text())
     assert {m["group"] for m in margins} == {"straight", "all"}
-
-
-def test_one_plan_is_drawn(tmp_path, capsys):
-    assert plan_example.main(["--out", str(tmp_path / "plan.png")]) == 0
-    assert (tmp_path / "plan.png").stat().st_size > 10_000
-    assert plan_example.main(["--at-s", "0.0", "--out", str(tmp_path / "none.png")]) == 2
-    assert "nobody had been seen yet" in capsys.readouterr().err

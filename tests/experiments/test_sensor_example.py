@@ -8,7 +8,7 @@ from builders.recordings import synthetic
 from experiments.sensor_example.example import main
 from experiments.sensor_example.seen import see
 from gazempc.sim.sensor import load_sensor
-from predictors import ConstantVelocity, Forecast, NotReadyError
+from predictors import Forecast, NotReadyError
 
 FILES = sorted((ROOT / "experiments/studies/sensors").glob("*.toml"))
 
@@ -49,12 +49,6 @@ def test_forecasts_come_from_what_has_arrived_and_are_held_against_the_truth():
     assert seen.error_rms_mm() == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-def test_the_truth_past_the_end_is_not_drawn():
-    walk = synthetic("subject03_R4")
-    (instant,) = see(walk, sensor(), Newest(), [walk.times_s[-1] - 0.6], seed=0).instants
-    assert np.isnan(instant.true_base_m[:, 0]).tolist() == [False, False, True]
-
-
 @pytest.mark.parametrize(
     ("freedom", "radius"),
     # Of chi-square(2) the 95 % quantile is -2 ln 0.05; of F(2, 4) it is 6.944, which is to be times 2 (4 - 2) / 4.
@@ -66,20 +60,12 @@ def test_the_ellipse_from_above_is_that_of_the_stated_tails(freedom, radius):
     np.testing.assert_allclose(instant.covariances_m2[0], np.diag([0.04, 0.01]))
 
 
-def test_errors_along_and_across_the_line_of_sight_are_told_apart():
-    along, across = [load_sensor("perfect").model_dump() for _ in range(2)]
-    along["along"]["noise_m"], across["across"]["noise_m"] = 0.1, 0.1
-    for errors, expected_mm in ((along, (100.0, 0.0)), (across, (0.0, 100.0))):
-        seen = see(synthetic("subject03_R4"), type(sensor()).model_validate(errors), ConstantVelocity(), [1.0], seed=0)
-        assert seen.error_rms_mm() == pytest.approx(expected_mm, rel=0.2, abs=0.5)
-
-
 @pytest.mark.slow
-def test_a_picture_a_sensor_and_one_of_all(tmp_path, capsys):
+def test_one_picture_has_a_panel_for_each_sensor(tmp_path, capsys):
     chosen = ["reference", "face_camera"]
     options = ["--predictor", "constant_velocity", "--at-s", "1.5", "--out", str(tmp_path)]
     assert main(["--replay", "subject03_R1", "--sensors", *chosen, *options]) == 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["all_sensors.png", "face_camera.png", "reference.png"]
+    assert [p.name for p in tmp_path.iterdir()] == ["all_sensors.png"]
     assert min(p.stat().st_size for p in tmp_path.iterdir()) > 20_000
     printed = capsys.readouterr().out
     assert "subject03_R1 (synthetic)" in printed
@@ -89,7 +75,7 @@ def test_a_picture_a_sensor_and_one_of_all(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--at-s", "0.0"], "sensor 'reference' had seen nobody yet"),
+        (["--at-s", "0.0"], "sensor 'reference' had no observation yet"),
         (["--at-s", "60"], r"accepted: 0 to"),
         (["--sensors", "nothing"], "nothing"),
     ],

@@ -22,7 +22,7 @@ from backports import zstd
 from builders import bags, exports
 
 from experiments.engine.cache import read_result
-from experiments.engine.recordings import find_recordings
+from experiments.engine.choices import find_recordings
 from experiments.sweep.plan import load_plan
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.files.documents import parse_toml

@@ -65,26 +65,6 @@ def test_forecast_changes_nothing_and_is_the_same_in_any_order(make: Callable[[]
 
 
 @every_predictor
-def test_shapes(make: Callable[[], Predictor]) -> None:
-    predictor = make()
-    walk(predictor)
-    for times_s, size in ((1.0, 1), ([1.0, 2.0, 3.0], 3), ([], 0)):
-        forecast = predictor.forecast(times_s)
-        assert forecast.times_s.shape == (size,)
-        assert forecast.means_base_m.shape == (size, 3)
-        assert forecast.covariances_m2.shape == (size, 3, 3)
-
-
-@every_predictor
-@pytest.mark.parametrize("bad", [[[1.0, 2.0]], [np.nan], [np.inf]])
-def test_bad_times_are_refused(make: Callable[[], Predictor], bad: list[float]) -> None:
-    predictor = make()
-    walk(predictor)
-    with pytest.raises(ValueError, match="times_s must be finite"):
-        predictor.forecast(bad)
-
-
-@every_predictor
 def test_no_forecast_before_the_first_observation_nor_after_reset(make: Callable[[], Predictor]) -> None:
     predictor = make()
     with pytest.raises(NotReadyError):

@@ -57,15 +57,6 @@ def test_filter_is_the_exact_gaussian_posterior_for_irregular_stamps(
     assert forecast.issued_at_s == seen_s[-1]
 
 
-def test_start_is_the_first_observation_at_rest() -> None:
-    cv = ConstantVelocity(acceleration_psd=0.05, position_noise_m=0.02)
-    cv.update(seen(2.0, np.array([1.0, 2.0, 3.0])))
-    forecast = cv.forecast([2.0, 3.0])
-    np.testing.assert_array_equal(forecast.means_base_m, np.tile([1.0, 2.0, 3.0], (2, 1)))
-    np.testing.assert_allclose(forecast.covariances_m2[0], 0.02**2 * np.eye(3), atol=1e-15)
-    np.testing.assert_allclose(forecast.covariances_m2[1], (0.02**2 + 1.0 + 0.05 / 3) * np.eye(3), atol=1e-15)
-
-
 def test_noise_free_walk_is_forecast_exactly_in_the_limit() -> None:
     errors = []
     for noise_m in (5e-2, 1e-2, 1e-4):
@@ -84,28 +75,6 @@ def test_gap_coasts_and_grows_the_covariance() -> None:
     forecast = cv.forecast(end_s + np.linspace(0.0, 3.0, 7))
     np.testing.assert_allclose(forecast.means_base_m, x[:3] + np.linspace(0.0, 3.0, 7)[:, None] * x[3:], atol=1e-12)
     assert np.all(np.diff(forecast.covariances_m2[:, 0, 0]) > 0)
-
-
-def test_single_jump_leaves_no_trace_but_the_time() -> None:
-    """A refused observation: afterwards the filter is as one that never saw it."""
-    cv, spared = ConstantVelocity(), ConstantVelocity()
-    end_s = walk(cv)
-    walk(spared)
-    jump = cv.forecast(end_s + FRAME_S).means_base_m[0] + [0.0, 0.5, 0.0]
-    cv.update(seen(end_s + FRAME_S, jump))
-    assert cv.rejections_in_a_row == 1
-    ahead_s = end_s + np.array([0.1, 0.5, 1.0])
-    before, after = spared.forecast(ahead_s), cv.forecast(ahead_s)
-    np.testing.assert_allclose(after.means_base_m, before.means_base_m, atol=1e-12)
-    np.testing.assert_allclose(after.covariances_m2, before.covariances_m2, atol=1e-12)
-    assert after.issued_at_s == end_s
-    assert cv.state()[0] == end_s + FRAME_S
-    good = cv.forecast(end_s + 2 * FRAME_S).means_base_m[0]
-    for predictor in (cv, spared):
-        predictor.update(seen(end_s + 2 * FRAME_S, good + 0.002))
-    np.testing.assert_allclose(cv.state()[1], spared.state()[1], atol=1e-12)
-    np.testing.assert_allclose(cv.state()[2], spared.state()[2], atol=1e-12)
-    assert cv.rejections_in_a_row == 0
 
 
 def show_jumps(cv: ConstantVelocity, count: int) -> tuple[float, FloatArray]:
@@ -149,22 +118,6 @@ def test_an_accepted_observation_ends_the_count_of_refusals() -> None:
     assert cv.rejections_in_a_row == 1
 
 
-@pytest.mark.parametrize("bad", [{"acceleration_psd": 0.0}, {"position_noise_m": -1.0}, {"position_noise_m": np.nan}])
-def test_constant_velocity_refuses_impossible_noise(bad: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="must be positive"):
-        ConstantVelocity(**bad)
-
-
-def test_state_is_a_copy() -> None:
-    cv = ConstantVelocity()
-    walk(cv)
-    _, x, P = cv.state()
-    x += 1.0
-    P += 1.0
-    assert not np.any(np.isclose(cv.state()[1], x))
-    assert not np.any(np.isclose(cv.state()[2], P))
-
-
 def test_the_head_of_a_refused_detection_does_not_bend_the_forecast():
     """Another person, 3 m away and turned, is detected once: position and yaw both stay as they were."""
     predictor = HeadPose(weight=1.0)
@@ -206,39 +159,3 @@ def test_not_gated_is_the_plain_filter_that_takes_in_everything() -> None:
         np.testing.assert_allclose(forecast.means_base_m, mean, atol=1e-6)
         expected = covariance[:, None, None] * np.eye(3)
         np.testing.assert_allclose(forecast.covariances_m2, expected, atol=1e-6)
-
-
-def test_not_gated_never_refuses_nor_starts_anew() -> None:
-    cv = ConstantVelocity(gated=False)
-    walk(cv)
-    for i in range(30, 60):
-        cv.update(HeadObservation(i * FRAME_S, np.array([9.0, 9.0, 0.4])))
-        assert cv.rejections_in_a_row == 0
-        assert cv.started_at_s == 0.0
-    assert cv.forecast(2.0).issued_at_s == 59 * FRAME_S
-    np.testing.assert_allclose(cv.state()[1][:3], [9.0, 9.0, 0.4], atol=0.05)
-
-
-def test_a_track_begun_anew_is_that_of_a_filter_that_saw_the_candidate_alone():
-    """Each of its frames with its own stated covariance: here they differ tenfold."""
-    cv = ConstantVelocity()
-    for k in range(30):
-        cv.update(HeadObservation(k / 30, np.array([2.0 + 0.03 * k, 1.0, 0.4])))
-    others = [
-        HeadObservation(
-            1.0 + k / 30,
-            np.array([4.0, -1.0 + 0.02 * k, 0.5]),
-            position_covariance_m2=np.diag([0.01, 0.02, 0.03]) ** 2 * (100.0 if k % 2 else 1.0),
-        )
-        for k in range(60)
-    ]
-    for other in others:
-        cv.update(other)
-        if len(cv.taken_in) > 1:
-            break
-    alone = ConstantVelocity(gated=False)
-    for other in cv.taken_in:
-        alone.update(other)
-    assert len(cv.taken_in) > 10
-    for found, expected in zip(cv.state(), alone.state(), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

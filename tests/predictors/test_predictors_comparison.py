@@ -23,7 +23,6 @@ from predictors import (
     Predictor,
 )
 from predictors.baselines import constant_acceleration, coordinated_turn
-from predictors.baselines import interacting_models as imm
 from predictors.baselines.arc import arc
 from predictors.yaw import wrap_rad
 
@@ -179,18 +178,6 @@ def test_jacobian_is_that_of_finite_differences(rate: float, turn_time_s: float)
         np.testing.assert_allclose(jacobian[:, :, i], (up - down) / (2 * step), atol=1e-8)
 
 
-def test_turn_rate_zero_is_no_special_case() -> None:
-    x = np.array([2.0, 1.0, 1.3, 0.4, 0.0, 0.0, 0.0])
-    straight_on, at_zero = coordinated_turn.transition(x, np.array(0.9), 1.0)
-    expected = x[:2] + 0.9 * 1.3 * np.array([np.cos(0.4), np.sin(0.4)])
-    np.testing.assert_allclose(straight_on[:2], expected, atol=1e-12)
-    for rate in (-1e-10, 1e-10):
-        x[4] = rate
-        after, jacobian = coordinated_turn.transition(x, np.array(0.9), 1.0)
-        np.testing.assert_allclose(after, straight_on, atol=1e-9)
-        np.testing.assert_allclose(jacobian, at_zero, atol=1e-9)
-
-
 def test_noise_free_arc_is_forecast_exactly_in_the_limit() -> None:
     """Of many frames: the filter begins with no turn."""
     errors = []
@@ -201,24 +188,6 @@ def test_noise_free_arc_is_forecast_exactly_in_the_limit() -> None:
         errors.append(np.linalg.norm(predictor.forecast(times).means_base_m - on_circle(times)))
     assert errors[0] > errors[1] > errors[2]
     assert errors[2] < 5e-6
-
-
-def test_forecast_covariance_of_a_straight_walk_is_that_of_the_linear_system() -> None:
-    """Along x at 1.2 m/s without turn rate, heading noise and turn noise act as those of a linear system."""
-    psd = {"acceleration_psd": 0.05, "heading_psd": 0.1, "turn_psd": 0.2}
-    predictor = CoordinatedTurn(**psd, turn_time_s=0.6)
-    end_s = show(predictor, lambda t: np.array([SPEED_M_S * t, 0.0, 1.6]), frames=90)
-    estimate = predictor.state()
-    assert estimate is not None
-    x, P = estimate
-    assert abs(x[3]) < 1e-9
-    assert abs(x[4]) < 1e-9
-    A = np.zeros((5, 5))
-    A[0, 2], A[1, 3], A[3, 4], A[4, 4] = 1.0, x[2], 1.0, -1.0 / 0.6
-    F = expm(A * 0.8)
-    expected = F @ P[:5, :5] @ F.T + van_loan(A, np.diag([0.0, 0.0, *psd.values()]), 0.8)
-    covariance = predictor.forecast(end_s + 0.8).covariances_m2[0]
-    np.testing.assert_allclose(covariance[:2, :2], expected[:2, :2], rtol=1e-5, atol=1e-9)
 
 
 def test_height_and_a_standing_person_are_those_of_constant_velocity() -> None:
@@ -274,54 +243,7 @@ def test_a_turned_pelvis_bends_the_path_to_its_side(cues: coordinated_turn.YawCu
     assert abs(aside[1]) < 1e-6
 
 
-def test_a_walk_that_stops_and_starts_again_keeps_the_offset() -> None:
-    def stops(t: float) -> Array:
-        return np.array([1.2 * (min(t, 3.0) + max(t - 5.0, 0.0)), 0.0, 1.6])
-
-    predictor = CoordinatedTurn(yaw_cues="pelvis")
-    stood, learned = False, 0.0
-    for i in range(165):
-        t = i * FRAME_S
-        predictor.update(HeadObservation(t, stops(t), None, yaw_quat(0.1)))
-        estimate = predictor.state()
-        if t < 3.0 and estimate is not None:
-            learned = float(estimate[0][5])
-        stood = stood or (t > 3.0 and estimate is None)
-    assert stood
-    estimate = predictor.state()
-    assert estimate is not None
-    assert learned > 0.05
-    assert estimate[0][5] == pytest.approx(learned, abs=0.02)
-
-
-@pytest.mark.parametrize("bad", [{"turn_time_s": np.inf}, {"turn_psd": 0.0}, {"position_noise_m": np.nan}])
-@pytest.mark.parametrize("make", [CoordinatedTurn, ParticleFilter])
-def test_impossible_numbers_are_refused(make: Callable[..., Predictor], bad: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="must be positive and finite"):
-        make(**bad)
-
-
-def test_unknown_cues_are_refused_with_what_there_is() -> None:
-    with pytest.raises(ValueError, match="one of none, pelvis, both, got 'head'"):
-        CoordinatedTurn(yaw_cues="head")  # type: ignore[arg-type]
-
-
 # ---------------------------------------------------------------- interacting models
-
-
-@pytest.mark.parametrize("rate", [-1.5, 0.0, 0.5])
-def test_turning_transition_is_the_exponential_of_its_generator(rate: float) -> None:
-    A = np.zeros((6, 6))
-    A[:3, 3:] = np.eye(3)
-    A[3, 4], A[4, 3] = -rate, rate
-    for dt_s in (-0.5, 0.0, 0.03, 1.4):
-        np.testing.assert_allclose(imm.turning_transition(dt_s, rate), expm(A * dt_s), atol=1e-12)
-
-
-def test_mode_probabilities_are_those_of_a_markov_chain_in_continuous_time() -> None:
-    rates = (np.full((3, 3), 0.5) - 1.5 * np.eye(3)) / 4.0  # left on average after 4 s
-    for dt_s in (0.0, 0.1, 3.0):
-        np.testing.assert_allclose(imm.mode_transition(dt_s, 4.0), expm(rates * dt_s), atol=1e-12)
 
 
 def test_imm_is_the_textbooks_at_irregular_times() -> None:
@@ -379,30 +301,7 @@ def test_imm_knows_to_which_side_the_person_turns(side: int) -> None:
     assert errors[0] < 0.5 * errors[1]
 
 
-def test_likelihoods_too_small_for_a_float_leave_probabilities() -> None:
-    """Sensor noise of 0.1 mm and a step of 0.12 m, which the gate's allowance for turning lets pass."""
-    predictor = InteractingModels(position_noise_m=1e-4, acceleration_psd=1e-8)
-    end_s = show(predictor, straight)
-    predictor.update(HeadObservation(end_s + FRAME_S, straight(end_s + FRAME_S) + np.array([0.0, 0.0, 0.12])))
-    assert predictor.forecast(end_s).issued_at_s == end_s + FRAME_S
-    assert np.all(np.isfinite(predictor.probabilities()))
-    assert predictor.probabilities().sum() == pytest.approx(1.0)
-
-
 # ---------------------------------------------------------------- particle filter
-
-
-def test_equal_observations_give_equal_forecasts_and_leave_numpys_generator_alone() -> None:
-    np.random.seed(1)  # noqa: NPY002
-    expected = np.random.random()  # noqa: NPY002
-    np.random.seed(1)  # noqa: NPY002
-    one, other = ParticleFilter(), ParticleFilter()
-    show(other, straight, frames=20, noise_m=0.02)
-    other.reset()
-    for each in (one, other):
-        end_s = show(each, on_circle, noise_m=0.01)
-    np.testing.assert_array_equal(one.forecast(end_s + 0.5).means_base_m, other.forecast(end_s + 0.5).means_base_m)
-    assert np.random.random() == expected  # noqa: NPY002
 
 
 def test_many_particles_agree_with_the_extended_kalman_filter() -> None:
@@ -415,11 +314,6 @@ def test_many_particles_agree_with_the_extended_kalman_filter() -> None:
     np.testing.assert_allclose(mine.means_base_m, expected.means_base_m, atol=0.02)
     deviations = [np.sqrt(np.trace(f.covariances_m2[:, :2, :2], axis1=1, axis2=2)) for f in (mine, expected)]
     np.testing.assert_allclose(deviations[0], deviations[1], rtol=0.3)
-
-
-def test_one_particle_is_no_cloud() -> None:
-    with pytest.raises(ValueError, match="at least 2 particles are needed, got 1"):
-        ParticleFilter(particles=1)
 
 
 # ---------------------------------------------------------------- pelvis pursuit
@@ -451,35 +345,6 @@ def test_pursuit_without_pelvis_or_gain_is_constant_velocity() -> None:
         forecast = each.forecast(expected.times_s)
         np.testing.assert_allclose(forecast.means_base_m, expected.means_base_m, atol=1e-12)
         np.testing.assert_allclose(forecast.covariances_m2, expected.covariances_m2, atol=1e-12)
-
-
-def test_the_last_pelvis_is_good_for_half_a_second() -> None:
-    pursuit = PelvisPursuit()
-    end_s = show(pursuit, straight, pelvis=lambda t: 0.0)
-    for i in range(1, 31):
-        pursuit.update(HeadObservation(end_s + i * FRAME_S, straight(end_s + i * FRAME_S)))
-        if i != 15:  # half a second to within rounding
-            assert (pursuit.turn_rad() == 0.0) == (i > 15)
-
-
-@pytest.mark.parametrize(("speed_m_s", "share"), [(0.0, 0.0), (0.19, 0.0), (0.35, 0.5), (0.51, 1.0), (1.5, 1.0)])
-def test_pursuit_fades_out_for_who_hardly_moves(speed_m_s: float, share: float) -> None:
-    pursuit = PelvisPursuit(position_noise_m=1e-4)
-    show(pursuit, lambda t: np.array([speed_m_s * t, 0.0, 1.6]), frames=90, pelvis=lambda t: 0.4)
-    assert pursuit.turn_rad() == pytest.approx(share * 0.75 * 0.4, abs=1e-3)
-
-
-def test_the_pelvis_of_a_refused_detection_is_somebody_elses() -> None:
-    pursuit = PelvisPursuit()
-    end_s = show(pursuit, lambda t: np.array([1.2 * t, 0.0, 1.6]), pelvis=lambda t: 0.0)
-    pursuit.update(HeadObservation(end_s + FRAME_S, np.array([1.0, 3.0, 1.6]), None, yaw_quat(2.0)))
-    assert pursuit.turn_rad() == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("bad", [{"gain": 1.01}, {"gain": np.nan}, {"turn_time_s": 0.0}])
-def test_pursuit_refuses(bad: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="must be"):
-        PelvisPursuit(**bad)
 
 
 # ---------------------------------------------------------------- settings

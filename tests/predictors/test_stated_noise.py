@@ -103,15 +103,6 @@ def test_it_is_the_textbook_s_filter_with_that_covariance(predictor, textbook):
         np.testing.assert_allclose(found.covariances_m2, covariances, rtol=1e-6, atol=1e-10)
 
 
-def test_the_last_position_is_as_uncertain_as_it_was_stated():
-    (observation,) = curve(frames=1)
-    predictor = LastPosition(walking_speed_m_s=0.7)
-    predictor.update(observation)
-    found = predictor.forecast(observation.capture_time_s + AHEAD_S).covariances_m2
-    expected = [observation.position_covariance_m2 + (0.7 * s) ** 2 * EYE3 for s in AHEAD_S]
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
-
-
 MAKERS = {
     "last": LastPosition,
     "cv": ConstantVelocity,
@@ -160,20 +151,6 @@ def test_a_range_that_is_stated_as_unknown_does_not_shake_the_direction(make):
 
     assert worst_deg(stated=True) < 1.5
     assert worst_deg(stated=False) > 2.0 * worst_deg(stated=True)
-
-
-def test_a_yaw_that_is_stated_as_unknown_turns_nobody():
-    """With a spread of three turns a yaw tells nothing; with the sensor's usual one, what it always did."""
-
-    def ahead(sd_rad, cues="both"):
-        predictor = CoordinatedTurn(yaw_cues=cues)
-        for observation in curve():
-            predictor.update(replace(observation, head_yaw_sd_rad=sd_rad, pelvis_yaw_sd_rad=sd_rad))
-        return predictor.forecast(observation.capture_time_s + AHEAD_S).means_base_m
-
-    np.testing.assert_allclose(ahead(20.0), ahead(None, cues="none"), atol=1e-4)
-    np.testing.assert_allclose(ahead(0.035), ahead(None), atol=1e-12)
-    assert np.abs(ahead(None) - ahead(None, cues="none")).max() > 1e-3
 
 
 @pytest.mark.parametrize(("yaw_from", "sds"), [("waist", (0.03, 0.06)), ("travel", (0.03, None))])

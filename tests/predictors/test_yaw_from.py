@@ -12,7 +12,6 @@ from predictors import (
     HeadObservation,
     HeadPose,
 )
-from predictors.yaw import wrap_rad
 
 
 @pytest.mark.parametrize("waist_yaw", [None, -2.0])
@@ -62,16 +61,6 @@ def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed() -> None:
         assert without.relative_yaw_rad() == pytest.approx(expected, abs=1e-12)
 
 
-def test_slower_than_0_2_m_s_nobody_has_a_direction_of_travel() -> None:
-    for speed, known in ((0.15, False), (0.25, True)):
-        head, kalman = HeadPose(1.0, yaw_from="travel"), ConstantVelocity()
-        end_s = turned_walk(head, 90, speed=speed)
-        turned_walk(kalman, 90, speed=speed)
-        assert (head.relative_yaw_rad() is not None) == known
-        same = np.array_equal(head.forecast(end_s + 0.5).means_base_m, kalman.forecast(end_s + 0.5).means_base_m)
-        assert same != known
-
-
 def test_who_stops_keeps_the_last_yaw_for_half_a_second() -> None:
     head = HeadPose(yaw_from="travel")
     end_s = turned_walk(head, 60)
@@ -97,15 +86,3 @@ def test_a_new_track_forgets_the_offset_of_the_old_one() -> None:
     fresh = HeadPose(yaw_from="travel", offset_removed=True)
     turned_walk(fresh, 30)
     assert head.relative_yaw_rad() == fresh.relative_yaw_rad()
-
-
-def test_the_mean_yaw_does_not_depend_on_the_turn_by_which_the_angle_is_counted() -> None:
-    """A head that faces backwards, 170 then 190 deg from the waist, with 0.6 s unseen between: the mean is 180 deg."""
-    head = HeadPose(offset_removed=True)
-    for i in range(30):
-        head.update(seen(i * FRAME_S, np.ones(3), head_yaw=np.radians(170.0)))
-    for i in range(48, 78):
-        head.update(seen(i * FRAME_S, np.ones(3), head_yaw=np.radians(190.0)))
-    known_s = 77 * FRAME_S
-    expected = wrap_rad(np.radians(190.0) - np.pi * known_s / (known_s + 0.5))
-    assert head.relative_yaw_rad() == pytest.approx(expected, abs=1e-6)

@@ -51,28 +51,17 @@ class ObsFaceTracker(Rival):
         neck: Whose top speed is that of the camera's fastest step.
         camera: The camera on the head.
         speed_scale: Speed of the camera's step 24 as a share of the neck's top speed; depends on the camera.
-        dead_band: Error that does not count, as a share of the root of the image's area.
-        nonlinear_band: Band above it in which the error counts less, as the same share.
     """
 
     name = "obs_face_tracker"
     free = tuple({"speed_scale": scale} for scale in SPEED_SCALES)
     command = "velocity"
 
-    def __init__(
-        self,
-        neck: NeckSpec,
-        camera: HeadCamera,
-        *,
-        speed_scale: float = 1.0,
-        dead_band: float = 0.0,
-        nonlinear_band: float = 0.0,
-    ) -> None:
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, speed_scale: float = 1.0) -> None:
         self.period_s = 1.0 / camera.rate_hz
         self._rad_s_per_step = speed_scale * neck.velocity_max_rad_s / _MOST_SPEEDS[0]
         self._halves_px = 0.5 * np.array([camera.width_px, camera.height_px])
         self._size_px = math.sqrt(camera.width_px * camera.height_px)
-        self._dead_px, self._band_px = dead_band * self._size_px, nonlinear_band * self._size_px
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
@@ -93,7 +82,7 @@ class ObsFaceTracker(Rival):
     def _see(self, detection: Detection) -> None:
         dt_s = self.period_s
         self._arrival_s = detection.arrival_time_s
-        error_px = self._beyond_the_band(-detection.offset * self._halves_px)
+        error_px = -detection.offset * self._halves_px
         step_px = _KI_PER_S * error_px * dt_s
         opposed = self._integral_px * step_px < 0.0
         step_px = np.where(opposed, np.sign(step_px) * np.minimum(np.abs(step_px), np.abs(self._integral_px)), step_px)
@@ -102,13 +91,6 @@ class ObsFaceTracker(Rival):
         derivative_px_s = _TD_S * (low_pass_px - self._low_pass_px)
         self._low_pass_px = low_pass_px
         self._u = _KP / self._size_px * ((error_px + self._integral_px) * dt_s + derivative_px_s)
-
-    def _beyond_the_band(self, error_px: FloatArray) -> FloatArray:
-        beyond_px = np.maximum(np.abs(error_px) - self._dead_px, 0.0)
-        if self._band_px > 0.0:
-            bent_px = beyond_px**2 / (2.0 * self._band_px)
-            beyond_px = np.where(beyond_px < self._band_px, bent_px, beyond_px - 0.5 * self._band_px)
-        return np.sign(error_px) * beyond_px
 
 
 # Gains of pan and tilt: degrees for a pixel, for a pixel held one second, for a pixel a second.

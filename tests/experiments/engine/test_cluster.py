@@ -10,7 +10,7 @@ import pytest
 from tiny_jobs import Tiny
 
 from experiments.engine.engine import Engine
-from gazempc.errors import GazempcError, MissingOptionalDependencyError
+from gazempc.errors import GazempcError
 
 ROOT = Path(__file__).resolve().parents[3]
 HANG_S = 60
@@ -71,13 +71,6 @@ def test_no_scheduler_is_said(tmp_path, monkeypatch):
     with pytest.raises(GazempcError, match=r"--dask tcp://127\.0\.0\.1:1: no scheduler answers there"):
         Engine(tmp_path / "runs", jobs=1, dask="tcp://127.0.0.1:1")
     assert not (tmp_path / "runs").exists()
-
-
-@pytest.mark.slow
-def test_a_missing_package_names_its_extra(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingOptionalDependencyError, match="cluster"):
-        Engine(tmp_path / "runs", jobs=1, dask="tcp://x:1")
 
 
 @pytest.mark.slow

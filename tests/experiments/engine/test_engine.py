@@ -9,8 +9,7 @@ import pytest
 from tiny_jobs import Tiny
 
 from experiments.engine.engine import Engine
-from experiments.engine.job import carry_out
-from experiments.engine.keys import program_hash
+from experiments.engine.job import carry_out, program_hash
 from gazempc.errors import GazempcError
 
 
@@ -32,7 +31,7 @@ def test_results_come_in_the_order_of_the_jobs_and_equal_jobs_are_done_once(firs
     assert [row.get("square") for row in rows[:4]] == [9, 1, 9, 4]
     np.testing.assert_array_equal(rows[3]["array"], np.full((2, 2), 0.1))
     assert fresh == 4  # without the equal one and the failed ones
-    assert sorted(path.suffix for path in folder.iterdir()) == [".json", ".json", ".json", ".npz"]
+    assert len(list(folder.iterdir())) == 4
     assert all(row["pid"] != os.getpid() for row in rows[:4])
 
 
@@ -54,12 +53,6 @@ def test_a_second_run_does_only_what_failed(first):
     assert again[6]["failed"] == rows[6]["failed"]
 
 
-def test_nothing_to_do_starts_no_worker(first, monkeypatch):
-    monkeypatch.setattr("experiments.engine.engine.on_this_machine", None)
-    with Engine(first[0], jobs=2) as engine:
-        assert engine.run([Tiny(3)])[0]["square"] == 9
-
-
 def test_a_worker_that_dies_is_said_and_the_rest_is_kept(tmp_path):
     with Engine(tmp_path, jobs=1) as engine:
         engine.run([Tiny(1), Tiny(2)])
@@ -73,12 +66,6 @@ def test_another_program_or_file_in_the_worker_is_no_result():
     assert "is not the one that asks" in carry_out(job, job.key(), "0")["failed"]
     assert "not find the same files" in carry_out(job, "0", program_hash())["failed"]
     assert carry_out(job, job.key(), program_hash())["square"] == 4
-
-
-def test_a_folder_that_cannot_be_made_is_said(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(GazempcError, match="cannot make this folder"):
-        Engine(tmp_path / "file" / "runs", jobs=1)
 
 
 def test_importing_the_engine_for_a_worker_is_light():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from builders import exports
 
-from experiments.engine.keys import recording_hash
-from experiments.engine.recordings import find_recordings
+from experiments.engine.choices import find_recordings
+from experiments.engine.job import recording_hash
 from gazempc.errors import GazempcError
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import json
-import shutil
 from contextlib import redirect_stdout
 
 import numpy as np
@@ -13,13 +11,10 @@ import pytest
 from builders.fits import toy
 from builders.walkers import NOTHING, straight_model
 
-from experiments.engine.cache import Cache
 from experiments.fit.command import fit, main
 from experiments.fit.doubt import errors_on_left_out
-from experiments.fit.jobs import NetworksJob, model_of
-from experiments.fit.spread import Spread
 from experiments.forecast.command import main as forecast
-from predictors.walker.model_file import load_walker_model, save_walker_model
+from predictors.walker.model_file import load_walker_model
 from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, KNOTS_S, WalkerModel
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
@@ -75,45 +70,6 @@ def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeyp
     assert "flatters" in (tmp_path / "summary.md").read_text()
 
 
-@pytest.fixture
-def no_doubt(monkeypatch):
-    """Fits state no doubt: what is used again does not depend on it."""
-    monkeypatch.setattr("experiments.fit.command.errors_on_left_out", lambda models, people, _: people)
-    monkeypatch.setattr(
-        "experiments.fit.command.fit_doubt",
-        lambda _: Spread(**{f.name: getattr(straight_model(), f.name) for f in dataclasses.fields(Spread)}),
-    )
-
-
-def networks_in(folder):
-    """Results of `NetworksJob`: the files that have weights."""
-    found = {}
-    for path in (folder / "runs").glob("*.npz"):
-        with np.load(path) as data:
-            if "weights_0" in data:
-                found[path] = path.stat().st_mtime_ns
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("no_doubt")
-def test_finished_fits_are_used_again_and_only_those(tmp_path, finished):
-    """Interrupted between the fits, the next start makes only what is missing; with other settings, all networks."""
-    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    first, before = load_walker_model(tmp_path / "walker.npz"), networks_in(tmp_path)
-    assert len(before) == 6
-    gone, *kept = before
-    gone.unlink()
-    again = fit(**settings(tmp_path))
-    assert all(np.array_equal(a, b) for a, b in zip(first.weights, again.weights, strict=True))
-    after = networks_in(tmp_path)
-    assert after.keys() == before.keys()
-    assert all(after[path] == before[path] for path in kept)
-    other = fit(**settings(tmp_path, steps=21))
-    assert not np.array_equal(first.weights[0], other.weights[0])
-    assert len(networks_in(tmp_path)) == 12
-
-
 def test_one_person_is_not_enough(tmp_path, capsys):
     assert main(["--recordings", "subject01_R1", "subject01_R4", "--out", str(tmp_path)]) == 2
     assert "at least 2" in capsys.readouterr().err
@@ -149,7 +105,6 @@ def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
 
     people = {"subject01_R1": "subject01", "subject02_R4": "subject02", "subject01_R4": "subject01"}
     monkeypatch.setattr("experiments.fit.command.Engine.run", spy)
-    monkeypatch.setattr("experiments.fit.command.result_file", lambda folder, key: folder / f"{key}.npz")
     monkeypatch.setattr("experiments.fit.command.model_of", lambda *_: (_ for _ in ()).throw(StopIteration))
     with pytest.raises((StopIteration, RuntimeError)):
         fit(**settings(tmp_path, recordings=tuple(people)))
@@ -161,39 +116,3 @@ def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
     everybody = ["subject01", "subject02", "subject01"]
     assert read == [["subject02"]] * 2 + [["subject01"] * 2] * 2 + [everybody] * 2
     assert [job.sees_yaws for job in fits] == [True, False] * 3
-
-
-def test_a_fit_reads_the_examples_it_is_given(tmp_path, monkeypatch):
-    """Each recording's examples carry a mark; all marks reach the fit, in order."""
-    cache = Cache(tmp_path)
-    for k in (2, 0):
-        cache.keep(f"part{k}", vars(dataclasses.replace(toy(3, k), weight=np.full(3, float(k)))))
-    seen = []
-
-    def spy(examples, seed, networks, steps, sees_yaws):
-        seen.append(examples.weight.tolist())
-        model = constant_model(1.0 + sees_yaws)
-        return model.weights, model.biases
-
-    monkeypatch.setattr("experiments.fit.jobs.fit_networks", spy)
-    files = tmp_path / "part2.npz", tmp_path / "part0.npz"
-    seeing, blind = (NetworksJob(files, 0, 1, 1, sees_yaws) for sees_yaws in (True, False))
-    assert seeing.key() != blind.key()
-    model = model_of(seeing.run(), blind.run(), seeing.key())
-    assert seen == [[2.0] * 3 + [0.0] * 3] * 2
-    np.testing.assert_array_equal(model.biases[0], constant_model(2.0).biases[0])
-    np.testing.assert_array_equal(model.blind_biases[0], constant_model(1.0).biases[0])
-    assert model.about == {"key": seeing.key()}
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("no_doubt")
-def test_people_who_are_no_more_leave_no_model_behind(tmp_path, finished):
-    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
-    stale = tmp_path / "left_out" / "nobody.npz"
-    save_walker_model(straight_model(), stale)
-    next(iter(networks_in(tmp_path))).write_bytes(b"cut off")
-    fit(**settings(tmp_path))
-    assert not stale.exists()
-    assert sorted(p.stem for p in (tmp_path / "left_out").iterdir()) == ["subject01", "subject02"]
-    assert not list(tmp_path.rglob("*.part*"))

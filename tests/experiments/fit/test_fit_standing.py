@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.fits import FRAME_S, speeds
 
-from experiments.fit.standing import idle, sway, vary_standing
+from experiments.fit.standing import idle, vary_standing
 from experiments.fit.variants import GaplessWalk
 
 
@@ -19,13 +19,6 @@ def test_idle_motion_is_the_same_for_the_same_seed_and_slower_than_a_walk():
     assert np.median(peaks_m_s) < 0.7
     assert max(peaks_m_s) < 2.1  # three motions at once
     assert np.median(spans_m) < 0.4
-
-
-def test_sway_alone_has_the_size_of_quiet_standing():
-    found = np.array([sway(600, FRAME_S, np.random.default_rng(seed)).std(axis=0) for seed in range(50)])
-    assert found[:, :2].min() > 0.001
-    assert found[:, :2].max() < 0.025
-    assert np.all(found[:, 2] < found[:, :2].max(axis=1))
 
 
 @pytest.mark.parametrize("seed", range(6))

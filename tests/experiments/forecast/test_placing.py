@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from builders.sensing import sensor, standing
 
 from experiments.forecast.command import forecast
-from experiments.forecast.placing import observations_of, placed_for
+from experiments.forecast.view import placed_for
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording
@@ -33,13 +32,6 @@ def test_a_sensor_with_a_line_of_sight_stands_beside_the_walk_or_where_one_stood
     np.testing.assert_array_equal(placed_for(walk, camera).truth.head_position_m, expected)
     own = load("subject01_R4")
     np.testing.assert_array_equal(placed_for(own, camera).truth.head_position_m, own.truth.head_position_m)
-
-
-def test_overtaken_frames_are_dropped_as_in_the_loop():
-    late = sensor(timing={"latency_jitter_s": 0.2, "keeps_order": False})
-    captures = [o.capture_time_s for o in observations_of(standing(20.0), late, 0)]
-    assert (np.diff(captures) > 0).all()
-    assert 0.2 * 600 < len(captures) < 0.9 * 600
 
 
 def test_forecasts_of_every_shipped_sensor(tmp_path):

@@ -1,9 +1,8 @@
 """The truth behind a tracker's track: a moving average with known effects."""
 
 import numpy as np
-import pytest
 
-from experiments.forecast.smoothing import smooth_truth
+from experiments.forecast.view import smooth_truth
 from gazempc.recordings.recording import Recording, Track
 
 OVER_S = 0.4
@@ -34,13 +33,6 @@ def test_a_wave_is_lowered_by_its_sinc_and_does_not_lag():
     np.testing.assert_allclose(smooth[inner], lowered * wave_m[inner], atol=1e-3)
 
 
-def test_white_errors_shrink_by_the_frames_in_the_window():
-    times_s = np.arange(0.0, 200.0, 0.02)
-    noise_m = 0.03 * np.random.default_rng(0).standard_normal((times_s.size, 3))
-    smooth = smooth_truth(recorded(times_s, noise_m), 0.4).truth.head_position_m
-    assert np.std(smooth[50:-50]) == pytest.approx(0.03 / np.sqrt(20), rel=0.05)
-
-
 def test_nothing_is_averaged_over_a_gap():
     times_s = np.arange(0.0, 2.0, 0.02)
     side_m = np.where(times_s < 1.0, 0.0, 5.0)
@@ -49,12 +41,3 @@ def test_nothing_is_averaged_over_a_gap():
     smooth = smooth_truth(recorded(times_s, head_m, valid), OVER_S).truth.head_position_m
     np.testing.assert_allclose(smooth[valid], head_m[valid], atol=1e-12)
     assert np.isnan(smooth[~valid]).all()
-
-
-def test_what_was_measured_is_the_track_before_or_the_tracker_s_own():
-    times_s = np.arange(0.0, 2.0, 0.02)
-    rough = recorded(times_s, np.random.default_rng(0).standard_normal((times_s.size, 3)))
-    assert smooth_truth(rough, 0.2).measured is rough.truth
-    own = recorded(times_s, np.zeros((times_s.size, 3))).truth
-    assert smooth_truth(recorded(times_s, rough.truth.head_position_m, measured=own), 0.2).measured is own
-    assert smooth_truth(rough, 0.0) is rough

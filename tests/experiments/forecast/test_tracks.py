@@ -91,18 +91,7 @@ def test_a_walk_that_comes_too_near_is_left_out_where_the_place_matters(tmp_path
     assert left_out["sensor"] == "face_camera"
     assert summary["n_left_out"] == 1
     assert {row["sensor"] for row in summary["rows"]} == {"reference"}
-    assert f"- left out round, sensor face_camera: {left_out['left_out']}" in capsys.readouterr().out
-
-
-def test_two_sensors_of_the_same_name_are_refused(tmp_path, capsys):
-    twin = tmp_path / "twin.toml"
-    twin.write_text(
-        'name = "reference"\nsource = "made here"\nrate_hz = 30.0\nlatency_s = 0.0\n'
-        "position_noise_m = 0.5\nyaw_noise_deg = 0.0\n"
-    )
-    words = ["--recordings", "subject01_R1", "--sensors", "reference", str(twin), "--out", str(tmp_path / "out")]
-    assert main(words) == 2
-    assert "have the same name, 'reference'" in " ".join(capsys.readouterr().err.split())
+    assert f"- left out round: {left_out['left_out']}" in capsys.readouterr().out
 
 
 def clip(recording, predictor, error_m, freedom=np.inf, nees=1.0):
@@ -116,13 +105,6 @@ def clip(recording, predictor, error_m, freedom=np.inf, nees=1.0):
         np.array([1.0]),
     )
     return ClipResult(recording, "s", predictor, "both", "synthetic", recording, "turn", None, errors, False)
-
-
-def test_the_ratio_is_over_the_clips_that_both_have():
-    """On clip b the other one failed; by the means alone it would be 4 / 6, and on the same clip it is 4 / 2."""
-    results = [clip("a", "constant_velocity", 2.0), clip("b", "constant_velocity", 10.0), clip("a", "other", 4.0)]
-    ratios = {r["predictor"]: r["ratio_to_constant_velocity"] for r in summarise(results)}
-    assert ratios == {"constant_velocity": 1.0, "other": 2.0}
 
 
 def test_coverage_in_the_table_is_that_of_the_stated_tails():

@@ -1,28 +1,16 @@
 """The filter's time constant, and the sweep over filters by hand."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
 from experiments.paper import filters
-from experiments.paper.filters import SLOW_TIME_S, TUNED_TIME_S, FilterRow, closest_time_s, misfit, sweep
+from experiments.paper.filters import sweep
 from experiments.paper.frames import (
     acceleration_psd,
-    filter_time_s,
 )
-from experiments.paper.published import PUBLISHED
 
 FRAME_S = 1 / 30
-
-
-@given(psd=st.floats(1e-8, 1e3), noise_m=st.floats(1e-4, 1.0))
-def test_time_constant_and_noise_density_are_inverse(psd, noise_m):
-    assert acceleration_psd(filter_time_s(psd, noise_m), noise_m) == pytest.approx(psd, rel=1e-9)
-    assert filter_time_s(16 * psd, noise_m) == pytest.approx(filter_time_s(psd, noise_m) / 2)
 
 
 @pytest.mark.parametrize("time_s", [0.4, 1.0, 2.0])
@@ -36,11 +24,6 @@ def test_the_steady_filter_has_this_natural_frequency_and_damping(time_s):
     poles = np.log(np.linalg.eigvals((np.eye(2) - K @ H) @ F).astype(complex)) / FRAME_S
     np.testing.assert_allclose(np.abs(poles), 1 / time_s, rtol=0.06)
     np.testing.assert_allclose(-poles.real / np.abs(poles), np.sqrt(0.5), rtol=0.06)
-
-
-def test_the_default_filter_is_among_those_swept():
-    assert pytest.approx(filter_time_s(0.05), abs=1e-4) == TUNED_TIME_S
-    assert {TUNED_TIME_S, SLOW_TIME_S} <= set(filters.FILTER_TIMES_S)
 
 
 def made_row(group, subject, base_m, turn_m):
@@ -77,27 +60,3 @@ def test_the_sweep_by_hand():
     assert table[0.1, "filtered", 1.0, "R12"].baseline_mm == pytest.approx(600)
     assert table[0.1, "true", 1.0, "R34"].baseline_mm == pytest.approx(2400)
     assert table[1.0, "filtered", 0.5, "R12"].weight == 0.0
-
-
-def test_the_nearest_filter_is_the_one_with_the_least_ratio():
-    factors = {
-        ("filtered", 0.5): {0.1: 0.5, 0.4: 1.3, 1.0: 0.8},
-        ("true", 0.5): {0.1: 0.9, 0.4: 1.3, 1.0: 3.0},
-        ("filtered", 1.0): {0.1: 0.2, 0.4: 0.3, 1.0: 3.5},
-    }
-    table = [
-        FilterRow(time_s, against, horizon_s, p.group, (factor * p.baseline_mm, 1.0), 0.5, 1.0)
-        for (against, horizon_s), by_time in factors.items()
-        for time_s, factor in by_time.items()
-        for p in PUBLISHED
-    ]
-    for (against, horizon_s), by_time in factors.items():
-        for time_s, factor in by_time.items():
-            assert misfit(table, time_s, against, horizon_s) == pytest.approx(abs(np.log(factor)))
-    # log 0.8 = -0.22, log 1.3 = 0.26: too small by a fifth is nearer than too large by 0.3.
-    assert closest_time_s(table, "filtered") == 1.0
-    assert closest_time_s(table, "true") == 0.1
-    assert closest_time_s(table, "filtered", 1.0) == 0.4
-    uneven = [dataclasses.replace(r, error_mm=(2 * r.error_mm[0],)) if r.group == "R12" else r for r in table]
-    expected = np.sqrt((np.log(1.6) ** 2 + 2 * np.log(0.8) ** 2) / 3)
-    assert misfit(uneven, 1.0, "filtered") == pytest.approx(expected)

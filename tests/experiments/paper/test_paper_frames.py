@@ -93,20 +93,6 @@ def test_the_error_at_any_weight_is_that_of_the_predictor_run_with_it(name, rule
     assert np.abs(own.turn_m).max() > 0.01
 
 
-def test_on_a_straight_line_the_settled_filter_does_not_err(monkeypatch):
-    row = made_errors(monkeypatch, line_m())
-    for horizon_s, steps in zip(HORIZONS_S, (15, 30), strict=True):
-        for against in ("filtered", "true"):
-            (video,) = frames_of([row], against, horizon_s=horizon_s)
-            assert video.base_m.shape == (120 - steps, 3)
-            assert video.error_mm(0.0)[45:].max() < 0.01
-            assert video.error_mm(0.0)[0] > 100  # at the first frame the filter knows no speed
-            np.testing.assert_allclose(video.turn_m, 0.0, atol=1e-6)
-    np.testing.assert_allclose(row["speed_m_s"], np.linalg.norm(VELOCITY_M_S), atol=1e-4)
-    np.testing.assert_allclose(row["turn_deg"], 0.0, atol=1e-2)
-    assert (row["subject"], row["group"], row["kind"]) == ("me", "straight", "body tracking")
-
-
 def test_a_head_turned_for_good_turns_the_step_by_that_angle(monkeypatch):
     """Rotating s by a moves its end by 2 s sin(a / 2), to the left of travel; the body faces x, travel is aside."""
     row = made_errors(monkeypatch, line_m(), rules=tuple(RULES), head_deg=20.0)
@@ -124,25 +110,6 @@ def test_a_head_turned_for_good_turns_the_step_by_that_angle(monkeypatch):
     for rule in ("offset removed", "both"):
         (removed,) = frames_of([row], rule=rule)
         assert np.all(np.diff(np.abs(removed.yaw_deg[10:])) < 0)
-
-
-def test_where_no_yaw_is_known_the_rule_adds_nothing(monkeypatch):
-    row = made_errors(monkeypatch, np.tile([2.0, 0.5, 0.4], (60, 1)), rules=tuple(RULES), head_deg=30.0)
-    (video,) = frames_of([row], rule="travel direction")
-    assert np.isnan(video.yaw_deg).all()
-    np.testing.assert_array_equal(video.turn_m, 0.0)
-
-
-def test_frames_out_of_range_are_not_used(monkeypatch):
-    """Along the sensor's axis from 0.2 to 7.95 m at 1.5 m/s; the distance is x itself."""
-    x = 0.213 + 1.5 * np.arange(156) / 30
-    row = made_errors(monkeypatch, np.stack([x, 0 * x, 0 * x], axis=1))
-    inside = (x >= 0.5) & (x <= 5.46)
-    assert 0 < inside.sum() < x.size
-    assert row["seen_frames"] == inside.sum()
-    for horizon_s, steps in zip(HORIZONS_S, (15, 30), strict=True):
-        (video,) = frames_of([row], horizon_s=horizon_s)
-        assert len(video.base_m) == inside.sum() - steps
 
 
 def test_a_frame_whose_future_was_not_seen_is_not_scored(monkeypatch):
@@ -191,59 +158,6 @@ def rotation(angle_deg):
 
 def make_observation(i):
     return HeadObservation(i / 30, line_m()[i])
-
-
-@pytest.mark.parametrize("lost", [1, 2])
-def test_one_or_two_lost_frames_are_bridged_wherever_they_are(monkeypatch, lost):
-    """The frames around them are 0.1 s apart at most, which is not a longer gap than 0.1 s."""
-    counts = set()
-    for first in range(40, 60):
-        valid = np.ones(90, dtype=bool)
-        valid[first : first + lost] = False
-        row = made_errors(monkeypatch, line_m(90), valid=valid)
-        (video,) = frames_of([row])
-        counts.add(len(video.base_m))
-    assert counts == {90 - 15 - lost}
-
-
-def test_three_lost_frames_are_not_bridged(monkeypatch):
-    valid = np.ones(90, dtype=bool)
-    valid[50:53] = False
-    (video,) = frames_of([made_errors(monkeypatch, line_m(90), valid=valid)])
-    assert len(video.base_m) == 90 - 15 - 2 * 3
-
-
-def test_a_walk_around_a_circle_turns_as_it_does(monkeypatch):
-    """1.2 rad/s at radius 1 m: chords of 2 sin(0.3) m, each turned by 0.6 rad to the left."""
-    angle = 1.2 * np.arange(120) / 30
-    circle = np.stack([3 + np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    row = made_errors(monkeypatch, circle)
-    np.testing.assert_allclose(row["speed_m_s"], 2 * np.sin(0.3) / 0.5, atol=1e-3)
-    np.testing.assert_allclose(row["turn_deg"], np.degrees(0.6), atol=0.1)
-
-
-def test_what_cannot_be_scored_is_not_there_and_what_is_broken_says_so(tmp_path):
-    broken = tmp_path / "broken.csv"
-    broken.write_text("t,head_x\n0,1\n", encoding="utf-8")
-    row = execute(FrameJob(str(broken), 0.1, ("paper",), 0))
-    assert "missing column" in row["failed"]
-    good = execute(FrameJob("subject01_R4", 0.4, ("paper",), 0))
-    rows = [row, good, good | {"group": "elsewhere"}, good | {"left_out": "too near"}]
-    assert [v.recording for v in frames_of(rows)] == ["subject01_R4"]
-
-
-def test_a_job_is_named_by_all_it_depends_on(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("1", encoding="utf-8")
-    job = FrameJob(str(path), 0.1, ("paper",), 0)
-    keys = {job.key(), dataclasses.replace(job, seed=1).key(), dataclasses.replace(job, filter_time_s=0.2).key()}
-    keys |= {dataclasses.replace(job, rules=("both",)).key()}
-    path.write_text("2", encoding="utf-8")
-    keys |= {job.key()}
-    (tmp_path / "index.csv").write_text("clip,subject,group\n", encoding="utf-8")
-    keys |= {job.key()}
-    assert len(keys) == 6
-    assert job.key() == FrameJob(str(path), 0.1, ("paper",), 0).key()
 
 
 def test_the_control_turns_by_the_waist():

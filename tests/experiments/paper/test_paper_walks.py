@@ -10,12 +10,10 @@ from builders.paper import (
     line_m,
     made_errors,
     strict_json,
-    write_walks,
 )
 
 from experiments.paper.analysis import analyse
 from experiments.paper.filters import SLOW_TIME_S, TUNED_TIME_S
-from experiments.paper.findings import report
 from experiments.paper.frames import (
     RULES,
     FrameJob,
@@ -41,27 +39,6 @@ def test_somebody_who_stands_does_not_spoil_the_summary(monkeypatch):
     summary = analyse(rows, TUNED_TIME_S, 0, 3)
     # What is published has a test of its own.
     strict_json(json.dumps({k: v for k, v in summary.items() if k != "published"}))
-
-
-def test_walks_of_less_than_a_second_are_validated(tmp_path):
-    """More than half a second in range is all that is asked for, so nothing may be had at the horizon of 1 s."""
-    folder = write_walks(tmp_path / "short", {"ann_1": "subject01_R1", "bob_2": "subject02_R4"}, 28)
-    rows = rows_by_time(sorted(p for p in folder.iterdir() if p.name != "index.csv"))
-    summary = analyse(rows, TUNED_TIME_S, 0, 3)
-    assert [g["n_frames"] for g in summary["groups"]] == [13, 13]
-
-
-def test_a_group_of_short_walks_alone_is_reported_like_the_others(tmp_path):
-    """Straight walks of less than a second beside longer turns: one group has nothing at the horizon of 1 s."""
-    folder = write_walks(tmp_path / "short", {"ann_1": "subject01_R1", "bob_1": "subject02_R2"}, 28)
-    longer = write_walks(tmp_path / "long", {"ann_2": "subject01_R4", "bob_2": "subject02_R3"}, 75)
-    rows = rows_by_time(sorted(p for f in (folder, longer) for p in f.iterdir() if p.name != "index.csv"))
-    summary = analyse(rows, TUNED_TIME_S, 0, 3)
-    about = {"data": "both", "kinds": ["motion capture"], "n_recordings": 4}
-    about |= {"left_out": {}, "failed": {}, "without_group": []}
-    about |= {"settings": {"filter_time_s": TUNED_TIME_S, "trials": 3}}
-    text = report(about | summary)
-    assert "| R12 | 2 | 2 | 26 |" in text
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from experiments.people import crossing
 from experiments.people.crossing import cross, crossing_walks
 from experiments.people.crowds import crowd_of, score
 from experiments.people.study import main
@@ -26,22 +25,6 @@ def test_who_crosses_stays_who_they_are(sensor):
     assert [any(cross(seed, sensor, "people")) for seed in range(6)] == [False] * 6
 
 
-def test_a_tracker_that_mixes_people_up_is_noticed(monkeypatch):
-    def by_side():
-        """Calls whoever is on the left 1, and whoever is on the right 2."""
-
-        def numbers(observations):
-            if len(observations) == 1:
-                return [1 if observations[0].head_position_base_m[1] > 0 else 2]
-            order = np.argsort([-seen.head_position_base_m[1] for seen in observations])
-            return [int(k) + 1 for k in np.argsort(order)]
-
-        return numbers
-
-    monkeypatch.setattr(crossing, "tracker_of", lambda _: by_side())
-    assert cross(0, "reference", "people").swapped
-
-
 def test_the_command_prints_and_writes_the_table(tmp_path, capsys):
     assert main(["--seeds", "2", "--sensors", "reference", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
@@ -57,9 +40,3 @@ def test_a_crowd_of_recorded_people_is_scored(tracks_dir):
     assert ours.idf1 > nearest.idf1
     assert ours.switches < nearest.switches
     assert 0.7 < ours.mota <= 1.0
-
-
-def test_a_folder_without_tracks_is_refused(tmp_path, capsys):
-    words = ["--seeds", "1", "--sensors", "reference", "--tracks", str(tmp_path), "--out", str(tmp_path)]
-    assert main(words) == 2
-    assert "no tracks hermes_bo-360*.csv" in capsys.readouterr().err

@@ -5,12 +5,10 @@ import pytest
 from builders.attention import attention_log, error_in
 from scipy.optimize import brentq
 
-from experiments.people import standing, tables
-from experiments.people.standing import SecondLater, least_time_s, switches
-from experiments.people.study import main
+from experiments.people import tables
+from experiments.people.standing import least_time_s
 from experiments.people.tables import decided
 from gazempc.neck.spec import load_neck
-from gazempc.results.attention import measure_attention
 
 
 def cells(text):
@@ -68,11 +66,6 @@ def test_engagement_on_recordings_is_right_for_at_least_95_percent_of_the_decide
     assert found.right_s / (found.right_s + found.wrong_s) >= 0.95
 
 
-def test_a_folder_without_bags_is_refused(tmp_path, capsys):
-    assert main(["--parts", "--bags", str(tmp_path), "--out", str(tmp_path)]) == 2
-    assert "no bags" in capsys.readouterr().err
-
-
 def test_the_least_time_is_that_of_the_fastest_motion():
     """Without a limit of velocity or jerk half of the way is speeding up: angle = a t^2 / 4."""
     neck = load_neck("reference")
@@ -84,12 +77,3 @@ def test_the_least_time_is_that_of_the_fastest_motion():
     arrives_s = brentq(lambda t: 0.5 * acceleration * (whole_s - t) ** 2 - cone_rad, 0.0, whole_s)
     lag_s = neck.pan.dead_time_s + neck.pan.servo_lag_s
     assert least_time_s(quick, 60.0) - lag_s == pytest.approx(arrives_s, abs=0.003)
-
-
-def test_switches_are_from_the_first_to_the_second_person(monkeypatch):
-    monkeypatch.setattr(standing, "_TWO_M", (((2.5, 0.45, 0.3), (2.5, -0.45, 0.3)),))
-    monkeypatch.setattr(standing, "_SWITCHING_S", 4.0)
-    [(log, least_s)] = switches("lookahead", 1, "reference")
-    assert log.attended_person.tolist() == [1, 2]
-    assert f":{SecondLater.__name__}" in log.run.settings["attend"]
-    assert least_s < measure_attention(log).time_to_contact_after_switch_s < least_s + 0.15

@@ -32,25 +32,6 @@ def test_the_face_is_where_a_pinhole_shows_it() -> None:
     assert face.box_px[1] == pytest.approx(600.0 * 0.24 / (4.0 * math.tan(math.radians(30.0))))
 
 
-@pytest.mark.parametrize("angle_deg", [-100.0, 10.0, 70.0])
-def test_who_is_looked_at_is_in_the_centre(angle_deg: float) -> None:
-    a = math.radians(angle_deg)
-    np.testing.assert_allclose(
-        seen([2.0 * math.cos(a), 2.0 * math.sin(a), 0.0], (angle_deg, 0.0)).offset, 0.0, atol=1e-12
-    )
-    np.testing.assert_allclose(seen([1.0, 0.0, math.tan(0.3)], (0.0, math.degrees(0.3))).offset, 0.0, atol=1e-12)
-
-
-def test_the_offset_is_the_angle_aside_of_the_head() -> None:
-    face = seen([2.0 * math.cos(0.5), 2.0 * math.sin(0.5), 0.0], (math.degrees(0.3), 0.0))
-    assert face.offset[0] == pytest.approx(-math.tan(0.2))
-
-
-def test_the_camera_sits_in_the_eye() -> None:
-    beside = Geometry(eye_in_tilt_m=(0.0, 0.0, 0.1))
-    assert seen([2.0, 0.0, 0.1], geometry=beside).offset == pytest.approx([0.0, 0.0])
-
-
 @pytest.mark.parametrize("position_m", [[2.0, 2.1, 0.0], [2.0, 0.0, -1.3], [-2.0, 0.1, 0.0]])
 def test_who_is_out_of_view_is_not_seen(position_m: list[float]) -> None:
     assert seen(position_m) is None

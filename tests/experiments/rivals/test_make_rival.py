@@ -2,7 +2,6 @@
 
 import inspect
 
-import numpy as np
 import pytest
 from builders.rival_bench import CAMERA
 
@@ -31,12 +30,6 @@ def test_all_rivals_see_the_smallest_faces():
     for name in RIVALS:
         association = getattr(make_rival(name, neck, neck, CAMERA), "_association", None)
         assert association is None or association._least_px2 == 0.0
-
-
-def test_constants_may_be_others():
-    neck = load_neck("reachy_mini")
-    slow = make_rival("autoptz", neck, neck, CAMERA, speed_scale=0.5)
-    np.testing.assert_allclose(slow._top_rad_s, 0.5 * neck.velocity_max_rad_s)
 
 
 @pytest.mark.parametrize("law", [law for law in RIVALS.values() if law.free != ({},)])

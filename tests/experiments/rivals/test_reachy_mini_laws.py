@@ -49,15 +49,6 @@ def test_the_target_is_made_with_the_pose_at_arrival_or_at_capture(law, target_d
     np.testing.assert_allclose(np.rad2deg(command), [target_deg, 0.0], atol=0.01)
 
 
-def test_a_frame_of_an_unknown_pose_is_not_used():
-    law = ReachyMiniCaptureRaw(NECK, CAMERA)
-    still = JointState(0.0, np.zeros(2), np.zeros(2))
-    law.start(View(0.0, (), still, lambda t: None, idle=True))
-    for k in range(20):
-        command = law.step(View(0.02 * k, (face((0.5, 0.0), 0.02 * k),), still, lambda t: None, idle=True))
-    assert (command == 0.0).all()
-
-
 # Of the target at a step: frames of 0.1 s, five steps each; of the ease; sent a step later; held for a step.
 HOLD_S, EASE_S, NEXT_S, HALF_S = 0.04, 0.02 * 0.85 / 0.15, 0.02, 0.01
 
@@ -66,11 +57,6 @@ def test_with_capture_times_the_head_is_late_by_delay_ease_and_motor():
     law = ReachyMiniCaptureRaw(NECK, CAMERA)
     course = run(law, ramp(20.0, -30.0), 4.0, Plant(0.03, 0.09))
     assert course.lag_s(20.0, 1.0) == pytest.approx(0.1 + HOLD_S + EASE_S + NEXT_S + HALF_S + 0.12, abs=2e-3)
-
-
-def test_with_the_pose_at_processing_the_motion_of_the_head_makes_up_for_the_delay_of_the_frame():
-    course = run(ReachyMini(NECK, CAMERA, filtered=False), ramp(20.0, -30.0), 4.0, Plant(0.03, 0.09))
-    assert course.lag_s(20.0, 1.0) == pytest.approx(HOLD_S + EASE_S + NEXT_S + HALF_S + 0.12, abs=2e-3)
 
 
 def test_a_head_that_runs_ahead_overshoots_more_the_older_its_frames():
@@ -116,13 +102,6 @@ def test_a_face_that_is_too_small_or_jumps_is_ignored_until_the_last_one_is_forg
 def test_the_conversation_app_comes_to_0_6_of_the_way(person_deg):
     course = run(ConversationApp(NECK, CAMERA), standing(person_deg), 3.0, Plant(0.03, 0.09))
     assert course.head_deg[-1, 0] == pytest.approx(0.6 * person_deg, abs=0.01)
-
-
-def test_rays_that_are_too_wide_by_a_factor_shift_the_apps_rest():
-    ratio = 1.2
-    thought = camera(half_width_rad=float(np.arctan(ratio)))
-    course = run(ConversationApp(NECK, thought), standing(3.0), 3.0, Plant(0.03, 0.09))
-    assert course.head_deg[-1, 0] == pytest.approx(0.6 * ratio * 3.0 / (0.4 + 0.6 * ratio), abs=0.01)
 
 
 def test_the_app_returns_in_a_second_after_two():

@@ -5,7 +5,7 @@ import pytest
 from builders.rival_bench import CAMERA, offset_of
 
 from experiments.rivals.laws.autoptz import OneEuro
-from experiments.rivals.rival import Detection, FrameRate, bearing_rad, left_and_up_rad, point_base_m
+from experiments.rivals.rival import Detection, FrameRate, bearing_rad, point_base_m
 from gazempc.neck.kinematics import gaze_ray, look_at_rad
 from gazempc.neck.spec import load_neck
 
@@ -16,11 +16,6 @@ def test_the_bearing_is_the_persons_whatever_the_heads_angles(head_deg):
     head_rad = np.deg2rad(head_deg)
     found = bearing_rad(CAMERA, offset_of(person_deg, head_rad, CAMERA), head_rad)
     np.testing.assert_allclose(np.rad2deg(found), person_deg, atol=1e-9)
-
-
-def test_angles_of_the_image_are_those_of_a_pinhole():
-    angles_deg = np.rad2deg(left_and_up_rad(CAMERA, np.array([-1.0, 0.0])))
-    np.testing.assert_allclose(angles_deg, [45.0, 0.0], atol=1e-9)
 
 
 def test_the_point_is_where_the_eye_sees_it():

@@ -44,28 +44,6 @@ def run(rival, neck: NeckSpec = REFERENCE, trial: str = "still_seated_left", **s
     return simulate(Scene(one.walk, neck, SENSOR, start_rad=one.start_rad, **scene), lambda *_: rival)
 
 
-def test_an_angle_is_reached_at_top_speed_after_the_dead_time() -> None:
-    log = run(Told("position", (math.radians(60.0), 0.0)))
-    pan = log.joint_position_rad[:, 0]
-    moves = log.time_s[np.flatnonzero(pan > 1e-9)[0]]
-    assert moves == pytest.approx(REFERENCE.pan.dead_time_s, abs=0.011)
-    assert np.max(np.diff(pan)) / REFERENCE.servo_period_s == pytest.approx(REFERENCE.pan.velocity_max_rad_s, rel=0.02)
-    assert pan[-1] == pytest.approx(math.radians(60.0))
-
-
-def test_angles_and_speeds_out_of_range_are_cut() -> None:
-    assert run(Told("position", (9.0, -9.0))).joint_position_rad[-1] == pytest.approx(np.deg2rad([80.0, -35.0]))
-    speeds = run(Told("velocity", (9.0, 0.1)))
-    assert np.max(speeds.joint_velocity_rad_s[:, 0]) == pytest.approx(REFERENCE.pan.velocity_max_rad_s, rel=0.01)
-    assert speeds.joint_position_rad[-1] == pytest.approx(np.deg2rad([80.0, 45.0]))
-
-
-def test_a_speed_integrates_behind_dead_time_and_lag() -> None:
-    log = run(Told("velocity", (0.05, 0.0)))
-    delay_s = REFERENCE.pan.dead_time_s + REFERENCE.pan.servo_lag_s
-    assert log.joint_position_rad[-1, 0] == pytest.approx(0.05 * (log.time_s[-1] - delay_s), abs=1e-4)
-
-
 def test_a_rival_sees_faces_late_in_the_head_as_it_stood() -> None:
     rival = Told("velocity", (0.05, 0.0))
     run(rival)
@@ -101,17 +79,6 @@ def test_idle_is_said_after_the_move_only() -> None:
     times_s = np.array([view.time_s for view in rival.views])
     assert not idle[(times_s > 0.01) & (times_s < REFERENCE.pan.dead_time_s + 0.3)].any()
     assert idle[times_s > 2.0].all()
-
-
-def test_the_past_of_the_encoders_ends_after_three_seconds() -> None:
-    rival = Told("velocity", (0.05, 0.0))
-    run(rival)
-    long_ago, too_late, nearly_now, before = rival.past_rad
-    assert long_ago is None
-    assert too_late is None
-    now_rad = rival.views[-1].joints.position_rad
-    np.testing.assert_array_equal(nearly_now, now_rad)
-    assert before[0] == pytest.approx(now_rad[0] - 0.05, abs=1e-5)
 
 
 def test_an_answer_that_is_no_number_is_told() -> None:

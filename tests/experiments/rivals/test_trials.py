@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from experiments.rivals.trials import ALONE, LOSS_S, STILL, make_trial, takes
+from experiments.rivals.trials import ALONE, LOSS_S, SIT, STAND, STILL, make_trial, takes
 from gazempc.errors import LeftOutError
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import Geometry
+from gazempc.recordings.recording import Labels
 from gazempc.recordings.truth import TrueHead
 
 WALK = "subject01_R1"
@@ -43,11 +44,27 @@ def test_walks_are_passed_at_their_distance() -> None:
 
 
 def test_straight_walks_are_passed_and_others_are_turns() -> None:
-    assert takes("pass_1.0m", "straight")
-    assert takes("pass_2.5m", None)
-    assert takes("turns", "sharp")
-    assert not takes("turns", "straight")
-    assert not takes("loss", "turn")
+    def labels(group, activity=None):
+        return Labels("anna", group, activity=activity)
+
+    assert takes("pass_1.0m", labels("straight"))
+    assert takes("pass_2.5m", labels(None))
+    assert takes("turns", labels("sharp"))
+    assert not takes("turns", labels("straight"))
+    assert not takes("loss", labels("turn"))
+    assert takes(STAND, labels("standing", "standing"))
+    assert takes(SIT, labels(None, "sitting"))
+    assert not takes(STAND, labels(None, "sitting"))
+    assert not takes(SIT, labels("standing"))
+
+
+def test_who_really_stands_is_as_far_away_as_the_motionless_face() -> None:
+    """And moves: the motionless head of the other trials is what this one is beside."""
+    trial = make_trial(STAND, "subject03_stand")
+    head_m = trial.walk.truth.head_position_m[trial.walk.truth.valid]
+    assert np.hypot(*head_m[:, :2].mean(axis=0)) == pytest.approx(1.5, abs=0.1)
+    assert 0.005 < np.ptp(head_m[:, :2], axis=0).max() < 0.5
+    assert trial.event_s is None
 
 
 def test_the_face_is_lost_for_a_second_and_the_person_comes_to_stand() -> None:

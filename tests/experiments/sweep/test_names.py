@@ -45,13 +45,6 @@ def test_only_the_model_is_wrong_about_the_dead_time():
     np.testing.assert_allclose(variant.neck.dead_time_s, [0.6, 0.3])
 
 
-def test_a_named_axis_wins_over_both_in_any_order():
-    for values in ({"neck.pan.dead_time_s": 0.1, "neck.both.dead_time_s": 0.3}, {"neck.both.dead_time_s": 0.3}):
-        neck = resolve({"controller": "mpc", **values}).robot_neck
-        assert neck.pan.dead_time_s == values.get("neck.pan.dead_time_s", 0.3)
-        assert neck.tilt.dead_time_s == 0.3
-
-
 def test_every_default_is_a_value_that_its_name_accepts():
     for name, field in setting_fields().items():
         assert check_name(name) is None

@@ -1,7 +1,6 @@
 """Runs of a sweep: known effects are found, nothing is done twice, and parts of the user's own take part."""
 
 import json
-import re
 import shutil
 
 import numpy as np
@@ -10,38 +9,10 @@ from bs4 import BeautifulSoup
 from builders.own_parts import own_module
 from builders.sweeps import SMALL, table_of, words, written
 
-from experiments.sweep.figures import colour_of
 from experiments.sweep.plan import load_plan
 from experiments.sweep.sweep import SweepSettings, main, run_sweep, sweep
-from experiments.sweep.variants import resolve
-from gazempc.results.figures.style import style
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
-
-
-def job_of(path, **changes):
-    return resolve({"controller": "lookahead", **changes}).on(str(path))
-
-
-def test_a_result_is_named_by_all_it_depends_on(tmp_path):
-    changes = [{}, {"seed": 1}, {"model.dead_time_scale": 0.9}, {"sensor.rate_hz": 10}, {"neck": "slow"}]
-    changes += [{"predictor": "last_position"}, {"controller": "mpc"}, {"distance_m": 2}]
-    keys = {job_of("subject01_R1", **change).key() for change in changes} | {job_of("subject01_R4").key()}
-    source = tmp_path / "walk.csv"
-    for text in ("one", "another"):
-        source.write_text(text)
-        keys.add(job_of(source).key())
-    (tmp_path / "index.csv").write_text("clip,subject,group")
-    keys.add(job_of(source).key())
-    assert len(keys) == len(changes) + 4
-    assert job_of("subject01_R1").key() == job_of("subject01_R1", seed=0).key()
-
-
-def test_the_folder_of_a_recording_is_no_part_of_its_name(tmp_path):
-    for folder in ("one", "other"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "walk.csv").write_text("the same")
-    assert job_of(tmp_path / "one" / "walk.csv").key() == job_of(tmp_path / "other" / "walk.csv").key()
 
 
 @pytest.fixture(scope="module")
@@ -86,31 +57,6 @@ def test_the_report_has_the_means_and_the_front(undisturbed):
     found = {*zip(curve["xs"], curve["ys"], strict=True)}
     assert sorted(found) == [pytest.approx(point, rel=1e-4) for point in sorted(front)]
     assert report.find(class_="command").text.startswith("experiments.sweep.sweep.sweep(SweepSettings(")
-
-
-def test_lines_of_one_controller_have_colours_of_their_own():
-    rows = [{"controller": "mpc", "group": group} for group in ("straight", "turn")]
-    found = [colour_of(rows, "group", group, k) for k, group in enumerate(("straight", "turn"))]
-    # As figures and reports take them.
-    assert all(re.fullmatch("#[0-9A-F]{6}", colour) for colour in found)
-    assert len(set(found)) == 2
-
-
-def test_where_there_are_several_controllers_a_line_has_the_colour_of_its_own():
-    gazes = ("mpc", "reactive")
-    rows = [{"controller": gaze, "line": f"{gaze} {k}"} for gaze in gazes for k in range(2)]
-    found = {row["line"]: colour_of(rows, "line", row["line"], k) for k, row in enumerate(rows)}
-    assert found == {row["line"]: style(row["controller"]).colour for row in rows}
-
-
-def test_two_predictors_of_one_gaze_have_its_colour_in_each_case():
-    cases = {"ahead": "lookahead", "late": "reactive"}
-    rows = [{"case": c, "controller": gaze, "predictor": p} for c, gaze in cases.items() for p in ("walker", "other")]
-    for k, row in enumerate(rows):
-        found = colour_of(rows, "predictor", row["predictor"], k, row["case"])
-        assert found == style(row["controller"]).colour
-    alone = {colour_of(rows[:2], "predictor", p, k) for k, p in enumerate(("walker", "other"))}
-    assert alone == {style("lookahead").colour}
 
 
 def test_what_is_there_is_used_and_only_the_rest_is_done(tmp_path, undisturbed):
@@ -166,12 +112,3 @@ def test_a_part_of_ones_own_is_swept_with_its_options_and_under_its_name(tmp_pat
     assert errors_deg[0] > 1.5 * errors_deg[1]
     assert errors_deg[1] == errors_deg[2] == errors_deg[3]
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 3
-
-
-def test_an_option_that_no_part_takes_is_refused(tmp_path, monkeypatch, capsys):
-    own = own_module(tmp_path, monkeypatch)
-    content = SMALL | {"base": {"controller": f"{own}:Sluggish"}, "vary": {"options.shear": [0.5, 1.0]}}
-    assert main(words(tmp_path, content)) == 2
-    assert "options.shear: no chosen part takes it; perhaps you meant 'share'" in capsys.readouterr().err
-    assert main(words(tmp_path, SMALL | {"base": {"controller": "nowhere:Sluggish"}})) == 2
-    assert "there is no module 'nowhere'" in capsys.readouterr().err
