@@ -25,7 +25,6 @@ from gazempc.results.log import Fault, Log
 from gazempc.results.metrics import Metrics
 from gazempc.results.run_info import RunInfo
 from gazempc.results.run_summary import ComputeMetrics
-from gazempc.settings import AttentionSettings, LookAwaySettings
 from gazempc.sim.sensor import SensorSpec, sensor_names
 
 
@@ -54,10 +53,6 @@ DESCRIBED = {
     "own_parts": [
         *(method for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for method in kind.methods),
         *(name for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for name in kind.properties),
-    ],
-    "people": [
-        *settings_of(AttentionSettings, prefix="attention."),
-        *settings_of(LookAwaySettings, prefix="look_away."),
     ],
 }
 

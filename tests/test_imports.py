@@ -34,10 +34,10 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("clips", "page_parts"),
+    ("pages",),
     ("engine", "aggregate"),
-    ("compare_figures", "compare_report", "least_error", "front_gaps", "swing"),
-    ("compare_page", "bound_page"),
+    ("least_error", "front_gaps"),
+    ("compare_page",),
     (
         "compare",
         "bound",
@@ -51,6 +51,7 @@ EXPERIMENTS = (
         "sensor_example",
         "people",
         "eyes",
+        "swing",
     ),
     ("__init__", "console"),
 )

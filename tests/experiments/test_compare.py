@@ -196,7 +196,7 @@ def test_another_fitted_model_is_another_run(tmp_path):
 
 def test_people_that_the_model_has_seen_are_said(tmp_path):
     model = shipped_walker_model()
-    dataclasses.replace(model, about={"people": ["subject01"]}).save(tmp_path / "walker.npz")
+    save_walker_model(dataclasses.replace(model, about={"people": ["subject01"]}), tmp_path / "walker.npz")
     recordings = ("subject01_R1", "subject02_R6")
     chosen = settings(
         tmp_path / "out", recordings=recordings, controllers=("reactive",), walker=WalkerSettings(fitted=tmp_path)

@@ -93,5 +93,5 @@ def test_options_without_a_part_that_takes_them_are_refused():
 
 @pytest.mark.parametrize("recording", [3, None])
 def test_what_is_no_name_of_a_recording_is_refused(recording):
-    with pytest.raises(gz.GazempcError, match="this is no name and no path"):
+    with pytest.raises(gz.GazempcError, match="no name and no path"):
         gz.replay(recording)

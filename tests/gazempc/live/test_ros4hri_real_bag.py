@@ -66,7 +66,7 @@ def test_faces_are_where_the_recording_has_them(bags_dir):
     messages = first_messages(bags_dir / NAME)
     found, problems, start_s = seen_live(messages, None)
     assert problems == []
-    tracks = read_bag_tracks(bags_dir / NAME)
+    tracks = [seen.poses for seen, _ in read_bag_tracks(bags_dir / NAME)]
     times_s = np.concatenate([track.times_s for track in tracks]) - start_s
     position_m = np.concatenate([track.position_m for track in tracks])
     for seen in found:
