@@ -14,7 +14,7 @@ for controller in ("reactive", "lookahead", "mpc", "perfect"):
     print(f"{controller:<9} {shown}  mean {np.mean(errors_deg):5.2f} deg, eye contact {contact:4.0%}")
 
 # It prints:
-# reactive   9.89, 11.40, 10.69  mean 10.66 deg, eye contact  14%
+# reactive   9.89, 11.40, 10.68  mean 10.66 deg, eye contact  14%
 # lookahead  0.53,  2.67,  1.90  mean  1.70 deg, eye contact  86%
 # mpc        0.57,  2.66,  1.85  mean  1.69 deg, eye contact  86%
 # perfect    0.09,  0.11,  0.12  mean  0.11 deg, eye contact 100%

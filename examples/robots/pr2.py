@@ -24,7 +24,7 @@ print(f"longest break of eye contact {metrics.longest_break_s:.2f} s, peak {metr
 # stopped by: end of the source
 # 963 ticks, 0 skipped; later than due by 0.00 ms (p50), 0.00 ms (p99), 0.00 ms (max)
 # from capture to command: 90 ms (p50), 103 ms (p99)
-# gaze error 0.82 deg RMS, eye contact (2.6 deg) 100 %, against the recording's true head
+# gaze error 0.81 deg RMS, eye contact (2.6 deg) 100 %, against the recording's true head
 # limit violations: 0
 #   no_observation_yet 1 x
 # Written to out/live/: report.html, summary.json, log_000.npz, compute_000.npz

@@ -25,12 +25,12 @@ def test_interrupted_in_the_middle_it_goes_on_and_ends_the_same(tmp_path):
         [sys.executable, "-m", "experiments.compare", *words], cwd=ROOT, stderr=subprocess.PIPE, text=True
     )
     kept = tmp_path / "stopped" / "runs"
-    while len(list(kept.glob("*.json"))) < 2:
+    while len(list(kept.glob("*.npz"))) < 2:
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.01)
     process.send_signal(signal.SIGTERM)
     _, error = process.communicate(timeout=60)
-    before = {path: path.stat().st_mtime_ns for path in kept.glob("*.json")}
+    before = {path: path.stat().st_mtime_ns for path in kept.glob("*.npz")}
     assert process.returncode == 143
     assert 2 <= len(before) < 6
     assert f"compare: interrupted: {len(before)} of 6 results are kept in {kept}" in error

@@ -66,7 +66,7 @@ def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, t
         kept = f"3 of 7 results are kept in {tmp_path / 'runs'}"
         assert said == [f"tiny: interrupted: {kept}; run the same command again to go on"]
         assert not any(alive(pid) for pid in workers)
-    assert len(list((tmp_path / "runs").glob("*.json"))) == 3
+    assert len(list((tmp_path / "runs").glob("*.npz"))) == 3
     assert not list((tmp_path / "runs").glob("*.part"))
 
 

@@ -67,7 +67,7 @@ def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeyp
     assert forecast(["--recordings", "subject02_R4", *shown, str(finished / "walker.npz")]) == 0
     rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
     assert {r["n_people_seen_in_fitting"] for r in rows if r["predictor"] == "walker"} == {1}
-    assert "flatters" in (tmp_path / "summary.md").read_text()
+    assert "optimistic" in (tmp_path / "summary.md").read_text()
 
 
 def test_one_person_is_not_enough(tmp_path, capsys):

@@ -136,9 +136,9 @@ def test_what_fails_under_way_is_an_event_with_its_text_and_traceback(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("call", "event"), [("update", "forecast_failed"), ("plan", "controller_failed")])
-def test_what_fails_before_the_first_tick_is_survived_too(call, event, tmp_path, monkeypatch):
-    # A part is tried out once when it is made; the second time is the rehearsal of a run.
+@pytest.mark.parametrize("call", ["update", "plan"])
+def test_a_failure_before_the_first_tick_does_not_end_the_run(call, tmp_path, monkeypatch):
+    # A part is tried out once when it is made; the second call is the warm-up of a run, and no part of its log.
     part, base, calls = ("predictor", "ConstantVelocity", 5) if call == "update" else ("controller", "Reactive", 1)
     (tmp_path / f"once_{call}.py").write_text(
         f"import gazempc as gz\nclass Once(gz.{base}):\n    calls = 0\n    def {call}(self, given):\n"
@@ -148,8 +148,7 @@ def test_what_fails_before_the_first_tick_is_survived_too(call, event, tmp_path,
     monkeypatch.chdir(tmp_path)
     words = ["--source", "replay", f"--{part}", f"once_{call}:Once", "--duration-s", "1", "--simulated-clock"]
     assert main([*words, "--no-figures", "--out", str(tmp_path)]) == 0
-    (fault,) = json.loads((tmp_path / "summary.json").read_text())["faults"]
-    assert (fault["event"], fault["count"], fault["error"]) == (event, 1, "KeyError: 'once'")
+    assert json.loads((tmp_path / "summary.json").read_text())["faults"] == []
 
 
 @pytest.mark.slow

@@ -222,15 +222,16 @@ class Camera:
 def run_with(on, at_arrival=False, seconds=8.0, neck=NECK):
     """A live run with the sensor there; `at_arrival` transforms by where the head is when a frame arrives."""
     clock = SimulatedClock()
-    robot = SimulatedNeck(neck, np.zeros(neck.joints), clock.now_s)
     mount = Mount(on=on, **CAMERA)
     joints = []
 
-    def true_state():
-        state = robot.true_state()
-        joints.append((state.time_s, state.position_rad))
-        return state
+    class Watched(SimulatedNeck):
+        def true_state(self):
+            state = super().true_state()
+            joints.append((state.time_s, state.position_rad))
+            return state
 
+    robot = Watched(neck, np.zeros(neck.joints), clock.now_s)
     camera = Camera(clock, mount, joints)
     logs = []
     run = make_live_run(
@@ -240,7 +241,6 @@ def run_with(on, at_arrival=False, seconds=8.0, neck=NECK):
         clock,
         lambda log, times: logs.append(log),
         mount=mount,
-        true_state=true_state,
         controller=LookAhead(neck),
     )
     with pytest.MonkeyPatch.context() as patch:
