@@ -106,10 +106,16 @@ def test_the_disk_margin_is_that_of_python_control():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["reachy_mini", "furhat", "ptz"])
 def test_a_simulated_neck_begins_to_swing_there(name):
-    """Gain within 10 %, dead time within 10 % or 10 ms."""
-    pan, gain, delay_s = swing.compare(load_neck(name))
-    assert gain == pytest.approx(pan.gain, rel=0.1)
-    assert delay_s == pytest.approx(pan.delay_s, rel=0.1, abs=0.01)
+    """It swings at 1.07 times the margin, and comes to rest at 0.93 times."""
+    neck = load_neck(name)
+    pan = margins(Mpc(neck))[0]
+    crossing_s = 2.0 * math.pi / (math.radians(pan.phase_deg) / pan.delay_s)
+    for error, period_s in (
+        (lambda share: Mismatch(gain=share * pan.gain), 1.0 / pan.gain_hz),
+        (lambda share: Mismatch(dead_time_s=share * pan.delay_s), crossing_s),
+    ):
+        assert not swing.swings(neck, error(0.93), period_s)
+        assert swing.swings(neck, error(1.07), period_s)
 
 
 @pytest.mark.parametrize("name", neck_names())

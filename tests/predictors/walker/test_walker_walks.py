@@ -59,6 +59,7 @@ def test_synthetic_walkers_are_forecast_better_than_by_constant_velocity(sensor,
     np.testing.assert_array_less(ours / plain, ratios)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", ["reference", "body_tracker", "face_camera"])
 @pytest.mark.parametrize("activity", ["stand", "gesture", "turn_on_spot"])
 def test_people_on_the_spot_are_forecast_as_well_as_by_their_last_position(activity, sensor):
@@ -125,6 +126,7 @@ def test_a_higher_threshold_answers_a_start_later():
     assert first_s[3] == np.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sensor", "missed"), MISSED.items())
 def test_the_stated_ellipsoids_hold_what_they_say(sensor, missed):
     """68 and 95 % by the t distribution that is stated."""
