@@ -106,6 +106,8 @@ ORIENTATIONS = {
         "helmet_roll",
     ),
     "no unit quaternion": (["qx", "qy", "qz", "qw"], 2.0 * QUAT_XYZW, "qx, qy, qz, qw"),
+    "of the spine": ([f"spine_rot_{c}" for c in "xyz"], TWO[:, :3], "spine_rot_x, spine_rot_y, spine_rot_z"),
+    "of two heads": ([f"{k}_q{c}" for k in ("head", "face") for c in "xyzw"], np.tile(QUAT_XYZW, 2), "head_qx"),
     "yaw and pitch": (["yaw", "pitch"], TWO[:, :2], "pitch"),
 }
 
@@ -117,6 +119,13 @@ def test_an_orientation_without_a_guess_is_named(tmp_path, name):
     with pytest.raises(RecordingError, match=rf"orientations left out: '{named}.*head_q or head_euler"):
         load(path)
     assert any("left out" in note for note in load(path, ReadOptions(guess=True)).notes)
+
+
+def test_roll_pitch_and_yaw_need_z_up(tmp_path):
+    header = ["stamp", *(f"head_{c}" for c in ("x", "y", "z", "roll", "pitch", "yaw"))]
+    path = write(tmp_path / "a.csv", header, T, in_axes("y-up", HEAD), TWO[:, :3])
+    with pytest.raises(RecordingError, match="orientations left out: 'head_roll, head_pitch, head_yaw'"):
+        load(path)
 
 
 @pytest.mark.parametrize("header", [["t", "a", "b", "c"], ["t", "left_x", "b", "c"], ["k", "x", "y", "z"]])

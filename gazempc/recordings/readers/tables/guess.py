@@ -35,11 +35,17 @@ _OTHER = re.compile(
     r"scale|size",
     re.I,
 )
+# Orientations of these names are the head's where it has none of its own name.
+_OF_NO_PART = re.compile(
+    r"([._ /]*(head|face|person|user|pose|rot(ation)?|orient(ation)?|quat(ernion)?|euler|angles?|rpy|[qr]))*[._ /]*",
+    re.I,
+)
 _UNIT_NORM_TOLERANCE = 0.01
 _TYPICAL_INTERVAL_S, _INTERVALS_S = 1.0 / 30.0, (1.0 / 1000.0, 1.0)
 # Seconds since 1970, from 2001 to 2100.
 _CLOCK_S = (1e9, 4.1e9)
 _TYPICAL_RANGE_M, _TYPICAL_SPEED_M_S, _HEAD_TO_PELVIS_M = 3.0, 1.0, 0.6
+_OWN_AXES = "that a body's own axes are those of the frame is a guess: else give head_axes or pelvis_axes"
 # Heads of people who stand or sit, above the floor.
 _HEIGHTS_M = (1.0, 2.2)
 
@@ -158,19 +164,19 @@ def _orientations(
     likely = {base.casefold(): base for base in groups if not _OTHER.search(base)}
     for part, stem in stems.items():
         own = [base for name, base in likely.items() if stem and name.startswith(stem)]
-        # Columns without the name of a part are the head's.
-        alone = [b for name, b in likely.items() if not any(s and name.startswith(s) for s in stems.values())]
-        for bases in (own, alone if part == "head" else []):
-            items = [item for base in bases if (item := _orientation(table, groups[base], base, level))]
-            # A quaternion goes before angles of the same part.
-            items = [item for item in items if item[0] == "q"] or items
-            if len(items) == 1 and part not in {key.partition("_")[0] for key in found}:
-                way, value, remark = items[0]
-                found[f"{part}_{way}"] = value
-                remarks += [remark] if remark else []
+        bare = [base for base in likely.values() if part == "head" and _OF_NO_PART.fullmatch(base)]
+        items = [item for base in own if (item := _orientation(table, groups[base], base, level))]
+        items = items or [item for base in bare if (item := _orientation(table, groups[base], base, level))]
+        # A quaternion goes before angles of the same part.
+        items = [item for item in items if item[0] == "q"] or items
+        if len(items) == 1:
+            way, value, remark = items[0]
+            found[f"{part}_{way}"] = value
+            remarks += [remark] if remark else []
     if not found.keys() & {"head_q", "head_euler"}:
+        used = set(re.split(r"[\[\],:]+", ",".join(found.values())))
         left = [name for name in table.names if _ORIENTATION.search(split_unit(name)[0]) and not _OTHER.search(name)]
-        left = [name for name in left if not found.get("head_yaw", "").startswith(f"{_quoted(table, name)}:")]
+        left = [name for name in left if _quoted(table, name) not in used]
         if left:
             remarks.append(f"orientations left out: {shown(', '.join(left), 80)}; head_q or head_euler takes them")
     return found, list(dict.fromkeys(remarks))
@@ -191,7 +197,7 @@ def _orientation(table: RawTable, columns: dict[str, str], base: str, level: boo
         norms = np.linalg.norm([table.numbers(columns[axis]) for axis in "wxyz"], axis=0)
         seen = norms[norms > 0.0]  # programs write zeros for an unseen head
         if seen.size and abs(float(np.median(seen)) - 1.0) < _UNIT_NORM_TOLERANCE:
-            return "q", f"{listed('wxyz')}:wxyz", "that own axes are as the frame's is a guess: else give head_axes"
+            return "q", f"{listed('wxyz')}:wxyz", _OWN_AXES
     angles = ("roll", "pitch", "yaw")
     if level and columns.keys() >= set(angles):
         return "euler", f"{listed(angles)}:{unit(angles)}", ""
