@@ -31,7 +31,7 @@ TABLES = {
         ["secs", "nsecs", *(f"position.{c}" for c in "xyz"), *(f"orientation.{c}" for c in "xyzw")],
         T // 1, T % 1 * 1e9, HEAD, QUAT_XYZW,
     ),
-    "a time in two units": (["t_s", "t_ns", "x", "y", "z"], T, 1e9 * T, HEAD),
+    "a time in two units": (["t_sec", "t_nsec", "x", "y", "z"], T, 1e9 * T, HEAD),
     "scalar first, turn": (
         ["time", *(f"head_{c}" for c in "xyz"), *(f"head_q{c}" for c in "wxyz")], T, HEAD, Walk.quat_wxyz("head"),
     ),

@@ -254,6 +254,15 @@ def test_a_person_who_sits_has_the_unit_of_the_rest_pose(tmp_path: Path) -> None
     assert "unit cm (1.60 m high in the rest pose)" in recording.notes[0]
 
 
+def test_legs_that_lie_at_rest_are_no_feet_and_no_height(tmp_path: Path) -> None:
+    """Legs point backwards at rest, where 70 units of height would be a person in inches, and down in the motion."""
+    legs_back = Y_UP.replace("OFFSET 0.0 -90.0 0.0", "OFFSET 0.0 0.0 -90.0")
+    frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, -90, 0, 0, -90, 0, *[0.0] * 6] for k in range(N)]
+    recording = load(write(tmp_path / "a.bvh", legs_back, frames))
+    np.testing.assert_allclose(recording.truth.pelvis_position_m[:, 2], 0.95, atol=1e-12)
+    assert "facing z at rest (by left and right joints)" in recording.notes[0]
+
+
 def test_first_frame_in_the_rest_pose_is_left_out(tmp_path: Path) -> None:
     frames = y_up_frames()
     rest = [0.0] * len(frames[0])
