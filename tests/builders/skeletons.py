@@ -196,3 +196,5 @@ BLENDER = body(
     sides("{}_L", "{}_R", ("thigh", "shin", "foot", "toe")),
     sides("{}_L", "{}_R", ("shoulder", "upper_arm", "forearm", "hand")),
 )
+NUMBERED = renamed(XSENS, {name: f"Bone_{k}" for k, name in enumerate(names_of(XSENS))}.__getitem__)
+NUMBERED_HEAD = "Bone_" + str(names_of(XSENS).index("Head"))

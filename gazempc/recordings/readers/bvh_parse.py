@@ -24,6 +24,7 @@ _CHANNEL_OF_LOWER = {name.lower(): name for name in _CHANNELS}
 _MAX_OFFSET = 1e9
 _PIECES = re.compile(r"[{}]|[^{}]+")
 _END_SITE = -1
+_FRAMES = re.compile(r"frames: 0*[1-9][0-9]{0,8}", re.IGNORECASE)
 _HIERARCHY = "one ROOT with JOINT, End Site, OFFSET, CHANNELS and braces in it, then MOTION"
 
 
@@ -81,8 +82,8 @@ def parse_bvh(path: Path) -> Bvh:
         raise lines.error(f"the file begins with {shown(' '.join(words))}", "HIERARCHY, as in a BVH file")
     joints = _hierarchy(lines)
     words = lines.next("Frames: and their number")
-    if words[0].lower() != "frames:" or len(words) != 2 or not words[1].isdecimal() or len(words[1]) > 9:
-        raise lines.error(f"{shown(' '.join(words))} after MOTION", "Frames: and their number")
+    if not _FRAMES.fullmatch(" ".join(words)):
+        raise lines.error(f"{shown(' '.join(words))} after MOTION", "Frames: and their number, at least 1")
     count = int(words[1])
     words = lines.next("Frame Time: and seconds")
     if [word.lower() for word in words[:2]] != ["frame", "time:"] or len(words) != 3:

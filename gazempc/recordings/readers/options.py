@@ -59,7 +59,8 @@ class ReadOptions(BaseModel):
     )
     bvh_facing: Literal["x", "-x", "y", "-y", "z", "-z"] | None = Field(
         default=None,
-        description="Axis that the person faces in a BVH file's rest pose; default: by left and right joints.",
+        description="Axis that the person faces in a BVH file's rest pose; default: by left and right joints, else "
+        "by the feet, else by the direction of travel.",
     )
     bvh_up_axis: Literal["y", "z"] | None = Field(
         default=None,

@@ -1,4 +1,4 @@
-"""BVH as CMU, Mixamo, Xsens, Rokoko, MotionBuilder and Blender write it: the same person comes back, and is said."""
+"""BVH as CMU, Mixamo, Xsens, Rokoko, MotionBuilder and Blender write it: the same person comes back."""
 
 import numpy as np
 import pytest
@@ -39,19 +39,62 @@ EXPORTS = {
     "rigify": (
         sk.BLENDER_RIGIFY,
         {"axes": sk.Z_UP_FACING_MINUS_Y, "unit_m": 1.0, "head": "spine.006"},
-        ["head spine.006 (tip of its bone)", "hips spine,"],
+        ["head spine.006 (tip of its bone, far end of the body's middle)", "hips spine,"],
+    ),
+    "no_names": (
+        sk.NUMBERED,
+        {"unit_m": 0.001, "head": sk.NUMBERED_HEAD},
+        ["unit mm", f"head {sk.NUMBERED_HEAD} (", "facing z at rest (by the feet)"],
+    ),
+    "no_names_under_a_root": (
+        sk.NUMBERED,
+        {"head": sk.NUMBERED_HEAD, "above": "Armature", "axes": sk.Z_UP_FACING_X},
+        ["hips Bone_0", "facing x at rest (by the feet)"],
     ),
 }
 
 
 @pytest.mark.parametrize("name", EXPORTS)
-def test_exports_are_read_and_what_was_inferred_is_said_in_one_line(tmp_path, name):
+def test_exports_are_read_and_one_line_states_what_was_inferred(tmp_path, name):
     tree, how, said = EXPORTS[name]
     recording = load(sk.write_bvh(tmp_path / "walk.bvh", tree, **how))
     check(recording)
     (line,) = recording.notes
     for words in ["read as: ", *said, "the options bvh_unit_m, bvh_up_axis, bvh_head_joint"]:
         assert words in line
+
+
+def side_exchanged(name):
+    return name.replace("Left", "?").replace("Right", "Left").replace("?", "Right")
+
+
+def test_names_and_feet_that_contradict_are_asked_about(tmp_path):
+    path = sk.write_bvh(tmp_path / "walk.bvh", sk.renamed(sk.XSENS, side_exchanged))
+    with pytest.raises(
+        RecordingError, match=r"faces -z at rest by left and right joints, but z by the feet.*option bvh_facing"
+    ):
+        load(path)
+    recording = load(path, ReadOptions(bvh_facing="z"))
+    check(recording)
+    assert "facing z at rest (by bvh_facing)" in recording.notes[0]
+
+
+# Without toes and names the skeleton is the same from front and back.
+NO_FEET = sk.body("0", ["1", "2"], "Head", (list("abc"), list("def")), (list("ghij"), list("klmn")))
+
+
+def test_without_feet_a_walk_shows_the_facing_and_a_standing_person_is_asked_about(tmp_path):
+    recording = load(sk.write_bvh(tmp_path / "walk.bvh", NO_FEET))
+    check(recording)
+    assert "facing z at rest (by the direction of travel)" in recording.notes[0]
+    stands = sk.write_bvh(tmp_path / "stands.bvh", NO_FEET, walks=False)
+    with pytest.raises(RecordingError, match=r"no feet and no walk show the facing.*bvh_facing"):
+        load(stands)
+    truth = load(stands, ReadOptions(bvh_facing="-z")).truth
+    yaw = Rotation.from_quat(truth.head_quat_wxyz[0], scalar_first=True).as_euler("ZYX")[0]
+    assert abs(yaw) == pytest.approx(np.pi - sk.HEAD_YAW_RAD, abs=1e-6)
+    with pytest.raises(RecordingError, match=r"faces y, the direction of the head.*bvh_facing"):
+        load(stands, ReadOptions(bvh_facing="y"))
 
 
 def test_two_heads_are_asked_about(tmp_path):
@@ -63,19 +106,102 @@ def test_two_heads_are_asked_about(tmp_path):
     check(load(path))  # the one that is named so exactly
     tree = sk.renamed((hips, offset, [*grown, second]), lambda name: f"A{'12'[name == 'Prop_Head']}_{name}")
     path = sk.write_bvh(tmp_path / "two.bvh", tree, head="A1_Head")
-    with pytest.raises(RecordingError, match=r"A1_Head, A2_Prop_Head.*bvh_head_joint"):
+    with pytest.raises(RecordingError, match=r"A1_Head, A2_Prop_Head may be the head.*bvh_head_joint"):
         load(path)
     check(load(path, ReadOptions(bvh_head_joint="A1_Head")))
+
+
+def test_two_units_are_asked_about(tmp_path):
+    # Positions of joints in inches in a file with offsets in cm, as scaled retargeting leaves it.
+    path = sk.write_bvh(tmp_path / "walk.bvh", sk.XSENS, positions_of=1 / 2.54)
+    with pytest.raises(RecordingError, match=r"inch by the motion, cm by the rest pose.*bvh_unit_m"):
+        load(path)
+    assert "unit 0.0254 m by bvh_unit_m (1." in load(path, ReadOptions(bvh_unit_m=0.0254)).notes[0]
+
+
+def test_two_heads_without_names_are_asked_about(tmp_path):
+    hips, offset, grown = sk.NUMBERED
+    second = ("Bone_90", (0.0, 0.0, 0.2), [("Bone_91", (0.3, 0.0, 0.4), (0.0, 0.0, 0.1))])
+    path = sk.write_bvh(tmp_path / "walk.bvh", (hips, offset, [*grown, second]), head=sk.NUMBERED_HEAD)
+    with pytest.raises(RecordingError, match=rf"{sk.NUMBERED_HEAD}, Bone_91 may be the head.*bvh_head_joint"):
+        load(path)
+    check(load(path, ReadOptions(bvh_head_joint=sk.NUMBERED_HEAD)))
 
 
 def test_each_option_corrects_what_was_inferred(tmp_path):
     path = sk.write_bvh(tmp_path / "walk.bvh", sk.XSENS)
     for options, words in (
-        ({"bvh_unit_m": 0.011}, "unit 0.011 m"),
+        ({"bvh_unit_m": 0.011}, "unit 0.011 m by bvh_unit_m"),
         ({"bvh_up_axis": "y"}, "y up"),
         ({"bvh_head_joint": "Neck", "bvh_unit_m": 0.01}, "head Neck (the joint)"),
         ({"bvh_hips_joint": "Chest2"}, "hips Chest2"),
-        ({"bvh_facing": "-x"}, "facing -x at rest"),
+        ({"bvh_facing": "-x"}, "facing -x at rest (by bvh_facing)"),
         ({"bvh_frame_rate_hz": 30.0}, "30 frames a second"),
     ):
         assert words in load(path, ReadOptions(**options)).notes[0]
+
+
+def test_without_sides_and_without_a_head_the_message_names_the_option(tmp_path):
+    tree = ("A", (0, 0, 0), [("B", (0, 0, 0.4), (0.0, 0.0, 0.3))])
+    with pytest.raises(RecordingError, match=r"no joint that may be the head.*bvh_head_joint, one of A, B"):
+        load(sk.write_bvh(tmp_path / "walk.bvh", tree, head="B"))
+
+
+# As in the data set LaFAN1: without rotations all bones point along x, legs and arms, too.
+FOLDED = """HIERARCHY
+ROOT Hips
+{
+  OFFSET 0 0 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
+  LEFT
+  RIGHT
+  JOINT Spine
+  {
+    OFFSET 50 0 0
+    CHANNELS 3 Zrotation Yrotation Xrotation
+    JOINT Head
+    {
+      OFFSET 10 0 0
+      CHANNELS 3 Zrotation Yrotation Xrotation
+      End Site
+      {
+        OFFSET 18 0 0
+      }
+    }
+  }
+}
+"""
+FOLDED_LEG = """JOINT {side}UpLeg
+  {{
+    OFFSET 0 1.9 {z}
+    CHANNELS 3 Zrotation Yrotation Xrotation
+    JOINT {side}Foot
+    {{
+      OFFSET 86 0 0
+      CHANNELS 3 Zrotation Yrotation Xrotation
+      End Site
+      {{
+        OFFSET 17 0 0
+      }}
+    }}
+  }}"""
+
+
+def test_a_rest_pose_with_its_legs_folded_up_has_no_feet_and_no_height(tmp_path):
+    times, yaws, places = sk.walk()
+    text = FOLDED.replace("LEFT", FOLDED_LEG.format(side="Left", z=10.5))
+    lines = text.replace("RIGHT", FOLDED_LEG.format(side="Right", z=-10.5)).splitlines()
+    lines += ["MOTION", f"Frames: {len(times)}", f"Frame Time: {1 / sk.RATE_HZ:.7f}"]
+    # Bones' x is up, y is ahead; in the file y is up and z ahead.
+    upright = Rotation.from_matrix([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])
+    for yaw, (ahead, left) in zip(yaws, places, strict=True):
+        hips = (Rotation.from_euler("y", yaw) * upright).as_euler("ZYX", degrees=True)
+        leg, foot, head = [180, 0, 0], [-90, 0, 0], [0, 0, np.degrees(sk.HEAD_YAW_RAD)]
+        values = [100 * left, 94, 100 * ahead, *hips, *leg, *foot, *leg, *foot, 0, 0, 0, *head]
+        lines.append(" ".join(f"{value:.6f}" for value in values))
+    path = tmp_path / "walk.bvh"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    recording = load(path)
+    check(recording)
+    assert "unit cm" in recording.notes[0]
+    assert "facing y at rest (by left and right joints)" in recording.notes[0]

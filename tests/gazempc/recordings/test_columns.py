@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from builders import exports
 from builders.exports import Walk, in_axes, quat_in_axes
 from scipy.spatial.transform import Rotation
 
@@ -72,6 +73,29 @@ def test_axes_of_positions_and_quaternions(tmp_path, axes):
     same_head(recording)
     same_turn(recording)
     np.testing.assert_allclose(recording.truth.pelvis_position_m, Walk.pelvis_m, atol=1e-9)
+
+
+def test_left_handed_axes_of_unity(tmp_path):
+    """Unity: x right, y up, z forward; a turn to the left about y is negative there."""
+    x, y, z = Walk.head_m.T
+    half = -0.5 * (Walk.travel_rad + 0.3)
+    header = ["s", "x", "y", "z", "qx", "qy", "qz", "qw"]
+    path = write(tmp_path / "a.csv", header, T, -y, z, x, 0 * T, np.sin(half), 0 * T, np.cos(half))
+    recording = read(path, "t=s, head=[x,y,z], head_q=q, axes=unity")
+    same_head(recording)
+    same_turn(recording)
+
+
+def test_axes_as_a_list_and_a_head_with_axes_of_its_own(tmp_path):
+    """A frame with z up, and a camera on the head: z forward, x right, y down."""
+    from_optical = Rotation.from_matrix(exports.FILE_FROM_OURS["optical"].T)
+    quats = (Walk.head * from_optical).as_quat()
+    header = ["s", "n", "w", "u", "a", "b", "c", "d"]
+    path = write(tmp_path / "a.csv", header, T, Walk.head_m, quats)
+    recording = read(path, "t=s, head=[n,w,u], head_q=[a,b,c,d]:xyzw, head_axes=[z,-x,-y]")
+    same_turn(recording)
+    with pytest.raises(SettingsError, match="expected one of z-up, y-up, optical, unity"):
+        read(path, "t=s, head=[n,w,u], axes=sideways")
 
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
@@ -145,12 +169,28 @@ def test_times(tmp_path, columns):
         assert recording.times_s[0] == pytest.approx(START_S, abs=1e-6)
 
 
+def test_seconds_and_nanoseconds_are_added(tmp_path):
+    nanoseconds = np.round(1e9 * T) + 0.5e9
+    path = write(tmp_path / "a.csv", ["sec", "ns", "x", "y", "z"], nanoseconds // 1e9, nanoseconds % 1e9, Walk.head_m)
+    np.testing.assert_allclose(read(path, "t=sec:s+ns:ns, head=[x,y,z]").times_s, T + 0.5, atol=1e-9)
+
+
 @pytest.mark.parametrize("ending", [".csv", ".tsv", ".txt"])
 @pytest.mark.parametrize(("separator", "comma"), [(",", False), (";", False), (";", True), ("\t", True), ("  ", False)])
 def test_separators_and_decimal_commas(tmp_path, separator, comma, ending):
     header = ["t", "head_x", "head_y", "head_z"]
     path = write(tmp_path / f"a{ending}", header, T, Walk.head_m, separator=separator, comma=comma)
     same_head(load(path))
+
+
+def test_a_table_without_header_has_numbers_for_names(tmp_path):
+    path = write(tmp_path / "a.csv", None, T, Walk.head_m, 0 * T)
+    same_head(read(path, "t=1, head=[2,3,4]"))
+    expected = (
+        r"missing column\(s\) t, head_x.*found '1, 2, 3, 4, 5'.*t=1:s, head=\[2,3,4\].*the order t, x, y, z is a guess"
+    )
+    with pytest.raises(RecordingError, match=expected):
+        load(path)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])

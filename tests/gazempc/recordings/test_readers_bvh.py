@@ -168,6 +168,15 @@ def test_z_up_xyz_by_hand(tmp_path: Path) -> None:
     np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[7], head, atol=1e-12)
 
 
+def test_rest_pose_is_the_identity_when_the_person_faces_forward(tmp_path: Path) -> None:
+    frames = [[0, 95, 1.0 * k, *[0.0] * 15] for k in range(N)]
+    recording = load(write(tmp_path / "a.bvh", Y_UP, frames))
+    for quat in (recording.truth.head_quat_wxyz, recording.truth.pelvis_quat_wxyz):
+        np.testing.assert_allclose(np.abs(quat), np.tile([1.0, 0, 0, 0], (N, 1)), atol=1e-12)
+    assert np.ptp(recording.truth.pelvis_position_m[:, 0]) > 0.25
+    assert len(recording.notes) == 1  # no frame was left out
+
+
 def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path: Path) -> None:
     """The Y-up skeleton in a Z-up file: every frame turns the hips by +90 deg about x."""
     head = Y_UP.replace("Zrotation Xrotation Yrotation", "Xrotation Yrotation Zrotation")
@@ -216,6 +225,42 @@ def test_options_override_what_the_file_says(tmp_path: Path) -> None:
         with_options(bvh_unit_m=1.0)
     with pytest.raises(RecordingError, match="bvh_unit_m"):
         with_options(bvh_up_axis="z")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Bip01 Pelvis", "Bip01 L Thigh", "Bip01 R Thigh", "Bip01 Head"),
+        ("hip", "lThigh", "rThigh", "head"),
+        ("Actor:Pelvis", "Actor:leg_L", "Actor:leg_R", "Actor:HEAD"),
+        ("reference", "leftleg", "rightleg", "Character1_Head"),
+    ],
+)
+def test_joints_are_found_under_many_names(tmp_path: Path, names: tuple[str, ...]) -> None:
+    text = Y_UP
+    for usual, name in zip(("ROOT Hips", "JOINT LeftUpLeg", "JOINT RightUpLeg", "JOINT Head"), names, strict=True):
+        text = text.replace(usual, f"{usual.split()[0]} {name}")
+    recording = load(write(tmp_path / "a.bvh", text, y_up_frames()))
+    usual_recording = load(write(tmp_path / "b.bvh", Y_UP, y_up_frames()))
+    np.testing.assert_allclose(recording.truth.head_quat_wxyz, usual_recording.truth.head_quat_wxyz)
+    np.testing.assert_allclose(recording.truth.head_position_m, usual_recording.truth.head_position_m)
+
+
+def test_a_person_who_sits_has_the_unit_of_the_rest_pose(tmp_path: Path) -> None:
+    """Legs lifted by 60 degrees: 1.15 m high in centimetres, as a person in no unit; 1.6 m at rest."""
+    frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, 60, 0, 0, 60, 0, *[0.0] * 6] for k in range(N)]
+    recording = load(write(tmp_path / "a.bvh", Y_UP, frames))
+    np.testing.assert_allclose(recording.truth.pelvis_position_m[:, 2], 0.95, atol=1e-12)
+    assert "unit cm (1.60 m high in the rest pose)" in recording.notes[0]
+
+
+def test_legs_that_lie_at_rest_are_no_feet_and_no_height(tmp_path: Path) -> None:
+    """Legs point backwards at rest, where 70 units of height would be a person in inches, and down in the motion."""
+    legs_back = Y_UP.replace("OFFSET 0.0 -90.0 0.0", "OFFSET 0.0 0.0 -90.0")
+    frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, -90, 0, 0, -90, 0, *[0.0] * 6] for k in range(N)]
+    recording = load(write(tmp_path / "a.bvh", legs_back, frames))
+    np.testing.assert_allclose(recording.truth.pelvis_position_m[:, 2], 0.95, atol=1e-12)
+    assert "facing z at rest (by left and right joints)" in recording.notes[0]
 
 
 def test_first_frame_in_the_rest_pose_is_left_out(tmp_path: Path) -> None:
@@ -270,12 +315,14 @@ def _replace(old: str, new: str) -> Change:
         (_line(6, "JOINT"), ["line 6", "JOINT"]),
         (_line(6, "ROOT Other"), ["line 6", "ROOT Other"]),
         (_line(3, "OFFSET 0 0 0"), ["line 3", "brace"]),
+        (_line(FIRST - 1, "Frames: 0"), [f"line {FIRST - 1}", "Frames: 0", "at least 1"]),
         (_line(FIRST, "Frame Time: -0.1"), [f"line {FIRST}", "-0.1"]),
         (_line(FIRST, "Frame Time: 8.3333"), ["milliseconds", "1000"]),
         (_line(FIRST + 5, "1 2 3"), [f"line {FIRST + 5}", "frame 5", "18 values"]),
         (_line(FIRST + 5, " ".join(["1"] * 17 + ["1,5"])), [f"line {FIRST + 5}", "'1,5'"]),
         (_line(FIRST + 5, " ".join(["1"] * 17 + ["nan"])), [f"line {FIRST + 5}", "Head Yrotation"]),
         (_replace("JOINT Left", "JOINT Some"), ["LeftUpLeg and RightUpLeg", "bvh_facing"]),
+        (_replace("9.0 -5.0", "0.0 -5.0"), ["no pairs of left and right joints", "two sides", "bvh_facing"]),
         (_replace("-90.0", "-900.0"), ["m (1), cm (0.01), mm (0.001)", "bvh_unit_m"]),
     ],
 )
