@@ -93,6 +93,16 @@ def test_a_person_is_chosen_by_id(tmp_path, capsys):
     assert "--person c: not in" in capsys.readouterr().err
 
 
+def test_wander_of_a_person_who_walks_is_left_out_with_a_warning(tmp_path, capsys):
+    walk_m = seen_m(RNG, person_m(RNG, TIMES_S, walks=True), TIMES_S, along=(0.02, 0.05, 1.0), across_deg=(0.1, 0, 1))
+    sensor = identify(write_table(tmp_path / "walk.csv", position_m=walk_m), tmp_path)
+    said = capsys.readouterr().out
+    assert "Warning: the person moved too much" in said
+    assert "unknown" in said
+    assert (sensor.along.wander_share, sensor.across.wander_deg) == (0.0, 0.0)
+    assert "wander of range and bearing unknown" in sensor.source
+
+
 def refused(capsys, *words):
     assert main(list(words)) == 2
     return capsys.readouterr().err

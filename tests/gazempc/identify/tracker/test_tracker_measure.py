@@ -25,6 +25,7 @@ def measured(seed, walks=False, times_s=TIMES_S, **errors):
     return measure_tracker(track_of(times_s, seen_m(rng, person_m(rng, times_s, walks), times_s, **errors)), quiet)
 
 
+@pytest.mark.slow
 def test_a_face_camera_with_a_person_who_stands():
     found = [measured(seed, along=(0.035, 0.04, 1.0), across_deg=(0.08, 0.0, 1.0)) for seed in SEEDS]
     for one in found:
@@ -39,6 +40,7 @@ def test_a_face_camera_with_a_person_who_stands():
     assert mean_of(found, lambda one: one.along.fit.correlation_s.value) == pytest.approx(1.0, rel=0.4)
 
 
+@pytest.mark.slow
 def test_stated_spread_is_that_over_recordings():
     times_s = np.arange(0.0, 12.0, 1.0 / 12.0)
     errors = {"along": (0.035, 0.0, 1.0), "across_deg": (0.08, 0.0, 1.0)}
@@ -50,6 +52,7 @@ def test_stated_spread_is_that_over_recordings():
     assert sum(one.along.wander == "none" for one in found) >= 5
 
 
+@pytest.mark.slow
 def test_a_body_tracker_wanders_alike_on_all_axes():
     times_s = np.arange(0.0, 40.0, 1.0 / 25.0)
     range_m = np.linalg.norm([2.0, 0.3, 0.2])
@@ -63,6 +66,7 @@ def test_a_body_tracker_wanders_alike_on_all_axes():
         assert direction.fit.correlation_s.value == pytest.approx(0.4, rel=0.4)
 
 
+@pytest.mark.slow
 def test_wander_is_unknown_while_the_person_walks():
     one = measured(1, walks=True, times_s=SHORT_S, along=(0.035, 0.04, 1.0), across_deg=(0.08, 0.0, 1.0))
     assert one.moved
@@ -72,6 +76,7 @@ def test_wander_is_unknown_while_the_person_walks():
     assert one.across.fit.white.value == pytest.approx(np.deg2rad(0.08), rel=0.1)
 
 
+@pytest.mark.slow
 def test_jumps_are_found_and_leave_the_rest_as_it_is():
     rng = np.random.default_rng(4)
     position_m = seen_m(rng, person_m(rng, SHORT_S), SHORT_S, along=(0.01, 0.0, 1.0), across_deg=(0.1, 0.0, 1.0))
@@ -96,6 +101,7 @@ def test_a_start_to_walk_is_no_jump():
     assert 9.0 < one.still_s < 19.0
 
 
+@pytest.mark.slow
 def test_a_track_without_noise_has_a_bound_only():
     one = measure_tracker(track_of(SHORT_S, person_m(np.random.default_rng(6), SHORT_S, walks=True)), quiet)
     assert one.along.fit.hidden
@@ -103,6 +109,7 @@ def test_a_track_without_noise_has_a_bound_only():
     assert one.across.fit.white.value < np.deg2rad(0.05)
 
 
+@pytest.mark.slow
 def test_yaws_are_measured_and_half_turns_counted():
     rng = np.random.default_rng(1)
     yaw_rad = 3.0 + np.deg2rad(4.0) * rng.standard_normal(TIMES_S.size)
