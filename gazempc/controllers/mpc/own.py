@@ -136,7 +136,7 @@ def _expression(part: Own, o: Trajectory) -> Any:
         raise SettingsError(f"{part.label} raised {type(error).__name__}: {error}") from error
     try:
         value = value if isinstance(value, ca.SX) else ca.SX(value)
-    except (TypeError, NotImplementedError):  # the second is what CasADi raises for an argument of another type
+    except Exception:  # the type that CasADi raises depends on the argument
         raise SettingsError(
             f"{part.label} returned {type(value).__name__}; needed is a casadi.SX expression in the symbols of o"
         ) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple, TypeVar
@@ -47,7 +48,7 @@ WAITS_S = 0.2
 _DISCOVERY_S = 3.0
 
 
-class Ros2Source:
+class Ros2Source(ABC):
     """Common part of the sources on ROS 2 topics, over Zenoh as rmw_zenoh does.
 
     If the router is lost, that is a problem in the next `poll`; Zenoh connects again in the background.
@@ -72,13 +73,13 @@ class Ros2Source:
         self._clock_s, self._to_loop_s = clock_s, to_loop_s
         self._node: Ros2Node | None = None
 
+    @abstractmethod
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         """Subscribe; returns the topics whose senders are watched."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         """Take in messages; problems are appended. Raises WireError if the session is closed."""
-        raise NotImplementedError
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; does not wait for a sender."""
