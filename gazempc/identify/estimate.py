@@ -3,139 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
+from gazempc.identify.axis_data import FEWEST_READINGS, AxisData, prepare_axis
 from gazempc.identify.record import IdentificationError, NeckRecord
 from gazempc.identify.servo_fit import Z_95, Fit, ServoModel, fit
-from gazempc.neck.spec import Axis
 from gazempc.types import FloatArray
-
-FEWEST_READINGS = 60
-_SHORTEST_S = 3.0
-_LEAST_COMMAND_DEG = 2.0
-_LEAST_FOLLOWED = 0.2
-_MOST_AT_LIMIT = 0.8
-_MOST_MISREAD = 0.05
-# A reading this far from its neighbours, beyond what the joint can move between them, was misread.
-_MISREAD_RAD = math.radians(5.0)
-
-
-@dataclass(frozen=True)
-class AxisData:
-    """One joint of a record, with finite values at increasing times.
-
-    Attributes:
-        command_time_s: When commands were sent, shape (K,), seconds.
-        command_rad: Shape (K,), radians.
-        time_s: When the joint was measured, shape (N,), seconds.
-        measured_rad: Shape (N,), radians.
-        misread: How many readings were left out because no joint can move so.
-    """
-
-    command_time_s: FloatArray
-    command_rad: FloatArray
-    time_s: FloatArray
-    measured_rad: FloatArray
-    misread: int
-
-
-def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisData:
-    """Take one axis from a record.
-
-    Args:
-        record: Commands and angles.
-        index: Which joint, in the order of `NeckSpec.joint_names`.
-        read_delay_s: How much later than the measurement the angles' time stamps are, seconds.
-
-    Returns:
-        Usable data of the axis.
-
-    Raises:
-        IdentificationError: If that is not enough.
-    """
-    neck = record.neck()
-    name, axis = neck.joint_names[index], neck.axes[index]
-
-    def refuse(problem: str, advice: str) -> IdentificationError:
-        return IdentificationError(f"{name}: {problem}: {advice}")
-
-    if record.joint_time_s.size == 0:
-        raise refuse(
-            f"the joints were not reported once ({record.failed_reads} reads failed)",
-            "a neck without encoders cannot be identified this way; check the robot's connection",
-        )
-    command_time_s, command = _advancing(record.command_time_s, record.command_rad[:, index])
-    time_s, measured = _advancing(record.joint_time_s - read_delay_s, record.joint_rad[:, index])
-    if time_s.size < FEWEST_READINGS:
-        raise refuse(
-            f"{record.joint_time_s.size} readings with {time_s.size} different time stamps; "
-            f"at least {FEWEST_READINGS} are needed",
-            "record longer, or check that the robot's time stamps advance",
-        )
-    span_s = min(time_s[-1], command_time_s[-1]) - max(time_s[0], command_time_s[0])
-    if span_s < _SHORTEST_S:
-        raise refuse(
-            f"commands and angles share {max(span_s, 0.0):.1f} s; at least {_SHORTEST_S:g} s are needed",
-            "record longer, or check that both have time stamps of one clock",
-        )
-    inside = (time_s >= command_time_s[0]) & (time_s <= command_time_s[-1] + 1.0)
-    time_s, measured = time_s[inside], measured[inside]
-    _refuse_still(command, axis, refuse)
-    wild = _misread(time_s, measured, axis)
-    if wild.mean() > _MOST_MISREAD:
-        raise refuse(
-            f"{100 * wild.mean():.0f} % of the readings jump as no joint can (at most {100 * _MOST_MISREAD:.0f} %)",
-            "check the encoder, its wiring and its unit",
-        )
-    time_s, measured = time_s[~wild], measured[~wild]
-    moved, asked = float(np.ptp(np.percentile(measured, (1, 99)))), float(np.ptp(command))
-    if moved < _LEAST_FOLLOWED * asked:
-        raise refuse(
-            f"the command moved over {math.degrees(asked):.1f} deg, the joint over {math.degrees(moved):.1f} deg",
-            "check that its motor is on, and that the angles are in radians and of this axis",
-        )
-    return AxisData(command_time_s, command, time_s, measured, int(wild.sum()))
-
-
-def _refuse_still(command: FloatArray, axis: Axis, refuse: Callable[[str, str], IdentificationError]) -> None:
-    asked_deg = math.degrees(float(np.ptp(command)))
-    if asked_deg < 1e-6:
-        raise refuse("its command never changes", "move it, or leave it out with --axes")
-    limits = np.deg2rad([axis.position_min_deg, axis.position_max_deg])
-    at_limit = float(np.mean(np.min(np.abs(command[:, None] - limits), axis=1) < math.radians(0.05)))
-    if at_limit > _MOST_AT_LIMIT:
-        raise refuse(
-            f"its command is at a limit of the neck for {100 * at_limit:.0f} % of the time "
-            f"(at most {100 * _MOST_AT_LIMIT:.0f} %)",
-            "record motion inside the limits",
-        )
-    if asked_deg < _LEAST_COMMAND_DEG:
-        raise refuse(
-            f"its command moves over {asked_deg:.2f} deg; at least {_LEAST_COMMAND_DEG:g} deg are needed",
-            "move it more (--amplitude-deg), or leave it out with --axes",
-        )
-
-
-def _advancing(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rows that are finite and newer than all before them; a robot may report one reading many times."""
-    finite = np.isfinite(time_s) & np.isfinite(value)
-    time_s, value = time_s[finite], value[finite]
-    newest = np.maximum.accumulate(time_s) if time_s.size else time_s
-    new = np.append(True, time_s[1:] > newest[:-1] + 1e-6)[: time_s.size]
-    return time_s[new], value[new]
-
-
-def _misread(time_s: FloatArray, measured: FloatArray, axis: Axis) -> NDArray[np.bool_]:
-    # Failed readings often come as a fixed angle far away, such as -180 deg.
-    reach = 2.0 * axis.velocity_max_rad_s * float(np.percentile(np.diff(time_s), 95))
-    jump = np.abs(measured - median_filter(measured, size=5, mode="nearest"))
-    return np.asarray(jump > _MISREAD_RAD + reach)
-
 
 # Below these the result is doubted after the fit.
 _LEAST_FIT_PERCENT = 80.0
@@ -152,6 +27,7 @@ _EARLIEST_S = -0.1
 _SCAN_STEP_S = 0.02
 _SCAN_FREQUENCIES_RAD_S = (4.0, 8.0, 15.0, 30.0, 60.0)
 _SCAN_DAMPING = 0.8
+
 _SCAN_READINGS = 1000
 _STARTS = 3
 _SAME_PLACE_S = 0.15

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 import foxglove
 import numpy as np
@@ -18,33 +18,30 @@ from foxglove.channels import (
     SceneUpdateChannel,
 )
 from foxglove.messages import (
-    Color,
     CompressedImage,
-    Duration,
-    FrameTransform,
-    FrameTransforms,
     JointStates,
-    LinePrimitive,
-    LinePrimitiveLineType,
     LogLevel,
-    Point3,
-    Pose,
-    Quaternion,
     SceneEntity,
     SceneUpdate,
-    SpherePrimitive,
-    Timestamp,
-    Vector3,
 )
 from foxglove.messages import JointState as JointMessage
 from foxglove.messages import Log as LogMessage
-from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError
-from gazempc.neck.kinematics import gaze_error_rad, gaze_ray
-from gazempc.neck.spec import Geometry, NeckSpec
+from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.results.mcap_read import ATTACHMENT, nanoseconds
+from gazempc.results.mcap_scene import (
+    camera_frame,
+    forecast_entity,
+    gaze_entity,
+    neck_frames,
+    person_entity,
+    person_frame,
+    plan_entity,
+    stamp,
+    transforms,
+)
 from gazempc.results.moments import (
     AttendedMoment,
     EventMoment,
@@ -125,224 +122,6 @@ class McapWriter:
     ) -> None:
         """Finish the file."""
         self.close()
-
-
-BASE = "base"
-_HERE = (0.0, 0.0, 0.0)
-
-
-class PlacedFrame(NamedTuple):
-    """A frame in another one.
-
-    Attributes:
-        parent: Name of the other one.
-        child: Its name.
-        position_m: Its origin there, metres.
-        turn: Its orientation there.
-    """
-
-    parent: str
-    child: str
-    position_m: Sequence[float]
-    turn: Rotation
-
-
-def stamp(time_s: float) -> Timestamp:
-    """A time as messages have it; none before zero."""
-    seconds, rest = divmod(nanoseconds(time_s), 10**9)
-    return Timestamp(sec=seconds, nsec=rest)
-
-
-def neck_frames(neck: NeckSpec, angles_rad: FloatArray) -> list[PlacedFrame]:
-    """Frames of the neck: base, body (where it turns), pan, tilt, eye.
-
-    Args:
-        neck: The neck.
-        angles_rad: Angles of all joints in the order of `NeckSpec.joint_names`, shape (N,), radians.
-
-    Returns:
-        Each in the one before; ``eye`` looks along its x axis.
-    """
-    at = dict(zip(neck.joint_names, angles_rad.tolist(), strict=True))
-    # Tilting up turns +x towards +z: about -y.
-    eyes = [at.get("eye_pan", 0.0), -at.get("eye_tilt", 0.0)]
-    body = [PlacedFrame(BASE, "body", _HERE, Rotation.from_euler("z", at["body_yaw"]))] if "body_yaw" in at else []
-    return [
-        *body,
-        PlacedFrame("body" if body else BASE, "pan", _HERE, Rotation.from_euler("z", at["pan"])),
-        PlacedFrame("pan", "tilt", neck.geometry.tilt_axis_in_pan_m, Rotation.from_euler("y", -at["tilt"])),
-        PlacedFrame("tilt", "eye", neck.geometry.eye_in_tilt_m, Rotation.from_euler("ZY", eyes)),
-    ]
-
-
-def camera_frame(run: RunInfo) -> PlacedFrame:
-    """Frame of the sensor: x along its view, y left, z up.
-
-    Args:
-        run: Description of the run. A live run has the place of its sensor; the sensor of a replay is in the base's
-            origin, or on the tilt axis if it moves with the head.
-
-    Returns:
-        The frame in ``base``, ``tilt`` or ``eye``.
-    """
-    mount = run.settings.get("mount") or {}
-    on = mount.get("on") or (run.sensor.get("view") or {}).get("on", "base")
-    turn = Rotation.from_euler("xyz", mount.get("roll_pitch_yaw_deg", _HERE), degrees=True)
-    parent = {"head": "tilt", "eye": "eye"}.get(on, BASE)
-    return PlacedFrame(parent, "camera", mount.get("position_m", _HERE), turn)
-
-
-def person_frame(head_base_m: FloatArray, quat_wxyz: FloatArray | None) -> PlacedFrame:
-    """Frame of the observed head.
-
-    Args:
-        head_base_m: Its position, shape (3,), metres.
-        quat_wxyz: Its orientation, shape (4,); None where it was not observed: then that of the base.
-
-    Returns:
-        The frame ``person`` in the base.
-    """
-    turn = Rotation.identity() if quat_wxyz is None else Rotation.from_quat(quat_wxyz, scalar_first=True)
-    return PlacedFrame(BASE, "person", head_base_m.tolist(), turn)
-
-
-def transforms(frames: Sequence[PlacedFrame], time_s: float) -> FrameTransforms:
-    """Frames as a message.
-
-    Args:
-        frames: The frames.
-        time_s: The time, seconds.
-
-    Returns:
-        The message.
-    """
-    return FrameTransforms(
-        transforms=[
-            FrameTransform(
-                timestamp=stamp(time_s),
-                parent_frame_id=frame.parent,
-                child_frame_id=frame.child,
-                translation=Vector3(x=frame.position_m[0], y=frame.position_m[1], z=frame.position_m[2]),
-                rotation=_quaternion(frame.turn),
-            )
-            for frame in frames
-        ]
-    )
-
-
-def _quaternion(turn: Rotation) -> Quaternion:
-    x, y, z, w = turn.as_quat().tolist()
-    return Quaternion(x=x, y=y, z=z, w=w)
-
-
-# A head is some 0.2 m wide; what was observed is drawn smaller, so that both can be seen.
-_HEAD_M, _OBSERVED_M = 0.2, 0.1
-# Axes of an ellipsoid of two standard deviations are four of them long.
-_AXIS_SDS = 4.0
-_GAZE_LENGTH_M = 4.0
-# Okabe & Ito (2008): for colour-blind people, too.
-_TRUE, _SEEN = Color(r=0.0, g=0.62, b=0.45, a=0.8), Color(r=0.9, g=0.62, b=0.0, a=0.9)
-_FORECAST, _CLOUD = Color(r=0.0, g=0.45, b=0.7, a=1.0), Color(r=0.34, g=0.71, b=0.91, a=0.25)
-_GAZE, _PLAN = Color(r=0.84, g=0.37, b=0.0, a=1.0), Color(r=0.8, g=0.47, b=0.65, a=1.0)
-
-
-def person_entity(name: str, head_base_m: FloatArray, time_s: float) -> SceneEntity:
-    """A head: ``person`` where it is, ``observed`` where the sensor saw it.
-
-    Args:
-        name: ``person`` or ``observed``.
-        head_base_m: Position, shape (3,), metres.
-        time_s: The time, seconds.
-
-    Returns:
-        A sphere.
-    """
-    size_m, colour = (_HEAD_M, _TRUE) if name == "person" else (_OBSERVED_M, _SEEN)
-    sphere = SpherePrimitive(pose=_pose(head_base_m), size=Vector3(x=size_m, y=size_m, z=size_m), color=colour)
-    return _entity(name, time_s, spheres=[sphere])
-
-
-def forecast_entity(means_base_m: FloatArray, covariances_m2: FloatArray, time_s: float) -> SceneEntity:
-    """A forecast as a line, with ellipsoids of two standard deviations.
-
-    Args:
-        means_base_m: Positions, shape (H, 3), metres.
-        covariances_m2: Their covariances, shape (H, 3, 3), square metres.
-        time_s: The time, seconds.
-
-    Returns:
-        The line and its ellipsoids.
-    """
-    spheres = [_ellipsoid(mean, cov) for mean, cov in zip(means_base_m, covariances_m2, strict=True)]
-    return _entity("forecast", time_s, lines=[_line(means_base_m, _FORECAST)], spheres=spheres)
-
-
-def gaze_entity(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> SceneEntity:
-    """The gaze as a ray of 4 m.
-
-    Args:
-        geometry: The neck's geometry.
-        angles_rad: Angles of all joints, shape (N,), radians.
-        time_s: The time, seconds.
-
-    Returns:
-        A line from the eye.
-    """
-    eye, direction = gaze_ray(geometry, angles_rad)
-    return _entity("gaze", time_s, lines=[_line(np.stack([eye, eye + _GAZE_LENGTH_M * direction]), _GAZE)])
-
-
-def plan_entity(geometry: Geometry, planned_rad: FloatArray, time_s: float) -> SceneEntity:
-    """A plan as the line along which it leads the end of the gaze ray.
-
-    Args:
-        geometry: The neck's geometry.
-        planned_rad: Commanded angles at the knots, shape (K, N), radians.
-        time_s: The time, seconds.
-
-    Returns:
-        The line.
-    """
-    eyes, directions = gaze_ray(geometry, planned_rad)
-    return _entity("plan", time_s, lines=[_line(eyes + _GAZE_LENGTH_M * directions, _PLAN)])
-
-
-def _ellipsoid(mean_m: FloatArray, covariance_m2: FloatArray) -> SpherePrimitive:
-    finite = np.isfinite(covariance_m2).all()
-    variances, axes = np.linalg.eigh(covariance_m2) if finite else (np.zeros(3), np.eye(3))
-    if np.linalg.det(axes) < 0:
-        axes = -axes
-    x, y, z, w = Rotation.from_matrix(axes).as_quat().tolist()
-    size = (_AXIS_SDS * np.sqrt(np.maximum(variances, 0.0))).tolist()
-    return SpherePrimitive(
-        pose=_pose(mean_m, Quaternion(w=w, x=x, y=y, z=z)),
-        size=Vector3(x=size[0], y=size[1], z=size[2]),
-        color=_CLOUD,
-    )
-
-
-def _entity(
-    name: str,
-    time_s: float,
-    lines: list[LinePrimitive] | None = None,
-    spheres: list[SpherePrimitive] | None = None,
-) -> SceneEntity:
-    # Each replaces the one before it of the same name.
-    return SceneEntity(
-        timestamp=stamp(time_s), frame_id=BASE, id=name, lifetime=Duration(sec=0), lines=lines, spheres=spheres
-    )
-
-
-def _line(points_m: FloatArray, colour: Color) -> LinePrimitive:
-    points = [Point3(x=x, y=y, z=z) for x, y, z in points_m.tolist()]
-    return LinePrimitive(
-        type=LinePrimitiveLineType.LineStrip, thickness=2.0, scale_invariant=True, points=points, color=colour
-    )
-
-
-def _pose(position_m: FloatArray, turn: Quaternion | None = None) -> Pose:
-    x, y, z = position_m.tolist()
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=turn or Quaternion(w=1.0, x=0.0, y=0.0, z=0.0))
 
 
 # Scenes are for the eye: 50 a second are enough. Numbers come at every tick.
