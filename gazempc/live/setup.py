@@ -362,10 +362,10 @@ class MonotonicRobot:
     """
 
     def __init__(self, inner: Robot, clock: Clock) -> None:
-        self._inner, self._clock = inner, clock
+        self.wrapped, self._clock = inner, clock
         self.connect, self.send_command, self.close = inner.connect, inner.send_command, inner.close
 
     def read_state(self) -> JointState | None:
         """See `gazempc.robots.robot.Robot.read_state`."""
-        state = self._inner.read_state()
+        state = self.wrapped.read_state()
         return None if state is None else replace(state, time_s=self._clock.from_monotonic_s(state.time_s))

@@ -70,9 +70,9 @@ def wrong_reading(state: object, neck: NeckSpec) -> str:
         return f"read_state() returned {type(state).__name__}, needed is a gazempc.JointState, or None"
     for name in ("position_rad", "velocity_rad_s"):
         value: object = getattr(state, name)
-        if not isinstance(value, np.ndarray) or value.shape != (neck.joints,):
+        if not isinstance(value, np.ndarray) or value.shape != (neck.joints,) or value.dtype.kind not in "fiu":
             return (
-                f"read_state() returned {name} {value!r}, needed is an array of shape ({neck.joints},): "
+                f"read_state() returned {name} {value!r}, needed is an array of numbers of shape ({neck.joints},): "
                 + ", ".join(neck.joint_names)
             )
     return ""
