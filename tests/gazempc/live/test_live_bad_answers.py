@@ -120,7 +120,7 @@ def run_bad(part, kind, clock, duration_s=2.5, **more):
 
     parts = {
         "plan": lambda: {"controller": Controller(bad)},
-        "times": lambda: {"controller": Controller(lambda plan: plan, lambda t: Bad(TIMES[kind], clock)(t))},
+        "times": lambda: {"controller": Controller(lambda plan: plan, Bad(TIMES[kind], clock))},
         "forecast": lambda: {"predictor": Predictor(bad)},
         "read": lambda: {"on_read": lambda now, state: bad(state)},
         "send": lambda: {"on_send": lambda now: None if now < FROM_S else (bad(np.zeros(2)),)},
@@ -174,7 +174,7 @@ def test_a_fault_of_the_program_keeps_a_log_that_loads(tmp_path):
     clock = SimulatedClock()
 
     def listener(moment):
-        if type(moment).__name__ == "TickMoment" and clock.now_s() > 1.5:
+        if type(moment).__name__ == "PlanMoment" and clock.now_s() > 1.5:
             raise RuntimeError("a fault of the program")
 
     with pytest.raises(RuntimeError, match="a fault of the program") as raised:
