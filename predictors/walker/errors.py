@@ -1,4 +1,4 @@
-"""How far the line's own forecasts were off: it tells of trackers that wander and of people who are not steady."""
+"""Recent errors of the straight-line forecast: a measure of the tracker's wander and of unsteady motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from predictors.walker.line import Line
 
 _HORIZONS_S = (0.2, 0.5)
 N_ERRORS = 3 * len(_HORIZONS_S)
-# A forecast is compared with the first frame after its time, if that comes no later than this.
+# A forecast is compared with the first frame after its time, within this window.
 _LATE_S, _EARLY_S = 0.25, 0.017
 _MEMORY_S, _PRIOR_S = 1.0, 0.3
 # Errors of a line through people who walk, seen by the sensor `reference`: along, across and up.
@@ -21,7 +21,7 @@ _LARGEST_RATIO2, _SMALLEST_RATIO2 = 25.0, 0.01
 class LineErrors:
     """Mean squares of the errors of recent lines, 0.2 and 0.5 s ahead.
 
-    Plain numbers: on so few of them numpy takes several times as long.
+    Python floats: for arrays this small numpy is several times slower.
     """
 
     def __init__(self) -> None:
@@ -31,15 +31,15 @@ class LineErrors:
         self._known_s = [0.0] * len(_HORIZONS_S)
 
     def learn(self, position_m: FloatArray, line: Line, stated_m2: FloatArray) -> list[float]:
-        """Compare the newest position with the forecasts for it.
+        """Update with the errors of earlier lines at the newest position.
 
         Args:
             position_m: Smoothed position at the line's time, shape (3,), metres.
-            line: The newest line, which is kept.
+            line: The newest line; stored for later comparisons.
             stated_m2: Variances that the tracker states, along, across and up, shape (3,); zeros where it states none.
 
         Returns:
-            Logarithms of the errors' size over the usual and the stated one; N_ERRORS of them.
+            N_ERRORS logarithms of the RMS error relative to the usual and the stated error.
         """
         lines, times_s = self._lines, self._times_s
         dt_s = min(line.time_s - times_s[-1], _LATE_S) if lines else 0.0

@@ -1,4 +1,4 @@
-"""A straight line through the recent walk, and the frame that goes with it."""
+"""A straight line through the recent walk, and its frame."""
 
 from __future__ import annotations
 
