@@ -151,7 +151,7 @@ class WalkerModel:
         noise_share: Share of an observation's stated error in the forecast at each knot, shape (knots,): factor of its
             standard deviation in every direction.
         decision: Slope and threshold of the decision between walking and staying: the weight of walking is the
-            logistic function of slope (logit - threshold). Slope 1 and threshold 0, those of the fit, have the least mean
+            logistic function of slope (logit - threshold). Slope 1 and threshold 0, as fitted, have the least mean
             error. A steeper slope approaches a hard decision; a higher threshold reduces false starts and delays true
             ones.
         degrees_of_freedom: Those of the t distribution of the errors, above 2.
