@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from predictors.types import FloatArray, HeadObservation
-from predictors.walker.errors import N_ERRORS, LineErrors
-from predictors.walker.line import Line
+from predictors.walker.line import N_ERRORS, Line, LineErrors
 from predictors.walker.memories import MEMORIES_MIRROR, N_MEMORIES, Memories
 from predictors.walker.noise import N_COLOURS, MeasuredColour, without_stated
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
