@@ -22,7 +22,7 @@ from gazempc.live.sources.pushed import PushedSource
 from gazempc.live.sources.replay import BagSource, ReplaySource
 from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Cues, Ros2Person
 from gazempc.live.sources.ros4hri import Ros4HriPeople
-from gazempc.live.sources.senders import Senders, Signatures, read_key
+from gazempc.live.sources.senders import Senders
 from gazempc.live.sources.source import Source
 from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, Wire, parse_address
 from gazempc.live.stamps import StampClock, StampReader, Stamps
@@ -297,8 +297,7 @@ def _make_source(
     if kind in ("udp", "tcp"):
         named = parse_address(settings.source, address, "127.0.0.1")
         wire = UdpPort(*named) if kind == "udp" else TcpClient(*named)
-    signatures = None if settings.key_file is None else Signatures(read_key(settings.key_file))
-    return LineSource(wire, clock, stamps, Senders(settings.allow, signatures is not None), signatures)
+    return LineSource(wire, clock, stamps, Senders(settings.allow))
 
 
 def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounted: bool) -> Ros2Cues | None:
