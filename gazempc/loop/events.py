@@ -36,6 +36,10 @@ class Event(StrEnum):
         "forecast_failed",
         "the predictor raised an exception, or its forecast has a NaN; the last plan is used further",
     )
+    FORECAST_OUT_OF_REACH = (
+        "forecast_out_of_reach",
+        "the forecast is farther from the last position than 0.3 m and 3 m/s; it is cut there",
+    )
     CONTROLLER_FAILED = "controller_failed", "the controller raised an exception; the last plan is used further"
     SOLVER_FAILED = "solver_failed", "the controller's problem has no solution; the last plan is used further"
     PLAN_NOT_FINITE = "plan_not_finite", "the plan has a NaN; the last plan is used further"
