@@ -10,7 +10,7 @@ from pydantic import Field
 from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.live.robots import keeps_any_clock
-from gazempc.live.sources.camera.capture import CameraOptions
+from gazempc.live.sources.camera.capture import CAMERA, CameraOptions
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
 from gazempc.live.view.orders import PORTS, ViewKind
@@ -138,6 +138,8 @@ def check(settings: LiveSettings) -> None:
     chosen = [
         (PREDICTOR, settings.predictor), (CONTROLLER, settings.controller), (ROBOT, robot), (SOURCE, source)
     ]  # fmt: skip
+    if source == "camera":
+        chosen.append((CAMERA, settings.source.partition(":")[2]))
     for kind, choice in chosen:
         if is_own(choice):
             find(kind, choice)

@@ -189,7 +189,7 @@ def _turn_rad(from_rad: float | None, to_rad: float) -> float:
 # many: with all late frames in their places the gaze erred 0.01 to 0.03 deg less (64 walks, two seeds), which is not
 # worth copies of the predictor's state.
 START_S = 0.3
-# Detectors take hair and necks for faces in some frames in a row: a velocity of fewer frames than these is not believed.
+# Detectors take hair and necks for faces in some frames in a row: a velocity of fewer frames is not believed.
 _START_FRAMES = 6
 # People in a room run at up to 3 m/s, and lean or step aside by this much beside the walk that was seen.
 _SPEED_M_S, _REACH_M = 3.0, 0.3
