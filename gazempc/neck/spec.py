@@ -74,10 +74,10 @@ class SpeedSteps(BaseModel):
                 raise ValueError(f"{name} must not decrease: step 1 is the slowest")
         return self
 
-    @cached_property
-    def levels_rad_s(self) -> FloatArray:
-        """All speeds with their signs, in ascending order and with 0, shape (L,), rad/s."""
-        return np.array([*(-speed for speed in reversed(self.negative_rad_s)), 0.0, *self.positive_rad_s])
+    @property
+    def levels_rad_s(self) -> tuple[float, ...]:
+        """All speeds with their signs, in ascending order and with 0, rad/s."""
+        return (*(-speed for speed in reversed(self.negative_rad_s)), 0.0, *self.positive_rad_s)
 
     @property
     def fastest_rad_s(self) -> float:
@@ -93,8 +93,7 @@ class SpeedSteps(BaseModel):
         Returns:
             Its number, 0 for standing still; negative to the right or down.
         """
-        nearest = int(np.argmin(np.abs(self.levels_rad_s - speed_rad_s)))
-        return nearest - len(self.negative_rad_s)
+        return int(np.argmin(np.abs(np.array(self.levels_rad_s) - speed_rad_s))) - len(self.negative_rad_s)
 
     def speed_rad_s(self, step: int) -> float:
         """Speed of a step.
@@ -105,7 +104,7 @@ class SpeedSteps(BaseModel):
         Returns:
             Its speed with its sign, rad/s.
         """
-        return float(self.levels_rad_s[step + len(self.negative_rad_s)])
+        return self.levels_rad_s[step + len(self.negative_rad_s)]
 
 
 class Axis(BaseModel):
