@@ -212,7 +212,7 @@ def setup_of_gaze(
 
 def _narrowed(neck: NeckSpec, settings: MountedSettings) -> NeckSpec:
     moved = with_motion(neck, settings.motion)
-    narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing)
     settings.mount.check_fits(narrow)
     return narrow
 
