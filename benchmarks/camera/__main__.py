@@ -18,10 +18,10 @@ import numpy as np
 import tyro
 
 from benchmarks.camera import live, stream
-from benchmarks.camera.studio import Person, Studio
 from benchmarks.camera.walks import Seen, across, watch, webcam
 from gazempc.results.metrics import measure
 from gazempc.results.run_summary import versions
+from gazempc.robots.studio import Person, Studio
 from gazempc.types import FloatArray
 
 RANGES_M = (0.7, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)

@@ -13,7 +13,6 @@ from collections import deque
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.camera.studio import Person, Studio
 from benchmarks.camera.walks import FRAME_S
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.mount import Mount
@@ -29,6 +28,7 @@ from gazempc.neck.spec import load_neck
 from gazempc.results.log import Log
 from gazempc.results.run_info import RunInfo
 from gazempc.robots.mujoco import MujocoNeck
+from gazempc.robots.studio import Person, Studio
 from gazempc.settings import GazeSettings
 from gazempc.types import FloatArray, Sighting
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.camera.studio import Person, Studio
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
 from gazempc.live.sources.camera.finder import FaceSensor
 from gazempc.live.sources.camera.intrinsics import from_field_of_view
+from gazempc.robots.studio import Person, Studio
 from gazempc.types import FloatArray
 
 FRAME_S = 1 / 15

@@ -15,7 +15,7 @@ from pydantic.config import JsonDict
 from gazempc.errors import SettingsError
 from gazempc.neck.rules import RULES
 from gazempc.specfiles import RULE_OF_THUMB, load_spec, shipped_names
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
 # The joints that every neck has; eyes and body come after them.
 AXES = ("pan", "tilt")
@@ -299,10 +299,15 @@ class NeckSpec(BaseModel):
         """N, the number of joints."""
         return len(self.axes)
 
+    @cached_property
+    def speed_joints(self) -> BoolArray:
+        """Which joints are sent speeds, shape (N,)."""
+        return np.array([axis.takes_speed for axis in self.axes])
+
     @property
     def takes_speeds(self) -> bool:
         """Whether a joint is sent speeds."""
-        return any(axis.takes_speed for axis in self.axes)
+        return bool(self.speed_joints.any())
 
     def check_takes_angles(self, what: str) -> None:
         """Refuse a joint that takes speeds.

@@ -83,6 +83,18 @@ class ReachyMiniOptions(Settings):
     approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed to the first command")
 
 
+_Directions = tuple[Literal[-1, 1], Literal[-1, 1]]
+
+
+class ViscaOptions(Settings):
+    """Robot `visca`; see `gazempc.robots.visca.ViscaCamera`."""
+
+    counts_per_deg: float = Field(default=14.4, gt=0, le=1000, description="Scale of the camera's position answers")
+    directions: _Directions = Field(
+        default=(1, 1), description="Of pan and tilt: -1 for an axis that turns the other way, as under a ceiling"
+    )
+
+
 class RobotOptions(Settings):
     """Options of the shipped robots; each reads its own. All other fields are options of parts of the user's own."""
 
@@ -91,6 +103,7 @@ class RobotOptions(Settings):
     dynamixel: DynamixelOptions = DynamixelOptions()
     ros2: Ros2Options = Ros2Options()
     reachy_mini: ReachyMiniOptions = ReachyMiniOptions()
+    visca: ViscaOptions = ViscaOptions()
 
     @property
     def own(self) -> dict[str, Any]:

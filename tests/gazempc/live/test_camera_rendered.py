@@ -5,9 +5,9 @@ import pytest
 from builders.cameras import studio
 
 from benchmarks.camera import live
-from benchmarks.camera.studio import PUPILS_M, Person
 from benchmarks.camera.walks import across, watch
 from gazempc.results.metrics import measure
+from gazempc.robots.studio import PUPILS_M, Person
 
 
 def rms(values):
