@@ -76,6 +76,7 @@ ROBOT = Kind(
         "ros2": "gazempc.robots.ros2:Ros2Neck",
         "reachy_mini": "gazempc.robots.reachy_mini:ReachyMiniNeck",
         "visca": "gazempc.robots.visca:ViscaCamera",
+        "onvif": "gazempc.robots.onvif:OnvifCamera",
     },
     {
         "connect": "connect(): opens the connection",

@@ -164,7 +164,7 @@ def _serve(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -> 
 
 def _emulate(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -> None:
     from gazempc.robots.mujoco import MujocoNeck  # noqa: PLC0415
-    from gazempc.robots.studio import Person, Studio  # noqa: PLC0415
+    from gazempc.robots.studio import Studio, StudioPerson  # noqa: PLC0415
     from gazempc.robots.visca_server import ViscaServer  # noqa: PLC0415
 
     try:
@@ -188,7 +188,7 @@ def _emulate(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -
         someone = None
         if person:
             aside_m = _ASIDE_M * math.sin(math.tau * (exposed_s - start_s) / _PERIOD_S)
-            someone = Person(np.array([_DISTANCE_M, aside_m, _UP_M]), math.pi + math.atan2(aside_m, _DISTANCE_M))
+            someone = StudioPerson(np.array([_DISTANCE_M, aside_m, _UP_M]), math.pi + math.atan2(aside_m, _DISTANCE_M))
         rgb = studio.picture(someone, place_m + turn.apply(neck.geometry.eye_in_tilt_m), turn)
         _, jpeg = cv2.imencode(".jpg", rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
         pictures.add(exposed_s + latency_s, jpeg.tobytes())

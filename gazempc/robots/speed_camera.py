@@ -38,12 +38,19 @@ class SpeedDevice(Protocol):
         """Connect; moves nothing."""
         ...
 
+    #: Whether it can be sent to angles.
+    takes_angles: bool
+
     def drive(self, speeds_rad_s: Pair) -> None:
         """Hold speeds of pan and tilt, rad/s, positive to the left and up; returns when the device has accepted them.
 
         Args:
             speeds_rad_s: Speeds that the device has; two zeros stop it.
         """
+        ...
+
+    def go_to(self, angles_rad: Pair) -> None:
+        """Go to angles of pan and tilt, radians; returns when the device has accepted them."""
         ...
 
     def angles_rad(self) -> Pair | None:
@@ -73,7 +80,7 @@ class SpeedCamera:
 
     Args:
         device: Its protocol.
-        neck: The neck: two joints with ``command = "velocity"``.
+        neck: The neck: two joints with ``command = "velocity"``, or both with angles for a device that takes these.
         clock_s: The loop's time, seconds.
         steps: Speeds of pan and tilt; None for a joint that has all speeds.
 
@@ -88,11 +95,14 @@ class SpeedCamera:
         clock_s: Callable[[], float],
         steps: tuple[SpeedSteps | None, SpeedSteps | None],
     ) -> None:
-        if neck.joints != 2 or not all(axis.takes_speed for axis in neck.axes):
+        self._angles = device.takes_angles and not neck.takes_speeds
+        if neck.joints != 2 or not (self._angles or neck.speed_joints.all()):
             raise SettingsError(
                 f'neck {neck.name!r}: a pan-tilt camera needs the joints pan and tilt with command = "velocity", '
                 "such as the neck ptz"
             )
+        self._send = device.go_to if self._angles else device.drive
+        self._limits_rad = neck.position_min_rad, neck.position_max_rad
         self._device, self._clock_s, self._reports = device, clock_s, neck.reports_joints
         self._dithers = [SpeedDither(s, axis.velocity_max_rad_s) for s, axis in zip(steps, neck.axes, strict=True)]
         self._wake = threading.Condition()
@@ -129,10 +139,10 @@ class SpeedCamera:
         """See `gazempc.robots.robot.Robot.send_command`; returns at once.
 
         Args:
-            command: Speeds of pan and tilt, shape (2,), rad/s.
+            command: Speeds of pan and tilt, shape (2,), rad/s; or angles, radians.
 
         Returns:
-            The speeds of the device that are in force, shape (2,), rad/s.
+            The speeds of the device that are in force, shape (2,), rad/s; or the angles within the range.
         """
         if not np.all(np.isfinite(command)):
             raise RobotError(f"refused a command that is not finite: {command}")
@@ -144,6 +154,11 @@ class SpeedCamera:
             since_s, self._fed_s = now_s - self._fed_s, now_s
             if self._problem:
                 raise RobotError(self._problem)
+            if self._angles:
+                sent: FloatArray = np.clip(command, *self._limits_rad)
+                self._mail = float(sent[0]), float(sent[1])
+                self._wake.notify()
+                return sent
             for dither, speed in zip(self._dithers, wanted, strict=True):
                 dither.hold(speed, min(max(since_s, 0.0), _WATCHDOG_S))
             stops = wanted == [0.0, 0.0]
@@ -191,7 +206,9 @@ class SpeedCamera:
             self._device.close()
 
     def _work(self) -> None:
-        speeds, sent_s, polled_s = STILL, self._clock_s(), -np.inf
+        # Nothing to renew before the first command.
+        speeds: Pair | None = None
+        sent_s, polled_s = self._clock_s(), -np.inf
         self._fed_s = sent_s
         while True:
             with self._wake:
@@ -200,19 +217,18 @@ class SpeedCamera:
                 self._wake.wait_for(lambda: self._closing or (self._mail and not self._problem), pause_s)
                 if self._closing:
                     return
-                fresh = self._mail is not None
+                fresh, send = self._mail is not None, self._send
                 speeds, self._mail = self._mail or speeds, None
-                silent = self._clock_s() - self._fed_s > _WATCHDOG_S
-                if silent or self._problem:
+                if self._problem or self._clock_s() - self._fed_s > _WATCHDOG_S:
                     # What the loop sends next starts from rest.
-                    speeds = STILL
+                    fresh, speeds, send = speeds not in (None, STILL), STILL, self._device.drive
                     for dither in self._dithers:
                         dither.choose(0.0, _HOLD_S)
             try:
                 if self._problem:
                     self._device.recover()
-                if fresh or silent or self._problem or self._clock_s() - sent_s >= _RENEW_S:
-                    self._device.drive(speeds)
+                if speeds is not None and (fresh or self._problem or self._clock_s() - sent_s >= _RENEW_S):
+                    send(speeds)
                     sent_s = self._clock_s()
                 with self._wake:
                     self._sending = self._mail is not None

@@ -223,6 +223,9 @@ class ViscaDevice:
         self._link: ViscaLink | None = None
         self._guard: subprocess.Popen[bytes] | None = None
 
+    #: VISCA has moves to angles, too; makers disagree about their units.
+    takes_angles = False
+
     def open(self) -> None:
         """See `SpeedDevice.open`; the camera has to answer."""
         if self._emulator is not None:
@@ -243,6 +246,10 @@ class ViscaDevice:
             for steps, speed, direction in zip(self.steps, speeds_rad_s, self._options.directions, strict=True)
         )
         self._opened.command(drive_payload(one, other))
+
+    def go_to(self, angles_rad: Pair) -> None:
+        """See `SpeedDevice.go_to`; never called."""
+        raise RobotError("visca: moves to angles are not supported")
 
     def angles_rad(self) -> Pair | None:
         """See `SpeedDevice.angles_rad`."""

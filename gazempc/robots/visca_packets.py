@@ -90,5 +90,5 @@ def visca_steps(neck: NeckSpec) -> tuple[SpeedSteps, SpeedSteps]:
 def _steps(axis: Axis, count: int) -> SpeedSteps:
     if axis.speed_steps is not None:
         return axis.speed_steps
-    speeds = tuple(axis.velocity_max_rad_s * (k + 1) / count for k in range(count))
+    speeds = tuple(axis.full_rad_s * (k + 1) / count for k in range(count))
     return SpeedSteps(positive_rad_s=speeds, negative_rad_s=speeds)
