@@ -55,7 +55,8 @@ def narrowed(
 
 
 def _slower(axis: Axis, speed_max_rad_s: float) -> Axis:
-    return axis.model_copy(update={"velocity_max_rad_s": min(axis.velocity_max_rad_s, speed_max_rad_s)})
+    slower = {"velocity_max_rad_s": min(axis.velocity_max_rad_s, speed_max_rad_s), "full_speed_rad_s": axis.full_rad_s}
+    return axis.model_copy(update=slower)
 
 
 def _within(joints: dict[str, Axis], low_deg: float, high_deg: float, what: str) -> dict[str, Axis]:

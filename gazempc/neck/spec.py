@@ -15,7 +15,7 @@ from pydantic.config import JsonDict
 from gazempc.errors import SettingsError
 from gazempc.neck.rules import RULES
 from gazempc.specfiles import RULE_OF_THUMB, load_spec, shipped_names
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
 # The joints that every neck has; eyes and body come after them.
 AXES = ("pan", "tilt")
@@ -123,6 +123,9 @@ class Axis(BaseModel):
     speed_steps: SpeedSteps | None = Field(
         default=None, description="The speeds that a joint with speed commands has; None if it holds any speed"
     )
+    full_speed_rad_s: float | None = Field(
+        default=None, ge=0.01, le=1e3, description="Speed at the device's full command; None for velocity_max_rad_s"
+    )
     position_min_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_min_deg"))
     position_max_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_max_deg"))
     velocity_max_rad_s: float = Field(ge=0.01, le=1e3, json_schema_extra=_rule("velocity_max_rad_s"))
@@ -178,6 +181,11 @@ class Axis(BaseModel):
     def takes_speed(self) -> bool:
         """Whether the joint is sent speeds."""
         return self.command == "velocity"
+
+    @property
+    def full_rad_s(self) -> float:
+        """Speed at the device's full command, rad/s, of a device without a table of its speeds."""
+        return self.full_speed_rad_s or self.velocity_max_rad_s
 
     @property
     def servo_lag_s(self) -> float:
@@ -299,10 +307,15 @@ class NeckSpec(BaseModel):
         """N, the number of joints."""
         return len(self.axes)
 
+    @cached_property
+    def speed_joints(self) -> BoolArray:
+        """Which joints are sent speeds, shape (N,)."""
+        return np.array([axis.takes_speed for axis in self.axes])
+
     @property
     def takes_speeds(self) -> bool:
         """Whether a joint is sent speeds."""
-        return any(axis.takes_speed for axis in self.axes)
+        return bool(self.speed_joints.any())
 
     def check_takes_angles(self, what: str) -> None:
         """Refuse a joint that takes speeds.
