@@ -88,9 +88,6 @@ class LiveSetup:
         true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN where unknown.
         log_s: Length of a log, seconds.
         notes: Notes on recording and neck for the user, a line each.
-
-    Raises:
-        SettingsError: If a joint of the neck takes speeds: the start of a live run sends angles.
     """
 
     about: RunInfo
@@ -112,9 +109,6 @@ class LiveSetup:
     true_head_base_m: TrueHeadAt = _unknown
     log_s: float = 300.0
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        self.neck.check_takes_angles("a live run")
 
     @property
     def true_state(self) -> Callable[[], JointState] | None:
@@ -215,7 +209,7 @@ def setup_of_gaze(
 
 def _narrowed(neck: NeckSpec, settings: MountedSettings) -> NeckSpec:
     moved = with_motion(neck, settings.motion)
-    narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing)
     settings.mount.check_fits(narrow)
     return narrow
 

@@ -108,7 +108,8 @@ def replay_scene(
         LeftOutError: If the recording is too short to be scored.
         SettingsError: If a part cannot be made, or does not do what it must.
     """
-    walk, limits = scene.walk, (settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    walk = scene.walk
+    limits = settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing
     neck = narrowed(scene.neck, *limits)
     robot_neck = neck if scene.robot_neck is None else narrowed(scene.robot_neck, *limits)
     end_s = float(walk.times_s[-1])

@@ -17,6 +17,7 @@ from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.live.sources.camera.worker import Failed, Message, Opened, Shown, serve
 from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.results.moments import Moment, PictureMoment
+from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
@@ -77,7 +78,13 @@ class CameraSource:
         self._messages, theirs = context.Pipe(duplex=False)
         self._process = context.Process(
             target=serve,
-            args=(self._address, self._options, theirs, self._watch is not None, self._own),
+            args=(
+                picture_url() if self._address == EMULATOR else self._address,
+                self._options,
+                theirs,
+                self._watch is not None,
+                self._own,
+            ),
             name="camera",
             daemon=True,
         )
