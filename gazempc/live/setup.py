@@ -20,7 +20,7 @@ from gazempc.live.settings import STAMPED, LiveSettings, MountedSettings
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.pushed import PushedSource
 from gazempc.live.sources.replay import BagSource, ReplaySource
-from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Cues, Ros2Person
+from gazempc.live.sources.ros2 import Ros2Cues, Ros2Person
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.live.sources.senders import Senders, Signatures, read_key
 from gazempc.live.sources.source import Source
@@ -289,10 +289,9 @@ def _make_source(
         raise SettingsError(f"source {settings.source!r} needs real time")
     ros2 = settings.options.ros2
     if kind == "ros4hri":
-        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, ros2.network, ros2.base_frame)
+        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, ros2)
     if kind == "ros2":
-        frame_id = None if settings.mount.axes == "flu" else ANY_FRAME
-        return Ros2Person(address, clock.now_s, stamps.now_loop_s, ros2.network, ros2.pose_type, frame_id)
+        return Ros2Person(address, clock.now_s, stamps.now_loop_s, ros2, settings.mount.axes != "flu")
     wire: Wire = StandardInput()
     if kind in ("udp", "tcp"):
         named = parse_address(settings.source, address, "127.0.0.1")
