@@ -15,7 +15,7 @@ import numpy as np
 from gazempc.controllers.controller import Controller
 from gazempc.live.process import fast_switching
 from gazempc.live.run import Listener, LiveRun
-from gazempc.live.setup import setup_of_gaze
+from gazempc.live.setup import LiveGazeSettings, placed, setup_of_gaze
 from gazempc.live.sources.pushed import Stated, checked
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
@@ -27,6 +27,7 @@ from gazempc.people.company import Choice, Glance, Rhythm, Sound, Speech, Thinki
 from gazempc.results.log import ComputeTimes, Fault, Log, join_logs
 from gazempc.robots.robot import Robot
 from gazempc.settings import DEFAULT_PREDICTOR, LookAwayMode
+from gazempc.types import FloatArray
 from predictors import Predictor
 
 
@@ -54,6 +55,9 @@ class Gaze:
             ``mount={"on": "head"}``, ``mpc={"horizon_s": 0.6}``, ``loop={"lost_after_s": 2.0}``, or
             ``options={"port": "/dev/ttyUSB1"}`` for the constructor of a ``module:Class``.
 
+    Attributes:
+        settings: The checked settings.
+
     Raises:
         GazempcError: If a name does not exist, a file or setting is wrong, or a part does not do what it must.
     """
@@ -69,6 +73,7 @@ class Gaze:
         **settings: Any,
     ) -> None:
         self._setup, self._source, checked = setup_of_gaze(neck, robot, controller, predictor, settings)
+        self.settings: LiveGazeSettings = checked
         self._listeners = () if listener is None else (listener,)
         self._keep_s = 60.0 * checked.keep_minutes
         self._kept: tuple[Log, ...] = ()
@@ -254,6 +259,14 @@ class Gaze:
         # The path begins where the joints can first follow it.
         start_s = self._setup.clock.now_s() + float(np.max(neck.dead_time_s + neck.servo_lag_s))
         self._setup.goal.place = Place.reached(target_m, eye_m, direction, start_s, min_duration_s, max_velocity_rad_s)
+
+    def to_base(self, place_m: Any) -> FloatArray:
+        """A place in the neck's base frame, shape (3,), metres.
+
+        Args:
+            place_m: Where it is in the frame of a mount that does not move, shape (3,), metres.
+        """
+        return placed(self._setup.mount, self.neck, np.asarray(place_m, dtype=np.float64))
 
     @property
     def neck(self) -> NeckSpec:

@@ -350,13 +350,14 @@ def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mou
             f"mount.on {settings.mount.on}: {named} needs a base_frame that does not move with the neck; accepted: base"
         )
 
-    def to_base(place_m: FloatArray) -> FloatArray:
-        if not mounted:
-            return place_m
-        seen = settings.mount.in_sensor(HeadObservation(0.0, np.array(place_m)))
-        return settings.mount.to_base(seen, neck.geometry, None).head_position_base_m
+    mount = settings.mount if mounted else Mount()
+    return Ros2Cues(clock.now_s, clock.from_unix_s, ros2, lambda place_m: placed(mount, neck, place_m))
 
-    return Ros2Cues(clock.now_s, clock.from_unix_s, ros2, to_base)
+
+def placed(mount: Mount, neck: NeckSpec, place_m: FloatArray) -> FloatArray:
+    """A place in the neck's base frame, shape (3,), metres; it is given in the frame of a mount that does not move."""
+    seen = mount.in_sensor(HeadObservation(0.0, np.array(place_m)))
+    return mount.to_base(seen, neck.geometry, None).head_position_base_m
 
 
 def _facing(scene: Scene) -> FloatArray:
