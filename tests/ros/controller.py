@@ -107,7 +107,7 @@ def main():
     # Optical axes: z forward, x right.
     optical = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     static.publish(TFMessage(transforms=[
-        frame("tilt_link", "camera", np.array(geometry.eye_in_tilt_m) + [0.05, 0.03, 0.1], optical, Time()),
+        frame("tilt_link", "camera", np.add(geometry.eye_in_tilt_m, [0.05, 0.03, 0.1]), optical, Time()),
         frame("world", "base_link", [0.0, 0.0, 0.0], still, Time()),
     ]))  # fmt: skip
     rows, transports_ms = [], []

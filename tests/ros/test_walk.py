@@ -73,7 +73,7 @@ def test_contact_and_latency_equal_the_run_without_ros(stage):
     assert tracker.stop(how=0, timeout_s=120.0) == 0, tracker.text()
     assert gaze.stop() == 0, gaze.text()
     assert controller.stop() == 0, controller.text()
-    times_s, commands, joints_rad, speeds_rad_s, file = stage.rows()
+    times_s, _, joints_rad, speeds_rad_s, file = stage.rows()
     walked = np.load(stage.tracker_file)
     with_ros = contact(times_s, joints_rad, walked[:, 0], walked[:, 2:])
     without, plain = contact_without_ros(PASSES)
@@ -85,9 +85,8 @@ def test_contact_and_latency_equal_the_run_without_ros(stage):
     print(f"\ncontact within 2.6 deg: {100 * with_ros:.2f} % with ROS, {100 * without:.2f} % without")
     print(f"message sent to the tick that uses it, ms (p50, p99): {p(into_ms)}")
     print(f"command sent to received, ms (p50, p99):              {p(out_ms)}")
-    print(
-        f"both, ms (p50, p99):                                  {p(np.random.default_rng(0).choice(into_ms, 9999) + np.random.default_rng(1).choice(out_ms, 9999))}"
-    )
+    both_ms = np.random.default_rng(0).choice(into_ms, 9999) + np.random.default_rng(1).choice(out_ms, 9999)
+    print(f"both, ms (p50, p99):                                  {p(both_ms)}")
     print(f"age of observations, ms (p50): {age_ms:.1f} with ROS, {plain_age_ms:.1f} without")
     assert list(file["refused"]) == []
     assert gz.measure(log).limit_violations == 0

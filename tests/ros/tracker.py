@@ -21,7 +21,6 @@ from gazempc.neck.spec import load_neck
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.scene import SceneSettings, make_scene
 
-
 WARM_UP_S = 1.5
 
 
@@ -86,7 +85,7 @@ def main():
             tf_due_s = now_s + 0.01
             turn, at_m = sensor_pose(now_s)
             if now_s - start_s > asked.jump_after_s:
-                at_m = at_m + [0.0, 30.0, 0.0]
+                at_m = np.add(at_m, [0.0, 30.0, 0.0])
             tf.publish(
                 TFMessage(transforms=[frame("base_link", "sensor", at_m, turn, stamp_of(ros_s(now_s, start_s)))])
             )

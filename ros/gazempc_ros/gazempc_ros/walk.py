@@ -13,8 +13,8 @@ from rclpy.time import Time
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.replay import ReplaySource
-from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.neck.spec import load_neck
+from gazempc.sim.scene import SceneSettings, make_scene
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
