@@ -84,6 +84,7 @@ class Event(StrEnum):
     )
     OPEN_TO_ALL = "open_to_all", "the source listens beyond the loopback: who reaches the port may send"
     NO_SENDER = "no_sender", "a subscribed ROS 2 topic has no sender"
+    SEVERAL_SENDERS = "several_senders", "several nodes send on one ROS 2 topic"
     SOURCE_FAILED = "source_failed", "the source of observations raised an exception; it is read again at the next tick"
     OBSERVATIONS_DROPPED = (
         "observations_dropped",
