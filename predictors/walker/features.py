@@ -74,9 +74,9 @@ class WalkerInputs:
             limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
-        noise_sd_m: Standard deviation of the observed position along, across and up, shape (2, 3), metres: as measured
-            and as stated; one of them is zero.
-        noise_base_m2: Its covariances in the base frame, shape (2, 3, 3), square metres.
+        stated_sd_m: Stated standard deviation of the observed position along, across and up, shape (3,), metres; zeros
+            where the tracker states none.
+        stated_base_m2: Its covariance in the base frame, shape (3, 3), square metres.
         line_m_s: Velocity of the line along, across and up, shape (3,).
         places_m: Places at which the person may stay, relative to the line's origin, along, across and up, shape
             (N_PLACES, 3), metres.
@@ -86,8 +86,8 @@ class WalkerInputs:
     on_foot: float
     network: FloatArray
     spread: FloatArray
-    noise_sd_m: FloatArray
-    noise_base_m2: FloatArray
+    stated_sd_m: FloatArray
+    stated_base_m2: FloatArray
     line_m_s: FloatArray
     places_m: FloatArray
 
@@ -184,11 +184,10 @@ class WalkerHistory:
         stated_m2 = noise.diagonal() if stated else _NOTHING_STATED_M2
         spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, stated_m2)
         spread[-N_COLOURS:] = without_stated(colours, stated_m2) if stated else colours
-        noises_m, noises_m2 = np.zeros((2, 3)), np.zeros((2, 3, 3))
-        noises_m[int(stated)], noises_m2[int(stated)] = sd_m, covariance_m2
         on_foot = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
         line_m_s = np.array([speed, 0.0, float(state[5])])
-        return WalkerInputs(line, on_foot, x, spread, noises_m, noises_m2, line_m_s, np.array(places_m))
+        stated_sd_m, stated_base_m2 = (np.array(sd_m), covariance_m2) if stated else (np.zeros(3), np.zeros((3, 3)))
+        return WalkerInputs(line, on_foot, x, spread, stated_sd_m, stated_base_m2, line_m_s, np.array(places_m))
 
     def _take_offsets_off(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float

@@ -148,8 +148,8 @@ class WalkerModel:
             (N_DOUBT, knots, 3); the error of the observation is not in it.
         hidden: Weights of the hidden units from which more of that logarithm comes, shape (N_DOUBT, units).
         log_spread_hidden: Coefficients of these units, shape (units, knots, 3).
-        noise_share: How much of one observation's error is in the forecast at each knot, shape (2, knots): a factor of
-            its standard deviation, whatever its direction, as measured and as stated.
+        noise_share: Share of an observation's stated error in the forecast at each knot, shape (knots,): factor of its
+            standard deviation in every direction.
         decision: Slope and threshold of the decision between walking and staying: the weight of walking is the
             logistic function of slope (logit - threshold). At slope 1 and threshold 0, as the networks are fitted, the
             forecast has the least mean error. A steeper decision commits to one of the two; a higher threshold keeps
@@ -168,7 +168,7 @@ class WalkerModel:
     log_spread: FloatArray
     hidden: FloatArray = field(default_factory=lambda: np.zeros((N_DOUBT, 0)))
     log_spread_hidden: FloatArray = field(default_factory=lambda: np.zeros((0, KNOTS_S.size, 3)))
-    noise_share: FloatArray = field(default_factory=lambda: np.zeros((2, KNOTS_S.size)))
+    noise_share: FloatArray = field(default_factory=lambda: np.zeros(KNOTS_S.size))
     decision: tuple[float, float] = (1.0, 0.0)
     degrees_of_freedom: float = 5.0
     about: dict[str, Any] = field(default_factory=dict)
@@ -189,7 +189,7 @@ class WalkerModel:
         parts = self.log_spread, self.hidden, self.log_spread_hidden, self.noise_share
         spreads = tuple(part.shape for part in parts)
         units = self.hidden.shape[-1]
-        sizes = (N_DOUBT, KNOTS_S.size, 3), (N_DOUBT, units), (units, KNOTS_S.size, 3), (2, KNOTS_S.size)
+        sizes = (N_DOUBT, KNOTS_S.size, 3), (N_DOUBT, units), (units, KNOTS_S.size, 3), (KNOTS_S.size,)
         if n != n_out or spreads != sizes:
             raise WalkerModelError(f"{n} outputs and spread {spreads} do not fit {KNOTS_S.size} knots")
         layers = (*self.weights, *self.biases, *self.blind_weights, *self.blind_biases)
@@ -259,16 +259,16 @@ class WalkerModel:
             doubt: Reasons for doubt, shape (N, N_DOUBT).
 
         Returns:
-            Shape (N, knots, 5): metres along, across and up without the observations' error; the factors of that error,
-            as measured and as stated.
+            Shape (N, knots, 4): metres along, across and up without the observation's stated error; the factor of that
+            error.
         """
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
         log_spread += np.tanh(doubt @ self.hidden) @ self.log_spread_hidden.reshape(
             len(self.log_spread_hidden), 3 * KNOTS_S.size
         )
         bounded = np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])
-        spread = np.empty((len(doubt), KNOTS_S.size, 5))
+        spread = np.empty((len(doubt), KNOTS_S.size, 4))
         np.exp(bounded.reshape(-1, KNOTS_S.size, 3), out=spread[..., :3])
-        spread[..., 3:] = self.noise_share.T
+        spread[..., 3] = self.noise_share
         spread /= math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # so written, it holds of a normal distribution, too
         return spread

@@ -131,10 +131,10 @@ class Walker:
             departures, doubt = self._model.answer(inputs.network[None], inputs.spread[None], motion)
             to_base = inputs.line.to_base()
             # Each axis of the line's frame contributes its variance times the square of its direction.
-            self._squares = np.empty((5, 9))
+            self._squares = np.empty((4, 9))
             self._squares[:3] = (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
-            # The error of the observations keeps its own directions: of a camera's, the line of sight.
-            self._squares[3:] = inputs.noise_base_m2.reshape(2, 9)
+            # The stated error of the observation keeps its own directions: of a camera's, the line of sight.
+            self._squares[3] = inputs.stated_base_m2.reshape(9)
             self._knots = BetweenKnots(departures[0] @ to_base.T, self._model.spread_m(doubt)[0])
         tau = times - inputs.line.time_s
         departure, spread = self._knots(tau)

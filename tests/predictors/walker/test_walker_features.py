@@ -141,10 +141,8 @@ def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
         for stated, told in enumerate((None, covariance)):
             seen = HeadObservation(0.0, state[:3], position_covariance_m2=told)
             inputs = WalkerHistory().add(seen, state, covariance)
-            np.testing.assert_allclose(inputs.noise_sd_m[stated], sds, rtol=1e-3, atol=1e-6)
-            np.testing.assert_array_equal(inputs.noise_base_m2[stated], covariance)
-            assert not inputs.noise_sd_m[1 - stated].any()
-            assert not inputs.noise_base_m2[1 - stated].any()
+            np.testing.assert_allclose(inputs.stated_sd_m, stated * sds, rtol=1e-3, atol=1e-6)
+            np.testing.assert_array_equal(inputs.stated_base_m2, stated * covariance)
             assert np.abs(inputs.network).max() <= 4.0
 
 
