@@ -37,7 +37,7 @@ GAZEMPC = (
 EXPERIMENTS = (
     ("pages",),
     ("engine", "aggregate"),
-    ("least_error", "front_gaps"),
+    ("least_error",),
     ("compare_page",),
     (
         "compare",
@@ -48,7 +48,6 @@ EXPERIMENTS = (
         "fit",
         "rivals",
         "paper",
-        "plan_example",
         "sensor_example",
         "people",
         "eyes",

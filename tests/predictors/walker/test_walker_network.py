@@ -128,13 +128,6 @@ def test_departures_and_spread_at_the_knots_between_and_beyond():
     assert np.all(np.diff(falling, axis=0) >= -1e-12)
 
 
-def test_the_past_is_doubted_as_the_future_is():
-    departure, spread = np.zeros((8, 3)), np.sort(np.random.default_rng(0).uniform(0.01, 0.5, (8, 3)), axis=0)
-    ahead_s = np.array([0.1, 0.5, 2.0])
-    past, future = (BetweenKnots(departure, spread)(tau)[1] for tau in (-ahead_s, ahead_s))
-    np.testing.assert_allclose(past, future)
-
-
 GOOD = random_model()
 
 

@@ -37,18 +37,20 @@ def shown(observations, *predictors):
     return observation.capture_time_s
 
 
-@settings(max_examples=15)
+@settings(max_examples=20)
 @given(
     angle_rad=st.floats(-np.pi, np.pi),
     shift_m=st.tuples(*[st.floats(-5, 5)] * 3).map(np.array),
     mirror=st.booleans(),
-    sensor=st.sampled_from(["reference", "face_camera"]),
+    sensor=st.sampled_from(["reference", "face_camera", "street", "body_tracker"]),
 )
 def test_where_and_which_way_somebody_walks_does_not_matter(angle_rad, shift_m, mirror, sensor):
     """The forecast moves, turns and is mirrored with the walk, covariance and all, from the first frame on.
 
-    A tracker that wanders by more than 30 mm is another matter: its line of sight counts, so a shift changes something.
+    With a tracker that wanders by more than 30 mm the line of sight counts, so a shift changes something.
     """
+    if sensor in ("street", "body_tracker"):
+        shift_m = np.zeros(3)
     observations = seen_of("subject02_R5", sensor)[20:45]
     model = random_model()
     means, covariances = forecasts(observations, walker=Walker(model))
@@ -56,20 +58,6 @@ def test_where_and_which_way_somebody_walks_does_not_matter(angle_rad, shift_m, 
     other_means, other_covariances = forecasts(others, walker=Walker(model))
     turn = Rotation.from_euler("z", angle_rad).as_matrix() @ np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
     np.testing.assert_allclose(other_means, means @ turn.T + shift_m, atol=1e-5)
-    np.testing.assert_allclose(other_covariances, turn @ covariances @ turn.T, atol=1e-5)
-
-
-@settings(max_examples=10)
-@given(angle_rad=st.floats(-np.pi, np.pi), mirror=st.booleans(), sensor=st.sampled_from(["street", "body_tracker"]))
-def test_where_around_the_robot_somebody_walks_does_not_matter(angle_rad, mirror, sensor):
-    """This holds of trackers that wander, too."""
-    observations = seen_of("subject02_R5", sensor)[20:45]
-    model = random_model()
-    means, covariances = forecasts(observations, walker=Walker(model))
-    others = [moved(o, angle_rad, np.zeros(3), mirror) for o in observations]
-    other_means, other_covariances = forecasts(others, walker=Walker(model))
-    turn = Rotation.from_euler("z", angle_rad).as_matrix() @ np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
-    np.testing.assert_allclose(other_means, means @ turn.T, atol=1e-5)
     np.testing.assert_allclose(other_covariances, turn @ covariances @ turn.T, atol=1e-5)
 
 
