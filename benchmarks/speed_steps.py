@@ -92,7 +92,7 @@ def main() -> None:
     for name, neck in (("equal", equal), ("cheap", cheap)):
         for walk in _WALKS:
             for choice, choose in (("dithered", dithered), ("rounded", _rounded)):
-                SpeedDither.choose = choose  # type: ignore[method-assign]
+                SpeedDither.choose = choose  # type: ignore[method-assign, assignment]
                 figures = np.mean([_run(neck, walk) for _ in range(_RUNS)], axis=0)
                 print(
                     f"{name:<7} {walk:<13} {choice:<9} {figures[0]:11.2f} {figures[1]:22.2f} {figures[2]:13.0f}",

@@ -93,7 +93,7 @@ class AttendedPeople:
         attended = self._attended()
         if attended is None:
             return None
-        return checked_forecast(attended.forecast, attended.forget_forecasts, times_s, time_s, recorder)
+        return checked_forecast(attended.forecast, attended.start, times_s, time_s, recorder)
 
     def _take_frame(self, frame: tuple[Sighting, ...], time_s: float, recorder: LoopRecorder) -> None:
         frame = tuple(sighting for sighting in frame if not self._is_frozen(sighting, recorder))
