@@ -110,10 +110,10 @@ class CameraSource:
                 sightings.append(Sighting(now_s, replace(message, capture_time_s=captured_s)))
             elif isinstance(message, Shown) and self._watch is not None:
                 self._watch(PictureMoment(self._clock.from_monotonic_s(message.captured_s), message.jpeg))
-            elif isinstance(message, str):
-                problems.append(message)
             elif isinstance(message, Notice):
                 notices.append(message)
+            elif isinstance(message, str):
+                problems.append(message)
             elif isinstance(message, Failed) and message.why:
                 problems.append(message.why)
         return Arrived(tuple(sightings), tuple(problems), tuple(notices))
