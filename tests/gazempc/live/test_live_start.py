@@ -86,9 +86,3 @@ def test_what_cannot_be_opened_is_closed_all_the_same(part, error, monkeypatch):
 def test_a_real_robot_needs_its_own_neck_file(tmp_path, capsys):
     assert main(["--source", "udp:5005", "--robot", "dynamixel", "--out", str(tmp_path)]) == 2
     assert "--neck" in capsys.readouterr().err
-
-
-def test_a_neck_that_takes_speeds_is_refused(tmp_path, capsys):
-    words = ["--source", "udp:5005", "--robot", "simulated", "--neck", "ptz", "--out", str(tmp_path)]
-    assert main(words) == 2
-    assert 'pan has command = "velocity", and a live run sends angles' in capsys.readouterr().err

@@ -14,7 +14,7 @@ from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
 from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.live.sources.camera.worker import Failed, Message, Opened, Shown, serve
-from gazempc.live.sources.source import Arrived, SourceError
+from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.results.moments import Moment, PictureMoment
 from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.types import Sighting
@@ -93,6 +93,7 @@ class CameraSource:
         """See `gazempc.live.sources.source.Source.poll`."""
         sightings: list[Sighting] = []
         problems: list[str] = []
+        notices: list[Notice] = []
         now_s = self._clock.now_s()
         while not self._ended and self._messages is not None and self._messages.poll():
             message = self._next()
@@ -101,11 +102,13 @@ class CameraSource:
                 sightings.append(Sighting(now_s, replace(message, capture_time_s=captured_s)))
             elif isinstance(message, Shown) and self._watch is not None:
                 self._watch(PictureMoment(self._clock.from_monotonic_s(message.captured_s), message.jpeg))
+            elif isinstance(message, Notice):
+                notices.append(message)
             elif isinstance(message, str):
                 problems.append(message)
             elif isinstance(message, Failed) and message.why:
                 problems.append(message.why)
-        return Arrived(tuple(sightings), tuple(problems))
+        return Arrived(tuple(sightings), tuple(problems), tuple(notices))
 
     @property
     def finished(self) -> bool:

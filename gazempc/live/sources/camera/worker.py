@@ -13,7 +13,7 @@ from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, open_pictures
 from gazempc.live.sources.camera.finder import FaceSensor
 from gazempc.live.sources.camera.intrinsics import Intrinsics, from_calibration, from_field_of_view
-from gazempc.live.sources.source import SourceError
+from gazempc.live.sources.source import Notice, SourceError
 from gazempc.parts import said
 from predictors import HeadObservation
 
@@ -86,7 +86,7 @@ class Failed:
 
 
 # Observations have capture times on the clock of `time.monotonic`; a text is something that was wrong for a moment.
-Message = Opened | Failed | HeadObservation | Shown | str
+Message = Opened | Failed | HeadObservation | Shown | Notice | str
 
 
 def serve(address: str, options: CameraOptions, parent: Connection, shows: bool = False) -> None:
@@ -121,7 +121,7 @@ def _work(address: str, options: CameraOptions, parent: Connection, showing: Sho
     try:
         sensor, latest_s = None, float("-inf")
         while (picture := pictures.read()) is not None:
-            if isinstance(picture, str):
+            if isinstance(picture, str | Notice):
                 parent.send(picture)
                 continue
             if getattr(picture.rgb, "ndim", 0) != 3 or picture.rgb.shape[2] != 3 or picture.rgb.dtype.name != "uint8":
