@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import tyro
 
 from benchmarks.faults.live import LIVE_FAULTS, LiveCount, busy, run_live
-from benchmarks.faults.parts import HOLDS_UP, PartCount, cases, run_part
+from benchmarks.faults.parts import HOLDS_UP, PartCount, cases, isolation_ms, run_part
 from benchmarks.faults.simulated import SIMULATED_FAULTS, WALKS, SimulatedCount, run_simulated
 
 # Four servo periods.
@@ -63,6 +63,8 @@ def count_all(
             _say_part(of_parts[-1])
         logging.disable(logging.NOTSET)
     print("\n".join(table(of_parts)))
+    p50_ms, p99_ms = isolation_ms()
+    print(f"a forecast in a process of its own takes {p50_ms} ms (p50), {p99_ms} ms (p99) longer")
     rows: list[LiveCount | SimulatedCount | PartCount] = [*in_simulation, *on_the_clock, *of_parts]
     sums = {
         "runs": len(rows),
@@ -75,6 +77,7 @@ def count_all(
     }
     return {
         "sums": sums,
+        "isolation_ms": [p50_ms, p99_ms],
         "busy_processes": cores,
         "neck": neck,
         "simulated": [asdict(row) for row in in_simulation],

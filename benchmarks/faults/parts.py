@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from benchmarks.faults.isolated import Isolated
 from gazempc.controllers.controller import ControllerError, Plan
 from gazempc.errors import RobotError
 from gazempc.live.process import fast_switching, without_collection
@@ -25,6 +27,7 @@ from gazempc.live.sources.source import Arrived
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.log import Log, load_log
 from gazempc.types import JointState
+from predictors import ConstantVelocity, Forecast, HeadObservation
 
 Change = Callable[[Any], Any]
 _FROM_S, _BLOCKED_S, _SLOW_S = 0.5, 1.0, 0.015
@@ -196,13 +199,30 @@ _METHODS = (
     "close",
 )  # fmt: skip
 _OF_PLAN = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
-# These hold up commands whatever the loop does: the interpreter's lock is held, or the command itself is not sent.
+# These hold up commands whatever the loop does: the interpreter's lock is held, the command itself is not sent, or a
+# simulator computes in the thread that sends.
 _LOCKED = {"Controller.plan", "Predictor.update", "Predictor.forecast", "Robot.read_state", "Source.poll"}
 HOLDS_UP = {(family, "holds the lock") for family in _LOCKED} | {
-    ("Robot.send_command", kind) for kind in ("blocks for 1 s", "15 ms each")
+    (family, kind) for family in ("Robot.send_command", "Robot.true_state") for kind in ("blocks for 1 s", "15 ms each")
 }
 for _family in _LOCKED:
     FAMILIES[_family] = {**FAMILIES[_family], "holds the lock": lambda: Once(_hold_lock)}
+
+
+FAMILIES["Predictor in a process of its own"] = {"holds the lock": lambda: lambda answer: answer}
+
+
+class Holding(ConstantVelocity):
+    """A predictor that holds the lock for long now and then."""
+
+    forecasts = 0
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """See `predictors.predictor.Predictor.forecast`."""
+        self.forecasts += 1
+        if self.forecasts % 50 == 0:
+            _hold_lock(None)
+        return super().forecast(times_s)
 
 
 @dataclass(frozen=True)
@@ -292,6 +312,9 @@ def run_part(family: str, kind: str, seconds: float = 1.8, neck: str = "referenc
         setup = build(LiveSettings(source="replay", replay=_WALK, neck=neck, out=out, **parts))
         begun_s = [np.inf]
         change = FAMILIES[family][kind]()
+        isolated = Isolated(Holding) if family == "Predictor in a process of its own" else None
+        if isolated is not None:
+            setup = replace(setup, predictor=isolated)
         setup, robot = _spoilt(setup, family, change, lambda: setup.clock.now_s() - begun_s[0])
         logs: list[Path] = []
 
@@ -307,6 +330,8 @@ def run_part(family: str, kind: str, seconds: float = 1.8, neck: str = "referenc
                 if isinstance(error, KeyboardInterrupt):
                     raise
                 ended = True
+        if isolated is not None:
+            isolated.close()
         rows = 0
         try:
             rows = sum(load_log(path).time_s.size for path in logs)
@@ -323,6 +348,29 @@ def run_part(family: str, kind: str, seconds: float = 1.8, neck: str = "referenc
         gap_max_ms=round(1e3 * float(np.diff([at_s for at_s, _ in robot.sent]).max()), 1),
         named=next((name for name in names if "Wrong" in name), ""),
     )
+
+
+def isolation_ms(calls: int = 2000) -> tuple[float, float]:
+    """What a process of its own costs: time of a forecast there less the time of one here, milliseconds.
+
+    Args:
+        calls: How many.
+
+    Returns:
+        Median, and 99th percentile of the time there less the median here.
+    """
+    times_s = 0.1 + 0.02 * np.arange(25)
+    isolated, took_ms = Isolated(ConstantVelocity), []
+    for predictor in (ConstantVelocity(), isolated):
+        predictor.update(HeadObservation(0.0, np.array([2.0, 0.0, 0.4])))
+        took_ms.append(np.empty(calls))
+        for k in range(calls):
+            began_s = time.perf_counter()
+            predictor.forecast(times_s)
+            took_ms[-1][k] = 1e3 * (time.perf_counter() - began_s)
+    isolated.close()
+    here, there = took_ms
+    return tuple(round(float(np.percentile(there, p) - np.median(here)), 2) for p in (50, 99))  # type: ignore[return-value]
 
 
 def _spoilt(setup: LiveSetup, family: str, change: Change, now_s: Callable[[], float]) -> tuple[LiveSetup, Wrong]:

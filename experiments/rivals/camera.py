@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from experiments.rivals.rival import Detection, HeadCamera
+from gazempc.neck.poses import seen_from_head
 from gazempc.neck.spec import Geometry
 from gazempc.sim.sensing.tables import FieldOfView
-from gazempc.sim.sensing.view import seen_from_head
 from gazempc.sim.sensor import SensorSpec
 from gazempc.types import FloatArray, Sighting
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 from gazempc.live.arrivals import Arrivals
 from gazempc.loop.boundary import Slow, boundary, slow_call
@@ -100,15 +101,23 @@ class ReadAside:
             raise answer
         return answer
 
-    def send_command(self, position_rad: FloatArray) -> FloatArray:
-        """See `gazempc.robots.robot.Robot.send_command`."""
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Call the robot while its joints are not read, unless the reading hangs."""
         free = self._reading.acquire(timeout=0.0 if self._hangs else _PATIENCE_S)
         self._hangs = not free
         try:
-            return self.wrapped.send_command(position_rad)
+            yield
         finally:
             if free:
                 self._reading.release()
+
+    def send_command(self, position_rad: FloatArray) -> FloatArray:
+        """See `gazempc.robots.robot.Robot.send_command`."""
+        try:
+            with self.alone():
+                return self.wrapped.send_command(position_rad)
+        finally:
             self._wake.set()
 
     def slow_call(self, ended: bool = False) -> Slow | None:

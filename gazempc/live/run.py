@@ -22,6 +22,7 @@ from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
+from gazempc.loop.pointing import Pointing
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import PersonTrack
 from gazempc.loop.trial import warm_up
@@ -30,6 +31,7 @@ from gazempc.parts import said
 from gazempc.people.attention import AttentionState
 from gazempc.results.moments import LateMoment, Moment, StatusMoment
 from gazempc.robots.robot import Robot
+from gazempc.types import FloatArray
 
 # A moving command stops within limits long before.
 _STOPPING_S = 5.0
@@ -72,7 +74,9 @@ class LiveRun:
         self.logs = LiveLogs(setup, sink, self._emit if listeners else None)
         self._arrivals = Arrivals(setup, self.report)
         self._status_due_s = 0.0
-        self._target = ArrivingTarget(setup.several or PersonTrack(setup.predictor, setup.loop), self._arrivals)
+        self._target = ArrivingTarget(
+            Pointing(setup.several or PersonTrack(setup.predictor, setup.loop), setup.goal), self._arrivals
+        )
         self._robot: Robot = setup.robot
         self._smoother: Smoother | None = None
         self._loop: GazeLoop | None = None
@@ -81,6 +85,11 @@ class LiveRun:
     def joints(self) -> JointEstimate | None:
         """The joints at the last tick; None before the first one."""
         return None if self._loop is None else self._loop.joints
+
+    @property
+    def command_rad(self) -> FloatArray:
+        """The command at the last tick, shape (N,), radians; where the neck rests before the first one."""
+        return self._neck.rest_rad if self._smoother is None else self._smoother.command.position_rad
 
     def run(
         self, stop: threading.Event, duration_s: float | None = None, on_ready: Callable[[], None] | None = None
@@ -137,8 +146,8 @@ class LiveRun:
         loop = GazeLoop(setup.neck, target, self._planner, smoother, self._robot, recorder, setup.loop)
         warm_up(target.predictor, self._planner.controller, setup.neck)
         _open("source: open()", setup.source.open, SourceError)
-        if setup.cue_source is not None:
-            setup.cue_source.open()
+        for more in setup.more_sources:
+            _open("source: open()", more.open, SourceError)
         self._smoother, self._loop = smoother, loop
         return True
 
@@ -185,7 +194,9 @@ class LiveRun:
                     self._emit_status(loop, smoother, index, now_s)
                 else:
                     # The loop has failed: the smoother alone brakes.
-                    self._robot.send_command(smoother.step(now_s, None))
+                    wanted_rad = smoother.step(now_s, None)
+                    speeds = smoother.command.velocity_rad_s
+                    self._robot.send_command(np.where(self._neck.speed_joints, speeds, wanted_rad))
             except BaseException as error:
                 # Any exception, also an interrupt: the neck is braked before it is raised.
                 if failure is None:
@@ -205,19 +216,26 @@ class LiveRun:
         setup = self._setup
         with ExitStack() as closing:
             closing.callback(self.logs.close)
-            if setup.cue_source is not None:
-                closing.callback(self._close, setup.cue_source, Event.SOURCE_FAILED)
-            closing.callback(self._close, setup.source, Event.SOURCE_FAILED)
-            closing.callback(self._close, self._robot, Event.ROBOT_NOT_ANSWERING)
+            for source in (*setup.more_sources, setup.source):
+                closing.callback(self._close, source, source.close, Event.SOURCE_FAILED)
+            closing.callback(self._close, self._robot, self._robot.close, Event.ROBOT_NOT_ANSWERING)
+            if self._smoother is not None and self._neck.takes_speeds:
+                closing.callback(self._close, self._robot, self._stop_speeds, Event.ROBOT_NOT_ANSWERING)
             closing.callback(self._note_slow_calls, ended=True)
             # First: it still uses the source.
             closing.callback(self._planner.close)
 
-    def _close(self, part: Robot | Source, event: Event) -> None:
+    def _stop_speeds(self) -> None:
+        # A joint holds its last speed for ever, and the position loop may have left a small one.
+        assert self._smoother is not None
+        command_rad = self._smoother.command.position_rad
+        self._robot.send_command(np.where(self._neck.speed_joints, 0.0, command_rad))
+
+    def _close(self, part: Robot | Source, close: Callable[[], None], event: Event) -> None:
         # It must not raise; an exception all the same must not hide how the run ended.
         try:
             with boundary(part, "close"):
-                part.close()
+                close()
         except PartError as error:
             self.logs.recorder.event(self._clock.now_s(), event, error)
 
@@ -272,7 +290,8 @@ class LiveRun:
         recorder = self.logs.recorder
         if self._clock.unix_clock_stepped():
             recorder.event(now_s, Event.CLOCK_STEPPED)
-        self.logs.note_true_joints(now_s)
+        with self._robot.alone() if isinstance(self._robot, ReadAside) else nullcontext():
+            self.logs.note_true_joints(now_s)
         self._note_slow_calls()
         loop.tick(index, now_s, [], due_s)
         if loop.joints is not None:

@@ -22,6 +22,8 @@ _WINDOW_S = 0.6
 _EXPECTED_RAD = math.radians(2.0)
 # A joint that follows shows more than this share of the expected motion.
 _SHARE = 0.2
+# No log holds a later time.
+_ANY_TIME_S = 1e10
 
 
 def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecorder) -> JointState | None:
@@ -47,7 +49,9 @@ def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecor
                 raise ValueError(wrong)
             # Copies, as a driver may use its buffers again.
             angles_rad, speeds_rad_s = (np.array(v, np.float64) for v in (state.position_rad, state.velocity_rad_s))
-            return JointState(float(state.time_s), angles_rad, speeds_rad_s)
+            if abs(time_read_s := float(state.time_s)) > _ANY_TIME_S:
+                raise ValueError(f"read_state() returned time_s {time_read_s}")
+            return JointState(time_read_s, angles_rad, speeds_rad_s)
     except PartError as error:
         recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
     return None

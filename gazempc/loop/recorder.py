@@ -26,6 +26,8 @@ from predictors import Forecast, HeadObservation
 _LOGGER = logging.getLogger("gazempc.loop")
 _Tick = tuple[float, JointState | None, FloatArray, tuple[AxisMotion, ...]]
 _Seen = tuple[float, HeadObservation, FloatArray, FloatArray, float]
+# No log holds a larger number; a variance may be infinite.
+_MOST_M2 = 1e12
 _HORIZONS = len(FORECAST_HORIZONS_S)
 _NO_FORECAST = (np.full((_HORIZONS, 3), np.nan), np.full((_HORIZONS, 3, 3), np.nan), np.nan)
 
@@ -112,7 +114,11 @@ class LoopRecorder:
         stated = (
             _NO_FORECAST
             if forecast is None
-            else (forecast.means_base_m, forecast.covariances_m2, forecast.degrees_of_freedom)
+            else (
+                forecast.means_base_m,
+                np.clip(forecast.covariances_m2, -_MOST_M2, _MOST_M2),
+                forecast.degrees_of_freedom,
+            )
         )
         self._seen.append((time_s, observation, *stated))
         self._update_ms.append(update_ms)

@@ -137,7 +137,7 @@ class PersonTrack:
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
         """See `Target.forecast`."""
-        return forecast_of(self.predictor, self.predictor.forecast, self._start.reset, times_s, time_s, recorder)
+        return forecast_of(self.predictor, self.predictor.forecast, self._start, times_s, time_s, recorder)
 
 
 def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) -> Event | None:
@@ -161,7 +161,7 @@ def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) ->
 def forecast_of(
     predictor: Predictor,
     ask: Callable[[FloatArray], Forecast],
-    reset: Callable[[], None],
+    start: TrackStart,
     times_s: FloatArray,
     time_s: float,
     recorder: LoopRecorder,
@@ -171,7 +171,7 @@ def forecast_of(
     Args:
         predictor: The predictor.
         ask: Gives the forecast for times.
-        reset: Resets the predictor.
+        start: The predictor's track: keeps the forecast within reach of the person.
         times_s: Times to forecast, shape (H,), seconds.
         time_s: The time, seconds.
         recorder: Records why there is none.
@@ -183,11 +183,15 @@ def forecast_of(
         with boundary(predictor, "forecast"):
             answered = ask(times_s)
             try:
-                return checked_forecast(answered, times_s.size)
+                forecast = checked_forecast(answered, times_s.size)
             except ValueError:
                 # A filter that holds a NaN holds it for ever: the next observation starts a new track.
-                reset()
+                start.reset()
                 raise
+        within, left = start.within_reach(forecast)
+        if left:
+            recorder.event(time_s, Event.FORECAST_OUT_OF_REACH)
+        return within
     except PartError as error:
         recorder.event(time_s, Event.FORECAST_FAILED, error)
     return None

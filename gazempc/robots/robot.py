@@ -52,6 +52,8 @@ class Robot(Protocol):
 # Outside the joints' range by more than this is no rounding: file and robot do not agree.
 _OUTSIDE_RAD = np.deg2rad(1.0)
 _SLOWLY_RAD_S = 0.3
+# No log holds larger numbers.
+_ANY_NUMBER = 1e10
 
 
 def wrong_reading(state: object, neck: NeckSpec) -> str:
@@ -75,6 +77,8 @@ def wrong_reading(state: object, neck: NeckSpec) -> str:
                 f"read_state() returned {name} {value!r}, needed is an array of numbers of shape ({neck.joints},): "
                 + ", ".join(neck.joint_names)
             )
+        if np.abs(value).max() > _ANY_NUMBER:
+            return f"read_state() returned {name} {value}, needed are numbers of a joint"
     return ""
 
 

@@ -94,6 +94,8 @@ READINGS = {
     "objects": lambda s: JointState(s.time_s, s.position_rad.astype(object), s.velocity_rad_s),
     "text": lambda s: JointState(s.time_s, np.array(["a", "b"]), s.velocity_rad_s),
     "complex": lambda s: JointState(s.time_s, s.position_rad + 1j, s.velocity_rad_s),
+    "1e300 rad": lambda s: JointState(s.time_s, s.position_rad + 1e300, s.velocity_rad_s),
+    "in 1e300 s": lambda s: JointState(1e300, s.position_rad, s.velocity_rad_s),
     "1e9 rad/s": lambda s: JointState(s.time_s, s.position_rad, s.velocity_rad_s + 1e9),
     "text as time": lambda s: JointState("now", s.position_rad, s.velocity_rad_s),
     "exits": leave,
@@ -152,6 +154,14 @@ CASES = [
     }.items()
     for kind in kinds
 ]  # fmt: skip
+
+
+def test_an_infinite_variance_is_in_a_log_that_loads(tmp_path):
+    clock = SimulatedClock()
+    bad = Bad(lambda f: dataclasses.replace(f, covariances_m2=f.covariances_m2 + np.inf), clock)
+    log = run_live(clock=clock, controller=LookAhead(NECK), predictor=Predictor(bad), duration_s=2.0).logs[0][0]
+    log.save(tmp_path / "log.npz")
+    assert load_log(tmp_path / "log.npz").forecast_covariance_m2.max() > 1e11
 
 
 @pytest.mark.parametrize(("part", "kind"), CASES)

@@ -127,7 +127,7 @@ def test_what_was_planned_before_a_command_was_lost_is_not_followed():
     before = np.flatnonzero(now < 2.0 - 1e-6)[-1]
     assert speed[(now > 2.04) & (now < 2.06)].max() < 0.9 * speed[before]  # it brakes
     assert result.event_s("robot_not_answering") == pytest.approx([2.0])
-    assert_recovered(result, 2.0 + 1.5, reference=run(None))
+    assert_recovered(result, 2.0 + 2.8, reference=run(None))
 
 
 @pytest.mark.parametrize("lost", [1, 2])
