@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.faults.isolated import Isolated
 from gazempc.controllers.controller import ControllerError, Plan
 from gazempc.errors import RobotError
+from gazempc.live.isolated import IsolatedPredictor
 from gazempc.live.process import fast_switching, without_collection
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
@@ -312,7 +312,7 @@ def run_part(family: str, kind: str, seconds: float = 1.8, neck: str = "referenc
         setup = build(LiveSettings(source="replay", replay=_WALK, neck=neck, out=out, **parts))
         begun_s = [np.inf]
         change = FAMILIES[family][kind]()
-        isolated = Isolated(Holding) if family == "Predictor in a process of its own" else None
+        isolated = IsolatedPredictor(Holding) if family == "Predictor in a process of its own" else None
         if isolated is not None:
             setup = replace(setup, predictor=isolated)
         setup, robot = _spoilt(setup, family, change, lambda: setup.clock.now_s() - begun_s[0])
@@ -330,8 +330,6 @@ def run_part(family: str, kind: str, seconds: float = 1.8, neck: str = "referenc
                 if isinstance(error, KeyboardInterrupt):
                     raise
                 ended = True
-        if isolated is not None:
-            isolated.close()
         rows = 0
         try:
             rows = sum(load_log(path).time_s.size for path in logs)
@@ -360,7 +358,7 @@ def isolation_ms(calls: int = 2000) -> tuple[float, float]:
         Median, and 99th percentile of the time there less the median here.
     """
     times_s = 0.1 + 0.02 * np.arange(25)
-    isolated, took_ms = Isolated(ConstantVelocity), []
+    isolated, took_ms = IsolatedPredictor(ConstantVelocity), []
     for predictor in (ConstantVelocity(), isolated):
         predictor.update(HeadObservation(0.0, np.array([2.0, 0.0, 0.4])))
         took_ms.append(np.empty(calls))
@@ -368,7 +366,6 @@ def isolation_ms(calls: int = 2000) -> tuple[float, float]:
             began_s = time.perf_counter()
             predictor.forecast(times_s)
             took_ms[-1][k] = 1e3 * (time.perf_counter() - began_s)
-    isolated.close()
     here, there = took_ms
     return tuple(round(float(np.percentile(there, p) - np.median(here)), 2) for p in (50, 99))  # type: ignore[return-value]
 

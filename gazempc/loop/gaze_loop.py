@@ -105,7 +105,8 @@ class GazeLoop:
         held = self._watch_joints(time_s, measured, plans)
         self._observer.update(time_s, measured, held)
         if self._observer.refused and measured is not None:
-            self._blame(time_s, Event.JOINT_READING_REFUSED, f"{measured}")
+            stands = f"read_state() returned {measured.position_rad.tolist()} rad at {measured.time_s:.3f} s"
+            self._blame(time_s, Event.JOINT_READING_REFUSED, stands)
         if off := self._observer.off_command:
             self._blame(time_s, Event.JOINT_OFF_COMMAND, f"{self._names(off)} 10 degrees or more off")
         if not self._stopping:

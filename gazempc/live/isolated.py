@@ -12,24 +12,28 @@ from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, Predictor
 
 
-class Isolated:
+class IsolatedPredictor:
     """Passes each call to a predictor in another process, and waits for its answer without the lock.
 
     Args:
-        make: Makes the predictor there; a class or function that can be imported.
+        make: Makes the predictor there; can be pickled.
+
+    Attributes:
+        rejections_in_a_row: As the predictor has it after the last call.
     """
 
     def __init__(self, make: Callable[[], Predictor]) -> None:
         context = multiprocessing.get_context("spawn")
+        self.rejections_in_a_row = 0
         self._line, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, make), daemon=True)
-        self._process.start()
+        # It ends with this process, or when nothing is left at this end of the line.
+        context.Process(target=_serve, args=(theirs, make), name="predictor", daemon=True).start()
         theirs.close()
         self.reset()
 
     def _ask(self, method: str, *args: Any) -> Any:
         self._line.send((method, args))
-        answer = self._line.recv()
+        answer, self.rejections_in_a_row = self._line.recv()
         if isinstance(answer, BaseException):
             raise answer
         return answer
@@ -47,19 +51,17 @@ class Isolated:
         found: Forecast = self._ask("forecast", times_s)
         return found
 
-    def close(self) -> None:
-        """End the process."""
-        self._process.kill()
-        self._process.join()
-
 
 def _serve(line: Connection, make: Callable[[], Predictor]) -> None:
     second_to_the_run()
     predictor = make()
     while True:
-        method, args = line.recv()
+        try:
+            method, args = line.recv()
+        except EOFError:
+            return
         try:
             answer = getattr(predictor, method)(*args)
         except Exception as error:
             answer = error
-        line.send(answer)
+        line.send((answer, getattr(predictor, "rejections_in_a_row", 0)))
