@@ -169,6 +169,7 @@ class LiveRun:
     def _serve(self, loop: GazeLoop, smoother: Smoother, stop: threading.Event, duration_s: float | None) -> None:
         start_s, rate_hz = self._clock.now_s(), self._neck.servo_rate_hz
         self._status_due_s = start_s
+        slow_call(threading.get_ident())  # of an earlier run
         index, stopping_at = 0, None
         failure: BaseException | None = None
         stopping_s = max(_STOPPING_S, 2.0 * _ramp_s(self._neck))
