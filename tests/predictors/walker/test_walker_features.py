@@ -108,7 +108,7 @@ def test_a_mounting_is_taken_away_and_a_person_s_own_offset_is_kept(angle_deg):
 @pytest.mark.parametrize(
     ("offset_rad", "frames", "mounting"),
     [
-        # Pelvis and head: a person's own offset; half of one that may be either; a mounting; half of it after 10 frames.
+        # Pelvis and head: a person's own offset; half of it a mounting; a mounting; half of one after 10 frames.
         ((0.2, 0.3), 60, (0.0, 0.0)),
         ((0.325, 0.425), 60, (0.1625, 0.2125)),
         ((-1.0, 2.0), 60, (-1.0, 2.0)),
