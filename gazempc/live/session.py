@@ -34,7 +34,8 @@ def main(arguments: Sequence[str] | None = None, stop: threading.Event | None = 
     def work() -> int:
         settings, command = parse(words), command_line("gazempc.live", words)
         event = stop or threading.Event()
-        with stopped_by_signals(event) if stop is None else nullcontext():
+        signals = stopped_by_signals(event) if stop is None else nullcontext()
+        with signals, begin_folder(settings.out):
             _run(settings, event, command)
         return 0
 
@@ -79,7 +80,6 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     from gazempc.live.summary import KeptLogs, last_line, text  # noqa: PLC0415
     from gazempc.live.view.viewers import start_viewers  # noqa: PLC0415
 
-    begin_folder(settings.out)
     sink = attention_sink(settings)
     setup = build(settings)
     if stop.is_set():
