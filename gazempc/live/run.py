@@ -185,7 +185,9 @@ class LiveRun:
                     self._emit_status(loop, smoother, index, now_s)
                 else:
                     # The loop has failed: the smoother alone brakes.
-                    self._setup.robot.send_command(smoother.step(now_s, None))
+                    wanted_rad = smoother.step(now_s, None)
+                    speeds = smoother.command.velocity_rad_s
+                    self._setup.robot.send_command(np.where(self._neck.speed_joints, speeds, wanted_rad))
             except BaseException as error:
                 # Any exception, also an interrupt: the neck is braked before it is raised.
                 if failure is None:
@@ -206,9 +208,17 @@ class LiveRun:
             closing.callback(self.logs.close)
             closing.callback(self._planner.close)
             closing.callback(self._close, self._setup.robot.close, Event.ROBOT_NOT_ANSWERING)
+            if self._smoother is not None and self._neck.takes_speeds:
+                closing.callback(self._close, self._stop_speeds, Event.ROBOT_NOT_ANSWERING)
             closing.callback(self._close, self._setup.source.close, Event.SOURCE_FAILED)
             for more in self._setup.more_sources:
                 closing.callback(more.close)
+
+    def _stop_speeds(self) -> None:
+        # A joint holds its last speed for ever, and the position loop may have left a small one.
+        assert self._smoother is not None
+        command_rad = self._smoother.command.position_rad
+        self._setup.robot.send_command(np.where(self._neck.speed_joints, 0.0, command_rad))
 
     def _close(self, close: Callable[[], None], event: Event) -> None:
         # It must not raise; an exception all the same must not hide how the run ended.

@@ -17,12 +17,13 @@ from gazempc.live.hints import SetupHints
 from gazempc.live.mount import Mount
 from gazempc.live.robots import make_robot
 from gazempc.live.settings import STAMPED, LiveSettings, MountedSettings
+from gazempc.live.sources.camera.capture import CAMERA
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.pushed import PushedSource
 from gazempc.live.sources.replay import BagSource, ReplaySource
 from gazempc.live.sources.ros2 import Ros2Cues, Ros2Person
 from gazempc.live.sources.ros4hri import Ros4HriPeople
-from gazempc.live.sources.senders import Senders, Signatures, read_key
+from gazempc.live.sources.senders import Senders
 from gazempc.live.sources.source import Source
 from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, Wire, parse_address
 from gazempc.live.stamps import StampClock, StampReader, Stamps
@@ -93,9 +94,6 @@ class LiveSetup:
         true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN where unknown.
         log_s: Length of a log, seconds.
         notes: Notes on recording and neck for the user, a line each.
-
-    Raises:
-        SettingsError: If a joint of the neck takes speeds: the start of a live run sends angles.
     """
 
     about: RunInfo
@@ -119,9 +117,6 @@ class LiveSetup:
     true_head_base_m: TrueHeadAt = _unknown
     log_s: float = 300.0
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        self.neck.check_takes_angles("a live run")
 
     @property
     def more_sources(self) -> tuple[Source, ...]:
@@ -147,6 +142,8 @@ def build(settings: LiveSettings) -> LiveSetup:
     Raises:
         GazempcError: If a name does not exist, a file or option is wrong, or a part lacks a method.
     """
+    if settings.source_kind == "camera" and settings.attend is None:
+        settings = settings.model_copy(update={"attend": "nearest"})  # a picture may show several people
     neck = _narrowed(load_neck(settings.scene.neck), settings)
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
     scene = None
@@ -170,7 +167,7 @@ def build(settings: LiveSettings) -> LiveSetup:
         about=about,
         make_planner=ImmediatePlanner if settings.simulated_clock else BackgroundPlanner,
         stamps=stamps,
-        hints=SetupHints(own_source=stamps is None),
+        hints=SetupHints(own_source=stamps is None, judges_rate=settings.source_kind != "camera"),
         cue_source=make_cue_source(settings, neck, clock, mounted=settings.source_kind == "ros4hri"),
         log_s=settings.log_s,
         notes=(*(() if scene is None else scene.walk.notes), *_margins(setup.controller)),
@@ -226,7 +223,7 @@ def setup_of_gaze(
 
 def _narrowed(neck: NeckSpec, settings: MountedSettings) -> NeckSpec:
     moved = with_motion(neck, settings.motion)
-    narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing)
     settings.mount.check_fits(narrow)
     return narrow
 
@@ -298,7 +295,8 @@ def _make_source(
         own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))
         return own
     if kind == "camera" and clock.is_real:
-        return CameraSource(address, settings.camera, clock)
+        own_camera = options_for(CAMERA, address, settings.options.own)
+        return CameraSource(address, settings.camera, clock, own=own_camera)
     if stamps is None:
         raise SettingsError(f"source {settings.source!r} needs real time")
     if kind in ("ros2", "ros4hri"):
@@ -307,8 +305,7 @@ def _make_source(
     if kind in ("udp", "tcp"):
         named = parse_address(settings.source, address, "127.0.0.1")
         wire = UdpPort(*named) if kind == "udp" else TcpClient(*named)
-    signatures = None if settings.key_file is None else Signatures(read_key(settings.key_file))
-    return LineSource(wire, clock, stamps, Senders(settings.allow, signatures is not None), signatures)
+    return LineSource(wire, clock, stamps, Senders(settings.allow))
 
 
 def _ros2_source(source: str, settings: MountedSettings, clock: Clock, stamps: StampReader) -> Source:

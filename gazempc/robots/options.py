@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field
@@ -80,6 +81,38 @@ class ReachyMiniOptions(Settings):
     approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed to the first command")
 
 
+_Directions = tuple[Literal[-1, 1], Literal[-1, 1]]
+
+
+class ViscaOptions(Settings):
+    """Robot `visca`; see `gazempc.robots.visca.ViscaCamera`."""
+
+    counts_per_deg: float = Field(default=14.4, gt=0, le=1000, description="Scale of the camera's position answers")
+    directions: _Directions = Field(
+        default=(1, 1), description="Of pan and tilt: -1 for an axis that turns the other way, as under a ceiling"
+    )
+
+
+class OnvifOptions(Settings):
+    """Robot `onvif`; see `gazempc.robots.onvif.OnvifCamera`."""
+
+    login: Path | None = Field(
+        default=None,
+        description="File with user and password, a line each; default: the environment's GAZEMPC_ONVIF_USER and "
+        "GAZEMPC_ONVIF_PASSWORD",
+    )
+    profile: str | None = Field(default=None, description="Token of the media profile; default: the first with PTZ")
+    timeout_s: float = Field(default=1.0, gt=0, le=30, description="Time that one call waits for an answer")
+    directions: _Directions = Field(
+        default=(1, 1), description="Of the speeds of pan and tilt: -1 for an axis that turns the other way"
+    )
+    range_deg: tuple[float, float, float, float] | None = Field(
+        default=None,
+        description="Pan at positions -1 and 1, then tilt; default: the camera's positions are not used. Most cameras "
+        "count pan to the right: 170 -170 -30 90",
+    )
+
+
 class RobotOptions(Settings):
     """Options of the shipped robots; each reads its own. All other fields are options of parts of the user's own."""
 
@@ -88,6 +121,8 @@ class RobotOptions(Settings):
     dynamixel: DynamixelOptions = DynamixelOptions()
     ros2: Ros2Options = Ros2Options()
     reachy_mini: ReachyMiniOptions = ReachyMiniOptions()
+    visca: ViscaOptions = ViscaOptions()
+    onvif: OnvifOptions = OnvifOptions()
 
     @property
     def own(self) -> dict[str, Any]:

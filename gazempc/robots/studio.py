@@ -35,7 +35,7 @@ _OUTSIDE_M = np.array([-50.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
-class Person:
+class StudioPerson:
     """Where the person is in the room.
 
     Attributes:
@@ -81,7 +81,7 @@ class Studio:
         self._mujoco = mujoco
         self.width, self.height, self.fov_deg = width, height, fov_deg
 
-    def picture(self, person: Person | None, camera_m: FloatArray, camera_turn: Rotation) -> Any:
+    def picture(self, person: StudioPerson | None, camera_m: FloatArray, camera_turn: Rotation) -> Any:
         """Render one picture.
 
         Args:

@@ -1,11 +1,12 @@
-"""Errors of a position along and across the line of sight, and the covariance that a sensor states of them."""
+"""Errors of position and yaw, and the covariance that a sensor states."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from gazempc.sim.sensing.processes import bouts, wander
-from gazempc.sim.sensing.tables import AcrossError, AlongError, Jumps, OtherPerson
+from gazempc.sim.sensing.processes import bouts, held_uniform, wander
+from gazempc.sim.sensing.tables import AcrossError, AlongError, Jumps, OtherPerson, YawError
 from gazempc.types import BoolArray, FloatArray
 
 # Straight above or below the sensor "left" has no meaning; any direction serves.
@@ -141,3 +142,47 @@ def stated_covariances(
     variances = white**2 + slow**2 + each_axis_m**2
     axes = sight_axes(measured_m)
     return np.asarray(np.einsum("nai,na,naj->nij", axes, variances, axes))
+
+
+def yaw_error(
+    times_s: FloatArray, away: BoolArray, error: YawError, rng: np.random.Generator
+) -> tuple[FloatArray, BoolArray]:
+    """Error of a yaw, and where it is lost.
+
+    Args:
+        times_s: Times of the frames, shape (N,), seconds.
+        away: Where the person faces away, shape (N,); see `faces_away`.
+        error: Its size.
+        rng: Source of randomness.
+
+    Returns:
+        Error, shape (N,), radians; and where there is no yaw, shape (N,).
+    """
+    white = np.deg2rad(error.noise_deg) * rng.standard_normal(times_s.size)
+    slow = np.deg2rad(error.wander_deg) * wander(times_s, error.wander_time_s, 1, rng)[:, 0]
+    fate = held_uniform(times_s, error.hold_s, rng)
+    lost = away & (fate < error.lost_share)
+    flipped = away & ~lost & (fate < error.lost_share + error.flipped_share)
+    return white + slow + np.pi * flipped, lost | (not error.reported)
+
+
+def faces_away(positions_m: FloatArray, quats_wxyz: FloatArray, away_deg: float) -> BoolArray:
+    """Where a head or pelvis is turned from the origin by more than an angle, seen from above.
+
+    Args:
+        positions_m: True positions of the person, shape (N, 3), metres, base frame.
+        quats_wxyz: True orientations, shape (N, 4); NaN where there is none.
+        away_deg: The angle, degrees.
+
+    Returns:
+        Shape (N,); False where there is no orientation.
+    """
+    known = np.isfinite(quats_wxyz).all(axis=1)
+    away = np.zeros(known.size, dtype=np.bool_)
+    if known.any():
+        forward = Rotation.from_quat(quats_wxyz[known], scalar_first=True).apply([1.0, 0.0, 0.0])[:, :2]
+        to_sensor = -positions_m[known, :2]
+        cross = forward[:, 0] * to_sensor[:, 1] - forward[:, 1] * to_sensor[:, 0]
+        dot = np.sum(forward * to_sensor, axis=1)
+        away[known] = np.abs(np.arctan2(cross, dot)) > np.deg2rad(away_deg)
+    return away
