@@ -93,8 +93,6 @@ def test_tracker_and_controller_that_go_and_come_back(stage):
     assert controller.stop() == 0, controller.text()
     within_limits(stage)
     assert stage.rows()[-1]["accepted"] > 50
-    log = gz.load_log(stage.gaze_file)
-    assert gz.measure(log).limit_violations == 0
 
 
 def test_bad_numbers_and_frames(stage):
