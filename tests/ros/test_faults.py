@@ -135,7 +135,7 @@ def test_the_clock_of_a_simulation_jumps_back(stage):
     assert gz.measure(gz.load_log(stage.gaze_file)).limit_violations == 0
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=["sigint", "sigterm", "sigkill"])
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=["sigterm", "sigkill"])
 def test_a_node_that_is_stopped_in_a_motion_brakes_within_limits(stage, how):
     from test_actions import Head, point_head
 
