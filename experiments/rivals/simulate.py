@@ -17,13 +17,13 @@ from experiments.rivals.motor import EncoderHistory, Motor, driven_by
 from experiments.rivals.rival import Detection, HeadCamera, Rival, View
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
+from gazempc.neck.poses import seen_from_head
 from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import Log
 from gazempc.results.run_info import RunInfo
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensing.tables import FieldOfView
-from gazempc.sim.sensing.view import seen_from_head
 from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.types import FloatArray, JointState, Sighting
 
