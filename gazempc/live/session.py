@@ -37,7 +37,8 @@ def main(arguments: Sequence[str] | None = None, stop: threading.Event | None = 
             _probe(settings)
             return 0
         event = stop or threading.Event()
-        with stopped_by_signals(event) if stop is None else nullcontext():
+        signals = stopped_by_signals(event) if stop is None else nullcontext()
+        with signals, begin_folder(settings.out):
             _run(settings, event, command)
         return 0
 
@@ -99,7 +100,6 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     from gazempc.live.summary import KeptLogs, last_line, text  # noqa: PLC0415
     from gazempc.live.view.viewers import start_viewers  # noqa: PLC0415
 
-    begin_folder(settings.out)
     sink = attention_sink(settings)
     setup = build(settings)
     if stop.is_set():

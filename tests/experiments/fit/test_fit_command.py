@@ -12,7 +12,7 @@ from builders.fits import toy
 from builders.walkers import NOTHING, straight_model
 
 from experiments.fit.command import fit, main
-from experiments.fit.doubt import errors_on_left_out
+from experiments.fit.spread import errors_on_left_out
 from experiments.forecast.command import main as forecast
 from predictors.walker.model_file import load_walker_model
 from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, KNOTS_S, WalkerModel

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from builders.people import yaw_quat
 from builders.walkers import moved, seen_of, straight_model
+from predictors.walker.errors import N_ERRORS
 from scipy.spatial.transform import Rotation
 
 from predictors import HeadObservation, Walker
 from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD, WalkerHistory
-from predictors.walker.line import N_ERRORS
 from predictors.walker.memories import N_MEMORIES
 from predictors.walker.noise import N_COLOURS
 from predictors.walker.window import WINDOW
@@ -108,7 +108,7 @@ def test_a_mounting_is_taken_away_and_a_person_s_own_offset_is_kept(angle_deg):
 @pytest.mark.parametrize(
     ("offset_rad", "frames", "mounting"),
     [
-        # Pelvis and head: own offset of the person; half of an ambiguous one; a mounting; half of it after 10 frames.
+        # Pelvis and head: a person's own offset; half of it a mounting; a mounting; half of one after 10 frames.
         ((0.2, 0.3), 60, (0.0, 0.0)),
         ((0.325, 0.425), 60, (0.1625, 0.2125)),
         ((-1.0, 2.0), 60, (-1.0, 2.0)),
