@@ -31,7 +31,14 @@ def best_by_ipopt(state, low, high):
         "f": 1e4 * cost,
         "g": ca.vertcat(defects, z[:, 0] - ca.DM(state), kept, q - e, q + e),
     }
-    quiet = {"print_time": 0, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-11, "error_on_fail": True, "ipopt.bound_relax_factor": 0.0}
+    quiet = {
+        "print_time": 0,
+        "ipopt.print_level": 0,
+        "ipopt.sb": "yes",
+        "ipopt.tol": 1e-11,
+        "error_on_fail": True,
+        "ipopt.bound_relax_factor": 0.0,
+    }
     found = ca.nlpsol("solver", "ipopt", program, quiet)(
         x0=0,
         lbg=ca.vertcat(ca.DM.zeros(5 * STEPS + 5), -ca.DM.ones(m), -ca.DM.inf(STEPS), low),
