@@ -15,13 +15,15 @@ from gazempc.live.mount import JointHistory
 from gazempc.live.plausibility import Plausibility, out_of_place
 from gazempc.live.run_report import LiveReport
 from gazempc.live.setup import LiveSetup
-from gazempc.live.sources.source import Arrived, check_range
+from gazempc.live.sources.source import Arrived, Notice, check_range
 from gazempc.live.stamps import Stamps
 from gazempc.live.watch import FollowedPerson, Watch
+from gazempc.loop.boundary import PartError, boundary
 from gazempc.loop.events import Event
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
+from gazempc.people.company import Cue
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
@@ -30,6 +32,8 @@ _LOGGER = logging.getLogger("gazempc.live")
 _NEWEST = 16
 # Twenty people of two frames.
 _NEWEST_OF_SEVERAL = 40
+# What a source goes on to refuse is reported so often: a second tracker must not stay unnoticed.
+_AGAIN_AFTER_S = 10.0
 # After so much of a tick no further observation is begun: the command must be sent in time.
 _TICK_SHARE = 0.2
 
@@ -44,7 +48,7 @@ class Arrivals:
 
     def __init__(self, setup: LiveSetup, report: LiveReport) -> None:
         self._source, self._mount, self._geometry = setup.source, setup.mount, setup.neck.geometry
-        self._sources = [setup.source] if setup.cue_source is None else [setup.source, setup.cue_source]
+        self._sources = [setup.source, *setup.more_sources]
         self._report = report
         self._use_ids, self._cues = setup.use_ids, setup.cues
         people = setup.several.several if isinstance(setup.several, LookingAway) else None
@@ -60,7 +64,7 @@ class Arrivals:
         self._plausibility = Plausibility()
         latency_s = (Stamps() if setup.stamps is None else setup.stamps.stamps).latency_s
         self._offset = ClockOffset(latency_s, setup.hints)
-        self._warned: set[Event] = set()
+        self._warned_s: dict[Event, float] = {}
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
         """Keep where the joints were: a sensor that moves is turned by them.
@@ -83,10 +87,9 @@ class Arrivals:
         """
         for source in self._sources:
             try:
-                arrived = source.poll()
-                if not isinstance(arrived, Arrived):
-                    raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
-            except Exception as error:
+                with boundary(source, "poll"):
+                    arrived = _checked(source.poll())
+            except PartError as error:
                 recorder.event(now_s, Event.SOURCE_FAILED, error)
             else:
                 self._sort(arrived, now_s, recorder)
@@ -112,7 +115,7 @@ class Arrivals:
             if notice.count:
                 self._report.observations += notice.count
                 recorder.refused(notice.event, notice.count)
-            self._warn(now_s, recorder, notice.event, notice.text, again=not notice.count)
+            self._warn(now_s, recorder, notice.event, notice.text, _AGAIN_AFTER_S if notice.count else 0.0)
 
     def _in_time(self, now_s: float, recorder: LoopRecorder) -> Iterator[Sighting]:
         """Those that wait, while a tick has time for them; the others wait for the next one."""
@@ -122,7 +125,7 @@ class Arrivals:
             self._report.observations += 1
             try:
                 in_base = self._in_base(sighting)
-            except (ValueError, AttributeError, TypeError) as error:
+            except Exception as error:  # whatever a source takes for an observation
                 self._problem(now_s, recorder, str(error))
                 continue
             seen = in_base.observation
@@ -148,13 +151,17 @@ class Arrivals:
             _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, text)
         self._report.problem(text)
 
-    def _warn(self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again: bool = False) -> None:
-        """Record an event, and warn with its first text; with `again` each time."""
+    def _warn(
+        self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again_after_s: float = math.inf
+    ) -> None:
+        """Record an event, and warn with its text; again after a time at the earliest."""
         recorder.event(now_s, event)
-        if again or event not in self._warned:
-            self._warned.add(event)
-            self._report.warnings.append(f"{event}: {text}")
+        warned_s = self._warned_s.get(event, -math.inf)
+        if now_s - warned_s >= again_after_s or warned_s == -math.inf:
+            self._warned_s[event] = now_s
             _LOGGER.warning("%s: %s", event, text)
+            if warned_s == -math.inf or not again_after_s:
+                self._report.warnings.append(f"{event}: {text}")
 
     def finished(self, now_s: float, recorder: LoopRecorder) -> bool:
         """Whether the source has ended.
@@ -167,8 +174,9 @@ class Arrivals:
             True once nothing more will come.
         """
         try:
-            return bool(self._source.finished) and not self._waiting
-        except Exception as error:
+            with boundary(self._source, "finished"):
+                return bool(self._source.finished) and not self._waiting
+        except PartError as error:
             recorder.event(now_s, Event.SOURCE_FAILED, error)
             return False
 
@@ -194,3 +202,15 @@ class Arrivals:
             on = self._mount.on
             raise ValueError(f"the sensor moves with the {on}, and where the {on} was at the capture time is not known")
         return Sighting(sighting.arrival_s, in_base, head_m if moves else None)
+
+
+def _checked(arrived: object) -> Arrived:
+    """Refuse what is no `Arrived`; its observations are judged one by one."""
+    if not isinstance(arrived, Arrived):
+        raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
+    kinds = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}
+    for name, kind in kinds.items():
+        values = getattr(arrived, name)
+        if not isinstance(values, tuple | list) or not all(isinstance(each, kind) for each in values):
+            raise TypeError(f"poll() returned {name} {values!r:.100}, see gazempc.live.sources.source.Arrived")
+    return arrived

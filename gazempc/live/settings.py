@@ -10,7 +10,7 @@ from pydantic import Field
 from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.live.robots import keeps_any_clock
-from gazempc.live.sources.camera.capture import CameraOptions
+from gazempc.live.sources.camera.capture import CAMERA, CameraOptions
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
 from gazempc.live.view.orders import PORTS, ViewKind
@@ -24,7 +24,6 @@ from gazempc.sim.scene import SceneSettings, StageSettings
 
 # Sources whose time stamps are of another clock.
 STAMPED = ("stdin", "udp", "tcp", "ros2", "ros4hri")
-LINES = ("stdin", "udp", "tcp")
 SOURCES = (
     "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, ros4hri, camera, camera:1, "
     "camera:FILE, module:Class for your own source"
@@ -64,13 +63,14 @@ class LiveSettings(MountedSettings, StageSettings):
     )
     stamps: Stamps = Stamps()
     allow: tuple[str, ...] = Field(
-        default=(), description="Source udp: addresses or networks that may send; default: the first sender"
+        default=(), description="Source udp: addresses or networks, the first sender of which is read; default: any"
     )
-    key_file: Path | None = Field(
-        default=None, description="Sources stdin, udp, tcp: file with the shared key that signs the lines"
-    )
+    key_file: Path | None = Field(default=None, description="Removed: it is refused; tunnel the lines instead")
     simulated_clock: bool = Field(
         default=False, description="Run as fast as the computer can; only if source and robot do not need real time"
+    )
+    isolate: Literal["predictor"] | None = Field(
+        default=None, description="Run the predictor in a process of its own, for one that holds Python's lock for long"
     )
     log_s: float = Field(default=300.0, ge=1, description="Length of a log; after this time a new log begins")
     out: Path = Field(default=Path("out/live"), description="Folder for all files; replaces an earlier run")
@@ -169,6 +169,8 @@ def check(settings: LiveSettings) -> None:
     chosen = [
         (PREDICTOR, settings.predictor), (CONTROLLER, settings.controller), (ROBOT, robot), (SOURCE, source)
     ]  # fmt: skip
+    if source == "camera":
+        chosen.append((CAMERA, settings.source.partition(":")[2]))
     for kind, choice in chosen:
         if is_own(choice):
             find(kind, choice)
@@ -179,6 +181,8 @@ def check(settings: LiveSettings) -> None:
             f"--simulated-clock: source {settings.source!r} or robot {robot!r} needs real time; accepted with it: "
             f"source replay, robots {simulated}, and own parts whose class has keeps_any_clock = True"
         )
+    if settings.isolate is not None and (settings.several or source == "camera" or settings.simulated_clock):
+        raise SettingsError("--isolate: accepted for one person (no --attend, looks away or camera) on a real clock")
     _check_view(settings)
     if settings.neck is None and not settings.simulated_robot:
         raise SettingsError(
@@ -201,7 +205,12 @@ def _check_view(settings: LiveSettings) -> None:
 
 def _check_source(settings: LiveSettings, source: str) -> None:
     """Refuse settings that the source does not use."""
-    taken_by = {"stamps": STAMPED, "allow": ("udp",), "key_file": LINES, "camera": ("camera",), "passes": ("replay",)}
+    if settings.key_file is not None:
+        raise SettingsError(
+            "--key-file: lines are not signed any more; keep to the loopback, and bring them there through a tunnel: "
+            "--source tcp:127.0.0.1:5005 with `ssh -N -L 5005:127.0.0.1:5005 TRACKER`, or WireGuard for UDP"
+        )
+    taken_by = {"stamps": STAMPED, "allow": ("udp",), "camera": ("camera",), "passes": ("replay",)}
     if settings.recording is None:
         # Own robots and sources take the seed, too.
         stage = {name for name in StageSettings.model_fields if name != "seed"}

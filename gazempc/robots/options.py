@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 
 from gazempc.parts import ROBOT, check_choice
-from gazempc.ros2.wire import PoseType, Ros2Network, SoundType
+from gazempc.ros2.messages import PoseType, SoundType
 from gazempc.settings import Settings, on_command_line
 
 # A shipped name, or module:Class for a robot of the user's own.
@@ -32,9 +32,7 @@ class DynamixelOptions(Settings):
 class Ros2Options(Settings):
     """Robot and source `ros2`; see `gazempc.robots.ros2.Ros2Neck`."""
 
-    endpoint: str = Field(default="tcp/localhost:7447", description="Zenoh router")
-    domain_id: int = Field(default=0, ge=0, description="ROS_DOMAIN_ID")
-    humble: bool = Field(default=False, description="The other nodes run ROS 2 Humble")
+    use_sim_time: bool = Field(default=False, description="Stamps are of the topic /clock, of a simulator or a bag")
     joint_names: tuple[str, ...] = Field(
         default=("head_pan_joint", "head_tilt_joint"), description="Pan and tilt, then eyes and body if any"
     )
@@ -44,6 +42,10 @@ class Ros2Options(Settings):
     command_topic: str = Field(default="/head_controller/joint_trajectory", description="Topic of the commands")
     command_type: Literal["trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Float64MultiArray"] = Field(
         default="trajectory_msgs/msg/JointTrajectory", description="Type of the commands"
+    )
+    command_values: Literal["position", "velocity"] = Field(
+        default="position",
+        description="Content of a Float64MultiArray: positions, or velocities for a forward velocity controller",
     )
     state_topic: str = Field(default="/joint_states", description="Topic of the joint states")
     time_from_start_s: float | None = Field(
@@ -67,13 +69,8 @@ class Ros2Options(Settings):
         default=None, description="tf frame of the directions of speech; default: the base frame of the neck"
     )
     pose_type: PoseType = Field(
-        default="geometry_msgs/msg/PoseStamped", description="Message type of the source's poses"
+        default="geometry_msgs/msg/PoseStamped", description="Message type of the source's heads"
     )
-
-    @property
-    def network(self) -> Ros2Network:
-        """Router, domain and release of ROS 2."""
-        return Ros2Network(self.endpoint, self.domain_id, self.humble)
 
 
 class ReachyMiniOptions(Settings):

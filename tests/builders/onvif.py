@@ -12,8 +12,8 @@ import numpy as np
 from ipycam.config import CameraConfig
 from ipycam.onvif import ONVIFService
 
+from builders.visca import SharedNeck
 from gazempc.neck.spec import NeckSpec
-from gazempc.sim.simulated import SimulatedNeck
 
 # ipycam 1.3 declares no prefix in this answer, and leaves the places of the move status unfilled.
 _STATUS = """<tptz:GetStatusResponse xmlns:tptz="http://www.onvif.org/ver20/ptz/wsdl">
@@ -39,8 +39,7 @@ class OnvifCameraServer:
     def __init__(self, neck: NeckSpec, user: str = "", password: str = "") -> None:
         self.neck, self.moves, self.bodies = neck, [], []
         self.says_moving, self.answer_delay_s, self.silent = False, 0.0, False
-        self.plant = SimulatedNeck(neck, np.zeros(2), time.monotonic)
-        self.plant.connect()
+        self.plant = SharedNeck(neck)
         self._lock, self._ends_s = threading.RLock(), np.inf
         self._half = 0.5 * (neck.position_max_rad - neck.position_min_rad)
         handler = self._handler()

@@ -13,6 +13,7 @@ from gazempc.robots.options import ViscaOptions
 from gazempc.robots.visca import ViscaCamera
 from gazempc.robots.visca_server import ViscaServer
 from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import FloatArray, JointState
 
 PTZ = load_neck("ptz")
 QUICK = PTZ.model_copy(
@@ -65,11 +66,27 @@ class BadNetwork:
                 self._socket.sendto(each, self._camera if to_camera else self._robot)
 
 
+class SharedNeck(SimulatedNeck):
+    """One that several threads may use, in real time."""
+
+    def __init__(self, neck: NeckSpec) -> None:
+        self._lock = threading.RLock()
+        super().__init__(neck, np.zeros(2), time.monotonic)
+        self.connect()
+
+    def true_state(self) -> JointState:
+        with self._lock:
+            return super().true_state()
+
+    def send_command(self, command: FloatArray) -> FloatArray:
+        with self._lock:
+            return super().send_command(command)
+
+
 @contextmanager
-def camera(neck: NeckSpec = QUICK, answer_delay_s: float = 0.0) -> Iterator[tuple[ViscaServer, SimulatedNeck]]:
+def camera(neck: NeckSpec = QUICK, answer_delay_s: float = 0.0) -> Iterator[tuple[ViscaServer, SharedNeck]]:
     """A camera, and the neck that it turns."""
-    plant = SimulatedNeck(neck, np.zeros(2), time.monotonic)
-    plant.connect()
+    plant = SharedNeck(neck)
     server = ViscaServer(plant, neck, answer_delay_s=answer_delay_s)
     try:
         yield server, plant

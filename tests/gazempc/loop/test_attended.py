@@ -75,7 +75,7 @@ def test_whoever_is_frozen_is_not_used_and_is_left_while_the_others_go_on():
 
 
 def test_who_was_frozen_is_forecast_from_where_they_go_on():
-    bench = Bench().show(2.5, walker(frozen_s=(1.4, 2.2)))
+    bench = Bench().show(2.8, walker(frozen_s=(1.4, 2.2)))
     assert bench.events.count("tracker_frozen") == 1
     times_s = np.array([bench.time_s + 0.3])
     forecast = bench.target.forecast(times_s, bench.time_s, bench.recorder)
@@ -168,7 +168,7 @@ def test_a_late_frame_at_the_start_of_who_is_looked_at_is_used_and_the_newest_st
         in_order.update(HeadObservation(k * FRAME_S, np.array(person(k * FRAME_S)[0])))
     later_s = np.array([0.8])
     expected_m = in_order.forecast(later_s).means_base_m
-    found = bench.target.forecast(later_s, bench.time_s + LATENCY_S, bench.recorder)
+    found = bench.target.people.track(1).forecast(later_s)
     assert found.means_base_m == pytest.approx(expected_m, abs=1e-9)
     assert bench.events.count("out_of_order") == 0
 

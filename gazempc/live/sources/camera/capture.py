@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -222,7 +224,8 @@ class Camera:
     def _open(self) -> Any:
         cv2, options = self._cv2, self._options
         if not isinstance(self._address, int) and "://" in self._address:
-            return cv2.VideoCapture(self._address, cv2.CAP_FFMPEG)
+            # A password in the environment stands in no list of processes, log or message.
+            return cv2.VideoCapture(os.path.expandvars(self._address), cv2.CAP_FFMPEG)
         camera = cv2.VideoCapture(self._address)
         # MJPEG passes any USB port at full rate; what a camera cannot do it leaves as it is.
         camera.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
@@ -286,13 +289,14 @@ class OwnCamera:
 
     Args:
         choice: ``module:Class``.
+        own: Values for parameters of its constructor, by name.
 
     Raises:
         SettingsError: If it cannot be made, or a method is missing.
     """
 
-    def __init__(self, choice: str) -> None:
-        self._camera = make(CAMERA, choice, {}, {})
+    def __init__(self, choice: str, own: Mapping[str, Any] | None = None) -> None:
+        self._camera = make(CAMERA, choice, {}, own or {})
 
     def read(self) -> Picture | str | None:
         """See `Pictures.read`."""
@@ -304,12 +308,13 @@ class OwnCamera:
         self._camera.close()
 
 
-def open_pictures(address: str, options: CameraOptions) -> Pictures:
+def open_pictures(address: str, options: CameraOptions, own: Mapping[str, Any] | None = None) -> Pictures:
     """Open a camera.
 
     Args:
         address: A number or nothing for the first camera, a device, a video file, a stream's URL, or module:Class.
         options: What to ask of it.
+        own: Values for the constructor of a camera of your own.
 
     Returns:
         Its pictures.
@@ -320,7 +325,7 @@ def open_pictures(address: str, options: CameraOptions) -> Pictures:
         MissingOptionalDependencyError: If OpenCV is not installed.
     """
     if is_own(address):
-        return OwnCamera(address)
+        return OwnCamera(address, own)
     if Path(address).is_file():
         return VideoFile(Path(address))
     return Camera(address, options)
