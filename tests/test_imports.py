@@ -17,7 +17,7 @@ PACKAGES = ("predictors", "gazempc", "experiments")
 # The order of what is in a package. Nobody imports anything of a later line; what stands in one line knows nothing of
 # its neighbours. Who reads results needs neither robots nor a loop, so these stand behind them.
 GAZEMPC = (
-    ("errors", "types", "progress"),
+    ("errors", "types", "progress", "signals"),
     ("files",),
     ("specfiles", "parts", "command"),
     ("recordings", "neck", "ros2", "part_options"),

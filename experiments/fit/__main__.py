@@ -1,6 +1,6 @@
 """Start of `python -m experiments.fit`."""
 
-from experiments.engine.signals import start
+from gazempc.signals import start
 
 if __name__ == "__main__":
     start("fit", "experiments.fit.command")

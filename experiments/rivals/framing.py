@@ -7,7 +7,7 @@ get a device that takes angles, with the same delay and top speed: most cameras 
 from __future__ import annotations
 
 if __name__ == "__main__":  # before the other imports, which are slow
-    from experiments.engine.signals import end_during_imports
+    from gazempc.signals import end_during_imports
 
     end_during_imports("rivals.framing")
 

@@ -1,6 +1,6 @@
 """Start of `python -m experiments.sweep`."""
 
-from experiments.engine.signals import start
+from gazempc.signals import start
 
 if __name__ == "__main__":
     start("sweep", "experiments.sweep.sweep")

@@ -16,6 +16,7 @@ Example: python -m gazempc.identify --tracker my_bag --out my_tracker.toml
 from __future__ import annotations
 
 import datetime
+import math
 import signal
 import sys
 import threading
@@ -109,9 +110,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 2 on bad input or where the data do not determine the result, 130 if interrupted.
     """
-    for number in (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ():
-        # As Ctrl-C: the neck is braked, then the command ends.
-        signal.signal(number, signal.default_int_handler)
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            # As Ctrl-C: the neck is braked, then the command ends.
+            signal.signal(number, signal.default_int_handler)
     words = sys.argv[1:] if arguments is None else arguments
     try:
         return run_command("identify", lambda: _work(words))
@@ -236,6 +238,15 @@ def _write_new(settings: IdentifySettings) -> None:
             f"{axis.acceleration_max_rad_s2:g} rad/s^2, {axis.jerk_max_rad_s3:g} rad/s^3; dead time "
             f"{axis.dead_time_s:g} s"
         )
+        range_deg = axis.position_max_deg - axis.position_min_deg
+        ramp_s = axis.velocity_max_rad_s / axis.acceleration_max_rad_s2
+        ramp_s += axis.acceleration_max_rad_s2 / axis.jerk_max_rad_s3
+        if (way_deg := math.degrees(axis.velocity_max_rad_s * ramp_s)) > range_deg:
+            print(
+                f"Warning: {name}: to reach {axis.velocity_max_rad_s:g} rad/s and to stop takes {way_deg:.0f} deg by "
+                f"these rules of thumb; its range is {range_deg:.0f} deg. Is it the motor's speed before its gear? At "
+                f"most {math.radians(range_deg) / ramp_s:.2g} rad/s are of use"
+            )
     if urdf is not None:
         print("Options of ROS 2:", *urdf.options)
     print(f"Written: {path}; what is assumed is marked there")

@@ -37,7 +37,8 @@ def main(arguments: Sequence[str] | None = None, stop: threading.Event | None = 
             _probe(settings)
             return 0
         event = stop or threading.Event()
-        with stopped_by_signals(event) if stop is None else nullcontext():
+        signals = stopped_by_signals(event) if stop is None else nullcontext()
+        with signals, begin_folder(settings.out):
             _run(settings, event, command)
         return 0
 
@@ -99,7 +100,6 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     from gazempc.live.summary import KeptLogs, last_line, text  # noqa: PLC0415
     from gazempc.live.view.viewers import start_viewers  # noqa: PLC0415
 
-    begin_folder(settings.out)
     sink = attention_sink(settings)
     setup = build(settings)
     if stop.is_set():
@@ -120,7 +120,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
     except BaseException:
         # The fault that ended the run is raised, also where its summary cannot be written.
-        with suppress(OSError):
+        with suppress(Exception):
             kept.write(run)
         raise
     else:

@@ -1,9 +1,9 @@
 """Build the interfaces that have no wheel into the environment of the Python that runs this.
 
-The wheels of rclpy for tests (see requirements.txt) bring the generators of rosidl; cmake and ninja come from pip, the
+The wheels of rclpy for tests (see kilted.txt) bring the generators of rosidl; cmake and ninja come from pip, the
 C++ compiler from the system. A robot has these packages from its ROS 2 distribution.
 
-    pip install -r ros/interfaces/requirements.txt && python ros/interfaces/build.py
+    pip install -r ros/interfaces/kilted.txt && python ros/interfaces/build.py
 """
 
 from __future__ import annotations

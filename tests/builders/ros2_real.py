@@ -12,7 +12,7 @@ ENVIRONMENT = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
 }
-WHY = "no rclpy here: source ROS 2, or install ros/interfaces/requirements.txt and run ros/interfaces/build.py"
+WHY = "no rclpy here: source ROS 2, or install ros/interfaces/kilted.txt and run ros/interfaces/build.py"
 
 
 def rclpy_or_skip():

@@ -72,7 +72,7 @@ class Bouts(_Table):
 
     mean_interval_s: float = Field(
         default=math.inf,
-        gt=0,
+        ge=0.001,  # a frame, at the highest rate of a sensor
         description="Mean time from the end of one bout to the start of the next; without it no bouts",
     )
     duration_min_s: float = Field(default=0.0, ge=0, le=1000, description="Shortest duration; 0: one frame")
@@ -107,7 +107,7 @@ class OtherPerson(_Table):
     )
     every_s: float = Field(
         default=math.inf,
-        gt=0,
+        ge=0.001,
         description="Period; the end of it shows the other person. Without it there is no other person",
     )
     shown_s: float = Field(default=0.0, ge=0, le=1000, description="Time in each period that shows the other person")

@@ -107,6 +107,18 @@ def test_a_program_drives_a_neck_that_takes_speeds():
     assert "robot_not_answering" not in gaze.events
 
 
+def test_a_program_drives_a_camera_by_its_address():
+    with camera() as (server, plant):
+        with gz.Gaze(COARSE, f"visca:127.0.0.1:{server.address[1]}") as gaze:
+            start_s = time.time()
+            while np.abs(plant.true_state().position_rad[0]) < 0.05:
+                gaze.see(time.time() - 0.05, [2.0, 0.8, 0.3])
+                time.sleep(1 / 30)
+                assert time.time() < start_s + 30.0
+        assert server.driven[-1][1:] == (0, 0)
+        assert gaze.joints.position_rad[0] != 0.0
+
+
 def test_settings_that_follow_from_the_emulated_camera():
     settings = parse(["--robot", "visca:emulator", "--source", "camera:emulator"])
     assert (settings.neck, settings.mount.on) == ("ptz", "head")

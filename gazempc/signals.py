@@ -35,6 +35,7 @@ class _State:
     received: int | None = None
     pending = False
     deferring = 0
+    grace_s = 0.0
 
 
 def end_during_imports(name: str) -> None:
@@ -59,16 +60,19 @@ def start(name: str, module: str) -> NoReturn:
 
 
 @contextmanager
-def ending_on_signals() -> Iterator[None]:
+def ending_on_signals(grace_s: float | None = None) -> Iterator[None]:
     """Let SIGINT and SIGTERM raise `Interrupted` in here; a second signal ends the process at once.
 
-    If the process still runs 2.5 s after the first signal, it is ended, too: no library can hold it up. So this is for
-    command lines only. Outside the main thread nothing changes, because Python delivers signals there alone.
+    If the process still runs some time after the first signal, it is ended, too: no library can hold it up. So this is
+    for command lines only. Outside the main thread nothing changes, because Python delivers signals there alone.
+
+    Args:
+        grace_s: That time, seconds; default: 2.5.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    _State.received, _State.pending = None, False
+    _State.received, _State.pending, _State.grace_s = None, False, _GRACE_S if grace_s is None else grace_s
     before = {signum: signal.signal(signum, _receive) for signum in _SIGNALS}
     try:
         yield
@@ -113,7 +117,7 @@ def _receive(signum: int, _: FrameType | None) -> None:
     if _State.received is not None:
         os._exit(128 + signum)
     _State.received = signum
-    last_resort = threading.Timer(_GRACE_S, os._exit, (128 + signum,))
+    last_resort = threading.Timer(_State.grace_s, os._exit, (128 + signum,))
     last_resort.daemon = True
     last_resort.start()
     _State.pending = bool(_State.deferring)
