@@ -284,16 +284,10 @@ def _events(log: Log) -> list[str]:
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:
     from gazempc.results.figures.angles import angles  # noqa: PLC0415
     from gazempc.results.figures.animation import animate  # noqa: PLC0415
-    from gazempc.results.figures.overview import attended, birds_eye, gaze_error, overview  # noqa: PLC0415
+    from gazempc.results.figures.overview import attended, overview  # noqa: PLC0415
     from gazempc.results.figures.people import has_attention  # noqa: PLC0415
 
-    figures = {
-        "overview.png": overview,
-        "birds_eye.png": birds_eye,
-        "angles.png": angles,
-        "gaze_error.png": gaze_error,
-        "gaze.gif": animate,
-    }
+    figures = {"overview.png": overview, "angles.png": angles, "gaze.gif": animate}
     if has_attention(logs):
         figures["attended.png"] = attended
     for name, draw in figures.items():

@@ -20,7 +20,8 @@ GAZEMPC = (
     ("errors", "types", "progress", "signals"),
     ("files",),
     ("specfiles", "parts", "command"),
-    ("recordings", "neck", "ros2", "part_options", "settings"),
+    ("recordings", "neck", "ros2", "part_options"),
+    ("settings",),
     ("results",),
     ("export",),
     ("robots", "controllers", "people"),
@@ -36,7 +37,7 @@ GAZEMPC = (
 EXPERIMENTS = (
     ("pages",),
     ("engine", "aggregate"),
-    ("least_error", "front_gaps"),
+    ("least_error",),
     ("compare_page",),
     (
         "compare",
@@ -47,7 +48,6 @@ EXPERIMENTS = (
         "fit",
         "rivals",
         "paper",
-        "plan_example",
         "sensor_example",
         "people",
         "eyes",

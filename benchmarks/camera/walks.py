@@ -11,13 +11,16 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.camera.studio import Person, Studio
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
 from gazempc.live.sources.camera.finder import FaceSensor
 from gazempc.live.sources.camera.intrinsics import from_field_of_view
+from gazempc.robots.studio import Studio, StudioPerson
 from gazempc.types import FloatArray
+from predictors import HeadObservation
 
 FRAME_S = 1 / 15
+# What is found within this of the person is the person.
+_THEIRS_DEG = 5.0
 # The person turns the head to and fro by so much, against the direction to the camera.
 _YAW_DEG = 30.0
 _YAW_PERIOD_S = 3.1
@@ -56,7 +59,7 @@ class Seen:
 
 def watch(
     studio: Studio,
-    person_at: Callable[[float], Person | None],
+    person_at: Callable[[float], StudioPerson | None],
     frames: int,
     spoilt: Callable[[Any], Any] = lambda picture: picture,
 ) -> Seen:
@@ -78,17 +81,16 @@ def watch(
         person = person_at(k * FRAME_S)
         picture = spoilt(studio.picture(person, np.zeros(3), Rotation.identity()))
         started_s = time.process_time()
-        observation = sensor.see(picture, k * FRAME_S)
+        found = sensor.see(picture, k * FRAME_S)
         cpu_ms.append(1e3 * (time.process_time() - started_s))
-        if observation is None:
+        theirs = [each for each in found if _off_deg(each, person) <= _THEIRS_DEG]
+        others += len(found) - len(theirs[:1])
+        if person is None or not theirs:
             continue
+        observation = theirs[0]
         position_m = observation.head_position_base_m
-        bearing_deg = math.inf if person is None else angle_deg(position_m, person.eyes_m)
-        if person is None or bearing_deg > 5.0:
-            others += 1
-            continue
         names.add(observation.person_id)
-        bearings.append(bearing_deg)
+        bearings.append(_off_deg(observation, person))
         true_m = float(np.linalg.norm(person.eyes_m))
         ranges.append(float(np.linalg.norm(position_m)) / true_m - 1.0)
         error_m = position_m - person.eyes_m
@@ -109,7 +111,11 @@ def watch(
     )
 
 
-def across(range_m: float, seconds: float = 4.0, yaw_deg: float = _YAW_DEG) -> Callable[[float], Person]:
+def _off_deg(observation: HeadObservation, person: StudioPerson | None) -> float:
+    return math.inf if person is None else angle_deg(observation.head_position_base_m, person.eyes_m)
+
+
+def across(range_m: float, seconds: float = 4.0, yaw_deg: float = _YAW_DEG) -> Callable[[float], StudioPerson]:
     """A person who walks across the view at one distance, and turns the head.
 
     Args:
@@ -121,12 +127,12 @@ def across(range_m: float, seconds: float = 4.0, yaw_deg: float = _YAW_DEG) -> C
         The person by time in seconds.
     """
 
-    def at(time_s: float) -> Person:
+    def at(time_s: float) -> StudioPerson:
         azimuth_rad = math.radians(22.0) * (1 - 2 * time_s / seconds)
         up_m = 0.15 + 0.02 * math.sin(4 * math.pi * time_s)  # bobs with the steps
         eyes_m = np.array([range_m * math.cos(azimuth_rad), range_m * math.sin(azimuth_rad), up_m])
         away_rad = math.radians(yaw_deg) * math.sin(math.tau * time_s / _YAW_PERIOD_S)
-        return Person(eyes_m, math.pi + azimuth_rad + away_rad)
+        return StudioPerson(eyes_m, math.pi + azimuth_rad + away_rad)
 
     return at
 

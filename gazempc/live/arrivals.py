@@ -30,6 +30,8 @@ _LOGGER = logging.getLogger("gazempc.live")
 _NEWEST = 16
 # Twenty people of two frames.
 _NEWEST_OF_SEVERAL = 40
+# What a source goes on to refuse is reported so often: a second tracker must not stay unnoticed.
+_AGAIN_AFTER_S = 10.0
 # After so much of a tick no further observation is begun: the command must be sent in time.
 _TICK_SHARE = 0.2
 
@@ -44,7 +46,7 @@ class Arrivals:
 
     def __init__(self, setup: LiveSetup, report: LiveReport) -> None:
         self._source, self._mount, self._geometry = setup.source, setup.mount, setup.neck.geometry
-        self._sources = [setup.source] if setup.cue_source is None else [setup.source, setup.cue_source]
+        self._sources = [setup.source, *setup.more_sources]
         self._report = report
         self._use_ids, self._cues = setup.use_ids, setup.cues
         people = setup.several.several if isinstance(setup.several, LookingAway) else None
@@ -60,7 +62,7 @@ class Arrivals:
         self._plausibility = Plausibility()
         latency_s = (Stamps() if setup.stamps is None else setup.stamps.stamps).latency_s
         self._offset = ClockOffset(latency_s, setup.hints)
-        self._warned: set[Event] = set()
+        self._warned_s: dict[Event, float] = {}
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
         """Keep where the joints were: a sensor that moves is turned by them.
@@ -112,7 +114,7 @@ class Arrivals:
             if notice.count:
                 self._report.observations += notice.count
                 recorder.refused(notice.event, notice.count)
-            self._warn(now_s, recorder, notice.event, notice.text, again=not notice.count)
+            self._warn(now_s, recorder, notice.event, notice.text, _AGAIN_AFTER_S if notice.count else 0.0)
 
     def _in_time(self, now_s: float, recorder: LoopRecorder) -> Iterator[Sighting]:
         """Those that wait, while a tick has time for them; the others wait for the next one."""
@@ -148,13 +150,17 @@ class Arrivals:
             _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, text)
         self._report.problem(text)
 
-    def _warn(self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again: bool = False) -> None:
-        """Record an event, and warn with its first text; with `again` each time."""
+    def _warn(
+        self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again_after_s: float = math.inf
+    ) -> None:
+        """Record an event, and warn with its text; again after a time at the earliest."""
         recorder.event(now_s, event)
-        if again or event not in self._warned:
-            self._warned.add(event)
-            self._report.warnings.append(f"{event}: {text}")
+        warned_s = self._warned_s.get(event, -math.inf)
+        if now_s - warned_s >= again_after_s or warned_s == -math.inf:
+            self._warned_s[event] = now_s
             _LOGGER.warning("%s: %s", event, text)
+            if warned_s == -math.inf or not again_after_s:
+                self._report.warnings.append(f"{event}: {text}")
 
     def finished(self, now_s: float, recorder: LoopRecorder) -> bool:
         """Whether the source has ended.

@@ -52,10 +52,12 @@ class SetupHints:
     Attributes:
         python: Whether the user writes Python (`gazempc.live.gaze.Gaze`), or a command line.
         own_source: Whether the source is one of the user's own, which makes the loop's times itself.
+        judges_rate: Whether the rate of frames is judged here; else the source does so.
     """
 
     python: bool = False
     own_source: bool = False
+    judges_rate: bool = True
 
     def setting(self, group: str, name: str, value: str | float) -> str:
         """A setting of a group, such as ``--mount.unit-m 0.001``."""

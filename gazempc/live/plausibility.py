@@ -130,6 +130,10 @@ def _speed(frames: Sequence[Frame], times_s: FloatArray, sensor_m: FloatArray, h
 _NAMED_FRAMES, _OWN_NAME_SHARE = 6, 0.9
 
 
+# The shortest of the intervals are the tracker's own; people who are rarely found make the others longer.
+_SHORTEST_SHARE, _RARE = 0.1, 0.6
+
+
 def judge_rate(times_s: FloatArray, lost_after_s: float, hints: SetupHints) -> list[Finding]:
     """Find out whether frames come less often than six times a second.
 
@@ -141,13 +145,15 @@ def judge_rate(times_s: FloatArray, lost_after_s: float, hints: SetupHints) -> l
     Returns:
         What is wrong.
     """
-    if not is_low_rate(times_s):
+    if not (hints.judges_rate and is_low_rate(times_s)):
         return []
-    every_s = float(np.median(np.diff(np.unique(times_s))))
-    text = (
-        f"{1.0 / every_s:.1f} frames a second: below {LOW_RATE_HZ:.0f} the gaze trails a walking person; make the "
-        "tracker faster, such as by a smaller picture"
-    )
+    apart_s = np.diff(np.unique(times_s))
+    every_s, shortest_s = float(np.median(apart_s)), float(np.quantile(apart_s, _SHORTEST_SHARE))
+    text = f"{1.0 / every_s:.1f} frames a second: below {LOW_RATE_HZ:.0f} the gaze trails a walking person; "
+    if shortest_s < _RARE * every_s:
+        text += f"some come {1e3 * shortest_s:.0f} ms apart, so the person is rarely found: more light, or nearer"
+    else:
+        text += "its camera or its computation is slow: more pictures a second, or smaller ones"
     if every_s > lost_after_s:
         text += f"; the neck stops after each frame: {hints.setting('loop', 'lost_after_s', round(2.5 * every_s, 1))}"
     return [Finding(Event.LOW_FRAME_RATE, text)]

@@ -10,20 +10,20 @@ from pydantic import Field
 from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.live.robots import keeps_any_clock
-from gazempc.live.sources.camera.capture import CameraOptions
+from gazempc.live.sources.camera.capture import CAMERA, CameraOptions
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
 from gazempc.live.view.orders import PORTS, ViewKind
 from gazempc.neck.human import MOTION_MEANS, Motion
 from gazempc.part_options import check_options
-from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own
+from gazempc.parts import ADDRESSED, CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own, split_address
 from gazempc.robots.options import RobotChoice, RobotOptions
+from gazempc.robots.ptz_emulator import EMULATOR, FOV_DEG, LATENCY_S
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
 from gazempc.sim.scene import SceneSettings, StageSettings
 
 # Sources whose time stamps are of another clock.
 STAMPED = ("stdin", "udp", "tcp", "ros2", "ros4hri")
-LINES = ("stdin", "udp", "tcp")
 SOURCES = (
     "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, ros4hri, camera, camera:1, "
     "camera:FILE, module:Class for your own source"
@@ -63,11 +63,9 @@ class LiveSettings(MountedSettings, StageSettings):
     )
     stamps: Stamps = Stamps()
     allow: tuple[str, ...] = Field(
-        default=(), description="Source udp: addresses or networks that may send; default: the first sender"
+        default=(), description="Source udp: addresses or networks, the first sender of which is read; default: any"
     )
-    key_file: Path | None = Field(
-        default=None, description="Sources stdin, udp, tcp: file with the shared key that signs the lines"
-    )
+    key_file: Path | None = Field(default=None, description="Removed: it is refused; tunnel the lines instead")
     simulated_clock: bool = Field(
         default=False, description="Run as fast as the computer can; only if source and robot do not need real time"
     )
@@ -93,6 +91,9 @@ class LiveSettings(MountedSettings, StageSettings):
         "ros2:TOPIC, or a file FILE.jsonl",
     )
     figures: bool = Field(default=True, description="Draw angles.png from the last log")
+    probe: bool = Field(
+        default=False, description="Robots visca and onvif: print what the camera is and can do, and end; moves nothing"
+    )
 
     @property
     def source_kind(self) -> str:
@@ -124,6 +125,30 @@ class LiveSettings(MountedSettings, StageSettings):
         return keeps_any_clock(ROBOT, self.robot)
 
 
+def for_turning_camera(settings: LiveSettings) -> LiveSettings:
+    """Settings that follow from a camera that turns, where the user has left them: neck, mount, and the emulator's own.
+
+    Args:
+        settings: The settings.
+
+    Returns:
+        The same for any other robot.
+    """
+    robot, address = split_address(settings.robot)
+    if robot not in ADDRESSED:
+        return settings
+    found: dict[str, object] = {}
+    emulated = address.partition(":")[0] == EMULATOR
+    if settings.neck is None and (emulated or settings.probe):
+        found["neck"] = "ptz"
+    if settings.source_kind == "camera" and settings.mount == Mount():
+        # Its picture is that of the camera that turns.
+        found["mount"] = Mount(on="head")
+    if settings.source == f"camera:{EMULATOR}" and settings.camera == CameraOptions():
+        found["camera"] = CameraOptions(fov_deg=FOV_DEG, latency_ms=1e3 * LATENCY_S)
+    return settings.model_copy(update=found)
+
+
 def check(settings: LiveSettings) -> None:
     """Refuse what does not go together.
 
@@ -141,6 +166,8 @@ def check(settings: LiveSettings) -> None:
     chosen = [
         (PREDICTOR, settings.predictor), (CONTROLLER, settings.controller), (ROBOT, robot), (SOURCE, source)
     ]  # fmt: skip
+    if source == "camera":
+        chosen.append((CAMERA, settings.source.partition(":")[2]))
     for kind, choice in chosen:
         if is_own(choice):
             find(kind, choice)
@@ -173,7 +200,12 @@ def _check_view(settings: LiveSettings) -> None:
 
 def _check_source(settings: LiveSettings, source: str) -> None:
     """Refuse settings that the source does not use."""
-    taken_by = {"stamps": STAMPED, "allow": ("udp",), "key_file": LINES, "camera": ("camera",), "passes": ("replay",)}
+    if settings.key_file is not None:
+        raise SettingsError(
+            "--key-file: lines are not signed any more; keep to the loopback, and bring them there through a tunnel: "
+            "--source tcp:127.0.0.1:5005 with `ssh -N -L 5005:127.0.0.1:5005 TRACKER`, or WireGuard for UDP"
+        )
+    taken_by = {"stamps": STAMPED, "allow": ("udp",), "camera": ("camera",), "passes": ("replay",)}
     if settings.recording is None:
         # Own robots and sources take the seed, too.
         stage = {name for name in StageSettings.model_fields if name != "seed"}

@@ -36,6 +36,10 @@ class Event(StrEnum):
         "forecast_failed",
         "the predictor raised an exception, or its forecast has a NaN; the last plan is used further",
     )
+    FORECAST_OUT_OF_REACH = (
+        "forecast_out_of_reach",
+        "the forecast is farther from the last position than 0.3 m and 3 m/s; it is cut there",
+    )
     CONTROLLER_FAILED = "controller_failed", "the controller raised an exception; the last plan is used further"
     SOLVER_FAILED = "solver_failed", "the controller's problem has no solution; the last plan is used further"
     PLAN_NOT_FINITE = "plan_not_finite", "the plan has a NaN; the last plan is used further"
@@ -76,10 +80,19 @@ class Event(StrEnum):
     BAD_OBSERVATION = "bad_observation", "a source received data that are not an observation; dropped"
     SENDER_REFUSED = (
         "sender_refused",
-        "a line comes from a sender that is not allowed, or is not signed with the key; dropped",
+        "a line comes from a sender that is not allowed, or while another sender holds the place; dropped",
     )
-    OPEN_TO_ALL = "open_to_all", "the source listens on all interfaces, and accepts the first sender"
+    OPEN_TO_ALL = "open_to_all", "the source listens beyond the loopback: who reaches the port may send"
     NO_SENDER = "no_sender", "a subscribed ROS 2 topic has no sender"
+    STREAM_FROZEN = (
+        "stream_frozen",
+        "a network camera sends no picture for 2 s, or one picture for 1 s, which is not used",
+    )
+    STREAM_LAGS = (
+        "stream_lags",
+        "the pictures of a network camera come more and more late by their time stamps; the stream is opened again",
+    )
+    SEVERAL_SENDERS = "several_senders", "several nodes send on one ROS 2 topic"
     SOURCE_FAILED = "source_failed", "the source of observations raised an exception; it is read again at the next tick"
     OBSERVATIONS_DROPPED = (
         "observations_dropped",

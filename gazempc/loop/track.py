@@ -135,7 +135,7 @@ class PersonTrack:
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
         """See `Target.forecast`."""
-        return checked_forecast(self.predictor.forecast, self._start.reset, times_s, time_s, recorder)
+        return checked_forecast(self.predictor.forecast, self._start, times_s, time_s, recorder)
 
 
 def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) -> Event | None:
@@ -158,7 +158,7 @@ def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) ->
 
 def checked_forecast(
     ask: Callable[[FloatArray], Forecast],
-    reset: Callable[[], None],
+    start: TrackStart,
     times_s: FloatArray,
     time_s: float,
     recorder: LoopRecorder,
@@ -167,7 +167,7 @@ def checked_forecast(
 
     Args:
         ask: Gives the forecast for times.
-        reset: Resets the predictor.
+        start: The predictor's track: keeps the forecast within reach of the person.
         times_s: Times to forecast, shape (H,), seconds.
         time_s: The time, seconds.
         recorder: Records why there is none.
@@ -183,11 +183,14 @@ def checked_forecast(
             raise ValueError(f"forecast() returned {forecast.times_s.size} times, asked for were {times_s.size}")
         # An infinite variance is an honest answer; a NaN is none.
         if np.isfinite(forecast.means_base_m).all() and not np.isnan(forecast.covariances_m2).any():
-            return forecast
+            within, left = start.within_reach(forecast)
+            if left:
+                recorder.event(time_s, Event.FORECAST_OUT_OF_REACH)
+            return within
         problem = ValueError("forecast() returned positions that are not finite, or covariances with a NaN")
         recorder.event(time_s, Event.FORECAST_FAILED, problem)
         # A filter that holds a NaN holds it for ever: the next observation starts a new track.
-        reset()
+        start.reset()
     except Exception as error:
         recorder.event(time_s, Event.FORECAST_FAILED, error)
     return None

@@ -73,6 +73,7 @@ class TrackedPerson:
         since_s: Capture time of the first one, seconds.
         sightings: How many there were.
         confirmed: Whether the track is confirmed: no single false detection.
+        start: Gives the predictor its observations, and keeps its forecasts within reach.
         jumped: Whether the orientation of the last sighting jumped, the first time for a second; it is not used.
     """
 
@@ -82,7 +83,7 @@ class TrackedPerson:
         self.confirmed = False
         self.sightings = 0
         self.since_s = first.capture_time_s
-        self._predictor, self._start = predictor, TrackStart(predictor)
+        self._predictor, self.start = predictor, TrackStart(predictor)
         self._jumps = OrientationJumps()
         self._waiting: deque[HeadObservation] = deque()
         self._oriented: HeadObservation | None = None
@@ -154,7 +155,7 @@ class TrackedPerson:
         """
         for _ in range(min(most, len(self._waiting))):
             with contextlib.suppress(OutOfOrderError):
-                self._start.update(self._waiting.popleft())
+                self.start.update(self._waiting.popleft())
 
     @property
     def refused(self) -> bool:
@@ -163,13 +164,9 @@ class TrackedPerson:
 
     def begin_anew(self) -> None:
         """Forecast from the last sighting on: what was seen before was not the person."""
-        self._start.reset()
+        self.start.reset()
         while len(self._waiting) > 1:
             self._waiting.popleft()
-
-    def forget_forecasts(self) -> None:
-        """Begin the predictor anew with the next sighting: what it said cannot be used."""
-        self._start.reset()
 
     def state(self, time_s: float, position_base_m: FloatArray) -> PersonState:
         """The person at a time.

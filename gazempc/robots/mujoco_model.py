@@ -161,7 +161,13 @@ def _servo(axis: Axis, inertia_kg_m2: float, step_s: float) -> str:
     # A load is a constant torque: the joint settles where the servo's spring holds it.
     load_n_m = kp * math.radians(axis.load_offset_deg)
     low, high = math.radians(axis.position_min_deg), math.radians(axis.position_max_deg)
-    servo = f'biastype="affine" gainprm="{kp!r}" biasprm="{load_n_m!r} {-kp!r} {-kv!r}" ctrlrange="{low!r} {high!r}"'
+    servo = f'biastype="affine" gainprm="{kp!r}" biasprm="{load_n_m!r} {-kp!r} {-kv!r}"'
+    if axis.takes_speed:
+        # The activation is the integral of the speed, and the servo follows it.
+        most = axis.velocity_max_rad_s
+        servo += f' dyntype="integrator" actrange="{low!r} {high!r}" ctrlrange="{-most!r} {most!r}"'
+    else:
+        servo += f' ctrlrange="{low!r} {high!r}"'
     if axis.dead_time_s == 0.0:
         return servo
     # Interpolated, because times are sums of steps: held samples would slip by a whole step with every rounding error,

@@ -65,8 +65,8 @@ def main_job(tmp_path_factory):
 def test_the_main_job_writes_all_it_promises(main_job):
     out, _ = main_job
     names = {path.name for path in out.iterdir()}
-    assert {"summary.json", "settings.yaml", "overview.png", "birds_eye.png", "angles.png"} <= names
-    assert {"gaze_error.png", "gaze.gif"} | {f"{c}.npz" for c in LABELS} <= names
+    assert {"summary.json", "settings.yaml", "overview.png", "angles.png"} <= names
+    assert {"gaze.gif"} | {f"{c}.npz" for c in LABELS} <= names
     summary = json.loads((out / "summary.json").read_text())
     assert summary["recording"] == "subject03_R4"
     assert summary["kind"] == "synthetic"

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import ipaddress
 import os
 import select
 import socket
+import struct
 import sys
 import threading
 import time
@@ -15,7 +18,7 @@ from typing import NamedTuple, Protocol
 
 from gazempc.live.clock import Clock
 from gazempc.live.sources.json_lines import LineError, is_cue, parse_cue, parse_line
-from gazempc.live.sources.senders import Address, Senders, Signatures, UnsignedError
+from gazempc.live.sources.senders import Address, Senders
 from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.live.stamps import StampReader, Stamps
 from gazempc.loop.events import Event
@@ -27,6 +30,8 @@ _CHUNK = 16_384
 _DATAGRAM = 65_536
 # Of a flood so many are taken at once, so that the newest ones are not left in the system's buffer.
 _DATAGRAMS = 256
+# Socket option of <linux/in.h>: answers by ICMP are read from the socket's queue of errors.
+_IP_RECVERR, _REPORTS_CLOSED = 11, hasattr(socket, "MSG_ERRQUEUE")
 # How soon a reader notices that it is to end, or tries to connect again.
 _WAKE_S = 0.2
 
@@ -35,7 +40,7 @@ class Chunk(NamedTuple):
     """Bytes that came together.
 
     Attributes:
-        data: The bytes.
+        data: The bytes; of datagrams none for a sender whose port is closed.
         sender: Who sent them; None where there is only one who can.
     """
 
@@ -99,14 +104,19 @@ class UdpPort:
         self._address = (host, port)
 
     @property
-    def on_all_interfaces(self) -> bool:
-        """Whether any computer in the network can send."""
-        return self._address[0] == "0.0.0.0"
+    def on_loopback(self) -> bool:
+        """Whether only programs on this computer can send."""
+        host = self._address[0]
+        with contextlib.suppress(ValueError):
+            return ipaddress.ip_address(host).is_loopback
+        return host == "localhost"
 
     def open(self) -> None:
         """See `Wire.open`."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        if _REPORTS_CLOSED:
+            self._socket.setsockopt(socket.IPPROTO_IP, _IP_RECVERR, 1)
         try:
             self._socket.bind(self._address)
         except OSError:
@@ -117,11 +127,26 @@ class UdpPort:
         """See `Wire.read`."""
         found: list[Chunk] = []
         select.select([self._socket], [], [], _WAKE_S)
-        with contextlib.suppress(BlockingIOError):
+        # Unanswered questions raise here, too; the port itself is open for as long as it is not closed.
+        with contextlib.suppress(OSError):
+            while _REPORTS_CLOSED:
+                _, reports, _, asked = self._socket.recvmsg(1, 512, socket.MSG_ERRQUEUE)
+                if any(struct.unpack_from("=I", report)[0] == errno.ECONNREFUSED for _, _, report in reports):
+                    found.append(Chunk(b"", asked))
+        with contextlib.suppress(OSError):
             while len(found) < _DATAGRAMS:
                 data, sender = self._socket.recvfrom(_DATAGRAM)
                 found.append(Chunk(data + b"\n", sender))
         return found
+
+    def ask(self, sender: Address) -> None:
+        """Send an empty line to a sender. If its port is closed, its system answers by ICMP: Linux hands that on.
+
+        Args:
+            sender: Address and port.
+        """
+        with contextlib.suppress(OSError):
+            self._socket.sendto(b"\n", sender)
 
     def close(self) -> None:
         """See `Wire.close`."""
@@ -211,7 +236,6 @@ class LineSource:
         clock: The loop's clock.
         stamps: How capture times are read; default: Unix time in seconds.
         senders: Whose datagrams count; default: the first sender's.
-        signatures: Takes signatures off the lines; None for lines without.
     """
 
     def __init__(
@@ -220,13 +244,11 @@ class LineSource:
         clock: Clock,
         stamps: StampReader | None = None,
         senders: Senders | None = None,
-        signatures: Signatures | None = None,
     ) -> None:
         self._wire = wire
         self._clock = clock
         self._stamps = stamps or StampReader(Stamps(), clock)
         self._senders = senders or Senders()
-        self._signatures = signatures
         self._lines = 0
         self._rest = b""
         self._too_long = False
@@ -247,10 +269,10 @@ class LineSource:
         except (OSError, AttributeError, ValueError) as error:  # the last two: standard input is closed
             why = getattr(error, "strerror", None) or error
             raise SourceError(f"{self._wire.name}: cannot be opened: {why}") from None
-        if isinstance(self._wire, UdpPort) and self._wire.on_all_interfaces and self._senders.open_to_all:
+        if isinstance(self._wire, UdpPort) and not self._wire.on_loopback:
             text = (
-                f"{self._wire.name} listens on all interfaces: the first sender in the network controls the gaze; "
-                "set --allow ADDRESS or --key-file FILE, or listen on one address"
+                f"{self._wire.name} can be reached from the network, lines are neither encrypted nor signed, and "
+                "addresses can be forged: who reaches the port can turn the head; use the loopback and a tunnel"
             )
             self._note(Event.OPEN_TO_ALL, text, 0)
         self._thread.start()
@@ -263,7 +285,9 @@ class LineSource:
             notices, self._notices = self._notices, {}
             cues = tuple(self._cues)
             self._cues.clear()
-        return Arrived(tuple(sightings), tuple(problems), tuple(notices.values()), cues)
+        # Datagrams may be swapped on their way.
+        in_order = sorted(sightings, key=lambda each: each.observation.capture_time_s)
+        return Arrived(tuple(in_order), tuple(problems), tuple(notices.values()), cues)
 
     @property
     def finished(self) -> bool:
@@ -296,9 +320,9 @@ class LineSource:
         now_s = self._clock.now_s()
         lines: list[tuple[bytes, Address | None]] = []
         for data, sender in chunks:
-            if sender is not None and (why := self._senders.refusal(sender, now_s)):
-                self._note(Event.SENDER_REFUSED, why)
-            else:
+            if sender is not None and not data:
+                self._senders.closed(sender)
+            elif not self._refused(sender, now_s):
                 lines += [(line, sender) for line in self._cut(data)]
         if (older := len(lines) - _LINES_MAX) > 0:
             self._note(Event.OBSERVATIONS_DROPPED, "more lines came at once than can be read", older)
@@ -306,9 +330,19 @@ class LineSource:
         started_s = time.perf_counter()
         for line, sender in lines[-_LINES_MAX:]:
             self._lines += 1
-            self._parse(line, sender, now_s)
+            # Again: the first sender may have been another one of these.
+            if not self._refused(sender, now_s):
+                self._parse(line, sender, now_s)
         if len(lines) > _MANY_LINES:
             self._closing.wait(time.perf_counter() - started_s)
+
+    def _refused(self, sender: Address | None, now_s: float) -> bool:
+        why = "" if sender is None else self._senders.refusal(sender, now_s)
+        if why:
+            self._note(Event.SENDER_REFUSED, why)
+            if isinstance(self._wire, UdpPort) and (silent := self._senders.to_ask(now_s)):
+                self._wire.ask(silent)
+        return bool(why)
 
     def _cut(self, data: bytes) -> list[bytes]:
         """Whole lines; what is longer than a line may be is left out where it stands."""
@@ -330,13 +364,9 @@ class LineSource:
 
     def _parse(self, line: bytes, sender: Address | None, arrival_s: float) -> None:
         try:
-            if self._signatures is not None:
-                line = self._signatures.body(line)
             text = line.decode("utf-8", errors="replace")
             cue = parse_cue(text, arrival_s) if is_cue(text) else None
             sighting = None if cue is not None else Sighting(arrival_s, self._observation(text, arrival_s))
-        except UnsignedError as error:
-            return self._note(Event.SENDER_REFUSED, f"{self._wire.name}, line {self._lines}: {error}")
         except LineError as error:
             return self._problem(str(error))
         if sender is not None:

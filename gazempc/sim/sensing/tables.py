@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
 
 class _Table(BaseModel):
@@ -186,6 +186,22 @@ class FieldOfView(_Table):
     def limited(self) -> bool:
         """Whether anything is out of view."""
         return self.horizontal_deg < 360.0 or self.vertical_deg < 180.0
+
+    def contains(self, positions_m: FloatArray) -> BoolArray:
+        """Where a head is in view.
+
+        Args:
+            positions_m: Heads in the sensor's frame: x forward, y left, z up; shape (N, 3), metres.
+
+        Returns:
+            Shape (N,).
+        """
+        x, y, z = positions_m.T
+        azimuth_deg = np.degrees(np.arctan2(y, x))
+        elevation_deg = np.degrees(np.arctan2(z, np.hypot(x, y)))
+        return np.asarray(
+            (np.abs(azimuth_deg) <= self.horizontal_deg / 2) & (np.abs(elevation_deg) <= self.vertical_deg / 2)
+        )
 
 
 def _check_order(what: str, unit: str, low: float, high: float) -> None:

@@ -5,10 +5,10 @@ import json
 import pytest
 from bs4 import BeautifulSoup
 
-from experiments.rivals.camera import on_the_head
 from experiments.rivals.comparison import main
 from experiments.rivals.jobs import FIGURES, ModelError, RivalJob
 from experiments.rivals.plan import ERRORS, at_their_best, by_error, labelled, summarise, wrong_jobs
+from experiments.rivals.simulate import on_the_head
 from experiments.rivals.trials import make_trial
 from gazempc.neck.spec import load_neck
 from gazempc.sim.sensor import load_sensor

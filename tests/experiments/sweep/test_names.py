@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.sweep.names import check_name, check_value, setting_fields, with_unit
+from experiments.sweep.names import check_name, check_value, resolve, setting_fields, with_unit
 from experiments.sweep.spec import METRICS
-from experiments.sweep.variants import resolve
 from gazempc.neck.spec import load_neck
 
 

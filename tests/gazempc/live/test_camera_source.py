@@ -20,7 +20,9 @@ from gazempc.live.sources.camera.capture import CameraOptions, OwnCamera, Pictur
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.camera.worker import intrinsics_of
 from gazempc.live.sources.source import SourceError
+from gazempc.people.people import People
 from gazempc.results.log import load_log
+from predictors import ConstantVelocity
 
 # No test waits so long; without it one that hangs would never end.
 FOREVER_S = 60.0
@@ -48,6 +50,18 @@ class Portrait:
 
     def close(self):
         pass
+
+class Row(Portrait):
+    def __init__(self, people: int):
+        super().__init__()
+        self.people = people
+
+    def read(self):
+        captured_s = time.monotonic()
+        given = super().read()
+        # 0.4 m from face to face, at 1 m.
+        portrait = data.astronaut()[:384, 90:360]
+        return given and (np.hstack([portrait, portrait[:, ::-1], portrait][: self.people]), captured_s)
 
 class Broken(Portrait):
     def read(self):
@@ -81,9 +95,9 @@ def opened():
     """Opens a source, and closes it at the end."""
     sources = []
 
-    def make(address, **options):
+    def make(address, own=None, **options):
         lines = []
-        source = CameraSource(address, CameraOptions(**options), RealClock(), lines.append)
+        source = CameraSource(address, CameraOptions(**options), RealClock(), lines.append, own)
         sources.append(source)
         source.open()
         return source, lines
@@ -122,6 +136,41 @@ def test_a_camera_of_ones_own_is_seen_at_its_time_of_capture(opened):
     # A busy machine may pause for longer than a name is kept.
     assert sightings[0].observation.person_id == "1"
     assert "512 x 384 pixels, 50 degrees across" in lines[0]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("own_camera")
+@pytest.mark.parametrize("people", [2, 3])
+def test_people_side_by_side_in_one_photograph_stay_as_many_and_a_camera_takes_options(opened, people):
+    source, _ = opened("portrait_camera:Row", own={"people": str(people)}, fov_deg=60)
+    sightings, problems = until_finished(source)
+    assert problems == []
+    seen = [sighting.observation for sighting in sightings]
+    assert {each.person_id for each in seen} == {str(k + 1) for k in range(people)}
+    last = [each for each in seen if each.capture_time_s == seen[-1].capture_time_s]
+    assert len(last) == people
+    tracked = People(ConstantVelocity)
+    for time_s in sorted({each.capture_time_s for each in seen}):
+        tracked.see([each for each in seen if each.capture_time_s == time_s])
+    assert sorted(track.tracker_id for track in tracked.confirmed) == [str(k + 1) for k in range(people)]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("own_camera")
+def test_of_several_people_in_the_pictures_attend_chooses(tmp_path):
+    command = [sys.executable, "-m", "gazempc.live", "--source", "camera:portrait_camera:Row", "--options.people", "2"]
+    command += ["--attend", "id:2", "--camera.fov-deg", "60", "--no-figures", "--out", "out"]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=FOREVER_S, env=WITH_HERE
+    )
+    assert done.returncode == 0, done.stderr
+    log = load_log(tmp_path / "out" / "log_000.npz")
+    assert log.event_name.tolist().count("person_entered") == 2
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["refused"]["another_person"] > 3
+    wrong = [*command[:4], "camera:portrait_camera:Row", "--options.poeple", "2"]
+    refused = subprocess.run(wrong, cwd=tmp_path, capture_output=True, text=True, check=False, env=WITH_HERE)
+    assert refused.returncode == 2
+    assert "options.poeple" in refused.stderr
 
 
 @pytest.mark.slow

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from builders.checks import assert_recovered, assert_sound
 from builders.faults import between
-from builders.live import TS, run_live
+from builders.live import TS, Faulty, run_live
 
+from gazempc.live.clock import SimulatedClock
+from gazempc.live.sources.source import Notice
+from gazempc.loop.events import Event
 from gazempc.results.metrics import measure
 from gazempc.types import Sighting
 
@@ -143,3 +146,17 @@ def test_a_source_that_raises_is_asked_again_and_the_neck_is_braked_if_it_lasts(
         braked = result.joined("command_velocity_rad_s")[(now > 3.8) & (now < to_s)]
         assert np.abs(braked).max() < 1e-9
     assert_recovered(result, to_s + 1.9, within_deg=1.0)
+
+
+def test_a_sender_that_is_refused_all_the_time_is_reported_every_ten_seconds(caplog):
+    class Contested(Faulty):
+        def poll(self):
+            refused = Notice(Event.SENDER_REFUSED, f"a stranger at {self.clock.now_s():.0f} s")
+            return dataclasses.replace(super().poll(), notices=(refused,))
+
+    clock = SimulatedClock()
+    result = run_live(clock=clock, source=Contested(clock), duration_s=12.0)
+    said = [record.getMessage() for record in caplog.records if "stranger" in record.getMessage()]
+    assert said == [f"sender_refused: a stranger at {k} s" for k in (0, 10)]
+    assert result.refused["sender_refused"] > 2000
+    assert len(result.report.warnings) == 1

@@ -44,6 +44,13 @@ def test_a_clock_that_is_off_is_made_up_for_within_a_second(ahead_s, rate_hz):
     assert "--stamps.clock other" in said
 
 
+@pytest.mark.parametrize("ahead_s", [0.05, 0.2, 1.0, 3.0, 20.0, 3600.0])
+def test_a_clock_that_was_ahead_for_a_second_does_not_shut_its_tracker_out(ahead_s):
+    captures_s, arrivals_s = stream()
+    used_s, _ = read(captures_s + ahead_s * ((captures_s >= 8.0) & (captures_s < 9.0)), arrivals_s)
+    assert np.abs(used_s - captures_s)[captures_s > 11.5].max() < 0.02
+
+
 def test_a_clock_that_is_one_percent_fast_is_made_up_for():
     captures_s, arrivals_s = stream(60.0)
     used_s, said = read(1.01 * captures_s, arrivals_s)

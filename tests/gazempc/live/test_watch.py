@@ -123,6 +123,19 @@ def test_rare_frames_are_told_from_the_median_of_their_intervals(rate_hz, said):
         assert "--loop.lost-after-s 3.1" in found[0].text
 
 
+@pytest.mark.parametrize(
+    ("times_s", "cause"),
+    [
+        (np.arange(0.0, 4.0, 0.25), "camera or its computation is slow"),
+        (np.sort(np.concatenate([np.arange(0.0, 4.0, 0.4), [0.433, 1.633, 2.833]])), "the person is rarely found"),
+    ],
+)
+def test_a_slow_tracker_and_a_person_who_is_rarely_found_are_told_apart(times_s, cause):
+    (finding,) = judge_rate(times_s, 1.0, SetupHints())
+    assert cause in finding.text
+    assert judge_rate(times_s, 1.0, SetupHints(judges_rate=False)) == []
+
+
 def test_a_name_for_each_frame_is_no_name():
     (found,) = judge_ids(named(map(str, range(10))), SetupHints())
     assert found.event == "new_id_each_frame"

@@ -1,20 +1,25 @@
 """The first frames of a track: a late one gives the same forecasts as if it had come in time."""
 
+import dataclasses
+
 import numpy as np
 import pytest
-from builders.loop import LoopBench, events
+from builders.loop import LoopBench, events, make_recorder
 
+from gazempc.loop.track import PersonTrack
 from gazempc.people.tracker_faults import TrackStart
+from gazempc.settings import LoopSettings
 from gazempc.types import Sighting
 from predictors import ConstantVelocity, Forecast, HeadObservation, HeadPose, OutOfOrderError, Walker
 
 LATER_S = np.arange(0.5, 1.3, 0.1)
 
 
-def frame(time_s, person_id=None, aside_m=0.0):
-    """Somebody who walks past at 1.2 m/s, as a noisy tracker sees them."""
+def frame(time_s, person_id=None, aside_m=0.0, confidence=None):
+    """A person who walks past at 1.2 m/s, seen by a noisy tracker."""
     noise_m = 0.01 * np.random.default_rng(round(1e3 * time_s)).standard_normal(3)
-    return HeadObservation(time_s, np.array([2.5 + aside_m, 1.2 * time_s - 2.0, 0.4]) + noise_m, person_id=person_id)
+    head_m = np.array([2.5 + aside_m, 1.2 * time_s - 2.0, 0.4]) + noise_m
+    return HeadObservation(time_s, head_m, person_id=person_id, confidence=confidence)
 
 
 FRAMES = [frame(k / 30) for k in range(12)]
@@ -103,3 +108,68 @@ def test_in_the_loop_late_first_frames_are_used_and_the_newest_frame_stays_the_n
     assert sorted(log.capture_time_s[is_late]) == pytest.approx(first_s)
     assert np.isnan(log.forecast_mean_base_m[is_late]).all()
     assert np.isfinite(log.forecast_mean_base_m[~is_late]).all()
+
+
+@pytest.mark.parametrize(("rate_hz", "frames"), [(60, 19), (30, 10), (10, 6), (5, 6)])
+@pytest.mark.parametrize("make", [Walker, ConstantVelocity])
+def test_a_new_track_of_a_detector_is_not_extrapolated_before_six_frames_over_0_3_s(make, rate_hz, frames):
+    predictor = make()
+    start = TrackStart(predictor)
+    for k in range(frames):
+        start.update(frame(k / rate_hz, confidence=0.9))
+        own = predictor.forecast(k / rate_hz + LATER_S)
+        found, left = start.within_reach(own)
+        assert not left
+        assert np.array_equal(found.covariances_m2, own.covariances_m2)
+        if k < frames - 1:
+            assert found.means_base_m == pytest.approx(np.tile(frame(k / rate_hz).head_position_base_m, (8, 1)))
+    assert found is own
+    start.reset()
+    start.update(frame(9.0, confidence=0.9))
+    found, _ = start.within_reach(predictor.forecast(9.0 + LATER_S))
+    assert found.means_base_m == pytest.approx(np.tile(frame(9.0).head_position_base_m, (8, 1)))
+
+
+def test_a_track_without_a_stated_confidence_is_extrapolated_at_once():
+    predictor = ConstantVelocity()
+    start = TrackStart(predictor)
+    for k in range(2):
+        start.update(frame(k / 30))
+    own = predictor.forecast(1 / 30 + LATER_S)
+    assert start.within_reach(own)[0] is own
+
+
+@pytest.mark.parametrize("speed_m_s", [2.9, 4.0, 30.0, 1e100])
+def test_no_forecast_leads_farther_than_a_person_can_get(speed_m_s):
+    class Runs(ConstantVelocity):
+        def forecast(self, times_s):
+            own = super().forecast(times_s)
+            return dataclasses.replace(
+                own, means_base_m=[[2.5, speed_m_s * (t - own.issued_at_s), 0.4] for t in own.times_s]
+            )
+
+    track, recorder = PersonTrack(Runs(), LoopSettings()), make_recorder()
+    for k in range(12):
+        seen = HeadObservation(k / 30, np.array([2.5, 0.0, 0.4]))
+        track.take_in([Sighting(k / 30, seen)], k / 30, recorder)
+    times_s = 11 / 30 + LATER_S
+    found = track.forecast(times_s, 11 / 30, recorder)
+    most_m = 0.3 + 3.0 * LATER_S
+    assert found.means_base_m[:, 1] == pytest.approx(np.minimum(speed_m_s * LATER_S, most_m))
+    assert ("forecast_out_of_reach" in recorder.events) == (speed_m_s > 3.0)
+
+
+@pytest.mark.parametrize("predictor", [Walker, ConstantVelocity])
+def test_five_false_faces_in_a_row_do_not_lead_the_gaze_beyond_themselves(predictor):
+    """Hair and necks at -12 to -21 deg sent the neck to -44 deg, outside of the picture."""
+
+    def face_m(time_s):
+        angle_rad = np.deg2rad(-12.0 - 9.0 * min(time_s / 0.267, 1.0))
+        return np.array([1.3 * np.cos(angle_rad), 1.3 * np.sin(angle_rad), 0.2])
+
+    times_s = [k / 15 for k in range(5)]
+    faces = tuple(Sighting(t + 0.066, HeadObservation(t, face_m(t), confidence=0.7)) for t in times_s)
+    log = LoopBench(predictor=predictor(), head_m=face_m).run(2.0, seen=lambda t: False, extra=faces)
+    assert log.capture_time_s.size == 5
+    pan_deg = np.rad2deg(log.command_position_rad[:, 0])
+    assert -23.0 < pan_deg.min() < -15.0

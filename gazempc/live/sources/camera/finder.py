@@ -1,4 +1,4 @@
-"""Faces in pictures: followed from picture to picture, and the one person who is observed."""
+"""Faces in pictures, followed from picture to picture."""
 
 from __future__ import annotations
 
@@ -80,11 +80,6 @@ class FaceFinder:
         self._known: list[Followed] = []
         self._names = itertools.count(1)
         self._turn = 0
-
-    @property
-    def names(self) -> set[str]:
-        """Names of all who are followed, seen just now or a moment ago."""
-        return {person.person_id for person in self._known}
 
     def see(self, picture: Any, time_s: float) -> list[Followed]:
         """Take one picture in.
@@ -206,7 +201,7 @@ def _same(face: Face, lost: list[Followed], time_s: float) -> Followed | None:
 
 
 class FaceSensor:
-    """Observes the person whom it has looked at before, else the nearest one.
+    """Observes all people whose faces are found.
 
     Args:
         detector: Finds faces in a square of a picture.
@@ -216,9 +211,8 @@ class FaceSensor:
     def __init__(self, detector: Detector, intrinsics: Intrinsics) -> None:
         self._finder = FaceFinder(detector)
         self._intrinsics = intrinsics
-        self._whom: str | None = None
 
-    def see(self, picture: Any, time_s: float) -> HeadObservation | None:
+    def see(self, picture: Any, time_s: float) -> list[HeadObservation]:
         """Take one picture in.
 
         Args:
@@ -226,16 +220,9 @@ class FaceSensor:
             time_s: When it was captured, seconds; later than the last one.
 
         Returns:
-            The person in the camera's frame (x along the view, y left, z up); None without a face, or with only that of
-            another person while this one may come back.
+            Each person, by name, in the camera's frame: x along the view, y left, z up.
         """
-        here = self._finder.see(picture, time_s)
-        if self._whom not in self._finder.names:
-            self._whom = max(here, key=lambda person: person.width_px).person_id if here else None
-        for person in here:
-            if person.person_id == self._whom:
-                return self._observation(person, time_s)
-        return None
+        return [self._observation(person, time_s) for person in self._finder.see(picture, time_s)]
 
     def _observation(self, person: Followed, time_s: float) -> HeadObservation:
         rays = self._intrinsics.rays(person.face.points_px)

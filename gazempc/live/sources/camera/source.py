@@ -1,21 +1,23 @@
-"""A person in front of a camera."""
+"""People in front of a camera."""
 
 from __future__ import annotations
 
 import multiprocessing
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
+from typing import Any
 
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
 from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.live.sources.camera.worker import Failed, Message, Opened, Shown, serve
-from gazempc.live.sources.source import Arrived, SourceError
+from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.results.moments import Moment, PictureMoment
+from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
@@ -25,7 +27,7 @@ _ENDS_WITHIN_S = 3.0
 
 
 class CameraSource:
-    """Finds the face of one person in the pictures of a camera, in a process of its own.
+    """Finds faces in the pictures of a camera, in a process of its own, and names each while it is followed.
 
     Positions are those of the point between the eyes, in the camera's frame: x along the view, y left, z up. They state
     their covariance: the direction is known well, the distance by the size of the face. Without a person in view it
@@ -37,17 +39,23 @@ class CameraSource:
         options: What to ask of it.
         clock: The loop's clock.
         say: Takes a line about the camera.
+        own: Values for the constructor of a camera of your own.
 
     Raises:
         SettingsError: If field of view and calibration are both given.
     """
 
     def __init__(
-        self, address: str, options: CameraOptions, clock: Clock, say: Callable[[str], None] | None = None
+        self,
+        address: str,
+        options: CameraOptions,
+        clock: Clock,
+        say: Callable[[str], None] | None = None,
+        own: Mapping[str, Any] | None = None,
     ) -> None:
         if options.calibration is not None and options.fov_deg is not None:
             raise SettingsError("--camera.fov-deg and --camera.calibration: give one of them")
-        self._address, self._options, self._clock = address, options, clock
+        self._address, self._options, self._clock, self._own = address, options, clock, own
         self._say = say or (lambda line: print(line, file=sys.stderr, flush=True))
         self._process: SpawnProcess | None = None
         self._messages: Connection | None = None
@@ -70,7 +78,13 @@ class CameraSource:
         self._messages, theirs = context.Pipe(duplex=False)
         self._process = context.Process(
             target=serve,
-            args=(self._address, self._options, theirs, self._watch is not None),
+            args=(
+                picture_url() if self._address == EMULATOR else self._address,
+                self._options,
+                theirs,
+                self._watch is not None,
+                self._own,
+            ),
             name="camera",
             daemon=True,
         )
@@ -87,6 +101,7 @@ class CameraSource:
         """See `gazempc.live.sources.source.Source.poll`."""
         sightings: list[Sighting] = []
         problems: list[str] = []
+        notices: list[Notice] = []
         now_s = self._clock.now_s()
         while not self._ended and self._messages is not None and self._messages.poll():
             message = self._next()
@@ -95,11 +110,13 @@ class CameraSource:
                 sightings.append(Sighting(now_s, replace(message, capture_time_s=captured_s)))
             elif isinstance(message, Shown) and self._watch is not None:
                 self._watch(PictureMoment(self._clock.from_monotonic_s(message.captured_s), message.jpeg))
+            elif isinstance(message, Notice):
+                notices.append(message)
             elif isinstance(message, str):
                 problems.append(message)
             elif isinstance(message, Failed) and message.why:
                 problems.append(message.why)
-        return Arrived(tuple(sightings), tuple(problems))
+        return Arrived(tuple(sightings), tuple(problems), tuple(notices))
 
     @property
     def finished(self) -> bool:

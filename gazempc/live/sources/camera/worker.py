@@ -1,19 +1,24 @@
-"""The process of the camera source: it captures, finds the person, and sends observations and small pictures."""
+"""The process of the camera source: it captures, finds people, and sends observations and small pictures."""
 
 from __future__ import annotations
 
 import signal
 import sys
+import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from typing import Any
 
 from gazempc.errors import GazempcError
 from gazempc.live.process import second_to_the_run
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
-from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, open_pictures
+from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, Pictures, open_pictures
 from gazempc.live.sources.camera.finder import FaceSensor
 from gazempc.live.sources.camera.intrinsics import Intrinsics, from_calibration, from_field_of_view
-from gazempc.live.sources.source import SourceError
+from gazempc.live.sources.camera.rate import FaceRate
+from gazempc.live.sources.source import Notice, SourceError
+from gazempc.loop.events import Event
 from gazempc.parts import said
 from predictors import HeadObservation
 
@@ -86,10 +91,16 @@ class Failed:
 
 
 # Observations have capture times on the clock of `time.monotonic`; a text is something that was wrong for a moment.
-Message = Opened | Failed | HeadObservation | Shown | str
+Message = Opened | Failed | HeadObservation | Notice | Shown | str
 
 
-def serve(address: str, options: CameraOptions, parent: Connection, shows: bool = False) -> None:
+def serve(
+    address: str,
+    options: CameraOptions,
+    parent: Connection,
+    shows: bool = False,
+    own: Mapping[str, Any] | None = None,
+) -> None:
     """Work until nothing more comes or the parent is gone.
 
     Args:
@@ -97,13 +108,14 @@ def serve(address: str, options: CameraOptions, parent: Connection, shows: bool 
         options: What to ask of the camera.
         parent: Where messages go.
         shows: Whether small pictures go there, too.
+        own: Values for the constructor of a camera of your own.
     """
     second_to_the_run()
     # The camera is let go in order.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         try:
-            _work(address, options, parent, Showing() if shows else None)
+            _work(open_pictures(address, options, own), address, options, parent, Showing() if shows else None)
             parent.send(Failed())
         except (GazempcError, ValueError) as error:
             parent.send(Failed(str(error)))
@@ -115,13 +127,14 @@ def serve(address: str, options: CameraOptions, parent: Connection, shows: bool 
         return  # the parent has ended
 
 
-def _work(address: str, options: CameraOptions, parent: Connection, showing: Showing | None) -> None:
-    detector = BlazeFace()
-    pictures = open_pictures(address, options)
+def _work(
+    pictures: Pictures, address: str, options: CameraOptions, parent: Connection, showing: Showing | None
+) -> None:
     try:
+        detector, rate = BlazeFace(), FaceRate()
         sensor, latest_s = None, float("-inf")
         while (picture := pictures.read()) is not None:
-            if isinstance(picture, str):
+            if isinstance(picture, str | Notice):
                 parent.send(picture)
                 continue
             if getattr(picture.rgb, "ndim", 0) != 3 or picture.rgb.shape[2] != 3 or picture.rgb.dtype.name != "uint8":
@@ -134,9 +147,12 @@ def _work(address: str, options: CameraOptions, parent: Connection, showing: Sho
             if captured_s <= latest_s:
                 continue  # a driver that gives a picture twice
             latest_s = captured_s
-            observation = sensor.see(picture.rgb, captured_s)
-            if observation is not None:
+            started_s = time.perf_counter()
+            observations = sensor.see(picture.rgb, captured_s)
+            for observation in observations:
                 parent.send(observation)
+            if why := rate.judge(captured_s, bool(observations), time.perf_counter() - started_s):
+                parent.send(Notice(Event.LOW_FRAME_RATE, why, 0))
             if showing is not None and (shown := showing.of(picture, captured_s)) is not None:
                 parent.send(shown)
     finally:
