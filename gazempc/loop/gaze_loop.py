@@ -8,7 +8,8 @@ survives an exception of a part, and gives its text and first traceback to the r
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -64,6 +65,7 @@ class GazeLoop:
         self._following = FollowingWatch(neck) if neck.joints > _PAN_AND_TILT else None
         self._last_index: int | None = None
         self._stopping = False
+        self._near_until_s = -math.inf
         self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, neck.joints)), np.zeros((1, neck.joints)))
 
     @property
@@ -97,6 +99,8 @@ class GazeLoop:
         if self._last_index is not None:
             self._note_sent(*self._sender.skip(index - self._last_index - 1))
         self._last_index = index
+        arrived = list(arrived)
+        self._watch_distance(arrived, time_s)
         self._target.take_in(arrived, time_s, recorder)
         measured = read_joints(self._robot, self._neck.joints, time_s, recorder)
         if self._observer is None:
@@ -150,6 +154,15 @@ class GazeLoop:
                 self._recorder.event(time_s, Event.JOINT_NOT_FOLLOWING)
         return following.held
 
+    def _watch_distance(self, arrived: Sequence[Sighting], time_s: float) -> None:
+        # Of all heads, also of those that are not looked at or refused: a limit for people does not wait for a track.
+        if self._settings.near_speed_max is None:
+            return
+        for sighting in arrived:
+            x_m, y_m, _ = sighting.observation.head_position_base_m
+            if math.hypot(x_m, y_m) < self._settings.near_speed_max[0]:
+                self._near_until_s = time_s + self._settings.lost_after_s
+
     def _note_sent(self, *sent_rad: FloatArray) -> None:
         if self._following is not None:
             for each_rad in sent_rad:
@@ -158,16 +171,18 @@ class GazeLoop:
     def _next_command(self, time_s: float, due_s: float) -> FloatArray:
         if self._stopping:
             return self._smoother.step(due_s, None)
+        near = self._settings.near_speed_max
+        speed_limit_rad_s = math.inf if near is None or time_s > self._near_until_s else near[1]
         newest_s = self._target.newest_capture_s
         unseen_s = 0.0 if newest_s is None else time_s - newest_s
         if unseen_s > self._settings.rest_after_s:
             self._planning.current = None
             self._recorder.event(time_s, Event.RETURN_TO_REST)
-            return self._smoother.step(due_s, self._rest_plan, self._settings.rest_speed_rad_s)
+            return self._smoother.step(due_s, self._rest_plan, min(self._settings.rest_speed_rad_s, speed_limit_rad_s))
         if unseen_s > self._settings.lost_after_s:
             self._planning.current = None
             self._recorder.event(time_s, Event.TARGET_LOST)
-        wanted_rad = self._smoother.step(due_s, self.plan)
+        wanted_rad = self._smoother.step(due_s, self.plan, speed_limit_rad_s)
         if self._smoother.intervention and self.plan is not None:
             self._recorder.event(time_s, self._smoother.intervention)
         return wanted_rad
