@@ -12,7 +12,7 @@ from builders.sweeps import SMALL, table_of, words, written
 from experiments.sweep.plan import load_plan
 from experiments.sweep.sweep import SweepSettings, main, run_sweep, sweep
 
-pytestmark = pytest.mark.usefixtures("in_this_process")
+pytestmark = [pytest.mark.usefixtures("in_this_process"), pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,6 @@ def undisturbed(tmp_path_factory, in_this_process):
     return folder
 
 
-@pytest.mark.slow
 def test_tables_and_known_effects(undisturbed):
     rows, table = table_of(undisturbed), table_of(undisturbed, "table.csv")
     assert len(rows) == 8
