@@ -14,7 +14,7 @@ from gazempc.people.people import Became, People, frames_of
 from gazempc.people.person import CATCH_UP, TrackedPerson
 from gazempc.people.tracker_faults import FrozenPeople
 from gazempc.settings import LoopSettings
-from gazempc.types import FloatArray, Sighting
+from gazempc.types import FloatArray, Sighting, View
 from predictors import Forecast, HeadObservation, Predictor
 
 # Period of decisions; half as often would still be within a frame of a camera.
@@ -51,6 +51,7 @@ class AttendedPeople:
         self.people = People(make_predictor, settings.lost_after_s)
         self.attention = attention
         self._settings = settings
+        self._view: View | None = None
         self._decided_s = -math.inf
         self._frozen = FrozenPeople()
 
@@ -79,6 +80,7 @@ class AttendedPeople:
         for sighting in sightings:
             event = why_not_usable(sighting, time_s, self._settings)
             if event is None:
+                self._view = sighting.view
                 usable.append(sighting)
             else:
                 recorder.refuse(event, time_s)
@@ -93,7 +95,7 @@ class AttendedPeople:
         attended = self._attended()
         if attended is None:
             return None
-        return checked_forecast(attended.forecast, attended.start, times_s, time_s, recorder)
+        return checked_forecast(attended.forecast, attended.start, self._view, times_s, time_s, recorder)
 
     def _take_frame(self, frame: tuple[Sighting, ...], time_s: float, recorder: LoopRecorder) -> None:
         frame = tuple(sighting for sighting in frame if not self._is_frozen(sighting, recorder))

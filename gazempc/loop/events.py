@@ -38,7 +38,8 @@ class Event(StrEnum):
     )
     FORECAST_OUT_OF_REACH = (
         "forecast_out_of_reach",
-        "the forecast is farther from the last position than 0.3 m and 3 m/s; it is cut there",
+        "the forecast is farther from the last position than 0.3 m and 3 m/s, or with a camera farther outside the "
+        "picture than half of it; it is cut there",
     )
     CONTROLLER_FAILED = "controller_failed", "the controller raised an exception; the last plan is used further"
     SOLVER_FAILED = "solver_failed", "the controller's problem has no solution; the last plan is used further"
