@@ -33,7 +33,7 @@ from benchmarks.solvers.peer import Peer
 from benchmarks.solvers.qp_peers import CasadiQrqp, Osqp, PiqpPackage
 from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, simulate
 from benchmarks.step_time import bare_kalman_step
-from experiments.engine.command import run_command
+from gazempc.command import run_interruptible
 from gazempc.errors import SettingsError, suggest
 from gazempc.neck.spec import load_neck
 
@@ -151,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     settings = tyro.cli(
         MpcSolversSettings, args=arguments, prog="python -m benchmarks.mpc_solvers", description=__doc__
     )
-    return run_command("mpc_solvers", lambda: benchmark(settings))
+    return run_interruptible("mpc_solvers", lambda: benchmark(settings))
 
 
 if __name__ == "__main__":

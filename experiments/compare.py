@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 if __name__ == "__main__":  # before the other imports, which are slow
-    from experiments.engine.signals import end_during_imports
+    from gazempc.signals import end_during_imports
 
     end_during_imports("compare")
 

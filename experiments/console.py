@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from gazempc.errors import suggest
+from gazempc.signals import end_during_imports
 
 COMMANDS = {
     "run": ("gazempc.run", "replay a walk to several gazes, with table and pictures"),
@@ -41,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if words[0] not in COMMANDS:
         print(f"gazempc: no command {words[0]!r}: {suggest(words[0], COMMANDS)}", file=sys.stderr)
         return _BAD_INPUT
+    if arguments is None:
+        end_during_imports(f"gazempc {words[0]}")
     command = importlib.import_module(COMMANDS[words[0]][0])
     status: int = command.main(words[1:])
     return status

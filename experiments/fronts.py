@@ -10,21 +10,149 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from matplotlib.figure import Figure
 from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.aggregate import GROUP_ORDER
 from experiments.engine.command import Command
-from experiments.front_gaps import CONTACT, ERROR, HEAD, SMOOTHNESS, front, gaps, gaze
 from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
-from gazempc.results.figures.style import readable
+from gazempc.types import FloatArray
+
+SMOOTHNESS = "rms_acceleration_rad_s2"
+HEAD = "head_rms_acceleration_rad_s2"
+ERROR, CONTACT = "gaze_error_rms_deg", "eye_contact_2p6"
+_RESAMPLES, _SEED = 500, 20210603
+Points = list[tuple[float, float]]
+
+
+def front(points: Points, sign: float) -> Points:
+    """The points that no other beats in both smoothness and value, smoothest first.
+
+    Args:
+        points: Pairs of smoothness (less is better) and value.
+        sign: 1 if less of the value is better, -1 if more is.
+
+    Returns:
+        The front.
+    """
+    best: Points = []
+    for smoothness, value in sorted(points, key=lambda p: (p[0], sign * p[1])):
+        if not best or sign * value < sign * best[-1][1]:
+            best.append((smoothness, value))
+    return best
+
+
+def at(points: Points, smoothness: float) -> float:
+    """Value of a front at a smoothness: between its points on the line between them, past its last point as there.
+
+    Args:
+        points: A front.
+        smoothness: Where.
+
+    Returns:
+        The value; NaN where the front does not reach.
+    """
+    if smoothness < points[0][0]:
+        return math.nan
+    return float(np.interp(smoothness, [p[0] for p in points], [p[1] for p in points]))
+
+
+@dataclass(frozen=True)
+class SweptGaze:
+    """What one gaze did, point by point of its sweep; clips are the same for all points.
+
+    Attributes:
+        clips: Whose clip each is, shape (C,).
+        values: Smoothness, error and contact of each point's clips, shape (P, 3, C).
+    """
+
+    clips: tuple[str, ...]
+    values: FloatArray
+
+    def means(self, weights: FloatArray) -> FloatArray:
+        """Weighed means over the clips, shape (P, 3)."""
+        means: FloatArray = self.values @ weights / weights.sum()
+        return means
+
+
+def gaze(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> SweptGaze:
+    """Collect the runs of one gaze.
+
+    Args:
+        rows: Its runs, with ``point``, ``recording``, ``subject`` and the three metrics.
+        names: Recordings to take, each of which every point has.
+
+    Returns:
+        What it did.
+    """
+    known = {(row["point"], row["recording"]): row for row in rows}
+    points = sorted({row["point"] for row in rows})
+    values = [[[known[p, name][m] for name in names] for m in (SMOOTHNESS, ERROR, CONTACT)] for p in points]
+    return SweptGaze(tuple(known[points[0], name]["subject"] for name in names), np.array(values, dtype=np.float64))
+
+
+def gaps(ours: SweptGaze, rival: SweptGaze) -> dict[str, Any]:
+    """Compare at every point of the rival's front that ours reaches.
+
+    Args:
+        ours: A gaze.
+        rival: Another one on the same clips.
+
+    Returns:
+        ``points`` of the rival's front that were compared; ``error_ratio`` and ``contact_difference``, means over
+        these, each with ``_low`` and ``_high`` (95 %, people drawn anew; None with one person) and ``_worst``.
+    """
+    people = sorted(set(ours.clips))
+    whose = np.array([people.index(person) for person in ours.clips])
+    found: dict[str, Any] = {"points": 0} | {
+        f"{name}{end}": None
+        for name in ("error_ratio", "contact_difference")
+        for end in ("", "_worst", "_low", "_high")
+    }
+    ratios, differences = _compared(ours, rival, np.ones(whose.size))
+    found |= {"points": len(ratios)}
+    if not ratios or not differences:
+        return found
+    found |= {"error_ratio": _mean_ratio(ratios), "error_ratio_worst": max(ratios)}
+    found |= {"contact_difference": float(np.mean(differences)), "contact_difference_worst": min(differences)}
+    if len(people) > 1:
+        draws = np.random.default_rng(_SEED).integers(len(people), size=(_RESAMPLES, len(people)))
+        weights = [np.bincount(draw, minlength=len(people))[whose].astype(np.float64) for draw in draws]
+        drawn = [_compared(ours, rival, each) for each in weights]
+        spreads = {
+            "error_ratio": [_mean_ratio(ratios) for ratios, _ in drawn if ratios],
+            "contact_difference": [float(np.mean(differences)) for _, differences in drawn if differences],
+        }
+        for name, values in spreads.items():
+            low, high = np.percentile(values, [2.5, 97.5])
+            found |= {f"{name}_low": float(low), f"{name}_high": float(high)}
+    return found
+
+
+def _mean_ratio(ratios: list[float]) -> float:
+    return float(np.exp(np.mean(np.log(ratios))))
+
+
+def _compared(ours: SweptGaze, rival: SweptGaze, weights: FloatArray) -> tuple[list[float], list[float]]:
+    if not weights.any():
+        return [], []
+    means = [each.means(weights) for each in (ours, rival)]
+
+    def pairs(column: int, sign: float) -> Points:
+        mine, theirs = (front([(row[0], row[column]) for row in of.tolist()], sign) for of in means)
+        both = [(at(mine, smoothness), value) for smoothness, value in theirs]
+        return [pair for pair in both if not math.isnan(pair[0])]
+
+    return [a / b for a, b in pairs(1, 1.0)], [a - b for a, b in pairs(2, -1.0)]
+
 
 GROUPS = (*GROUP_ORDER, "all")
 Row = dict[str, Any]
@@ -41,7 +169,7 @@ class FrontsSettings(BaseModel):
 
 
 def fronts(settings: FrontsSettings, _: str = "") -> int:
-    """Compare, print, and write ``fronts.json`` and ``fronts.png`` beside the sweep's tables.
+    """Compare, print, and write ``fronts.json`` beside the sweep's tables.
 
     Args:
         settings: Which sweep and cases.
@@ -58,7 +186,7 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
         if name not in cases:
             raise SettingsError(f"{settings.sweep / 'results.csv'}: no case {name!r}; there are {', '.join(cases)}")
     by = [name for name in ("neck", "sensor", "predictor") if name in runs[0]]
-    found, drawn = [], []
+    found = []
     for place in sorted({tuple(row[name] for name in by) for row in runs}):
         here = [row for row in runs if tuple(row[name] for name in by) == place]
         of = [[row for row in here if row["case"] == case] for case in (settings.case, settings.rival)]
@@ -66,10 +194,7 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
             names = _common([row for row in [*of[0], *of[1]] if group in {"all", row["group"]}])
             gazes = [gaze(rows, names) for rows in of]
             found.append(dict(zip(by, place, strict=True)) | {"group": group} | gaps(*gazes))
-            means = [each.means(np.ones(len(names)))[:, :2].tolist() for each in gazes]
-            drawn.append((", ".join((*place, group)), means))
     write_whole(settings.sweep / "fronts.json", json.dumps(found, indent=2) + "\n")
-    _draw(drawn, settings).savefig(settings.sweep / "fronts.png", dpi=110)
     print(f"{settings.case} against {settings.rival} at the same RMS acceleration, mean over the front [95 %, people]:")
     head = [*by, "group", "points", "RMS error, %", "worst", "eye contact 2.6 deg, points", "worst"]
     rows = [
@@ -85,7 +210,7 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
     widths = [max(len(line[i]) for line in [head, *rows]) for i in range(len(head))]
     for line in [head, *rows]:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
-    print(f"Written to {settings.sweep}/: fronts.json, fronts.png")
+    print(f"Written to {settings.sweep}/: fronts.json")
     return 0
 
 
@@ -132,26 +257,6 @@ def _read(path: Path) -> list[Row]:
                 raise SettingsError(f"{path}, row {number}: {name} is not a number: {row[name]!r}") from None
         done.append(row)
     return done
-
-
-def _draw(drawn: Sequence[tuple[str, list[list[list[float]]]]], settings: FrontsSettings) -> Figure:
-    columns = min(4, len(drawn))
-    lines = -(-len(drawn) // columns)
-    width_inches = 3.2 * columns
-    with readable(width_inches):
-        figure = Figure(figsize=(width_inches, 2.7 * lines), layout="constrained")
-        axes = figure.subplots(lines, columns, squeeze=False)
-        for ax, (title, means) in zip(axes.flat, drawn, strict=False):
-            for name, style, points in zip((settings.case, settings.rival), ("o-", "s--"), means, strict=True):
-                dots = ax.plot(*zip(*sorted(points), strict=True), style[0], ms=3, alpha=0.5)
-                ends = front([(p[0], p[1]) for p in points], 1.0)
-                ax.plot(*zip(*ends, strict=True), style[1:], color=dots[0].get_color(), label=name)
-            ax.set_title(title, fontsize=9)
-            ax.grid(alpha=0.3)
-        axes[0, 0].legend()
-        figure.supxlabel("RMS acceleration of the joints [rad/s²]")
-        figure.supylabel("RMS gaze error [deg]")
-        return figure
 
 
 main = Command("fronts", FrontsSettings, __doc__, fronts).main

@@ -8,6 +8,7 @@ from gazempc.controllers.reactive import Reactive as Reactive
 from gazempc.errors import GazempcError as GazempcError
 from gazempc.front import replay as replay
 from gazempc.live.gaze import Gaze as Gaze
+from gazempc.neck.picture import Framing as Framing
 from gazempc.neck.spec import NeckSpec as NeckSpec
 from gazempc.neck.spec import load_neck as load_neck
 from gazempc.recordings.arrays import recording_from_arrays as recording_from_arrays

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shlex
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from tyro.conf import HelptextFromCommentsOff
 
 from gazempc.errors import GazempcError, LimitViolationError
+from gazempc.signals import Interrupted, ending_on_signals
 
 # 1 means a limit violation only. Python's own status after an exception is 1, too, so all exceptions are caught.
 VIOLATION, BAD_INPUT, UNEXPECTED, INCOMPLETE = 1, 2, 3, 4
@@ -30,19 +33,63 @@ def run_command(name: str, work: Callable[[], int]) -> int:
         exception, a fault of the program. 0: also if the reader of the output has closed it, as in ``... --list |
         head``.
     """
+    _prepare_streams()
     try:
-        return work()
+        status = work()
+        sys.stdout.flush()
+        return status
     except BrokenPipeError:
         # The reader is gone.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         return 0
     except (GazempcError, OSError) as error:
+        try:
+            sys.stdout.flush()
+        except OSError:  # such as a full disk, which Python's own flush at the end would report again
+            _discard_output()
         print(f"{name}: {error}", file=sys.stderr)
         return VIOLATION if isinstance(error, LimitViolationError) else BAD_INPUT
     except Exception:
         traceback.print_exc()
         print(f"{name}: a fault of this program, not of your input: please report the lines above", file=sys.stderr)
         return UNEXPECTED
+
+
+def run_interruptible(
+    name: str, work: Callable[[], int], then: str = "run the same command again to go on", grace_s: float | None = None
+) -> int:
+    """`run_command` with a message and a status for signals.
+
+    Args:
+        name: The command's name, for messages.
+        work: Does it, and gives the exit status.
+        then: What to do after an interruption, for the message.
+        grace_s: The process is ended so long after a signal, seconds; see `gazempc.signals.ending_on_signals`.
+
+    Returns:
+        The status of `run_command`; 130 after Ctrl-C, 143 after SIGTERM.
+    """
+    try:
+        with ending_on_signals(grace_s):
+            return run_command(name, work)
+    except Interrupted as stop:
+        what = "".join(f": {note}" for note in getattr(stop, "__notes__", ()))
+        print("; ".join(filter(None, (f"{name}: interrupted{what}", then))), file=sys.stderr)
+        return 128 + stop.signum
+
+
+def _prepare_streams() -> None:
+    """Make up for standard streams that are closed, or whose encoding lacks a character."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115  (open to the end of the process)
+        elif mode == "w" and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def _discard_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def command_line(module: str, words: Sequence[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -88,7 +89,13 @@ def suggest(name: str, accepted: Iterable[str]) -> str:
         A sentence fragment such as ``"perhaps you meant 'mpc'; accepted: lookahead, mpc"``.
     """
     names = sorted(accepted)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    # Numbers differ by leading zeros more often than by digits.
+    near = [each for each in names if _without_zeros(each) == _without_zeros(name)]
+    near = near or difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     hint = f"perhaps you meant {near[0]!r}; " if near else ""
     shown = names if len(names) <= _NAMES_SHOWN else [names[0], "...", names[-1]]
     return f"{hint}accepted: {', '.join(shown)}"
+
+
+def _without_zeros(name: str) -> str:
+    return re.sub(r"(?<!\d)0+(?=\d)", "", name.lower())

@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import tyro
 from pydantic import BaseModel, Field
 
-from gazempc.command import TYRO_CONFIG, run_command
+from gazempc.command import TYRO_CONFIG, run_interruptible
 from gazempc.errors import SettingsError
 from gazempc.files.whole import whole
 from gazempc.results.log import Log, load_log
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     settings = tyro.cli(
         ExportSettings, config=TYRO_CONFIG, args=arguments, prog="python -m gazempc.export", description=__doc__
     )
-    return run_command("gazempc.export", lambda: _work(settings))
+    return run_interruptible("gazempc.export", lambda: _work(settings), "")
 
 
 def _work(settings: ExportSettings) -> int:

@@ -75,6 +75,8 @@ ROBOT = Kind(
         "dynamixel": "gazempc.robots.dynamixel:DynamixelNeck",
         "ros2": "gazempc.robots.ros2:Ros2Neck",
         "reachy_mini": "gazempc.robots.reachy_mini:ReachyMiniNeck",
+        "visca": "gazempc.robots.visca:ViscaCamera",
+        "onvif": "gazempc.robots.onvif:OnvifCamera",
     },
     {
         "connect": "connect(): opens the connection",
@@ -117,14 +119,26 @@ POLICY = Kind(
 )
 # An own cost or limit of the MPC: a function of `gazempc.controllers.mpc.problem.Trajectory`.
 TERM = Kind("term", {}, {})
+# Shipped robots that are given as NAME:ADDRESS.
+ADDRESSED = ("visca", "onvif")
 # A person by the tracker's name: ``id:anna``.
 BY_NAME = "id:"
+
+
+def split_address(choice: str) -> tuple[str, str]:
+    """Name and address of a robot, such as of ``visca:192.168.0.8``; any other choice has the address ``""``."""
+    name, _, address = choice.partition(_MARK)
+    return (name, address) if name in ADDRESSED else (choice, "")
 
 
 def is_own(choice: str) -> bool:
     """Whether a choice names a part of the user's own, ``module:Class``."""
     module, mark, name = choice.partition(_MARK)
-    return bool(mark) and all(part.isidentifier() for part in [*module.split("."), *name.split(".")])
+    return (
+        bool(mark)
+        and module not in ADDRESSED
+        and all(part.isidentifier() for part in [*module.split("."), *name.split(".")])
+    )
 
 
 def check_choice(kind: Kind, choice: str) -> str:
@@ -140,7 +154,7 @@ def check_choice(kind: Kind, choice: str) -> str:
     Raises:
         ValueError: If it is neither; the message has the accepted values.
     """
-    if choice in kind.shipped or is_own(choice):
+    if split_address(choice)[0] in kind.shipped or is_own(choice):
         return choice
     raise ValueError(
         f"no {kind.name} {choice!r}: {suggest(choice, kind.shipped)}, or module:Class for a {kind.name} of your own"
@@ -181,7 +195,7 @@ def find(kind: Kind, choice: str) -> Callable[..., Any]:
         SettingsError: If there is none, or its module cannot be imported; the message has the reason.
     """
     try:
-        module_name, _, name = kind.shipped.get(check_choice(kind, choice), choice).partition(_MARK)
+        module_name, _, name = kind.shipped.get(split_address(check_choice(kind, choice))[0], choice).partition(_MARK)
     except ValueError as error:
         raise SettingsError(str(error)) from None
     if is_own(choice) and str(Path.cwd()) not in sys.path:

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from gazempc.signals import end_during_imports
+
+    end_during_imports("gazempc run")
+
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 import yaml
 
-from gazempc.command import TYRO_CONFIG, command_line, run_command
+from gazempc.command import TYRO_CONFIG, command_line, run_interruptible
 from gazempc.errors import GazempcError, LimitViolationError
 from gazempc.files.whole import begin_folder, naming, write_whole
 from gazempc.part_options import check_options, take_options
@@ -19,6 +25,7 @@ from gazempc.parts import CONTROLLER, PREDICTOR
 from gazempc.progress import Progress
 from gazempc.results.mcap_read import has_log
 from gazempc.run_settings import RunSettings, config_path, load_settings
+from gazempc.signals import Interrupted
 
 if TYPE_CHECKING:
     from gazempc.neck.spec import NeckSpec
@@ -29,6 +36,8 @@ if TYPE_CHECKING:
 
 # A true head that is known for less of the time is worth a note: so much of it figures do not tell.
 _MOSTLY = 0.9
+# Longest time after a signal in which results so far are written.
+_TO_KEEP_S = 10.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,10 +47,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, or 1 on a limit violation, 2 on bad input.
+        Exit status: 0, or 1 on a limit violation, 2 on bad input, 130 if interrupted: what was complete is kept.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    return run_command("gazempc", lambda: _work(parse(words), command_line("gazempc.run", words)))
+    return run_interruptible("gazempc", lambda: _work(parse(words), command_line("gazempc.run", words)), "", _TO_KEEP_S)
 
 
 def _work(settings: RunSettings, command: str) -> int:
@@ -93,22 +102,25 @@ def _run(settings: RunSettings, command: str) -> None:
     progress = Progress()
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
     from gazempc.recordings.readers.table import remember_columns  # noqa: PLC0415
+    from gazempc.sim.scene import make_scene  # noqa: PLC0415
+
+    scene = make_scene(settings.replay or "", settings, everybody=settings.attend is not None)
+    out = settings.out or Path("out") / scene.name
+    resolved = settings.model_copy(update={"placement": scene.placement, "sensor": scene.sensor.name, "out": out})
+    with begin_folder(out):
+        _replay(scene, settings, resolved, command, progress)
+    if remembered := remember_columns(Path(settings.replay or ""), settings.reading):
+        print(remembered)
+
+
+def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command: str, progress: Progress) -> None:
     from gazempc.recordings.recording import truth_of  # noqa: PLC0415
     from gazempc.results.mcap import write_mcap  # noqa: PLC0415
     from gazempc.results.run_summary import faults, label, write_summary  # noqa: PLC0415
     from gazempc.results.table import sentence, table  # noqa: PLC0415
     from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
-    from gazempc.sim.scene import make_scene  # noqa: PLC0415
 
-    scene = make_scene(settings.replay or "", settings, everybody=settings.attend is not None)
-    walk, neck = scene.walk, scene.neck
-    out = settings.out or Path("out") / scene.name
-    resolved = settings.model_copy(update={"placement": scene.placement, "sensor": scene.sensor.name, "out": out})
-    try:
-        begin_folder(out)
-    except OSError as error:
-        raise GazempcError(f"--out {out}: cannot write to this folder: {error.strerror}") from None
-
+    walk, neck, out = scene.walk, scene.neck, resolved.out or Path()
     done = replay_repeatedly(scene, resolved, settings.controllers, settings.noise_seeds, progress)
     repeats = done.repeats
     seeds = list(repeats[0].seeds)
@@ -151,11 +163,15 @@ def _run(settings: RunSettings, command: str) -> None:
     ]
     for line in other_seeds:
         print(f"  {line}")
-    progress.say("writing the report")
-    drawn = _draw(logs, out) if settings.figures else []
-    report = _report(logs, repeats, [*notes, *other_seeds], out, drawn, command, shown)
-    if remembered := remember_columns(Path(settings.replay or ""), settings.reading):
-        print(remembered)
+    try:
+        if done.interrupted:
+            raise done.interrupted
+        progress.say("writing the report")
+        drawn = _draw(logs, out) if settings.figures else []
+        report = _report(logs, repeats, [*notes, *other_seeds], out, drawn, command, shown)
+    except Interrupted as stop:
+        stop.add_note(f"{', '.join(logs)} with {len(seeds)} seed(s) of the noise are kept in {out}, without a report")
+        raise
     of_each = f"a log (.npz{', .mcap' if settings.log == 'mcap' else ''}) and computing times of each controller"
     written = [report, "summary.json", "settings.yaml", of_each, *drawn]
     print(f"Written to {out}/: {', '.join(written)}")
@@ -165,18 +181,20 @@ def _run(settings: RunSettings, command: str) -> None:
 
 
 def _measure(path: Path, settings: RunSettings, command: str) -> None:
-    from gazempc.recordings.recording import truth_of  # noqa: PLC0415
     from gazempc.results.log import load_log  # noqa: PLC0415
-    from gazempc.results.run_summary import write_summary  # noqa: PLC0415
-    from gazempc.results.table import measured_again, table  # noqa: PLC0415
 
     log = load_log(path)
     out = settings.out or Path("out") / path.stem
-    if path.resolve().parent == out.resolve():
-        # Beside the log stands the rest of its run.
-        out.mkdir(parents=True, exist_ok=True)
-    else:
-        begin_folder(out)
+    # Beside the log stands the rest of its run.
+    with nullcontext() if path.resolve().parent == out.resolve() else begin_folder(out):
+        _write_measured(log, path, out, settings, command)
+
+
+def _write_measured(log: Log, path: Path, out: Path, settings: RunSettings, command: str) -> None:
+    from gazempc.recordings.recording import truth_of  # noqa: PLC0415
+    from gazempc.results.run_summary import write_summary  # noqa: PLC0415
+    from gazempc.results.table import measured_again, table  # noqa: PLC0415
+
     repeats = measured_again(log)
     about = {"recording": log.run.recording, "kind": log.run.kind, "log": str(path), "settings": log.run.settings}
     write_summary(out / "summary.json", about, list(repeats.rows))
@@ -266,16 +284,10 @@ def _events(log: Log) -> list[str]:
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:
     from gazempc.results.figures.angles import angles  # noqa: PLC0415
     from gazempc.results.figures.animation import animate  # noqa: PLC0415
-    from gazempc.results.figures.overview import attended, birds_eye, gaze_error, overview  # noqa: PLC0415
+    from gazempc.results.figures.overview import attended, overview  # noqa: PLC0415
     from gazempc.results.figures.people import has_attention  # noqa: PLC0415
 
-    figures = {
-        "overview.png": overview,
-        "birds_eye.png": birds_eye,
-        "angles.png": angles,
-        "gaze_error.png": gaze_error,
-        "gaze.gif": animate,
-    }
+    figures = {"overview.png": overview, "angles.png": angles, "gaze.gif": animate}
     if has_attention(logs):
         figures["attended.png"] = attended
     for name, draw in figures.items():

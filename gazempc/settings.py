@@ -10,6 +10,7 @@ import tyro
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from tyro.constructors import PrimitiveConstructorSpec
 
+from gazempc.neck.picture import Framing
 from gazempc.parts import BY_NAME, CONTROLLER, POLICY, PREDICTOR, Kind, check_choice, check_function
 
 
@@ -286,6 +287,12 @@ class GazeSettings(PredictorSettings):
     attention: AttentionSettings = AttentionSettings()
     look_away: LookAwaySettings = LookAwaySettings()
 
+    @model_validator(mode="after")
+    def _all_are_tracked(self) -> GazeSettings:
+        if self.framing.subject == "all" and self.attend is None:
+            raise ValueError("framing.subject all: accepted with attend, such as nearest, which tracks each person")
+        return self
+
     @property
     def several(self) -> bool:
         """Whether there is more to look at than one person all the time."""
@@ -293,4 +300,5 @@ class GazeSettings(PredictorSettings):
 
     lookahead: LookAheadSettings = LookAheadSettings()
     mpc: MpcSettings = MpcSettings()
+    framing: Framing = Framing(subject="no")
     loop: LoopSettings = LoopSettings()

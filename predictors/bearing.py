@@ -1,4 +1,4 @@
-"""Covariance of a position whose direction is known better than its range, as with one camera."""
+"""Covariance of a position whose bearing is more accurate than its range, as with one camera."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from predictors.types import FloatArray
 
 
 def bearing_covariance(position_m: ArrayLike, bearing_sd_rad: float, range_sd_m: float) -> FloatArray:
-    """Covariance that is short across the line of sight and may be long along it.
+    """Covariance with separate errors of bearing and range.
 
-    A direction without a range is this, too: put the head at a likely range, and state how far off that may be.
+    For a bearing without a range, place the head at a likely range and state the uncertainty of that range.
 
         covariance_m2 = bearing_covariance(head_m, bearing_sd_rad=0.002, range_sd_m=1.0)
 

@@ -1,4 +1,4 @@
-"""Kalman filter whose state is the head's position and velocity: the field's standard forecast."""
+"""Constant-velocity Kalman filter of the head's position: the standard forecast of the field."""
 
 from __future__ import annotations
 
@@ -54,10 +54,9 @@ def process_noise(dt_s: float, acceleration_psd: float) -> FloatArray:
 class ConstantVelocity:
     """Constant-velocity Kalman filter driven by the time stamps of the observations.
 
-    Observations that the filter finds improbable at the 99.9 % level, with an allowance for turning, are refused. Where
-    those agree with each other for 0.75 s, the track starts anew from them; see `predictors.gate.Gate`. A gap needs no
-    special case: the state is carried over it and its covariance grows. A stated covariance of the position is used as
-    it is.
+    Observations outside the gate are refused, and refused ones that form a candidate for 0.75 s restart the track; see
+    `predictors.gate.Gate`. Over a gap the state is extrapolated and its covariance grows. A stated covariance of the
+    position is the measurement covariance.
 
     Args:
         acceleration_psd: Power spectral density of the head's acceleration on each axis, m^2/s^3. The default
@@ -145,7 +144,7 @@ class ConstantVelocity:
         left = _EYE6.copy()
         left[:, :3] -= K
         P = left @ self._P @ left.T + K @ R @ K.T
-        # Rounding makes it a little asymmetric; more so where a range of 100 km becomes one of a metre.
+        # Removes the asymmetry of rounding, which matters where a range changes from 100 km to a metre.
         self._P = 0.5 * (P + P.T)
 
     def state(self) -> tuple[float, FloatArray, FloatArray]:
@@ -167,7 +166,7 @@ class ConstantVelocity:
         return self.forecast_turned(times_s, _EYE3)
 
     def forecast_turned(self, times_s: ArrayLike, velocity_map: FloatArray) -> Forecast:
-        """Forecast with the velocity mapped linearly first, which is how others bend the path.
+        """Forecast with a linear map of the velocity, by which other predictors bend the path.
 
         Args:
             times_s: Times to forecast for, shape (H,), seconds.

@@ -1,4 +1,4 @@
-"""Gating: which detections a track rejects, and when it is lost; the same for all filters."""
+"""Gating of detections, and loss of a track; shared by all filters."""
 
 from __future__ import annotations
 
@@ -13,39 +13,38 @@ from predictors.types import FloatArray, HeadObservation
 
 AnyTime = TypeVar("AnyTime", float, FloatArray)
 
-# An innovation this improbable is a mistaken detection (another person, a reflection), not a step of a walk.
+# An innovation beyond this quantile is a false detection (another person, a reflection).
 _GATE_PROBABILITY = 0.999
-# Quantile of chi-square with 3 degrees of freedom; `scipy.stats` has it, too, and takes half a second to import.
+# Quantile of chi-square with 3 degrees of freedom; importing `scipy.stats` for it takes half a second.
 GATE_D2 = float(chdtri(3, 1.0 - _GATE_PROBABILITY))
-# Who turns or brakes leaves the forecast of a steady walk by more than the filter's own spread tells. At the edge of
+# Manoeuvre noise: turning and braking exceed the innovation covariance of a constant-velocity filter. At the edge of
 # the gate, four standard deviations, this is 5 m/s^2: a turn of 0.5 m radius at 1.6 m/s, or a stop within 0.3 s. The
-# filter lags behind the velocity by some 0.2 s, as if the turn had begun so long before the last accepted frame. With
-# less, real jumps of 0.1 m of street trackers were refused, and forecasts at 0.25 s were 1 % worse.
+# filter's velocity lags by about 0.2 s, which counts as time since the last accepted frame. With less, jumps of 0.1 m
+# of street trackers were refused, and forecasts at 0.25 s were 1 % worse.
 _MANOEUVRE_SD_M_S2, _FILTER_LAG_S = 1.25, 0.2
-# The spread of the innovations follows their mean square over this time; at low rates over some frames.
+# Time constant of the measured innovation covariance; at low frame rates the gain is bounded.
 _LEARNS_IN_S, _LARGEST_GAIN = 0.3, 0.2
-# Weights of a t distribution keep rare false detections out of that mean (Lange, Little & Taylor 1989): what is far
-# beyond the spread counts no more than `_DEGREES + 3` innovations of ordinary size.
+# Robust weights of a t distribution (Lange, Little & Taylor 1989): an outlier counts at most as `_DEGREES + 3`
+# innovations of one standard deviation.
 _DEGREES = 3.0
-# Refused detections are of one person if that one need not have run from one to the next: this fast, and with this
-# error of the tracker.
+# Association of refused detections to one candidate: largest speed between them, and error of the tracker.
 _OTHERS_SPEED_M_S, _OTHERS_ERROR_M = 2.0, 0.1
-# Trackers jump to a passer-by for some 0.7 s, so the track stays where it was for longer than that. A single
-# detection is no candidate. A track is given up sooner if it was itself shorter: it may have begun with a mistake.
+# Identity switches of trackers last about 0.7 s, so a track is kept for longer. A candidate needs two detections. A
+# track younger than that is given up after its own age: it may have begun with a false detection.
 _GIVEN_UP_AFTER_S, _CANDIDATE_FRAMES = 0.75, 2
-# So that a time that is a whole number of frames is not decided by the last bit.
+# Tolerance of comparisons between time stamps.
 _ROUNDING_S = 1e-6
-# With another identity at the tracker, the person may still come back.
+# The same where the candidate has another identity: the attended person may come back.
 _GIVEN_UP_BY_ID_S = 1.5
 
 
 class Gate:
-    """Refuses positions that are improbable at the 99.9 % level, and detects a change to another person.
+    """Gate at the 99.9 % level of the Mahalanobis distance, with a candidate track for detections outside it.
 
-    Three parts add up to the gate's covariance: that of the filter, that of recent innovations, and what a person can
-    do since the last accepted frame. Refused detections that agree with each other form a candidate track. A detection
-    that is nearer to the candidate than to the track is refused, too. After 0.75 s of refusals the candidate replaces
-    the track; after 1.5 s if the candidate has another name; sooner if the track is younger.
+    The gate's covariance is the sum of the filter's innovation covariance, the measured one of recent innovations, and
+    manoeuvre noise since the last accepted frame. Refused detections within walking distance of each other form a
+    candidate track; a detection nearer to the candidate than to the track is refused, too. The candidate replaces the
+    track after 0.75 s of refusals, after 1.5 s if it has another identity, and sooner if the track is younger.
     """
 
     def __init__(self) -> None:
@@ -63,7 +62,7 @@ class Gate:
 
     @property
     def candidate(self) -> tuple[HeadObservation, ...]:
-        """The latest refused observations that agree with each other, oldest first."""
+        """Refused observations of the candidate track, oldest first."""
         return tuple(self._candidate)
 
     @property
@@ -77,7 +76,7 @@ class Gate:
         return newest.capture_time_s - self._refused_s >= wait_s - _ROUNDING_S
 
     def begin(self, observation: HeadObservation) -> None:
-        """Begin a track. What was measured of the tracker stays.
+        """Begin a track; the measured innovation covariance is kept.
 
         Args:
             observation: The first observation.
@@ -105,7 +104,7 @@ class Gate:
         if near and of_candidate:
             near = _apart_m(self._candidate[-1], observation) > math.hypot(*innovation_m.tolist())
         if not (of_candidate and len(self._candidate) >= _CANDIDATE_FRAMES):
-            # A detection that agrees with two others is a person at that place, no tracker error.
+            # From the third detection on, the candidate is a person and no error of the tracker.
             self._learn(innovation_m, spread_m2, observation.capture_time_s)
         if near:
             self._accept(observation)
@@ -120,7 +119,7 @@ class Gate:
         self._rejections = 0
         self._candidate = []
         self._accepted_s = self._judged_s = observation.capture_time_s
-        # Who is where the person is expected is the person, whatever the tracker calls them.
+        # Position outranks identity: trackers change the identity of one person.
         self._person_id = observation.person_id or self._person_id
 
     def _is_named_otherwise(self, observation: HeadObservation) -> bool:
@@ -136,7 +135,7 @@ class Gate:
 
 
 def is_near(innovation_m: FloatArray, spread_m2: FloatArray, since_s: float) -> bool:
-    """Whether a detection may be the person.
+    """Whether a detection is inside the gate.
 
     Args:
         innovation_m: Observed minus predicted position, shape (3,), metres.
@@ -144,13 +143,13 @@ def is_near(innovation_m: FloatArray, spread_m2: FloatArray, since_s: float) -> 
         since_s: Time since the last frame that was used, seconds.
 
     Returns:
-        Whether it is within the gate. A NaN, from a position of absurd size, is not.
+        Whether the distance is within the gate; False for NaN, from a position of absurd size.
     """
     return mahalanobis2(innovation_m, spread_m2, allowance_m(since_s) ** 2) <= GATE_D2
 
 
 def allowance_m(since_s: AnyTime) -> AnyTime:
-    """How far a person may have left a steady walk.
+    """Manoeuvre noise: standard deviation of the departure from a steady walk.
 
     Args:
         since_s: Time since the last frame that was used, seconds; a number or an array of any shape.

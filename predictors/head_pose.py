@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 # A glance or a turn moves the head's yaw by about 1 rad/s; as a random walk that is 1 rad^2 a second.
 _YAW_WALK_RAD2_PER_S = 1.0
-# Without an orientation for this long, the last one says nothing about where the person turns now.
+# An orientation older than this is no longer used.
 _YAW_VALID_FOR_S = 0.5
-# Who stands has no direction of travel.
+# Below this speed the direction of travel is undefined.
 _TRAVELS_FROM_M_S = 0.2
-# The mean yaw of so short a time may still be a turn: the offset is believed by T / (T + this).
+# Shrinkage of the mean yaw over a time T, which may still be a turn: T / (T + this).
 _OFFSET_PRIOR_S = 0.5
 
 

@@ -1,4 +1,4 @@
-"""The person stands where they were last seen: what a reactive gaze assumes."""
+"""Zero-order hold of the last observed position: the forecast behind a reactive gaze."""
 
 from __future__ import annotations
 

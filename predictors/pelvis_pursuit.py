@@ -1,4 +1,4 @@
-"""A simple rule: people come to walk where their pelvis points."""
+"""Constant velocity whose direction turns towards that of the pelvis."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from predictors.predictor import as_times
 from predictors.types import Forecast, HeadObservation
 from predictors.yaw import wrap_rad, yaw_rad
 
-# A person who hardly moves has no direction of travel: the rule fades out between these speeds.
+# The direction of travel is undefined at rest: the rule fades out between these speeds.
 _NO_DIRECTION_BELOW_M_S = 0.2
 _FULL_GAIN_FROM_M_S = 0.5
-# Without an orientation for this long, the last one says nothing about where the person turns now.
+# An orientation older than this is no longer used.
 _YAW_VALID_FOR_S = 0.5
 
 
@@ -29,7 +29,7 @@ class PelvisPursuit:
     Args:
         gain: Share of the angle that is turned, in [0, 1].
         turn_time_s: T, time constant of the turn, seconds.
-        acceleration_psd: See `ConstantVelocity`; less is better here, as the pelvis tells of a turn sooner.
+        acceleration_psd: See `ConstantVelocity`; less than for `ConstantVelocity`, as the pelvis shows a turn earlier.
         position_noise_m: See `ConstantVelocity`.
     """
 

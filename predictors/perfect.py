@@ -1,4 +1,4 @@
-"""The true future, for comparison only: how good could the rest of the pipeline be?"""
+"""The true future: a bound on what a better forecast could gain."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from predictors.types import FloatArray, Forecast, HeadObservation
 
 
 class Perfect:
-    """Forecasts what really happens, with zero covariance.
+    """Forecast of the true positions, with zero covariance.
 
     Args:
         true_position_base_m: Function from times, shape (H,), in seconds, to the true head positions,

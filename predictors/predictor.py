@@ -1,4 +1,4 @@
-"""The one interface that all predictors have."""
+"""The interface of all predictors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class OutOfOrderError(ValueError):
 
 
 class Predictor(Protocol):
-    """Holds what is known of one person and forecasts where the head will be.
+    """Estimator of one person's head position, and its forecast.
 
     Only `update` and `reset` change a predictor. `forecast` does not change it, so you can call `forecast` any number
     of times between two observations.
@@ -83,7 +83,7 @@ def noise_m2(observation: HeadObservation, otherwise_m2: FloatArray) -> FloatArr
 
     Args:
         observation: The observation.
-        otherwise_m2: What is taken where it states none, shape (3, 3), square metres.
+        otherwise_m2: Covariance where it states none, shape (3, 3), square metres.
 
     Returns:
         Shape (3, 3), square metres.

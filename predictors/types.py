@@ -1,4 +1,4 @@
-"""What goes into a predictor and what comes out of it."""
+"""Input and output of a predictor: observation and forecast."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _UNIT_QUATERNION_TOLERANCE = 1e-3
-# Rounding of a covariance that was written with six digits; anything beyond it is not symmetric.
+# Relative asymmetry from rounding to six digits.
 _SYMMETRY_TOLERANCE = 1e-5
 
 
@@ -101,7 +101,7 @@ class HeadObservation:
 
 @dataclass(frozen=True)
 class Forecast:
-    """Where the head will be, with how sure the predictor is.
+    """Forecast positions of the head with their covariances.
 
     Attributes:
         times_s: Times of the forecast, shape (H,), absolute, on the clock of the capture times.
@@ -112,7 +112,7 @@ class Forecast:
             Fewer mean longer tails at the same covariance.
 
     Raises:
-        ValueError: If a shape is not as said here, or a value is no number.
+        ValueError: If a shape differs from these, or a value is no number.
     """
 
     times_s: FloatArray

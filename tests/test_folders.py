@@ -16,7 +16,18 @@ FOLDERS = sorted(
 # Small modules that all of gazempc builds on.
 EVERYBODY_MAY = {
     f"gazempc.{name}"
-    for name in ("errors", "types", "progress", "files", "specfiles", "parts", "part_options", "settings", "command")
+    for name in (
+        "errors",
+        "types",
+        "progress",
+        "files",
+        "specfiles",
+        "parts",
+        "part_options",
+        "settings",
+        "command",
+        "signals",
+    )
 }
 
 

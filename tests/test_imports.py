@@ -17,10 +17,11 @@ PACKAGES = ("predictors", "gazempc", "experiments")
 # The order of what is in a package. Nobody imports anything of a later line; what stands in one line knows nothing of
 # its neighbours. Who reads results needs neither robots nor a loop, so these stand behind them.
 GAZEMPC = (
-    ("errors", "types", "progress"),
+    ("errors", "types", "progress", "signals"),
     ("files",),
     ("specfiles", "parts", "command"),
-    ("recordings", "neck", "ros2", "part_options", "settings"),
+    ("recordings", "neck", "ros2", "part_options"),
+    ("settings",),
     ("results",),
     ("export",),
     ("robots", "controllers", "people"),
@@ -36,7 +37,7 @@ GAZEMPC = (
 EXPERIMENTS = (
     ("pages",),
     ("engine", "aggregate"),
-    ("least_error", "front_gaps"),
+    ("least_error",),
     ("compare_page",),
     (
         "compare",
@@ -47,7 +48,6 @@ EXPERIMENTS = (
         "fit",
         "rivals",
         "paper",
-        "plan_example",
         "sensor_example",
         "people",
         "eyes",

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.engine.command import run_command
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row, key_of
+from gazempc.command import run_interruptible
 from gazempc.errors import GazempcError, LeftOutError
 
 
@@ -74,7 +74,7 @@ def main(folder: str, log: str, finished: int, unfinished: int, *more: str) -> i
         print(f"{len(rows)} rows")
         return 0
 
-    return run_command("tiny", work)
+    return run_interruptible("tiny", work)
 
 
 if __name__ == "__main__":

@@ -18,10 +18,10 @@ import numpy as np
 import tyro
 
 from benchmarks.camera import live, stream
-from benchmarks.camera.studio import Person, Studio
 from benchmarks.camera.walks import Seen, across, watch, webcam
 from gazempc.results.metrics import measure
 from gazempc.results.run_summary import versions
+from gazempc.robots.studio import Studio, StudioPerson
 from gazempc.types import FloatArray
 
 RANGES_M = (0.7, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
@@ -112,7 +112,7 @@ def main(json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None) -
         json_file: Where to save the numbers.
     """
     studio = Studio()
-    walks: list[tuple[str, Callable[[float], Person | None], Callable[[Any], Any]]] = [
+    walks: list[tuple[str, Callable[[float], StudioPerson | None], Callable[[Any], Any]]] = [
         (f"across at {range_m:g} m", across(range_m), as_it_is) for range_m in RANGES_M
     ]
     walks += [(f"across at {range_m:g} m, cheap webcam", across(range_m), webcam) for range_m in SPOILT_M]

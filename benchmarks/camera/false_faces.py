@@ -17,10 +17,10 @@ import numpy as np
 import tyro
 from scipy.spatial.transform import Rotation
 
-from benchmarks.camera.studio import Person, Studio
 from benchmarks.camera.walks import FRAME_S, across, webcam
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
 from gazempc.live.sources.camera.finder import FaceFinder
+from gazempc.robots.studio import Studio, StudioPerson
 
 _PHOTOGRAPHS = (
     *("brick", "cat", "clock", "coffee", "coins", "grass", "gravel", "hubble_deep_field", "immunohistochemistry"),
@@ -36,7 +36,7 @@ def backs(studio: Studio, range_m: float, turn_deg: float, dim: bool) -> Iterato
     person_at = across(range_m, _SECONDS, 0.0)
     for k in range(round(_SECONDS / FRAME_S)):
         person = person_at(k * FRAME_S)
-        turned = Person(person.eyes_m, person.yaw_rad + math.radians(turn_deg))
+        turned = StudioPerson(person.eyes_m, person.yaw_rad + math.radians(turn_deg))
         picture = studio.picture(turned, np.zeros(3), Rotation.identity())
         yield webcam(picture) if dim else picture
 

@@ -13,7 +13,6 @@ from collections import deque
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.camera.studio import Person, Studio
 from benchmarks.camera.walks import FRAME_S
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.mount import Mount
@@ -29,6 +28,7 @@ from gazempc.neck.spec import load_neck
 from gazempc.results.log import Log
 from gazempc.results.run_info import RunInfo
 from gazempc.robots.mujoco import MujocoNeck
+from gazempc.robots.studio import Studio, StudioPerson
 from gazempc.settings import GazeSettings
 from gazempc.types import FloatArray, Sighting
 
@@ -86,12 +86,12 @@ class RenderedCamera:
         return np.array(head.xpos) + turn.apply(MOUNT.position_m), turn * askew
 
 
-def passer_by(time_s: float) -> Person:
+def passer_by(time_s: float) -> StudioPerson:
     """A person who walks past at 1.5 m with 0.8 m/s, and looks at the robot, or a little ahead."""
     aside_m = 2.2 - 0.8 * time_s
     eyes_m = np.array([1.5, aside_m, 0.25 + 0.02 * math.sin(2 * math.tau * 0.9 * time_s)])
     towards_rad = math.atan2(eyes_m[1], eyes_m[0])
-    return Person(eyes_m, math.pi + towards_rad + math.radians(15.0))
+    return StudioPerson(eyes_m, math.pi + towards_rad + math.radians(15.0))
 
 
 def run(

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.camera.studio import Person, Studio
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
 from gazempc.live.sources.camera.finder import FaceSensor
 from gazempc.live.sources.camera.intrinsics import from_field_of_view
+from gazempc.robots.studio import Studio, StudioPerson
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
@@ -59,7 +59,7 @@ class Seen:
 
 def watch(
     studio: Studio,
-    person_at: Callable[[float], Person | None],
+    person_at: Callable[[float], StudioPerson | None],
     frames: int,
     spoilt: Callable[[Any], Any] = lambda picture: picture,
 ) -> Seen:
@@ -111,11 +111,11 @@ def watch(
     )
 
 
-def _off_deg(observation: HeadObservation, person: Person | None) -> float:
+def _off_deg(observation: HeadObservation, person: StudioPerson | None) -> float:
     return math.inf if person is None else angle_deg(observation.head_position_base_m, person.eyes_m)
 
 
-def across(range_m: float, seconds: float = 4.0, yaw_deg: float = _YAW_DEG) -> Callable[[float], Person]:
+def across(range_m: float, seconds: float = 4.0, yaw_deg: float = _YAW_DEG) -> Callable[[float], StudioPerson]:
     """A person who walks across the view at one distance, and turns the head.
 
     Args:
@@ -127,12 +127,12 @@ def across(range_m: float, seconds: float = 4.0, yaw_deg: float = _YAW_DEG) -> C
         The person by time in seconds.
     """
 
-    def at(time_s: float) -> Person:
+    def at(time_s: float) -> StudioPerson:
         azimuth_rad = math.radians(22.0) * (1 - 2 * time_s / seconds)
         up_m = 0.15 + 0.02 * math.sin(4 * math.pi * time_s)  # bobs with the steps
         eyes_m = np.array([range_m * math.cos(azimuth_rad), range_m * math.sin(azimuth_rad), up_m])
         away_rad = math.radians(yaw_deg) * math.sin(math.tau * time_s / _YAW_PERIOD_S)
-        return Person(eyes_m, math.pi + azimuth_rad + away_rad)
+        return StudioPerson(eyes_m, math.pi + azimuth_rad + away_rad)
 
     return at
 

@@ -1,7 +1,8 @@
 """A pan-tilt-zoom camera, which takes speeds, keeps a walking person in the middle of its picture.
 
-The neck file `ptz` has the top speeds of a Sony EVI-D30 and a dead time of 0.3 s. Replays accept necks that take speeds;
-on a camera, send `log.command_velocity_rad_s` by VISCA or ONVIF ContinuousMove, or write a class with four methods.
+The neck file `ptz` has the top speeds of a Sony EVI-D30 and a dead time of 0.3 s. On a camera, by VISCA or ONVIF:
+gazempc live --robot visca:HOST --source camera:rtsp://HOST/1 --neck my_camera.toml
+Without one: gazempc live --robot visca:emulator --source camera:emulator --view web
 """
 
 import numpy as np

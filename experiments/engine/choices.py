@@ -16,7 +16,7 @@ from gazempc.errors import GazempcError, SettingsError, shown, suggest
 from gazempc.loop.build import walker_model
 from gazempc.part_options import check_options, options_for
 from gazempc.parts import CONTROLLER, PREDICTOR, find, is_own
-from gazempc.recordings.load import ENDINGS_IN_FOLDERS, is_recording_folder
+from gazempc.recordings.load import ENDINGS_IN_FOLDERS, is_recording, is_recording_folder
 from gazempc.recordings.synthetic.everyday import everyday_names
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.settings import DEFAULT_PREDICTOR, PredictorChoice, WalkerSettings
@@ -92,7 +92,7 @@ def find_recordings(words: Sequence[str]) -> list[str]:
         if word in _SETS:
             found += _SETS[word]()
         elif path.is_dir() and not is_recording_folder(path):
-            files = sorted(p for p in path.iterdir() if _is_recording(p))
+            files = sorted(p for p in path.iterdir() if is_recording(p))
             found += [str(p) for p in files]
             if not files:
                 problems.append(f"{word}: no recordings in this folder (accepted: {', '.join(ENDINGS_IN_FOLDERS)})")
@@ -104,12 +104,6 @@ def find_recordings(words: Sequence[str]) -> list[str]:
     if problems:
         raise GazempcError("\n".join(problems))
     return list(dict.fromkeys(found))
-
-
-def _is_recording(path: Path) -> bool:
-    if path.is_dir():
-        return is_recording_folder(path)
-    return path.suffix.lower() in ENDINGS_IN_FOLDERS and path.name != "index.csv"
 
 
 def in_place(recording: str) -> str:

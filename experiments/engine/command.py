@@ -12,7 +12,6 @@ from typing import Any, Generic, TypeVar
 import tyro
 from pydantic import BaseModel, Field, ValidationError
 
-from experiments.engine.signals import Interrupted, ending_on_signals
 from gazempc import command
 from gazempc.errors import SettingsError
 from gazempc.part_options import take_options
@@ -63,11 +62,11 @@ class Command(Generic[S]):
             arguments: Command line without the program's name; default: the process's.
 
         Returns:
-            Exit status: 0; 1 if a limit was left; 4 if a job failed; else as of `run_command`.
+            Exit status: 0; 1 if a limit was left; 4 if a job failed; else as of `run_interruptible`.
         """
         words = list(sys.argv[1:] if arguments is None else arguments)
         line = command.command_line(f"experiments.{self.name}", words)
-        return run_command(self.name, lambda: self.work(self.parse(words), line))
+        return command.run_interruptible(self.name, lambda: self.work(self.parse(words), line))
 
     def parse(self, words: list[str]) -> S:
         """Settings from a command line.
@@ -113,26 +112,6 @@ def check(model: type[S], name: str, values: dict[str, Any]) -> S:
         return model.model_validate(values)
     except ValidationError as error:
         raise SettingsError(explain(error, name, model)) from None
-
-
-def run_command(name: str, work: Callable[[], int]) -> int:
-    """Do the work of a command, and turn what a user can cause into a message and an exit status.
-
-    Args:
-        name: The command's name, for messages.
-        work: Does it, and gives the exit status.
-
-    Returns:
-        What `work` gives; 2 on bad input or a file system that refuses; 3 on a fault of the program; 130 after Ctrl-C,
-        143 after SIGTERM.
-    """
-    try:
-        with ending_on_signals():
-            return command.run_command(name, work)
-    except Interrupted as stop:
-        what = "".join(f": {note}" for note in getattr(stop, "__notes__", ()))
-        print(f"{name}: interrupted{what}; run the same command again to go on", file=sys.stderr)
-        return 128 + stop.signum
 
 
 def exit_status(left_limits: bool, failed: bool) -> int:

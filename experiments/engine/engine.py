@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -12,9 +13,12 @@ from tqdm import tqdm
 
 from experiments.engine.cache import Cache
 from experiments.engine.job import Job, Row
-from experiments.engine.signals import deferred, raise_if_received
 from experiments.engine.workers import Cluster, on_this_machine
 from gazempc.errors import GazempcError
+from gazempc.signals import deferred, raise_if_received
+
+# From so many jobs on their number is printed before, and the time they take once each worker has done some.
+_MANY, _JUDGED = 200, 4
 
 
 class Engine:
@@ -69,7 +73,7 @@ class Engine:
 
         Raises:
             GazempcError: If worker processes die, or the cluster fails; what was done is kept.
-            Interrupted: After a signal, see `experiments.engine.signals`.
+            Interrupted: After a signal, see `gazempc.signals`.
         """
         with deferred():
             keys = [job.key() for job in jobs]
@@ -95,10 +99,20 @@ class Engine:
         failed: dict[str, Row] = {}
         count = min(self._jobs, len(missing))
         results = on_this_machine(missing, count) if self._cluster is None else self._cluster(missing)
+        many = len(missing) >= _MANY
+        if many:
+            self._say(f"{len(missing)} {self._unit}s to do; Ctrl-C keeps what is done")
+        first_s = 0.0
         try:
-            for key, row in results:
+            for done, (key, row) in enumerate(results, 1):
                 with deferred():
                     self._keep(key, row, failed)
+                if done == count:  # the workers have started, and imported
+                    first_s = time.monotonic()
+                elif many and done == _JUDGED * count:
+                    each_s = (time.monotonic() - first_s) / (done - count)
+                    left_min = each_s * (len(missing) - done) / 60.0
+                    self._say(f"about {left_min:.0f} min for the other {len(missing) - done}, by those done so far")
         except GazempcError as error:
             kept = f"{self._kept()} are kept in {self._cache.folder}"
             raise GazempcError(f"{error}; {kept}: run the same command again to go on") from None
@@ -106,6 +120,9 @@ class Engine:
             results.throw(error)  # ends the workers, and raises it again
             raise
         return failed
+
+    def _say(self, text: str) -> None:
+        self._bar.write(text, file=sys.stderr)
 
     def _keep(self, key: str, row: Row, failed: dict[str, Row]) -> None:
         if row["failed"]:

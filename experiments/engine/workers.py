@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from experiments.engine.job import Job, Row, carry_out, program_hash
-from experiments.engine.signals import kept_from_children
 from gazempc.errors import GazempcError, MissingOptionalDependencyError
+from gazempc.signals import kept_from_children
 
 # Key and row of a job that has ended; to throw an exception into it ends the workers, and raises the exception.
 Results = Generator[tuple[str, Row], None, None]

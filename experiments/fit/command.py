@@ -20,9 +20,9 @@ from experiments.engine.choices import find_recordings, in_place
 from experiments.engine.command import Command, WorkSettings, check
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.fit.doubt import errors_on_left_out, fit_doubt
 from experiments.fit.examples import Examples
 from experiments.fit.jobs import ExamplesJob, NetworksJob, examples_of, model_of
+from experiments.fit.spread import errors_on_left_out, fit_doubt
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
 from gazempc.results.run_summary import versions

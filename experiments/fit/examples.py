@@ -53,7 +53,7 @@ class Examples:
     Attributes:
         network: Inputs of the network, shape (N, N_INPUTS). In half precision, as they take most of the memory.
         spread: Inputs of the stated uncertainty, shape (N, N_SPREAD).
-        noise_m: Standard deviation of the observed position, as measured and as stated, shape (N, 2, 3).
+        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros where none is stated.
         departure_m: How the walk left its line, shape (N, knots, 3), along, across, up; NaN after its end.
         weight: How much each counts, shape (N,).
         line_m_s: Velocity of the line, shape (N, 3).
@@ -107,7 +107,7 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
         off[ahead_s > walk.times_s[-1] + 1e-6] = np.nan
         network.append(inputs.network)
         spread.append(inputs.spread)
-        noise.append(inputs.noise_sd_m)
+        noise.append(inputs.stated_sd_m)
         departure.append(off)
         weights.append(weight * inputs.on_foot)
         lines.append(inputs.line_m_s)

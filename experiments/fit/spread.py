@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import digamma, gammaln
 from scipy.stats import f as f_distribution
 
+from experiments.fit.examples import Examples
 from gazempc.types import FloatArray
+from predictors.walker.network import RegimeMotion, WalkerModel
 
 # Keeps coefficients of what hardly varies near zero, and the hidden units from errors of single people.
 _PRIOR_WEIGHT, _HIDDEN_PRIOR_WEIGHT = 1e-3, 1e-4
@@ -48,12 +51,12 @@ def fit_spread(doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, weig
     """Fit scales and tails of a t distribution to errors.
 
     At each knot the errors have a t distribution with v degrees of freedom. Its scale on axis i is the root of
-    exp(2 s_i) + sum of (share noise_i)^2, with s = doubt · b + tanh(doubt · h) · c. All are fitted by maximum
+    exp(2 s_i) + (share noise_i)^2, with s = doubt · b + tanh(doubt · h) · c. All are fitted by maximum
     likelihood; then the scales are multiplied by what makes the 68 and 95 % ellipsoids hold what they say.
 
     Args:
         doubt: Reasons for doubt, shape (N, reasons), the first of them 1.
-        noise_m: Standard deviation of the observed position, as measured and as stated, shape (N, 2, 3), metres.
+        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros where none is stated.
         error_m: Errors on people left out, shape (N, knots, 3), metres; NaN where there is none.
         weight: How much each example counts, shape (N,).
 
@@ -73,7 +76,7 @@ def calibrate(
     Args:
         spread: As fitted.
         doubt: Reasons for doubt, shape (N, reasons).
-        noise_m: Standard deviation of the observed position, shape (N, 2, 3), metres.
+        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres.
         error_m: Errors, shape (N, knots, 3), metres.
         weight: How much each example counts, shape (N,).
 
@@ -81,7 +84,7 @@ def calibrate(
         The scaled spread.
     """
     variance = np.exp(2.0 * spread.log_scale(doubt))
-    variance += np.einsum("sk,nsa->nka", spread.noise_share**2, noise_m**2)
+    variance += spread.noise_share[:, None] ** 2 * noise_m[:, None] ** 2
     with np.errstate(invalid="ignore"):
         distance2 = np.sum(error_m**2 / variance, axis=-1)
     limits = 3.0 * f_distribution.ppf(_NOMINAL, 3, spread.degrees_of_freedom)
@@ -94,7 +97,7 @@ def calibrate(
         held = np.average(inside, axis=0, weights=weight[known])
         scale = _SCALES[np.argmin(np.max(np.abs(held - _NOMINAL), axis=1))]
         log_spread[0, knot] += np.log(scale)
-        noise_share[:, knot] *= scale
+        noise_share[knot] *= scale
     return replace(spread, log_spread=log_spread, noise_share=noise_share)
 
 
@@ -125,7 +128,7 @@ class SpreadLikelihood:
 
     Args:
         doubt: Reasons for doubt, shape (N, reasons).
-        noise_m: Standard deviation of the observed position, shape (N, 2, 3), metres.
+        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres.
         error_m: Errors, shape (N, knots, 3), metres; NaN where there is none.
         weight: How much each example counts, shape (N,).
     """
@@ -138,10 +141,10 @@ class SpreadLikelihood:
         self._weight /= max(float(self._weight.sum()), 1e-9)
         outputs = 3 * error_m.shape[1]
         reasons = doubt.shape[1]
-        self._shapes = ((reasons, outputs), (reasons, _HIDDEN), (_HIDDEN, outputs), (2, error_m.shape[1]), (1,))
+        self._shapes = ((reasons, outputs), (reasons, _HIDDEN), (_HIDDEN, outputs), (error_m.shape[1],), (1,))
 
     def parts(self, x: FloatArray) -> list[FloatArray]:
-        """Linear weights, hidden ones, weights of hidden units, log shares of the noises, degrees of freedom."""
+        """Linear weights, hidden ones, weights of hidden units, log shares of the stated error, degrees of freedom."""
         ends = np.cumsum([math.prod(shape) for shape in self._shapes])
         return [part.reshape(shape) for part, shape in zip(np.split(x, ends[:-1]), self._shapes, strict=True)]
 
@@ -169,7 +172,7 @@ class SpreadLikelihood:
         units = np.tanh(self._u @ hidden)
         own = np.exp(2.0 * (self._u @ linear + units @ out)).reshape(self._error2.shape)
         share2 = np.exp(2.0 * log_share)
-        variance = own + np.einsum("sk,nsa->nka", share2, self._noise2)
+        variance = own + share2[:, None] * self._noise2[:, None]
         ratio = self._error2 / variance
         distance2 = ratio.sum(axis=2)
         constant = gammaln(0.5 * v) - gammaln(0.5 * (v + 3.0)) + 1.5 * np.log(v)
@@ -189,8 +192,60 @@ class SpreadLikelihood:
             by_linear,
             by_hidden + 2.0 * _HIDDEN_PRIOR_WEIGHT * hidden,
             units.T @ by_scale + 2.0 * _PRIOR_WEIGHT * out,
-            2.0 * share2 * np.einsum("nka,nsa->sk", by_variance, self._noise2),
+            2.0 * share2 * np.einsum("nka,na->k", by_variance, self._noise2),
             np.sum(self._weight * by_v),
         )
         prior = _PRIOR_WEIGHT * (np.sum(linear[1:] ** 2) + np.sum(out**2)) + _HIDDEN_PRIOR_WEIGHT * np.sum(hidden**2)
         return float(np.sum(self._weight * cost) + prior), np.concatenate([np.ravel(g) for g in gradient])
+
+
+@dataclass(frozen=True)
+class Found:
+    """How far forecasts erred."""
+
+    doubt: FloatArray
+    noise_m: FloatArray
+    error_m: FloatArray
+    weight: FloatArray
+
+    @classmethod
+    def by(cls, model: WalkerModel, part: Examples) -> Found:
+        """Errors of a model on examples."""
+        motion = RegimeMotion(part.line_m_s.astype(np.float64), part.places_m.astype(np.float64))
+        departure, doubt = model.answer(part.network.astype(np.float64), part.spread.astype(np.float64), motion)
+        noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)
+        return cls(doubt, noise_m, departure - part.departure_m, weight)
+
+    @classmethod
+    def join(cls, parts: Sequence[Found]) -> Found:
+        """All errors in one table."""
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
+
+
+def errors_on_left_out(
+    left_out: Mapping[str, WalkerModel], people: Sequence[str], scoring: Sequence[Examples]
+) -> list[Found]:
+    """Errors on each recording by the model that has not seen the person in it.
+
+    Args:
+        left_out: Model by the person that it has not seen.
+        people: The person in each recording.
+        scoring: Examples of each recording.
+
+    Returns:
+        The errors, for each recording.
+    """
+    return [Found.by(left_out[person], part) for person, part in zip(people, scoring, strict=True)]
+
+
+def fit_doubt(found: Sequence[Found]) -> Spread:
+    """Fit the stated uncertainty to errors.
+
+    Args:
+        found: Errors on each recording.
+
+    Returns:
+        The uncertainty's part of a `WalkerModel`.
+    """
+    everything = Found.join(found)
+    return fit_spread(everything.doubt, everything.noise_m, everything.error_m, everything.weight)

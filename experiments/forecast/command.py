@@ -16,11 +16,10 @@ from experiments.engine.choices import ChoiceSettings, each_sensor, find_recordi
 from experiments.engine.command import Command, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.forecast.errors import RUN_IN_S, Cues
+from experiments.forecast.errors import RUN_IN_S, ClipView, Cues
 from experiments.forecast.jobs import ForecastJob, clip_result
 from experiments.forecast.page import AT_RATE, FAILED, LEFT_OUT, forecast_page
 from experiments.forecast.summary import ClipResult, summarise
-from experiments.forecast.view import ClipView
 from experiments.pages import write_results
 from gazempc.errors import GazempcError
 from gazempc.results.run_summary import versions
@@ -164,7 +163,7 @@ def _slowed(sensor: SensorSpec, rate_hz: float) -> SensorSpec:
 
 
 def _draw(settings: ForecastSettings, rows: list[Row], data_kinds: str) -> list[Path]:
-    from experiments.forecast.figures import draw  # noqa: PLC0415  (slow to import)
+    from experiments.forecast.page import draw  # noqa: PLC0415  (slow to import)
 
     sensors, drawn = sensors_of(rows), []
     for sensor in sensors:

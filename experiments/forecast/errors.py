@@ -1,19 +1,192 @@
-"""Forecast errors of a predictor on one recording, frame by frame."""
+"""Forecast errors of a predictor on one recording, frame by frame: what it is shown, and what it is compared with."""
 
 from __future__ import annotations
 
 import time
+import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
-from experiments.forecast.view import observations_of
-from gazempc.recordings.recording import Recording
+from gazempc.recordings.placement import place
+from gazempc.recordings.recording import Recording, Track, turned
 from gazempc.recordings.truth import TrueHead
-from gazempc.sim.sensor import SensorSpec
+from gazempc.sim.scene import SceneSettings, natural_placement
+from gazempc.sim.sensor import SensorSpec, default_sensor, observe
 from gazempc.types import FloatArray
 from predictors import ConstantVelocity, HeadObservation, Predictor
+
+_GLANCE_RISE_S = 0.25
+
+
+def turn_head(recording: Recording, angle_deg: float, from_s: float) -> Recording:
+    """The recording with the head turned aside, by turns to the left and to the right from one name to the next.
+
+    Args:
+        recording: The recording.
+        angle_deg: How far; 0 for not at all.
+        from_s: When it begins, seconds after the first frame.
+
+    Returns:
+        The same walk with other head orientations, where they are known.
+    """
+    if angle_deg == 0.0:
+        return recording
+    side = 1.0 if zlib.crc32(recording.name.encode()) % 2 else -1.0
+    after_s = recording.times_s - recording.times_s[0] - from_s
+    angle = np.radians(angle_deg) * side * np.clip(after_s / _GLANCE_RISE_S if from_s else after_s + 1.0, 0.0, 1.0)
+
+    def looking(track: Track) -> Track:
+        return replace(track, head_quat_wxyz=turned(track.head_quat_wxyz, angle))
+
+    measured = None if recording.measured is None else looking(recording.measured)
+    return replace(recording, truth=looking(recording.truth), measured=measured)
+
+
+_SCENE = SceneSettings()
+
+
+def placed_for(recording: Recording, sensor: SensorSpec) -> Recording:
+    """A recording in the frame in which a sensor sees it.
+
+    Where nothing depends on the robot's place, the recording's own frame serves: errors are then the same everywhere.
+    Otherwise the robot stands at the default place of a replay: where the recording's sensor stood, or
+    2.5 m beside the walk.
+
+    Args:
+        recording: The recording, in its own frame.
+        sensor: The sensor.
+
+    Returns:
+        The recording, in the base frame if that matters.
+
+    Raises:
+        PlacementError: If the head comes too near to the robot.
+    """
+    if not sensor.depends_on_place:
+        return recording
+    return place(recording, natural_placement(recording), _SCENE.distance_m, _SCENE.height_m)
+
+
+def observations_of(recording: Recording, sensor: SensorSpec, seed: int) -> list[HeadObservation]:
+    """What a predictor gets to see: as in the loop, a frame that was overtaken by a newer one is dropped.
+
+    Args:
+        recording: The recording, as `placed_for` gives it.
+        sensor: The sensor.
+        seed: Seed of its errors.
+
+    Returns:
+        The observations in order of capture.
+    """
+    newer: list[HeadObservation] = []
+    for sighting in observe(recording, sensor, seed):
+        if not newer or sighting.observation.capture_time_s > newer[-1].capture_time_s:
+            newer.append(sighting.observation)
+    return newer
+
+
+# As in `gazempc.recordings.truth`: over a longer gap a person may do anything.
+_LONGEST_GAP_S = 0.2
+
+
+def smooth_truth(recording: Recording, over_s: float) -> Recording:
+    """Smooth the true head's path by a centred moving average in time, which does not lag.
+
+    Between frames the track is taken to be straight. Towards an end of the track, or a gap of more than 0.2 s, the
+    window becomes narrower on both sides, so that steady motion stays as it is.
+
+    Args:
+        recording: The recording; its truth is a tracker's, with the errors of that.
+        over_s: Length of the window, seconds; 0 for no smoothing.
+
+    Returns:
+        The recording with the smooth truth. What a tracker measured of it is the track before, unless the recording has
+        such a track of its own.
+    """
+    if over_s == 0.0:
+        return recording
+    track = recording.truth
+    position_m = track.head_position_m.copy()
+    seen = np.flatnonzero(track.valid)
+    gaps = np.flatnonzero(np.diff(recording.times_s[seen]) > _LONGEST_GAP_S) + 1
+    for rows in np.split(seen, gaps):
+        position_m[rows] = _averaged(recording.times_s[rows], position_m[rows], over_s)
+    return replace(recording, truth=replace(track, head_position_m=position_m), measured=recording.measured or track)
+
+
+def _averaged(times_s: FloatArray, position_m: FloatArray, over_s: float) -> FloatArray:
+    half_s = np.minimum(0.5 * over_s, np.minimum(times_s - times_s[0], times_s[-1] - times_s))
+    wide = half_s > 0.0
+    averaged = position_m.copy()
+    if wide.any():
+        area = make_interp_spline(times_s, position_m, k=1).antiderivative()
+        around = area(times_s[wide] + half_s[wide]) - area(times_s[wide] - half_s[wide])
+        averaged[wide] = around / (2.0 * half_s[wide, None])
+    return averaged
+
+
+class Seen(NamedTuple):
+    """A recording as predictors see it.
+
+    Attributes:
+        recording: What the sensor sees, in the frame in which it does.
+        sensor: The sensor.
+        true_head: What forecasts are compared with.
+    """
+
+    recording: Recording
+    sensor: SensorSpec
+    true_head: TrueHead
+
+
+@dataclass(frozen=True)
+class ClipView:
+    """How the predictors see the walks.
+
+    Attributes:
+        sensors: Sensor by name: the one that was chosen, or each that a recording may call for.
+        sensor: Name of the chosen one; None for the one that fits each recording.
+        seed: Seed of the sensor's noise.
+        truth_smoothing_s: Over what time the truth is smoothed for scoring; the predictors see it as it is. With it,
+            the track as it was recorded is the sensor that fits.
+        glance_deg: How far the head is turned aside, see `experiments.forecast.glance.turn_head`.
+        glance_from_s: When that begins, seconds after the first frame.
+    """
+
+    sensors: Mapping[str, SensorSpec]
+    sensor: str | None
+    seed: int
+    truth_smoothing_s: float
+    glance_deg: float
+    glance_from_s: float
+
+    @property
+    def sensor_name(self) -> str | None:
+        """The name that the chosen sensor gives itself; None if none is chosen."""
+        return None if self.sensor is None else self.sensors[self.sensor].name
+
+    def of(self, recording: Recording) -> Seen:
+        """A recording as it is seen.
+
+        Args:
+            recording: The recording, in its own frame.
+
+        Returns:
+            What is seen, by what, and the truth behind it.
+
+        Raises:
+            PlacementError: If the head comes too near to a robot whose place matters.
+        """
+        fits = "recorded" if self.truth_smoothing_s else default_sensor(recording)
+        sensor = self.sensors[self.sensor or fits]
+        looking = placed_for(turn_head(recording, self.glance_deg, self.glance_from_s), sensor)
+        smooth = smooth_truth(looking, self.truth_smoothing_s)
+        return Seen(replace(looking, measured=smooth.measured), sensor, TrueHead(smooth))
+
 
 Cues = Literal["both", "head", "pelvis", "none"]
 

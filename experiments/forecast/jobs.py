@@ -10,9 +10,8 @@ import numpy as np
 
 from experiments.engine.job import Row, key_of, models_hash, parts_hash, recording_hash
 from experiments.engine.replays import load_once
-from experiments.forecast.errors import Cues, ForecastErrors, forecast_errors
+from experiments.forecast.errors import ClipView, Cues, ForecastErrors, forecast_errors
 from experiments.forecast.summary import ClipResult
-from experiments.forecast.view import ClipView
 from gazempc.loop.build import Person, make_predictor
 from gazempc.parts import PREDICTOR, name_of
 from gazempc.settings import PredictorSettings

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -13,18 +14,7 @@ from scipy.stats import spearmanr
 from tqdm import tqdm
 
 from experiments.aggregate import bootstrap_mean
-from experiments.paper.filters import (
-    AGAINST,
-    SLOW_TIME_S,
-    WEIGHTS,
-    FilterRow,
-    closest_time_s,
-    groups_in,
-    mean_mm,
-    misfit,
-    sweep,
-)
-from experiments.paper.frames import HORIZONS_S, RULES, Frames, frames_of
+from experiments.paper.frames import HORIZONS_S, RULES, Against, Frames, filter_time_s, frames_of
 from experiments.paper.published import (
     HORIZON_S,
     PUBLISHED,
@@ -34,9 +24,118 @@ from experiments.paper.published import (
     W_SD,
     implied_frames,
 )
-from experiments.paper.significance import ALTERNATIVE, ZERO_METHOD, PersonTest, as_row, frame_test, person_test
-from experiments.paper.validation import Judged, exact_weight, leave_one_subject_out
+from experiments.paper.validation import (
+    ALTERNATIVE,
+    ZERO_METHOD,
+    Judged,
+    PersonTest,
+    as_row,
+    exact_weight,
+    frame_test,
+    leave_one_subject_out,
+    person_test,
+)
 from gazempc.types import FloatArray
+
+# The default of `predictors.ConstantVelocity`, which errs least on walking people.
+TUNED_TIME_S = round(filter_time_s(0.05), 4)
+SLOW_TIME_S = 1.0
+FILTER_TIMES_S = (0.05, TUNED_TIME_S, 0.15, 0.24, 0.4, 0.7, SLOW_TIME_S, 1.4, 2.0)
+AGAINST: tuple[Against, ...] = ("filtered", "true")
+
+
+@dataclass(frozen=True)
+class FilterRow:
+    """Mean errors of one group with one filter, measured in one way.
+
+    Attributes:
+        filter_time_s: Time constant of the position filter.
+        against: What the forecast is compared with.
+        horizon_s: How far ahead.
+        group: R12, R34 or R56.
+        baseline_mm: Mean over frames without the rule.
+        weight: The w that is best for all groups together, with this filter.
+        error_at_weight_mm: Mean over the group's frames with that w.
+    """
+
+    filter_time_s: float
+    against: Against
+    horizon_s: float
+    group: str
+    baseline_mm: float
+    weight: float
+    error_at_weight_mm: float
+
+
+def sweep(rows_by_time: Mapping[float, Sequence[dict[str, Any]]]) -> list[FilterRow]:
+    """Sweep the filter's time constant against w.
+
+    Args:
+        rows_by_time: For each time constant the rows of `experiments.paper.frames.execute`.
+
+    Returns:
+        One row for each time constant, way to measure, horizon and group.
+    """
+    table = []
+    for time_s, rows in rows_by_time.items():
+        for horizon_s in HORIZONS_S:
+            for against in AGAINST:
+                videos = frames_of(rows, against, horizon_s=horizon_s)
+                if not videos:
+                    continue
+                weight = exact_weight(videos)
+                for group in groups_in(videos):
+                    own = [v for v in videos if v.group == group]
+                    errors_mm = mean_mm(own, 0.0), weight, mean_mm(own, weight)
+                    table.append(FilterRow(time_s, against, horizon_s, group, *errors_mm))
+    return table
+
+
+def groups_in(videos: Sequence[Frames]) -> list[str]:
+    """Codes of the groups that have videos, in the paper's order."""
+    found = {v.group for v in videos}
+    return [p.group for p in PUBLISHED if p.group in found]
+
+
+def mean_mm(videos: Sequence[Frames], weight: float) -> float:
+    """Mean error over all frames of some videos, mm."""
+    return float(np.concatenate([v.error_mm(weight) for v in videos]).mean())
+
+
+def closest_time_s(table: Sequence[FilterRow], against: Against, horizon_s: float = HORIZON_S) -> float:
+    """The time constant whose baseline errors are nearest to the published ones.
+
+    Args:
+        table: As made by `sweep`.
+        against: Way to measure.
+        horizon_s: Horizon.
+
+    Returns:
+        The time constant with the least root mean square of the errors' log ratios.
+    """
+    return min(dict.fromkeys(r.filter_time_s for r in table), key=lambda t: misfit(table, t, against, horizon_s))
+
+
+def misfit(table: Sequence[FilterRow], time_s: float, against: Against, horizon_s: float = HORIZON_S) -> float:
+    """By how much the baseline errors of a filter differ from the published ones.
+
+    Args:
+        table: As made by `sweep`.
+        time_s: Time constant.
+        against: Way to measure.
+        horizon_s: Horizon.
+
+    Returns:
+        Root mean square over the groups of the natural logarithm of their ratio: 0.1 stands for about 10 %.
+    """
+    published = {p.group: p.baseline_mm for p in PUBLISHED}
+    ratios = [
+        math.log(r.baseline_mm / published[r.group])
+        for r in table
+        if (r.filter_time_s, r.against, r.horizon_s) == (time_s, against, horizon_s)
+    ]
+    return math.sqrt(sum(x**2 for x in ratios) / len(ratios))
+
 
 _GROUPS = {p.label: p.group for p in PUBLISHED}
 # At this turn the error of a straight forecast is largest: 1.26 times the way.
@@ -151,23 +250,12 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
     videos = frames_of(rows_by_time[filter_time_s])
     balanced = validate(videos, balanced=True)
     bar.close()
-    judged = main[2]
-    people = _person_tests(judged)
     return {
-        "groups": _groups(judged),
-        **_weights(judged),
+        **_validated(main[2]),
         "w_exact_all_subjects": exact_weight(videos),
         "test": {"zero_method": ZERO_METHOD, "alternative": f"baseline {ALTERNATIVE}", "level": SIGNIFICANCE_LEVEL},
-        "people": [{"group": group, **as_row(test)} for group, test in people.items()],
-        "hypotheses": _hypotheses(people),
-        "balanced": {
-            **_weights(balanced),
-            "w_exact_all_subjects": exact_weight(videos, balanced=True),
-            "groups": _groups(balanced),
-            "people": [{"group": group, **as_row(test)} for group, test in _person_tests(balanced).items()],
-            "hypotheses": _hypotheses(_person_tests(balanced)),
-        },
-        "published_weights": [_with_weight(videos, w) for w in W_READINGS],
+        "balanced": {**_validated(balanced), "w_exact_all_subjects": exact_weight(videos, balanced=True)},
+        "published_weights": [{"weight": w, **_validated(_with_weight(videos, w))} for w in W_READINGS],
         "rules": [row for time_s, rule, own in rules for row in _rule_rows(time_s, rule, own)],
         "yaw": _yaw(rows_by_time[filter_time_s]),
         "published": {
@@ -175,21 +263,29 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
             "w_mean": W_MEAN,
             "w_sd": W_SD,
         },
-        "filters": [_filter_row(row) for row in table],
-        "weights_swept": list(WEIGHTS),
+        "filters": [asdict(row) for row in table],
         "nearest": [
             {
                 "against": against,
                 "filter_time_s": time_s,
                 "misfit": misfit(table, time_s, against),
-                **_weights(own),
-                "groups": _groups(own),
-                "people": [{"group": group, **as_row(test)} for group, test in _person_tests(own).items()],
+                **_validated(own),
             }
             for against, time_s, own in others
         ],
         "nearest_at_one_second": _nearest_at(table, HORIZONS_S[1]),
         "turns": turns_needed(rows_by_time[filter_time_s]),
+    }
+
+
+def _validated(judged: Sequence[Judged]) -> dict[str, Any]:
+    """Means over frames, the tests over people, the answers to the hypotheses, and the weights."""
+    people = _person_tests(judged)
+    return {
+        "groups": _groups(judged),
+        **_weights(judged),
+        "people": [{"group": group, **as_row(test)} for group, test in people.items()],
+        "hypotheses": _hypotheses(people),
     }
 
 
@@ -251,16 +347,9 @@ def _hypotheses(people: Mapping[str, PersonTest]) -> list[dict[str, str]]:
     return answers
 
 
-def _with_weight(videos: Sequence[Frames], weight: float) -> dict[str, Any]:
+def _with_weight(videos: Sequence[Frames], weight: float) -> list[Judged]:
     """The rule as it would be used with a weight from the paper, without tuning."""
-    fixed = [Judged(v.recording, v.subject, v.group, weight, v.error_mm(0.0), v.error_mm(weight)) for v in videos]
-    people = _person_tests(fixed)
-    return {
-        "weight": weight,
-        "groups": _groups(fixed),
-        "people": [{"group": group, **as_row(test)} for group, test in people.items()],
-        "hypotheses": _hypotheses(people),
-    }
+    return [Judged(v.recording, v.subject, v.group, weight, v.error_mm(0.0), v.error_mm(weight)) for v in videos]
 
 
 def _rule_rows(time_s: float, rule: str, judged: Sequence[Judged]) -> list[dict[str, Any]]:
@@ -309,10 +398,6 @@ def _yaw(rows: Rows) -> dict[str, Any]:
 
 def _known(values: FloatArray) -> FloatArray:
     return values[np.isfinite(values)]
-
-
-def _filter_row(row: FilterRow) -> dict[str, Any]:
-    return {**asdict(row), "error_mm": list(row.error_mm), "baseline_mm": row.baseline_mm}
 
 
 def _without_nan(figures: dict[str, Any]) -> dict[str, Any]:

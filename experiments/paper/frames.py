@@ -218,7 +218,7 @@ def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str
                 },
             }
         )
-    return {"seen_frames": times_s.size, "horizons": errors, **_walk(true_head, times_s)}
+    return {"horizons": errors, **_walk(true_head, times_s)}
 
 
 def _with_waist(observation: HeadObservation) -> HeadObservation:

@@ -15,8 +15,7 @@ from experiments.engine.choices import find_recordings, in_place
 from experiments.engine.command import Command, WorkSettings, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.paper.analysis import analyse, known_groups
-from experiments.paper.filters import FILTER_TIMES_S, SLOW_TIME_S, TUNED_TIME_S
+from experiments.paper.analysis import FILTER_TIMES_S, SLOW_TIME_S, TUNED_TIME_S, analyse, known_groups
 from experiments.paper.findings import report, side_by_side
 from experiments.paper.frames import RULES, FrameJob, labelled
 from experiments.paper.validation import check_optuna
@@ -115,12 +114,12 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
     write_whole(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
     text = report(summary)
     write_whole(folder / "summary.md", text)
-    from experiments.paper.figures import draw_bars  # noqa: PLC0415
-    from experiments.paper.routes_figure import draw_routes  # noqa: PLC0415
+    from experiments.paper.figures import draw_bars, draw_routes  # noqa: PLC0415  (slow to import)
 
     draw_bars(summary, folder / "error_bars.png")
-    scored = [r["source"] for r in first if not r["failed"] and not r["left_out"]]
-    draw_routes([make_scene(source).walk for source in scored], folder / "routes.png")
+    scored = [make_scene(r["source"]).walk for r in first if not r["failed"] and not r["left_out"]]
+    if all(walk.kind == "synthetic" for walk in scored):
+        draw_routes(scored, folder / "routes.png")
     print(text)
     print(f"{word}: {time.monotonic() - started:.0f} s; tables and figures in {folder}/\n")
     return summary

@@ -2,29 +2,260 @@
 
 Two synthetic walkers cross, 0.3 to 1.5 m behind each other, under each sensor. With `--tracks FOLDER` crowds are made
 of recorded head tracks, too. Each is followed by gazempc and by plain nearest neighbour; no sensor tells names. With
-`--bags FOLDER` it is judged who is engaged. `--parts` measures looks away from people who stand and walk (`returns`),
-their durations and intervals (`schedule`), and switches between two people (`switches`).
+`--bags FOLDER` it is judged who is engaged. `--parts` measures looks away from people who stand and walk (`returns`)
+and switches between two people (`switches`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 
 from experiments.engine.command import Command
-from experiments.people.tables import (
-    crossing_table,
-    crowd_table,
-    engaged_table,
-    return_table,
-    schedule_table,
-    switch_table,
-)
-from gazempc.settings import Settings
+from experiments.people.identities import TRACKERS, CrowdScore, cross, crowd_of, score
+from experiments.people.standing import switches, talk
+from gazempc.errors import RecordingError
+from gazempc.people.company import Company
+from gazempc.people.engagement import Engagement
+from gazempc.people.person import PersonState
+from gazempc.people.schedule import LookAways
+from gazempc.recordings.load import load_together
+from gazempc.recordings.recording import Recording
+from gazempc.recordings.synthetic.walks import synthetic_names
+from gazempc.results.attention import measure_attention
+from gazempc.settings import DEFAULT_PREDICTOR, Settings
+from gazempc.sim.replay import ReplaySettings, replay_scene
+from gazempc.sim.scene import SceneSettings, make_scene
 
-Part = Literal["crossing", "returns", "schedule", "switches"]
+# Part of a folder's name: of an engaged person, and of one who is not engaged.
+_ENGAGED, _NOT = "eng", "dis"
+
+
+@dataclass(frozen=True)
+class Decided:
+    """For how long it was decided rightly, wrongly and not at all, seconds.
+
+    Attributes:
+        faces: Of how many faces.
+        right_s: As the name of the bag says.
+        wrong_s: Otherwise.
+        undecided_s: Not decided.
+    """
+
+    faces: int
+    right_s: float
+    wrong_s: float
+    undecided_s: float
+
+
+def decided(folder: Path) -> Decided:
+    """Watch everybody on the bags of a folder.
+
+    Args:
+        folder: Folder of bags, whose names say what their people do: ``eng`` for engaged, ``dis`` for not.
+
+    Returns:
+        Times over all faces.
+
+    Raises:
+        RecordingError: If there are no bags.
+    """
+    bags = sorted(path.parent for path in folder.glob("*/metadata.yaml"))
+    if not bags:
+        raise RecordingError(str(folder), "", "no bags", "a folder of ROS 2 bags")
+    each = [
+        _decided(walk, _ENGAGED in bag.name and _NOT not in bag.name) for bag in bags for walk in load_together(bag)
+    ]
+    return Decided(len(each), *np.sum(each, axis=0).tolist())
+
+
+def _decided(walk: Recording, truth: bool) -> tuple[float, float, float]:
+    engagement, track = Engagement(), walk.measured or walk.truth
+    found_s: dict[bool | None, float] = {True: 0.0, False: 0.0, None: 0.0}
+    step_s = np.diff(walk.times_s, prepend=walk.times_s[0]).tolist()
+    for k, time_s in enumerate(walk.times_s.tolist()):
+        head_m, quat = track.head_position_m[k], track.head_quat_wxyz[k]
+        state = PersonState(1, None, time_s, head_m, np.zeros(3), quat, time_s, 0.0)
+        engaged = engagement.update(Company(time_s, (state,)))[1]
+        found_s[None if engaged is None else engaged == truth] += step_s[k]
+    return found_s[True], found_s[False], found_s[None]
+
+
+CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
+# The neck has acquired the person by then, and all walks last longer than the look away and a second.
+_START_S, _LASTS_S = 1.6, 1.4
+
+
+def return_late_s(controller: str, every: int, neck: str) -> list[float]:
+    """Let each of the synthetic people walk by, and look away once.
+
+    Args:
+        controller: Name of the controller.
+        every: One of so many walks.
+        neck: Name of the neck.
+
+    Returns:
+        How much later than planned contact was back, seconds, a number a walk; infinite where it never was.
+    """
+    found = []
+    for seed, name in enumerate(synthetic_names()[::every]):
+        scene = make_scene(name, SceneSettings(neck=neck))
+        look_aways = LookAways(scene.neck, seed=seed)
+        look_aways.think(0.0, _LASTS_S, _START_S)
+        log = replay_scene(scene, controller, DEFAULT_PREDICTOR, ReplaySettings(), look_aways=look_aways).log
+        late_s = measure_attention(log).return_late_s
+        found.append(late_s if np.isfinite(late_s) else float("inf"))
+    return found
+
+
+def row(controller: str, neck: str, late_s: Sequence[float]) -> list[str]:
+    """A row of the table.
+
+    Args:
+        controller: Name of the controller.
+        neck: Name of the neck.
+        late_s: Of each walk.
+
+    Returns:
+        Controller, neck, median, 90 % within, number of walks, and of those after which contact was never back.
+    """
+    ms = 1e3 * np.array(late_s)
+    return [
+        controller,
+        neck,
+        _said(float(np.median(ms))),
+        _said(float(np.percentile(ms, 90, method="inverted_cdf"))),
+        str(ms.size),
+        str(int(np.isinf(ms).sum())),
+    ]
+
+
+def _said(ms: float) -> str:
+    return f"{ms:.0f}" if np.isfinite(ms) else "never"
+
+
+# Long enough for a dozen looks away.
+_TALK_S = 60.0
+_SWITCH_SEEDS = 5
+
+
+def crossing_table(sensors: Sequence[str], seeds: int) -> str:
+    """Let pairs cross.
+
+    Args:
+        sensors: Names of sensors.
+        seeds: Number of pairs.
+
+    Returns:
+        A table: in how many pairs a person has the other's identity afterwards, or a new one.
+    """
+    rows = []
+    for sensor in sensors:
+        for tracker in TRACKERS:
+            each = [cross(seed, sensor, tracker) for seed in range(seeds)]
+            swapped, renewed = (100.0 * sum(values) / len(each) for values in zip(*each, strict=True))
+            rows.append([Path(sensor).stem, tracker, f"{swapped:.0f}", f"{renewed:.0f}"])
+    return f"{seeds} pairs who cross\n\n" + _table(
+        ["sensor", "tracker", "identities swapped [%]", "identities renewed [%]"], rows
+    )
+
+
+def crowd_table(folder: Path, names: Sequence[str], people_per_s: Sequence[float], most: int, sensor: str) -> str:
+    """Follow crowds.
+
+    Args:
+        folder: Folder of the tracks.
+        names: What the names of tracks of each crowd begin with.
+        people_per_s: How many enter in a second.
+        most: People in a crowd, at most.
+        sensor: Name of the sensor.
+
+    Returns:
+        A table of their scores.
+    """
+    rows: list[list[str]] = []
+    for crowd in names:
+        for rate in people_per_s:
+            walks = crowd_of(folder, crowd, rate, most)
+            rows.extend(_row(found, rate) for found in score(crowd, walks, sensor, 0))
+    return f"Crowds of recorded people, sensor {sensor}\n\n" + _table(
+        ["crowd", "people a second", "people", "at once", "tracker", "MOTA", "IDF1", "switches"], rows
+    )
+
+
+def engaged_table(folder: Path) -> str:
+    """Judge who is engaged on bags.
+
+    Args:
+        folder: Folder of bags.
+
+    Returns:
+        A table: for how much of the time it was decided, and how much of that rightly.
+    """
+    found = decided(folder)
+    known_s = found.right_s + found.wrong_s
+    shares = [f"{100.0 * known_s / (known_s + found.undecided_s):.0f}", f"{100.0 * found.right_s / known_s:.0f}"]
+    return "Engaged or not\n\n" + _table(
+        ["faces", "seconds", "decided [%]", "of that rightly [%]"],
+        [[str(found.faces), f"{known_s + found.undecided_s:.0f}", *shares]],
+    )
+
+
+def return_table(every: int) -> str:
+    """Look away from a person who stands, and once from each walker.
+
+    Args:
+        every: One of so many synthetic walks.
+
+    Returns:
+        Tables: how late contact is back.
+    """
+    head = ["controller", "neck", "median after plan [ms]"]
+    stand = []
+    for controller, neck in (*((name, "reference") for name in CONTROLLERS), ("mpc", "slow")):
+        found = measure_attention(talk(controller, "listening", _TALK_S, neck))
+        stand.append([controller, neck, f"{1e3 * found.return_late_s:.0f}", f"{1e3 * found.return_late_p95_s:.0f}"])
+    walk = [row(name, "reference", return_late_s(name, every, "reference")) for name in CONTROLLERS]
+    return (
+        f"Contact back after looks away, a person who stands and is listened to for {_TALK_S:.0f} s\n\n"
+        + _table([*head, "95 % within [ms]"], stand)
+        + "\n\nContact back after one look away, people who walk\n\n"
+        + _table([*head, "90 % within [ms]", "walks", "without contact"], walk)
+    )
+
+
+def switch_table() -> str:
+    """Switch between two people who stand.
+
+    Returns:
+        A table: how early contact comes, and how far the gaze passes the new person.
+    """
+    rows = []
+    for controller in ("reactive", "lookahead", "mpc"):
+        found = [(measure_attention(log), least_s) for log, least_s in switches(controller, _SWITCH_SEEDS, "reference")]
+        late_ms = [1e3 * (each.time_to_contact_after_switch_s - least_s) for each, least_s in found]
+        past_deg = [each.switch_overshoot_deg for each, _ in found]
+        rows.append([controller, str(len(found)), f"{np.median(late_ms):.0f}", f"{np.max(late_ms):.0f}"])
+        rows[-1].append(f"{np.max(past_deg):.2f}")
+    head = ["controller", "switches", "contact after the least time, median [ms]", "longest [ms]"]
+    return "Switches between two people, neck reference\n\n" + _table([*head, "overshoot, at most [deg]"], rows)
+
+
+def _row(found: CrowdScore, people_per_s: float) -> list[str]:
+    scores = [f"{found.mota:.3f}", f"{found.idf1:.3f}", str(found.switches)]
+    return [found.crowd, f"{people_per_s:g}", str(found.people), str(found.at_once), found.tracker, *scores]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join(["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)])
+
+
+Part = Literal["crossing", "returns", "switches"]
 
 
 class PeopleStudySettings(Settings):
@@ -43,7 +274,6 @@ class PeopleStudySettings(Settings):
     bags: Path | None = Field(default=None, description="Folder of ROS 2 bags whose names say who is engaged")
     parts: tuple[Part, ...] = Field(default=("crossing",), description="What is measured")
     every: int = Field(default=6, ge=1, description="For returns: one of so many synthetic walks")
-    seconds: float = Field(default=1000.0, ge=30.0, le=3000.0, description="For schedule: length of each talk")
     out: Path = Field(default=Path("out/people"), description="Folder to write to")
 
 
@@ -51,7 +281,6 @@ def _run(settings: PeopleStudySettings, _: str) -> int:
     measure = {
         "crossing": lambda: crossing_table(settings.sensors, settings.seeds),
         "returns": lambda: return_table(settings.every),
-        "schedule": lambda: schedule_table(settings.seconds),
         "switches": switch_table,
     }
     tables = [measure[part]() for part in settings.parts]

@@ -20,7 +20,6 @@ from experiments.engine.command import Command, WorkSettings, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.pages import text_of
-from experiments.rivals.camera import on_the_head
 from experiments.rivals.jobs import NAMES, RivalJob
 from experiments.rivals.plan import (
     ALL_WALKS,
@@ -35,6 +34,7 @@ from experiments.rivals.plan import (
     wrong_jobs,
 )
 from experiments.rivals.presentation import Shown, draw_contact, of_errors, of_gazes, rivals_page
+from experiments.rivals.simulate import on_the_head
 from experiments.rivals.trials import TRIALS, TURNS
 from gazempc.errors import SettingsError, suggest
 from gazempc.files.whole import write_whole

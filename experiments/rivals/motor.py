@@ -26,9 +26,8 @@ def driven_by(neck: NeckSpec, command: Literal["position", "velocity"]) -> NeckS
     Returns:
         The neck; dead time, servo and limits are the same.
     """
-    axes = {
-        name: axis.model_copy(update={"command": command}) for name, axis in (("pan", neck.pan), ("tilt", neck.tilt))
-    }
+    given = {"command": command} if command == "velocity" else {"command": command, "speed_steps": None}
+    axes = {name: axis.model_copy(update=given) for name, axis in (("pan", neck.pan), ("tilt", neck.tilt))}
     return neck.model_copy(update=axes)
 
 

@@ -127,14 +127,15 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
         runs: Runs with figures, none left out or failed.
 
     Returns:
-        A row for each trial and combined trial, neck, sensor and rival: labels, ``constants``, ``n_clips``,
-        ``n_people``, each of `FIGURES` and `BEHIND` (None without one) and its interval under ``<name>_ci95``.
+        A row for each trial and combined trial (of one or more), neck, sensor and rival: labels, ``constants``,
+        ``n_clips``, ``n_people``, each of `FIGURES` and `BEHIND` (None without one) and its interval under
+        ``<name>_ci95``.
         Within a trial, neck and sensor the best come first: by eye contact, after a loss by the time to contact, else
         by settling, those last that rest beside the face.
     """
     rows = []
     names = [*dict.fromkeys(run["trial"] for run in runs)]
-    combined = [name for name, parts in _COMBINED.items() if len({*names} & {*parts}) > 1]
+    combined = [name for name, parts in _COMBINED.items() if {*names} & {*parts}]
     for trial in [*names, *combined]:
         of_trial = [run for run in runs if run["trial"] in _COMBINED.get(trial, (trial,))]
         for neck, sensor in dict.fromkeys((run["neck"], run["sensor"]) for run in of_trial):

@@ -9,12 +9,13 @@ import numpy as np
 from gazempc.results.contact import CONTACT_DEG, time_to_stable
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg
+from gazempc.results.motion import reversals
 from gazempc.types import FloatArray
 
 # The final angle is the median of so long at the end.
 _FINAL_S = 3.0
 SETTLED_DEG = (1.0, CONTACT_DEG[0])
-# A smaller swing to and fro is no reversal; a smaller move is none.
+# A smaller move is none.
 _SWING_DEG = 0.5
 
 
@@ -77,28 +78,6 @@ def settling_s(times_s: FloatArray, error_deg: FloatArray, within_deg: float) ->
     if not outside.size:
         return 0.0
     return float(times_s[min(outside[-1] + 1, times_s.size - 1)])
-
-
-def reversals(angle_deg: FloatArray) -> int:
-    """How often a joint turns back, with a swing of at least 0.5 degrees before and after.
-
-    Args:
-        angle_deg: The joint's angle over time, shape (N,), degrees.
-
-    Returns:
-        Number of turns.
-    """
-    count, way = 0, 0
-    low = high = float(angle_deg[0])
-    for angle in angle_deg.tolist():
-        low, high = min(low, angle), max(high, angle)
-        if way >= 0 and angle <= high - _SWING_DEG:
-            count += way > 0
-            way, low = -1, angle
-        elif way <= 0 and angle >= low + _SWING_DEG:
-            count += way < 0
-            way, high = 1, angle
-    return count
 
 
 def recontact_s(log: Log, back_s: float) -> float:

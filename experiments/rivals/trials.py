@@ -34,6 +34,8 @@ HEIGHT_M = 1.2
 PASSES_M = {"pass_1.0m": 1.0, "pass_2.5m": 2.5}
 TURNS, TURN_DISTANCE_M = "turns", 2.5
 LOSS, LOSS_S = "loss", 1.0
+# A walk at whose end the person comes to stand; of `experiments.rivals.framing`.
+STOP = "stop"
 # The loss begins after this share of the walk.
 _LOSS_AFTER = 0.35
 # At its end the person comes to stand, so that a law that lags can be back in contact, too.
@@ -109,7 +111,7 @@ def make_trial(name: str, recording: str | None) -> Trial:
     except PlacementError as error:
         raise LeftOutError(str(error)) from None
     if name != LOSS:
-        return Trial(name, walk)
+        return Trial(name, _stopping(walk) if name == STOP else walk)
     lost_s = _LOSS_AFTER * float(walk.times_s[-1])
     back_s = lost_s + LOSS_S
     if back_s > walk.times_s[-1]:

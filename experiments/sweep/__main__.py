@@ -2,7 +2,7 @@
 
 import sys
 
-from experiments.engine.signals import end_during_imports
+from gazempc.signals import end_during_imports
 
 if __name__ == "__main__":
     end_during_imports("sweep")

@@ -1,4 +1,4 @@
-"""Figures of a sweep: response curves, heat maps and Pareto fronts."""
+"""Figures of a sweep: response curves and Pareto fronts."""
 
 from __future__ import annotations
 
@@ -39,8 +39,6 @@ def draw_all(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row], out: Pa
     drawn: dict[str, Figure] = {}
     for x, metric, by in plan.spec.figures.response:
         drawn[f"response_{_file(x)}_{metric}"] = _response(done, x, metric, by)
-    for x, y, metric in plan.spec.figures.heatmap:
-        drawn[f"heatmap_{_file(x)}_{_file(y)}_{metric}"] = _heatmap(done, x, y, metric)
     for x, y, by in plan.spec.figures.pareto:
         drawn[f"pareto_{x}_{y}"] = _pareto(overall, x, y, by)
     for name, figure in drawn.items():
@@ -102,40 +100,6 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
         ax.legend(framealpha=0.85, edgecolor="none", fontsize="small", title=by)
         ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
         return figure
-
-
-def _heatmap(rows: Sequence[Row], x: str, y: str, metric: str) -> Figure:
-    cases = [c for c in distinct(rows, "case") if any(r["case"] == c and r[x] is not None for r in rows)]
-    columns, lines = distinct(rows, x), distinct(rows, y)
-    grids = {}
-    for case in cases:
-        grid = np.full((len(lines), len(columns)), np.nan)
-        for i, line in enumerate(lines):
-            for j, column in enumerate(columns):
-                values = [
-                    r[metric] for r in rows if (r["case"], r[x], r[y]) == (case, column, line) and r[metric] is not None
-                ]
-                grid[i, j] = np.mean(values) if values else np.nan
-        grids[case] = grid
-    figure = Figure(
-        figsize=(1.5 + (1.2 + 0.8 * len(columns)) * len(cases), 1.8 + 0.6 * len(lines)), layout="constrained"
-    )
-    axes = np.atleast_1d(figure.subplots(1, len(cases), sharey=True))
-    low, high = (float(end([end(g) for g in grids.values()])) for end in (np.nanmin, np.nanmax))
-    # Bright is good, whichever way the metric goes.
-    colours = "viridis" if direction_of(metric) == "maximize" else "viridis_r"
-    for ax, (case, grid) in zip(axes, grids.items(), strict=True):
-        image = ax.imshow(grid, origin="lower", aspect="auto", vmin=low, vmax=high, cmap=colours)
-        for (i, j), value in np.ndenumerate(grid):
-            if np.isfinite(value):
-                dark = sum(image.to_rgba(np.array([value]))[0, :3]) < 1.4
-                ax.text(j, i, f"{value:.3g}", ha="center", va="center", color="white" if dark else "black")
-        ax.set_xticks(range(len(columns)), [said(c) for c in columns])
-        ax.set_yticks(range(len(lines)), [said(line) for line in lines])
-        ax.set(xlabel=x, title=said(case))
-    axes[0].set_ylabel(y)
-    figure.suptitle(f"{metric}, means over clips", fontsize="medium")
-    return figure
 
 
 def _pareto(table: Sequence[Row], x: str, y: str, by: str) -> Figure:

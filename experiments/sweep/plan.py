@@ -15,9 +15,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from experiments.engine.choices import check_parts, find_recordings, in_place
-from experiments.sweep.names import OPTION, setting_fields
+from experiments.sweep.names import OPTION, resolve, setting_fields
 from experiments.sweep.spec import Case, Range, SweepSpec, lines_of
-from experiments.sweep.variants import resolve
 from gazempc.errors import GazempcError, SettingsError, shown, suggest
 from gazempc.files.bounds import is_there
 from gazempc.files.documents import parse_yaml, read_settings

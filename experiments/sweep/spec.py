@@ -117,9 +117,6 @@ class Figures(_Strict):
     response: Annotated[tuple[tuple[str, Metric, str], ...], BeforeValidator(_one_or_many)] = Field(
         default=(), description="[x, metric, by]: mean of a metric over x, a line for each value of by"
     )
-    heatmap: Annotated[tuple[tuple[str, str, Metric], ...], BeforeValidator(_one_or_many)] = Field(
-        default=(), description="[x, y, metric]: mean of a metric, a panel for each case"
-    )
     pareto: Annotated[tuple[tuple[Metric, Metric, str], ...], BeforeValidator(_one_or_many)] = Field(
         default=(), description="[x metric, y metric, by]: all points, the front of each value of by as a line"
     )
@@ -204,7 +201,6 @@ class SweepSpec(_Strict):
         varied = (*LABELS, *self.varied())
         drawn = {
             "response": [name for x, _, by in self.figures.response for name in (x, by)],
-            "heatmap": [name for x, y, _ in self.figures.heatmap for name in (x, y)],
             "pareto": [by for _, _, by in self.figures.pareto],
         }
         for kind, names in drawn.items():

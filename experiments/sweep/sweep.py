@@ -18,12 +18,12 @@ from experiments.engine.job import Row
 from experiments.engine.replays import all_faults
 from experiments.pages import write_csv, write_results
 from experiments.sweep.figures import draw_all
+from experiments.sweep.names import resolve
 from experiments.sweep.page import sweep_page
 from experiments.sweep.plan import Point, SweepPlan, load_plan, shipped_studies
 from experiments.sweep.spec import Case
 from experiments.sweep.tables import objective_means, pareto_front, point_table, run_row
 from experiments.sweep.tuning import check_installed, tune
-from experiments.sweep.variants import resolve
 from gazempc.results.run_summary import versions
 from gazempc.settings import WalkerSettings
 

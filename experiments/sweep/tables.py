@@ -82,7 +82,7 @@ def point_table(plan: SweepPlan, rows: Sequence[Row]) -> list[Row]:
 def tabulated(plan: SweepPlan) -> tuple[str, ...]:
     """Metrics of the table: those that were asked for, and those that objectives and figures need."""
     spec = plan.spec
-    drawn = [*(m for _, m, _ in spec.figures.response), *(m for _, _, m in spec.figures.heatmap)]
+    drawn = [metric for _, metric, _ in spec.figures.response]
     drawn += [metric for x, y, _ in spec.figures.pareto for metric in (x, y)]
     return tuple(dict.fromkeys([*spec.metrics, *(o.metric for o in spec.objectives), *drawn]))
 

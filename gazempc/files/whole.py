@@ -5,9 +5,16 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
+
+from gazempc.errors import GazempcError
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 # Files that a run writes. A controller's log has its computing times beside it.
 _OURS = re.compile(
@@ -73,17 +80,46 @@ def naming(path: Path) -> Iterator[None]:
         raise OSError(error.errno, f"cannot be written: {error.strerror or error}", str(path)) from None
 
 
-def begin_folder(out: Path) -> None:
-    """Make the folder that a run writes to, and take away what an earlier run wrote there: results are not mixed.
+@contextmanager
+def begin_folder(out: Path) -> Iterator[None]:
+    """The folder that one run alone writes to inside; what an earlier run wrote there is taken away.
 
     Args:
-        out: The folder. Files of other names stay; folders are not looked into.
+        out: The folder, made if it does not exist. Files of other names stay; folders are not looked into.
 
     Raises:
+        GazempcError: If another run, of this process or another one, writes there now.
         OSError: If it cannot be made, or an old file cannot be removed.
     """
     with naming(out):
         out.mkdir(parents=True, exist_ok=True)
+    with _alone_in(out):
+        _remove_earlier(out)
+        yield
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    if fcntl is None:  # Windows
+        yield
+        return
+    # A lock of the folder itself: no file stays behind, and it ends with the process.
+    opened = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise GazempcError(f"{folder}: another run is writing to this folder: give another --out") from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        with suppress(OSError):
+            fcntl.flock(opened, fcntl.LOCK_UN)  # also for child processes that have inherited it
+        os.close(opened)
+
+
+def _remove_earlier(out: Path) -> None:
     logs = {path.name.removesuffix(_TIMES) for path in out.glob(f"*{_TIMES}")}
     old = {f"{log}{ending}" for log in logs for ending in (".npz", ".mcap", _TIMES)}
     for path in out.iterdir():

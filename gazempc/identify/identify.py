@@ -16,6 +16,7 @@ Example: python -m gazempc.identify --tracker my_bag --out my_tracker.toml
 from __future__ import annotations
 
 import datetime
+import math
 import signal
 import sys
 import threading
@@ -33,6 +34,7 @@ from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import ExcitationSettings, excite, moving_joints
 from gazempc.identify.new_neck import DataSheet, new_neck
 from gazempc.identify.record import IdentificationError, NeckRecord, load_record, read, record
+from gazempc.identify.urdf import read_urdf
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.robots import keeps_any_clock, make_robot
 from gazempc.neck.spec import AXES, NeckSpec, load_neck
@@ -67,6 +69,14 @@ class IdentifySettings(ExcitationSettings):
         description="Instead of measuring: write a first neck file from a data sheet; asks what --sheet.* leaves open",
     )
     sheet: DataSheet = DataSheet()
+    urdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = Field(
+        default=None, description="Of --new: a URDF in place of the data sheet; needs --eye-frame"
+    )
+    eye_frame: str | None = Field(default=None, description="Of --urdf: link at the eye, such as the camera's")
+    pan_joint: str | None = Field(
+        default=None, description="Of --urdf: pan joint; default: the one below the tilt joint"
+    )
+    tilt_joint: str | None = Field(default=None, description="Of --urdf: tilt joint; default: the nearest to the eye")
     tracker: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = Field(
         default=None,
         description="Measure a tracker instead, from a table, lines of JSON (.jsonl) or the folder of a ROS 2 bag",
@@ -100,9 +110,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit status: 0, 2 on bad input or where the data do not determine the result, 130 if interrupted.
     """
-    for number in (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ():
-        # As Ctrl-C: the neck is braked, then the command ends.
-        signal.signal(number, signal.default_int_handler)
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            # As Ctrl-C: the neck is braked, then the command ends.
+            signal.signal(number, signal.default_int_handler)
     words = sys.argv[1:] if arguments is None else arguments
     try:
         return run_command("identify", lambda: _work(words))
@@ -141,7 +152,7 @@ def parse(words: Sequence[str]) -> IdentifySettings:
 def _run(settings: IdentifySettings) -> None:
     _check(settings)
     if settings.new is not None:
-        _write_new(settings.new, settings.sheet)
+        _write_new(settings)
         return
     progress = Progress()
     if settings.tracker is not None:
@@ -213,14 +224,31 @@ def _check(settings: IdentifySettings) -> None:
         raise GazempcError(f"{option} {path}: cannot make its folder: {error.strerror}") from None
 
 
-def _write_new(path: Path, sheet: DataSheet) -> None:
-    neck = new_neck(path, sheet)
+def _write_new(settings: IdentifySettings) -> None:
+    path, urdf = settings.new, None
+    assert path is not None
+    if settings.urdf is not None:
+        if settings.eye_frame is None:
+            raise SettingsError("--urdf: needs --eye-frame, the link at the eye")
+        urdf = read_urdf(settings.urdf, settings.eye_frame, settings.pan_joint, settings.tilt_joint)
+    neck = new_neck(path, settings.sheet, urdf)
     for name, axis in zip(AXES, neck.axes, strict=True):
         print(
             f"{name}: {axis.position_min_deg:g} to {axis.position_max_deg:g} deg, {axis.velocity_max_rad_s:g} rad/s, "
             f"{axis.acceleration_max_rad_s2:g} rad/s^2, {axis.jerk_max_rad_s3:g} rad/s^3; dead time "
             f"{axis.dead_time_s:g} s"
         )
+        range_deg = axis.position_max_deg - axis.position_min_deg
+        ramp_s = axis.velocity_max_rad_s / axis.acceleration_max_rad_s2
+        ramp_s += axis.acceleration_max_rad_s2 / axis.jerk_max_rad_s3
+        if (way_deg := math.degrees(axis.velocity_max_rad_s * ramp_s)) > range_deg:
+            print(
+                f"Warning: {name}: to reach {axis.velocity_max_rad_s:g} rad/s and to stop takes {way_deg:.0f} deg by "
+                f"these rules of thumb; its range is {range_deg:.0f} deg. Is it the motor's speed before its gear? At "
+                f"most {math.radians(range_deg) / ramp_s:.2g} rad/s are of use"
+            )
+    if urdf is not None:
+        print("Options of ROS 2:", *urdf.options)
     print(f"Written: {path}; what is assumed is marked there")
     print(f"Try it: python -m gazempc.run --replay subject03_R4 --neck {path}")
     print(f"Measure it: python -m gazempc.identify --robot ROBOT --neck {path} --amplitude-deg 8 --out measured.toml")

@@ -15,10 +15,12 @@ from pydantic import Field
 
 from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
+from gazempc.identify.urdf import UrdfNeck
 from gazempc.neck import rules
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.settings import Settings
 from gazempc.specfiles import parse_spec
+from gazempc.types import FloatArray
 
 
 def as_toml(values: Mapping[str, object]) -> str:
@@ -92,12 +94,13 @@ class _Axis:
     sheet_speed: str
 
 
-def new_neck(path: Path, sheet: DataSheet) -> NeckSpec:
+def new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None = None) -> NeckSpec:
     """Ask for what is missing, and write a neck file.
 
     Args:
         path: TOML file to write; must not exist.
         sheet: Known values.
+        urdf: The neck of a URDF, in place of the sheet.
 
     Returns:
         The neck that the file holds.
@@ -107,15 +110,23 @@ def new_neck(path: Path, sheet: DataSheet) -> NeckSpec:
     """
     if path.exists():
         raise SettingsError(f"--new {path}: exists already; give another name, or delete it first")
-    axes = {name: _axis(name, sheet) for name in AXES}
-    text = neck_file(path.stem, axes, sheet.head_view_deg, datetime.date.today())
+    if urdf is None:
+        axes = {name: _axis(name, sheet) for name in AXES}
+    else:
+        given = zip(AXES, urdf.range_deg, urdf.speed_rad_s, strict=True)
+        axes = {name: _Axis(low, high, speed, f"{speed:g} rad/s") for name, (low, high), speed in given}
+    text = neck_file(path.stem, axes, sheet.head_view_deg, datetime.date.today(), urdf)
     neck = parse_spec(NeckSpec, text, str(path))
     write_whole(path, text)
     return neck
 
 
 def neck_file(
-    name: str, axes: dict[str, _Axis], head_view_deg: tuple[float, float] | None, today: datetime.date
+    name: str,
+    axes: dict[str, _Axis],
+    head_view_deg: tuple[float, float] | None,
+    today: datetime.date,
+    urdf: UrdfNeck | None = None,
 ) -> str:
     """The text of the file.
 
@@ -124,12 +135,14 @@ def neck_file(
         axes: Pan and tilt.
         head_view_deg: Field of view of a camera on the head.
         today: Date for its source.
+        urdf: Has the geometry; without it all offsets are 0.
 
     Returns:
         TOML with comments.
     """
+    origin = "data sheet" if urdf is None else "URDF"
     source = (
-        f"data sheet: range and top speed (gazempc identify --new, {today.isoformat()}). Limits of speed, acceleration "
+        f"{origin}: range and top speed (gazempc identify --new, {today.isoformat()}). Limits of speed, acceleration "
         "and jerk, servo and dead time by rules of thumb: assumed, not measured"
     )
     lines = [
@@ -139,23 +152,29 @@ def neck_file(
         "servo_rate_hz = 200.0               # commands a second; lower it if the robot takes fewer",
         *([] if head_view_deg is None else [f"head_view_deg = {list(head_view_deg)}        # data sheet"]),
         "",
-        "# assumed: both axes and the eye in one point. Measure with a ruler: x forward, y left, z up.",
+        "# assumed: both axes and the eye in one point. Measure with a ruler: x forward, y left, z up."
+        if urdf is None
+        else f"# URDF: {' and '.join(urdf.joint_names)}.",
         "[geometry]",
-        "tilt_axis_in_pan_m = [0.0, 0.0, 0.0]",
-        "eye_in_tilt_m = [0.0, 0.0, 0.0]",
+        f"tilt_axis_in_pan_m = {_offset(None if urdf is None else urdf.tilt_axis_in_pan_m)}",
+        f"eye_in_tilt_m = {_offset(None if urdf is None else urdf.eye_in_tilt_m)}",
     ]
     for axis_name, axis in axes.items():
-        lines += ["", *_table(axis_name, axis)]
+        lines += ["", *_table(axis_name, axis, origin)]
     return "\n".join(lines) + "\n"
 
 
-def _table(name: str, axis: _Axis) -> list[str]:
+def _offset(offset_m: FloatArray | None) -> list[float]:
+    return [0.0, 0.0, 0.0] if offset_m is None else [round(float(each), 5) + 0.0 for each in offset_m]
+
+
+def _table(name: str, axis: _Axis, origin: str) -> list[str]:
     velocity = rules.SPEED_SHARE * axis.speed_rad_s
     acceleration = rules.ACCELERATION_PER_SPEED_1_S * velocity
     jerk = rules.JERK_PER_ACCELERATION_1_S * acceleration
     rows = [
-        ("position_min_deg", axis.low_deg, "data sheet"),
-        ("position_max_deg", axis.high_deg, "data sheet"),
+        ("position_min_deg", axis.low_deg, origin),
+        ("position_max_deg", axis.high_deg, origin),
         ("velocity_max_rad_s", velocity, f"assumed: {rules.SPEED_SHARE:g} of the top speed, {axis.sheet_speed}"),
         ("acceleration_max_rad_s2", acceleration, f"assumed: {rules.RULES['acceleration_max_rad_s2']}"),
         ("jerk_max_rad_s3", jerk, f"assumed: {rules.RULES['jerk_max_rad_s3']}"),

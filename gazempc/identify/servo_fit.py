@@ -7,13 +7,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_toeplitz
 from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, lfilter
+from scipy.special import stdtrit
 
 from gazempc.types import FloatArray
 
 # Two-sided 95 % of a normal distribution.
 Z_95 = 1.959964
+# Of the autoregression of residuals: an encoder's white noise beside friction that changes slowly needs more than one.
+_ORDER = 4
 
 
 @dataclass(frozen=True)
@@ -56,10 +60,11 @@ def fit(
 
 
 def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int = 1) -> FloatArray:
-    """Covariance of a least-squares estimate whose errors are correlated in time (Newey & West 1987).
+    """Covariance of a least-squares estimate whose errors are correlated in time.
 
-    The number of lags follows Andrews (1991) for first-order correlation. Where the simple formula for independent
-    errors gives more, it counts: correlation found by chance must not make an estimate look better than it is.
+    The spectrum of the errors is that of an autoregression fitted to the residuals (den Haan & Levin 1997, "A
+    practitioner's guide to robust covariance matrix estimation"). Where the simple formula for independent errors
+    gives more, it counts: correlation found by chance must not make an estimate look better than it is.
 
     Args:
         jacobian: Shape (n, p).
@@ -67,37 +72,48 @@ def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int 
         channels: How many residuals in a row share a time.
 
     Returns:
-        Shape (p, p).
+        Shape (p, p); `Z_95` standard deviations are half the 95 % interval.
     """
     n, p = jacobian.shape
     inverse = np.linalg.pinv(_products(jacobian, jacobian))
-    # One row a time: errors of one time may have anything in common.
-    scores = (jacobian * residual[:, None]).reshape(n // channels, channels, p).sum(axis=1)
-    meat = _products(scores, scores)
-    lags = _lags(residual.reshape(-1, channels))
-    for lag in range(1, lags + 1):
-        shared = _products(scores[lag:], scores[:-lag])
-        meat += (1.0 - lag / (lags + 1.0)) * (shared + shared.T)
     spread = n / max(n - p, 1)
+    # Errors of one time may have anything in common: as combinations of errors that have nothing.
+    errors = residual.reshape(-1, channels)
+    _, mixing = np.linalg.eigh(_products(errors, errors))
+    rows = np.einsum("tcp,cd->dtp", jacobian.reshape(-1, channels, p), mixing)
+    meat = sum(_of_stationary(row, error) for row, error in zip(rows, (errors @ mixing).T, strict=True))
     correlated = spread * inverse @ meat @ inverse
-    independent = inverse * float(residual @ residual) / max(n - p, 1)
-    more = np.sqrt(np.maximum(1.0, np.diag(independent) / np.maximum(np.diag(correlated), 1e-300)))
+    independent = spread * inverse * float(residual @ residual) / n
+    ratio = np.diag(independent) / np.maximum(np.diag(correlated), 1e-300)
+    # Correlated errors are as good as fewer independent ones, of which the fit has used up p: Student's quantile.
+    freedom = np.maximum(len(errors) * np.minimum(1.0, ratio) - p, 1.0)
+    widening = (stdtrit(freedom, 0.975) / Z_95) ** 2 * (freedom + p) / freedom
+    more = np.sqrt(np.maximum(1.0, ratio) * widening)
     covariance: FloatArray = correlated * np.outer(more, more)
     return covariance
+
+
+def _of_stationary(jacobian: FloatArray, error: FloatArray) -> FloatArray:
+    """Covariance of ``jacobian.T @ error`` for errors with the spectrum of an autoregression, shape (p, p)."""
+    count = len(error)
+    order = min(_ORDER, count // 8)
+    # Twice the length, so that no end meets the beginning.
+    power = np.abs(np.fft.rfft(error, 2 * count)) ** 2
+    autocovariance = np.fft.irfft(power)[: order + 1] / count
+    if not autocovariance[0] > 0.0:
+        return np.zeros((jacobian.shape[1],) * 2)
+    weights = solve_toeplitz(autocovariance[:-1], autocovariance[1:]) if order else np.empty(0)
+    innovation = autocovariance[0] - float(weights @ autocovariance[1:])
+    spectrum = innovation / np.abs(np.fft.rfft(np.append(1.0, -weights), 2 * count)) ** 2
+    spectrum[1:-1] *= 2.0  # the negative frequencies
+    transformed = np.fft.rfft(jacobian, 2 * count, axis=0)
+    return np.einsum("f,fj,fk->jk", spectrum, transformed.conj(), transformed).real / (2 * count)
 
 
 def _products(a: FloatArray, b: FloatArray) -> FloatArray:
     # As a @ of long thin matrices, but on one thread: starting several for so little work takes far longer than it.
     products: FloatArray = np.einsum("ij,ik->jk", a, b)
     return products
-
-
-def _lags(residual: FloatArray) -> int:
-    power = float(np.sum(residual * residual))
-    rho = float(np.sum(residual[1:] * residual[:-1])) / power if power > 0 else 0.0
-    rho = float(np.clip(rho, 0.0, 0.99))
-    count = len(residual)
-    return min(int(np.ceil(1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * count) ** (1 / 3))), count // 8)
 
 
 _FINEST_S = 0.002

@@ -49,7 +49,7 @@ class Arrivals:
 
     def __init__(self, setup: LiveSetup, report: LiveReport) -> None:
         self._source, self._mount, self._geometry = setup.source, setup.mount, setup.neck.geometry
-        self._sources = [setup.source] if setup.cue_source is None else [setup.source, setup.cue_source]
+        self._sources = [setup.source, *setup.more_sources]
         self._report = report
         self._use_ids, self._cues = setup.use_ids, setup.cues
         people = setup.several.several if isinstance(setup.several, LookingAway) else None

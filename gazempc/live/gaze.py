@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import warnings
 from contextlib import ExitStack
@@ -9,19 +10,24 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Unpack
 
+import numpy as np
+
 from gazempc.controllers.controller import Controller
 from gazempc.live.process import fast_switching
-from gazempc.live.run import LiveRun
-from gazempc.live.setup import setup_of_gaze
+from gazempc.live.run import Listener, LiveRun
+from gazempc.live.setup import LiveGazeSettings, placed, setup_of_gaze
 from gazempc.live.sources.pushed import Stated, checked
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
+from gazempc.loop.pointing import Place
+from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import NeckSpec
 from gazempc.people.attention import Attended
-from gazempc.people.company import Glance, Rhythm, Sound, Speech, Thinking
+from gazempc.people.company import Choice, Glance, Rhythm, Sound, Speech, Thinking
 from gazempc.results.log import ComputeTimes, Fault, Log, join_logs
 from gazempc.robots.robot import Robot
 from gazempc.settings import DEFAULT_PREDICTOR, LookAwayMode
+from gazempc.types import FloatArray
 from predictors import Predictor
 
 
@@ -44,9 +50,13 @@ class Gaze:
             ``module:Class``. Only the servo thread uses it inside the block.
         controller: ``mpc``, ``lookahead``, ``reactive``, ``module:Class``, or a controller.
         predictor: Name, ``module:Class``, or a predictor.
+        listener: Gets each moment of the run (`gazempc.results.moments`) in the servo thread; must return at once.
         **settings: Any other of `gazempc.live.setup.LiveGazeSettings`: ``clock="monotonic"``,
             ``mount={"on": "head"}``, ``mpc={"horizon_s": 0.6}``, ``loop={"lost_after_s": 2.0}``, or
             ``options={"port": "/dev/ttyUSB1"}`` for the constructor of a ``module:Class``.
+
+    Attributes:
+        settings: The checked settings.
 
     Raises:
         GazempcError: If a name does not exist, a file or setting is wrong, or a part does not do what it must.
@@ -59,9 +69,12 @@ class Gaze:
         *,
         controller: str | Controller = "mpc",
         predictor: str | Predictor = DEFAULT_PREDICTOR,
+        listener: Listener | None = None,
         **settings: Any,
     ) -> None:
         self._setup, self._source, checked = setup_of_gaze(neck, robot, controller, predictor, settings)
+        self.settings: LiveGazeSettings = checked
+        self._listeners = () if listener is None else (listener,)
         self._keep_s = 60.0 * checked.keep_minutes
         self._kept: tuple[Log, ...] = ()
         self._run: LiveRun | None = None
@@ -83,7 +96,7 @@ class Gaze:
         """
         if self._run is not None:
             raise RuntimeError("this Gaze was used before: make another one for another with-block")
-        self._run = run = LiveRun(self._setup, self._keep)
+        self._run = run = LiveRun(self._setup, self._keep, self._listeners)
         # No daemon: at the end of the program the neck is braked, too.
         thread = threading.Thread(target=self._work, args=(run,), name="servo")
         try:
@@ -210,6 +223,55 @@ class Gaze:
             rhythm: ``listening``, ``speaking``, or ``told`` for none.
         """
         self._setup.cues.tell(Rhythm(rhythm))
+
+    def attend_to(self, person_id: str | None) -> None:
+        """Look at one person among several, as long as they are there, whatever the policy prefers; needs ``attend``.
+
+        Args:
+            person_id: The tracker's name; None to follow the policy again.
+        """
+        self._setup.cues.tell(Choice(person_id))
+
+    def point(
+        self, target_base_m: Any | None, min_duration_s: float = 0.0, max_velocity_rad_s: float = math.inf
+    ) -> None:
+        """Look at a place, which outranks all people, until this is called with None.
+
+        Args:
+            target_base_m: Where it is in the base frame, shape (3,), metres; None to look at people again.
+            min_duration_s: Shortest duration of the motion, seconds.
+            max_velocity_rad_s: Highest speed of the gaze on the way, rad/s.
+
+        Raises:
+            ValueError: If it is no position, or a limit is none.
+        """
+        if target_base_m is None:
+            self._setup.goal.place = None
+            return
+        target_m = checked("target_base_m", target_base_m, (3,), "metres in the base frame")
+        if not (0.0 <= min_duration_s < math.inf and max_velocity_rad_s > 0.0):
+            raise ValueError(
+                f"min_duration_s is {min_duration_s}, max_velocity_rad_s {max_velocity_rad_s}: needed are a time and "
+                "a speed"
+            )
+        neck = self.neck
+        eye_m, direction = gaze_ray(neck.geometry, neck.rest_rad if self._run is None else self._run.command_rad)
+        # The path begins where the joints can first follow it.
+        start_s = self._setup.clock.now_s() + float(np.max(neck.dead_time_s + neck.servo_lag_s))
+        self._setup.goal.place = Place.reached(target_m, eye_m, direction, start_s, min_duration_s, max_velocity_rad_s)
+
+    def to_base(self, place_m: Any) -> FloatArray:
+        """A place in the neck's base frame, shape (3,), metres.
+
+        Args:
+            place_m: Where it is in the frame of a mount that does not move, shape (3,), metres.
+        """
+        return placed(self._setup.mount, self.neck, np.asarray(place_m, dtype=np.float64))
+
+    @property
+    def neck(self) -> NeckSpec:
+        """The neck, with the limits of this run."""
+        return self._setup.neck
 
     @property
     def attended(self) -> Attended | None:

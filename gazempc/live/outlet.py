@@ -17,8 +17,8 @@ from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
 from gazempc.live.settings import LiveSettings
 from gazempc.people.attention import AttentionState
-from gazempc.ros2.node import Ros2Node
-from gazempc.ros2.wire import Ros2Network, WireError, make_message, topic_name
+from gazempc.ros2.messages import Ros2Error, topic_name
+from gazempc.ros2.node import Ros2Node, message_type
 
 _OPTION = "--attention-out"
 _ACCEPTED = "udp:HOST:PORT, ros2:TOPIC, or a file FILE.jsonl"
@@ -51,19 +51,18 @@ def _udp(host: str, port: int) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def _ros2(topic: str, network: Ros2Network) -> Iterator[Callable[[str], None]]:
+def _ros2(topic: str) -> Iterator[Callable[[str], None]]:
     """A ``std_msgs/msg/String`` a line; a later subscriber gets the last one (transient local)."""
     with ExitStack() as stack:
         try:
-            node = stack.enter_context(closing(Ros2Node("gazempc_attention", network)))
+            node = stack.enter_context(closing(Ros2Node("gazempc_attention")))
             publication = node.publication(topic, _TEXT, latched=True)
-        except WireError as error:
+        except Ros2Error as error:
             raise SettingsError(f"{_OPTION} ros2:{topic}: {error}") from None
+        text = message_type(_TEXT)
 
         def send(line: str) -> None:
-            if not node.connected:
-                raise WireError(f"the connection to the Zenoh router at {network.endpoint} is lost; connecting again")
-            publication.publish(make_message(_TEXT, data=line))
+            publication.publish(text(data=line))
 
         yield send
 
@@ -79,12 +78,11 @@ def _file(path: Path) -> Iterator[Callable[[str], None]]:
         yield lambda line: print(line, file=file, flush=True)
 
 
-def make_sink(word: str, network: Ros2Network) -> Sink:
+def make_sink(word: str) -> Sink:
     """The sink that a word names; not open yet.
 
     Args:
         word: ``udp:HOST:PORT``, ``ros2:TOPIC`` or a file's name with the ending ``.jsonl``.
-        network: Router, domain and release of ROS 2.
 
     Returns:
         The sink; opening it raises SettingsError if that is impossible.
@@ -98,7 +96,7 @@ def make_sink(word: str, network: Ros2Network) -> Sink:
         if host and port.isdecimal() and 0 < int(port) < 65536:
             return _udp(host.strip("[]"), int(port))
     elif kind == "ros2" and address:
-        return _ros2(topic_name(address), network)
+        return _ros2(topic_name(address))
     elif word.endswith(".jsonl"):
         return _file(Path(word))
     raise SettingsError(f"{_OPTION} {word}: no such place; accepted: {_ACCEPTED}")
@@ -126,7 +124,7 @@ def attention_sink(settings: LiveSettings) -> Sink | None:
         )
     if where.startswith("ros2:") and settings.simulated_clock:
         raise SettingsError(f"--attention-out {where}: ROS 2 needs real time; with a simulated clock name a file")
-    return make_sink(where, settings.options.ros2.network)
+    return make_sink(where)
 
 
 class AttentionOutlet:

@@ -11,7 +11,7 @@ from gazempc.errors import RobotError, SettingsError
 from gazempc.live.clock import Clock
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
-from gazempc.parts import ROBOT, Kind, find, is_own, said
+from gazempc.parts import ADDRESSED, ROBOT, Kind, find, is_own, said, split_address
 from gazempc.robots.options import RobotOptions
 from gazempc.robots.robot import Robot, way_in_rad, wrong_reading
 from gazempc.types import FloatArray, JointState
@@ -64,11 +64,12 @@ def make_robot(
     if is_own(choice):
         own: Robot = make(ROBOT, choice, given, options_for(ROBOT, choice, options.own))
         return own
-    if choice in type(options).model_fields:
-        given["options"] = getattr(options, choice)
-    if choice == "ros2":
-        if not clock.is_real:
-            raise SettingsError("robot ros2 needs real time")
+    name, given["address"] = split_address(choice)
+    if name in type(options).model_fields:
+        given["options"] = getattr(options, name)
+    if name in ("ros2", *ADDRESSED) and not clock.is_real:
+        raise SettingsError(f"robot {choice} needs real time")
+    if name == "ros2":
         given["to_loop_s"] = clock.from_unix_s
     robot: Robot = make(ROBOT, choice, given, {})
     return robot
@@ -134,7 +135,8 @@ def go_in(robot: Robot, neck: NeckSpec, clock: Clock, start_rad: FloatArray, sto
         if stop.is_set():
             return
         clock.sleep_until_s(start_s + k * neck.servo_period_s)
-        robot.send_command(command_rad)
+        # A joint that takes speeds is brought in by the position loop.
+        robot.send_command(np.where(neck.speed_joints, 0.0, command_rad))
 
 
 def _wrong(state: JointState | None, neck: NeckSpec, now_s: float) -> str:

@@ -20,6 +20,7 @@ from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
+from gazempc.loop.pointing import Pointing
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import PersonTrack
 from gazempc.loop.trial import warm_up
@@ -27,6 +28,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.parts import said
 from gazempc.people.attention import AttentionState
 from gazempc.results.moments import LateMoment, Moment, StatusMoment
+from gazempc.types import FloatArray
 
 # A moving command stops within limits long before.
 _STOPPING_S = 5.0
@@ -76,6 +78,11 @@ class LiveRun:
     def joints(self) -> JointEstimate | None:
         """The joints at the last tick; None before the first one."""
         return None if self._loop is None else self._loop.joints
+
+    @property
+    def command_rad(self) -> FloatArray:
+        """The command at the last tick, shape (N,), radians; where the neck rests before the first one."""
+        return self._neck.rest_rad if self._smoother is None else self._smoother.command.position_rad
 
     def run(
         self, stop: threading.Event, duration_s: float | None = None, on_ready: Callable[[], None] | None = None
@@ -127,11 +134,12 @@ class LiveRun:
         go_in(setup.robot, setup.neck, setup.clock, start_rad, stop)
         smoother = Smoother(setup.neck, start_rad)
         target = setup.several or PersonTrack(setup.predictor, setup.loop)
+        target = Pointing(target, setup.goal)
         loop = GazeLoop(setup.neck, target, self._planner, smoother, setup.robot, self.logs.recorder, setup.loop)
         warm_up(target.predictor, self._planner.controller, setup.neck)
         _open("source: open()", setup.source.open, SourceError)
-        if setup.cue_source is not None:
-            setup.cue_source.open()
+        for more in setup.more_sources:
+            _open("source: open()", more.open, SourceError)
         self._smoother, self._loop = smoother, loop
         return True
 
@@ -177,7 +185,9 @@ class LiveRun:
                     self._emit_status(loop, smoother, index, now_s)
                 else:
                     # The loop has failed: the smoother alone brakes.
-                    self._setup.robot.send_command(smoother.step(now_s, None))
+                    wanted_rad = smoother.step(now_s, None)
+                    speeds = smoother.command.velocity_rad_s
+                    self._setup.robot.send_command(np.where(self._neck.speed_joints, speeds, wanted_rad))
             except BaseException as error:
                 # Any exception, also an interrupt: the neck is braked before it is raised.
                 if failure is None:
@@ -198,9 +208,17 @@ class LiveRun:
             closing.callback(self.logs.close)
             closing.callback(self._planner.close)
             closing.callback(self._close, self._setup.robot.close, Event.ROBOT_NOT_ANSWERING)
+            if self._smoother is not None and self._neck.takes_speeds:
+                closing.callback(self._close, self._stop_speeds, Event.ROBOT_NOT_ANSWERING)
             closing.callback(self._close, self._setup.source.close, Event.SOURCE_FAILED)
-            if self._setup.cue_source is not None:
-                closing.callback(self._setup.cue_source.close)
+            for more in self._setup.more_sources:
+                closing.callback(more.close)
+
+    def _stop_speeds(self) -> None:
+        # A joint holds its last speed for ever, and the position loop may have left a small one.
+        assert self._smoother is not None
+        command_rad = self._smoother.command.position_rad
+        self._setup.robot.send_command(np.where(self._neck.speed_joints, 0.0, command_rad))
 
     def _close(self, close: Callable[[], None], event: Event) -> None:
         # It must not raise; an exception all the same must not hide how the run ended.

@@ -10,10 +10,10 @@ from contextlib import nullcontext, suppress
 import tyro
 
 from gazempc.command import TYRO_CONFIG, command_line, run_command
-from gazempc.errors import LimitViolationError
+from gazempc.errors import LimitViolationError, SettingsError
 from gazempc.files.whole import begin_folder
 from gazempc.live.process import async_warnings, fast_switching, stopped_by_signals, without_collection
-from gazempc.live.settings import LiveSettings, check
+from gazempc.live.settings import LiveSettings, check, for_turning_camera
 from gazempc.part_options import take_options
 from gazempc.robots.options import RobotOptions
 
@@ -33,8 +33,12 @@ def main(arguments: Sequence[str] | None = None, stop: threading.Event | None = 
 
     def work() -> int:
         settings, command = parse(words), command_line("gazempc.live", words)
+        if settings.probe:
+            _probe(settings)
+            return 0
         event = stop or threading.Event()
-        with stopped_by_signals(event) if stop is None else nullcontext():
+        signals = stopped_by_signals(event) if stop is None else nullcontext()
+        with signals, begin_folder(settings.out):
             _run(settings, event, command)
         return 0
 
@@ -56,7 +60,7 @@ def parse(words: Sequence[str]) -> LiveSettings:
     """
     words, own = take_options(_with_view(words), RobotOptions.model_fields)
     found = tyro.cli(LiveSettings, config=TYRO_CONFIG, args=words, prog="python -m gazempc.live", description=__doc__)
-    settings = found.model_copy(update={"options": found.options.with_own(own)})
+    settings = for_turning_camera(found.model_copy(update={"options": found.options.with_own(own)}))
     check(settings)
     return settings
 
@@ -67,7 +71,24 @@ def _with_view(words: Sequence[str]) -> list[str]:
     for k, word in enumerate(words):
         if word == "--view" and (k + 1 == len(words) or words[k + 1].startswith("-")):
             found[k] = "--view=foxglove"
+    if "--probe" in found and not any(word.startswith("--source") for word in found):
+        # Nothing is read from it.
+        found += ["--source", "stdin"]
     return found
+
+
+def _probe(settings: LiveSettings) -> None:
+    from gazempc.live.clock import RealClock  # noqa: PLC0415
+    from gazempc.live.robots import make_robot  # noqa: PLC0415
+    from gazempc.neck.spec import load_neck  # noqa: PLC0415
+    from gazempc.robots.speed_camera import SpeedCamera  # noqa: PLC0415
+
+    neck = load_neck(settings.scene.neck)
+    robot = make_robot(settings.robot, settings.options, neck, RealClock(), neck.rest_rad)
+    if not isinstance(robot, SpeedCamera):
+        raise SettingsError(f"--probe: robot {settings.robot}; accepted: visca:HOST, onvif:HOST")
+    for name, value in robot.probe():
+        print(f"{name:<16}{value}")
 
 
 def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
@@ -79,7 +100,6 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     from gazempc.live.summary import KeptLogs, last_line, text  # noqa: PLC0415
     from gazempc.live.view.viewers import start_viewers  # noqa: PLC0415
 
-    begin_folder(settings.out)
     sink = attention_sink(settings)
     setup = build(settings)
     if stop.is_set():

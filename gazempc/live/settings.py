@@ -16,8 +16,9 @@ from gazempc.live.stamps import Stamps
 from gazempc.live.view.orders import PORTS, ViewKind
 from gazempc.neck.human import MOTION_MEANS, Motion
 from gazempc.part_options import check_options
-from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own
+from gazempc.parts import ADDRESSED, CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own, split_address
 from gazempc.robots.options import RobotChoice, RobotOptions
+from gazempc.robots.ptz_emulator import EMULATOR, FOV_DEG, LATENCY_S
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
 from gazempc.sim.scene import SceneSettings, StageSettings
 
@@ -90,6 +91,9 @@ class LiveSettings(MountedSettings, StageSettings):
         "ros2:TOPIC, or a file FILE.jsonl",
     )
     figures: bool = Field(default=True, description="Draw angles.png from the last log")
+    probe: bool = Field(
+        default=False, description="Robots visca and onvif: print what the camera is and can do, and end; moves nothing"
+    )
 
     @property
     def source_kind(self) -> str:
@@ -119,6 +123,30 @@ class LiveSettings(MountedSettings, StageSettings):
     def simulated_robot(self) -> bool:
         """Whether the robot lives in the loop's time."""
         return keeps_any_clock(ROBOT, self.robot)
+
+
+def for_turning_camera(settings: LiveSettings) -> LiveSettings:
+    """Settings that follow from a camera that turns, where the user has left them: neck, mount, and the emulator's own.
+
+    Args:
+        settings: The settings.
+
+    Returns:
+        The same for any other robot.
+    """
+    robot, address = split_address(settings.robot)
+    if robot not in ADDRESSED:
+        return settings
+    found: dict[str, object] = {}
+    emulated = address.partition(":")[0] == EMULATOR
+    if settings.neck is None and (emulated or settings.probe):
+        found["neck"] = "ptz"
+    if settings.source_kind == "camera" and settings.mount == Mount():
+        # Its picture is that of the camera that turns.
+        found["mount"] = Mount(on="head")
+    if settings.source == f"camera:{EMULATOR}" and settings.camera == CameraOptions():
+        found["camera"] = CameraOptions(fov_deg=FOV_DEG, latency_ms=1e3 * LATENCY_S)
+    return settings.model_copy(update=found)
 
 
 def check(settings: LiveSettings) -> None:

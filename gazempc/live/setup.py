@@ -21,7 +21,7 @@ from gazempc.live.sources.camera.capture import CAMERA
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.pushed import PushedSource
 from gazempc.live.sources.replay import BagSource, ReplaySource
-from gazempc.live.sources.ros2 import ANY_FRAME, Ros2Cues, Ros2Person
+from gazempc.live.sources.ros2 import Ros2Cues, Ros2Person
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.live.sources.senders import Senders
 from gazempc.live.sources.source import Source
@@ -29,6 +29,7 @@ from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, U
 from gazempc.live.stamps import StampClock, StampReader, Stamps
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner, Planner
+from gazempc.loop.pointing import Goal
 from gazempc.loop.target import make_target
 from gazempc.loop.track import Target
 from gazempc.neck.human import with_motion
@@ -57,6 +58,9 @@ class LiveGazeSettings(MountedSettings):
     clock: StampClock = Field(
         default="unix", description="Clock of the capture times that `see` is given: unix, monotonic, other or arrival"
     )
+    source: str | None = Field(
+        default=None, description="Observations besides those of `see`: ros2:TOPIC or ros4hri; default: none"
+    )
     keep_minutes: float = Field(default=10.0, gt=0, le=600, description="How much of the run the log holds")
 
 
@@ -84,13 +88,12 @@ class LiveSetup:
         hints: Names of the settings in warnings.
         several: Target that is one of several people, or from which the gaze looks away; None for one person.
         cues: Cues for that target.
+        goal: Place that outranks people.
         cue_source: Gives cues besides the source; None without one.
+        more_people: Gives observations besides the source; None without one.
         true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN where unknown.
         log_s: Length of a log, seconds.
         notes: Notes on recording and neck for the user, a line each.
-
-    Raises:
-        SettingsError: If a joint of the neck takes speeds: the start of a live run sends angles.
     """
 
     about: RunInfo
@@ -108,13 +111,17 @@ class LiveSetup:
     hints: SetupHints = field(default_factory=SetupHints)
     several: Target | None = None
     cues: Cues = field(default_factory=Cues)
+    goal: Goal = field(default_factory=Goal)
     cue_source: Source | None = None
+    more_people: Source | None = None
     true_head_base_m: TrueHeadAt = _unknown
     log_s: float = 300.0
     notes: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        self.neck.check_takes_angles("a live run")
+    @property
+    def more_sources(self) -> tuple[Source, ...]:
+        """Sources besides the one whose end is that of the run."""
+        return tuple(source for source in (self.more_people, self.cue_source) if source is not None)
 
     @property
     def true_state(self) -> Callable[[], JointState] | None:
@@ -207,7 +214,8 @@ def setup_of_gaze(
         about=setup.about.model_copy(update={"settings": checked.model_dump(mode="json")}),
         stamps=stamps,
         hints=SetupHints(python=True),
-        cue_source=make_cue_source(checked, spec, clock, mounted=False),
+        cue_source=make_cue_source(checked, spec, clock, mounted=checked.source is not None),
+        more_people=None if checked.source is None else _ros2_source(checked.source, checked, clock, stamps),
         log_s=_GAZE_LOG_S,
     )
     return setup, source, checked
@@ -215,7 +223,7 @@ def setup_of_gaze(
 
 def _narrowed(neck: NeckSpec, settings: MountedSettings) -> NeckSpec:
     moved = with_motion(neck, settings.motion)
-    narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing)
     settings.mount.check_fits(narrow)
     return narrow
 
@@ -291,17 +299,23 @@ def _make_source(
         return CameraSource(address, settings.camera, clock, own=own_camera)
     if stamps is None:
         raise SettingsError(f"source {settings.source!r} needs real time")
-    ros2 = settings.options.ros2
-    if kind == "ros4hri":
-        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, ros2.network, ros2.base_frame)
-    if kind == "ros2":
-        frame_id = None if settings.mount.axes == "flu" else ANY_FRAME
-        return Ros2Person(address, clock.now_s, stamps.now_loop_s, ros2.network, ros2.pose_type, frame_id)
+    if kind in ("ros2", "ros4hri"):
+        return _ros2_source(settings.source, settings, clock, stamps)
     wire: Wire = StandardInput()
     if kind in ("udp", "tcp"):
         named = parse_address(settings.source, address, "127.0.0.1")
         wire = UdpPort(*named) if kind == "udp" else TcpClient(*named)
     return LineSource(wire, clock, stamps, Senders(settings.allow))
+
+
+def _ros2_source(source: str, settings: MountedSettings, clock: Clock, stamps: StampReader) -> Source:
+    """The source of ``ros2:TOPIC`` or ``ros4hri``."""
+    (kind, _, topic), ros2 = source.partition(":"), settings.options.ros2
+    if kind == "ros4hri":
+        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, ros2)
+    if kind == "ros2":
+        return Ros2Person(topic, clock.now_s, stamps.now_loop_s, ros2, settings.mount.axes != "flu")
+    raise SettingsError(f"source {source!r}: accepted: ros2:TOPIC, ros4hri")
 
 
 def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounted: bool) -> Ros2Cues | None:
@@ -333,13 +347,14 @@ def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mou
             f"mount.on {settings.mount.on}: {named} needs a base_frame that does not move with the neck; accepted: base"
         )
 
-    def to_base(place_m: FloatArray) -> FloatArray:
-        if not mounted:
-            return place_m
-        seen = settings.mount.in_sensor(HeadObservation(0.0, np.array(place_m)))
-        return settings.mount.to_base(seen, neck.geometry, None).head_position_base_m
+    mount = settings.mount if mounted else Mount()
+    return Ros2Cues(clock.now_s, clock.from_unix_s, ros2, lambda place_m: placed(mount, neck, place_m))
 
-    return Ros2Cues(clock.now_s, clock.from_unix_s, ros2, to_base)
+
+def placed(mount: Mount, neck: NeckSpec, place_m: FloatArray) -> FloatArray:
+    """A place in the neck's base frame, shape (3,), metres; it is given in the frame of a mount that does not move."""
+    seen = mount.in_sensor(HeadObservation(0.0, np.array(place_m)))
+    return mount.to_base(seen, neck.geometry, None).head_position_base_m
 
 
 def _facing(scene: Scene) -> FloatArray:

@@ -10,6 +10,7 @@ from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import RECORDED_HORIZONS_S, checked_forecast, why_not_usable
 from gazempc.people.attention import Attended, Attention, AttentionState
+from gazempc.people.box import middle_of
 from gazempc.people.people import Became, People, frames_of
 from gazempc.people.person import CATCH_UP, TrackedPerson
 from gazempc.people.tracker_faults import FrozenPeople
@@ -34,6 +35,7 @@ class AttendedPeople:
         make_predictor: Makes one person's predictor.
         attention: Chooses the person to look at.
         settings: Ages at which observations and tracks are given up.
+        everyone: Forecast the middle of the box of all people who are there, in place of the attended person.
 
     Attributes:
         predictor: A predictor as each person has one.
@@ -44,7 +46,14 @@ class AttendedPeople:
         attention: Chooses the person to look at.
     """
 
-    def __init__(self, make_predictor: Callable[[], Predictor], attention: Attention, settings: LoopSettings) -> None:
+    def __init__(
+        self,
+        make_predictor: Callable[[], Predictor],
+        attention: Attention,
+        settings: LoopSettings,
+        everyone: bool = False,
+    ) -> None:
+        self._everyone = everyone
         self.predictor = make_predictor()
         self.newest: HeadObservation | None = None
         self.newest_capture_s: float | None = None
@@ -91,11 +100,16 @@ class AttendedPeople:
             self._decide(time_s, recorder)
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
-        """Forecast the attended person; see `gazempc.loop.track.PersonTrack.forecast`."""
+        """Forecast the attended person, or all; see `gazempc.loop.track.PersonTrack.forecast`."""
         attended = self._attended()
         if attended is None:
             return None
-        return checked_forecast(attended.forecast, attended.start, self._view, times_s, time_s, recorder)
+        found = checked_forecast(attended.forecast, attended.start, self._view, times_s, time_s, recorder)
+        if found is None or not self._everyone:
+            return found
+        others = [track for track in self.people.confirmed if track is not attended]
+        theirs = [checked_forecast(t.forecast, t.start, self._view, times_s, time_s, recorder) for t in others]
+        return middle_of([found, *(each for each in theirs if each is not None)])
 
     def _take_frame(self, frame: tuple[Sighting, ...], time_s: float, recorder: LoopRecorder) -> None:
         frame = tuple(sighting for sighting in frame if not self._is_frozen(sighting, recorder))

@@ -114,6 +114,8 @@ def make_controller(
     for kind in ("terms", "rows"):
         if kind in values:
             values[kind] = _by_joint(values[kind])
+    if name == "mpc":
+        values["framing"] = settings.framing
     controller: Controller = make(CONTROLLER, choice, {"neck": neck, **values}, {})
     return controller
 

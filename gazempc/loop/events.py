@@ -85,6 +85,15 @@ class Event(StrEnum):
     )
     OPEN_TO_ALL = "open_to_all", "the source listens beyond the loopback: who reaches the port may send"
     NO_SENDER = "no_sender", "a subscribed ROS 2 topic has no sender"
+    STREAM_FROZEN = (
+        "stream_frozen",
+        "a network camera sends no picture for 2 s, or one picture for 1 s, which is not used",
+    )
+    STREAM_LAGS = (
+        "stream_lags",
+        "the pictures of a network camera come more and more late by their time stamps; the stream is opened again",
+    )
+    SEVERAL_SENDERS = "several_senders", "several nodes send on one ROS 2 topic"
     SOURCE_FAILED = "source_failed", "the source of observations raised an exception; it is read again at the next tick"
     OBSERVATIONS_DROPPED = (
         "observations_dropped",

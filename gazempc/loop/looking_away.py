@@ -10,7 +10,7 @@ from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import Target
 from gazempc.people.attention import AttentionState
-from gazempc.people.company import Cue, Cues, Rhythm, Sound, Speech, Thinking
+from gazempc.people.company import Choice, Cue, Cues, Rhythm, Sound, Speech, Thinking
 from gazempc.people.schedule import LookAways
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
@@ -81,6 +81,9 @@ class LookingAway:
         if isinstance(cue, Sound):
             if self.several is not None:
                 self.several.attention.hear(Sound(time_s, cue.azimuth_rad))
+        elif isinstance(cue, Choice):
+            if self.several is not None:
+                self.several.attention.chosen_id = cue.person_id
         elif isinstance(cue, Thinking):
             self._look_aways.think(time_s, cue.lasts_s)
         elif isinstance(cue, Speech):

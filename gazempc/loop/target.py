@@ -51,7 +51,7 @@ def make_target(
             )
 
         attention = Attention(make_policy(settings.attend, options), settings.attention)
-        target = AttendedPeople(make, attention, settings.loop)
+        target = AttendedPeople(make, attention, settings.loop, settings.framing.subject == "all")
     if settings.attend is None and settings.look_away.rhythm == "no":
         return target
     mode = "told" if settings.look_away.rhythm == "no" else settings.look_away.rhythm

@@ -12,7 +12,7 @@ from pathlib import Path
 import tyro
 from pydantic import Field
 
-from gazempc.command import TYRO_CONFIG, run_command
+from gazempc.command import TYRO_CONFIG, run_interruptible
 from gazempc.neck.spec import load_neck, neck_names
 from gazempc.settings import Settings
 
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     settings = tyro.cli(
         MarginsSettings, config=TYRO_CONFIG, args=arguments, prog="gazempc margins", description=__doc__
     )
-    return run_command("margins", lambda: _work(settings))
+    return run_interruptible("margins", lambda: _work(settings), "")
 
 
 def _work(settings: MarginsSettings) -> int:

@@ -115,6 +115,7 @@ def _by_law(axis: Axis, velocity_rad_s: Callable[[float], float], between_rad: t
         # No acceleration makes up for a servo that is slower than the law.
         needed.append(peak_rad_s / ramps_s if ramps_s > 0.0 else math.inf)
     limits = {
+        "full_speed_rad_s": axis.full_rad_s,
         "velocity_max_rad_s": min(axis.velocity_max_rad_s, velocity_rad_s(between_rad[-1])),
         "acceleration_max_rad_s2": min(axis.acceleration_max_rad_s2, sum(needed) / len(needed)),
     }

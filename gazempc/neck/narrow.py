@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from gazempc.errors import SettingsError
+from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.neck.spec import Axis, NeckSpec
 
 # Least and greatest pan, least and greatest tilt of the gaze, degrees.
@@ -13,7 +14,9 @@ Region = tuple[float, float, float, float]
 _CHAINS = (("pan", "eye_pan", "body_yaw"), ("tilt", "eye_tilt"))
 
 
-def narrowed(neck: NeckSpec, gaze_region_deg: Region | None, speed_max_rad_s: float | None) -> NeckSpec:
+def narrowed(
+    neck: NeckSpec, gaze_region_deg: Region | None, speed_max_rad_s: float | None, framing: Framing | None = None
+) -> NeckSpec:
     """Narrow a neck's limits, which controllers, smoother and robot then all keep.
 
     Where several joints share the gaze, each gets the part of the region that it has of their common range. So the sum
@@ -23,6 +26,7 @@ def narrowed(neck: NeckSpec, gaze_region_deg: Region | None, speed_max_rad_s: fl
         neck: The neck.
         gaze_region_deg: Least and greatest pan, least and greatest tilt of the gaze, degrees; None for all.
         speed_max_rad_s: Greatest speed of each joint, rad/s; None for the joint's own.
+        framing: Has limits of acceleration and jerk.
 
     Returns:
         The neck with the limits of both.
@@ -30,6 +34,8 @@ def narrowed(neck: NeckSpec, gaze_region_deg: Region | None, speed_max_rad_s: fl
     Raises:
         SettingsError: If the neck cannot look into the region.
     """
+    picture = None if framing is None else FramedPicture.of(framing, neck)
+    neck = neck if picture is None else picture.calmed(neck)
     axes = dict(zip(neck.joint_names, neck.axes, strict=True))
     if speed_max_rad_s is not None:
         axes = {name: _slower(axis, speed_max_rad_s) for name, axis in axes.items()}
@@ -49,7 +55,8 @@ def narrowed(neck: NeckSpec, gaze_region_deg: Region | None, speed_max_rad_s: fl
 
 
 def _slower(axis: Axis, speed_max_rad_s: float) -> Axis:
-    return axis.model_copy(update={"velocity_max_rad_s": min(axis.velocity_max_rad_s, speed_max_rad_s)})
+    slower = {"velocity_max_rad_s": min(axis.velocity_max_rad_s, speed_max_rad_s), "full_speed_rad_s": axis.full_rad_s}
+    return axis.model_copy(update=slower)
 
 
 def _within(joints: dict[str, Axis], low_deg: float, high_deg: float, what: str) -> dict[str, Axis]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gazempc.neck.kinematics import head_angles_rad
@@ -36,6 +37,21 @@ def eye_in_base(geometry: Geometry, joints_rad: FloatArray) -> tuple[Rotation, F
     """
     head, axis_m = head_in_base(geometry, joints_rad)
     return head * _looking(joints_rad[2], joints_rad[3]), axis_m + head.apply(geometry.eye_in_tilt_m)
+
+
+def seen_from_head(geometry: Geometry, angles_rad: FloatArray, position_m: FloatArray) -> FloatArray:
+    """A position as a sensor on the head, beside the eye, sees it.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Angles of all joints, shape (N,), radians.
+        position_m: In the base frame, shape (3,), metres.
+
+    Returns:
+        In the head's frame: x forward, y left, z up; shape (3,), metres.
+    """
+    head, axis_m = head_in_base(geometry, angles_rad)
+    return np.asarray(head.inv().apply(position_m - axis_m) - geometry.eye_in_tilt_m)
 
 
 def _looking(pan_rad: float, tilt_rad: float) -> Rotation:

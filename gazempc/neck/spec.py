@@ -15,7 +15,7 @@ from pydantic.config import JsonDict
 from gazempc.errors import SettingsError
 from gazempc.neck.rules import RULES
 from gazempc.specfiles import RULE_OF_THUMB, load_spec, shipped_names
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
 # The joints that every neck has; eyes and body come after them.
 AXES = ("pan", "tilt")
@@ -49,6 +49,64 @@ def _rule(field: str) -> JsonDict:
     return {RULE_OF_THUMB: RULES[field]}
 
 
+# Slower than a thousandth of a degree a second no camera turns.
+_Speed = Annotated[float, Field(ge=1e-5, le=1e3)]
+_Speeds = Annotated[tuple[_Speed, ...], Field(min_length=1, max_length=1000)]
+
+
+class SpeedSteps(BaseModel):
+    """The only speeds that a joint has, besides standing still.
+
+    Entry k - 1 is the speed of the device's step k: of pan or tilt speed k of VISCA, or of the share k / K of full
+    speed by ONVIF, with K entries. The steps need not be linear, nor the same in both directions.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    positive_rad_s: _Speeds = Field(description="To the left or up, slowest first, rad/s")
+    negative_rad_s: _Speeds = Field(description="To the right or down, slowest first, rad/s; without a sign")
+
+    @model_validator(mode="after")
+    def _slowest_first(self) -> SpeedSteps:
+        for name in ("positive_rad_s", "negative_rad_s"):
+            speeds = getattr(self, name)
+            if list(speeds) != sorted(speeds):
+                raise ValueError(f"{name} must not decrease: step 1 is the slowest")
+        return self
+
+    @property
+    def levels_rad_s(self) -> tuple[float, ...]:
+        """All speeds with their signs, in ascending order and with 0, rad/s."""
+        return (*(-speed for speed in reversed(self.negative_rad_s)), 0.0, *self.positive_rad_s)
+
+    @property
+    def fastest_rad_s(self) -> float:
+        """Top speed of both directions, rad/s."""
+        return min(self.positive_rad_s[-1], self.negative_rad_s[-1])
+
+    def step(self, speed_rad_s: float) -> int:
+        """The device's step with the nearest speed.
+
+        Args:
+            speed_rad_s: A speed, rad/s.
+
+        Returns:
+            Its number, 0 for standing still; negative to the right or down.
+        """
+        return int(np.argmin(np.abs(np.array(self.levels_rad_s) - speed_rad_s))) - len(self.negative_rad_s)
+
+    def speed_rad_s(self, step: int) -> float:
+        """Speed of a step.
+
+        Args:
+            step: Its number, as `step` gives it.
+
+        Returns:
+            Its speed with its sign, rad/s.
+        """
+        return self.levels_rad_s[step + len(self.negative_rad_s)]
+
+
 class Axis(BaseModel):
     """One joint: its limits and its servo ``x'' = wn^2 (c(t - dead time) - x) - 2 zeta wn x'``.
 
@@ -61,6 +119,12 @@ class Axis(BaseModel):
 
     command: Literal["position", "velocity"] = Field(
         default="position", description="What the joint is sent: an angle, or a speed that it holds"
+    )
+    speed_steps: SpeedSteps | None = Field(
+        default=None, description="The speeds that a joint with speed commands has; None if it holds any speed"
+    )
+    full_speed_rad_s: float | None = Field(
+        default=None, ge=0.01, le=1e3, description="Speed at the device's full command; None for velocity_max_rad_s"
     )
     position_min_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_min_deg"))
     position_max_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_max_deg"))
@@ -93,6 +157,18 @@ class Axis(BaseModel):
         return self
 
     @model_validator(mode="after")
+    def _speed_steps_reach_the_top_speed(self) -> Axis:
+        steps = self.speed_steps
+        if steps is not None and not self.takes_speed:
+            raise ValueError('speed_steps need command = "velocity": angles have no speed steps')
+        if steps is not None and self.velocity_max_rad_s > steps.fastest_rad_s * (1.0 + 1e-6):
+            raise ValueError(
+                f"velocity_max_rad_s ({self.velocity_max_rad_s}) must be at most the last of speed_steps in both "
+                f"directions ({steps.fastest_rad_s})"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _speeds_have_no_load_offset(self) -> Axis:
         if self.takes_speed and self.load_offset_deg:
             raise ValueError(
@@ -105,6 +181,11 @@ class Axis(BaseModel):
     def takes_speed(self) -> bool:
         """Whether the joint is sent speeds."""
         return self.command == "velocity"
+
+    @property
+    def full_rad_s(self) -> float:
+        """Speed at the device's full command, rad/s, of a device without a table of its speeds."""
+        return self.full_speed_rad_s or self.velocity_max_rad_s
 
     @property
     def servo_lag_s(self) -> float:
@@ -226,10 +307,15 @@ class NeckSpec(BaseModel):
         """N, the number of joints."""
         return len(self.axes)
 
+    @cached_property
+    def speed_joints(self) -> BoolArray:
+        """Which joints are sent speeds, shape (N,)."""
+        return np.array([axis.takes_speed for axis in self.axes])
+
     @property
     def takes_speeds(self) -> bool:
         """Whether a joint is sent speeds."""
-        return any(axis.takes_speed for axis in self.axes)
+        return bool(self.speed_joints.any())
 
     def check_takes_angles(self, what: str) -> None:
         """Refuse a joint that takes speeds.

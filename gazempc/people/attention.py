@@ -71,6 +71,7 @@ class Attention:
     Attributes:
         attended: The person at whom the robot looks now.
         candidate: Number of the person who is the better choice now; None if there is none.
+        chosen_id: The tracker's name of a person who outranks all others as long as they are there; None for no one.
     """
 
     def __init__(self, policy: AttentionPolicy, settings: AttentionSettings) -> None:
@@ -83,6 +84,7 @@ class Attention:
         self._policy.reset()
         self.attended = Attended()
         self.candidate: int | None = None
+        self.chosen_id: str | None = None
         self._candidate_since_s = math.inf
         self._inside: set[int] = set()
         self._sounds: list[Sound] = []
@@ -119,6 +121,12 @@ class Attention:
         if gone:
             # Before the policy is asked: it may raise, and a person who is gone must not stay attended.
             self._look_at(None, time_s, "left")
+        if self.chosen_id is not None:
+            chosen = next((person.number for person in people if person.tracker_id == self.chosen_id), None)
+            if chosen is not None:
+                if chosen != self.attended.number:
+                    self._look_at(chosen, time_s, "policy")
+                return self.attended
         company = Company(time_s, near, self.attended.number, tuple(self._sounds))
         best = self._best(company)
         if best == self.attended.number:

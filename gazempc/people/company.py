@@ -102,7 +102,14 @@ class Rhythm:
     mode: LookAwayMode
 
 
-Cue = Sound | Thinking | Speech | Glance | Rhythm
+@dataclass(frozen=True)
+class Choice:
+    """Look at the person with this name of the tracker, as long as they are there; None: whom the policy prefers."""
+
+    person_id: str | None
+
+
+Cue = Sound | Thinking | Speech | Glance | Rhythm | Choice
 
 
 class Cues:

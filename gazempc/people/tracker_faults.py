@@ -189,7 +189,9 @@ def _turn_rad(from_rad: float | None, to_rad: float) -> float:
 # many: with all late frames in their places the gaze erred 0.01 to 0.03 deg less (64 walks, two seeds), which is not
 # worth copies of the predictor's state.
 START_S = 0.3
-# Detectors take hair and necks for faces in some frames in a row: a velocity of fewer frames is not believed.
+# Frames and time before the track of a detector is extrapolated: hair and necks pass for a face in several frames.
+# A detector is a sensor that states its confidence; the others confirm their tracks themselves, and to wait for them
+# costs a robot before walking people 4 points of eye contact.
 _START_FRAMES = 6
 # People in a room run at up to 3 m/s, and lean or step aside by this much beside the walk that was seen.
 _SPEED_M_S, _REACH_M = 3.0, 0.3
@@ -201,8 +203,8 @@ class TrackStart:
     If one of these comes late, the predictor is reset and takes all of them in again. So the track may begin earlier
     than with the observation that came first. Where observations come in order, the predictor gets them as they come.
 
-    Its forecasts stay within reach of the last position: that position itself for the first 0.3 s and six frames,
-    later 0.3 m and 3 m/s around it.
+    Its forecasts stay within 0.3 m and 3 m/s of the last position. For the first 0.3 s and six frames of a sensor that
+    states its confidence, they are that position.
 
     Args:
         predictor: The predictor.
@@ -261,7 +263,8 @@ class TrackStart:
         last = self._last
         if last is None or isinstance(self._predictor, Perfect):  # the true future needs no evidence
             return forecast, False
-        confirmed = self._frames >= _START_FRAMES and last.capture_time_s - self._first[0].capture_time_s >= START_S
+        lasted = self._frames >= _START_FRAMES and last.capture_time_s - self._first[0].capture_time_s >= START_S
+        confirmed = lasted or last.confidence is None
         reach_m = confirmed * (_REACH_M + _SPEED_M_S * np.maximum(forecast.times_s - last.capture_time_s, 0.0))
         away_m = forecast.means_base_m - last.head_position_base_m
         with np.errstate(over="ignore"):

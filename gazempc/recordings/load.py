@@ -11,7 +11,7 @@ from gazempc.files.bounds import check_file, check_folder
 from gazempc.recordings.readers.bag import open_bag, read_bag
 from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
 from gazempc.recordings.readers.bvh import read_bvh
-from gazempc.recordings.readers.kinect import read_kinect
+from gazempc.recordings.readers.kinect import is_kinect, read_kinect
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.table import TABLES, read_table
 from gazempc.recordings.readers.tables.other_files import is_openpose_folder
@@ -35,6 +35,19 @@ def is_recording_folder(path: Path) -> bool:
     """Whether a folder is itself one recording: a ROS 2 bag, or OpenPose's files."""
     bag = (path / "metadata.yaml").is_file() or any(p.suffix in FILE_ENDINGS for p in path.iterdir())
     return bag or is_openpose_folder(path)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file or folder inside a folder is one of its recordings, by its ending; of .json also by its content.
+
+    Args:
+        path: The file or folder.
+    """
+    if path.is_dir():
+        return is_recording_folder(path)
+    if path.suffix.lower() == ".json" and path.is_file():
+        return is_kinect(path)
+    return path.suffix.lower() in ENDINGS_IN_FOLDERS and path.name != "index.csv"
 
 
 def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Recording:
@@ -115,9 +128,9 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
     given = options or ReadOptions()
     path = Path(words)
     if path.is_dir() and not is_recording_folder(path):
-        files = sorted(p for p in path.iterdir() if p.is_file() and p.name != "index.csv" and p.suffix != ".toml")
+        files = sorted(p for p in path.iterdir() if p.is_file() and (is_recording(p) or p.suffix == ".txt"))
         if not files:
-            raise RecordingError(str(path), "", "this folder is empty", "recordings, one a person")
+            raise RecordingError(str(path), "", "no recordings in this folder", "recordings, one a person")
         return tuple(load(file, given) for file in files)
     if path.exists() and given.person is None and (path.is_dir() or path.suffix in FILE_ENDINGS):
         return _everybody(path, given)

@@ -20,6 +20,7 @@ from gazempc.results.contact import (
     time_to_stable,
 )
 from gazempc.results.forecast_metrics import false_starts_per_min, forecast_metrics
+from gazempc.results.framing import framing_metrics
 from gazempc.results.log import Log
 from gazempc.results.motion import limit_violations, motion_metrics
 from gazempc.types import FloatArray
@@ -66,6 +67,10 @@ class Metrics:
     forecast_coverage_95_500: float
     forecast_nees_500: float
     false_starts_per_min: float
+    time_in_zone: float
+    time_to_reacquire_s: float
+    reversals_per_min: float
+    travel_deg_per_min: float
 
     def as_dict(self) -> dict[str, Any]:
         """The metrics by name."""
@@ -133,6 +138,7 @@ def measure(log: Log) -> Metrics:
         overshoot_deg=overshoot_deg(log),
         limit_violations=limit_violations(log, neck),
         **motion_metrics(log, scored),
+        **framing_metrics(log, scored),
         **forecast_metrics(log),
         false_starts_per_min=false_starts_per_min(log) if knows_head and not moved.leaves else float("nan"),
     )

@@ -68,6 +68,32 @@ def log_dimensionless_jerk(speed: FloatArray, rate_hz: float) -> float:
     return -float(np.log(total)) if total > 0 else float("nan")
 
 
+# A smaller swing to and fro is no reversal.
+SWING_DEG = 0.5
+
+
+def reversals(angle_deg: FloatArray) -> int:
+    """How often a joint turns back, with a swing of at least 0.5 degrees before and after.
+
+    Args:
+        angle_deg: The joint's angle over time, shape (N,), degrees.
+
+    Returns:
+        Number of turns.
+    """
+    count, way = 0, 0
+    low = high = float(angle_deg[0])
+    for angle in angle_deg.tolist():
+        low, high = min(low, angle), max(high, angle)
+        if way >= 0 and angle <= high - SWING_DEG:
+            count += way > 0
+            way, low = -1, angle
+        elif way <= 0 and angle >= low + SWING_DEG:
+            count += way < 0
+            way, high = 1, angle
+    return count
+
+
 # Of readings that are nearer to each other, the encoder's noise, divided by so short a time, would be the figure.
 _NEAREST_PERIODS = 0.5
 # A third difference needs so many readings.
@@ -148,6 +174,11 @@ def motion_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
     rate_hz = neck.servo_rate_hz
     found["sparc"] = sparc(speed, rate_hz) if long_enough else float("nan")
     found["ldlj"] = log_dimensionless_jerk(speed, rate_hz) if long_enough else float("nan")
+    head_deg = np.rad2deg(head_rad[counts])
+    minutes = float(np.ptp(read.time_s[counts])) / 60.0 if head_deg.size else 0.0
+    turned = sum(reversals(angle_deg) for angle_deg in head_deg.T) if minutes else 0
+    found["reversals_per_min"] = turned / minutes if minutes else float("nan")
+    found["travel_deg_per_min"] = float(np.abs(np.diff(head_deg, axis=0)).sum()) / minutes if minutes else float("nan")
     off_deg = eye_eccentricity_deg(log)[scored]
     off_deg = off_deg[np.isfinite(off_deg)]
     found["eye_eccentricity_p95_deg"] = float(np.percentile(off_deg, 95)) if off_deg.size else float("nan")

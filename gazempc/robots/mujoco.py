@@ -18,7 +18,7 @@ _SAME_STEP = 1e-6
 
 
 class MujocoNeck:
-    """Hinges with position servos behind MuJoCo's own actuator delay, in lock-step with the clock given.
+    """Hinges with servos for position or speed behind MuJoCo's own actuator delay, in lock-step with the clock given.
 
     Time is that of the clock when a method is called; the simulation is stepped up to then, as many steps of
     `gazempc.robots.mujoco_model.timestep_s` as are complete. On the loop's simulated clock that is exact; on another
@@ -44,6 +44,11 @@ class MujocoNeck:
         self._start_s = 0.0
         self._load_rad = np.deg2rad([axis.load_offset_deg for axis in neck.axes])
         self._noise_rad = np.deg2rad([axis.encoder_noise_deg for axis in neck.axes])
+        speeds, most_rad_s = neck.speed_joints, neck.velocity_max_rad_s
+        self._sendable = (
+            np.where(speeds, -most_rad_s, neck.position_min_rad),
+            np.where(speeds, most_rad_s, neck.position_max_rad),
+        )
         self._rng = np.random.default_rng(seed)
         self._mujoco: Any = None
         self._model: Any = None
@@ -91,8 +96,10 @@ class MujocoNeck:
         data = mujoco.MjData(model)
         order = [int(model.joint(name).qposadr[0]) for name in self._neck.joint_names]
         data.qpos[order] = self._start_rad + self._load_rad
-        data.ctrl[:] = self._start_rad
-        for actuator, start in enumerate(self._start_rad):
+        # Joints that take speeds stand still, and where they stand is the activation of their actuator.
+        commands = np.where(self._neck.speed_joints, 0.0, self._start_rad)
+        data.ctrl[:], data.act[:] = commands, self._start_rad[self._neck.speed_joints]
+        for actuator, start in enumerate(commands):
             samples = int(model.actuator_history[actuator, 0])
             if samples:
                 # Before the beginning it was told to stand where it stands.
@@ -114,12 +121,12 @@ class MujocoNeck:
         time_s = self._advance()
         return JointState(time_s, self._data.qpos[self._order], self._data.qvel[self._order])
 
-    def send_command(self, position_rad: FloatArray) -> FloatArray:
+    def send_command(self, command: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`."""
-        if not np.all(np.isfinite(position_rad)):
-            raise RobotError(f"refused a command that is not finite: {position_rad}")
+        if not np.all(np.isfinite(command)):
+            raise RobotError(f"refused a command that is not finite: {command}")
         self._advance()
-        sent: FloatArray = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        sent: FloatArray = np.clip(command, *self._sendable)
         self._data.ctrl[:] = sent
         return sent
 

@@ -76,8 +76,8 @@ def neck_mjcf(neck: NeckSpec) -> str:
     head_kg = _HEAD_KG - (0.0 if neck.eyes is None else _EYE_KG)
     return f"""<mujoco model="gazempc neck {_attribute(neck.name)}">
   <compiler angle="radian" autolimits="true"/>
-  <!-- implicitfast: the damping of the actuators is integrated implicitly, so that stiff servos stay stable -->
-  <option timestep="{step_s!r}" integrator="implicitfast"/>
+  <!-- RK4: a step of first order moves the joint half a step early and takes zeta wn h of the damping -->
+  <option timestep="{step_s!r}" integrator="RK4"/>
   <default>
     <!-- Nothing touches anything: the neck only moves, and its parts are drawn inside each other. -->
     <geom contype="0" conaffinity="0"/>
@@ -161,13 +161,21 @@ def _servo(axis: Axis, inertia_kg_m2: float, step_s: float) -> str:
     # A load is a constant torque: the joint settles where the servo's spring holds it.
     load_n_m = kp * math.radians(axis.load_offset_deg)
     low, high = math.radians(axis.position_min_deg), math.radians(axis.position_max_deg)
-    servo = f'biastype="affine" gainprm="{kp!r}" biasprm="{load_n_m!r} {-kp!r} {-kv!r}" ctrlrange="{low!r} {high!r}"'
+    servo = f'biastype="affine" gainprm="{kp!r}" biasprm="{load_n_m!r} {-kp!r} {-kv!r}"'
+    if axis.takes_speed:
+        # The activation is the integral of the speed, and the servo follows it.
+        most = axis.velocity_max_rad_s
+        servo += f' dyntype="integrator" actrange="{low!r} {high!r}" ctrlrange="{-most!r} {most!r}"'
+    else:
+        servo += f' ctrlrange="{low!r} {high!r}"'
     if axis.dead_time_s == 0.0:
         return servo
     # Interpolated, because times are sums of steps: held samples would slip by a whole step with every rounding error,
     # and a dead time that is not a whole number of steps would be rounded up.
-    samples = math.ceil(axis.dead_time_s / step_s) + 2
-    return f'{servo} delay="{axis.dead_time_s!r}" nsample="{samples}" interp="linear"'
+    samples = math.ceil(axis.dead_time_s / step_s) + 3
+    # Between two samples the interpolated command ramps: half a step earlier than one that is held.
+    delay_s = axis.dead_time_s + 0.5 * step_s
+    return f'{servo} delay="{delay_s!r}" nsample="{samples}" interp="linear"'
 
 
 def _vector(vector: tuple[float, float, float]) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field
 
 from gazempc.parts import ROBOT, check_choice
-from gazempc.ros2.wire import PoseType, Ros2Network, SoundType
+from gazempc.ros2.messages import PoseType, SoundType
 from gazempc.settings import Settings, on_command_line
 
 # A shipped name, or module:Class for a robot of the user's own.
@@ -31,9 +32,7 @@ class DynamixelOptions(Settings):
 class Ros2Options(Settings):
     """Robot and source `ros2`; see `gazempc.robots.ros2.Ros2Neck`."""
 
-    endpoint: str = Field(default="tcp/localhost:7447", description="Zenoh router")
-    domain_id: int = Field(default=0, ge=0, description="ROS_DOMAIN_ID")
-    humble: bool = Field(default=False, description="The other nodes run ROS 2 Humble")
+    use_sim_time: bool = Field(default=False, description="Stamps are of the topic /clock, of a simulator or a bag")
     joint_names: tuple[str, ...] = Field(
         default=("head_pan_joint", "head_tilt_joint"), description="Pan and tilt, then eyes and body if any"
     )
@@ -43,6 +42,10 @@ class Ros2Options(Settings):
     command_topic: str = Field(default="/head_controller/joint_trajectory", description="Topic of the commands")
     command_type: Literal["trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Float64MultiArray"] = Field(
         default="trajectory_msgs/msg/JointTrajectory", description="Type of the commands"
+    )
+    command_values: Literal["position", "velocity"] = Field(
+        default="position",
+        description="Content of a Float64MultiArray: positions, or velocities for a forward velocity controller",
     )
     state_topic: str = Field(default="/joint_states", description="Topic of the joint states")
     time_from_start_s: float | None = Field(
@@ -66,13 +69,8 @@ class Ros2Options(Settings):
         default=None, description="tf frame of the directions of speech; default: the base frame of the neck"
     )
     pose_type: PoseType = Field(
-        default="geometry_msgs/msg/PoseStamped", description="Message type of the source's poses"
+        default="geometry_msgs/msg/PoseStamped", description="Message type of the source's heads"
     )
-
-    @property
-    def network(self) -> Ros2Network:
-        """Router, domain and release of ROS 2."""
-        return Ros2Network(self.endpoint, self.domain_id, self.humble)
 
 
 class ReachyMiniOptions(Settings):
@@ -83,6 +81,38 @@ class ReachyMiniOptions(Settings):
     approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed to the first command")
 
 
+_Directions = tuple[Literal[-1, 1], Literal[-1, 1]]
+
+
+class ViscaOptions(Settings):
+    """Robot `visca`; see `gazempc.robots.visca.ViscaCamera`."""
+
+    counts_per_deg: float = Field(default=14.4, gt=0, le=1000, description="Scale of the camera's position answers")
+    directions: _Directions = Field(
+        default=(1, 1), description="Of pan and tilt: -1 for an axis that turns the other way, as under a ceiling"
+    )
+
+
+class OnvifOptions(Settings):
+    """Robot `onvif`; see `gazempc.robots.onvif.OnvifCamera`."""
+
+    login: Path | None = Field(
+        default=None,
+        description="File with user and password, a line each; default: the environment's GAZEMPC_ONVIF_USER and "
+        "GAZEMPC_ONVIF_PASSWORD",
+    )
+    profile: str | None = Field(default=None, description="Token of the media profile; default: the first with PTZ")
+    timeout_s: float = Field(default=1.0, gt=0, le=30, description="Time that one call waits for an answer")
+    directions: _Directions = Field(
+        default=(1, 1), description="Of the speeds of pan and tilt: -1 for an axis that turns the other way"
+    )
+    range_deg: tuple[float, float, float, float] | None = Field(
+        default=None,
+        description="Pan at positions -1 and 1, then tilt; default: the camera's positions are not used. Most cameras "
+        "count pan to the right: 170 -170 -30 90",
+    )
+
+
 class RobotOptions(Settings):
     """Options of the shipped robots; each reads its own. All other fields are options of parts of the user's own."""
 
@@ -91,6 +121,8 @@ class RobotOptions(Settings):
     dynamixel: DynamixelOptions = DynamixelOptions()
     ros2: Ros2Options = Ros2Options()
     reachy_mini: ReachyMiniOptions = ReachyMiniOptions()
+    visca: ViscaOptions = ViscaOptions()
+    onvif: OnvifOptions = OnvifOptions()
 
     @property
     def own(self) -> dict[str, Any]:

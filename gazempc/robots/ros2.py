@@ -2,39 +2,50 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import ruckig
 
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import Ros2Options
-from gazempc.ros2.node import Publication, Ros2Node, Subscription
-from gazempc.ros2.wire import WireError, make_message, stamp_to_loop_s, topic_name
+from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
+from gazempc.ros2.node import MakeNode, Publication, Ros2Node, Subscription, message_type
 from gazempc.types import FloatArray, JointState
 
 _STATE_TYPE = "sensor_msgs/msg/JointState"
 _WAKE_S = 0.01
 
 
-class Ros2Neck:
-    """Sends joint positions on one topic and takes joint states from another, over Zenoh as rmw_zenoh does.
+# Between two of these points the controller's quintic follows the stop's phases of constant jerk closely.
+_STOP_POINTS = 5
+# A joint that is sent speeds returns at this rate from where its speeds have drifted, 1/s.
+_DRIFT_GAIN_1_S = 1.0
 
-    Every method but `close` raises `RobotError` while the router cannot be reached. `read_state` does so too if no
-    joint state that can be used has come for `silent_after_s`, and `send_command` if no node listens to the commands.
-    Nothing has to be done about it: Zenoh connects again in the background and the next call finds it so; no call but
-    `connect` ever waits.
+
+class Ros2Neck:
+    """Sends joint commands on one topic and takes joint states from another.
+
+    A trajectory begins with the command, one servo period ahead, with its velocity and acceleration. The points after
+    it brake the joints from there to rest within the neck's limits. If no further command comes, the controller thus
+    stops the neck by itself; and a controller that demands a last point at rest accepts the trajectory.
+
+    `read_state` raises `RobotError` if no joint state that can be used has come for `silent_after_s`, and
+    `send_command` if no node listens to the commands; the next call finds them back. No call but `connect` waits.
 
     Args:
         neck: The joints' limits; without `reports_joints` no joint states are expected.
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
-        options: Network, topics and joints.
+        options: Topics, joints and clock.
         connect_timeout_s: How long `connect` waits for controller and joint states, seconds.
-        node_name: Name of this program in the graph of ROS 2.
+        make_node: Makes the node.
 
     Raises:
         SettingsError: If an option cannot be right.
@@ -51,9 +62,9 @@ class Ros2Neck:
         to_loop_s: Callable[[float], float],
         options: Ros2Options,
         connect_timeout_s: float = 5.0,
-        node_name: str = "gazempc",
+        make_node: MakeNode = Ros2Node,
     ) -> None:
-        joint_names, joint_signs, command_type = options.joint_names, options.joint_signs, options.command_type
+        joint_names, joint_signs = options.joint_names, options.joint_signs
         joints = ", ".join(neck.joint_names)
         if not len(joint_names) == len(set(joint_names)) == neck.joints or not all(joint_names):
             raise SettingsError(f"joint_names {joint_names!r}: expected the names of {neck.joints} joints, {joints}")
@@ -65,14 +76,22 @@ class Ros2Neck:
         self._to_loop_s = to_loop_s
         self._names = list(joint_names)
         self._command_topic = topic_name(options.command_topic)
-        self._command_type = command_type
+        self._command_type = options.command_type
+        self._sends_speeds = options.command_values == "velocity"
+        if self._sends_speeds and "MultiArray" not in options.command_type:
+            raise SettingsError("command_values velocity: accepted with command_type std_msgs/msg/Float64MultiArray")
+        self._use_sim_time = options.use_sim_time
         self._state_topic = topic_name(options.state_topic)
-        self._network = options.network
         self._signs = np.array(joint_signs, dtype=np.float64)
         self._from_start_ns = round(from_start_s * 1e9)
         self._silent_after_s = options.silent_after_s
         self._connect_timeout_s = connect_timeout_s
-        self._node_name = node_name
+        self._make_node = make_node
+        self._braking = ruckig.Ruckig(neck.joints)
+        # Commands sent, newest last: as many as lie between a command and the joint that follows it.
+        ahead_s = float(np.max(neck.dead_time_s + neck.servo_lag_s)) + neck.servo_period_s
+        self._sent: deque[FloatArray] = deque(maxlen=max(3, round(ahead_s * neck.servo_rate_hz)))
+        self._measured_rad: FloatArray | None = None
         self._node: Ros2Node | None = None
         self._commands: Publication | None = None
         self._states: Subscription | None = None
@@ -87,17 +106,17 @@ class Ros2Neck:
 
         Raises:
             RobotError: If they are not; names the topic and what to check.
-            MissingOptionalDependencyError: If the extra `ros2` is not installed.
+            RosNotSourcedError: If rclpy cannot be imported.
         """
         if self._node is not None:
             return
         try:
-            self._node = Ros2Node(self._node_name, self._network)
+            self._node = self._make_node("gazempc", self._use_sim_time)
             self._commands = self._node.publication(self._command_topic, self._command_type)
             if self._neck.reports_joints:
                 self._states = self._node.subscription(self._state_topic, _STATE_TYPE)
             self._wait_for_robot(self._node, self._commands)
-        except WireError as error:
+        except Ros2Error as error:
             self.close()
             raise RobotError(str(error)) from None
         except BaseException:
@@ -119,23 +138,30 @@ class Ros2Neck:
         return latest
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
-        """See `gazempc.robots.robot.Robot.send_command`; the controller holds the last position that it got."""
+        """See `gazempc.robots.robot.Robot.send_command`; without a further one the controller brakes the neck."""
         if np.shape(position_rad) != self._signs.shape or not np.all(np.isfinite(position_rad)):
             raise RobotError(f"refused a command that is not {self._signs.size} finite angles: {position_rad}")
         commands = self._connected()
         if not commands.has_listeners:
+            self._sent.clear()
             raise RobotError(f"no node listens to the commands on {self._command_topic}: has the controller stopped?")
         sent_rad: FloatArray = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
         try:
-            commands.publish(self._command(self._signs * sent_rad))
-        except WireError as error:
+            commands.publish(self._command(sent_rad))
+        except Ros2Error as error:
             raise RobotError(f"cannot send commands on {self._command_topic}: {error}") from None
+        self._sent.append(sent_rad)
         return sent_rad
 
     def close(self) -> None:
-        """Leave the graph; the controller holds the last position that it got."""
+        """Leave the graph; the controller brakes the neck, if it moves."""
+        if self._sends_speeds and self._commands is not None:
+            # A controller of speeds keeps the last one.
+            with contextlib.suppress(Ros2Error):
+                self._commands.publish(message_type(self._command_type)(data=[0.0] * self._signs.size))
         if self._node is not None:
             self._node.close()
+        self._sent.clear()
         self._node = self._commands = self._states = self._latest = None
         self._newest_s = self._heard_s = -math.inf
 
@@ -151,70 +177,104 @@ class Ros2Neck:
                 break
             time.sleep(_WAKE_S)
         if not commands.has_listeners:
-            raise WireError(node.why_no_match("MS", self._command_topic, self._command_type))
+            raise Ros2Error(node.why_no_match(self._command_topic, self._command_type, listeners=True))
         if self.ignored_because:
-            raise WireError(f"no joint state on {self._state_topic} can be used: {self.ignored_because}")
-        raise WireError(node.why_no_match("MP", self._state_topic, _STATE_TYPE))
+            raise Ros2Error(f"no joint state on {self._state_topic} can be used: {self.ignored_because}")
+        raise Ros2Error(node.why_no_match(self._state_topic, _STATE_TYPE, listeners=False))
 
     def _connected(self) -> Publication:
         if self._node is None or self._commands is None:
             raise RobotError("the ROS 2 neck is not connected: call connect() first")
-        if not self._node.connected:
-            raise RobotError(f"the Zenoh router at {self._network.endpoint} has gone; trying to reach it again")
         return self._commands
 
     def _take_in(self, states: Subscription) -> None:
         now_s = self._clock_s()
         try:
             messages = states.take()
-        except WireError as error:
+        except Ros2Error as error:
             raise RobotError(f"cannot read {self._state_topic}: {error}") from None
         for message in messages:
             try:
-                if isinstance(message, WireError):
-                    raise message
                 state = self._joints(message, now_s)
-            except WireError as error:
+            except Ros2Error as error:
                 self.ignored += 1
                 self.ignored_because = str(error)
                 continue
             self._heard_s, self._newest_s, self._latest = now_s, state.time_s, state
+            self._measured_rad = state.position_rad
 
     def _joints(self, message: Any, now_s: float) -> JointState:
         """The neck's joints of a message that may be about others too, in any order."""
         missing = [name for name in self._names if name not in message.name]
         if missing:
-            raise WireError(f"it has no joint {missing[0]!r}, only {', '.join(message.name) or 'none'}")
+            raise Ros2Error(f"it has no joint {missing[0]!r}, only {', '.join(message.name) or 'none'}")
         at = [message.name.index(name) for name in self._names]
         n_joints = len(message.name)
         if len(message.position) != n_joints:
-            raise WireError(f"it has {n_joints} names and {len(message.position)} positions")
-        time_s = stamp_to_loop_s(message.header.stamp, self._to_loop_s, now_s)
+            raise Ros2Error(f"it has {n_joints} names and {len(message.position)} positions")
+        ros_s = stamp_s(message.header.stamp)
+        time_s = on_loop_clock(ros_s if self._node is None else self._node.unix_s(ros_s), self._to_loop_s, now_s)
         if time_s <= self._newest_s:
-            raise WireError("it is not newer than the one before")
-        position_rad = self._signs * message.position[at]
+            raise Ros2Error("it is not newer than the one before")
+        position_rad = self._signs * np.asarray(message.position)[at]
         if not np.all(np.isfinite(position_rad)):
-            raise WireError(f"its positions are not finite: {position_rad}")
+            raise Ros2Error(f"its positions are not finite: {position_rad}")
         # Many drivers leave the velocities out.
         known = len(message.velocity) == n_joints
-        velocity_rad_s = self._signs * message.velocity[at] if known else np.full_like(self._signs, np.nan)
+        velocity_rad_s = self._signs * np.asarray(message.velocity)[at] if known else np.full_like(self._signs, np.nan)
         return JointState(time_s, position_rad, velocity_rad_s)
 
     def _command(self, position_rad: FloatArray) -> Any:
+        """The message of a command; the commands before it give its velocity and acceleration."""
+        earlier = [*self._sent][-2:]
+        first, before = ([position_rad] * (2 - len(earlier)) + earlier)[-2:]
+        rate_hz = self._neck.servo_rate_hz
+        velocity_rad_s = (position_rad - before) * rate_hz
+        acceleration_rad_s2 = (position_rad - 2.0 * before + first) * rate_hz**2 if len(earlier) > 1 else 0.0 * first
+        message = message_type(self._command_type)()
         if self._command_type == "std_msgs/msg/Float64MultiArray":
-            layout = make_message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
-            return make_message(self._command_type, layout=layout, data=position_rad)
-        seconds, nanoseconds = divmod(self._from_start_ns, 10**9)
-        none = np.empty(0)
-        point = make_message(
-            "trajectory_msgs/msg/JointTrajectoryPoint",
-            positions=position_rad,
-            velocities=none,
-            accelerations=none,
-            effort=none,
-            time_from_start=make_message("builtin_interfaces/msg/Duration", sec=seconds, nanosec=nanoseconds),
-        )
+            values = position_rad
+            if self._sends_speeds:
+                values = velocity_rad_s
+                if self._measured_rad is not None and self._sent:
+                    values = values + _DRIFT_GAIN_1_S * (self._sent[0] - self._measured_rad)
+                most_rad_s = self._neck.velocity_max_rad_s
+                values = np.clip(values, -most_rad_s, most_rad_s)
+            message.data = (self._signs * values).tolist()
+            return message
         # A stamp of zero means: from now on. Then the two computers' clocks do not matter.
-        stamp = make_message("builtin_interfaces/msg/Time", sec=0, nanosec=0)
-        header = make_message("std_msgs/msg/Header", stamp=stamp, frame_id="")
-        return make_message(self._command_type, header=header, joint_names=self._names, points=[point])
+        message.joint_names = self._names
+        message.points = [self._point(0.0, position_rad, velocity_rad_s, acceleration_rad_s2)]
+        stop = self._stop(position_rad, velocity_rad_s, acceleration_rad_s2)
+        for k in range(1, _STOP_POINTS + 1):
+            later_s = stop.duration * k / _STOP_POINTS
+            message.points.append(self._point(later_s, *map(np.asarray, stop.at_time(later_s))))
+        return message
+
+    def _stop(
+        self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
+    ) -> ruckig.Trajectory:
+        """The fastest stop within the neck's limits of acceleration and jerk; at least a servo period."""
+        about = ruckig.InputParameter(len(position_rad))
+        about.control_interface = ruckig.ControlInterface.Velocity
+        about.current_position, about.current_velocity = position_rad.tolist(), velocity_rad_s.tolist()
+        about.current_acceleration = acceleration_rad_s2.tolist()
+        about.target_velocity = about.target_acceleration = [0.0] * len(position_rad)
+        about.max_acceleration = self._neck.acceleration_max_rad_s2.tolist()
+        about.max_jerk = self._neck.jerk_max_rad_s3.tolist()
+        about.minimum_duration = self._neck.servo_period_s
+        stop = ruckig.Trajectory(len(position_rad))
+        self._braking.calculate(about, stop)
+        return stop
+
+    def _point(
+        self, later_s: float, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
+    ) -> Any:
+        point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")()
+        clipped_rad = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        point.positions = (self._signs * clipped_rad).tolist()
+        point.velocities = (self._signs * velocity_rad_s).tolist()
+        point.accelerations = (self._signs * acceleration_rad_s2).tolist()
+        from_start = point.time_from_start
+        from_start.sec, from_start.nanosec = divmod(self._from_start_ns + round(1e9 * later_s), 10**9)
+        return point

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from gazempc.ros2.wire import WireError, stamp_s
+from gazempc.ros2.messages import Ros2Error, stamp_s
 from gazempc.types import FloatArray
 
 # Drivers round quaternions off; what is farther from unit length is none.
@@ -117,7 +117,7 @@ class Transforms:
             child = transform.child_frame_id.lstrip("/")
             try:
                 time_s = self._take(transform.header, child, pose, fixed)
-            except WireError as error:
+            except Ros2Error as error:
                 problems.append(f"{child}: {error}")
             else:
                 moved += [] if fixed else [Moved(child, time_s)]
@@ -126,9 +126,9 @@ class Transforms:
     def _take(self, header: Any, child: str, pose: FloatArray, fixed: bool) -> float:
         parent = header.frame_id.lstrip("/")
         if not parent or not child or parent == child:
-            raise WireError(f"its frame is {child!r} in {parent!r}: needed are two frames")
+            raise Ros2Error(f"its frame is {child!r} in {parent!r}: needed are two frames")
         if not np.isfinite(pose).all():
-            raise WireError("its position is no place on earth, or its quaternion not of unit length")
+            raise Ros2Error("its position is no place on earth, or its quaternion not of unit length")
         time_s = 0.0 if fixed else stamp_s(header.stamp)
         if self._parent.get(child, parent) != parent or (child in self._fixed) != fixed:
             self._forget(child)
@@ -188,13 +188,13 @@ class Transforms:
             The pose, shape (4, 4).
 
         Raises:
-            WireError: If it is not known, or not yet; names the missing frame.
+            Ros2Error: If it is not known, or not yet; names the missing frame.
         """
         up, down = (frame, *self.ancestors(frame)), (seen_from, *self.ancestors(seen_from))
         common = next((name for name in up if name in down), None)
         if common is None:
             lost = seen_from if len(down) == 1 else frame
-            raise WireError(f"tf has no path from {frame!r} to {seen_from!r}: no transform of {lost!r}")
+            raise Ros2Error(f"tf has no path from {frame!r} to {seen_from!r}: no transform of {lost!r}")
         ways = [list(way[: way.index(common)]) for way in (up, down)]
         if time_s is None:
             newest_s = [self._moving[name][-1][0] for way in ways for name in way if name in self._moving]
@@ -218,12 +218,12 @@ class Transforms:
             return samples[after][1]
         where = f"where {child!r} is in {self._parent[child]!r}"
         if after == len(samples):
-            raise WireError(f"{where} was told last {time_s - samples[-1][0]:.2f} s before")
+            raise Ros2Error(f"{where} was told last {time_s - samples[-1][0]:.2f} s before")
         if after == 0:
-            raise WireError(f"{where} was told first {samples[0][0] - time_s:.2f} s after")
+            raise Ros2Error(f"{where} was told first {samples[0][0] - time_s:.2f} s after")
         early, late = samples[after - 1], samples[after]
         if late[0] - early[0] > _LONGEST_GAP_S:
-            raise WireError(f"{where} was not told for {late[0] - early[0]:.2f} s")
+            raise Ros2Error(f"{where} was not told for {late[0] - early[0]:.2f} s")
         return between(early[1], late[1], (time_s - early[0]) / (late[0] - early[0]))
 
     def _note(self, child: str, sample: _Sample) -> None:

@@ -163,4 +163,4 @@ def people_of(scene: Scene, predictor: Predictor | str, ready: Predictor, settin
             return copy.deepcopy(predictor)
         return make_predictor(predictor, settings, Person(), options)
 
-    return Crowd(scene, AttendedPeople(make, attention, settings.loop))
+    return Crowd(scene, AttendedPeople(make, attention, settings.loop, settings.framing.subject == "all"))

@@ -13,6 +13,7 @@ from gazempc.results.metrics import measure
 from gazempc.results.moments import Moment, PlanMoment
 from gazempc.results.run_summary import Row, faults, make_rows, measure_compute
 from gazempc.results.table import Repeats, by_controller
+from gazempc.signals import Interrupted
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 
@@ -30,6 +31,7 @@ class Repeated:
         repeats: The figures of each controller, in the same order.
         faults: Exceptions that runs survived, by seed, then by the same names; only where there are some.
         said: Number of noise seeds and the reason, as a sentence.
+        interrupted: The signal that ended the repetitions before all were done.
         plans: The plans of the replays under the first seed, by the names of `first`; a log does not hold them.
     """
 
@@ -38,6 +40,7 @@ class Repeated:
     faults: dict[int, dict[str, list[dict[str, Any]]]]
     said: str
     plans: dict[str, list[PlanMoment]]
+    interrupted: Interrupted | None = None
 
 
 def replay_repeatedly(
@@ -56,6 +59,7 @@ def replay_repeatedly(
         Replays and figures.
 
     Raises:
+        Interrupted: By a signal before the first replay is complete; later what is complete is returned.
         LeftOutError: If the recording is too short to be scored.
         SettingsError: If a part cannot be made, or does not do what it must.
     """
@@ -63,27 +67,37 @@ def replay_repeatedly(
     plans: dict[str, list[PlanMoment]] = {}
     rounds: list[list[Row]] = []
     survived: dict[int, dict[str, list[dict[str, Any]]]] = {}
-    reason = ""
+    reason, interrupted = "", None
+    replayed: dict[str, Replayed] = {}
+    planned: list[list[PlanMoment]] = []
     started_s = time.monotonic()
-    for seed in range(scene.seed, scene.seed + (count or DEFAULT_SEEDS)):
-        done = len(rounds)
-        if count is None and done == 2 and _figures(rounds[0]) == _figures(rounds[1]):
-            del rounds[1]
-            reason = "another one makes no difference"
-            break
-        if count is None and done and (time.monotonic() - started_s) * (done + 1) / done > _PATIENCE_S:
-            reason = f"as many as fit into {_PATIENCE_S:.0f} s: --noise-seeds N for more"
-            break
-        progress.say(f"replaying {scene.walk.name}, noise seed {seed}")
-        planned: list[list[PlanMoment]] = []
-        replayed = _named(_replays(replace(scene, seed=seed), settings, controllers, progress, planned))
-        rounds.append(_rows(replayed, scene.neck.control_period_s))
-        if of_seed := {name: faults(log) for name, (log, _) in replayed.items() if log.faults}:
-            survived[seed] = of_seed
-        plans = plans or dict(zip(replayed, planned, strict=True))
-        first = first or replayed
+    try:
+        for seed in range(scene.seed, scene.seed + (count or DEFAULT_SEEDS)):
+            done = len(rounds)
+            if count is None and done == 2 and _figures(rounds[0]) == _figures(rounds[1]):
+                del rounds[1]
+                reason = "another one makes no difference"
+                break
+            if count is None and done and (time.monotonic() - started_s) * (done + 1) / done > _PATIENCE_S:
+                reason = f"as many as fit into {_PATIENCE_S:.0f} s: --noise-seeds N for more"
+                break
+            progress.say(f"replaying {scene.walk.name}, noise seed {seed}")
+            replayed, planned = {}, []
+            _name(replayed, _replays(replace(scene, seed=seed), settings, controllers, progress, planned))
+            if of_seed := {name: faults(log) for name, (log, _) in replayed.items() if log.faults}:
+                survived[seed] = of_seed
+            plans = plans or dict(zip(replayed, planned, strict=True))
+            first = first or replayed
+            rounds.append(_rows(replayed, scene.neck.control_period_s))
+    except Interrupted as stop:
+        interrupted, reason = stop, "interrupted"
+        if not rounds and not replayed:
+            raise
+        if not rounds:  # the controllers that were complete under the first seed
+            first, plans = replayed, dict(zip(replayed, planned, strict=False))
+            rounds.append(_rows(replayed, scene.neck.control_period_s))
     seeds = tuple(range(scene.seed, scene.seed + len(rounds)))
-    return Repeated(first, by_controller(seeds, rounds), survived, _said(seeds, reason), plans)
+    return Repeated(first, by_controller(seeds, rounds), survived, _said(seeds, reason), plans, interrupted)
 
 
 def _replays(
@@ -107,14 +121,13 @@ def _replays(
         yield replay_scene(scene, controller, settings.predictor, settings, of_all, partial(keep, plans=planned[-1]))
 
 
-def _named(replays: Iterator[Replayed]) -> dict[str, Replayed]:
-    named: dict[str, Replayed] = {}
+def _name(named: dict[str, Replayed], replays: Iterator[Replayed]) -> None:
+    """Keep each replay as soon as it is complete."""
     for replayed in replays:
         # A controller's name, with a number after an earlier one of the same name.
         plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in replayed.log.run.controller)
         same = sum(other == plain or other.startswith(f"{plain}_") for other in named)
         named[f"{plain}_{same + 1}" if same else plain] = replayed
-    return named
 
 
 def _rows(replayed: dict[str, Replayed], control_period_s: float) -> list[Row]:

@@ -24,6 +24,7 @@ from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import Target
 from gazempc.neck.narrow import narrowed
+from gazempc.neck.poses import seen_from_head
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.people.schedule import LookAways
 from gazempc.people.tracker_faults import is_low_rate
@@ -35,7 +36,6 @@ from gazempc.results.run_info import RunInfo
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
 from gazempc.sim.crowd_replay import people_of
 from gazempc.sim.scene import Scene, SceneSettings
-from gazempc.sim.sensing.view import in_view, seen_from_head
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState, Sighting
 from predictors import Predictor
@@ -108,7 +108,8 @@ def replay_scene(
         LeftOutError: If the recording is too short to be scored.
         SettingsError: If a part cannot be made, or does not do what it must.
     """
-    walk, limits = scene.walk, (settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s)
+    walk = scene.walk
+    limits = settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing
     neck = narrowed(scene.neck, *limits)
     robot_neck = neck if scene.robot_neck is None else narrowed(scene.robot_neck, *limits)
     end_s = float(walk.times_s[-1])
@@ -176,7 +177,7 @@ def _in_turned_view(scene: Scene, sighting: Sighting, true_head: TrueHead, true_
     neck = scene.robot_neck or scene.neck
     tick = min(max(round(captured_s * neck.servo_rate_hz), 0), len(true_joints) - 1)
     head_m = seen_from_head(neck.geometry, true_joints[tick].position_rad, true_head([captured_s])[0])
-    return bool(in_view(scene.sensor.view, head_m[None])[0])
+    return bool(scene.sensor.view.contains(head_m[None])[0])
 
 
 def _settings_of(scene: Scene, predictor: Predictor | str, settings: ReplaySettings) -> dict[str, Any]:

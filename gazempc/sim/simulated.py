@@ -10,6 +10,7 @@ import numpy as np
 from gazempc.errors import RobotError
 from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import NeckSpec
+from gazempc.neck.speed_dither import SpeedDither
 from gazempc.types import FloatArray, JointState
 
 
@@ -38,6 +39,9 @@ class SimulatedNeck:
         self._sendable = [
             (-axis.velocity_max_rad_s, axis.velocity_max_rad_s) if axis.takes_speed else limits
             for axis, limits in zip(neck.axes, self._limits_rad, strict=True)
+        ]
+        self._dithers = [
+            SpeedDither(axis.speed_steps, axis.velocity_max_rad_s) if axis.speed_steps else None for axis in neck.axes
         ]
         self._noise_rad = np.deg2rad([axis.encoder_noise_deg for axis in neck.axes])
         self._noisy = bool(self._noise_rad.any())
@@ -82,6 +86,11 @@ class SimulatedNeck:
             raise RobotError(f"refused a command that is not finite: {command}")
         servos, _ = self._advance()
         sent = [min(max(to, low), high) for to, (low, high) in zip(wanted, self._sendable, strict=True)]
+        hold_s = self._neck.servo_period_s
+        for joint, dither in enumerate(self._dithers):
+            if dither is not None:
+                wanted_rad_s, sent[joint] = sent[joint], dither.choose(sent[joint], hold_s)
+                dither.hold(wanted_rad_s, hold_s)
         for servo, to in zip(servos, sent, strict=True):
             servo.send(to)
         return np.array(sent)

@@ -1,4 +1,4 @@
-"""Departures and spread of a forecast at any horizon, from those at its knots."""
+"""Interpolation of a forecast between its knots."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from predictors.types import FloatArray
 from predictors.walker.network import KNOTS_S
 
 _LAST_KNOT_S = float(KNOTS_S[-1])
-# Beyond the last knot the error grows as that of a velocity that wanders at random.
+# Exponent of the error beyond the last knot: that of a velocity that is a random walk.
 _GROWTH = 1.5
 _SPLINE = CubicSpline(KNOTS_S, np.eye(KNOTS_S.size))
 _END_SLOPE = (_SPLINE(KNOTS_S[-1]) - _SPLINE(KNOTS_S[-2])) / (KNOTS_S[-1] - KNOTS_S[-2])
-# Weights of the knots every millisecond, as a table: reading it takes a tenth of the time of evaluating the spline, and
-# straight lines from one millisecond to the next are off by less than 1e-5 of the values.
+# Spline and linear weights of the knots, tabulated every millisecond: a lookup takes a tenth of the time of evaluating
+# the spline; linear interpolation between entries is exact to 1e-5.
 _TABLE_STEP_S = 1e-3
 _TABLE_S = np.arange(round(KNOTS_S[-1] / _TABLE_STEP_S) + 2) * _TABLE_STEP_S
 _TABLE = np.hstack(
@@ -32,7 +32,7 @@ class BetweenKnots:
     """
 
     def __init__(self, departure_m: FloatArray, spread_m: FloatArray) -> None:
-        # Side by side, so that one product with both sets of weights gives both.
+        # Block matrix: one product with both sets of weights gives departures and spread.
         self._values = np.zeros((2 * KNOTS_S.size, 3 + spread_m.shape[1]))
         self._values[: KNOTS_S.size, :3] = departure_m
         np.maximum.accumulate(spread_m, axis=0, out=self._values[KNOTS_S.size :, 3:])
@@ -44,10 +44,9 @@ class BetweenKnots:
             tau_s: Horizons, shape (H,), seconds.
 
         Returns:
-            Departures, shape (H, 3): a cubic spline between the knots, held before the first, straight on after the
-            last. Standard deviations, shape (H, columns): linear between the knots, never falling with the horizon, and
-            after the last growing as that of a velocity which wanders at random; as large for the past as for the same
-            time ahead.
+            Departures, shape (H, 3): cubic spline between the knots, constant before the first, linear after the last.
+            Standard deviations, shape (H, columns): linear between the knots, monotone in the horizon, growing with its
+            power 1.5 after the last; symmetric in past and future.
         """
         past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
         away_s = np.abs(tau_s) if past else tau_s

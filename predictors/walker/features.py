@@ -1,4 +1,4 @@
-"""What `Walker` reads of the last second: how body and head depart from a line through the walk."""
+"""Input features of `Walker`: deviations of the path and of body and head yaw from a line through the last 1.2 s."""
 
 from __future__ import annotations
 
@@ -9,27 +9,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from predictors.types import FloatArray, HeadObservation
-from predictors.walker.errors import N_ERRORS, LineErrors
-from predictors.walker.line import Line
+from predictors.walker.line import N_ERRORS, Line, LineErrors
 from predictors.walker.memories import MEMORIES_MIRROR, N_MEMORIES, Memories
 from predictors.walker.noise import N_COLOURS, MeasuredColour, without_stated
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 from predictors.yaw import wrap_rad
 
-# Below the first speed the direction of travel is undefined; from the second on it is trusted.
+# The direction of travel is undefined below the first speed and has full weight from the second.
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
-# Below rounding, as at a first frame, not even the line has a direction.
+# Rounding: below it, as at a first frame, the line has no direction.
 _NO_DIRECTION_M_S = 1e-6
-# Faster than any walk: the learned departure fades out for runners and riders.
+# Between these speeds, above any walk, the learned departure fades out.
 _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S = 2.2, 3.0
 _YAW_FADES_IN_S = 0.5
 _OFFSET_PRIOR_FRAMES = 15.0
-# A person's own offset, of pelvis and of head, is less than this; a larger one is how a sensor or a marker is mounted,
-# and is taken away once it has been seen for a while.
+# Offsets of pelvis and head yaw above these ranges are the mounting of a sensor or marker, not of the person; they are
+# subtracted once they have been observed for these numbers of frames.
 _MOUNTING_RAD, _MOUNTING_FRAMES = ((0.25, 0.4), (0.35, 0.5)), (5.0, 15.0)
-# A body or head farther aside belongs to a person who walks sideways or backwards, or is an outlier.
+# A yaw farther from the direction of travel is sideways or backward walking, or an outlier: its weight fades out.
 _NOT_FORWARD_RAD = (1.4, 1.9)
-# Each input is of order one over walking people.
+# Scales that make each input of order one for walking people.
 _POSITION_SCALE_M, _PELVIS_SCALE_RAD, _HEAD_SCALE_RAD, _OFFSET_SCALE_RAD = 0.04, 0.15, 0.2, 0.1
 _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, NOISE_SCALE_M = 1.1, 0.3, 0.01
 _LARGEST, _SMALLEST_NOISE = 4.0, 0.1
@@ -39,13 +38,13 @@ _ROUNDING_M2 = 1e-12  # a stated covariance may be next to singular
 _POSITIONS = slice(0, 3 * WINDOW)
 _YAWS = slice(3 * WINDOW, 5 * WINDOW)
 _SCALARS = 5 * WINDOW
-_ODD_SCALARS = 3  # the first of the scalars change their sign from left to right
+_ODD_SCALARS = 3  # the first scalars are odd under a left-right reflection
 _COLOURS = slice(_SCALARS + 14, _SCALARS + 14 + N_COLOURS)
 _MEMORIES = slice(_COLOURS.stop, _COLOURS.stop + N_MEMORIES)
 N_INPUTS = _MEMORIES.stop
-# Inputs that say how far pelvis and head orientation are known, 0 to 1; and all that is known of orientation.
+# Inputs for the weight of pelvis and head orientation, 0 to 1.
 KNOWN = slice(_SCALARS + 7, _SCALARS + 9)
-# Inputs that tell the error of the observed position: correlation along and across; logarithms of its sizes.
+# Inputs for the error of the observed position: correlation of along and across; logarithms of its sizes.
 CORRELATION, LOG_SD = _SCALARS + 2, slice(_SCALARS + 9, _SCALARS + 12)
 OF_YAWS = np.r_[_YAWS, _SCALARS : _SCALARS + 2, KNOWN, _COLOURS.start + 6 : _COLOURS.stop]
 N_SPREAD = 12 + N_ERRORS + N_COLOURS
@@ -60,7 +59,7 @@ def _mirror() -> FloatArray:
     return signs
 
 
-# The network's inputs for the same walk with left and right exchanged: these signs times the inputs.
+# Signs of the inputs under a left-right reflection.
 MIRROR = _mirror()
 
 
@@ -74,9 +73,9 @@ class WalkerInputs:
             limits.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
-        noise_sd_m: Standard deviation of the observed position along, across and up, shape (2, 3), metres: as measured
-            and as stated; one of them is zero.
-        noise_base_m2: Its covariances in the base frame, shape (2, 3, 3), square metres.
+        stated_sd_m: Stated standard deviation of the observed position along, across and up, shape (3,), metres; zeros
+            where the tracker states none.
+        stated_base_m2: Its covariance in the base frame, shape (3, 3), square metres.
         line_m_s: Velocity of the line along, across and up, shape (3,).
         places_m: Places at which the person may stay, relative to the line's origin, along, across and up, shape
             (N_PLACES, 3), metres.
@@ -86,17 +85,17 @@ class WalkerInputs:
     on_foot: float
     network: FloatArray
     spread: FloatArray
-    noise_sd_m: FloatArray
-    noise_base_m2: FloatArray
+    stated_sd_m: FloatArray
+    stated_base_m2: FloatArray
     line_m_s: FloatArray
     places_m: FloatArray
 
 
 class WalkerHistory:
-    """The last 1.2 s of one person, with what was learned of person and tracker on the way.
+    """The last 1.2 s of one person, and parameters of person and tracker learned online.
 
-    These are the constant offsets of head and pelvis yaw from the direction of travel, which differ from person to
-    person. They are also how fast the tracker's error changes, and how far the line's own forecasts were off.
+    Learned are the constant offsets of head and pelvis yaw from the direction of travel, the spectrum of the tracker's
+    error, and the errors of the straight-line forecast.
     """
 
     def __init__(self) -> None:
@@ -180,20 +179,19 @@ class WalkerHistory:
             frames,
             float(stated),
         )
-        # What is stated of the tracker's error is in the forecast's covariance by itself, with its own directions.
+        # The stated error enters the forecast's covariance separately, with its own directions.
         stated_m2 = noise.diagonal() if stated else _NOTHING_STATED_M2
         spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, stated_m2)
         spread[-N_COLOURS:] = without_stated(colours, stated_m2) if stated else colours
-        noises_m, noises_m2 = np.zeros((2, 3)), np.zeros((2, 3, 3))
-        noises_m[int(stated)], noises_m2[int(stated)] = sd_m, covariance_m2
         on_foot = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
         line_m_s = np.array([speed, 0.0, float(state[5])])
-        return WalkerInputs(line, on_foot, x, spread, noises_m, noises_m2, line_m_s, np.array(places_m))
+        stated_sd_m, stated_base_m2 = (np.array(sd_m), covariance_m2) if stated else (np.zeros(3), np.zeros((3, 3)))
+        return WalkerInputs(line, on_foot, x, spread, stated_sd_m, stated_base_m2, line_m_s, np.array(places_m))
 
     def _take_offsets_off(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float
     ) -> tuple[list[float], list[float]]:
-        """Learn the offsets of both yaws; take mountings off `relative`; how far each yaw is known, and its offset."""
+        """Learn the yaw offsets, subtract mountings from `relative`; weight and offset of each yaw."""
         known, offsets = [0.0, 0.0], [0.0, 0.0]
         for i in range(2):
             newest = float(relative[-1, i])

@@ -1,13 +1,23 @@
-"""A straight line through the recent walk, and the frame that goes with it."""
+"""A straight line through the recent walk, its frame, and the recent errors of its forecast."""
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 import numpy as np
 
 from predictors.types import FloatArray
+
+_HORIZONS_S = (0.2, 0.5)
+N_ERRORS = 3 * len(_HORIZONS_S)
+# A forecast is compared with the first frame after its time, within this window.
+_LATE_S, _EARLY_S = 0.25, 0.017
+_MEMORY_S, _PRIOR_S = 1.0, 0.3
+# Errors of a line through people who walk, seen by the sensor `reference`: along, across and up.
+_USUAL_M = ((0.025, 0.03, 0.02), (0.07, 0.09, 0.035))
+_LARGEST_RATIO2, _SMALLEST_RATIO2 = 25.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -30,3 +40,50 @@ class Line:
         """Rotation from the line's frame (along, across, up) to the base frame, shape (3, 3)."""
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+class LineErrors:
+    """Mean squares of the errors of recent lines, 0.2 and 0.5 s ahead.
+
+    Python floats: for arrays this small numpy is several times slower.
+    """
+
+    def __init__(self) -> None:
+        self._lines: list[list[float]] = []  # each its origin and its slope
+        self._times_s: list[float] = []
+        self._ratio2 = [1.0] * N_ERRORS
+        self._known_s = [0.0] * len(_HORIZONS_S)
+
+    def learn(self, position_m: FloatArray, line: Line, stated_m2: FloatArray) -> list[float]:
+        """Update with the errors of earlier lines at the newest position.
+
+        Args:
+            position_m: Smoothed position at the line's time, shape (3,), metres.
+            line: The newest line; stored for later comparisons.
+            stated_m2: Variances that the tracker states, along, across and up, shape (3,); zeros where it states none.
+
+        Returns:
+            N_ERRORS logarithms of the RMS error relative to the usual and the stated error.
+        """
+        lines, times_s = self._lines, self._times_s
+        dt_s = min(line.time_s - times_s[-1], _LATE_S) if lines else 0.0
+        x, y, z = position_m.tolist()
+        c, s = math.cos(line.heading_rad), math.sin(line.heading_rad)
+        stated = stated_m2.tolist()
+        for i, horizon_s in enumerate(_HORIZONS_S):
+            until = bisect_right(times_s, line.time_s - horizon_s + _EARLY_S)
+            if not until or line.time_s - times_s[until - 1] > horizon_s + _LATE_S:
+                continue
+            ahead_s = line.time_s - times_s[until - 1]
+            old_x, old_y, old_z, slope_x, slope_y, slope_z = lines[until - 1]
+            off_x, off_y = x - old_x - ahead_s * slope_x, y - old_y - ahead_s * slope_y
+            off = (c * off_x + s * off_y, c * off_y - s * off_x, z - old_z - ahead_s * slope_z)
+            gain = dt_s / (dt_s + min(self._known_s[i] + _PRIOR_S, _MEMORY_S))
+            for k in range(3):
+                ratio2 = min(off[k] * off[k] / (_USUAL_M[i][k] ** 2 + stated[k]), _LARGEST_RATIO2)
+                self._ratio2[3 * i + k] += gain * (ratio2 - self._ratio2[3 * i + k])
+            self._known_s[i] += dt_s
+        gone = bisect_left(times_s, line.time_s - _HORIZONS_S[-1] - _LATE_S)
+        newest = [*line.origin_base_m.tolist(), *line.velocity_base_m_s.tolist()]
+        self._lines, self._times_s = [*lines[gone:], newest], [*times_s[gone:], line.time_s]
+        return [0.5 * math.log(ratio2 + _SMALLEST_RATIO2) for ratio2 in self._ratio2]

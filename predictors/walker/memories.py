@@ -1,4 +1,4 @@
-"""Where a person was, over memories longer than the line's: lines for walks, means for people who stay."""
+"""Slower filters and running means of the position: context for walks, places for people who stay."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from predictors.walker.line import Line
 # wander from a change of direction.
 _FILTERS = ((0.05, 0.1), (0.05, 0.42), (0.0125, 0.42))
 _USUAL_HZ = 30.0
-# Frames count by the time that they stand for, within these limits.
+# Measurement noise scales with the frame interval, clipped to these limits.
 _SHORTEST_S, _LONGEST_S = 1e-3, 0.1
 _SPEED_VARIANCE_M2_S2 = 1.0
-# Running means over the first second, 2.5 and 6 s: a person on the spot returns to them, and sways about them.
+# Time constants of running means, seconds: a person who stays sways about them and returns to them.
 _MEANS_S = (1.0, 2.5, 6.0)
-# Each input is of order one over people who walk, or sway.
+# Scales that make each input of order one for people who walk or sway.
 _POSITION_SCALE_M, _VELOCITY_SCALE_M_S = 0.05, 0.15
 _MEAN_SCALE_M, _SWAY_SCALE_M, _LEAST_SWAY_M = 0.1, 0.05, 0.002
 N_MEMORIES = 6 * len(_FILTERS) + 4 * len(_MEANS_S)
@@ -28,9 +28,9 @@ N_PLACES = 1 + len(_FILTERS) + len(_MEANS_S)
 
 
 class Memories:
-    """Filters and running means of the positions, each with a longer memory than the line.
+    """Filters and running means of the position, each slower than the line's filter.
 
-    Plain numbers: on so few of them numpy takes several times as long. Gains depend on the times only, so all axes
+    Python floats: for arrays this small numpy is several times slower. The gains depend on time alone, so all axes
     share them.
     """
 
@@ -88,7 +88,7 @@ class Memories:
             self._spread[k] = (1.0 - gain) * pp, (1.0 - gain) * pv, old_vv + psd * dt - rate * pv
 
     def inputs(self, line: Line, newest_m: FloatArray) -> tuple[list[float], list[list[float]]]:
-        """How these memories differ from the newest line.
+        """Filters and means relative to the newest line.
 
         Args:
             line: The newest line, at the time of the newest position.

@@ -1,4 +1,4 @@
-"""The fitted numbers of `Walker`: a small ensemble of networks for the departure, and the spread of its errors."""
+"""The model of `Walker`: an ensemble of networks for the departure from a line, and the spread of its errors."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from predictors.walker.memories import N_PLACES
 
 Float32Array = NDArray[np.float32]
 
-# Steps at which the networks say how the walk will leave the line; a cubic spline runs through them.
+# Horizons of the networks' departures; a cubic spline interpolates between them.
 KNOTS_S = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.5])
-# What a departure from the line is like at each knot; the networks' outputs are of order one.
+# Typical departure at each knot: it scales the networks' outputs to order one.
 DEPARTURE_SCALE_M = np.array([0.015, 0.02, 0.03, 0.045, 0.06, 0.1, 0.15, 0.25])
 # Time constant with which a person who stays returns from the newest position to the place of staying, seconds. Chosen
 # on standing people left out of the fit and on bags of a face tracker, with necks of 0.03 to 0.4 s of dead time: an
@@ -30,8 +30,8 @@ _LOG_SPREAD_RANGE = (math.log(0.002), math.log(5.0))  # metres
 DEPARTURES = slice(0, 3 * KNOTS_S.size)
 WALKS, PLACES = DEPARTURES.stop, slice(DEPARTURES.stop + 1, DEPARTURES.stop + 1 + N_PLACES)
 N_OUTPUTS = PLACES.stop
-# Reasons for doubt beside the inputs: size of the departure across at 0.5 s, across and along at 1 s; how far the
-# networks disagree, and how far walking and staying lie apart; the probability of walking.
+# Features of the spread beside the inputs: size of the departure across at 0.5 s, across and along at 1 s; disagreement
+# of the networks; distance between walking and staying; probability of walking.
 N_DOUBT = N_SPREAD + 6
 _NEAR, _FAR = 4, 6
 _USUAL_DEPARTURE_M = np.array([0.06, 0.2, 0.2])
@@ -45,7 +45,7 @@ class WalkerModelError(ValueError):
 
 @dataclass(frozen=True)
 class RegimeMotion:
-    """What N people do if they walk straight on, or stay.
+    """Motion of N people in the two regimes: walking straight on, and staying.
 
     Attributes:
         line_m_s: Velocity of each line along, across and up, shape (N, 3).
@@ -62,7 +62,7 @@ class RegimeMotion:
 
 
 class _Networks:
-    """Networks side by side.
+    """An ensemble of networks, evaluated together.
 
     Args:
         weights: One array a layer, shape (E, inputs, outputs).
@@ -74,15 +74,15 @@ class _Networks:
         self, weights: tuple[Float32Array, ...], biases: tuple[Float32Array, ...], decision: tuple[float, float]
     ) -> None:
         self._weights, self._biases, self._decision = weights, biases, decision
-        # The first layers take the same inputs: one product for all networks, which is most of the work.
+        # All first layers have the same inputs: one product for the ensemble, most of the computation.
         self._first = np.concatenate(list(weights[0]), axis=1)
 
     def __call__(self, network: FloatArray, motion: RegimeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Answers of all networks to N questions, as they are and mirrored.
+        """Outputs of all networks for N inputs and their mirror images.
 
         Args:
             network: Inputs, shape (N, N_INPUTS).
-            motion: What the person does if they walk straight on, or stay.
+            motion: Motion in the two regimes.
 
         Returns:
             Departures from the line, shape (2 E, N, knots, 3), metres; weight of walking, shape (2 E, N);
@@ -113,18 +113,18 @@ class _Networks:
 def regimes(
     walks: Any, places: Any, motion: RegimeMotion, decision: tuple[float, float] = (1.0, 0.0), xp: Any = np
 ) -> tuple[Any, Any]:
-    """The weight of walking, and the departure from the line of a person who stays.
+    """Weight of walking, and departure from the line in the regime of staying.
 
     Args:
         walks: Logits of walking, shape (..., N).
         places: Logits of the places to stay at, shape (..., N, N_PLACES).
-        motion: What the person does if they walk straight on, or stay.
+        motion: Motion in the two regimes.
         decision: Slope and threshold of the decision, see `WalkerModel`.
         xp: numpy, or jax.numpy where the networks are fitted.
 
     Returns:
-        Weight of walking, and departure of staying: shapes (..., N) and (..., N, knots, 3). A person who stays returns
-        from the newest position to a mean of the places.
+        Weight of walking, shape (..., N), and departure of staying, shape (..., N, knots, 3): an exponential return
+        from the newest position to a weighted mean of the places.
     """
     slope, threshold = decision
     share = xp.exp(places - places.max(axis=-1, keepdims=True))
@@ -137,25 +137,25 @@ def regimes(
 
 @dataclass(frozen=True)
 class WalkerModel:
-    """Fitted numbers.
+    """Parameters of the fitted model.
 
     Attributes:
         weights: One array a layer, shape (E, inputs, outputs): E networks side by side.
         biases: One array a layer, shape (E, 1, outputs).
-        blind_weights: Those of as many networks for tracks without any orientation, of the same shapes.
+        blind_weights: Weights of the networks for tracks without any orientation, of the same shapes.
         blind_biases: As `biases`.
         log_spread: Coefficients of the logarithm of the errors' scale (m) at each knot along, across and up, shape
             (N_DOUBT, knots, 3); the error of the observation is not in it.
-        hidden: Weights of the hidden units from which more of that logarithm comes, shape (N_DOUBT, units).
+        hidden: Weights of hidden units for a nonlinear part of that logarithm, shape (N_DOUBT, units).
         log_spread_hidden: Coefficients of these units, shape (units, knots, 3).
-        noise_share: How much of one observation's error is in the forecast at each knot, shape (2, knots): a factor of
-            its standard deviation, whatever its direction, as measured and as stated.
+        noise_share: Share of an observation's stated error in the forecast at each knot, shape (knots,): factor of its
+            standard deviation in every direction.
         decision: Slope and threshold of the decision between walking and staying: the weight of walking is the
-            logistic function of slope (logit - threshold). At slope 1 and threshold 0, as the networks are fitted, the
-            forecast has the least mean error. A steeper decision commits to one of the two; a higher threshold keeps
-            people who stand, and answers later to those who start.
+            logistic function of slope (logit - threshold). Slope 1 and threshold 0, as fitted, have the least mean
+            error. A steeper slope approaches a hard decision; a higher threshold reduces false starts and delays true
+            ones.
         degrees_of_freedom: Those of the t distribution of the errors, above 2.
-        about: Where the numbers are from: recordings, people, command, versions, errors on people left out.
+        about: Provenance: recordings, people, command, versions, errors on people left out.
 
     Raises:
         WalkerModelError: If a shape is wrong or a number is not finite.
@@ -168,7 +168,7 @@ class WalkerModel:
     log_spread: FloatArray
     hidden: FloatArray = field(default_factory=lambda: np.zeros((N_DOUBT, 0)))
     log_spread_hidden: FloatArray = field(default_factory=lambda: np.zeros((0, KNOTS_S.size, 3)))
-    noise_share: FloatArray = field(default_factory=lambda: np.zeros((2, KNOTS_S.size)))
+    noise_share: FloatArray = field(default_factory=lambda: np.zeros(KNOTS_S.size))
     decision: tuple[float, float] = (1.0, 0.0)
     degrees_of_freedom: float = 5.0
     about: dict[str, Any] = field(default_factory=dict)
@@ -189,7 +189,7 @@ class WalkerModel:
         parts = self.log_spread, self.hidden, self.log_spread_hidden, self.noise_share
         spreads = tuple(part.shape for part in parts)
         units = self.hidden.shape[-1]
-        sizes = (N_DOUBT, KNOTS_S.size, 3), (N_DOUBT, units), (units, KNOTS_S.size, 3), (2, KNOTS_S.size)
+        sizes = (N_DOUBT, KNOTS_S.size, 3), (N_DOUBT, units), (units, KNOTS_S.size, 3), (KNOTS_S.size,)
         if n != n_out or spreads != sizes:
             raise WalkerModelError(f"{n} outputs and spread {spreads} do not fit {KNOTS_S.size} knots")
         layers = (*self.weights, *self.biases, *self.blind_weights, *self.blind_biases)
@@ -210,22 +210,21 @@ class WalkerModel:
         return _Networks(self.blind_weights, self.blind_biases, self.decision)
 
     def answer(self, network: FloatArray, spread: FloatArray, motion: RegimeMotion) -> tuple[FloatArray, FloatArray]:
-        """How people will leave their lines, and what there is to state about how sure that is.
+        """Departures from the lines, and the features of their spread.
 
-        Each network answers with a walk, a place to stay at, and the probability of the walk; the mean of both by this
-        probability is its forecast. Each question is asked twice, as it is and mirrored, so that left and right are
-        treated alike. Tracks without any orientation have networks of their own; where an orientation fades out, one
-        answer turns into the other.
+        Each network gives a walk, a place of staying and the probability of walking; its forecast is the mean of both
+        regimes under this probability. Each input is evaluated with its mirror image, so the model is symmetric in left
+        and right. Tracks without any orientation have networks of their own, blended by the weight of the orientation.
 
         Args:
             network: Inputs of the network, shape (N, N_INPUTS).
             spread: Inputs of the uncertainty, shape (N, N_SPREAD).
-            motion: What they do if they walk straight on, or stay.
+            motion: Motion in the two regimes.
 
         Returns:
             Departures, mean over the ensemble and both questions, shape (N, knots, 3), metres along, across and up.
-            Reasons for doubt for `spread_m`, shape (N, N_DOUBT): the given ones, the size of the departure, how far
-            the networks disagree, how far the two regimes lie apart, and the probability of walking.
+            Features for `spread_m`, shape (N, N_DOUBT): the given ones, the size of the departure, the disagreement of
+            the networks, the distance between the two regimes, and the probability of walking.
         """
         seen = np.maximum.reduce(network[:, KNOWN], axis=1)
         if np.minimum.reduce(seen, initial=1.0) == 1.0:
@@ -238,7 +237,7 @@ class WalkerModel:
             walks, far = (seen * s + (1.0 - seen) * b for s, b in zip(seeing[1:], blind[1:], strict=True))
         n = len(answers)
         departure = np.add.reduce(answers, axis=0) / n
-        # How far the answers lie apart, in the horizontal plane, where turns are foreseen or not.
+        # Disagreement in the horizontal plane, where turns are.
         off = answers[:, :, _FAR, :2] - departure[:, _FAR, :2]
         apart = np.sqrt(np.einsum("eni,eni->n", off, off) / n)
         torn = np.sqrt(np.add.reduce(walks * (1.0 - walks) * far**2, axis=0) / n)
@@ -256,19 +255,19 @@ class WalkerModel:
         """Standard deviation of the errors: of a t distribution, that is its scale times the root of v / (v - 2).
 
         Args:
-            doubt: Reasons for doubt, shape (N, N_DOUBT).
+            doubt: Features of the spread, shape (N, N_DOUBT).
 
         Returns:
-            Shape (N, knots, 5): metres along, across and up without the observations' error; the factors of that error,
-            as measured and as stated.
+            Shape (N, knots, 4): metres along, across and up without the observation's stated error; the factor of that
+            error.
         """
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
         log_spread += np.tanh(doubt @ self.hidden) @ self.log_spread_hidden.reshape(
             len(self.log_spread_hidden), 3 * KNOTS_S.size
         )
         bounded = np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])
-        spread = np.empty((len(doubt), KNOTS_S.size, 5))
+        spread = np.empty((len(doubt), KNOTS_S.size, 4))
         np.exp(bounded.reshape(-1, KNOTS_S.size, 3), out=spread[..., :3])
-        spread[..., 3:] = self.noise_share.T
-        spread /= math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # so written, it holds of a normal distribution, too
+        spread[..., 3] = self.noise_share
+        spread /= math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # this form also holds for a normal distribution
         return spread

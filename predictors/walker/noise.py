@@ -1,4 +1,4 @@
-"""How wrong a tracker is, measured while it runs: the size and direction of its error, and how fast it changes."""
+"""Online estimate of a tracker's error: covariance of its white part, and spectrum."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _PRIOR_M, _PRIOR_FRAMES, _MEMORY_FRAMES = 0.01, 3.0, 30.0
 _LARGEST_M, _SMALLEST_M = 0.05, 0.002
 _FLOOR_M2 = _SMALLEST_M**2
 _FRAMES = 4
-# Four frames farther apart than this bend with the walk itself, and say nothing of noise. Between the spans of four
-# frames at 15 and at 14 frames a second, so that rounding does not decide.
+# Longest span of four frames: over longer ones the third difference contains gait. It lies between the spans at 15
+# and at 14 frames a second, so that rounding does not decide.
 _SPAN_S = 0.207
-# Frames closer together than any camera's: two sources, or a clock that was set.
+# Shortest frame interval of a camera; below it, two sources are mixed or a clock was set.
 STEP_S = 1e-3
 
 
@@ -43,8 +43,8 @@ def third_difference(a: float, b: float, c: float, d: float) -> tuple[tuple[floa
 class MeasuredNoise:
     """Covariance of a position's white error.
 
-    The third divided difference of a walk is next to nothing, so what is left of it is noise. In plain numbers: on so
-    few of them numpy takes several times as long.
+    The third divided difference of a walk is small, so its remainder is noise. Python floats: for arrays this small
+    numpy is several times slower.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class MeasuredNoise:
         self._frames += 1.0
 
     def covariance_m2(self) -> FloatArray:
-        """The covariance, shape (3, 3), square metres; never less than 2 mm in any direction."""
+        """The covariance, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""
         xx, xy, xz, yy, yz, zz = self._covariance_m2
         return np.array([[xx + _FLOOR_M2, xy, xz], [xy, yy + _FLOOR_M2, yz], [xz, yz, zz + _FLOOR_M2]])
 
@@ -85,7 +85,7 @@ class MeasuredNoise:
 _LAGS = (1, 2, 4)
 # Rows of the track, counted from its end.
 _LAG_ROWS = -np.array([[1 + 3 * lag, 1 + 2 * lag, 1 + lag, 1] for lag in _LAGS])
-_THIRD = np.array([-1.0, 3.0, -3.0, 1.0]) / math.sqrt(20.0)  # of white noise as large as the noise itself
+_THIRD = np.array([-1.0, 3.0, -3.0, 1.0]) / math.sqrt(20.0)  # unit gain for white noise
 _COLOUR_MEMORY_FRAMES, _COLOUR_PRIOR_FRAMES = 45.0, 12.0
 # Horizontal and vertical position, yaws of pelvis and head: 10 mm and 2 deg.
 _UNIT2 = np.array([0.01, 0.01, 0.035, 0.035]) ** 2
@@ -94,7 +94,7 @@ N_COLOURS = 10
 
 
 class MeasuredColour:
-    """Third differences over 1, 2 and 4 frames of a track: as large over all for white error, growing for wander."""
+    """Third differences over 1, 2 and 4 frames: of equal size for white error, growing with the lag for wander."""
 
     def __init__(self) -> None:
         self._ratio2 = np.ones((len(_LAGS), 4))
@@ -127,14 +127,14 @@ class MeasuredColour:
 
 
 def without_stated(colours: FloatArray, stated_m2: FloatArray) -> FloatArray:
-    """Colours relative to what the tracker states of its error.
+    """Colours relative to the stated error of the tracker.
 
     Args:
         colours: As given by `MeasuredColour.learn`.
         stated_m2: Stated variances along, across and up, shape (3,), square metres; zeros where none are stated.
 
     Returns:
-        The colours, with the part of the stated error taken off those of the positions.
+        The colours; those of the positions relative to the stated error.
     """
     along, across, up = stated_m2.tolist()
     relative = colours.copy()

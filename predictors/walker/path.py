@@ -1,4 +1,4 @@
-"""A smooth path through uncertain positions: a smoothing spline on an even grid, each position with its covariance."""
+"""Smoothing spline through positions with covariances, on an even grid."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scipy.linalg.lapack import dpbsv
 from predictors.symmetric import inverse
 from predictors.types import FloatArray
 
-# Acceleration of the path, m^2/s^3: lets gait through (1.2 m/s^2 of sway at 1 Hz). Forecasts are the same with 5.
+# Acceleration of the path, m^2/s^3: passes gait (1.2 m/s^2 of sway at 1 Hz). Forecasts are the same with 5.
 _ACCELERATION_PSD = 1.0
-# Standard deviation of the velocity before anything is known, as in `ConstantVelocity`.
+# Prior standard deviation of the velocity, as in `ConstantVelocity`.
 _SPEED_SD_M_S = 1.0
-# Standard deviation of the positions before anything is known, about the newest: keeps the matrix positive definite
-# where hardly anything is known of a direction.
+# Prior standard deviation of the positions about the newest: keeps the matrix positive definite where a direction is
+# all but unobserved.
 _FARTHEST_M = 100.0
-# Share of a covariance's trace that is added to it: no direction is known a million times as well as another.
+# Share of a covariance's trace that is added to its diagonal: bounds the condition number.
 _ROUNDING = 1e-12
 # Diagonals of a symmetric matrix whose 3x3 blocks reach to the second neighbour, from the main one down.
 _BAND = 7
@@ -29,7 +29,7 @@ _BESIDE = [_BAND * c + 3 + r - c for r in range(3) for c in range(3)]
 
 
 def information_of(covariance_m2: FloatArray) -> FloatArray:
-    """The inverse of a covariance; positive definite even if hardly anything is known of a direction.
+    """Inverse of a covariance, positive definite for any condition number.
 
     Args:
         covariance_m2: Covariance of a position, shape (3, 3), square metres.

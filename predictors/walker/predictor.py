@@ -1,4 +1,4 @@
-"""The default: a line through the recent walk, and small networks for the departure of people from it."""
+"""The default predictor: a constant-velocity line, and small networks for the departure from it."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from predictors.walker.network import RegimeMotion, WalkerModel
 from predictors.walker.noise import MeasuredNoise
 from predictors.walker.range_error import MeasuredRange
 
-# Sway and bob, to the line no more than noise of the positions: s.d. on each axis, metres.
+# Gait (sway and bob) is measurement noise of the line's filter: variance on each axis.
 _GAIT_M2 = 0.02**2 * np.eye(3)
-# Frames that are taken in again where the range turns out to be worse than it was taken for: 1.2 s at 30 a second.
+# Frames that are filtered again once the range error proves larger than assumed: 1.2 s at 30 frames a second.
 _AGAIN_FRAMES = 36
-# Worse by 50 mm and by twice: a track then does so at most four times.
+# Larger by 50 mm and by a factor of two in standard deviation: at most four repetitions a track.
 _WORSE_M2, _WORSE_TIMES2 = 0.05**2, 4.0
 
 
 class Walker:
     """Forecast of a person on foot from the last 1.2 s of head position, head yaw and pelvis yaw.
 
-    A constant-velocity filter, which treats gait as noise, gives a straight line. Networks give the difference from
-    this line (sway, bob, a turn or a stop that has begun). Their inputs are relative to the line, so place and
-    direction of the walk do not matter. During a run the predictor estimates two things. One is the person's constant
-    head and pelvis yaw relative to the direction of travel. The other is the tracker's error: size, direction and
-    correlation.
+    A constant-velocity filter, for which gait is measurement noise, gives a straight line. Networks give the departure
+    from this line (sway, bob, a turn or a stop that has begun) of a person who walks, a place to return to of a person
+    who stays, and the probability of the two regimes. Their inputs are relative to the line, so the forecast is
+    invariant to place and direction. Estimated online are the person's constant head and pelvis yaw relative to the
+    direction of travel, and the tracker's error: covariance and spectrum.
 
-    A stated covariance replaces the measured one. The filter's gate refuses outliers. If a person runs, the forecast is
-    that of the filter. Orientations may be missing; their influence fades out over half a second. The time stamps
-    account for frame rate, gaps and jitter.
+    A stated covariance replaces the measured one. The filter's gate refuses outliers. For a person who runs, the
+    forecast is that of the filter. Orientations are optional; their influence fades out within half a second. Frame
+    rate, gaps and jitter enter through the time stamps.
 
     Args:
         model: The fitted numbers; default: the shipped model.
@@ -76,7 +76,7 @@ class Walker:
             self._range.learn(observation)
         range_m2 = self._range.variance_m2()
         if range_m2 > _WORSE_M2 + _WORSE_TIMES2 * self._largest_m2:
-            # Until now each range error was taken for motion or refused.
+            # Until now range errors were filtered as motion, or refused.
             self._position.reset()
             self._forget()
             for earlier in list(self._recent)[:-1]:
@@ -96,7 +96,7 @@ class Walker:
         if self._position.started_at_s != started_at_s:
             self._forget()
         window = self._history.window
-        for earlier in taken[:-1]:  # of a candidate that has just been confirmed as the track
+        for earlier in taken[:-1]:  # of a candidate that has just become the track
             window.add(earlier, noise_m2(earlier, measured_m2))
         _, state, _ = self._position.state()
         self._inputs = self._history.add(taken[-1], state, noise_m2(taken[-1], measured_m2))
@@ -117,7 +117,7 @@ class Walker:
         return self._inputs
 
     def fitted_on(self) -> tuple[str, ...]:
-        """People that the model was fitted on: on their walks its errors are smaller than on others'."""
+        """People in the training set, whose forecasts are in-sample."""
         return tuple(self._model.about.get("people", ()))
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
@@ -130,11 +130,11 @@ class Walker:
             motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
             departures, doubt = self._model.answer(inputs.network[None], inputs.spread[None], motion)
             to_base = inputs.line.to_base()
-            # Each axis of the line's frame contributes its variance times the square of its direction.
-            self._squares = np.empty((5, 9))
+            # Outer products of the axes of the line's frame, weighted by the variances along them.
+            self._squares = np.empty((4, 9))
             self._squares[:3] = (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
-            # The error of the observations keeps its own directions: of a camera's, the line of sight.
-            self._squares[3:] = inputs.noise_base_m2.reshape(2, 9)
+            # The stated error of the observation keeps its own directions: of a camera's, the line of sight.
+            self._squares[3] = inputs.stated_base_m2.reshape(9)
             self._knots = BetweenKnots(departures[0] @ to_base.T, self._model.spread_m(doubt)[0])
         tau = times - inputs.line.time_s
         departure, spread = self._knots(tau)

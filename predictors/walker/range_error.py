@@ -1,4 +1,4 @@
-"""How wrong a tracker's ranges are, measured on all that it reports, also on what the gate refuses."""
+"""Online estimate of a tracker's range error, from all detections including refused ones."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ import numpy as np
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker.noise import STEP_S, third_difference
 
-# Third differences over so many frames: of one frame for white error, of four for an error that drifts.
+# Lags of the third differences, frames: one for white error, four for drift.
 _LAGS = (1, 4)
-# Longer stretches bend with the walk itself.
+# Longest span: over longer ones the third difference contains gait.
 _SPAN_S = 0.45
 _MEMORY_FRAMES, _PRIOR_FRAMES, _PRIOR_M = 30, 3, 0.01
-# Standard deviation of a normal error over the median of its size.
+# Ratio of standard deviation to median absolute value of a normal error.
 _SD_OF_MEDIAN = 1.0 / 0.6745
-# What gait and the usual trackers do to such differences; smaller errors are measured with their directions elsewhere.
+# Level of gait and of usual trackers in these differences; smaller errors are measured by `MeasuredNoise`.
 _USUAL_M2 = 0.03**2
-# A drift disturbs the velocity more than white error of that size: this factor of its variance did best.
+# Weight of a drift's variance, which disturbs the velocity more than white error does; the best of those tried.
 _DRIFT_COUNTS = 4.0
-# Another person is also beside the line of sight, by more than gait; an error of the range is not.
+# Displacement across the line of sight above gait is a change of person, not an error of the range.
 _BESIDE_M, _BESIDE_SHARE = 0.05, 0.5
-_NEAREST_M = 1e-3  # a position at the sensor has no line of sight
+_NEAREST_M = 1e-3  # at the sensor the line of sight is undefined
 
 
 class MeasuredRange:
     """Variance of a position along the line of sight, where the range errs more than gait explains.
 
-    The median of the third differences is robust: one frame in ten may be far off. The sensor is assumed at the origin.
-    In plain numbers: on so few of them numpy takes several times as long.
+    Median of the third differences: robust to one outlier in ten frames. The sensor is assumed at the origin. Python
+    floats: for arrays this small numpy is several times slower.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class MeasuredRange:
         self._sorted_m = [list(recent) for recent in self._recent_m]
 
     def learn(self, observation: HeadObservation) -> None:
-        """Take in a reported position, before any gate.
+        """Take in a detection, before gating.
 
         Args:
             observation: The observation, newer than all before it.

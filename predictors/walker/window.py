@@ -1,4 +1,4 @@
-"""The last 1.2 s of a track on an even grid, whatever the frame rate, the gaps and the error of each position."""
+"""The last 1.2 s of a track, resampled to an even grid."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from predictors.walker.path import information_of, smooth_path
 from predictors.yaw import wrap_rad, yaw_rad
 
 STEP_S = 1.0 / 30.0
-# A little more than a stride (two steps, about 1 s): sway and bob are seen whole.
+# Slightly more than a stride (two steps, about 1 s): full periods of sway and bob.
 WINDOW = 36
 LAGS_S = STEP_S * np.arange(1 - WINDOW, 1)
 _FIRST_LAG_S = float(LAGS_S[0])
 _ROUNDING_S = 1e-6
-# A track that is this much of a step too short for a node has it all the same.
+# Rounding of the track's length to a whole number of nodes.
 _NEARLY = 0.03
-# Rows that arrays begin with: some windows at 30 frames a second.
+# Initial rows of the arrays: several windows at 30 frames a second.
 _ROWS = 256
 
 
@@ -32,7 +32,7 @@ class TrackWindow:
     """
 
     def __init__(self) -> None:
-        # Time, values and information of each frame; what is older than 1.2 s stays until the rows are used up.
+        # Time, values and information of each frame; older frames stay until the rows are used up.
         self._arrays = np.empty(_ROWS), np.empty((_ROWS, 5)), np.empty((_ROWS, 9))
         self._rows = slice(0, 0)
         self.yaw_seen_s = [-np.inf, -np.inf]
@@ -82,7 +82,7 @@ class TrackWindow:
         return 0, count
 
     def _bridge(self, column: int, seen_s: float, value: float, time_s: float) -> None:
-        # Where an orientation was missing it was held; now that it is back, the way between is known better.
+        # A missing orientation was held; its return allows interpolation over the gap.
         if not self.times_s.size or self.times_s[-1] <= seen_s:
             return
         missing = self.times_s > seen_s
@@ -96,8 +96,8 @@ class TrackWindow:
         """The track every 1/30 s back from the newest frame.
 
         Returns:
-            The smooth path, shape (m, 3), metres, and what was seen, straight between frames, shape (m, 5), as the
-            columns of `values`; m from 1 to WINDOW, the newest last.
+            The smooth path, shape (m, 3), metres, and the linear interpolation of `values`, shape (m, 5); m from 1 to
+            WINDOW, the newest last.
         """
         times, values = self.times_s, self.values
         now_s = float(times[-1])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.camera.studio import Studio
+from gazempc.robots.studio import Studio
 
 
 @functools.cache

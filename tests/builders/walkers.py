@@ -32,24 +32,24 @@ def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
     seeing, blind = layers(), layers()
     log_spread = 0.1 * size * rng.standard_normal((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(0.05) + np.linspace(0.0, 1.0, KNOTS_S.size)[:, None]
-    noise_share = np.linspace([0.3, 0.5], [1.0, 0.8], KNOTS_S.size).T
+    noise_share = np.linspace(0.5, 0.8, KNOTS_S.size)
     hidden, log_spread_hidden = (size * rng.standard_normal(shape) for shape in ((N_DOUBT, 5), (5, KNOTS_S.size, 3)))
     return WalkerModel(
         *seeing, *blind, log_spread, hidden, log_spread_hidden, noise_share, degrees_of_freedom=degrees_of_freedom
     )
 
 
-def straight_model(spread_m=0.1, degrees_of_freedom=5.0, measured_share=0.0, stated_share=0.0):
+def straight_model(spread_m=0.1, degrees_of_freedom=5.0, stated_share=0.0):
     """A model that says that people keep to the line, and errs alike at all horizons.
 
-    By a scale of `spread_m`, and by shares of the observations' own error, as measured and as stated.
+    By a scale of `spread_m`, and by a share of the observations' stated error.
     """
     log_spread = np.zeros((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(spread_m)
     return WalkerModel(
         *2 * NOTHING,
         log_spread,
-        noise_share=np.tile([[measured_share], [stated_share]], KNOTS_S.size),
+        noise_share=np.full(KNOTS_S.size, stated_share),
         degrees_of_freedom=degrees_of_freedom,
     )
 

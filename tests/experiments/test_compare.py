@@ -10,10 +10,7 @@ from bs4 import BeautifulSoup
 from builders.comparisons import rows_of, runs, settings
 
 from experiments.compare import compare, main
-from experiments.engine.choices import find_recordings
 from experiments.engine.job import models_hash
-from gazempc.errors import GazempcError
-from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.settings import WalkerSettings
 from predictors.walker.model_file import save_walker_model, shipped_walker_model
 
@@ -119,35 +116,6 @@ def test_a_job_is_named_by_all_it_depends_on(tmp_path):
     jobs = [job for _, job in runs(tmp_path)]
     assert len({job.key() for job in jobs}) == len(jobs)
     assert runs(tmp_path, seed=1)[0][1].key() != jobs[0].key()
-    file = tmp_path / "walk.csv"
-    file.write_text("one")
-    [(_, job), *_] = runs(tmp_path, recordings=(str(file),))
-    first = job.key()
-    file.write_text("two")
-    assert job.key() != first
-    bag = tmp_path / "bag"
-    bag.mkdir()
-    (bag / "metadata.yaml").write_text("one")
-    [(_, job), *_] = runs(tmp_path, recordings=(str(bag),))
-    first = job.key()
-    (bag / "bag.mcap").write_text("two")
-    assert job.key() != first
-
-
-def test_find_recordings(tmp_path):
-    for name in ("b.csv", "a.bvh", "index.csv", "notes.txt"):
-        (tmp_path / name).write_text("")
-    assert find_recordings([str(tmp_path)]) == [str(tmp_path / "a.bvh"), str(tmp_path / "b.csv")]
-    bag = tmp_path / "0_bag"
-    bag.mkdir()
-    (bag / "metadata.yaml").write_text("")
-    assert find_recordings([str(bag)]) == [str(bag)]
-    assert find_recordings([str(tmp_path)])[0] == str(bag)
-    assert find_recordings(["synthetic"]) == list(synthetic_names())
-    with pytest.raises(GazempcError) as caught:
-        find_recordings(["syntetic", str(tmp_path / "none.csv")])
-    assert "perhaps you meant 'synthetic'" in str(caught.value)
-    assert "none.csv" in str(caught.value)
 
 
 def test_everyday_people_are_compared_with_their_own_metrics(tmp_path):

@@ -1,8 +1,6 @@
 """The command `gazempc`."""
 
 import importlib
-import subprocess
-import sys
 
 import pytest
 
@@ -29,10 +27,3 @@ def test_every_command_is_there_and_explains_itself(name, capsys):
         main([name, "--help"])
     assert ended.value.code == 0
     assert "--" in capsys.readouterr().out
-
-
-def test_it_starts_as_a_module_too():
-    done = subprocess.run(
-        [sys.executable, "-m", "experiments.console", "--help"], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.startswith("usage: gazempc COMMAND")

@@ -5,8 +5,7 @@ import pytest
 from builders.pages import ROOT
 from builders.recordings import synthetic
 
-from experiments.sensor_example.example import main
-from experiments.sensor_example.seen import see
+from experiments.sensor_example import main, see
 from gazempc.sim.sensor import load_sensor
 from predictors import Forecast, NotReadyError
 
@@ -40,12 +39,12 @@ class Newest:
 
 def test_forecasts_come_from_what_has_arrived_and_are_held_against_the_truth():
     walk = synthetic("subject03_R4")
-    seen = see(walk, sensor(latency_s=0.25), Newest(), [1.0, 2.0], seed=0)
-    for instant, at_s in zip(seen.instants, (1.0, 2.0), strict=True):
+    for at_s in (1.0, 2.0):
+        seen = see(walk, sensor(latency_s=0.25), Newest(), at_s, seed=0)
         # A frame every 1/30 s, 0.25 s late: the newest is from 0.75 s to 0.75 s + 1/30 s before.
         newest = np.flatnonzero(walk.times_s <= at_s - 0.25 + 1e-9)[-1]
-        np.testing.assert_allclose(instant.means_base_m, np.tile(walk.truth.head_position_m[newest, :2], (3, 1)))
-        np.testing.assert_allclose(instant.true_base_m, seen.truth(at_s + np.array([0.25, 0.5, 1.0]))[:, :2])
+        np.testing.assert_allclose(seen.means_base_m, np.tile(walk.truth.head_position_m[newest, :2], (3, 1)))
+        np.testing.assert_allclose(seen.true_base_m, seen.truth(at_s + np.array([0.25, 0.5, 1.0]))[:, :2])
     assert seen.error_rms_mm() == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
@@ -55,9 +54,9 @@ def test_forecasts_come_from_what_has_arrived_and_are_held_against_the_truth():
     [(np.inf, np.sqrt(-2.0 * np.log(0.05))), (4.0, np.sqrt(6.944))],
 )
 def test_the_ellipse_from_above_is_that_of_the_stated_tails(freedom, radius):
-    (instant,) = see(synthetic("subject03_R4"), sensor(), Newest(freedom), [1.0], seed=0).instants
-    assert instant.radius == pytest.approx(radius, rel=1e-3)
-    np.testing.assert_allclose(instant.covariances_m2[0], np.diag([0.04, 0.01]))
+    seen = see(synthetic("subject03_R4"), sensor(), Newest(freedom), 1.0, seed=0)
+    assert seen.radius == pytest.approx(radius, rel=1e-3)
+    np.testing.assert_allclose(seen.covariances_m2[0], np.diag([0.04, 0.01]))
 
 
 @pytest.mark.slow

@@ -34,6 +34,7 @@ from gazempc.recordings.load import load
 from gazempc.recordings.readers.tables.mapping import read_mapping
 from gazempc.results.log import SHAPES, Log, load_log
 from gazempc.run_settings import load_settings
+from gazempc.sim.sensor import load_sensor
 
 MOST_S, MOST_MB, MOST_CHARACTERS = 2.0, 500, 5000
 READERS = {
@@ -355,3 +356,13 @@ def test_a_long_text_in_a_file_is_cut_in_the_message(tmp_path):
     path.write_text(json.dumps({"neck": ["x" * 100_000], "seed": "y" * 100_000}))
     assert "..." in refused(load_settings, path)
     assert stat.S_ISREG(path.stat().st_mode)
+
+
+@pytest.mark.parametrize(
+    "table", ["jumps]\nsize_max_m = 0.1\nmean_interval_s", "loss]\nmean_interval_s", "other_person]\nevery_s"]
+)
+def test_a_sensor_whose_errors_come_faster_than_any_frame_is_refused(table, tmp_path):
+    """Each bout is drawn: one every 3.5 ns took minutes for a walk of 5 s."""
+    path = tmp_path / "sensor.toml"
+    path.write_text(f'name = "s"\nsource = "s"\nrate_hz = 30.0\nlatency_s = 0.1\n[{table} = 3.5e-9\n')
+    assert "0.001" in refused(load_sensor, path)

@@ -2,6 +2,7 @@
 
 import io
 import json
+import signal
 import subprocess
 import sys
 from contextlib import redirect_stdout
@@ -20,6 +21,9 @@ from gazempc.results.metrics import gap_closed, measure
 from gazempc.results.run_summary import LABELS
 from gazempc.run import main, parse
 from gazempc.run_settings import RunSettings, load_settings
+from gazempc.signals import Interrupted
+from gazempc.sim import repeat
+from gazempc.sim.replay import replay_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 ROW_KEYS = {
@@ -61,8 +65,8 @@ def main_job(tmp_path_factory):
 def test_the_main_job_writes_all_it_promises(main_job):
     out, _ = main_job
     names = {path.name for path in out.iterdir()}
-    assert {"summary.json", "settings.yaml", "overview.png", "birds_eye.png", "angles.png"} <= names
-    assert {"gaze_error.png", "gaze.gif"} | {f"{c}.npz" for c in LABELS} <= names
+    assert {"summary.json", "settings.yaml", "overview.png", "angles.png"} <= names
+    assert {"gaze.gif"} | {f"{c}.npz" for c in LABELS} <= names
     summary = json.loads((out / "summary.json").read_text())
     assert summary["recording"] == "subject03_R4"
     assert summary["kind"] == "synthetic"
@@ -280,3 +284,18 @@ def test_defaults_are_valid():
 def test_options_are_written_with_hyphens_or_underscores_like_all_settings():
     words = ["--options.hold-s", "0.7", "--seed", "3", "--options.predictor.spread_m=0.1"]
     assert take_options(words) == (["--seed", "3"], {"hold_s": "0.7", "predictor.spread_m": "0.1"})
+
+
+def test_a_signal_in_the_first_seed_keeps_the_controllers_that_are_complete(tmp_path, monkeypatch, capsys):
+    def replay(scene, controller, *rest):
+        if controller == "lookahead":
+            raise Interrupted(signal.SIGINT)
+        return replay_scene(scene, controller, *rest)
+
+    monkeypatch.setattr(repeat, "replay_scene", replay)
+    words = ["--replay", "subject03_R4", "--controllers", "reactive", "lookahead", "--out", str(tmp_path)]
+    assert main(words) == 130
+    assert load_log(tmp_path / "reactive.npz").run.controller == "reactive"
+    assert f"kept in {tmp_path}" in capsys.readouterr().err
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    assert [row["controller"] for row in rows] == ["reactive"]

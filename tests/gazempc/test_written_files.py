@@ -58,7 +58,8 @@ def test_an_earlier_run_is_taken_away_and_nothing_else(tmp_path):
     for name in mine + old:
         (tmp_path / name).write_text("old")
     (tmp_path / "angles.png").mkdir()
-    begin_folder(tmp_path)
+    with begin_folder(tmp_path):
+        pass
     assert sorted(os.listdir(tmp_path)) == sorted([*mine, "angles.png"])
 
 

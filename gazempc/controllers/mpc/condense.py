@@ -134,8 +134,8 @@ def condensed(model: AxisModel, tuning: Tuning, bounded: bool, own: OwnParts = N
 
     Args:
         model: The joint over the horizon.
-        tuning: T and zeta.
-        bounded: Whether the joint's angles have bounds (acquisition).
+        tuning: T, zeta and whether there is a zone.
+        bounded: Whether the joint's angles have bounds (acquisition, zone).
         own: Own costs and rows.
 
     Returns:
@@ -147,7 +147,8 @@ def condensed(model: AxisModel, tuning: Tuning, bounded: bool, own: OwnParts = N
     n, neck, index = model.lengths.size, model.neck, model.index
     o = Trajectory(neck, index, tuple(model.lengths.astype(int).tolist()))
     own_rows = own.row_values(o)
-    rows = [limits(o, neck, index), *(row.values for row in own_rows), *([passing(o)] if bounded else [])]
+    rows = [limits(o, neck, index), *(row.values for row in own_rows), *([passing(o, tuning)] if bounded else [])]
+    curvatures = 2.0 * COST_SCALE * array_of(o.w)[:, 0] if tuning.zone else np.empty(0)
     y = ca.vertcat(o.q, o.v, o.a, o.u, o.du, o.ddu, o.j, o.r)
     hessian, slope, _ = ca.quadratic_coeff(cost(o, tuning) + own.cost(o), y)
     slopes, constants = ca.linear_coeff(ca.vertcat(*rows), y)
@@ -171,7 +172,7 @@ def condensed(model: AxisModel, tuning: Tuning, bounded: bool, own: OwnParts = N
     for shared in parts:
         shared.setflags(write=False)
     h, a, cost_map, rows_map, gain = parts
-    data = QpData(h=h, a=a, penalty=COST_SCALE * SLACK_PRICE_RAD2)
+    data = QpData(h=h, a=a, penalty=COST_SCALE * SLACK_PRICE_RAD2, curvatures=curvatures)
     return Program(data, cost_map, rows_map, gain, tuple((row.label, row.values.shape[0]) for row in own_rows))
 
 

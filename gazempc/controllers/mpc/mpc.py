@@ -15,6 +15,7 @@ from gazempc.controllers.mpc.own import OwnChoice, OwnPartFault, own_parts
 from gazempc.controllers.mpc.problem import PLAIN_DAMPING
 from gazempc.controllers.mpc.qp import iterations_within
 from gazempc.errors import SettingsError
+from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.neck.spec import AXES, BODY_AXIS, EYE_AXES, NeckSpec
 from gazempc.settings import MpcSettings
 from gazempc.types import FloatArray
@@ -25,7 +26,7 @@ _PLAN_S = 0.4
 _HEAD_TIME_S = 0.35
 # Share of a control period that the solvers of both joints together may take.
 _SOLVERS_SHARE = 0.5
-_DEFAULTS = MpcSettings()
+_DEFAULTS, _NO_FRAMING = MpcSettings(), Framing(subject="no")
 
 
 class Mpc:
@@ -49,6 +50,7 @@ class Mpc:
             joint's name.
         rows: Own limits: functions whose values, linear and a column of any length, are kept within +-1 as soft rows;
             given as the terms.
+        framing: Keeps the head within a zone of the picture of a camera on the neck, with a horizon and a T of its own.
 
     Raises:
         SettingsError: If the horizon is shorter than two smoothing times: then its end shows in the gaze. If an own
@@ -69,8 +71,12 @@ class Mpc:
         head_smoothing_time_s: float | None = _DEFAULTS.head_smoothing_time_s,
         terms: OwnChoice = (),
         rows: OwnChoice = (),
+        framing: Framing = _NO_FRAMING,
     ) -> None:
-        if neck.eyes is not None:
+        self._picture = FramedPicture.of(framing, neck)
+        if self._picture is not None:
+            horizon_s, smoothing_time_s = framing.horizon_s, framing.smoothing_time_s
+        elif neck.eyes is not None:
             smoothing_time_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
         if horizon_s < 2.0 * smoothing_time_s:
             needed = (
@@ -86,12 +92,15 @@ class Mpc:
         quick_s = min(acquisition_time_s, smoothing_time_s)
         most = iterations_within(0.5 * _SOLVERS_SHARE * period_s, n)
 
-        def programs(time_s: float, damping: float, bounded: bool) -> list[AxisOcp]:
+        def programs(time_s: float, damping: float, bounded: bool, zone: bool = False) -> list[AxisOcp]:
             pairs = zip(models, own, strict=True)
-            return [AxisOcp(model, time_s, damping, bounded, most, parts) for model, parts in pairs]
+            return [AxisOcp(model, time_s, damping, bounded, most, parts, zone) for model, parts in pairs]
 
-        self.ocps = programs(smoothing_time_s, PLAIN_DAMPING, False)
-        self.acquisition_ocps = programs(quick_s, ACQUISITION_DAMPING, True)
+        if self._picture is not None:
+            self.ocps = self.acquisition_ocps = programs(smoothing_time_s, ACQUISITION_DAMPING, True, zone=True)
+        else:
+            self.ocps = programs(smoothing_time_s, PLAIN_DAMPING, False)
+            self.acquisition_ocps = programs(quick_s, ACQUISITION_DAMPING, True)
         # The first knot is the command before the plan starts.
         self._knots_s: FloatArray = period_s * np.arange(1.0, knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)
@@ -125,6 +134,9 @@ class Mpc:
         """See `gazempc.controllers.controller.Controller.plan`."""
         means_base_m, head_times = situation.forecast.means_base_m, self._head_ahead_s.size
         angles = self._chain.head_rad(situation, means_base_m[:head_times])
+        if self._picture is not None:
+            # The mean rate over the plan: at its single steps a rate would be the noise of the forecast.
+            angles = self._picture.aim_rad(angles, self._mean_rate(angles[: self._times_s.size, 0]))
         references = {name: angles[self._forecasts_of[name], i] for i, name in enumerate(AXES)}
         plans, body_rad = dict[str, JointPlan](), None
         if self._chain.body is not None:
@@ -165,12 +177,18 @@ class Mpc:
         )
         # Without its offset, the joint follows the command by the model.
         reference_rad = reference_rad - offset_rad
+        if self._picture is not None:
+            half_rad = self._picture.planned_zone_rad(axis, self._mean_rate(reference_rad))
+            return self.ocps[axis].solve(state, reference_rad, (reference_rad - half_rad, reference_rad + half_rad))
         turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._between_s
         bounds_rad = self._acquisitions[axis].bounds_rad(joint_rad, joint_rad_s, reference_rad, turning_rad_s)
         # Without the eye, the smoothing of the head is not made up for.
         if bounds_rad is None and not quick:
             return self.ocps[axis].solve(state, reference_rad)
         return self.acquisition_ocps[axis].solve(state, reference_rad, bounds_rad)
+
+    def _mean_rate(self, angles_rad: FloatArray) -> float:
+        return float(angles_rad[-1] - angles_rad[0]) / float(self._times_s[-1] - self._times_s[0])
 
     def _followed(self, situation: Situation, axis: int, solution: Solution) -> JointPlan:
         # From the command before the plan on.

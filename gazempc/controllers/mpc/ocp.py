@@ -15,7 +15,7 @@ import numpy as np
 from gazempc.controllers.controller import SolverFailed
 from gazempc.controllers.mpc.condense import AxisModel, condense, condensed
 from gazempc.controllers.mpc.own import NO_PARTS, OwnParts
-from gazempc.controllers.mpc.problem import PASSING_UNIT_RAD, PLAIN_DAMPING, Tuning
+from gazempc.controllers.mpc.problem import PLAIN_DAMPING, Tuning
 from gazempc.controllers.mpc.qp import ITERATIONS, Daqp
 from gazempc.types import FloatArray
 
@@ -56,6 +56,7 @@ class AxisOcp:
         bounded: True for a joint that is given angles that it is not to pass, see `solve`.
         iterations: Most iterations of the solver, which bound its time.
         own: Own costs and rows.
+        zone: True for bounds that are a zone in which the joint comes to rest, in place of the reference.
 
     Attributes:
         model: The joint over the horizon.
@@ -74,10 +75,13 @@ class AxisOcp:
         bounded: bool = False,
         iterations: int = ITERATIONS,
         own: OwnParts = NO_PARTS,
+        zone: bool = False,
     ) -> None:
         self.model, self.own = model, own
+        tuning = Tuning(smoothing_time_s, damping, zone)
+        self._unit_rad = tuning.passing_unit_rad
         # Own functions may close over values that change: their programs are not shared.
-        self.program = (condensed if own else condense)(model, Tuning(smoothing_time_s, damping), bounded, own)
+        self.program = (condensed if own else condense)(model, tuning, bounded, own)
         self._n, self._rows = model.lengths.size, len(self.program.rows_map)
         # Jerks, limits and own rows lie within +-1; the rows after them have bounds of their own.
         self._within = 3 * self._n + sum(count for _, count in self.program.own_rows)
@@ -105,8 +109,8 @@ class AxisOcp:
         lower, upper = -1.0 - rows, 1.0 - rows
         if not_past_rad is not None:
             passing, end = rows[self._within :], self._within
-            lower[end:] = not_past_rad[0] / PASSING_UNIT_RAD - passing
-            upper[end:] = not_past_rad[1] / PASSING_UNIT_RAD - passing
+            lower[end:] = not_past_rad[0] / self._unit_rad - passing
+            upper[end:] = not_past_rad[1] / self._unit_rad - passing
         return self.program.cost_map @ parameters, lower, upper
 
     def command(self, state: FloatArray, scaled_jerk: FloatArray) -> FloatArray:
@@ -137,7 +141,7 @@ class AxisOcp:
         most = float(np.maximum.reduce(np.abs(free[:end])))
         if not most < math.inf:
             raise SolverFailed("state or reference is not finite")
-        angles_rad = free[end : end + n] * PASSING_UNIT_RAD  # if bounded
+        angles_rad = free[end : end + n] * self._unit_rad  # if bounded
         passes = not_past_rad is not None and ((angles_rad < not_past_rad[0]) | (angles_rad > not_past_rad[1])).any()
         if most <= 1.0 + _ROUNDING and not passes:
             return Solution(free[:n], free[n + self._rows :].reshape(3, -1), 0.0, "gain")

@@ -8,6 +8,11 @@ commands already sent determine (`gazempc.neck.ahead`), and the last command bef
 
     minimise    sum_k w_k ((q_k - r_k)^2 + d T^2 (v_k - dr_k)^2 + T^4 a_k^2) + T_j^6 sum_k h_k j_k^2 + rho sum(s)
     subject to  z_k+1 = servo(z_k, j_k),   |j_k| <= j_max,   |row| <= 1 + s for each row of `limits`,   s >= 0
+
+With a zone in place of a point, e_k is how far q_k is outside of it, and the joint comes to rest inside:
+
+    minimise    sum_k w_k (e_k^2 + d T^2 v_k^2 + T^4 a_k^2) + T_j^6 sum_k h_k j_k^2 + rho sum(s)
+    subject to  ...,   low_k - e_k <= q_k <= high_k + e_k
 """
 
 from __future__ import annotations
@@ -40,15 +45,24 @@ PLAIN_DAMPING = math.sqrt(0.5)
 
 @dataclass(frozen=True)
 class Tuning:
-    """T, `smoothing_time_s`, seconds, and the damping ratio zeta of the response to a jump of the reference."""
+    """T, `smoothing_time_s`, seconds, and the damping ratio zeta of the response to a jump of the reference.
+
+    With `zone`, the bounds of `passing` are a zone in which the joint comes to rest, in place of the point r.
+    """
 
     smoothing_time_s: float
     damping_ratio: float = PLAIN_DAMPING
+    zone: bool = False
 
     @property
     def d(self) -> float:
         """Weight of the velocity error: 4 zeta^2 - 2."""
         return max(4.0 * self.damping_ratio**2 - 2.0, 0.0)
+
+    @property
+    def passing_unit_rad(self) -> float:
+        """Unit of the bounds of `passing`."""
+        return 1.0 if self.zone else PASSING_UNIT_RAD
 
 
 class Trajectory:
@@ -104,7 +118,10 @@ def acceleration(neck: NeckSpec, index: int, q: Any, v: Any, u: Any) -> Any:
 def cost(o: Trajectory, tuning: Tuning) -> Any:
     """The cost without the slacks, rad^2 times control periods."""
     T, d = tuning.smoothing_time_s, tuning.d
-    error = (o.q - o.r) ** 2 + d * T**2 * (o.v - o.dr) ** 2 + T**4 * o.a**2
+    if tuning.zone:  # the squared distance from the zone is the price of the rows of `passing`
+        error = d * T**2 * o.v**2 + T**4 * o.a**2
+    else:
+        error = (o.q - o.r) ** 2 + d * T**2 * (o.v - o.dr) ** 2 + T**4 * o.a**2
     return ca.dot(o.w, error) + JERK_TIME_S**6 * ca.dot(o.h, o.j**2)
 
 
@@ -128,6 +145,6 @@ def limits(o: Trajectory, neck: NeckSpec, index: int) -> Any:
     )
 
 
-def passing(o: Trajectory) -> Any:
-    """During acquisition: joint angles that are soft within bounds (`gazempc.controllers.mpc.acquisition`), (n, 1)."""
-    return o.q / PASSING_UNIT_RAD
+def passing(o: Trajectory, tuning: Tuning) -> Any:
+    """Joint angles, soft within bounds: of acquisition (`gazempc.controllers.mpc.acquisition`) or the zone, (n, 1)."""
+    return o.q / tuning.passing_unit_rad

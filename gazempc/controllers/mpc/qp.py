@@ -4,12 +4,13 @@
     subject to  -1 <= x <= 1,   lower - s <= A x <= upper + s,   s >= 0
 
 H and A are given once, g and the bounds with every call. The soft rows have an exact penalty: each violation s costs
-rho per unit, which is dearer than anything it could save, so s is zero wherever that is possible.
+rho per unit, which is dearer than anything it could save, so s is zero wherever that is possible. The last rows may
+have a quadratic price instead.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import daqp
 import numpy as np
@@ -44,11 +45,13 @@ class QpData:
         h: Hessian, positive definite, shape (n, n).
         a: Soft rows, shape (m, n).
         penalty: rho, cost of one unit of violation of one row.
+        curvatures: Of the last rows, whose price is half of it times s^2, shape (k,).
     """
 
     h: FloatArray
     a: FloatArray
     penalty: float
+    curvatures: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 class Daqp:
@@ -72,6 +75,8 @@ class Daqp:
         self._model.setup(h, np.zeros(n), a, self._upper, self._lower, self._sense.copy())
         self._model.settings = {"iter_limit": iteration_limit, "time_limit": _MOST_S}
         slope, curvature = np.full(n + rows, data.penalty), np.full(n + rows, _DAQP_RHO)
+        linear = n + rows - data.curvatures.size
+        slope[linear:], curvature[linear:] = 0.0, 1.0 / data.curvatures
         self._model.soft_weights(w_l=slope, w_u=slope, rho_l=curvature, rho_u=curvature)
 
     def reset(self) -> None:

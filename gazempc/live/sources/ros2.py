@@ -9,28 +9,19 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.loop.events import Event
 from gazempc.people.company import Cue, Glance, Sound
 from gazempc.robots.options import Ros2Options
-from gazempc.ros2.node import Ros2Node, Subscription
+from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
+from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
 from gazempc.ros2.transforms import Moved, Transforms
-from gazempc.ros2.wire import (
-    PoseType,
-    Ros2Network,
-    WireError,
-    on_loop_clock,
-    stamp_s,
-    stamp_to_loop_s,
-    topic_name,
-)
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
 _T = TypeVar("_T")
-# Any frame, also an optical one: the axes of its positions are known.
-ANY_FRAME = "*"
 _COVARIANCE_SHAPE = (6, 6)  # x, y, z, and turns about x, y, z
 _YAW = 5
 _POINT = "geometry_msgs/msg/PointStamped"
@@ -49,16 +40,15 @@ _DISCOVERY_S = 3.0
 
 
 class Ros2Source(ABC):
-    """Common part of the sources on ROS 2 topics, over Zenoh as rmw_zenoh does.
-
-    If the router is lost, that is a problem in the next `poll`; Zenoh connects again in the background.
+    """Common part of the sources on ROS 2 topics.
 
     Args:
         name: Name of the source in messages.
         node_name: Name of this program in the graph of ROS 2.
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
-        network: Router, domain and release of ROS 2.
+        options: Topics, types, frames and clock.
+        make_node: Makes the node.
     """
 
     def __init__(
@@ -67,11 +57,16 @@ class Ros2Source(ABC):
         node_name: str,
         clock_s: Callable[[], float],
         to_loop_s: Callable[[float], float],
-        network: Ros2Network,
+        options: Ros2Options,
+        make_node: MakeNode,
     ) -> None:
-        self._name, self._node_name, self._network = name, node_name, network
-        self._clock_s, self._to_loop_s = clock_s, to_loop_s
+        self._name, self._node_name, self._options = name, node_name, options
+        self._clock_s, self._unix_to_loop_s, self._make_node = clock_s, to_loop_s, make_node
         self._node: Ros2Node | None = None
+
+    def _to_loop_s(self, ros_s: float) -> float:
+        """A stamp on the loop's clock, seconds."""
+        return self._unix_to_loop_s(ros_s if self._node is None else self._node.unix_s(ros_s))
 
     @abstractmethod
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
@@ -79,34 +74,35 @@ class Ros2Source(ABC):
 
     @abstractmethod
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        """Take in messages; problems are appended. Raises WireError if the session is closed."""
+        """Take in messages; problems are appended. Raises Ros2Error if the node is closed."""
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; does not wait for a sender."""
         if self._node is not None:
             return
         try:
-            self._node = Ros2Node(self._node_name, self._network)
+            self._node = self._make_node(self._node_name, self._options.use_sim_time)
             self._watched = self._subscribe(self._node)
-        except WireError as error:
+        except Ros2Error as error:
             self.close()
             raise SourceError(f"{self._name}: {error}") from None
         self._silent: set[str] = set()
+        self._several: set[str] = set()
         self._watch_due_s = self._clock_s() + _DISCOVERY_S
 
     def poll(self) -> Arrived:
         """See `gazempc.live.sources.source.Source.poll`."""
         if self._node is None:
             return Arrived()
-        now_s, lost = self._clock_s(), self._node.lost_router()
-        problems = [lost] if lost else []
+        now_s = self._clock_s()
+        problems: list[str] = []
         sightings: Iterable[Sighting] = ()
         cues: Iterable[Cue] = ()
         try:
             sightings, cues = self._take_in(now_s, problems)
-        except WireError as error:
+        except Ros2Error as error:
             problems.append(f"{self._name}: {error}")
-        return Arrived(tuple(sightings), tuple(problems), self._without_sender(now_s), tuple(cues))
+        return Arrived(tuple(sightings), tuple(problems), self._watch_senders(now_s), tuple(cues))
 
     @property
     def finished(self) -> bool:
@@ -119,17 +115,24 @@ class Ros2Source(ABC):
             self._node.close()
         self._node = None
 
-    def _without_sender(self, now_s: float) -> tuple[Notice, ...]:
-        """A notice of topics that have newly no sender; one with a sender that sends nothing is none of them."""
+    def _watch_senders(self, now_s: float) -> tuple[Notice, ...]:
+        """A notice of topics that newly have no sender, and of those that newly have several; tf may have several."""
         if now_s < self._watch_due_s:
             return ()
         self._watch_due_s = now_s + _DISCOVERY_S
-        silent = {name for name, topic in self._watched.items() if not topic.has_senders}
-        newly, self._silent = sorted(silent - self._silent), silent
-        if not newly:
-            return ()
-        text = ", ".join(f"{name} as {self._watched[name].described}" for name in newly)
-        return (Notice(Event.NO_SENDER, f"no node sends on {text}: is it active, in this domain?", 0),)
+        senders = {name: topic.senders for name, topic in self._watched.items()}
+        silent = {name for name, nodes in senders.items() if not nodes}
+        several = {name for name, nodes in senders.items() if len(nodes) > 1 and name != _TF}
+        newly, twice = sorted(silent - self._silent), sorted(several - self._several)
+        self._silent, self._several = silent, several
+        notices: list[Notice] = []
+        if newly:
+            text = ", ".join(f"{name} as {self._watched[name].described}" for name in newly)
+            notices.append(Notice(Event.NO_SENDER, f"no node sends on {text}: is it active, in this domain?", 0))
+        if twice:
+            text = ", ".join(f"{name} ({' and '.join(sorted(senders[name]))})" for name in twice)
+            notices.append(Notice(Event.SEVERAL_SENDERS, f"several nodes send on {text}: stop all but one", 0))
+        return tuple(notices)
 
 
 def used(messages: Iterable[Any], take: Callable[[Any], _T | None], topic: str, problems: list[str]) -> list[_T]:
@@ -137,8 +140,6 @@ def used(messages: Iterable[Any], take: Callable[[Any], _T | None], topic: str, 
     found: list[_T] = []
     for message in messages:
         try:
-            if isinstance(message, WireError):
-                raise message
             result = take(message)
         except ValueError as error:
             problems.append(f"{topic}: {error}")
@@ -174,7 +175,7 @@ class TfListener:
             Frames that have moved, in the order of the messages.
 
         Raises:
-            WireError: If the session is closed.
+            Ros2Error: If the node is closed.
         """
         moved: list[Moved] = []
         for topic, subscription, fixed in (("/tf_static", self._fixed, True), (_TF, self.topics[_TF], False)):
@@ -185,19 +186,37 @@ class TfListener:
         return moved
 
 
-class Ros2Person(Ros2Source):
-    """A person's head from ``geometry_msgs/msg/PoseStamped``, or the type with covariance.
+class _Unplaced(NamedTuple):
+    """A message whose frame may not be known yet, and until when that is waited for."""
 
-    Positions are metres in the sensor's frame, x forward, y left, z up; the stamp is the time of capture.
+    message: Any
+    until_s: float
+
+
+class _Head(NamedTuple):
+    """A head in the frame of its message."""
+
+    position_m: FloatArray
+    quat_wxyz: FloatArray | None = None
+    covariance: FloatArray | None = None
+    person_id: str | None = None
+    confidence: float | None = None
+
+
+class Ros2Person(Ros2Source):
+    """Heads from a topic of poses, points or detections; the stamp is the time of capture.
+
+    Positions are in metres. Without a base frame in the options they are in the sensor's frame (x forward, y left, z
+    up), whose pose the mount gives; with it, tf brings any frame into the base frame. Zeros of a covariance are taken
+    for unknown, as is usual in ROS.
 
     Args:
-        topic: Topic of the head's poses.
+        topic: Topic of the heads.
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
-        network: Router, domain and release of ROS 2.
-        pose_type: Type of the messages. Zeros of a covariance are taken for unknown, as is usual in ROS.
-        frame_id: The frame that every pose must be in; None to take any but optical frames, whose axes are others;
-            `ANY_FRAME` to take these, too.
+        options: Message type, frames and clock.
+        optical: Whether frames with optical axes are accepted: the mount converts them.
+        make_node: Makes the node.
 
     Raises:
         SettingsError: If ROS 2 allows no such topic.
@@ -208,51 +227,120 @@ class Ros2Person(Ros2Source):
         topic: str,
         clock_s: Callable[[], float],
         to_loop_s: Callable[[float], float],
-        network: Ros2Network | None = None,
-        pose_type: PoseType = "geometry_msgs/msg/PoseStamped",
-        frame_id: str | None = None,
+        options: Ros2Options | None = None,
+        optical: bool = False,
+        make_node: MakeNode = Ros2Node,
     ) -> None:
-        self._topic = topic_name(topic)
+        self._topic, self._optical = topic_name(topic), optical
         name = f"ROS 2 topic {self._topic}"
-        super().__init__(name, "gazempc_person", clock_s, to_loop_s, network or Ros2Network())
-        self._pose_type, self._frame_id = pose_type, frame_id
+        super().__init__(name, "gazempc_person", clock_s, to_loop_s, options or Ros2Options(), make_node)
+        self._waiting: deque[_Unplaced] = deque(maxlen=_WAITING_MAX)
+        self._tf: TfListener | None = None
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
-        self._poses = node.subscription(self._topic, self._pose_type)
-        return {self._topic: self._poses}
+        self._poses = node.subscription(self._topic, self._options.pose_type)
+        self._waiting.clear()
+        if self._options.base_frame is None:
+            return {self._topic: self._poses}
+        self._tf = TfListener(node)
+        return {self._topic: self._poses, **self._tf.topics}
 
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        def sighting(message: Any) -> Sighting:
-            return Sighting(now_s, self._observation(message, now_s))
+        if self._tf is not None:
+            self._tf.listen(problems)
+        waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        waiting += [_Unplaced(message, now_s + WAITS_S) for message in self._poses.take()]
+        found = used(waiting, lambda each: self._seen(each, now_s, problems), self._topic, problems)
+        return [Sighting(now_s, observation) for seen in found for observation in seen], ()
 
-        return used(self._poses.take(), sighting, self._topic, problems), ()
-
-    def _observation(self, message: Any, now_s: float) -> HeadObservation:
-        frame_id = message.header.frame_id
-        if self._frame_id not in (None, ANY_FRAME, frame_id):
-            raise WireError(f"a pose is in the frame {frame_id!r}, expected is {self._frame_id!r}")
-        if self._frame_id is None and frame_id.endswith("optical_frame"):
-            raise WireError(
-                f"a pose is in the frame {frame_id!r}, whose z points forward: needed is x forward, z up; for "
-                "optical axes say --mount.axes optical"
+    def _seen(self, waiting: _Unplaced, now_s: float, problems: list[str]) -> list[HeadObservation] | None:
+        """Heads of a message; None while it waits for tf."""
+        header = waiting.message.header
+        time_s = stamp_s(header.stamp)
+        captured_s = on_loop_clock(time_s, self._to_loop_s, now_s)
+        frame, base_frame, pose = header.frame_id.lstrip("/"), self._options.base_frame, None
+        if base_frame is not None and self._tf is not None:
+            try:
+                pose = self._tf.transforms.pose(frame, base_frame, time_s)
+            except Ros2Error:
+                if now_s >= waiting.until_s:
+                    raise
+                self._waiting.append(waiting)
+                return None
+        elif not self._optical and frame.endswith("optical_frame"):
+            raise Ros2Error(
+                f"a pose is in the frame {frame!r}, whose z points forward: needed is x forward, z up; for optical "
+                "axes say --mount.axes optical, or name options.ros2.base_frame"
             )
-        pose, covariance = message.pose, np.zeros(_COVARIANCE_SHAPE)
-        if self._pose_type == "geometry_msgs/msg/PoseWithCovarianceStamped":
-            pose, covariance = pose.pose, np.asarray(pose.covariance).reshape(_COVARIANCE_SHAPE)
-        position, turn = pose.position, pose.orientation
-        quat_wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
-        # All zeros: none, by convention of ROS.
-        oriented = bool(quat_wxyz.any())
-        yaw_variance_rad2 = float(covariance[_YAW, _YAW])
-        if oriented and not 0.0 <= yaw_variance_rad2 < np.inf:
-            raise WireError(f"the variance of a pose's yaw is {yaw_variance_rad2}: needed is 0 (not known) or more")
-        return HeadObservation(
-            capture_time_s=stamp_to_loop_s(message.header.stamp, self._to_loop_s, now_s),
-            head_position_base_m=np.array([position.x, position.y, position.z]),
-            head_quat_wxyz=quat_wxyz if oriented else None,
-            position_covariance_m2=covariance[:3, :3] if covariance[:3, :3].any() else None,
-            head_yaw_sd_rad=math.sqrt(yaw_variance_rad2) if oriented and yaw_variance_rad2 else None,
-        )
+        # Each head of a message counts for itself: one that is wrong does not cost the others.
+        heads = _heads(waiting.message, self._options.pose_type)
+        return used(heads, lambda head: _observation(head, captured_s, pose), self._topic, problems)
+
+
+def _heads(message: Any, pose_type: str) -> list[_Head]:
+    """Heads of a message of a `PoseType`."""
+    if pose_type.endswith("PointStamped"):
+        return [_Head(_xyz(message.point))]
+    if pose_type.endswith("PoseArray"):
+        return [_Head(_xyz(pose.position), _quat_wxyz(pose)) for pose in message.poses]
+    if pose_type.endswith("PoseStamped"):
+        return [_Head(_xyz(message.pose.position), _quat_wxyz(message.pose))]
+    if pose_type.endswith("PoseWithCovarianceStamped"):
+        pose = message.pose.pose
+        return [_Head(_xyz(pose.position), _quat_wxyz(pose), _covariance(message.pose))]
+    heads: list[_Head] = []
+    for detection in message.detections:
+        best = max(detection.results, key=lambda result: result.hypothesis.score, default=None)
+        stated = None if best is None else best.pose
+        # Detectors leave out one of both: poses of hypotheses, or the box.
+        use_box = stated is None or not any(_xyz(stated.pose.position))
+        pose = detection.bbox.center if use_box or stated is None else stated.pose
+        covariance = None if use_box or stated is None else _covariance(stated)
+        score = None if best is None else min(max(float(best.hypothesis.score), 0.0), 1.0)
+        heads.append(_Head(_xyz(pose.position), None, covariance, detection.id or None, score))
+    return heads
+
+
+def _xyz(point: Any) -> FloatArray:
+    return np.array([point.x, point.y, point.z], dtype=np.float64)
+
+
+def _quat_wxyz(pose: Any) -> FloatArray | None:
+    """The orientation; None for zeros, by convention of ROS."""
+    turn = pose.orientation
+    quat_wxyz = np.array([turn.w, turn.x, turn.y, turn.z], dtype=np.float64)
+    return quat_wxyz if quat_wxyz.any() else None
+
+
+def _covariance(pose: Any) -> FloatArray:
+    return np.asarray(pose.covariance, dtype=np.float64).reshape(_COVARIANCE_SHAPE)
+
+
+def _observation(head: _Head, captured_s: float, pose: FloatArray | None) -> HeadObservation:
+    """An observation of a head, brought into another frame by a pose, shape (4, 4)."""
+    position_m, quat_wxyz = head.position_m, head.quat_wxyz
+    place, yaw_variance_rad2 = None, 0.0
+    if head.covariance is not None:
+        place = head.covariance[:3, :3] if head.covariance[:3, :3].any() else None
+        yaw_variance_rad2 = float(head.covariance[_YAW, _YAW])
+        if quat_wxyz is not None and not 0.0 <= yaw_variance_rad2 < np.inf:
+            raise Ros2Error(f"the variance of a pose's yaw is {yaw_variance_rad2}: needed is 0 (not known) or more")
+    if pose is not None:
+        turn = pose[:3, :3]
+        position_m = turn @ position_m + pose[:3, 3]
+        place = None if place is None else turn @ place @ turn.T
+        if quat_wxyz is not None and np.isfinite(quat_wxyz).all():
+            turned = Rotation.from_matrix(turn) * Rotation.from_quat(quat_wxyz, scalar_first=True)
+            quat_wxyz = turned.as_quat(scalar_first=True)
+    return HeadObservation(
+        capture_time_s=captured_s,
+        head_position_base_m=position_m,
+        head_quat_wxyz=quat_wxyz,
+        position_covariance_m2=place,
+        head_yaw_sd_rad=math.sqrt(yaw_variance_rad2) if quat_wxyz is not None and yaw_variance_rad2 else None,
+        person_id=head.person_id,
+        confidence=head.confidence,
+    )
 
 
 class _Point(NamedTuple):
@@ -270,8 +358,9 @@ class Ros2Cues(Ros2Source):
     Args:
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
-        options: Network, topics and frames. A point needs a base frame.
+        options: Topics and frames. A point needs a base frame.
         to_base: From the base frame of the options to the neck's, both shape (3,), metres.
+        make_node: Makes the node.
 
     Raises:
         SettingsError: If ROS 2 allows no such topic.
@@ -283,12 +372,13 @@ class Ros2Cues(Ros2Source):
         to_loop_s: Callable[[float], float],
         options: Ros2Options,
         to_base: Callable[[FloatArray], FloatArray],
+        make_node: MakeNode = Ros2Node,
     ) -> None:
-        self._options, self._to_base = options, to_base
+        self._to_base = to_base
         self._point_topic = "" if options.point_topic is None else topic_name(options.point_topic)
         self._sound_topic = "" if options.sound_topic is None else topic_name(options.sound_topic)
         name = self._point_topic or self._sound_topic
-        super().__init__(name, "gazempc_cues", clock_s, to_loop_s, options.network)
+        super().__init__(name, "gazempc_cues", clock_s, to_loop_s, options, make_node)
         self._tf: TfListener | None = None
         self._topics: dict[str, Subscription] = {}
         self._waiting: deque[_Point] = deque(maxlen=_WAITING_MAX)
@@ -322,7 +412,7 @@ class Ros2Cues(Ros2Source):
         azimuth_rad = math.radians(message.data) if in_degrees else float(message.data)
         if not abs(azimuth_rad) <= _TURN_RAD:
             wanted = "degrees, at most 360" if in_degrees else "radians, at most a whole turn"
-            raise WireError(f"a direction of sound is {message.data}: needed are {wanted}, positive to the left")
+            raise Ros2Error(f"a direction of sound is {message.data}: needed are {wanted}, positive to the left")
         if self._options.sound_frame is None or self._options.base_frame is None or self._tf is None:
             return Sound(now_s, azimuth_rad)
         pose = self._tf.transforms.pose(self._options.sound_frame, self._options.base_frame)
@@ -334,9 +424,9 @@ class Ros2Cues(Ros2Source):
         frame, point, stamp = message.header.frame_id.lstrip("/"), message.point, message.header.stamp
         place_m = np.array([point.x, point.y, point.z])
         if not frame:
-            raise WireError("a point's header names no frame")
+            raise Ros2Error("a point's header names no frame")
         if not np.isfinite(place_m).all():
-            raise WireError(f"a point is at {place_m.tolist()}: needed are finite metres")
+            raise Ros2Error(f"a point is at {place_m.tolist()}: needed are finite metres")
         # Without a stamp: now, as is usual in tf.
         time_s = stamp_s(stamp) if stamp.sec or stamp.nanosec else None
         if time_s is not None:
@@ -346,17 +436,17 @@ class Ros2Cues(Ros2Source):
     def _glance(self, point: _Point, now_s: float) -> Glance | None:
         base_frame = self._options.base_frame
         if base_frame is None or self._tf is None:
-            raise WireError("a point needs options.ros2.base_frame")
+            raise Ros2Error("a point needs options.ros2.base_frame")
         try:
             pose = self._tf.transforms.pose(point.frame, base_frame, point.time_s)
-        except WireError as error:
+        except Ros2Error as error:
             if now_s >= point.until_s:
-                raise WireError(f"a point is in the frame {point.frame!r}: {error}") from None
+                raise Ros2Error(f"a point is in the frame {point.frame!r}: {error}") from None
             self._waiting.append(point)
             return None
         target_m = self._to_base((pose @ np.append(point.place_m, 1.0))[:3])
         if np.linalg.norm(target_m) < _NEAREST_M:
-            raise WireError(f"a point is in the neck itself, at {target_m.round(3).tolist()} m of its base")
+            raise Ros2Error(f"a point is in the neck itself, at {target_m.round(3).tolist()} m of its base")
         again = now_s - self._pointed_s < _SAME_S and math.dist(target_m, self._pointed_m) < _SAME_M
         self._pointed_s = now_s
         if again:

@@ -16,16 +16,20 @@ from gazempc.live.sources.ros2 import WAITS_S, Ros2Source, TfListener, used
 from gazempc.people.company import Cue
 from gazempc.recordings.readers.bag_frames import Poses, forward
 from gazempc.recordings.readers.bag_people import is_person
-from gazempc.ros2.node import Ros2Node, Subscription
+from gazempc.robots.options import Ros2Options
+from gazempc.ros2.messages import Ros2Error, on_loop_clock
+from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
 from gazempc.ros2.transforms import Moved, Transforms
-from gazempc.ros2.wire import Ros2Network, WireError, on_loop_clock
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
 Kind = Literal["face", "head", "body"]
 KINDS: tuple[Kind, ...] = ("face", "head", "body")
 _LISTS = {"face": "/humans/faces/tracked", "body": "/humans/bodies/tracked", "person": "/humans/persons/tracked"}
-_MATCHES = {"face": "/humans/persons/*/face_id", "body": "/humans/persons/*/body_id"}
+# The part that a person's topic names.
+_MATCHES = {"face": "face_id", "body": "body_id"}
+# Ids of the tracker become names of topics.
+_ID = re.compile(r"\w+")
 # Heads of skeletons are named by the body.
 _PART = {"face": "face", "head": "body", "body": "body"}
 
@@ -41,37 +45,25 @@ class HriIds:
         self._lists = {
             part: node.subscription(topic, "hri_msgs/msg/IdsList", latched=True) for part, topic in _LISTS.items()
         }
-        self._matches = {
-            part: node.subscription(topic, "std_msgs/msg/String", latched=True) for part, topic in _MATCHES.items()
-        }
-        self._listed: dict[str, frozenset[str]] = {}
+        self._node = node
         # By part and person.
+        self._matches: dict[tuple[str, str], Subscription] = {}
+        self._listed: dict[str, frozenset[str]] = {}
         self._part_of: dict[tuple[str, str], str] = {}
 
-    def listen(self) -> list[str]:
+    def listen(self) -> None:
         """Take in what has come.
 
-        Returns:
-            What could not be used, and why.
-
         Raises:
-            WireError: If the session is closed.
+            Ros2Error: If the node is closed.
         """
-        problems: list[str] = []
         for part, listed in self._lists.items():
             for message in listed.take():
-                if isinstance(message, WireError):
-                    problems.append(f"{_LISTS[part]}: {message}")
-                else:
-                    self._list(part, frozenset(message.ids))
-        for part, matches in self._matches.items():
-            for topic, message in matches.take_named():
-                if isinstance(message, WireError):
-                    problems.append(f"{topic}: {message}")
-                else:
-                    # An empty name withdraws the match.
-                    self._part_of[part, topic.split("/")[3]] = message.data
-        return problems
+                self._list(part, frozenset(message.ids))
+        for key, match in self._matches.items():
+            for message in match.take():
+                # An empty name withdraws the match.
+                self._part_of[key] = message.data
 
     def is_tracked(self, kind: Kind, part_id: str) -> bool:
         """Whether a face or body is tracked. Some trackers go on sending the last pose of a face that they lost.
@@ -102,9 +94,14 @@ class HriIds:
 
     def _list(self, part: str, ids: frozenset[str]) -> None:
         if part == "person":
-            # A match may come before the list that names the person, but not after one that does not any more.
-            gone = self._listed.get(part, frozenset()) - ids
-            self._part_of = {key: its_id for key, its_id in self._part_of.items() if key[1] not in gone}
+            for key in [key for key in self._matches if key[1] not in ids]:
+                self._node.forget(self._matches.pop(key))
+                self._part_of.pop(key, None)
+            for person in filter(_ID.fullmatch, ids):
+                for of, topic in _MATCHES.items():
+                    if (of, person) not in self._matches:
+                        full = f"/humans/persons/{person}/{topic}"
+                        self._matches[of, person] = self._node.subscription(full, "std_msgs/msg/String", latched=True)
         self._listed[part] = ids
 
     def _is_listed(self, part: str, its_id: str) -> bool:
@@ -186,7 +183,7 @@ class HeadFrames:
             for name in filter(self._is_head, self._transforms.moved_with(frame)):
                 try:
                     captured_s = on_loop_clock(time_s, self._to_loop_s, now_s)
-                except WireError as error:
+                except Ros2Error as error:
                     problems.append(f"{name}: {error}")
                 else:
                     self._waiting.append(_Waiting(name, time_s, captured_s, now_s + WAITS_S))
@@ -195,7 +192,7 @@ class HeadFrames:
             head = self._waiting.popleft()
             try:
                 found.append((head, self._transforms.pose(head.name, self._seen_from(head.name), head.time_s)))
-            except WireError as error:
+            except Ros2Error as error:
                 if now_s < head.until_s:
                     self._waiting.append(head)
                 else:
@@ -217,9 +214,9 @@ class HeadFrames:
         above = (up for up in self._transforms.ancestors(name) if not (is_person(up) or up.endswith(own)))
         sensor = next(above, None)
         if sensor is None:
-            raise WireError("no transform to the frame of a sensor")
+            raise Ros2Error("no transform to the frame of a sensor")
         if self._sensor_frame not in (None, sensor):
-            raise WireError(
+            raise Ros2Error(
                 f"it is seen from {sensor!r}, others from {self._sensor_frame!r}: set --options.ros2.base-frame, a "
                 "frame of the robot that tf connects with both"
             )
@@ -261,31 +258,30 @@ class Ros4HriPeople(Ros2Source):
     Args:
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
-        network: Router, domain and release of ROS 2.
-        base_frame: tf frame of the positions, on the robot. Default: the frame of the tracker's sensor, with optical
-            axes converted to x forward. The mount gives the pose of this frame.
+        options: Clock, and the tf frame of the positions, on the robot. Without it the frame of the tracker's sensor,
+            with optical axes converted to x forward. The mount gives the pose of this frame.
+        make_node: Makes the node.
     """
 
     def __init__(
         self,
         clock_s: Callable[[], float],
         to_loop_s: Callable[[float], float],
-        network: Ros2Network | None = None,
-        base_frame: str | None = None,
+        options: Ros2Options | None = None,
+        make_node: MakeNode = Ros2Node,
     ) -> None:
-        super().__init__("ROS4HRI", "gazempc_people", clock_s, to_loop_s, network or Ros2Network())
-        self._base_frame = base_frame
+        super().__init__("ROS4HRI", "gazempc_people", clock_s, to_loop_s, options or Ros2Options(), make_node)
         # By the tracker's name: capture time and place.
         self._faces: dict[str, tuple[float, FloatArray]] = {}
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         self._tf, self._ids = TfListener(node), HriIds(node)
-        self._heads = HeadFrames(self._tf.transforms, self._ids.is_tracked, self._to_loop_s, self._base_frame)
+        self._heads = HeadFrames(self._tf.transforms, self._ids.is_tracked, self._to_loop_s, self._options.base_frame)
         self._faces = {}
         return self._tf.topics
 
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        problems += self._ids.listen()
+        self._ids.listen()
         heads, unplaced = self._heads.heads(self._tf.listen(problems), now_s)
         problems += [f"/tf, {problem}" for problem in unplaced]
         sightings: list[Sighting] = []

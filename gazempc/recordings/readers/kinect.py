@@ -37,6 +37,8 @@ _LEVEL_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.
 _PERSON_IN_JOINT = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 # An hour at 30 Hz with one body has 7 million; each takes some 60 bytes of memory or more.
 _MOST_LISTS = 10_000_000
+# The tool writes the names of bones and joints first; they have 1 kB.
+_BEGINNING_BYTES = 65_536
 _FORMAT = "Azure Kinect body tracking JSON (offline_processor)"
 _Number = float | None  # the tool writes null for NaN
 
@@ -59,6 +61,17 @@ class _Frame(_KinectModel):
 class _File(_KinectModel):
     joint_names: list[str]
     frames: list[_Frame] = Field(min_length=1)
+
+
+def is_kinect(path: Path) -> bool:
+    """Whether a file of JSON begins as a body tracking file does, and not as a list of other files.
+
+    Args:
+        path: The file.
+    """
+    with path.open("rb") as file:
+        beginning = file.read(_BEGINNING_BYTES)
+    return any(key in beginning for key in (b'"frames"', b'"joint_names"', b'"bone_list"'))
 
 
 def read_kinect(path: Path, options: ReadOptions) -> Recording:

@@ -151,13 +151,12 @@ def draw_known(ax: Axes, x: FloatArray, y: FloatArray, head: ShownHead, **look: 
     ax.plot(x[alone], y[alone], **(look | {"ls": "", "marker": "o", "ms": _POINT}))
 
 
-def contact_shares(log: Log) -> tuple[float, float, float]:
-    """Shares of the scored window with eye contact, for the three cones; NaN where nothing can be scored."""
+def contact_share(log: Log) -> float:
+    """Share of the scored window with eye contact; NaN where nothing can be scored."""
     try:
-        found = measure(log)
+        return measure(log).eye_contact_2p6
     except LeftOutError:
-        return (np.nan, np.nan, np.nan)
-    return found.eye_contact_2p6, found.eye_contact_4, found.eye_contact_9
+        return np.nan
 
 
 def known_title(logs: Logs) -> str:

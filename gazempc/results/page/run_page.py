@@ -111,9 +111,7 @@ def _cell(value: float) -> str:
 _ABOUT = {
     "overview.png": "The walk from above, the gaze error over time, and the time with eye contact",
     "gaze.gif": "Animation: what the robot sees with each gaze",
-    "birds_eye.png": "The walk from above: where the person went, and where the robot looked",
     "angles.png": "Angles of the joints, and those that they should have",
-    "gaze_error.png": "Gaze error over time, with the cones of eye contact",
     "attended.png": "Who was looked at over time and why, looks away, and contact",
 }
 # Every run begins with the first; the second is a note of the whole.

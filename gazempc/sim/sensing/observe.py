@@ -9,13 +9,18 @@ import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.recordings.recording import Recording, Track, turned
-from gazempc.sim.sensing.position import jump_error, other_offset, shows_other, sight_error, stated_covariances
-from gazempc.sim.sensing.processes import bouts, wander
+from gazempc.sim.sensing.errors import (
+    faces_away,
+    jump_error,
+    other_offset,
+    shows_other,
+    sight_error,
+    stated_covariances,
+    yaw_error,
+)
+from gazempc.sim.sensing.processes import arrivals, bouts, frames_taken, stamps, wander
 from gazempc.sim.sensing.spec import SensorSpec
 from gazempc.sim.sensing.tables import YawError
-from gazempc.sim.sensing.times import arrivals, frames_taken, stamps
-from gazempc.sim.sensing.view import in_view
-from gazempc.sim.sensing.yaw import faces_away, yaw_error
 from gazempc.types import BoolArray, FloatArray, IntArray, Sighting
 from predictors import HeadObservation
 
@@ -109,7 +114,7 @@ def _within(sensor: SensorSpec, true_m: FloatArray, measured_m: FloatArray) -> B
     """Where the head is in range, as far as the sensor can measure that, and in view: shape (N,)."""
     range_m = np.linalg.norm(measured_m, axis=1)
     in_range: BoolArray = (sensor.range_min_m <= range_m) & (range_m <= sensor.range_max_m)
-    return in_range & in_view(sensor.view, true_m) if sensor.view.on == "base" else in_range
+    return in_range & sensor.view.contains(true_m) if sensor.view.on == "base" else in_range
 
 
 def _yaw_error(

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
 
 class _Table(BaseModel):
@@ -72,7 +72,7 @@ class Bouts(_Table):
 
     mean_interval_s: float = Field(
         default=math.inf,
-        gt=0,
+        ge=0.001,  # a frame, at the highest rate of a sensor
         description="Mean time from the end of one bout to the start of the next; without it no bouts",
     )
     duration_min_s: float = Field(default=0.0, ge=0, le=1000, description="Shortest duration; 0: one frame")
@@ -107,7 +107,7 @@ class OtherPerson(_Table):
     )
     every_s: float = Field(
         default=math.inf,
-        gt=0,
+        ge=0.001,
         description="Period; the end of it shows the other person. Without it there is no other person",
     )
     shown_s: float = Field(default=0.0, ge=0, le=1000, description="Time in each period that shows the other person")
@@ -186,6 +186,22 @@ class FieldOfView(_Table):
     def limited(self) -> bool:
         """Whether anything is out of view."""
         return self.horizontal_deg < 360.0 or self.vertical_deg < 180.0
+
+    def contains(self, positions_m: FloatArray) -> BoolArray:
+        """Where a head is in view.
+
+        Args:
+            positions_m: Heads in the sensor's frame: x forward, y left, z up; shape (N, 3), metres.
+
+        Returns:
+            Shape (N,).
+        """
+        x, y, z = positions_m.T
+        azimuth_deg = np.degrees(np.arctan2(y, x))
+        elevation_deg = np.degrees(np.arctan2(z, np.hypot(x, y)))
+        return np.asarray(
+            (np.abs(azimuth_deg) <= self.horizontal_deg / 2) & (np.abs(elevation_deg) <= self.vertical_deg / 2)
+        )
 
 
 def _check_order(what: str, unit: str, low: float, high: float) -> None:

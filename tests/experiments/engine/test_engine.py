@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tiny_jobs import Tiny
 
+from experiments.engine import engine as engine_module
 from experiments.engine.engine import Engine
 from experiments.engine.job import carry_out, program_hash
 from gazempc.errors import GazempcError
@@ -97,3 +98,14 @@ def test_an_exception_between_two_results_ends_the_workers(tmp_path, monkeypatch
     with pytest.raises(OSError, match="disk full"), Engine(tmp_path, jobs=1) as engine:
         engine.run([Tiny(1), Tiny(2)])
     assert [str(error) for error in ended] == ["disk full"]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_of_many_jobs_the_number_and_the_time_are_said(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(engine_module, "_MANY", 10)
+    for count, said in ((9, False), (20, True)):
+        with Engine(tmp_path / str(count), 1) as work:
+            work.run([Tiny(k) for k in range(count)])
+        error = capsys.readouterr().err
+        assert (f"{count} runs to do" in error) == said
+        assert ("min for the other 16" in error) == said

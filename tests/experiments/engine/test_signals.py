@@ -94,7 +94,7 @@ def test_a_command_that_hangs_after_a_signal_is_ended():
     """Code that swallows the interruption, as a library may, holds nothing up."""
     code = (
         "import time\n"
-        "from experiments.engine.command import run_command\n"
+        "from gazempc.command import run_interruptible\n"
         "def stubborn():\n"
         "    while True:\n"
         "        try:\n"
@@ -102,9 +102,9 @@ def test_a_command_that_hangs_after_a_signal_is_ended():
         "            time.sleep(60)\n"
         "        except BaseException:\n"
         "            pass\n"
-        "from experiments.engine import signals\n"
+        "from gazempc import signals\n"
         "signals._GRACE_S = 0.2\n"
-        "run_command('stubborn', stubborn)\n"
+        "run_interruptible('stubborn', stubborn)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "ready\n"

@@ -38,7 +38,7 @@ def test_examples_lead_to_where_the_walk_went(sensor):
             continue
         np.testing.assert_allclose(examples.network[k], inputs.network, rtol=2**-10, atol=1e-6)
         np.testing.assert_allclose(examples.spread[k], inputs.spread, rtol=1e-6)
-        np.testing.assert_allclose(examples.noise_m[k], inputs.noise_sd_m, rtol=1e-6)
+        np.testing.assert_allclose(examples.noise_m[k], inputs.stated_sd_m, rtol=1e-6)
         c, s = np.cos(inputs.line.heading_rad), np.sin(inputs.line.heading_rad)
         for horizon_s, (along, across, up) in zip(KNOTS_S, examples.departure_m[k], strict=True):
             at = inputs.line.origin_base_m + horizon_s * inputs.line.velocity_base_m_s

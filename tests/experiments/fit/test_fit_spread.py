@@ -26,18 +26,18 @@ def held(error, scale, v):
 
 
 def no_noise(n):
-    return np.zeros((n, 2, 3))
+    return np.zeros((n, 3))
 
 
 def shared2(shares, noise_m):
-    """Variances by shares of the noise, as measured and as stated, shape (N, knots, 3)."""
-    return sum((shares[k][:, None] * noise_m[:, k, None]) ** 2 for k in range(2))
+    """Variances by shares of the stated error, shape (N, knots, 3)."""
+    return (shares[:, None] * noise_m[:, None]) ** 2
 
 
 def some_noise(rng, n):
     """From 1 to 100 mm, other on each axis and each frame; every third tracker states it, the others do not."""
     noise_m = no_noise(n)
-    noise_m[np.arange(n), (np.arange(n) % 3 == 0).astype(int)] = np.exp(rng.uniform(np.log(0.001), np.log(0.1), (n, 3)))
+    noise_m[::3] = np.exp(rng.uniform(np.log(0.001), np.log(0.1), noise_m[::3].shape))
     return noise_m
 
 
@@ -84,7 +84,7 @@ def test_the_gradient_of_the_likelihood_is_its_slope():
 
 def same_for_all(scale_m, v, share=0.0):
     unhidden = np.zeros((1, 0)), np.zeros((0, KNOTS, 3))
-    return Spread(np.full((1, KNOTS, 3), np.log(scale_m)), *unhidden, np.full((2, KNOTS), share), v)
+    return Spread(np.full((1, KNOTS, 3), np.log(scale_m)), *unhidden, np.full(KNOTS, share), v)
 
 
 @pytest.mark.parametrize("said", [0.07, 0.1, 0.16])

@@ -9,8 +9,7 @@ from bs4 import BeautifulSoup
 from builders.own_parts import own_module
 
 from experiments.forecast.command import forecast, main
-from experiments.forecast.errors import forecast_errors
-from experiments.forecast.view import turn_head
+from experiments.forecast.errors import forecast_errors, turn_head
 from gazempc.recordings.load import load
 from gazempc.recordings.recording import Recording, Track
 from gazempc.recordings.truth import TrueHead

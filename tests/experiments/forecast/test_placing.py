@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.forecast.command import forecast
-from experiments.forecast.view import placed_for
+from experiments.forecast.errors import placed_for
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording

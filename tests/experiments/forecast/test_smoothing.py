@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from experiments.forecast.view import smooth_truth
+from experiments.forecast.errors import smooth_truth
 from gazempc.recordings.recording import Recording, Track
 
 OVER_S = 0.4

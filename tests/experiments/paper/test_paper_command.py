@@ -8,7 +8,8 @@ import pytest
 from builders.paper import PEOPLE, WALKS, execute, write_walks
 from scipy.stats import wilcoxon
 
-from experiments.paper.filters import SLOW_TIME_S, TUNED_TIME_S
+from experiments.paper.analysis import SLOW_TIME_S, TUNED_TIME_S
+from experiments.paper.figures import draw_routes
 from experiments.paper.findings import side_by_side
 from experiments.paper.frames import (
     FrameJob,
@@ -16,21 +17,20 @@ from experiments.paper.frames import (
 )
 from experiments.paper.reproduction import main
 from experiments.paper.validation import exact_weight
+from gazempc.recordings.synthetic.routes import ROUTES
+from gazempc.recordings.synthetic.walks import generate
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
 SWEPT_S = (TUNED_TIME_S, SLOW_TIME_S, 2.0)
-FIGURES = ("error_bars.png", "routes.png")
 
 
 def run(folder, out, drawn=False):
     """The command with three of its filters, figures only where wanted."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("experiments.paper.reproduction.FILTER_TIMES_S", SWEPT_S)
-        for name in () if drawn else ("figures.draw_bars",):
-            patch.setattr(f"experiments.paper.{name}", lambda *_: None)
         if not drawn:
-            patch.setattr("experiments.paper.routes_figure.draw_routes", lambda *_: None)
+            patch.setattr("experiments.paper.figures.draw_bars", lambda *_: None)
         return main(["--recordings", str(folder), "--jobs", "1", "--trials", "5", "--out", str(out)])
 
 
@@ -129,8 +129,13 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(validated, tmp_path):
         assert (tmp_path / "runs" / name).read_bytes() == (out / "runs" / name).read_bytes()
     for name in ("summary.json", "summary.md"):
         assert (tmp_path / name).read_bytes() == (out / name).read_bytes()
-    for name in FIGURES:
-        assert (tmp_path / name).stat().st_size > 5000
+    assert (tmp_path / "error_bars.png").stat().st_size > 5000
+
+
+@pytest.mark.slow
+def test_the_routes_of_synthetic_walks_are_drawn(tmp_path):
+    draw_routes([generate(f"subject01_{route}") for route in ROUTES], tmp_path / "routes.png")
+    assert (tmp_path / "routes.png").stat().st_size > 5000
 
 
 def test_a_broken_recording_is_named_and_the_rest_validated(validated, tmp_path):

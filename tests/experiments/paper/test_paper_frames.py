@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders.paper import VELOCITY_M_S, execute, line_m, made_errors
 
-from experiments.paper.filters import TUNED_TIME_S
+from experiments.paper.analysis import TUNED_TIME_S
 from experiments.paper.frames import (
     HORIZONS_S,
     RULES,
@@ -74,7 +74,6 @@ def test_the_error_at_any_weight_is_that_of_the_predictor_run_with_it(name, rule
         R = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
         by_hand.append(x[:3] + N * ((1 - weight) * d_kalman + weight * R @ d_kalman))
     row = execute(FrameJob(name, TUNED_TIME_S, tuple(RULES), 0))
-    assert row["seen_frames"] == len(observations)
     true_head = TrueHead(placed)
     for k, horizon_s in enumerate(HORIZONS_S):
         after = [position_at(t + horizon_s, times_s, filtered) for t in times_s]
@@ -118,7 +117,6 @@ def test_a_frame_whose_future_was_not_seen_is_not_scored(monkeypatch):
     valid[60:75] = False
     row = made_errors(monkeypatch, line_m(), valid=valid)
     scored = [i for i in range(105) if valid[i] and valid[i + 15]]
-    assert row["seen_frames"] == 105
     (video,) = frames_of([row])
     kalman = ConstantVelocity(0.01**2 / 30 / TUNED_TIME_S**4, 0.01, gated=False)
     states = {}

@@ -9,8 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm, wilcoxon
 
-from experiments.paper.significance import frame_test, person_test
-from experiments.paper.validation import Judged
+from experiments.paper.validation import Judged, frame_test, person_test
 
 
 def judged_of(gains_mm_by_person, seed=0, videos=2):

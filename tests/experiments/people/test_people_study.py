@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.people.crossing import cross, crossing_walks
-from experiments.people.crowds import crowd_of, score
+from experiments.people.identities import cross, crossing_walks, crowd_of, score
 from experiments.people.study import main
 from gazempc.recordings.truth import TrueHead
 

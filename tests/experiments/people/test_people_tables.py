@@ -1,13 +1,13 @@
-"""Tables of looks away, switches and engagement: they say what the logs say."""
+"""Tables of looks away, switches and engagement."""
 
 import numpy as np
 import pytest
 from builders.attention import attention_log, error_in
 from scipy.optimize import brentq
 
-from experiments.people import tables
+from experiments.people import study
 from experiments.people.standing import least_time_s
-from experiments.people.tables import decided
+from experiments.people.study import decided
 from gazempc.neck.spec import load_neck
 
 
@@ -25,32 +25,15 @@ PLANNED = ((2.0, 3.0, "listening"), (6.0, 8.0, "listening"))
 
 @pytest.fixture
 def talks(monkeypatch):
-    """Talks without a replay: of 1 s and 2 s, 4 s apart, each back 0.1 s late."""
+    """Talks without a replay: looks away of 1 s and 2 s, each back 0.1 s late."""
     log = attention_log(error_in(10.0, 15.0, (0.0, 2.0), (3.1, 6.0), (8.1, 10.1)), away=PLANNED)
-    asked = []
-
-    def talk(*about):
-        asked.append(about)
-        return log
-
-    monkeypatch.setattr(tables, "talk", talk)
-    monkeypatch.setattr(tables, "return_late_s", lambda *_: [0.01, 0.02, np.inf])
-    return asked
+    monkeypatch.setattr(study, "talk", lambda *_: log)
+    monkeypatch.setattr(study, "return_late_s", lambda *_: [0.01, 0.02, np.inf])
 
 
-def test_the_schedules_table_has_what_was_planned_and_what_became_of_it(talks):
-    rows = cells(tables.schedule_table(10.0))
-    assert talks == [("mpc", rhythm, 10.0, "reference") for rhythm in ("speaking", "listening")]
-    rhythm, count, lasts, ratio, every, of_every, planned, away = rows[0]
-    assert (rhythm, count, lasts, every) == ("speaking", "2", "1.50", "4.00")
-    assert float(ratio) == pytest.approx(3.2 / 3.0, abs=0.01)
-    assert float(of_every) == pytest.approx(1.0, abs=0.01)
-    assert float(planned) == pytest.approx(100.0 * 3.0 / 9.0, abs=0.2)
-    assert float(away) == pytest.approx(100.0 * 3.0 / 9.0, abs=0.2)
-
-
-def test_the_tables_of_returns_have_each_controller_standing_and_walking(talks):
-    rows = cells(tables.return_table(6))
+@pytest.mark.usefixtures("talks")
+def test_the_tables_of_returns_have_each_controller_standing_and_walking():
+    rows = cells(study.return_table(6))
     assert [row[:2] for row in rows[:5]] == [
         *([name, "reference"] for name in ("reactive", "lookahead", "mpc", "perfect")),
         ["mpc", "slow"],

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from experiments.rivals.camera import camera_of, detect, on_the_head
 from experiments.rivals.rival import HeadCamera
+from experiments.rivals.simulate import camera_of, detect, on_the_head
 from gazempc.neck.spec import Geometry
 from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.sim.sensor import load_sensor

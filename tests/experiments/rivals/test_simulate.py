@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from experiments.rivals.camera import on_the_head
 from experiments.rivals.rival import View
-from experiments.rivals.simulate import simulate
+from experiments.rivals.simulate import on_the_head, simulate
 from experiments.rivals.trials import make_trial
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.results.metrics import measure

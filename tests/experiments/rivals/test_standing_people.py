@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from experiments.rivals.camera import on_the_head
 from experiments.rivals.comparison import STANDING, main
 from experiments.rivals.plan import make_jobs
+from experiments.rivals.simulate import on_the_head
 from experiments.rivals.trials import SIT, STAND, make_trial
 from gazempc.errors import LeftOutError
 from gazempc.neck.spec import load_neck

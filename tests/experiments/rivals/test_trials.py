@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.rivals.trials import ALONE, LOSS_S, SIT, STAND, STILL, make_trial, takes
+from experiments.rivals.trials import LOSS_S, SIT, STAND, STILL, make_trial, takes
 from gazempc.errors import LeftOutError
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import Geometry
@@ -84,9 +84,3 @@ def test_the_face_is_lost_for_a_second_and_the_person_comes_to_stand() -> None:
 def test_a_walk_that_comes_too_near_is_left_out() -> None:
     with pytest.raises(LeftOutError, match="comes within"):
         make_trial("pass_1.0m", "subject01_R4")
-
-
-def test_a_trial_on_a_walk_needs_one() -> None:
-    with pytest.raises(ValueError, match="'turns' needs a recording"):
-        make_trial("turns", None)
-    assert all(make_trial(name, None).walk for name in ALONE)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.sweep.names import check_name, check_value, setting_fields
-from experiments.sweep.variants import resolve
+from experiments.sweep.names import check_name, check_value, resolve, setting_fields
 from gazempc.neck.spec import load_neck
 
 

@@ -86,7 +86,6 @@ def test_a_failed_run_is_a_row_with_its_reason(tmp_path):
 def test_figures_are_drawn(undisturbed, tmp_path):
     figures = {
         "response": [["model.dead_time_scale", "gaze_error_rms_deg", "lookahead.smoothing_time_s"]],
-        "heatmap": ["model.dead_time_scale", "lookahead.smoothing_time_s", "eye_contact_2p6"],
         "pareto": ["rms_acceleration_rad_s2", "eye_contact_2p6", "case"],
     }
     path = written(tmp_path, SMALL | {"figures": figures})
@@ -95,7 +94,6 @@ def test_figures_are_drawn(undisturbed, tmp_path):
     assert set((undisturbed / "out" / "runs").iterdir()) == before
     assert {p.name for p in (undisturbed / "out").glob("*.png")} == {
         "response_model-dead_time_scale_gaze_error_rms_deg.png",
-        "heatmap_model-dead_time_scale_lookahead-smoothing_time_s_eye_contact_2p6.png",
         "pareto_rms_acceleration_rad_s2_eye_contact_2p6.png",
     }
 

@@ -37,6 +37,18 @@ def test_options_alone_make_a_file_that_marks_what_is_assumed(tmp_path, capsys):
             assert "# data sheet" in line
 
 
+@pytest.mark.parametrize(
+    ("speed", "warned"), [("6.1 rad/s", []), ("11 rad/s", ["tilt"]), ("6000 rpm", ["pan", "tilt"])]
+)
+def test_a_speed_that_the_range_leaves_no_room_for_is_doubted(speed, warned, tmp_path, capsys):
+    """By the rules of thumb reaching a speed and stopping takes 0.25 s of it: of 150 and 70 deg 10.5 and 4.9 rad/s."""
+    sheet = [*SHEET[:-1], speed]
+    sheet[1:3] = "-75", "75"
+    assert identify.main(["--new", str(tmp_path / "mine.toml"), *sheet]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split(": ")[1] for line in said if line.startswith("Warning: ")] == warned
+
+
 def test_what_is_not_given_is_asked_for_until_it_can_be_read(tmp_path, monkeypatch, capsys):
     answers = iter(["-70, 80", "fast", "0.2 s/60deg", "10 50", "40 -30", "5.2 rad/s"])
     asked = []

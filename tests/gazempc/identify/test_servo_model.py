@@ -9,7 +9,7 @@ from scipy import signal
 
 from gazempc.identify.estimate import bandwidth_hz
 from gazempc.identify.excitation import ExcitationSettings, excite
-from gazempc.identify.servo_fit import ServoModel
+from gazempc.identify.servo_fit import Z_95, ServoModel, robust_covariance
 
 
 @pytest.mark.parametrize(("wn", "zeta"), [(6.0, 1.2), (12.0, 0.9), (25.0, 0.5), (10.0, 1.0)])
@@ -39,3 +39,22 @@ def test_free_motion_is_that_of_the_undriven_servo():
 def test_bandwidth_is_where_the_answer_is_3_db_down(wn, zeta):
     _, answer = signal.freqs([wn**2], [1, 2 * zeta * wn, wn**2], [2 * math.pi * bandwidth_hz(wn, zeta)])
     assert abs(answer[0]) == pytest.approx(1 / math.sqrt(2))
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_95_percent_intervals_hold_the_truth_where_errors_are_correlated_in_time(channels):
+    """Of a smooth regression with autoregressive errors; errors of channels that share a time are correlated, too."""
+    rng, times, draws, rhos = np.random.default_rng(0), 400, 400, (0.0, 0.5, 0.8, 0.95)
+    t = np.arange(times) / 30.0
+    jacobian = np.repeat(np.column_stack([np.sin(3.0 * t), np.cos(5.0 * t + 1.0)]), channels, axis=0)
+    solve = np.linalg.pinv(jacobian)
+    mixing = np.linalg.cholesky(0.5 * np.eye(channels) + 0.5)
+    inside = np.zeros(2)
+    for rho in np.repeat(rhos, draws):
+        white = rng.standard_normal((times + 100, channels)) @ mixing.T
+        errors = signal.lfilter([1.0], [1.0, -rho], white, axis=0)[100:].ravel()
+        estimate = solve @ errors
+        sd = np.sqrt(np.diag(robust_covariance(jacobian, errors - jacobian @ estimate, channels)))
+        inside += np.abs(estimate) < Z_95 * sd
+    share = inside / (draws * len(rhos))
+    assert np.all((share >= 0.93) & (share <= 0.98)), share

@@ -3,14 +3,11 @@
 import json
 import socket
 import threading
-import time
 
 import numpy as np
 import pytest
 from builders.bags import face_rows, write_bag
-from builders.ports import free_port
-from builders.ros2_network import wait_for
-from builders.ros2_tf import Stage
+from builders.ros2_graph import wait_for
 
 from gazempc.errors import SettingsError
 from gazempc.live import session
@@ -20,8 +17,6 @@ from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import build
 from gazempc.people.attention import AttentionState
-from gazempc.ros2.node import Ros2Node
-from gazempc.ros2.wire import Ros2Network
 
 ANNA = AttentionState(1, "anna", "policy", 2.0, 3.5)
 AWAY = AttentionState(1, "anna", "policy", 2.0, 3.5, "thinking", 2.5, 4.0)
@@ -86,38 +81,15 @@ def test_datagrams():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
         listener.settimeout(5.0)
-        with make_sink(f"udp:localhost:{listener.getsockname()[1]}", Ros2Network()) as send:
+        with make_sink(f"udp:localhost:{listener.getsockname()[1]}") as send:
             send('{"person": 1}')
             assert listener.recv(100) == b'{"person": 1}\n'
-
-
-def test_a_topic_whose_last_line_a_later_subscriber_gets():
-    stage = Stage()
-    try:
-        with make_sink("ros2:attention", stage.network) as send:
-            send("first")
-            send("last")
-            node = Ros2Node("listener", stage.network)
-            late = node.subscription("/attention", STRING, latched=True)
-            assert [each.data for each in wait_for(late.take)] == ["last"]
-            plain = node.subscription("/attention", STRING)
-            time.sleep(0.05)
-            send("next")
-            assert [each.data for each in wait_for(plain.take)] == ["next"]
-            stage.router.close()
-            wait_for(lambda: not node.connected)
-            time.sleep(0.2)
-            with pytest.raises(ValueError, match="lost"):
-                send("lost")
-            node.close()
-    finally:
-        stage.close()
 
 
 def test_a_file_begins_anew(tmp_path):
     path = tmp_path / "attention.jsonl"
     path.write_text("of an earlier run\n")
-    with make_sink(str(path), Ros2Network()) as send:
+    with make_sink(str(path)) as send:
         send("one")
         assert path.read_text() == "one\n"
 
@@ -141,16 +113,15 @@ def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
 @pytest.mark.parametrize("word", ["udp:5005", "udp:host:0", "udp:host:x", "ros2:", "attention.json", "tcp:host:1"])
 def test_what_is_no_place(word):
     with pytest.raises(SettingsError, match=r"accepted: udp:HOST:PORT, ros2:TOPIC, or a file FILE\.jsonl"):
-        make_sink(word, Ros2Network())
+        make_sink(word)
 
 
 def test_places_that_cannot_be_opened(tmp_path):
     for word, why in (
         (str(tmp_path / "none" / "a.jsonl"), "cannot be written: No such file"),
-        ("ros2:/attention", "no Zenoh router answers"),
         ("udp:no..host:5005", "udp:no..host:5005: "),
     ):
-        sink = make_sink(word, Ros2Network(f"tcp/127.0.0.1:{free_port()}"))
+        sink = make_sink(word)
         with pytest.raises(SettingsError, match=why), sink:
             pass
 

@@ -5,9 +5,9 @@ import pytest
 from builders.cameras import studio
 
 from benchmarks.camera import live
-from benchmarks.camera.studio import PUPILS_M, Person
 from benchmarks.camera.walks import across, watch
 from gazempc.results.metrics import measure
+from gazempc.robots.studio import PUPILS_M, StudioPerson
 
 
 def rms(values):
@@ -33,7 +33,9 @@ def test_the_portrait_is_where_it_is_said_to_be():
     """The pupils, the darkest spots in the eyes, are rendered beside the point between them."""
     from scipy.spatial.transform import Rotation
 
-    picture = studio().picture(Person(np.array([0.5, 0.0, 0.0]), np.pi), np.zeros(3), Rotation.identity()).sum(axis=2)
+    picture = (
+        studio().picture(StudioPerson(np.array([0.5, 0.0, 0.0]), np.pi), np.zeros(3), Rotation.identity()).sum(axis=2)
+    )
     focal_px = 320 / np.tan(np.deg2rad(30))
     half_px = focal_px * PUPILS_M / 2 / 0.5
     for sign in (-1, 1):

@@ -92,9 +92,3 @@ def test_a_key_is_refused_with_what_replaces_it(tmp_path, capsys):
     """Ignored, it would leave a run open that was protected before."""
     assert main(["--source", "udp:5005", "--key-file", str(tmp_path / "key"), "--out", str(tmp_path)]) == 2
     assert "ssh -N -L" in capsys.readouterr().err
-
-
-def test_a_neck_that_takes_speeds_is_refused(tmp_path, capsys):
-    words = ["--source", "udp:5005", "--robot", "simulated", "--neck", "ptz", "--out", str(tmp_path)]
-    assert main(words) == 2
-    assert 'pan has command = "velocity", and a live run sends angles' in capsys.readouterr().err

@@ -1,101 +1,116 @@
-"""The source ros2: poses of a person with their time of capture."""
+"""The source ros2: heads of a person with their time of capture, from each kind of message."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from builders.ros2_network import wait_for
-from builders.ros2_wire import NOW_S, UNIX_START_S, key, pose, pose_with_covariance
+from builders.ros2_graph import (
+    NOW_S,
+    OPTICAL,
+    UNIX_START_S,
+    Stage,
+    header,
+    make_message,
+    point,
+    polled,
+    pose,
+    pose_stamped,
+    transform,
+)
+from scipy.spatial.transform import Rotation
 
 from gazempc.live.mount import Mount
-from gazempc.live.sources.ros2 import ANY_FRAME
-from gazempc.ros2.wire import type_hash
+from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.loop.events import Event
+from gazempc.robots.options import Ros2Options
+
+TOPIC, POSE = "/person/head", "geometry_msgs/msg/PoseStamped"
+WITH_COVARIANCE, POINT = "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PointStamped"
+ARRAY, DETECTIONS = "geometry_msgs/msg/PoseArray", "vision_msgs/msg/Detection3DArray"
 
 
-def polled(person, n):
-    sightings, problems = [], []
-
-    def enough():
-        arrived = person.poll()
-        sightings.extend(arrived.sightings)
-        problems.extend(arrived.problems)
-        return len(sightings) + len(problems) >= n
-
-    wait_for(enough)
-    return sightings, problems
+@pytest.fixture
+def stage():
+    made = Stage()
+    yield made
+    made.close()
 
 
-def test_every_pose_of_a_person_with_its_time_of_capture(scene):
-    person = scene.person()
+def opened(stage, pose_type=POSE, base_frame=None, optical=False):
+    options = Ros2Options(pose_type=pose_type, base_frame=base_frame)
+    return stage.listening(Ros2Person(TOPIC, stage.clock_s, stage.to_loop_s, options, optical, stage.make_node))
+
+
+def test_every_pose_of_a_person_with_its_time_of_capture(stage):
+    person = opened(stage)
     for k in range(100):
-        scene.poses.put(pose([2.0, 0.01 * k, 0.4], (0.0, 0.6, 0.0, 0.8), stamp=(UNIX_START_S + 299, k * 7_812_500)))
-    sightings, problems = polled(person, 100)
-    assert problems == []
-    assert [s.observation.capture_time_s for s in sightings] == [299 + k * 0.0078125 for k in range(100)]
-    assert [list(s.observation.head_position_base_m) for s in sightings] == [[2.0, 0.01 * k, 0.4] for k in range(100)]
-    assert all(list(s.observation.head_quat_wxyz) == [0.8, 0.0, 0.6, 0.0] for s in sightings)
-    assert {s.arrival_s for s in sightings} == {NOW_S}
+        stage.put(TOPIC, POSE, pose_stamped([2.0, 0.01 * k, 0.4], (0.8, 0.0, 0.6, 0.0), at_s=NOW_S - 1.0 + k / 128))
+    arrived = person.poll()
+    seen = [sighting.observation for sighting in arrived.sightings]
+    assert arrived.problems == ()
+    assert [each.capture_time_s for each in seen] == pytest.approx([NOW_S - 1.0 + k / 128 for k in range(100)])
+    assert [list(each.head_position_base_m) for each in seen] == [[2.0, 0.01 * k, 0.4] for k in range(100)]
+    assert all(list(each.head_quat_wxyz) == [0.8, 0.0, 0.6, 0.0] for each in seen)
+    assert {sighting.arrival_s for sighting in arrived.sightings} == {NOW_S}
     assert not person.finished
     assert person.poll().sightings == ()
 
 
-def test_an_orientation_of_zeros_is_none(scene):
-    person = scene.person()
-    scene.poses.put(pose([2.0, 0.0, 0.4], [0.0] * 4))
-    ((sighting,), _) = polled(person, 1)
-    assert sighting.observation.head_quat_wxyz is None
+def test_an_orientation_of_zeros_is_none(stage):
+    person = opened(stage)
+    stage.put(TOPIC, POSE, pose_stamped([2.0, 0.0, 0.4], [0.0] * 4))
+    (seen,), _ = polled(person, 1)
+    assert seen.head_quat_wxyz is None
 
 
 @pytest.mark.parametrize(
-    ("payload", "reason"),
+    ("message", "reason"),
     [
-        (pose([np.nan, 0.0, 0.4]), "not finite"),
-        (pose([2.0, 0.0, 0.4], (0.0, 0.0, 0.0, 2.0)), "not of unit length"),
-        (pose([2.0, 0.0, 0.4], stamp=(0, 0)), "no time stamp"),
-        (pose([2.0, 0.0, 0.4], stamp=(12, 0)), "use_sim_time"),
-        (pose([2.0, 0.0, 0.4], frame_id="camera_color_optical_frame"), "z points forward"),
-        (pose([2.0, 0.0, 0.4])[:-1], "not a geometry_msgs/msg/PoseStamped"),
-        (b"hello", "not a geometry_msgs/msg/PoseStamped"),
+        (pose_stamped([np.nan, 0.0, 0.4]), "not finite"),
+        (pose_stamped([2.0, 0.0, 0.4], (2.0, 0.0, 0.0, 0.0)), "not of unit length"),
+        (pose_stamped([2.0, 0.0, 0.4], at_s=None), "no time stamp"),
+        (pose_stamped([2.0, 0.0, 0.4], at_s=12 - UNIX_START_S), "use_sim_time"),
+        (pose_stamped([2.0, 0.0, 0.4], frame_id=OPTICAL), "z points forward"),
     ],
-    ids=["nan", "quaternion", "no-stamp", "sim-time", "optical", "cut", "text"],
+    ids=["nan", "quaternion", "no-stamp", "sim-time", "optical"],
 )
-def test_a_pose_that_cannot_be_used_is_a_problem_and_no_more(scene, payload, reason):
-    person = scene.person()
-    scene.poses.put(payload)
-    scene.poses.put(pose([2.0, 0.0, 0.4]))
-    sightings, (problem,) = polled(person, 2)
+def test_a_pose_that_cannot_be_used_is_a_problem_and_no_more(stage, message, reason):
+    person = opened(stage)
+    stage.put(TOPIC, POSE, message)
+    stage.put(TOPIC, POSE, pose_stamped([2.0, 0.0, 0.4]))
+    seen, (problem,) = polled(person, 2)
     assert problem.startswith("/person/head: ")
     assert reason in problem
-    assert [list(s.observation.head_position_base_m) for s in sightings] == [[2.0, 0.0, 0.4]]
+    assert [list(each.head_position_base_m) for each in seen] == [[2.0, 0.0, 0.4]]
 
 
-def test_a_pose_in_an_optical_frame_is_taken_where_its_axes_are_known(scene):
-    person = scene.person(frame_id=ANY_FRAME)
-    scene.poses.put(pose([-0.3, 0.1, 2.0], frame_id="camera_color_optical_frame"))
-    (sighting,), problems = polled(person, 1)
+def test_a_pose_in_an_optical_frame_is_taken_where_its_axes_are_known(stage):
+    person = opened(stage, optical=True)
+    stage.put(TOPIC, POSE, pose_stamped([-0.3, 0.1, 2.0], frame_id=OPTICAL))
+    (seen,), problems = polled(person, 1)
     assert problems == []
-    in_sensor = Mount(axes="optical").in_sensor(sighting.observation)
-    assert in_sensor.head_position_base_m == pytest.approx([2.0, 0.3, -0.1])
+    assert Mount(axes="optical").in_sensor(seen).head_position_base_m == pytest.approx([2.0, 0.3, -0.1])
 
 
-WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+def with_covariance(position_m, covariance, quat_wxyz=(1.0, 0.0, 0.0, 0.0), frame_id="camera_link", at_s=NOW_S):
+    stated = make_message(
+        "geometry_msgs/msg/PoseWithCovariance", pose=pose(position_m, quat_wxyz), covariance=covariance.ravel()
+    )
+    return make_message(WITH_COVARIANCE, header=header(frame_id, at_s), pose=stated)
 
 
-def test_a_covariance_of_position_and_yaw_is_used_and_zeros_are_not_known(scene):
-    scene.router.close()
-    # That the hashes of types are right is known from those in the builder.
-    hashed = type_hash(WITH_COVARIANCE, humble=False)
-    scene.start(poses=key(0, "person/head", WITH_COVARIANCE, hashed))
-    person = scene.person(pose_type=WITH_COVARIANCE)
+def test_a_covariance_of_position_and_yaw_is_used_and_zeros_are_not_known(stage):
+    person = opened(stage, WITH_COVARIANCE)
     full, position_only, bad = np.diag([0.25, 0.04, 0.01, 0.0, 0.0, 0.09]), np.zeros((6, 6)), np.zeros((6, 6))
     full[0, 1] = full[1, 0] = 0.05
     position_only[:3, :3] = np.eye(3)
     bad[5, 5] = -1.0
     at = [2.0, 0.1, 0.4]
-    for k, covariance in enumerate((full, position_only, np.zeros((6, 6)), bad)):
-        scene.poses.put(pose_with_covariance(at, covariance, stamp=(UNIX_START_S + 299, k)))
-    scene.poses.put(pose_with_covariance(at, full, xyzw=(0.0, 0.0, 0.0, 0.0), stamp=(UNIX_START_S + 299, 9)))
-    sightings, (problem,) = polled(person, 5)
+    for covariance in (full, position_only, np.zeros((6, 6)), bad):
+        stage.put(TOPIC, WITH_COVARIANCE, with_covariance(at, covariance))
+    stage.put(TOPIC, WITH_COVARIANCE, with_covariance(at, full, quat_wxyz=(0.0, 0.0, 0.0, 0.0)))
+    (first, second, third, blind), (problem,) = polled(person, 5)
     assert "yaw is -1.0" in problem
-    first, second, third, blind = [s.observation for s in sightings]
     assert list(first.head_position_base_m) == at
     np.testing.assert_array_equal(first.position_covariance_m2, full[:3, :3])
     assert first.head_yaw_sd_rad == pytest.approx(0.3)
@@ -105,17 +120,88 @@ def test_a_covariance_of_position_and_yaw_is_used_and_zeros_are_not_known(scene)
     np.testing.assert_array_equal(blind.position_covariance_m2, full[:3, :3])
 
 
-def test_a_person_behind_a_router_that_goes_and_comes_back(scene):
-    person = scene.person()
-    scene.router.close()
+def test_points_and_several_heads_in_one_message(stage):
+    stage.put(TOPIC, POINT, None)  # nothing listens yet
+    pointed = opened(stage, POINT)
+    stage.put(TOPIC, POINT, make_message(POINT, header=header("camera_link", NOW_S), point=point([1.0, 2.0, 0.3])))
+    (seen,), _ = polled(pointed, 1)
+    assert (list(seen.head_position_base_m), seen.head_quat_wxyz) == ([1.0, 2.0, 0.3], None)
+    several = opened(stage, ARRAY)
+    poses = [pose([1.0, 0.0, 0.3]), pose([np.nan, 0.0, 0.0]), pose([2.0, 0.0, 0.3])]
+    stage.put(TOPIC, ARRAY, make_message(ARRAY, header=header("camera_link", NOW_S), poses=poses))
+    found, (problem,) = polled(several, 3)
+    assert [each.head_position_base_m[0] for each in found] == [1.0, 2.0]
+    assert "not finite" in problem
+
+
+def test_detections_have_ids_scores_and_a_box_where_the_hypothesis_has_no_pose(stage):
+    person = opened(stage, DETECTIONS)
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = 0.01 * np.eye(3)
+
+    def detection(name, score, position_m, box_m):
+        stated = SimpleNamespace(pose=pose(position_m), covariance=covariance.ravel())
+        result = SimpleNamespace(hypothesis=SimpleNamespace(class_id="head", score=score), pose=stated)
+        return SimpleNamespace(id=name, results=[result], bbox=SimpleNamespace(center=pose(box_m)))
+
+    detections = [detection("7", 0.8, [1.0, 0.0, 0.2], [0.0] * 3), detection("", 1.2, [0.0] * 3, [2.0, 0.0, 0.2])]
+    stage.put(TOPIC, DETECTIONS, SimpleNamespace(header=header("camera_link", NOW_S), detections=detections))
+    (first, second), _ = polled(person, 2)
+    assert (first.person_id, first.confidence, second.person_id, second.confidence) == ("7", 0.8, None, 1.0)
+    np.testing.assert_array_equal(first.position_covariance_m2, covariance[:3, :3])
+    assert (list(second.head_position_base_m), second.position_covariance_m2) == ([2.0, 0.0, 0.2], None)
+
+
+def test_a_pose_in_a_moving_frame_is_placed_by_tf_at_its_stamp(stage):
+    person = opened(stage, WITH_COVARIANCE, base_frame="base_link")
+    turns = [Rotation.from_euler("z", deg, degrees=True).as_quat(scalar_first=True) for deg in (0.0, 40.0)]
+    stage.tf(transform("camera_link", [0.0, 0.0, 1.0], turns[0], "base_link", NOW_S - 0.1))
+    covariance = np.diag([0.04, 0.0001, 0.0001, 0.0, 0.0, 0.09])
+    stage.put(TOPIC, WITH_COVARIANCE, with_covariance([2.0, 0.0, 0.0], covariance, at_s=NOW_S - 0.05))
+    assert person.poll().sightings == ()  # tf at the stamp is not known yet
+    stage.tf(transform("camera_link", [0.0, 0.0, 1.0], turns[1], "base_link", NOW_S))
+    (seen,), problems = polled(person, 1)
+    assert problems == []
+    turn = Rotation.from_euler("z", 20.0, degrees=True)
+    np.testing.assert_allclose(
+        seen.head_position_base_m, turn.apply([2.0, 0.0, 0.0]) + np.array([0.0, 0.0, 1.0]), atol=1e-6
+    )
+    expected_m2 = turn.as_matrix() @ covariance[:3, :3] @ turn.as_matrix().T
+    np.testing.assert_allclose(seen.position_covariance_m2, expected_m2, atol=1e-9)
+    np.testing.assert_allclose(abs(seen.head_quat_wxyz @ turn.as_quat(scalar_first=True)), 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("told", "why"),
+    [([], "no transform of 'base_link'"), ([-0.35], "told last"), ([-2.0, 0.5], "not told for 2.50 s")],
+    ids=["missing", "stale", "gap"],
+)
+def test_a_pose_whose_frame_is_not_known_in_time_is_a_problem(stage, told, why):
+    person = opened(stage, base_frame="base_link")
+    stage.tf(*[transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=NOW_S + s) for s in told])
+    stage.put(TOPIC, POSE, pose_stamped([2.0, 0.0, 0.4]))
+    assert person.poll().problems == ()
+    stage.now_s += 0.25
     _, (problem,) = polled(person, 1)
-    assert "router" in problem
-    assert person.poll().problems == ()  # said once
-    scene.start()
-    wait_for(lambda: scene.poses.matching_status.matching)
-    scene.poses.put(pose([2.0, 0.0, 0.4]))
-    sightings, problems = polled(person, 1)
-    assert (len(sightings), problems) == (1, [])
+    assert why in problem
+
+
+def test_two_nodes_that_send_poses_are_named_once(stage):
+    person = opened(stage)
+    stage.announced(TOPIC, POSE, "/tracker")
+    stage.announced(TOPIC, POSE, "/old_tracker")
+    stage.now_s += 3.1
+    (notice,) = person.poll().notices
+    assert notice.event == Event.SEVERAL_SENDERS
+    assert "/person/head (/old_tracker and /tracker)" in notice.text
+    stage.now_s += 3.1
+    assert person.poll().notices == ()
+
+
+def test_a_node_that_is_shut_down_is_a_problem(stage):
+    person = opened(stage)
+    stage.down = True
+    assert "shut down" in person.poll().problems[0]
     person.close()
     person.close()
     assert person.poll().sightings == ()

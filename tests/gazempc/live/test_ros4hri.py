@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from builders.ros2_network import wait_for
-from builders.ros2_tf import IDS, OPTICAL, TEXT, TF, Stage, frames, polled, text, tracked, transform
-from builders.ros2_wire import NOW_S
+from builders.ros2_graph import IDS, NOW_S, OPTICAL, TEXT, TF, Stage, polled, text, tracked, transform, wait_for
 from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.loop.events import Event
+from gazempc.robots.options import Ros2Options
 
-FACES, BODIES, PERSONS = (f"/humans/{part}/tracked" for part in ("faces", "bodies", "persons"))
+BODIES, PERSONS = (f"/humans/{part}/tracked" for part in ("bodies", "persons"))
 # x of a face against the camera's z.
 FACING = (0.5, 0.5, 0.5, -0.5)
 
@@ -23,7 +22,9 @@ def stage():
 
 
 def opened(stage, base_frame=None):
-    return stage.listening(Ros4HriPeople(stage.clock_s, stage.to_loop_s, stage.network, base_frame))
+    return stage.listening(
+        Ros4HriPeople(stage.clock_s, stage.to_loop_s, Ros2Options(base_frame=base_frame), stage.make_node)
+    )
 
 
 def heard(source, stage, topic, type_name, data, then):
@@ -107,10 +108,9 @@ def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_that_says_where(
 
 def test_what_was_said_before_is_asked_for(stage):
     """Static frames, lists and matches are sent once, by nodes that may have begun long before."""
-    stage.sends("/tf_static", TF, latched=True).put(
-        frames(transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=None))
-    )
-    stage.sends("/humans/persons/anna/face_id", TEXT, latched=True).put(text("a"))
+    stage.tf_static(transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=None))
+    stage.put(PERSONS, IDS, tracked("anna"), latched=True)
+    stage.put("/humans/persons/anna/face_id", TEXT, text("a"), latched=True)
     source = opened(stage, "base_link")
     wait_for(lambda: source.poll() is not None and source._ids.person("face", "a") == "anna")
     wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("camera_link"))
@@ -163,6 +163,7 @@ def test_a_body_counts_where_there_is_no_face(stage):
 def test_a_skeleton_with_a_head_is_where_its_head_is(stage):
     """The head is fixed to the last joint of a neck, which moves in the torso, which moves in the hips."""
     source = opened(stage)
+    heard(source, stage, PERSONS, IDS, tracked("anna"), lambda: "person" in source._ids._listed)
     heard(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"), lambda: source._ids.person("body", "b"))
     heard(source, stage, BODIES, IDS, tracked("b"), lambda: source._ids.is_tracked("body", "b"))
     stage.tf_static(transform("head_b", [0.0, 0.0, 0.1], frame_id="p_head_b", at_s=None))
@@ -190,10 +191,7 @@ def test_what_cannot_be_used_is_a_problem_that_names_the_frame(stage):
         transform("face_e", [0.0, 0.0, 0.0]),
         transform("", [1.0, 0.0, 0.0]),
     )
-    stage.put("/tf", TF, b"hello")
-    stage.put(FACES, IDS, b"hello")
-    stage.put("/humans/persons/anna/face_id", TEXT, b"hello")
-    seen, problems = polled(source, 11)
+    seen, problems = polled(source, 8)
     said = "\n".join(sorted(problems))
     for part in (
         "/tf, face_a: its position is no place on earth, or its quaternion not of unit length",
@@ -203,9 +201,6 @@ def test_what_cannot_be_used_is_a_problem_that_names_the_frame(stage):
         "/tf, face_g: its position is no place on earth",
         "/tf, face_d: its position is no place on earth, or its quaternion not of unit length",
         "/tf, : its frame is '' in 'camera_link'",
-        "/tf: not a tf2_msgs/msg/TFMessage",
-        "/humans/faces/tracked: not a hri_msgs/msg/IdsList",
-        "/humans/persons/anna/face_id: not a std_msgs/msg/String",
     ):
         assert part in said
     # That nobody can be at the sensor itself is found where all observations are.
@@ -219,12 +214,10 @@ def test_that_nobody_sends_is_said_once_and_again_when_the_sender_has_gone(stage
     (notice,) = source.poll().notices
     assert (notice.event, notice.count) == (Event.NO_SENDER, 0)
     assert "no node sends on /tf as tf2_msgs/msg/TFMessage: is" in notice.text
-    node = stage.announced("/tf", TF)
-    wait_for(lambda: source._tf.topics["/tf"].has_senders)
+    stage.announced("/tf", TF)
     stage.now_s += 3.1
     assert source.poll().notices == ()
-    node.undeclare()
-    wait_for(lambda: not source._tf.topics["/tf"].has_senders)
+    stage.gone("/tf")
     stage.now_s += 3.1
     assert len(source.poll().notices) == 1
     stage.now_s += 3.1

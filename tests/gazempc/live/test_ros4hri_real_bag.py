@@ -1,13 +1,12 @@
 """What real ROS4HRI nodes sent, once more on the wire: the source sees what they meant."""
 
 import numpy as np
-from builders.ros2_network import wait_for
-from builders.ros2_tf import Stage
+from builders.ros2_graph import Stage, typestore
 from rosbags.rosbag2 import Reader
 
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.recordings.readers.bag import read_bag_tracks
-from gazempc.ros2.wire import decode
+from gazempc.robots.options import Ros2Options
 
 NAME, PEOPLE = "2p_AA_FV_eng_1", {"eloek", "ghfbv"}
 SHOWN_S = 1.8
@@ -23,43 +22,25 @@ def first_messages(path):
     return [message for message in found if message[2] <= found[0][2] + SHOWN_S]
 
 
-def face_of(source, person):
-    return source._ids._part_of.get(("face", person))
-
-
 def seen_live(messages, base_frame):
     """Observations of all people, with times as recorded."""
     stage, start_s = Stage(), messages[0][2]
+    stage.now_s = 0.0
     found, problems = [], []
-    try:
-        stage.now_s = 0.0
-        for topic, type_name, *_ in messages:
-            stage.sends(topic, type_name)
-        source = stage.listening(
-            Ros4HriPeople(stage.clock_s, lambda unix_s: unix_s - start_s, stage.network, base_frame)
-        )
-
-        def poll():
-            arrived = source.poll()
-            found.extend(sighting.observation for sighting in arrived.sightings)
-            problems.extend(arrived.problems)
-
-        heard = [stage.sends(topic, type_name) for topic, type_name, *_ in messages if not topic.endswith("/voice_id")]
-        wait_for(lambda: all(sender.matching_status.matching for sender in heard))
-        for topic, type_name, at_s, raw in messages:
-            stage.now_s = at_s - start_s
-            stage.sends(topic, type_name).put(raw)
-            said = decode(raw, type_name)
-            # What is said on other topics may arrive late on a busy machine: names must be known before the next faces.
-            if topic.endswith("/face_id"):
-                wait_for(lambda topic=topic, said=said: poll() or face_of(source, topic.split("/")[3]) == said.data)
-            elif topic == "/humans/persons/tracked":
-                wait_for(lambda said=said: poll() or source._ids._listed.get("person") == {*said.ids})
-            poll()
-        wait_for(lambda: poll() or len(found) >= LEAST)
-    finally:
-        stage.close()
+    options = Ros2Options(base_frame=base_frame)
+    source = stage.listening(Ros4HriPeople(stage.clock_s, lambda unix_s: unix_s - start_s, options, stage.make_node))
+    for topic, type_name, at_s, raw in messages:
+        stage.now_s = at_s - start_s
+        stage.put(topic, type_name, decode(raw, type_name), latched=topic != "/tf")
+        arrived = source.poll()
+        found.extend(sighting.observation for sighting in arrived.sightings)
+        problems.extend(arrived.problems)
+    assert len(found) >= LEAST
     return found, problems, start_s
+
+
+def decode(raw, type_name):
+    return typestore().deserialize_cdr(raw, type_name)
 
 
 def test_faces_are_where_the_recording_has_them(bags_dir):

@@ -20,9 +20,9 @@ CALM = AttentionSettings(hysteresis_s=0.2, dwell_s=0.2)
 class Bench:
     """Shows people to `AttendedPeople`, a frame at a time; people are functions of the time."""
 
-    def __init__(self, policy=None, predictor=ConstantVelocity):
+    def __init__(self, policy=None, predictor=ConstantVelocity, everyone=False):
         self.recorder = make_recorder()
-        self.target = AttendedPeople(predictor, Attention(policy or Nearest(), CALM), LoopSettings())
+        self.target = AttendedPeople(predictor, Attention(policy or Nearest(), CALM), LoopSettings(), everyone)
         self.time_s = 0.0
 
     def show(self, seconds, *people):
@@ -171,3 +171,11 @@ def test_a_late_frame_at_the_start_of_who_is_looked_at_is_used_and_the_newest_st
     found = bench.target.people.track(1).forecast(later_s)
     assert found.means_base_m == pytest.approx(expected_m, abs=1e-9)
     assert bench.events.count("out_of_order") == 0
+
+
+@pytest.mark.parametrize(("everyone", "y_m"), [(False, -0.5), (True, 0.0)])
+def test_the_target_is_one_person_or_the_middle_of_all(everyone, y_m):
+    bench = Bench(everyone=everyone)
+    bench.show(1.0, walker(2.0, 0.0, -0.5), walker(2.01, 0.0, 0.5))
+    forecast = bench.target.forecast(np.array([bench.time_s]), bench.time_s, bench.recorder)
+    assert forecast.means_base_m[0, 1] == pytest.approx(y_m, abs=0.02)

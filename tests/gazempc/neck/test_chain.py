@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gazempc.neck.kinematics import eye_angles_rad, gaze_error_rad, gaze_ray, head_angles_rad
-from gazempc.neck.spec import Geometry, NeckSpec, load_neck
+from gazempc.neck.spec import Geometry, load_neck
 
 GEOMETRY = Geometry(tilt_axis_in_pan_m=(0.02, 0.01, 0.1), eye_in_tilt_m=(0.05, -0.03, 0.04))
 RNG = np.random.default_rng(3)
@@ -53,8 +53,3 @@ def test_a_joint_rests_where_its_file_says():
     neck = load_neck("reference")
     tilted = neck.tilt.model_copy(update={"rest_deg": 10.0})
     assert neck.model_copy(update={"tilt": tilted}).rest_rad.tolist() == pytest.approx([0.0, np.deg2rad(10.0)])
-
-
-def test_a_neck_without_eyes_and_body_means_what_it_meant():
-    neck = NeckSpec.model_validate(load_neck("reference").model_dump(exclude={"eyes", "body"}))
-    assert neck.joint_names == ("pan", "tilt")

@@ -16,10 +16,11 @@ from predictors import ConstantVelocity, Forecast, HeadObservation, HeadPose, Ou
 LATER_S = np.arange(0.5, 1.3, 0.1)
 
 
-def frame(time_s, person_id=None, aside_m=0.0):
-    """Somebody who walks past at 1.2 m/s, as a noisy tracker sees them."""
+def frame(time_s, person_id=None, aside_m=0.0, confidence=None):
+    """A person who walks past at 1.2 m/s, seen by a noisy tracker."""
     noise_m = 0.01 * np.random.default_rng(round(1e3 * time_s)).standard_normal(3)
-    return HeadObservation(time_s, np.array([2.5 + aside_m, 1.2 * time_s - 2.0, 0.4]) + noise_m, person_id=person_id)
+    head_m = np.array([2.5 + aside_m, 1.2 * time_s - 2.0, 0.4]) + noise_m
+    return HeadObservation(time_s, head_m, person_id=person_id, confidence=confidence)
 
 
 FRAMES = [frame(k / 30) for k in range(12)]
@@ -112,11 +113,11 @@ def test_in_the_loop_late_first_frames_are_used_and_the_newest_frame_stays_the_n
 
 @pytest.mark.parametrize(("rate_hz", "frames"), [(60, 19), (30, 10), (10, 6), (5, 6)])
 @pytest.mark.parametrize("make", [Walker, ConstantVelocity])
-def test_a_new_track_is_not_extrapolated_before_six_frames_over_a_third_of_a_second(make, rate_hz, frames):
+def test_a_new_track_of_a_detector_is_not_extrapolated_before_six_frames_over_0_3_s(make, rate_hz, frames):
     predictor = make()
     start = TrackStart(predictor)
     for k in range(frames):
-        start.update(frame(k / rate_hz))
+        start.update(frame(k / rate_hz, confidence=0.9))
         own = predictor.forecast(k / rate_hz + LATER_S)
         found, left = start.within_reach(own)
         assert not left
@@ -125,9 +126,18 @@ def test_a_new_track_is_not_extrapolated_before_six_frames_over_a_third_of_a_sec
             assert found.means_base_m == pytest.approx(np.tile(frame(k / rate_hz).head_position_base_m, (8, 1)))
     assert found is own
     start.reset()
-    start.update(frame(9.0))
+    start.update(frame(9.0, confidence=0.9))
     found, _ = start.within_reach(predictor.forecast(9.0 + LATER_S))
     assert found.means_base_m == pytest.approx(np.tile(frame(9.0).head_position_base_m, (8, 1)))
+
+
+def test_a_track_without_a_stated_confidence_is_extrapolated_at_once():
+    predictor = ConstantVelocity()
+    start = TrackStart(predictor)
+    for k in range(2):
+        start.update(frame(k / 30))
+    own = predictor.forecast(1 / 30 + LATER_S)
+    assert start.within_reach(own)[0] is own
 
 
 @pytest.mark.parametrize("speed_m_s", [2.9, 4.0, 30.0, 1e100])
@@ -158,7 +168,9 @@ def test_five_false_faces_in_a_row_do_not_lead_the_gaze_beyond_themselves(predic
         angle_rad = np.deg2rad(-12.0 - 9.0 * min(time_s / 0.267, 1.0))
         return np.array([1.3 * np.cos(angle_rad), 1.3 * np.sin(angle_rad), 0.2])
 
-    log = LoopBench(predictor=predictor(), head_m=face_m).run(2.0, seen=lambda t: t < 0.28 and round(30 * t) % 2 == 0)
+    times_s = [k / 15 for k in range(5)]
+    faces = tuple(Sighting(t + 0.066, HeadObservation(t, face_m(t), confidence=0.7)) for t in times_s)
+    log = LoopBench(predictor=predictor(), head_m=face_m).run(2.0, seen=lambda t: False, extra=faces)
     assert log.capture_time_s.size == 5
     pan_deg = np.rad2deg(log.command_position_rad[:, 0])
     assert -23.0 < pan_deg.min() < -15.0

@@ -5,7 +5,7 @@ import pytest
 from builders.bags import OPTICAL, face_rows, pose_rows, write_bag
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import RecordingError, SettingsError
+from gazempc.errors import SettingsError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.labels import route_group
 from gazempc.recordings.readers.options import ReadOptions
@@ -129,13 +129,6 @@ def test_the_head_of_a_skeleton_has_its_pelvis(tmp_path):
     ]
     np.testing.assert_allclose(yaws, np.repeat([[0.5 - np.pi / 2], [-np.pi / 2]], 60, axis=1), atol=1e-9)
     assert route_group(walk.times_s, walk.measured.pelvis_position_m) == "straight"
-
-
-def test_frames_of_a_robot_are_nobody(tmp_path):
-    names = ("head_1_link", "head_tilt", "head_front_camera", "body_base", "face_camera_frame")
-    rows = [row for name in names for row in face_rows(name, START_S + T, WALK, "torso")]
-    with pytest.raises(RecordingError, match="no frame of a person"):
-        load(write_bag(tmp_path / "bag", rows))
 
 
 @pytest.mark.parametrize("kind", [POSE, POINT, "geometry_msgs/msg/PoseWithCovarianceStamped"])

@@ -128,19 +128,6 @@ def test_two_heads_without_names_are_asked_about(tmp_path):
     check(load(path, ReadOptions(bvh_head_joint=sk.NUMBERED_HEAD)))
 
 
-def test_each_option_corrects_what_was_inferred(tmp_path):
-    path = sk.write_bvh(tmp_path / "walk.bvh", sk.XSENS)
-    for options, words in (
-        ({"bvh_unit_m": 0.011}, "unit 0.011 m by bvh_unit_m"),
-        ({"bvh_up_axis": "y"}, "y up"),
-        ({"bvh_head_joint": "Neck", "bvh_unit_m": 0.01}, "head Neck (the joint)"),
-        ({"bvh_hips_joint": "Chest2"}, "hips Chest2"),
-        ({"bvh_facing": "-x"}, "facing -x at rest (by bvh_facing)"),
-        ({"bvh_frame_rate_hz": 30.0}, "30 frames a second"),
-    ):
-        assert words in load(path, ReadOptions(**options)).notes[0]
-
-
 def test_without_sides_and_without_a_head_the_message_names_the_option(tmp_path):
     tree = ("A", (0, 0, 0), [("B", (0, 0, 0.4), (0.0, 0.0, 0.3))])
     with pytest.raises(RecordingError, match=r"no joint that may be the head.*bvh_head_joint, one of A, B"):

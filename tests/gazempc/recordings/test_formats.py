@@ -6,8 +6,6 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-import test_readers_bvh as bvh
-import test_readers_kinect as kinect
 from builders.bags import face_rows, write_bag
 
 from gazempc.recordings.load import load
@@ -34,32 +32,6 @@ def write_csv(folder):
     return path
 
 
-def write_parquet(folder):
-    path = folder / "me_01.parquet"
-    table().to_parquet(path)
-    return path
-
-
-def write_kinect(folder):
-    """A person who crosses 2.5 m in front of the camera, facing to its left, with a tracker's noise and a gap."""
-    rng = np.random.default_rng(0)
-    frames = []
-    for k in range(int(SECONDS * 30)):
-        place = np.array([2.5, -1.6 + 1.0 * k / 30, -0.2]) + rng.normal(0, 0.004, 3)
-        seen = [] if 60 <= k < 64 else [kinect.body(3, place, 90.0, 95.0, 0.0)]
-        frames.append(
-            {"timestamp_usec": 33_333 * k, "frame_id": k, "num_bodies": len(seen), "bodies": seen},
-        )
-    content = {"k4abt_sdk_version": "1.1.2", "joint_names": kinect.NAMES, "bone_list": [], "frames": frames}
-    return kinect.write(folder / "me_01.json", content)
-
-
-def write_bvh(folder):
-    """A stiff person who walks straight at 1.2 m/s, at 120 frames a second."""
-    frames = [[0.0, 95.0, 1.0 * k] + [0.0] * 15 for k in range(int(SECONDS * 120))]
-    return bvh.write(folder / "me_01.bvh", bvh.Y_UP, frames)
-
-
 def bag(folder):
     """Somebody who crosses 2.5 m in front of a camera, facing to its left, with a tracker's noise."""
     t = np.arange(int(SECONDS * 30)) / 30
@@ -72,9 +44,6 @@ def bag(folder):
     ("write", "kind", "sensor", "placement"),
     [
         (write_csv, "motion capture", "reference", "side"),
-        (write_parquet, "motion capture", "reference", "side"),
-        (write_kinect, "body tracking", "recorded", "recorded"),
-        (write_bvh, "motion capture", "reference", "side"),
         (bag, "tracked", "recorded", "recorded"),
     ],
 )

@@ -10,21 +10,6 @@ from gazempc.recordings.readers.bag import read_bag_tracks
 TIMES_S = 1000.0 + np.arange(5) / 30.0
 
 
-@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
-def test_optical_axes_are_turned(tmp_path, storage):
-    # The identity in optical axes: x right, y down, z forward.
-    bag = write_bag(tmp_path / "bag", face_rows("face_a", TIMES_S, [0.2, 0.3, 1.5]), storage, delay_s=0.04)
-    ((seen, optical),) = read_bag_tracks(bag)
-    track = seen.poses
-    assert (seen.name, seen.frame, optical) == ("face_a", "camera_color_optical_frame", True)
-    assert track.times_s == pytest.approx(TIMES_S, abs=1e-6)
-    assert track.delays_s == pytest.approx(0.04, abs=1e-6)
-    assert track.position_m == pytest.approx(np.tile([1.5, -0.2, -0.3], (5, 1)))
-    w, x, y, z = track.quat_wxyz[0]
-    forward = [1 - 2 * (y**2 + z**2), 2 * (x * y + w * z), 2 * (x * z - w * y)]
-    assert forward == pytest.approx([0.0, -1.0, 0.0])  # the face's x axis points to the right of the camera
-
-
 def test_repeated_stamps_are_counted_and_bad_rows_left_out(tmp_path):
     rows = face_rows("face_a", TIMES_S, [0.0, 0.0, 1.0])
     rows += [rows[2], (1001.0, rows[0][1], "face_a", [0, 0, np.nan], (1, 0, 0, 0))]

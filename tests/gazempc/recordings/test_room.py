@@ -1,12 +1,10 @@
 """The room of the paper's experiment: all walks fit into it."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from experiments.paper.routes_figure import draw_routes
 from gazempc.recordings.synthetic.room import PAPER_ROOM, ROUTE_LANDMARKS, way
 from gazempc.recordings.synthetic.routes import ROUTES
 from gazempc.recordings.synthetic.walks import generate, synthetic_names
@@ -64,21 +62,3 @@ def test_a_way_goes_round_the_nearer_end_of_the_partition():
     left = next(landmark for landmark in PAPER_ROOM.landmarks if landmark.name == "left")
     found = way("left", (4.0, 0.0))
     assert found.tolist() == [list(left.position_m), list(left.openings_m[0]), [4.0, 0.0]]
-
-
-@pytest.mark.slow
-def test_the_figure_of_the_routes_is_drawn_for_synthetic_and_for_other_walks(tmp_path):
-    synthetic = [generate(f"subject01_{route}") for route in ROUTES]
-    others = [replace(walk, name=f"walk{i}", kind="motion capture") for i, walk in enumerate(synthetic)]
-    # A person who is lost at the start and at the end, and a person who stands.
-    track = others[3].truth
-    lost = (np.arange(len(track.valid)) < 20) | (np.arange(len(track.valid)) > 100)
-    head = np.where(lost[:, None], np.nan, track.head_position_m)
-    others[3] = replace(others[3], truth=replace(track, head_position_m=head, valid=~lost))
-    standing = replace(track, head_position_m=np.tile([2.0, 0.0, 0.4], (len(lost), 1)))
-    others[4] = replace(others[3], name="walk4", truth=standing, labels=replace(others[4].labels, group=None))
-    for chosen in (synthetic, others, [*synthetic, *others]):
-        draw_routes(chosen, tmp_path / "routes.png")
-        assert (tmp_path / "routes.png").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(ValueError, match="no recordings"):
-        draw_routes([], tmp_path / "none.png")

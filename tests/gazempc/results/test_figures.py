@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders.replays import replayed
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -26,16 +25,9 @@ from gazempc.results.figures.animation import (
     head_offset_deg,
     running_contact,
 )
+from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.known import known_title, shown_head
-from gazempc.results.figures.overview import (
-    birds_eye,
-    draw_birds_eye,
-    draw_contact_bars,
-    draw_gaze_error,
-    gaze_error,
-    overview,
-)
-from gazempc.results.figures.style import style
+from gazempc.results.figures.overview import draw_contact_bars, draw_gaze_error, overview
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
 
@@ -76,7 +68,7 @@ def _pixels(path: Path) -> np.ndarray:
 @pytest.mark.parametrize("count", [1, 4])
 @pytest.mark.parametrize(
     ("draw", "smallest"),
-    [(birds_eye, (900, 800)), (angles, (900, 700)), (gaze_error, (1000, 700)), (overview, (1600, 900))],
+    [(angles, (900, 700)), (overview, (1600, 900))],
 )
 def test_figure_is_a_picture_that_is_not_blank(
     logs: Logs, draw: Draw, smallest: tuple[int, int], count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -108,27 +100,10 @@ def test_figure_is_a_picture_that_is_not_blank(
 
 def test_birds_eye_is_to_scale_and_left_is_left(logs: Logs) -> None:
     ax = Figure().subplots()
-    draw_birds_eye(ax, logs, detailed=True)
+    draw_birds_eye(ax, logs)
     assert ax.get_aspect() == 1.0
     left, right = ax.get_xlim()
     assert left > right
-
-
-def _contact_texts(ax: Axes) -> dict[str, list[int]]:
-    texts = ax.get_legend_handles_labels()[1]
-    shares = [text.removesuffix(" %").split(": ") for text in texts if text.endswith(" %")]
-    return {label: [int(share) for share in numbers.split(" / ")] for label, numbers in shares}
-
-
-def test_legend_says_what_the_metrics_say(logs: Logs) -> None:
-    ax = Figure().subplots()
-    draw_gaze_error(ax, logs, detailed=True)
-    texts = _contact_texts(ax)
-    assert len(texts) == len(logs)
-    for name, log in logs.items():
-        figures = measure(log)
-        wanted = [figures.eye_contact_2p6, figures.eye_contact_4, figures.eye_contact_9]
-        assert texts[style(name).label] == pytest.approx([100 * share for share in wanted], abs=0.5)
 
 
 @pytest.mark.slow
@@ -192,7 +167,7 @@ def test_a_head_that_is_known_at_rare_frames_is_drawn_as_points_and_said(logs: L
     assert off_m.max() < 0.05
     for draw in (draw_birds_eye, draw_gaze_error):
         ax = Figure().subplots()
-        draw(ax, rare, detailed=True)
+        draw(ax, rare)
         points = [line for line in ax.lines if line.get_marker() == "o" and len(line.get_xdata()) == head.known.sum()]
         assert len(points) == 1
         assert np.isfinite(points[0].get_ydata()).all()
@@ -212,11 +187,11 @@ def test_a_head_that_nobody_knows_is_drawn_as_it_was_observed_and_said(logs: Log
     assert np.nanmedian(np.linalg.norm(drawn_m - log.head_observed_base_m, axis=1)) < 0.02
     assert "the true head is unknown" in known_title(unknown)
     ax = Figure().subplots()
-    draw_gaze_error(ax, unknown, detailed=False)
+    draw_gaze_error(ax, unknown)
     assert any("the true head is unknown" in text.get_text() for text in ax.texts)
     ax = Figure().subplots()
     draw_contact_bars(ax, unknown)
     assert [text.get_text() for text in ax.texts] == ["not known"]
-    for draw in (angles, birds_eye, gaze_error, overview):
+    for draw in (angles, overview):
         draw(unknown, tmp_path / "live.png")
         assert np.ptp(_pixels(tmp_path / "live.png")) > 0

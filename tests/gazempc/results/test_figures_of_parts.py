@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from builders.recordings import synthetic
 from builders.replays import replayed
-from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from gazempc.neck.spec import load_neck
-from gazempc.results.figures.angles import angles
 from gazempc.results.figures.animation import head_offset_deg, part_offsets_deg
 from gazempc.results.figures.known import parts
-from gazempc.results.figures.overview import (
-    birds_eye,
-    gaze_error,
-    overview,
-)
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg
 
-Logs = dict[str, Log]
-DRAWN: tuple[Callable[[Logs, Path], None], ...] = (angles, birds_eye, gaze_error, overview)
 PLAIN, EYES = load_neck("reference"), load_neck("reference_eyes")
 ALL = EYES.model_copy(update={"name": "all", "body": load_neck("reachy_mini_body").body})
 
@@ -34,14 +23,6 @@ ALL = EYES.model_copy(update={"name": "all", "body": load_neck("reachy_mini_body
 @pytest.fixture(scope="module", params=[PLAIN, ALL], ids=["plain", "eyes and body"])
 def log(request: pytest.FixtureRequest) -> Log:
     return replayed(synthetic("subject02_R4"), "reactive", neck=request.param)
-
-
-@pytest.fixture
-def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """The figures that are saved, which are not written."""
-    saved: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *args, **kwargs: saved.append(figure))
-    return saved
 
 
 def test_parts_point_where_rotations_say(log: Log) -> None:

@@ -24,8 +24,6 @@ from gazempc.sim.simulated import SimulatedNeck
 
 NECK = load_neck("reference")
 TS = NECK.servo_period_s
-# MuJoCo's step takes the new velocity for the position, which is half a step (0.5 ms) ahead of the exact answer.
-HALF_STEP_S = 0.0005
 GEOMETRY = Geometry(tilt_axis_in_pan_m=(0.07, 0.01, 0.05), eye_in_tilt_m=(0.06, -0.03, 0.08))
 
 
@@ -89,15 +87,21 @@ def sine_lag_s(times, position_rad, rate_rad_s):
     return -np.arctan2(cosine, sine) / rate_rad_s
 
 
+def servo_delay_s(axis, rate_rad_s):
+    """Phase of wn^2 / (s^2 + 2 zeta wn s + wn^2) at a frequency, as a time."""
+    wn = axis.natural_frequency_rad_s
+    return np.arctan2(2 * axis.damping_ratio * wn * rate_rad_s, wn**2 - rate_rad_s**2) / rate_rad_s
+
+
 @pytest.mark.parametrize("dead_time_s", [0.0, 0.1, 0.4])
 def test_a_slow_sine_comes_out_dead_time_and_servo_lag_later(dead_time_s):
-    """Half a tick more, because commands are held; half of MuJoCo's step less. Both joints."""
+    """Half a tick more, because commands are held; an integrator of first order takes half of its step off."""
     rate = 2 * np.pi * 0.1
     neck = changed(dead_time_s=dead_time_s)
     times, positions = drive(mujoco_neck, neck, lambda t: (0.5 * np.sin(rate * t), 0.3 * np.sin(rate * t)), 20.0)
     for axis, position_rad in zip(neck.axes, positions.T, strict=True):
-        expected_s = dead_time_s + axis.servo_lag_s + TS / 2 - HALF_STEP_S
-        assert sine_lag_s(times, position_rad, rate) == pytest.approx(expected_s, abs=2e-4)
+        expected_s = dead_time_s + servo_delay_s(axis, rate) + TS / 2
+        assert sine_lag_s(times, position_rad, rate) == pytest.approx(expected_s, abs=5e-6)
 
 
 def test_pan_and_tilt_have_dead_times_of_their_own_also_fractions_of_a_step():
@@ -109,7 +113,8 @@ def test_pan_and_tilt_have_dead_times_of_their_own_also_fractions_of_a_step():
     for i, extra_s in enumerate((0.0003, 0.0007)):
         lag_s = sine_lag_s(times, positions[:, i], rate)
         assert lag_s - sine_lag_s(times, of_whole[:, i], rate) == pytest.approx(extra_s, abs=1e-6)
-        assert lag_s == pytest.approx(neck.dead_time_s[i] + neck.servo_lag_s[i] + TS / 2 - HALF_STEP_S, abs=2e-4)
+        expected_s = neck.dead_time_s[i] + servo_delay_s(neck.axes[i], rate) + TS / 2
+        assert lag_s == pytest.approx(expected_s, abs=5e-6)
 
 
 @pytest.mark.parametrize("damping_ratio", [0.4, 0.9, 3.0])
@@ -124,8 +129,8 @@ def test_a_step_is_answered_by_the_second_order_response_after_the_dead_time(dam
         fine = np.arange(3000) * 1e-3
         _, response = signal.step(system, T=fine)
         expected = step_rad[i] * np.interp(times - dead_time_s, fine, response, left=0.0)
-        # Half a step at the greatest speed (0.6 wn times the step) is 0.11 deg.
-        assert np.rad2deg(np.abs(positions[:, i] - expected).max()) < 0.15
+        # A delayed step is a ramp of one simulation step.
+        assert np.rad2deg(np.abs(positions[:, i] - expected).max()) < 0.01
         assert np.all(positions[times < dead_time_s, i] == 0.0)
 
 

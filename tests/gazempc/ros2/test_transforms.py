@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from builders.ros2_tf import transform
-from builders.ros2_wire import UNIX_START_S
+from builders.ros2_graph import UNIX_START_S, transform
 from scipy.spatial.transform import Rotation
 
+from gazempc.ros2.messages import Ros2Error
 from gazempc.ros2.transforms import Transforms
-from gazempc.ros2.wire import WireError
 
 
 def taken(*edges):
@@ -74,7 +73,7 @@ def test_a_frame_that_gets_another_parent_is_elsewhere():
 
 def test_frames_in_a_circle_end_nowhere():
     tree = taken(("a", "b", [1.0, 0.0, 0.0], [0.0] * 3, 5.0), ("b", "a", [1.0, 0.0, 0.0], [0.0] * 3, 5.0))
-    with pytest.raises(WireError, match="no path from 'a' to 'base'"):
+    with pytest.raises(Ros2Error, match="no path from 'a' to 'base'"):
         tree.pose("a", "base")
 
 

@@ -52,15 +52,6 @@ def test_what_ran_before_does_not_show() -> None:
     assert bits(replayed("subject05_R2", "slow", mpc={"smoothing_time_s": 0.15})) == other
 
 
-def test_a_used_controller_answers_as_a_new_one() -> None:
-    """Its solvers start from the last active set; `reset` forgets it, to the last bit."""
-    used = Mpc(REFERENCE)
-    replayed("subject05_R2", "reference", used)
-    again = bits(replayed("subject03_R4", "reference", used))
-    forget()
-    assert again == bits(replayed("subject03_R4", "reference"))
-
-
 def test_necks_and_settings_do_not_share() -> None:
     """Every number that a program depends on is in its key."""
 

@@ -75,11 +75,3 @@ def test_who_stands_exactly_still_stays_there(covariance, rate_hz):
         walker.update(HeadObservation(k / rate_hz, at, yaw_quat(0.4), yaw_quat(0.4), position_covariance_m2=covariance))
         assert_sound(walker, k / rate_hz)
     np.testing.assert_allclose(walker.forecast(99 / rate_hz + TIMES_S).means_base_m, np.tile(at, (4, 1)), atol=1e-6)
-
-
-def test_orientations_that_flip_in_every_frame():
-    walker = Walker(random_model())
-    for k in range(90):
-        quat = yaw_quat(0.1 + np.pi * (k % 2))
-        walker.update(HeadObservation(k / 30, [1.2 * k / 30, 0.0, 0.4], quat, quat))
-        assert_sound(walker, k / 30)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from builders.people import yaw_quat
 from builders.walkers import moved, seen_of, straight_model
+from predictors.walker.errors import N_ERRORS
 from scipy.spatial.transform import Rotation
 
 from predictors import HeadObservation, Walker
-from predictors.walker.errors import N_ERRORS
 from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD, WalkerHistory
 from predictors.walker.memories import N_MEMORIES
 from predictors.walker.noise import N_COLOURS
@@ -105,6 +105,30 @@ def test_a_mounting_is_taken_away_and_a_person_s_own_offset_is_kept(angle_deg):
     assert aside < 1.5 * np.mean([np.abs(o.network[yaws]).mean() for o in plain[45:]])
 
 
+@pytest.mark.parametrize(
+    ("offset_rad", "frames", "mounting"),
+    [
+        # Pelvis and head: a person's own offset; half of it a mounting; a mounting; half of one after 10 frames.
+        ((0.2, 0.3), 60, (0.0, 0.0)),
+        ((0.325, 0.425), 60, (0.1625, 0.2125)),
+        ((-1.0, 2.0), 60, (-1.0, 2.0)),
+        ((0.8, -0.9), 10, (0.4, -0.45)),
+    ],
+)
+def test_a_constant_offset_is_a_mounting_by_its_size_and_its_time(offset_rad, frames, mounting):
+    """Both yaws steady beside a straight walk: what is left of the offset is in the inputs, and is learned as such."""
+    history = WalkerHistory()
+    for k in range(frames):
+        state = STATE + np.array([1.2 * k / 30, 0, 0, 0, 0, 0])
+        pelvis, head = map(yaw_quat, offset_rad)
+        inputs = history.add(HeadObservation(k / 30, state[:3], head, pelvis), state, 1e-4 * np.eye(3))
+    left_rad = np.subtract(offset_rad, mounting)
+    yaws = inputs.network[3 * WINDOW : 5 * WINDOW].reshape(WINDOW, 2)
+    np.testing.assert_allclose(yaws[-1], left_rad / [0.15, 0.2], atol=1e-6)
+    learned = inputs.network[5 * WINDOW : 5 * WINDOW + 2]
+    np.testing.assert_allclose(learned, np.clip(left_rad * frames / (frames + 15.0) / 0.1, -4.0, 4.0), atol=1e-6)
+
+
 def test_where_each_known_number_stands():
     """Size and correlation of the noise, whether it was stated, and the frames at 60 a second."""
     history = WalkerHistory()
@@ -141,10 +165,8 @@ def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
         for stated, told in enumerate((None, covariance)):
             seen = HeadObservation(0.0, state[:3], position_covariance_m2=told)
             inputs = WalkerHistory().add(seen, state, covariance)
-            np.testing.assert_allclose(inputs.noise_sd_m[stated], sds, rtol=1e-3, atol=1e-6)
-            np.testing.assert_array_equal(inputs.noise_base_m2[stated], covariance)
-            assert not inputs.noise_sd_m[1 - stated].any()
-            assert not inputs.noise_base_m2[1 - stated].any()
+            np.testing.assert_allclose(inputs.stated_sd_m, stated * sds, rtol=1e-3, atol=1e-6)
+            np.testing.assert_array_equal(inputs.stated_base_m2, stated * covariance)
             assert np.abs(inputs.network).max() <= 4.0
 
 

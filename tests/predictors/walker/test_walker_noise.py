@@ -6,8 +6,7 @@ from builders.trackers import wander
 from builders.walkers import random_covariance, seen_of, straight_model
 
 from predictors import Walker
-from predictors.walker.errors import N_ERRORS, LineErrors
-from predictors.walker.line import Line
+from predictors.walker.line import N_ERRORS, Line, LineErrors
 from predictors.walker.noise import N_COLOURS, MeasuredColour, MeasuredNoise, without_stated
 
 FRAME_S = 1.0 / 30.0

@@ -37,18 +37,20 @@ def shown(observations, *predictors):
     return observation.capture_time_s
 
 
-@settings(max_examples=15)
+@settings(max_examples=20)
 @given(
     angle_rad=st.floats(-np.pi, np.pi),
     shift_m=st.tuples(*[st.floats(-5, 5)] * 3).map(np.array),
     mirror=st.booleans(),
-    sensor=st.sampled_from(["reference", "face_camera"]),
+    sensor=st.sampled_from(["reference", "face_camera", "street", "body_tracker"]),
 )
 def test_where_and_which_way_somebody_walks_does_not_matter(angle_rad, shift_m, mirror, sensor):
     """The forecast moves, turns and is mirrored with the walk, covariance and all, from the first frame on.
 
-    A tracker that wanders by more than 30 mm is another matter: its line of sight counts, so a shift changes something.
+    With a tracker that wanders by more than 30 mm the line of sight counts, so a shift changes something.
     """
+    if sensor in ("street", "body_tracker"):
+        shift_m = np.zeros(3)
     observations = seen_of("subject02_R5", sensor)[20:45]
     model = random_model()
     means, covariances = forecasts(observations, walker=Walker(model))
@@ -56,20 +58,6 @@ def test_where_and_which_way_somebody_walks_does_not_matter(angle_rad, shift_m, 
     other_means, other_covariances = forecasts(others, walker=Walker(model))
     turn = Rotation.from_euler("z", angle_rad).as_matrix() @ np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
     np.testing.assert_allclose(other_means, means @ turn.T + shift_m, atol=1e-5)
-    np.testing.assert_allclose(other_covariances, turn @ covariances @ turn.T, atol=1e-5)
-
-
-@settings(max_examples=10)
-@given(angle_rad=st.floats(-np.pi, np.pi), mirror=st.booleans(), sensor=st.sampled_from(["street", "body_tracker"]))
-def test_where_around_the_robot_somebody_walks_does_not_matter(angle_rad, mirror, sensor):
-    """This holds of trackers that wander, too."""
-    observations = seen_of("subject02_R5", sensor)[20:45]
-    model = random_model()
-    means, covariances = forecasts(observations, walker=Walker(model))
-    others = [moved(o, angle_rad, np.zeros(3), mirror) for o in observations]
-    other_means, other_covariances = forecasts(others, walker=Walker(model))
-    turn = Rotation.from_euler("z", angle_rad).as_matrix() @ np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
-    np.testing.assert_allclose(other_means, means @ turn.T, atol=1e-5)
     np.testing.assert_allclose(other_covariances, turn @ covariances @ turn.T, atol=1e-5)
 
 
@@ -114,7 +102,7 @@ def test_who_keeps_to_the_line_is_forecast_on_the_filter_s_line(speed_m_s):
 def test_the_noise_of_the_observations_keeps_its_own_directions(heading_rad, v):
     """A share of it is added to the scale in the line's frame, whichever way somebody walks; beyond 1.5 s both grow."""
     noise_m2 = random_covariance(np.random.default_rng(1), [0.3, 0.02, 0.01])
-    model = straight_model(0.1, v, 0.3, 0.8)
+    model = straight_model(0.1, v, 0.8)
     model.log_spread[0] += np.log([0.5, 1.0, 2.0])
     walker, turn = Walker(model), Rotation.from_euler("z", heading_rad).as_matrix()
     for k in range(45):
@@ -130,18 +118,6 @@ def test_the_noise_of_the_observations_keeps_its_own_directions(heading_rad, v):
     np.testing.assert_allclose(forecast.covariances_m2, expected, rtol=1e-6, atol=1e-9)
     longest = np.linalg.eigh(forecast.covariances_m2[1])[1][:, 2]
     assert abs(longest @ np.linalg.eigh(noise_m2)[1][:, 2]) > 0.95
-
-
-def test_measured_noise_has_a_share_of_its_own():
-    """Without a stated covariance, that which was measured until then."""
-    rng, walker = np.random.default_rng(0), Walker(straight_model(0.002, np.inf, 0.7, 0.2))
-    for k in range(120):
-        error = rng.standard_normal(3) * [0.005, 0.06, 0.005]
-        walker.update(HeadObservation(k / 30, np.array([1.2 * k / 30, 0.0, 0.4]) + error))
-    noise_m2 = walker.inputs().noise_base_m2[0]
-    assert 0.04 < np.sqrt(noise_m2[1, 1]) < 0.08
-    stated = walker.forecast([119 / 30 + 0.5]).covariances_m2[0]
-    np.testing.assert_allclose(stated, 0.7**2 * noise_m2 + 0.002**2 * np.eye(3), atol=1e-9)
 
 
 def test_without_a_stated_covariance_the_measured_one_is_the_filter_s():
@@ -184,7 +160,7 @@ def test_blend_is_the_mixture_of_both_forecasts():
     turn = inputs.line.to_base()
     own = inputs.line.origin_base_m + 0.5 * inputs.line.velocity_base_m_s + turn @ departure[0]
     mean = share * own + (1 - share) * plain.means_base_m[0]
-    own_m2 = turn @ np.diag(sd[0, :3] ** 2) @ turn.T + sd[0, 4] ** 2 * STATED_M2
+    own_m2 = turn @ np.diag(sd[0, :3] ** 2) @ turn.T + sd[0, 3] ** 2 * STATED_M2
     second = share * (own_m2 + np.outer(own, own))
     second += (1 - share) * (plain.covariances_m2[0] + np.outer(plain.means_base_m[0], plain.means_base_m[0]))
     np.testing.assert_allclose(mixed.means_base_m[0], mean, atol=1e-9)

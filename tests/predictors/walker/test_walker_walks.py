@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
 from experiments.engine.choices import find_recordings
-from experiments.forecast.errors import forecast_errors
-from experiments.forecast.view import turn_head
+from experiments.forecast.errors import forecast_errors, turn_head
 from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadObservation, LastPosition, Walker, bearing_covariance

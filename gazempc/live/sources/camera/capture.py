@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +14,8 @@ from typing import Any, Protocol
 from pydantic import Field
 
 from gazempc.live.sources.camera.blazeface import import_opencv
-from gazempc.live.sources.source import SourceError
+from gazempc.live.sources.source import Notice, SourceError
+from gazempc.loop.events import Event
 from gazempc.part_options import make
 from gazempc.parts import Kind, is_own
 from gazempc.settings import Settings
@@ -45,6 +48,10 @@ class CameraOptions(Settings):
 _STAMP_AGE_MAX_S = 1.0
 # How long to wait before a camera that gives no picture is opened again.
 _RETRY_S = 1.0
+# A network camera without a picture for so long, or with one and the same, stands still.
+_SILENT_S, _SAME_S = 2.0, 1.0
+# A stream that is later than its fastest picture of the last minute by this much falls behind.
+_LAG_S, _LAG_OVER_S = 0.5, 60.0
 # A picture of a file that is later than this is left out.
 _LATE_S = 0.05
 
@@ -75,11 +82,11 @@ CAMERA = Kind(
 class Pictures(Protocol):
     """Gives pictures."""
 
-    def read(self) -> Picture | str | None:
+    def read(self) -> Picture | Notice | str | None:
         """The newest picture that was not read before; waits for one.
 
         Returns:
-            The picture; a text if something is wrong for now; None if nothing more will come.
+            The picture; a text or a notice if something is wrong for now; None if nothing more will come.
         """
         ...
 
@@ -126,10 +133,47 @@ class VideoFile:
         self._video.release()
 
 
+class StreamWatch:
+    """Finds a stream that stands still, and one that falls behind by its own time stamps."""
+
+    def __init__(self) -> None:
+        self._picture, self._since_s, self.frozen = b"", -math.inf, False
+        # Arrival, and by how much it was later than the stamp; ascending in both.
+        self._offsets: deque[tuple[float, float]] = deque()
+
+    def is_same(self, bgr: Any, arrived_s: float) -> bool:
+        """Whether the stream has shown one picture for a second.
+
+        Args:
+            bgr: The picture.
+            arrived_s: Its arrival, seconds.
+        """
+        picture = bgr[::8, ::8].tobytes()
+        if picture != self._picture:
+            self._picture, self._since_s = picture, arrived_s
+        return arrived_s - self._since_s > _SAME_S
+
+    def lag_s(self, stamp_s: float, arrived_s: float) -> float:
+        """By how much a picture is later than the one that came fastest in the last minute.
+
+        Args:
+            stamp_s: The stream's stamp, seconds on any clock.
+            arrived_s: Its arrival, seconds.
+        """
+        offset_s = arrived_s - stamp_s
+        while self._offsets and self._offsets[-1][1] >= offset_s:
+            self._offsets.pop()
+        self._offsets.append((arrived_s, offset_s))
+        while self._offsets[0][0] < arrived_s - _LAG_OVER_S:
+            self._offsets.popleft()
+        return offset_s - self._offsets[0][1]
+
+
 class Camera:
     """A camera of this computer, or a stream from the network. A thread takes all pictures; `read` gives the newest.
 
-    The time of capture is the stamp of Linux's driver; elsewhere the time of arrival.
+    The time of capture is the stamp of Linux's driver; elsewhere the time of arrival, less what an RTSP stream
+    is behind by its own stamps.
 
     Args:
         address: A number or nothing for the first one, a device such as ``/dev/video2``, or a URL.
@@ -150,17 +194,22 @@ class Camera:
                 "a device such as /dev/video0, a video file, a URL, module:Class for a camera of your own"
             )
         self._fresh = threading.Condition()
-        self._newest: tuple[Any, float] | str | None = None
+        self._newest: tuple[Any, float] | Notice | str | None = None
         self._closing = False
+        self._streams = isinstance(self._address, str) and "://" in self._address
+        self._watch = StreamWatch()
         self._thread = threading.Thread(target=self._take, name="camera", daemon=True)
         self._thread.start()
 
-    def read(self) -> Picture | str | None:
+    def read(self) -> Picture | Notice | str | None:
         """See `Pictures.read`."""
         with self._fresh:
-            self._fresh.wait_for(lambda: self._newest is not None or self._closing)
+            patience_s = _SILENT_S if self._streams and not self._watch.frozen else None
+            if not self._fresh.wait_for(lambda: self._newest is not None or self._closing, patience_s):
+                self._watch.frozen = True
+                return Notice(Event.STREAM_FROZEN, f"camera {self._address}: no picture for {_SILENT_S:g} s", 0)
             newest, self._newest = self._newest, None
-        if newest is None or isinstance(newest, str):
+        if newest is None or isinstance(newest, str | Notice):
             return newest
         return Picture(self._cv2.cvtColor(newest[0], self._cv2.COLOR_BGR2RGB), newest[1])
 
@@ -188,16 +237,40 @@ class Camera:
             if self._camera.grab():
                 captured_s = self._captured_s(time.monotonic())
                 fine, bgr = self._camera.retrieve()
-                if fine:
+                if fine and not self._streams:
                     self._give((bgr, captured_s))
+                elif fine:
+                    self._take_streamed(bgr, captured_s)
                 continue
             self._give(f"camera {self._address}: no picture comes; trying to open it again")
-            self._camera.release()
-            time.sleep(_RETRY_S)
-            self._camera = self._open()
+            self._open_again(_RETRY_S)
         self._camera.release()
 
-    def _give(self, newest: tuple[Any, float] | str) -> None:
+    def _take_streamed(self, bgr: Any, arrived_s: float) -> None:
+        watch, lag_s = self._watch, 0.0
+        if str(self._address).startswith("rtsp"):
+            # Other streams have made-up stamps.
+            lag_s = watch.lag_s(1e-3 * float(self._camera.get(self._cv2.CAP_PROP_POS_MSEC)), arrived_s)
+        if watch.is_same(bgr, arrived_s):
+            if not watch.frozen:
+                watch.frozen = True
+                self._give(Notice(Event.STREAM_FROZEN, f"camera {self._address}: one picture for {_SAME_S:g} s", 0))
+            return
+        watch.frozen = False
+        if lag_s > _LAG_S:
+            self._give(
+                Notice(Event.STREAM_LAGS, f"camera {self._address}: {lag_s:.1f} s behind; it is opened again", 0)
+            )
+            self._open_again(0.0)
+        else:
+            self._give((bgr, arrived_s - lag_s))
+
+    def _open_again(self, after_s: float) -> None:
+        self._camera.release()
+        time.sleep(after_s)
+        self._camera, self._watch = self._open(), StreamWatch()
+
+    def _give(self, newest: tuple[Any, float] | Notice | str) -> None:
         with self._fresh:
             self._newest = newest
             self._fresh.notify_all()

@@ -17,6 +17,7 @@ from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.live.sources.camera.worker import Failed, Message, Opened, Shown, serve
 from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.results.moments import Moment, PictureMoment
+from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
@@ -81,7 +82,13 @@ class CameraSource:
         self._messages, theirs = context.Pipe(duplex=False)
         self._process = context.Process(
             target=serve,
-            args=(self._address, self._options, theirs, self._watch is not None, self._own),
+            args=(
+                picture_url() if self._address == EMULATOR else self._address,
+                self._options,
+                theirs,
+                self._watch is not None,
+                self._own,
+            ),
             name="camera",
             daemon=True,
         )
@@ -107,10 +114,10 @@ class CameraSource:
                 sightings.append(Sighting(now_s, replace(message, capture_time_s=captured_s)))
             elif isinstance(message, Shown) and self._watch is not None:
                 self._watch(PictureMoment(self._clock.from_monotonic_s(message.captured_s), message.jpeg))
-            elif isinstance(message, str):
-                problems.append(message)
             elif isinstance(message, Notice):
                 notices.append(message)
+            elif isinstance(message, str):
+                problems.append(message)
             elif isinstance(message, Failed) and message.why:
                 problems.append(message.why)
         return Arrived(tuple(sightings), tuple(problems), tuple(notices))

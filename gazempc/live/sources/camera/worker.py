@@ -136,7 +136,7 @@ def _work(
         detector, rate = BlazeFace(), FaceRate()
         sensor, latest_s = None, float("-inf")
         while (picture := pictures.read()) is not None:
-            if isinstance(picture, str):
+            if isinstance(picture, str | Notice):
                 parent.send(picture)
                 continue
             if getattr(picture.rgb, "ndim", 0) != 3 or picture.rgb.shape[2] != 3 or picture.rgb.dtype.name != "uint8":

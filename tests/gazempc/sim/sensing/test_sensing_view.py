@@ -7,9 +7,9 @@ from builders.replays import replayed
 from builders.sensing import sensor
 
 from gazempc.neck.kinematics import gaze_ray, look_at
+from gazempc.neck.poses import seen_from_head
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.sim.replay import ReplaySettings
-from gazempc.sim.sensing.view import seen_from_head
 
 GEOMETRY = Geometry(tilt_axis_in_pan_m=(0.02, 0.01, 0.05), eye_in_tilt_m=(0.04, -0.02, 0.03))
 

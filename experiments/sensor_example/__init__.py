@@ -1,1 +1,0 @@
-"""Pictures of what sensors see of a walk. May import experiments.engine."""

@@ -1,0 +1,134 @@
+"""A place that outranks people as long as it is set: the goal of a head action, or of a program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.track import Target
+from gazempc.types import FloatArray, Sighting
+from predictors import Forecast, HeadObservation, Predictor
+
+# Peak of the speed of a minimum-jerk motion, as a multiple of its mean (Flash & Hogan 1985).
+_PEAK_OF_MEAN = 1.875
+# Commands follow the path with a little overshoot.
+_SPEED_SHARE = 0.85
+# A place is known; a forecast needs a covariance that can be inverted.
+_VARIANCE_M2 = 1e-6
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place to look at, reached at once or along a path.
+
+    Attributes:
+        target_base_m: Where it is, shape (3,), metres, base frame.
+        eye_base_m: Where the eye was when the path began, shape (3,), metres.
+        from_direction: Direction of the gaze then, shape (3,), unit.
+        start_s: When the path begins, seconds on the loop's clock.
+        lasts_s: Duration of the path, seconds; 0 without one.
+    """
+
+    target_base_m: FloatArray
+    eye_base_m: FloatArray
+    from_direction: FloatArray
+    start_s: float
+    lasts_s: float = 0.0
+
+    @classmethod
+    def reached(
+        cls,
+        target_base_m: FloatArray,
+        eye_base_m: FloatArray,
+        from_direction: FloatArray,
+        start_s: float,
+        min_duration_s: float = 0.0,
+        max_velocity_rad_s: float = np.inf,
+    ) -> Place:
+        """A place with a path that lasts at least so long and turns at most so fast.
+
+        Args:
+            target_base_m: Where it is, shape (3,), metres, base frame.
+            eye_base_m: Where the eye is, shape (3,), metres.
+            from_direction: Direction of the gaze now, shape (3,), unit.
+            start_s: When the path begins, seconds.
+            min_duration_s: Shortest duration, seconds.
+            max_velocity_rad_s: Highest angular speed of the gaze, rad/s.
+        """
+        to = target_base_m - eye_base_m
+        angle_rad = np.arctan2(np.linalg.norm(np.cross(from_direction, to)), from_direction @ to)
+        by_speed_s = _PEAK_OF_MEAN * float(angle_rad) / (_SPEED_SHARE * max_velocity_rad_s)
+        return cls(target_base_m, eye_base_m, from_direction, start_s, max(min_duration_s, by_speed_s))
+
+    def at(self, times_s: FloatArray) -> FloatArray:
+        """Where to look, shape (H, 3), metres, at times of shape (H,), seconds."""
+        if self.lasts_s <= 0.0:
+            return np.tile(self.target_base_m, (times_s.size, 1))
+        x = np.clip((times_s - self.start_s) / self.lasts_s, 0.0, 1.0)
+        share = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        to = self.target_base_m - self.eye_base_m
+        axis = np.cross(self.from_direction, to)
+        if not axis.any():
+            # Straight behind: about the vertical.
+            axis = np.array([0.0, 0.0, 1.0])
+        angle_rad = np.arctan2(np.linalg.norm(axis), self.from_direction @ to)
+        left_rad = (share - 1.0) * angle_rad
+        turns = Rotation.from_rotvec(left_rad[:, None] * (axis / np.linalg.norm(axis)))
+        return np.asarray(self.eye_base_m + turns.apply(to), dtype=np.float64)
+
+
+class Goal:
+    """Hands the place from the thread of a program to the loop.
+
+    Attributes:
+        place: The place; None for people.
+    """
+
+    def __init__(self) -> None:
+        self.place: Place | None = None
+
+
+class Pointing:
+    """A target that gives way to a place as long as one is set; people are tracked all the time.
+
+    Args:
+        target: The target without a place.
+        goal: The place, if any.
+    """
+
+    def __init__(self, target: Target, goal: Goal) -> None:
+        self._target, self._goal = target, goal
+        self._now_s = 0.0
+
+    @property
+    def predictor(self) -> Predictor:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.predictor
+
+    @property
+    def newest(self) -> HeadObservation | None:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.newest
+
+    @property
+    def newest_capture_s(self) -> float | None:
+        """See `gazempc.loop.track.Target`; a place is there now."""
+        return self._target.newest_capture_s if self._goal.place is None else self._now_s
+
+    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """See `gazempc.loop.track.Target.take_in`."""
+        self._now_s = time_s
+        self._target.take_in(sightings, time_s, recorder)
+
+    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
+        """See `gazempc.loop.track.Target.forecast`: the place, or the forecast of the person."""
+        place = self._goal.place
+        if place is None:
+            # The target may have been set back between the questions of one tick.
+            return None if self._target.newest_capture_s is None else self._target.forecast(times_s, time_s, recorder)
+        covariances_m2 = np.tile(_VARIANCE_M2 * np.eye(3), (times_s.size, 1, 1))
+        return Forecast(times_s, place.at(times_s), covariances_m2, time_s)

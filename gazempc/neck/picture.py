@@ -1,0 +1,131 @@
+"""The picture of a camera that the neck turns: where a head is to stand in it, and how far from there it may be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from gazempc.errors import SettingsError
+from gazempc.neck.spec import NeckSpec
+from gazempc.types import FloatArray
+
+# Rate of the head's direction at which the lead room is used by three quarters, pictures a second: between sway and
+# a person who crosses the picture in four seconds.
+_LEADS_FROM_PER_S = 0.25
+# Shares of the zone for plans before a person at rest, and before one who crosses the picture.
+_RESTS_IN, _FOLLOWS_IN = 0.9, 0.5
+_Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Framing(BaseModel):
+    """A head in the picture of a camera that the neck turns; lengths are shares of the picture, so any zoom fits."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    subject: Literal["no", "one", "all"] = Field(
+        default="one",
+        description="Keep in the picture: the attended person, or the box of all people (with --attend); no: the "
+        "gaze meets the head",
+    )
+    view_deg: tuple[float, float] | None = Field(
+        default=None,
+        description="Angles of the picture at its zoom, width and height; default: the neck's head_view_deg",
+    )
+    zone: tuple[_Share, _Share] = Field(
+        default=(0.33, 0.33), description="Width and height of the zone in which the head may be while the camera rests"
+    )
+    headroom: _Share = Field(default=0.4, description="Share of the picture above the head; 0.5: in the middle")
+    lead_room: float = Field(default=0.08, ge=0, le=0.4, description="Share by which a walker is behind the middle")
+    smoothing_time_s: float = Field(default=0.3, gt=0, le=1, description="T of the program; larger is calmer")
+    horizon_s: float = Field(default=1.2, ge=0.1, le=5, description="Length of the plan after the dead time")
+    acceleration_max: float = Field(default=1.5, gt=0, description="Limit in widths of the picture, 1/s^2")
+    jerk_max: float = Field(default=9.0, gt=0, description="Limit in widths of the picture, 1/s^3")
+
+
+@dataclass(frozen=True)
+class FramedPicture:
+    """A framing in the angles of one picture; an angle a share of the picture is taken as that share of its angle.
+
+    Attributes:
+        view_rad: Width and height, radians.
+        zone_rad: Half width and half height of the zone, radians.
+        above_rad: Angle of the head above the middle.
+        lead_rad: Angle of a walker behind the middle, at most.
+        acceleration_max_rad_s2: Limit of each joint's acceleration.
+        jerk_max_rad_s3: Limit of its jerk.
+    """
+
+    view_rad: tuple[float, float]
+    zone_rad: tuple[float, float]
+    above_rad: float
+    lead_rad: float
+    acceleration_max_rad_s2: float
+    jerk_max_rad_s3: float
+
+    @staticmethod
+    def of(framing: Framing, neck: NeckSpec) -> FramedPicture | None:
+        """The picture of a framing on a neck; None for a framing that is off.
+
+        Raises:
+            SettingsError: If the angles of the picture are not known.
+        """
+        if framing.subject == "no":
+            return None
+        view_deg = framing.view_deg or neck.head_view_deg
+        if view_deg is None:
+            raise SettingsError(
+                f"framing.view_deg: missing, and neck {neck.name!r} has no head_view_deg; accepted: width and height "
+                "of the picture, such as 60 34"
+            )
+        width, height = (math.radians(each) for each in view_deg)
+        return FramedPicture(
+            view_rad=(width, height),
+            zone_rad=(0.5 * framing.zone[0] * width, 0.5 * framing.zone[1] * height),
+            above_rad=(0.5 - framing.headroom) * height,
+            lead_rad=framing.lead_room * width,
+            acceleration_max_rad_s2=framing.acceleration_max * width,
+            jerk_max_rad_s3=framing.jerk_max * width,
+        )
+
+    def aim_rad(self, head_rad: FloatArray, turning_rad_s: FloatArray | float) -> FloatArray:
+        """Where the camera is to point for a head: below it by the headroom, ahead of it by the lead room.
+
+        Args:
+            head_rad: Pan and tilt that look at the head, shape (..., 2), radians.
+            turning_rad_s: Rate of this pan, shape (...), rad/s.
+
+        Returns:
+            Pan and tilt, shape (..., 2), radians.
+        """
+        share = np.tanh(np.asarray(turning_rad_s) / (_LEADS_FROM_PER_S * self.view_rad[0]))
+        aim_rad = np.array(head_rad, dtype=np.float64)
+        aim_rad[..., 0] += self.lead_rad * share
+        aim_rad[..., 1] -= self.above_rad
+        return aim_rad
+
+    def planned_zone_rad(self, axis: int, turning_rad_s: float) -> float:
+        """Half of the zone for a plan: before a person at rest most of it, else with room for the forecast's error.
+
+        Args:
+            axis: 0 for pan, 1 for tilt.
+            turning_rad_s: Rate of the angle that looks at the head, rad/s.
+        """
+        moves = math.tanh(abs(turning_rad_s) / (_LEADS_FROM_PER_S * self.view_rad[axis]))
+        return self.zone_rad[axis] * (_RESTS_IN + moves * (_FOLLOWS_IN - _RESTS_IN))
+
+    def calmed(self, neck: NeckSpec) -> NeckSpec:
+        """The neck with pan and tilt within the framing's limits of acceleration and jerk."""
+        axes = {
+            name: axis.model_copy(
+                update={
+                    "acceleration_max_rad_s2": min(axis.acceleration_max_rad_s2, self.acceleration_max_rad_s2),
+                    "jerk_max_rad_s3": min(axis.jerk_max_rad_s3, self.jerk_max_rad_s3),
+                }
+            )
+            for name, axis in (("pan", neck.pan), ("tilt", neck.tilt))
+        }
+        return neck.model_copy(update=axes)

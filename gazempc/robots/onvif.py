@@ -1,0 +1,193 @@
+"""Pan-tilt cameras by ONVIF: ContinuousMove, which ends by itself after a second, and AbsoluteMove where offered."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.neck.spec import NeckSpec
+from gazempc.robots.options import OnvifOptions
+from gazempc.robots.speed_camera import Pair, SpeedCamera
+
+# Whole seconds only; without it a camera was found to run for 180 s.
+_MOVE_ENDS = "PT1S"
+
+
+class OnvifDevice:
+    """A camera by ONVIF, see `gazempc.robots.speed_camera.SpeedDevice`.
+
+    The library onveef does SOAP, digest and the camera's clock. The move status is never waited for: some cameras
+    report MOVING for ever, others UNKNOWN.
+
+    Args:
+        address: HOST or HOST:PORT.
+        neck: The neck, for speeds.
+        options: Login, profile and directions.
+
+    Raises:
+        SettingsError: If the address is wrong, or the login cannot be read.
+        MissingOptionalDependencyError: If onveef is not installed.
+    """
+
+    def __init__(self, address: str, neck: NeckSpec, options: OnvifOptions) -> None:
+        try:
+            import onveef  # noqa: PLC0415
+        except ImportError:
+            raise MissingOptionalDependencyError("the robot onvif", "onveef", "ptz") from None
+        host, _, port = address.partition(":")
+        if not host or (port and not (port.isdecimal() and int(port) < 65536)):
+            raise SettingsError(f"robot onvif:{address}: accepted: onvif:HOST, onvif:HOST:PORT")
+        self._onveef: Any = onveef
+        self._host, self._port, self._options, self._neck = host, int(port or 80), options, neck
+        self._login = _login(options)
+        self.name = f"onvif {host}:{self._port}"
+        self._client: Any = None
+        self._token = ""
+        self._ranges: dict[str, Any] = {}
+        range_deg = options.range_deg
+        self._ends_rad = None if range_deg is None else np.deg2rad(range_deg).reshape(2, 2).tolist()
+        self.takes_angles = range_deg is not None
+
+    def open(self) -> None:
+        """See `SpeedDevice.open`: logs in, and finds the profile that turns.
+
+        Raises:
+            RobotError: If it does not answer, refuses user or password, does not turn, or lacks AbsoluteMove for a
+                neck that takes angles.
+        """
+        self._client = self._onveef.OnvifClient(self._host, self._port, *self._login, timeout_s=self._options.timeout_s)
+        self._ask(self._client.get_device_information)
+        profiles = [each for each in self._ask(self._client.get_profiles) if each.get("ptz")]
+        tokens = [each["token"] for each in profiles]
+        wanted = self._options.profile
+        if not tokens or (wanted is not None and wanted not in tokens):
+            raise RobotError(
+                f"{self.name}: no profile {wanted or 'that turns'}; accepted: {', '.join(tokens) or 'none'}"
+            )
+        self._token = wanted or tokens[0]
+        node = profiles[tokens.index(self._token)]["ptz"].get("node_token")
+        nodes = self._ask(self._client.ptz_get_nodes)
+        self._ranges = next((each["ranges"] for each in nodes if each.get("token") == node), {})
+        needed = "continuous" if self._neck.takes_speeds else "absolute"
+        if not self._offers(needed):
+            raise RobotError(f"{self.name}: it does not offer {needed} moves; it offers: {', '.join(self._offered())}")
+
+    def drive(self, speeds_rad_s: Pair) -> None:
+        """See `SpeedDevice.drive`."""
+        if speeds_rad_s == (0.0, 0.0):
+            self._ask(self._client.ptz_stop, profile_token=self._token, pan_tilt=True, zoom=False)
+            return
+        pan, tilt = (
+            direction * self._share(axis, speed)
+            for axis, speed, direction in zip(self._neck.axes, speeds_rad_s, self._options.directions, strict=True)
+        )
+        # ONVIF counts pan to the right.
+        self._ask(
+            self._client.ptz_continuous_move,
+            profile_token=self._token, pan=-pan, tilt=tilt, zoom=None, timeout=_MOVE_ENDS,
+        )  # fmt: skip
+
+    def go_to(self, angles_rad: Pair) -> None:
+        """See `SpeedDevice.go_to`."""
+        pan, tilt = (
+            2.0 * (angle - low) / (high - low) - 1.0
+            for angle, (low, high) in zip(angles_rad, self._ends_rad or (), strict=True)
+        )
+        self._ask(self._client.ptz_absolute_move, profile_token=self._token, pan=pan, tilt=tilt, zoom=None)
+
+    def angles_rad(self) -> Pair | None:
+        """See `SpeedDevice.angles_rad`; None without the option `range_deg`."""
+        if self._ends_rad is None:
+            return None
+        status = self._ask(self._client.ptz_get_status, profile_token=self._token)
+        if status.get("pan") is None or status.get("tilt") is None:
+            return None
+        pan, tilt = (
+            low + 0.5 * (float(status[name]) + 1.0) * (high - low)
+            for name, (low, high) in zip(("pan", "tilt"), self._ends_rad, strict=True)
+        )
+        return pan, tilt
+
+    def recover(self) -> None:
+        """See `SpeedDevice.recover`; each call stands alone."""
+
+    def about(self) -> list[tuple[str, str]]:
+        """See `SpeedDevice.about`."""
+        found = self._ask(self._client.get_device_information)
+        status = self._ask(self._client.ptz_get_status, profile_token=self._token)
+        told = [str(found.get(name, "?")) for name in ("Manufacturer", "Model", "FirmwareVersion")]
+        return [
+            ("address", f"{self._host}:{self._port} (ONVIF)"),
+            ("model", " ".join(told)),
+            ("profile", self._token),
+            ("moves", ", ".join(self._offered())),
+            ("position", f"{status.get('pan')} and {status.get('tilt')}"),
+            ("move status", str((status.get("move_status") or {}).get("pan_tilt"))),
+        ]
+
+    def close(self) -> None:
+        """See `SpeedDevice.close`."""
+        if self._client is not None:
+            self._client.close()
+        self._client = None
+
+    def _share(self, axis: Any, speed_rad_s: float) -> float:
+        """Share of full speed that gives a speed, with its sign."""
+        if axis.speed_steps is None:
+            return float(np.clip(speed_rad_s / axis.full_rad_s, -1.0, 1.0))
+        steps = axis.speed_steps
+        speeds = (0.0, *(steps.positive_rad_s if speed_rad_s >= 0.0 else steps.negative_rad_s))
+        return float(np.sign(speed_rad_s) * np.interp(abs(speed_rad_s), speeds, np.linspace(0.0, 1.0, len(speeds))))
+
+    def _offers(self, kind: str) -> bool:
+        return f"{kind}_pan_tilt" in self._ranges
+
+    def _offered(self) -> list[str]:
+        return [kind for kind in ("continuous", "absolute", "relative") if self._offers(kind)] or ["none"]
+
+    def _ask(self, call: Callable[..., Any], **what: Any) -> Any:
+        # Messages of the library may quote a request; only the kind of its error is passed on.
+        try:
+            return call(**what)
+        except self._onveef.OnvifAuthError:
+            raise RobotError(
+                f"{self.name}: user or password refused; set GAZEMPC_ONVIF_USER and GAZEMPC_ONVIF_PASSWORD, or "
+                "--options.onvif.login FILE"
+            ) from None
+        except self._onveef.OnvifError as error:
+            raise RobotError(f"{self.name}: {getattr(error, 'code', 'onvif_error')} ({type(error).__name__})") from None
+        except Exception as error:
+            raise RobotError(f"{self.name}: no usable answer ({type(error).__name__})") from None
+
+
+class OnvifCamera(SpeedCamera):
+    """Robot ``onvif:HOST[:PORT]``.
+
+    Speeds between those of the table of the neck file are sent as shares between theirs; without a table the share is
+    that of the top speed.
+
+    Args:
+        address: HOST or HOST:PORT.
+        neck: The neck; one whose joints take angles needs the option ``range_deg``, and is sent AbsoluteMove.
+        clock_s: The loop's time, seconds.
+        options: Login, profile and directions.
+    """
+
+    def __init__(self, address: str, neck: NeckSpec, clock_s: Callable[[], float], options: OnvifOptions) -> None:
+        super().__init__(OnvifDevice(address, neck, options), neck, clock_s, (None, None))
+
+
+def _login(options: OnvifOptions) -> tuple[str, str]:
+    if options.login is None:
+        return os.environ.get("GAZEMPC_ONVIF_USER", ""), os.environ.get("GAZEMPC_ONVIF_PASSWORD", "")
+    try:
+        lines = options.login.read_text(encoding="utf-8").splitlines()[:2]
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f"options.onvif.login: {options.login} cannot be read ({type(error).__name__})") from None
+    if len(lines) < 2:
+        raise SettingsError(f"options.onvif.login: {options.login}: needed are two lines, user and password")
+    return lines[0].strip(), lines[1].strip()

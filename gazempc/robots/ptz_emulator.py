@@ -1,0 +1,195 @@
+"""An emulated pan-tilt camera: MuJoCo turns it, VISCA commands it, and its picture comes late, as that of a real one.
+
+It runs in a process of its own, as a camera would, in real time. A person walks to and fro before it.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import threading
+import time
+from collections import deque
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gazempc.errors import GazempcError, MissingOptionalDependencyError, RobotError
+from gazempc.neck.spec import NeckSpec, load_neck
+
+# Host, and source, that start it.
+EMULATOR = "emulator"
+FOV_DEG = 60.0
+LATENCY_S = 0.2
+_SIZE = (480, 270)
+_FPS = 10.0
+_STARTS_WITHIN_S = 60.0
+# The person walks a sine across the view.
+_DISTANCE_M, _ASIDE_M, _PERIOD_S, _UP_M = 1.8, 0.9, 12.0, 0.1
+
+
+class PtzEmulator:
+    """An emulated camera; a process of its own from `start` to `close`.
+
+    Args:
+        neck: The camera: a neck whose joints take speeds, its name or its file.
+        latency_s: Time from the exposure of a picture to its first byte, seconds.
+        person: Whether a person walks in the picture.
+    """
+
+    running: PtzEmulator | None = None
+
+    def __init__(self, neck: str | NeckSpec, latency_s: float = LATENCY_S, person: bool = True) -> None:
+        self._neck = load_neck(neck) if isinstance(neck, str) else neck
+        self._work = self._neck, latency_s, person
+        self._process: SpawnProcess | None = None
+        self._pipe: Connection | None = None
+        self.address = ("", 0)
+        self.picture_url = ""
+
+    def start(self) -> tuple[str, int]:
+        """Start it; again does nothing.
+
+        Returns:
+            Host and port of VISCA.
+
+        Raises:
+            RobotError: If it cannot start, such as without MuJoCo; has the reason.
+        """
+        if self._process is None:
+            context = multiprocessing.get_context("spawn")
+            self._pipe, theirs = context.Pipe()
+            self._process = context.Process(target=_serve, args=(*self._work, theirs), name="emulator", daemon=True)
+            self._process.start()
+            theirs.close()
+            try:
+                found = self._pipe.recv() if self._pipe.poll(_STARTS_WITHIN_S) else "it did not start"
+            except EOFError:
+                found = "its process ended"
+            if isinstance(found, str):
+                self.close()
+                raise RobotError(f"emulated camera: {found}")
+            self.address, self.picture_url = found
+            PtzEmulator.running = self
+        return self.address
+
+    def close(self) -> None:
+        """End it."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        if PtzEmulator.running is self:
+            PtzEmulator.running = None
+        if self._pipe is not None:
+            self._pipe.close()
+        process.terminate()
+        process.join()
+
+
+def picture_url() -> str:
+    """Where the emulated camera's picture is.
+
+    Raises:
+        RobotError: If none runs.
+    """
+    if PtzEmulator.running is None:
+        raise RobotError("source camera:emulator: no emulated camera runs; accepted with --robot visca:emulator")
+    return PtzEmulator.running.picture_url
+
+
+class _Pictures:
+    """The newest pictures, each due at its time."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[float, bytes]] = deque(maxlen=64)
+        self._came = threading.Condition()
+
+    def add(self, due_s: float, jpeg: bytes) -> None:
+        with self._came:
+            self._waiting.append((due_s, jpeg))
+            self._came.notify_all()
+
+    def after(self, due_s: float) -> tuple[float, bytes]:
+        """The next picture due after a time; waits until it is due."""
+        while True:
+            with self._came:
+                later = next((each for each in self._waiting if each[0] > due_s), None)
+                if later is None:
+                    self._came.wait()
+                    continue
+            time.sleep(max(later[0] - time.monotonic(), 0.0))
+            return later
+
+
+def _server(pictures: _Pictures) -> ThreadingHTTPServer:
+    class Handler(BaseHTTPRequestHandler):
+        def log_message(self, *_: Any) -> None:
+            pass
+
+        def do_GET(self) -> None:
+            """Send pictures until the connection closes."""
+            self.send_response(200)
+            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+            self.end_headers()
+            # Pictures older than the connection are not sent.
+            due_s = time.monotonic()
+            while True:
+                due_s, jpeg = pictures.after(due_s)
+                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                try:
+                    self.wfile.write(head.encode() + jpeg + b"\r\n")
+                except OSError:
+                    return
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, name="pictures", daemon=True).start()
+    return server
+
+
+def _serve(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -> None:
+    import signal  # noqa: PLC0415
+
+    # Ctrl-C is for the run, which stops the camera first.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        _emulate(neck, latency_s, person, pipe)
+    except (GazempcError, RuntimeError) as error:
+        pipe.send(str(error))
+
+
+def _emulate(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -> None:
+    from gazempc.robots.mujoco import MujocoNeck  # noqa: PLC0415
+    from gazempc.robots.studio import Studio, StudioPerson  # noqa: PLC0415
+    from gazempc.robots.visca_server import ViscaServer  # noqa: PLC0415
+
+    try:
+        import cv2  # noqa: PLC0415
+    except ImportError:
+        raise MissingOptionalDependencyError("the emulated camera", "opencv-python-headless", "ptz") from None
+    view_deg = FOV_DEG if neck.head_view_deg is None else neck.head_view_deg[0]
+    studio = Studio(*_SIZE, view_deg)
+    plant, lock, pictures = MujocoNeck(neck, time.monotonic), threading.Lock(), _Pictures()
+    plant.connect()
+    visca, web = ViscaServer(plant, neck, lock), _server(pictures)
+    pipe.send((visca.address, f"http://127.0.0.1:{web.server_port}/camera.mjpg"))
+    start_s = exposed_s = time.monotonic()
+    # The run holds the other end.
+    while not pipe.poll(max(exposed_s - time.monotonic(), 0.0)):
+        with lock:
+            plant.true_state()
+            exposed_s = time.monotonic()
+            head = plant.data.body("head")
+            place_m, turn = np.array(head.xpos), Rotation.from_matrix(np.array(head.xmat).reshape(3, 3))
+        someone = None
+        if person:
+            aside_m = _ASIDE_M * math.sin(math.tau * (exposed_s - start_s) / _PERIOD_S)
+            someone = StudioPerson(np.array([_DISTANCE_M, aside_m, _UP_M]), math.pi + math.atan2(aside_m, _DISTANCE_M))
+        rgb = studio.picture(someone, place_m + turn.apply(neck.geometry.eye_in_tilt_m), turn)
+        _, jpeg = cv2.imencode(".jpg", rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+        pictures.add(exposed_s + latency_s, jpeg.tobytes())
+        exposed_s += 1.0 / _FPS

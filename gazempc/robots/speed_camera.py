@@ -1,0 +1,252 @@
+"""A camera that turns at speeds: its commands are sent in a thread of its own, renewed, and stopped in the end."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from gazempc.errors import RobotError, SettingsError
+from gazempc.neck.spec import NeckSpec, SpeedSteps
+from gazempc.neck.speed_dither import SpeedDither
+from gazempc.types import FloatArray, JointState
+
+Pair = tuple[float, float]
+STILL: Pair = (0.0, 0.0)
+# A camera takes about this many new speeds a second; faster ones fill the queue of cheap makers.
+_HOLD_S = 0.04
+# A loop that commands nothing for so long has failed: the camera is stopped.
+_WATCHDOG_S = 0.4
+# A move that the device ends by itself after a second is renewed well before.
+_RENEW_S = 0.4
+# Time between two inquiries of the position.
+_POLL_S = 0.1
+# Time between two attempts after a fault.
+_RETRY_S = 0.3
+_STOP_ATTEMPTS = 3
+_JOIN_S = 5.0
+
+
+class SpeedDevice(Protocol):
+    """The protocol of a camera. Every method but `close` raises `RobotError`; one thread at a time uses it."""
+
+    def open(self) -> None:
+        """Connect; moves nothing."""
+        ...
+
+    #: Whether it can be sent to angles.
+    takes_angles: bool
+
+    def drive(self, speeds_rad_s: Pair) -> None:
+        """Hold speeds of pan and tilt, rad/s, positive to the left and up; returns when the device has accepted them.
+
+        Args:
+            speeds_rad_s: Speeds that the device has; two zeros stop it.
+        """
+        ...
+
+    def go_to(self, angles_rad: Pair) -> None:
+        """Go to angles of pan and tilt, radians; returns when the device has accepted them."""
+        ...
+
+    def angles_rad(self) -> Pair | None:
+        """Ask for pan and tilt, radians; None if the device does not tell."""
+        ...
+
+    def recover(self) -> None:
+        """Prepare for the next attempt after a fault."""
+        ...
+
+    def about(self) -> list[tuple[str, str]]:
+        """What the device is and can do, as pairs of name and value; moves nothing."""
+        ...
+
+    def close(self) -> None:
+        """Disconnect; the device has been stopped."""
+        ...
+
+
+class SpeedCamera:
+    """Robot: a pan-tilt camera with speed commands, see `gazempc.robots.robot.Robot`.
+
+    `send_command` chooses speeds of the device by `SpeedDither` and leaves them to a thread, which sends the newest.
+    New speeds are chosen only when that thread has sent the last ones, so what is returned is what the device got.
+    The thread renews each move, stops the device when the loop is silent, and after a fault sends a stop until one is
+    accepted. `close`, the end of the program and a fault of the loop stop the device, too.
+
+    Args:
+        device: Its protocol.
+        neck: The neck: two joints with ``command = "velocity"``, or both with angles for a device that takes these.
+        clock_s: The loop's time, seconds.
+        steps: Speeds of pan and tilt; None for a joint that has all speeds.
+
+    Raises:
+        SettingsError: If the neck has other joints, or a joint takes angles.
+    """
+
+    def __init__(
+        self,
+        device: SpeedDevice,
+        neck: NeckSpec,
+        clock_s: Callable[[], float],
+        steps: tuple[SpeedSteps | None, SpeedSteps | None],
+    ) -> None:
+        self._angles = device.takes_angles and not neck.takes_speeds
+        if neck.joints != 2 or not (self._angles or neck.speed_joints.all()):
+            raise SettingsError(
+                f'neck {neck.name!r}: a pan-tilt camera needs the joints pan and tilt with command = "velocity", '
+                "such as the neck ptz"
+            )
+        self._send = device.go_to if self._angles else device.drive
+        self._limits_rad = neck.position_min_rad, neck.position_max_rad
+        self._device, self._clock_s, self._reports = device, clock_s, neck.reports_joints
+        self._dithers = [SpeedDither(s, axis.velocity_max_rad_s) for s, axis in zip(steps, neck.axes, strict=True)]
+        self._wake = threading.Condition()
+        self._thread: threading.Thread | None = None
+        self._mail: Pair | None = None
+        self._sending = self._closing = False
+        self._problem = ""
+        self._state: JointState | None = None
+        self._chosen_s = self._fed_s = self._sent_s = -np.inf
+
+    def connect(self) -> None:
+        """Connect and stop the camera; see `gazempc.robots.robot.Robot.connect`."""
+        if self._thread is not None:
+            return
+        try:
+            self._device.open()
+            self._device.drive(STILL)
+            self._poll()
+        except BaseException:
+            self._device.close()
+            raise
+        self._closing, self._problem, self._mail = False, "", None
+        self._thread = threading.Thread(target=self._work, name="speeds", daemon=True)
+        self._thread.start()
+        atexit.register(self.close)
+
+    def read_state(self) -> JointState | None:
+        """See `gazempc.robots.robot.Robot.read_state`: the newest answer, once; None without one."""
+        with self._wake:
+            state, self._state = self._state, None
+        return state
+
+    def send_command(self, command: FloatArray) -> FloatArray:
+        """See `gazempc.robots.robot.Robot.send_command`; returns at once.
+
+        Args:
+            command: Speeds of pan and tilt, shape (2,), rad/s; or angles, radians.
+
+        Returns:
+            The speeds of the device that are in force, shape (2,), rad/s; or the angles within the range.
+        """
+        if not np.all(np.isfinite(command)):
+            raise RobotError(f"refused a command that is not finite: {command}")
+        wanted: list[float] = command.tolist()
+        now_s = self._clock_s()
+        with self._wake:
+            if self._thread is None:
+                raise RobotError("the camera is not connected: call connect() first")
+            since_s, self._fed_s = now_s - self._fed_s, now_s
+            if self._problem:
+                raise RobotError(self._problem)
+            if self._angles:
+                sent: FloatArray = np.clip(command, *self._limits_rad)
+                self._mail = float(sent[0]), float(sent[1])
+                self._wake.notify()
+                return sent
+            for dither, speed in zip(self._dithers, wanted, strict=True):
+                dither.hold(speed, min(max(since_s, 0.0), _WATCHDOG_S))
+            stops = wanted == [0.0, 0.0]
+            if stops or not (self._sending or now_s - self._chosen_s < _HOLD_S):
+                before = tuple(dither.held_rad_s for dither in self._dithers)
+                for dither, speed in zip(self._dithers, wanted, strict=True):
+                    dither.choose(speed, _HOLD_S)
+                chosen = self._dithers[0].held_rad_s, self._dithers[1].held_rad_s
+                self._chosen_s = now_s
+                if chosen != before:
+                    self._mail, self._sending = chosen, True
+                    self._wake.notify()
+            return np.array([dither.held_rad_s for dither in self._dithers])
+
+    def close(self) -> None:
+        """Stop the camera and disconnect; see `gazempc.robots.robot.Robot.close`."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return
+        with self._wake:
+            self._closing = True
+            self._wake.notify()
+        thread.join(_JOIN_S)
+        for _ in range(_STOP_ATTEMPTS):
+            with contextlib.suppress(Exception):
+                self._device.drive(STILL)
+                break
+        with contextlib.suppress(Exception):
+            self._device.close()
+        atexit.unregister(self.close)
+
+    def probe(self) -> list[tuple[str, str]]:
+        """Connect, ask what the device is and can do, and disconnect; sends no move.
+
+        Returns:
+            Pairs of name and value.
+
+        Raises:
+            RobotError: If it does not answer.
+        """
+        try:
+            self._device.open()
+            return self._device.about()
+        finally:
+            self._device.close()
+
+    def _work(self) -> None:
+        # Nothing to renew before the first command.
+        speeds: Pair | None = None
+        sent_s, polled_s = self._clock_s(), -np.inf
+        self._fed_s = sent_s
+        while True:
+            with self._wake:
+                due_s = min(sent_s + _RENEW_S, polled_s + _POLL_S) if self._reports else sent_s + _RENEW_S
+                pause_s = _RETRY_S if self._problem else max(due_s - self._clock_s(), 0.0)
+                self._wake.wait_for(lambda: self._closing or (self._mail and not self._problem), pause_s)
+                if self._closing:
+                    return
+                fresh, send = self._mail is not None, self._send
+                speeds, self._mail = self._mail or speeds, None
+                if self._problem or self._clock_s() - self._fed_s > _WATCHDOG_S:
+                    # What the loop sends next starts from rest.
+                    fresh, speeds, send = speeds not in (None, STILL), STILL, self._device.drive
+                    for dither in self._dithers:
+                        dither.choose(0.0, _HOLD_S)
+            try:
+                if self._problem:
+                    self._device.recover()
+                if speeds is not None and (fresh or self._problem or self._clock_s() - sent_s >= _RENEW_S):
+                    send(speeds)
+                    sent_s = self._clock_s()
+                with self._wake:
+                    self._sending = self._mail is not None
+                if self._reports and self._clock_s() - polled_s >= _POLL_S:
+                    polled_s = self._clock_s()
+                    self._poll()
+                problem = ""
+            except Exception as error:
+                problem = str(error) or type(error).__name__
+            with self._wake:
+                self._problem, self._sending = problem, self._mail is not None
+
+    def _poll(self) -> None:
+        if not self._reports:
+            return
+        asked_s = self._clock_s()
+        angles = self._device.angles_rad()
+        if angles is not None:
+            speeds = np.array([dither.held_rad_s for dither in self._dithers])
+            with self._wake:
+                self._state = JointState(0.5 * (asked_s + self._clock_s()), np.array(angles), speeds)

@@ -1,0 +1,316 @@
+"""Pan-tilt cameras by VISCA over IP: packets, a link with sequence numbers and retries, and the robot.
+
+Packets and delivery follow Sony's description of VISCA over IP in the technical manuals of its cameras (SRG, BRC).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+from gazempc.errors import RobotError, SettingsError
+from gazempc.neck.spec import NeckSpec
+from gazempc.robots.options import ViscaOptions
+from gazempc.robots.ptz_emulator import EMULATOR, PtzEmulator
+from gazempc.robots.speed_camera import Pair, SpeedCamera
+from gazempc.robots.visca_packets import (
+    COMMAND,
+    CONTROL,
+    CONTROL_REPLY,
+    INQUIRY,
+    MAX_SPEED,
+    POSITION,
+    POWER,
+    REPLY,
+    RESET,
+    SEQUENCE_ERROR,
+    VERSION,
+    ZOOM,
+    drive_payload,
+    pack,
+    position_of,
+    unpack,
+    visca_steps,
+)
+
+PORT = 52381
+# The answer to a packet is waited for this long at least and at most; in between by the times that answers took.
+_WAIT_MIN_S, _WAIT_MAX_S = 0.06, 0.5
+_ATTEMPTS = 3
+_ERRORS = {
+    0x01: "wrong message length",
+    0x02: "syntax error: the camera does not have this command",
+    0x03: "its command buffer is full",
+    0x04: "command cancelled",
+    0x05: "no socket",
+    0x41: "not executable now: is it in standby, or is its menu open?",
+}
+# What `--probe` asks.
+_QUESTIONS: tuple[tuple[str, bytes, Callable[[bytes], str]], ...] = (
+    ("model", VERSION, lambda a: f"vendor {a[:2].hex()}, model {a[2:4].hex()}, firmware {a[4:6].hex()}"),
+    ("power", POWER, lambda a: {b"\x02": "on", b"\x03": "standby"}.get(a, a.hex())),
+    ("position", POSITION, lambda a: "{} and {} counts".format(*(position_of(a) or ("?", "?")))),
+    ("fastest speeds", MAX_SPEED, lambda a: " and ".join(str(speed) for speed in a)),
+    ("zoom", ZOOM, lambda a: a.hex()[1::2]),
+)
+# Ends with the run, whatever ends that: when the pipe breaks without a word, the camera is stopped.
+_GUARD = """
+import socket, sys, time
+host, port, *packets = sys.argv[1:]
+if not sys.stdin.buffer.read():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        for packet in packets * 3:
+            out.sendto(bytes.fromhex(packet), (host, int(port)))
+            time.sleep(0.05)
+"""
+
+
+class ViscaLink:
+    """Exchanges packets with a camera by UDP; one thread at a time uses it.
+
+    A packet without an answer is sent again with the same number, as the standard demands. Answers to another number
+    are late, or out of order, and are left out. A camera with another count is told to start anew.
+
+    Args:
+        host: Address of the camera.
+        port: Its UDP port.
+
+    Attributes:
+        retries: Number of packets that were sent again.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host, self._port = host, port
+        self.name = f"visca {host}:{port}"
+        self._socket: socket.socket | None = None
+        self._sequence = 0
+        self._answered_s = _WAIT_MAX_S / 2.0
+        self.retries = 0
+
+    def open(self) -> None:
+        """Open the socket, and start the count of packets anew.
+
+        Raises:
+            RobotError: If there is no such host.
+        """
+        if self._socket is None:
+            try:
+                self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                self._socket.connect((self._host, self._port))
+            except OSError as error:
+                self.close()
+                raise RobotError(f"{self.name}: {error}") from None
+        self.reset()
+
+    def reset(self) -> None:
+        """Start the count of packets anew. Some cameras do not answer to this, and do not count either."""
+        self._sequence = 0
+        with contextlib.suppress(RobotError):
+            self._exchange(CONTROL, RESET, attempts=1)
+
+    def command(self, payload: bytes) -> None:
+        """Send a command, and wait until it is accepted.
+
+        Args:
+            payload: The command.
+
+        Raises:
+            RobotError: If it is refused, or not answered in three attempts.
+        """
+        self._exchange(COMMAND, payload)
+
+    def inquire(self, payload: bytes) -> bytes:
+        """Ask the camera.
+
+        Args:
+            payload: The inquiry.
+
+        Returns:
+            The answer without header and end.
+
+        Raises:
+            RobotError: As `command`.
+        """
+        return self._exchange(INQUIRY, payload)[2:-1]
+
+    def close(self) -> None:
+        """Close the socket."""
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+
+    def _exchange(self, kind: int, payload: bytes, attempts: int = _ATTEMPTS) -> bytes:
+        if self._socket is None:
+            raise RobotError(f"{self.name}: not connected")
+        self._sequence = (self._sequence + 1) % 2**32 if kind != CONTROL else 0
+        packet, reply = pack(kind, self._sequence, payload), CONTROL_REPLY if kind == CONTROL else REPLY
+        why = "no answer"
+        for attempt in range(attempts):
+            self.retries += attempt > 0
+            started_s = time.monotonic()
+            # Twice the usual time, and after a loss more.
+            until_s = started_s + min(max(2.0 * self._answered_s, _WAIT_MIN_S) * (attempt + 1), _WAIT_MAX_S)
+            try:
+                self._socket.send(packet)
+                answer = self._answer(until_s, reply)
+            except OSError as error:
+                why = str(error)
+                time.sleep(max(until_s - time.monotonic(), 0.0))
+                continue
+            if answer is None:
+                continue
+            self._answered_s += 0.25 * (time.monotonic() - started_s - self._answered_s)
+            if answer == SEQUENCE_ERROR:
+                if attempt == 0 and kind != CONTROL:
+                    # It has another count, such as after it was switched off and on.
+                    self.reset()
+                    return self._exchange(kind, payload, 1)
+                # It has performed the packet before; what was lost is its answer.
+                return answer
+            if len(answer) > 2 and answer[1] & 0xF0 == 0x60:
+                why = f"answered {_ERRORS.get(answer[2], f'error {answer[2]:#04x}')}"
+                if answer[2] == 0x03:
+                    time.sleep(max(until_s - time.monotonic(), 0.0))
+                    continue
+                raise RobotError(f"{self.name} {why}")
+            return answer
+        raise RobotError(f"{self.name}: {why} in {attempts} attempts; check its address, and that VISCA over IP is on")
+
+    def _answer(self, until_s: float, reply: int) -> bytes | None:
+        assert self._socket is not None
+        while (left_s := until_s - time.monotonic()) > 0.0:
+            self._socket.settimeout(left_s)
+            try:
+                found = unpack(self._socket.recv(64))
+            except TimeoutError:
+                return None
+            if found is None:
+                continue
+            kind, sequence, payload = found
+            if reply == CONTROL_REPLY:
+                if kind == CONTROL_REPLY:
+                    return payload
+            elif sequence == self._sequence and (kind == reply or payload == SEQUENCE_ERROR):
+                return payload
+        return None
+
+
+class ViscaDevice:
+    """A camera by VISCA, see `gazempc.robots.speed_camera.SpeedDevice`.
+
+    Args:
+        address: HOST or HOST:PORT; ``emulator`` or ``emulator:NECK`` starts an emulated camera.
+        neck: The neck.
+        options: Scale and directions.
+
+    Raises:
+        SettingsError: If the address is wrong.
+    """
+
+    def __init__(self, address: str, neck: NeckSpec, options: ViscaOptions) -> None:
+        host, _, port = address.partition(":")
+        self._emulator = PtzEmulator(port or neck) if host == EMULATOR else None
+        if not host or (self._emulator is None and port and not (port.isdecimal() and int(port) < 65536)):
+            raise SettingsError(f"robot visca:{address}: accepted: visca:HOST, visca:HOST:PORT, visca:emulator")
+        self._host, self._port = host, PORT if self._emulator or not port else int(port)
+        self.steps = visca_steps(neck)
+        self._options, self._rad = options, math.radians(1.0 / options.counts_per_deg)
+        self._link: ViscaLink | None = None
+        self._guard: subprocess.Popen[bytes] | None = None
+
+    #: VISCA has moves to angles, too; makers disagree about their units.
+    takes_angles = False
+
+    def open(self) -> None:
+        """See `SpeedDevice.open`; the camera has to answer."""
+        if self._emulator is not None:
+            self._host, self._port = self._emulator.start()
+        self._link = ViscaLink(self._host, self._port)
+        self._link.open()
+        with contextlib.suppress(RobotError):
+            self._link.inquire(VERSION)
+            return
+        self._link.inquire(POSITION)
+
+    def drive(self, speeds_rad_s: Pair) -> None:
+        """See `SpeedDevice.drive`."""
+        if self._guard is None:
+            self._start_guard()
+        one, other = (
+            steps.step(speed * direction)
+            for steps, speed, direction in zip(self.steps, speeds_rad_s, self._options.directions, strict=True)
+        )
+        self._opened.command(drive_payload(one, other))
+
+    def go_to(self, angles_rad: Pair) -> None:
+        """See `SpeedDevice.go_to`; never called."""
+        raise RobotError("visca: moves to angles are not supported")
+
+    def angles_rad(self) -> Pair | None:
+        """See `SpeedDevice.angles_rad`."""
+        found = position_of(self._opened.inquire(POSITION))
+        if found is None:
+            return None
+        # VISCA counts pan to the right.
+        pan, tilt = self._options.directions
+        return -pan * found[0] * self._rad, tilt * found[1] * self._rad
+
+    def recover(self) -> None:
+        """See `SpeedDevice.recover`: a camera that was switched off counts anew."""
+        self._opened.reset()
+
+    def about(self) -> list[tuple[str, str]]:
+        """See `SpeedDevice.about`."""
+        found = [("address", f"{self._host}:{self._port} (VISCA over IP, UDP)")]
+        for name, payload, shown in _QUESTIONS:
+            try:
+                found.append((name, shown(self._opened.inquire(payload))))
+            except RobotError as error:
+                found.append((name, f"not answered ({str(error).partition(': ')[2] or error})"))
+        speeds = " and ".join(str(len(steps.positive_rad_s)) for steps in self.steps)
+        return [*found, ("speeds", f"{speeds} for pan and tilt; their deg/s are measured by gazempc identify")]
+
+    def close(self) -> None:
+        """See `SpeedDevice.close`."""
+        if self._link is not None:
+            self._link.close()
+        if self._guard is not None and self._guard.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._guard.stdin.write(b".")
+                self._guard.stdin.close()
+            self._guard.wait()
+        self._link = self._guard = None
+        if self._emulator is not None:
+            self._emulator.close()
+
+    @property
+    def _opened(self) -> ViscaLink:
+        if self._link is None:
+            raise RobotError(f"visca {self._host}: not connected")
+        return self._link
+
+    def _start_guard(self) -> None:
+        # VISCA moves have no end: a run that is killed leaves its camera turning.
+        packets = pack(CONTROL, 0, RESET).hex(), pack(COMMAND, 1, drive_payload(0, 0)).hex()
+        words = [sys.executable, "-I", "-S", "-c", _GUARD, self._host, str(self._port), *packets]
+        self._guard = subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True)
+
+
+class ViscaCamera(SpeedCamera):
+    """Robot ``visca:HOST[:PORT]``.
+
+    Args:
+        address: HOST, HOST:PORT or ``emulator``.
+        neck: The neck; speeds without a table are 24 and 20 equal steps to the top speed.
+        clock_s: The loop's time, seconds.
+        options: Scale and directions.
+    """
+
+    def __init__(self, address: str, neck: NeckSpec, clock_s: Callable[[], float], options: ViscaOptions) -> None:
+        device = ViscaDevice(address, neck, options)
+        super().__init__(device, neck, clock_s, device.steps)

@@ -1,0 +1,94 @@
+"""Packets of VISCA over IP, for the robot and for its emulator."""
+
+from __future__ import annotations
+
+import struct
+
+from gazempc.neck.spec import Axis, NeckSpec, SpeedSteps
+
+# Types of payload.
+COMMAND, INQUIRY, REPLY, CONTROL, CONTROL_REPLY = 0x0100, 0x0110, 0x0111, 0x0200, 0x0201
+RESET = b"\x01"
+SEQUENCE_ERROR = b"\x0f\x01"
+_HEADER = struct.Struct(">HHI")
+_DRIVE = bytes.fromhex("81010601")
+VERSION = bytes.fromhex("81090002ff")
+POSITION = bytes.fromhex("81090612ff")
+MAX_SPEED = bytes.fromhex("81090611ff")
+POWER = bytes.fromhex("81090400ff")
+ZOOM = bytes.fromhex("81090447ff")
+# Speeds of pan and tilt.
+SPEEDS = (24, 20)
+_LEFT_UP, _RIGHT_DOWN, _STOP = 1, 2, 3
+
+
+def pack(kind: int, sequence: int, payload: bytes) -> bytes:
+    """A packet with its header."""
+    return _HEADER.pack(kind, len(payload), sequence) + payload
+
+
+def unpack(packet: bytes) -> tuple[int, int, bytes] | None:
+    """Type, number and payload of a packet; None for what is none."""
+    if len(packet) <= _HEADER.size:
+        return None
+    kind, length, sequence = _HEADER.unpack_from(packet)
+    payload = packet[_HEADER.size :]
+    return (kind, sequence, payload) if len(payload) == length else None
+
+
+def drive_payload(pan: int, tilt: int) -> bytes:
+    """The command Pan-tiltDrive.
+
+    Args:
+        pan: Speed step of pan, positive to the left; 0 stops.
+        tilt: Of tilt, positive up.
+
+    Returns:
+        The payload.
+    """
+    ways = [_STOP if step == 0 else _LEFT_UP if step > 0 else _RIGHT_DOWN for step in (pan, tilt)]
+    return _DRIVE + bytes([max(abs(pan), 1), max(abs(tilt), 1), *ways, 0xFF])
+
+
+def drive_of(payload: bytes) -> tuple[int, int] | None:
+    """Speed steps of a command Pan-tiltDrive, as `drive_payload` takes them; None for what is none, or out of range."""
+    if len(payload) != 9 or not payload.startswith(_DRIVE):
+        return None
+    found = []
+    for step, way, most in zip(payload[4:6], payload[6:8], SPEEDS, strict=True):
+        if not (1 <= step <= most and _LEFT_UP <= way <= _STOP):
+            return None
+        found.append(0 if way == _STOP else step if way == _LEFT_UP else -step)
+    return found[0], found[1]
+
+
+def position_payload(pan: int, tilt: int) -> bytes:
+    """The answer to `POSITION`: counts to the right and up, 16 bits each."""
+    nibbles = [(count & 0xFFFF) >> shift & 0xF for count in (pan, tilt) for shift in (12, 8, 4, 0)]
+    return bytes([0x90, 0x50, *nibbles, 0xFF])
+
+
+def position_of(answer: bytes) -> tuple[int, int] | None:
+    """Counts of pan and tilt in an answer without header and end; pan, or both, have five digits with some cameras."""
+    digits = {8: 4, 9: 5, 10: 5}.get(len(answer))
+    if digits is None or max(answer) > 0xF:
+        return None
+    counts = []
+    for part in (answer[:digits], answer[digits:]):
+        value = int("".join(f"{nibble:x}" for nibble in part), 16)
+        half = 1 << (4 * len(part) - 1)
+        counts.append(value - 2 * half if value >= half else value)
+    return counts[0], counts[1]
+
+
+def visca_steps(neck: NeckSpec) -> tuple[SpeedSteps, SpeedSteps]:
+    """Speeds of a camera with VISCA: the table of the neck file, else 24 and 20 equal steps to the top speed."""
+    pan, tilt = (_steps(axis, count) for axis, count in zip((neck.pan, neck.tilt), SPEEDS, strict=True))
+    return pan, tilt
+
+
+def _steps(axis: Axis, count: int) -> SpeedSteps:
+    if axis.speed_steps is not None:
+        return axis.speed_steps
+    speeds = tuple(axis.full_rad_s * (k + 1) / count for k in range(count))
+    return SpeedSteps(positive_rad_s=speeds, negative_rad_s=speeds)

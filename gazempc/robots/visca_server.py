@@ -1,0 +1,142 @@
+"""The camera's side of VISCA over IP, as its makers describe it: packets in, speeds to a neck, answers out."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+import socket
+import threading
+import time
+
+import numpy as np
+
+from gazempc.neck.spec import NeckSpec
+from gazempc.robots.robot import Robot
+from gazempc.robots.visca_packets import (
+    COMMAND,
+    CONTROL,
+    CONTROL_REPLY,
+    INQUIRY,
+    MAX_SPEED,
+    POSITION,
+    POWER,
+    REPLY,
+    RESET,
+    SEQUENCE_ERROR,
+    SPEEDS,
+    VERSION,
+    ZOOM,
+    drive_of,
+    pack,
+    position_payload,
+    unpack,
+    visca_steps,
+)
+
+# Of pan and tilt, as most cameras count.
+COUNTS_PER_DEG = 14.4
+_ACK, _DONE = bytes.fromhex("9041ff"), bytes.fromhex("9051ff")
+_TYPE_ERROR = b"\x0f\x02"
+_SYNTAX_ERROR = bytes.fromhex("906002ff")
+# Not a maker's: vendor and model 0.
+_ANSWERS = {
+    VERSION: bytes.fromhex("905000000000010002ff"),
+    POWER: bytes.fromhex("905002ff"),
+    MAX_SPEED: bytes([0x90, 0x50, *SPEEDS, 0xFF]),
+    ZOOM: bytes.fromhex("905000000000ff"),
+}
+
+
+class ViscaServer:
+    """Listens on a UDP port of this computer, and drives a neck.
+
+    Args:
+        plant: The neck, connected: takes speeds, and has `true_state`.
+        neck: Its speed table.
+        plant_lock: Held while the plant is used.
+        answer_delay_s: Time from a packet to its answer, seconds.
+
+    Attributes:
+        address: Host and port.
+        driven: The commands Pan-tiltDrive so far: time by `time.monotonic`, steps of pan and tilt.
+        silent: Whether packets are neither read nor answered, as by a camera without power.
+    """
+
+    def __init__(
+        self, plant: Robot, neck: NeckSpec, plant_lock: threading.Lock | None = None, answer_delay_s: float = 0.0
+    ) -> None:
+        self._plant, self._lock, self._delay_s = plant, plant_lock or threading.Lock(), answer_delay_s
+        self._steps = visca_steps(neck)
+        self._sequence = 0
+        self.driven: list[tuple[float, int, int]] = []
+        self.silent = False
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self.address: tuple[str, int] = self._socket.getsockname()
+        self._closing = False
+        self._thread = threading.Thread(target=self._work, name="visca", daemon=True)
+        self._thread.start()
+
+    def reboot(self) -> None:
+        """Lose the count of packets, and stand still."""
+        self._sequence = 0
+        with self._lock:
+            self._plant.send_command(np.zeros(2))
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._closing = True
+        self._thread.join()
+        self._socket.close()
+
+    def _work(self) -> None:
+        waiting: list[tuple[float, int, bytes, tuple[str, int]]] = []
+        number = itertools.count()
+        while not self._closing:
+            now_s = time.monotonic()
+            while waiting and waiting[0][0] <= now_s:
+                _, _, packet, to = heapq.heappop(waiting)
+                self._socket.sendto(packet, to)
+            self._socket.settimeout(max(min(waiting[0][0] - now_s, 0.05), 1e-4) if waiting else 0.05)
+            try:
+                packet, sender = self._socket.recvfrom(64)
+            except OSError:
+                continue
+            for answer in () if self.silent else self._answers(packet):
+                heapq.heappush(waiting, (time.monotonic() + self._delay_s, next(number), answer, sender))
+
+    def _answers(self, packet: bytes) -> list[bytes]:
+        found = unpack(packet)
+        if found is None:
+            return []
+        kind, sequence, payload = found
+        if kind == CONTROL:
+            if payload == RESET:
+                self._sequence = 0
+            return [pack(CONTROL_REPLY, sequence, RESET)]
+        if kind == INQUIRY:
+            self._sequence = max(sequence, self._sequence)
+            return [pack(REPLY, sequence, self._answer(payload))]
+        if kind != COMMAND or sequence <= self._sequence:
+            # Sent again or overtaken: it is not carried out twice.
+            return [pack(CONTROL_REPLY, sequence, SEQUENCE_ERROR if kind == COMMAND else _TYPE_ERROR)]
+        self._sequence = sequence
+        steps = drive_of(payload)
+        if steps is None:
+            return [pack(REPLY, sequence, _SYNTAX_ERROR)]
+        self.driven.append((time.monotonic(), *steps))
+        speeds = [table.speed_rad_s(step) for table, step in zip(self._steps, steps, strict=True)]
+        with self._lock:
+            self._plant.send_command(np.array(speeds))
+        return [pack(REPLY, sequence, _ACK), pack(REPLY, sequence, _DONE)]
+
+    def _answer(self, payload: bytes) -> bytes:
+        if payload != POSITION:
+            return _ANSWERS.get(payload, _SYNTAX_ERROR)
+        with self._lock:
+            state = self._plant.read_state()
+        if state is None:
+            return _SYNTAX_ERROR
+        pan, tilt = (math.degrees(angle) * COUNTS_PER_DEG for angle in state.position_rad)
+        return position_payload(round(-pan), round(tilt))

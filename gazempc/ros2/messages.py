@@ -1,0 +1,74 @@
+"""Facts about ROS 2 messages that need no ROS: names, types and stamps."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any, Literal
+
+from gazempc.errors import SettingsError
+
+# What heads come as.
+PoseType = Literal[
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/PointStamped",
+    "geometry_msgs/msg/PoseArray",
+    "vision_msgs/msg/Detection3DArray",
+]
+# What a direction of sound comes as: whole degrees, as of respeaker_ros, or radians.
+SoundType = Literal["std_msgs/msg/Int32", "std_msgs/msg/Float32"]
+# Stamps of a simulation's time, or of a clock that was never set, are off by far more; a sensor is never so late.
+_STAMP_OFF_MAX_S = 5.0
+_TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+
+
+class Ros2Error(ValueError):
+    """A message cannot be used, or ROS 2 cannot be reached; gives the reason."""
+
+
+def topic_name(name: str) -> str:
+    """The full name of a topic, with the slash in front that may be left out.
+
+    Raises:
+        SettingsError: If ROS 2 allows no such name.
+    """
+    full = "/" + name.removeprefix("/")
+    if not _TOPIC.fullmatch(full):
+        raise SettingsError(f"topic {name!r}: expected letters, digits and _ between slashes, as '/head/command'")
+    return full
+
+
+def stamp_s(stamp: Any) -> float:
+    """The time of a message's header, seconds of ROS time.
+
+    Args:
+        stamp: A ``builtin_interfaces/msg/Time``.
+
+    Raises:
+        Ros2Error: If it is not stamped.
+    """
+    if stamp.sec == 0 and stamp.nanosec == 0:
+        raise Ros2Error("its header has no time stamp")
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+
+def on_loop_clock(unix_s: float, to_loop_s: Callable[[float], float], now_s: float) -> float:
+    """A stamp on the loop's clock, seconds.
+
+    Args:
+        unix_s: The stamp, seconds.
+        to_loop_s: Converts Unix time to the loop's clock.
+        now_s: Present time on the loop's clock, seconds.
+
+    Raises:
+        Ros2Error: If the clocks cannot agree.
+    """
+    time_s = to_loop_s(unix_s)
+    off_s = time_s - now_s
+    if not abs(off_s) <= _STAMP_OFF_MAX_S:
+        raise Ros2Error(
+            f"its time stamp is {off_s:+.1f} s from this computer's clock: set both clocks by NTP; with a simulator "
+            "set options.ros2.use_sim_time"
+        )
+    return time_s

@@ -1,0 +1,116 @@
+"""Ctrl-C and SIGTERM: the first ends a command in order, the second at once."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+# A command ends within 3 s of Ctrl-C; half a second is left for the end of the interpreter.
+_GRACE_S = 2.5
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal asks the command to end.
+
+    Attributes:
+        signum: Which signal; a shell expects the exit status 128 + signum.
+    """
+
+    def __init__(self, signum: int) -> None:
+        super().__init__(f"signal {signum}")
+        self.signum = signum
+
+
+class _State:
+    """What has arrived. A process has one set of signal handlers, so there is one of these."""
+
+    received: int | None = None
+    pending = False
+    deferring = 0
+    grace_s = 0.0
+
+
+def end_during_imports(name: str) -> None:
+    """Let SIGINT and SIGTERM end a command that has not begun yet: its imports take a second or two.
+
+    Args:
+        name: The command's name, for the message.
+    """
+
+    def end(signum: int, _: FrameType | None) -> None:
+        os.write(2, f"{name}: interrupted before it began\n".encode())
+        os._exit(128 + signum)
+
+    for signum in _SIGNALS:
+        signal.signal(signum, end)
+
+
+@contextmanager
+def ending_on_signals(grace_s: float | None = None) -> Iterator[None]:
+    """Let SIGINT and SIGTERM raise `Interrupted` in here; a second signal ends the process at once.
+
+    If the process still runs some time after the first signal, it is ended, too: no library can hold it up. So this is
+    for command lines only. Outside the main thread nothing changes, because Python delivers signals there alone.
+
+    Args:
+        grace_s: That time, seconds; default: 2.5.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _State.received, _State.pending, _State.grace_s = None, False, _GRACE_S if grace_s is None else grace_s
+    before = {signum: signal.signal(signum, _receive) for signum in _SIGNALS}
+    try:
+        yield
+    finally:
+        if _State.received is None:  # else the process is on its way out, and a second signal is to end it
+            for signum, handler in before.items():
+                signal.signal(signum, handler)
+
+
+@contextmanager
+def deferred() -> Iterator[None]:
+    """Hold `Interrupted` back in here until `raise_if_received`, or the end: no signal breaks into a step."""
+    _State.deferring += 1
+    try:
+        yield
+    finally:
+        _State.deferring -= 1
+    raise_if_received()
+
+
+def raise_if_received() -> None:
+    """Raise `Interrupted` if a signal was held back."""
+    if _State.pending and _State.received is not None:
+        _State.pending = False
+        raise Interrupted(_State.received)
+
+
+@contextmanager
+def kept_from_children() -> Iterator[None]:
+    """Block both signals for the processes that are started in here: a Ctrl-C reaches all processes of a terminal."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _receive(signum: int, _: FrameType | None) -> None:
+    if _State.received is not None:
+        os._exit(128 + signum)
+    _State.received = signum
+    last_resort = threading.Timer(_State.grace_s, os._exit, (128 + signum,))
+    last_resort.daemon = True
+    last_resort.start()
+    _State.pending = bool(_State.deferring)
+    if not _State.pending:
+        raise Interrupted(signum)

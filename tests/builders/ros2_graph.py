@@ -1,0 +1,187 @@
+"""A graph of ROS 2 inside the test: messages with the fields of the standard definitions, taken without rclpy."""
+
+import math
+import time
+from collections import defaultdict, deque
+from functools import cache
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from gazempc.ros2.messages import Ros2Error
+
+OPTICAL = "camera_color_optical_frame"
+TF, IDS, TEXT = "tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String"
+# The loop's clock began at this Unix time, and now it is 300.3 s later.
+UNIX_START_S = 1763718000
+NOW_S = 300.3
+
+
+@cache
+def typestore():
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("std_msgs/Header header\nstring[] ids", IDS))
+    return store
+
+
+def make_message(type_name, **fields):
+    return typestore().types[type_name](**fields)
+
+
+def header(frame_id, at_s):
+    """At a time of the loop; None for no stamp."""
+    whole = -UNIX_START_S if at_s is None else math.floor(at_s)
+    nanosec = 0 if at_s is None else round(1e9 * (at_s - whole))
+    stamp = make_message("builtin_interfaces/msg/Time", sec=UNIX_START_S + whole, nanosec=nanosec)
+    return make_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+
+
+def point(position_m):
+    return make_message("geometry_msgs/msg/Point", **dict(zip("xyz", map(float, position_m), strict=True)))
+
+
+def pose(position_m, quat_wxyz=(1.0, 0.0, 0.0, 0.0)):
+    w, x, y, z = map(float, quat_wxyz)
+    turn = make_message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+    return make_message("geometry_msgs/msg/Pose", position=point(position_m), orientation=turn)
+
+
+def pose_stamped(position_m, quat_wxyz=(1.0, 0.0, 0.0, 0.0), frame_id="camera_link", at_s=NOW_S - 0.05):
+    return make_message(
+        "geometry_msgs/msg/PoseStamped", header=header(frame_id, at_s), pose=pose(position_m, quat_wxyz)
+    )
+
+
+def transform(child, position_m, quat_wxyz=(1.0, 0.0, 0.0, 0.0), frame_id="camera_link", at_s=NOW_S - 0.1):
+    w, x, y, z = map(float, quat_wxyz)
+    moved = make_message(
+        "geometry_msgs/msg/Transform",
+        translation=make_message("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, position_m), strict=True))),
+        rotation=make_message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
+    )
+    return make_message(
+        "geometry_msgs/msg/TransformStamped", header=header(frame_id, at_s), child_frame_id=child, transform=moved
+    )
+
+
+def frames(*transforms):
+    return make_message(TF, transforms=list(transforms))
+
+
+def tracked(*ids):
+    return make_message(IDS, header=header("", NOW_S), ids=list(ids))
+
+
+def text(said):
+    return make_message(TEXT, data=said)
+
+
+class _Subscription:
+    def __init__(self, stage, topic, type_name):
+        self.stage, self.topic, self.type_name, self.queue = stage, topic, type_name, deque(maxlen=256)
+
+    def take(self):
+        if self.stage.down:
+            raise Ros2Error("rclpy: the context is shut down")
+        return [self.queue.popleft() for _ in range(len(self.queue))]
+
+    @property
+    def senders(self):
+        return tuple(node for node, kind in self.stage.senders[self.topic] if kind == self.type_name)
+
+    @property
+    def described(self):
+        others = sorted({kind for _, kind in self.stage.senders[self.topic] if kind != self.type_name})
+        return self.type_name + (f", but others send {' and '.join(others)}" if others else "")
+
+
+class _Node:
+    def __init__(self, stage):
+        self.stage = stage
+
+    def subscription(self, topic, type_name, latched=False):
+        full = "/" + topic.removeprefix("/")
+        made = _Subscription(self.stage, full, type_name)
+        self.stage.listeners.append(made)
+        if latched and full in self.stage.kept:
+            made.queue.append(self.stage.kept[full])
+        return made
+
+    def forget(self, subscription):
+        self.stage.listeners.remove(subscription)
+
+    def unix_s(self, ros_s):
+        return ros_s
+
+    def close(self):
+        """See `gazempc.ros2.node.Ros2Node.close`."""
+
+
+class Stage:
+    """Senders, and the source that listens."""
+
+    def __init__(self):
+        self.now_s, self.opened, self.listeners, self.kept = NOW_S, [], [], {}
+        self.senders = defaultdict(list)
+        self.down = False
+
+    def make_node(self, name, use_sim_time):
+        return _Node(self)
+
+    def clock_s(self):
+        return self.now_s
+
+    @staticmethod
+    def to_loop_s(unix_s):
+        return unix_s - UNIX_START_S
+
+    def put(self, topic, type_name, message, latched=False):
+        if latched:
+            self.kept[topic] = message
+        for listener in self.listeners:
+            if (listener.topic, listener.type_name) == (topic, type_name):
+                listener.queue.append(message)
+
+    def tf(self, *transforms):
+        self.put("/tf", TF, frames(*transforms))
+
+    def tf_static(self, *transforms):
+        self.put("/tf_static", TF, frames(*transforms), latched=True)
+
+    def announced(self, topic, type_name, node="/sender"):
+        """A node that sends."""
+        self.senders[topic].append((node, type_name))
+
+    def gone(self, topic):
+        self.senders[topic].clear()
+
+    def listening(self, source):
+        self.opened.append(source)
+        source.open()
+        return source
+
+    def close(self):
+        for source in self.opened:
+            source.close()
+
+
+def wait_for(condition, timeout_s=15.0):
+    until = time.monotonic() + timeout_s
+    while not (found := condition()):
+        assert time.monotonic() < until, "waited in vain"
+        time.sleep(0.005)
+    return found
+
+
+def polled(source, count):
+    """The next observations, cues and problems, so many of them all together."""
+    found, problems = [], []
+
+    def enough():
+        arrived = source.poll()
+        found.extend(sighting.observation for sighting in arrived.sightings)
+        found.extend(arrived.cues)
+        problems.extend(arrived.problems)
+        return len(found) + len(problems) >= count
+
+    wait_for(enough)
+    return found, problems

@@ -1,0 +1,149 @@
+"""Streams of network cameras that stand still or fall behind."""
+
+import itertools
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+import pytest
+
+from gazempc.live.sources.camera.capture import Camera, CameraOptions, Picture, StreamWatch
+from gazempc.live.sources.source import Notice
+from gazempc.loop.events import Event
+
+cv2 = pytest.importorskip("cv2")
+PICTURE = np.zeros((48, 64, 3), np.uint8)
+
+
+def test_one_picture_for_a_second_is_a_stream_that_stands_still() -> None:
+    watch = StreamWatch()
+    assert not any(watch.is_same(PICTURE, 0.1 * k) for k in range(11))
+    assert watch.is_same(PICTURE, 1.2)
+    other = PICTURE.copy()
+    other[8, 8] = 1
+    assert not watch.is_same(other, 1.3)
+    assert not watch.is_same(PICTURE, 1.4)
+
+
+def test_the_lag_is_that_behind_the_fastest_picture_of_a_minute() -> None:
+    watch = StreamWatch()
+    # Steady but for jitter: the lag is the jitter.
+    jitter = np.random.default_rng(0).uniform(0.0, 0.05, 100)
+    lags = [watch.lag_s(100.0 + 0.1 * k, 0.1 * k + jitter[k]) for k in range(100)]
+    np.testing.assert_allclose(lags, jitter - np.minimum.accumulate(jitter), atol=1e-9)
+    # Later by 20 ms each picture.
+    assert watch.lag_s(110.0 + 10.0, 20.0 + 2.0) == pytest.approx(2.0, abs=0.05)
+    # A camera's clock that is slow by 100 ppm is no lag, however long the run.
+    watch = StreamWatch()
+    assert max(watch.lag_s(0.9999 * t, t) for t in np.arange(0.0, 3600.0, 0.5)) < 0.01
+
+
+class Serving:
+    """Motion JPEG over HTTP: pictures that differ, then what `then` is: ``same`` or ``silence``."""
+
+    def __init__(self, then: str) -> None:
+        jpegs = [cv2.imencode(".jpg", PICTURE + 12 * k)[1].tobytes() for k in range(10)]
+        ended = self.ended = threading.Event()
+
+        class Handler(BaseHTTPRequestHandler):
+            def log_message(self, *_: object) -> None:
+                pass
+
+            def do_GET(self) -> None:
+                self.send_response(200)
+                self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+                self.end_headers()
+                for k in itertools.count():
+                    if k >= 30 and then == "silence":
+                        ended.wait(60.0)
+                    if ended.wait(0.04):
+                        return
+                    jpeg = jpegs[k % 10 if k < 30 else 0]
+                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                    try:
+                        self.wfile.write(head.encode() + jpeg + b"\r\n")
+                    except OSError:
+                        return
+
+        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.server.daemon_threads = True
+        self.url = f"http://127.0.0.1:{self.server.server_port}/video.mjpg"
+        threading.Thread(target=self.server.serve_forever, daemon=True).start()
+
+    def close(self) -> None:
+        self.ended.set()
+        self.server.shutdown()
+        self.server.server_close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("then", ["same", "silence"])
+def test_a_stream_that_freezes_is_named_once_and_its_picture_is_not_used(then: str) -> None:
+    serving = Serving(then)
+    camera = Camera(serving.url, CameraOptions())
+    try:
+        until_s, pictures = time.monotonic() + 60.0, 0
+        while isinstance(found := camera.read(), Picture):
+            pictures += 1
+            assert time.monotonic() < until_s
+        assert pictures
+        assert isinstance(found, Notice)
+        assert found.event is Event.STREAM_FROZEN
+        assert serving.url in found.text
+    finally:
+        serving.close()
+        camera.close()
+
+
+class Falling:
+    """Stands in for OpenCV's capture of an RTSP stream: real pictures, and stamps that fall behind after a while."""
+
+    def __init__(self) -> None:
+        self.opened, self._count, self._begin_s = 0, 0, 0.0
+
+    def __call__(self, *_: object) -> "Falling":
+        self.opened += 1
+        self._count, self._begin_s = 0, time.monotonic()
+        return self
+
+    def isOpened(self) -> bool:  # noqa: N802
+        return True
+
+    def grab(self) -> bool:
+        time.sleep(0.02)
+        self._count += 1
+        return True
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        return True, PICTURE + self._count % 7
+
+    def getBackendName(self) -> str:  # noqa: N802
+        return "FFMPEG"
+
+    def get(self, _: int) -> float:
+        # From the tenth picture on the stream runs at half its pace.
+        passed_s = time.monotonic() - self._begin_s
+        return 1e3 * (passed_s if self._count < 10 else 0.5 * passed_s)
+
+    def release(self) -> None:
+        pass
+
+
+def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeypatch) -> None:
+    falling = Falling()
+    monkeypatch.setattr(cv2, "VideoCapture", falling)
+    camera = Camera("rtsp://camera/stream", CameraOptions())
+    try:
+        until_s, ages_s = time.monotonic() + 60.0, []
+        while isinstance(found := camera.read(), Picture):
+            ages_s.append(time.monotonic() - found.captured_s)
+            assert time.monotonic() < until_s
+        assert isinstance(found, Notice)
+        assert found.event is Event.STREAM_LAGS
+        assert max(ages_s) > 0.2  # stamped as old as it is
+        while not isinstance(camera.read(), Picture):
+            assert time.monotonic() < until_s
+        assert falling.opened >= 2
+    finally:
+        camera.close()

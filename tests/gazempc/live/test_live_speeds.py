@@ -1,0 +1,175 @@
+"""Live runs of necks that take speeds: the gaze follows, and the end is a stop, whatever ends the run."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from builders.live import WALK, Faulty, make_live_run
+from builders.robots import Spied
+from builders.visca import camera, wait_until
+
+import gazempc as gz
+from gazempc.errors import SettingsError
+from gazempc.live.clock import SimulatedClock
+from gazempc.live.session import main, parse
+from gazempc.live.setup import build
+from gazempc.neck.kinematics import look_at
+from gazempc.neck.spec import SpeedSteps, load_neck
+from gazempc.robots.mujoco import MujocoNeck
+from gazempc.sim.simulated import SimulatedNeck
+
+PTZ = load_neck("ptz")
+# Of a cheap camera: of 24 speeds to 80 deg/s, twelve are below 6 deg/s.
+_DEG_S = (0.3, 0.6, 1, 1.3, 1.7, 2.1, 2.6, 3.1, 3.7, 4.4, 5.2, 6, 9, 15, 19, 25, 32, 40, 48, 56, 62, 68, 74, 80.1)
+_STEPS = SpeedSteps(positive_rad_s=tuple(np.deg2rad(_DEG_S)), negative_rad_s=tuple(np.deg2rad(_DEG_S)))
+COARSE = PTZ.model_copy(update={"pan": PTZ.pan.model_copy(update={"speed_steps": _STEPS})})
+
+
+def run_speeds(neck, robot_class=SimulatedNeck, on_poll=None, on_send=None, keep=None, log_s=300.0):
+    """A run of 6 s on a simulated clock: its logs and its robot."""
+    clock, logs = SimulatedClock(), []
+    start_rad = look_at(neck.geometry, WALK.truth.head_position_m[0]).angles_rad
+    if robot_class is MujocoNeck:
+        inner = MujocoNeck(neck, clock.now_s, start_rad)
+    else:
+        inner = SimulatedNeck(neck, start_rad, clock.now_s)
+    robot = Spied(inner, clock, on_send=on_send)
+    run = make_live_run(
+        neck, robot, Faulty(clock, on_poll=on_poll), clock, keep or (lambda log, _: logs.append(log)), log_s=log_s
+    )
+    failure = None
+    try:
+        run.run(threading.Event(), 6.0)
+    except BaseException as error:
+        failure = error
+    return logs, robot, failure
+
+
+@pytest.mark.parametrize("robot_class", [SimulatedNeck, MujocoNeck])
+@pytest.mark.parametrize("neck", [PTZ, COARSE], ids=["any speed", "steps"])
+def test_the_gaze_follows_within_limits_and_ends_with_a_stop(neck, robot_class):
+    if robot_class is MujocoNeck:
+        pytest.importorskip("mujoco")
+    angles = {axis: getattr(PTZ, axis).model_copy(update={"command": "position"}) for axis in ("pan", "tilt")}
+    (oracle,), _, _ = run_speeds(PTZ.model_copy(update=angles))
+    (log,), robot, failure = run_speeds(neck, robot_class)
+    assert failure is None
+    # As the same neck does that is sent angles.
+    assert np.ptp(oracle.joint_position_rad[:, 0]) > np.deg2rad(30.0)
+    off_deg = np.rad2deg(log.joint_position_rad - oracle.joint_position_rad)
+    assert np.sqrt(np.mean(off_deg**2)) < 0.3
+    sent = np.array([speeds for _, speeds in robot.received])
+    assert np.abs(sent).max() > 0.1
+    assert np.all(np.abs(sent) <= neck.velocity_max_rad_s * (1 + 1e-6))
+    if neck is COARSE and robot_class is SimulatedNeck:
+        levels = np.array(_STEPS.levels_rad_s)
+        assert np.abs(sent[:, 0, None] - levels).min(axis=1).max() < 1e-12
+    assert np.all(sent[-1] == 0.0)
+    assert robot.calls[-1] == "close"
+
+
+@pytest.mark.parametrize("why", ["source", "sink", "interrupt"])
+def test_whatever_ends_a_run_the_last_speed_is_zero(why):
+    def on_poll(now_s):
+        if why == "source" and now_s >= 2.0:
+            raise KeyboardInterrupt
+
+    def on_send(now_s):
+        if why == "interrupt" and 2.0 <= now_s < 2.01:
+            raise KeyboardInterrupt
+
+    def keep(*_):
+        if why == "sink":
+            raise OSError("no space left on device")
+
+    _, robot, failure = run_speeds(PTZ, on_poll=on_poll, on_send=on_send, keep=keep, log_s=2.0)
+    assert failure is not None
+    assert np.all(robot.received[-1][1] == 0.0)
+    assert robot.calls[-1] == "close"
+
+
+def test_a_program_drives_a_neck_that_takes_speeds():
+    with gz.Gaze(COARSE, "simulated") as gaze:
+        start_s = time.time()
+        while (now_s := time.time()) < start_s + 2.5:
+            gaze.see(now_s - 0.05, [2.0, 0.5 * math.sin(now_s - start_s), 0.3])
+            time.sleep(1 / 30)
+    log = gaze.log()
+    assert gz.measure(log).limit_violations == 0
+    assert np.ptp(log.joint_position_rad[:, 0]) > 0.1
+    assert "robot_not_answering" not in gaze.events
+
+
+def test_settings_that_follow_from_the_emulated_camera():
+    settings = parse(["--robot", "visca:emulator", "--source", "camera:emulator"])
+    assert (settings.neck, settings.mount.on) == ("ptz", "head")
+    assert (settings.camera.fov_deg, settings.camera.latency_ms) == (60.0, 200.0)
+    settings = parse(["--robot", "visca:192.168.0.8", "--source", "camera:rtsp://192.168.0.8/1", "--neck", "ptz"])
+    assert settings.mount.on == "head"
+    assert settings.camera.fov_deg is None
+    with pytest.raises(SettingsError, match="neck"):
+        parse(["--robot", "visca:192.168.0.8", "--source", "camera"])
+    # A lower top speed leaves the scale of the device as it is.
+    words = ["--robot", "visca:h", "--source", "stdin", "--neck", "ptz", "--loop.speed-max-rad-s", "0.1"]
+    slow = build(parse(words)).neck
+    assert slow.pan.velocity_max_rad_s == 0.1
+    assert slow.pan.full_rad_s == PTZ.pan.velocity_max_rad_s
+
+
+def test_a_probe_on_the_command_line(capsys):
+    with camera() as (server, _):
+        assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 0
+        assert not server.driven
+    assert "fastest speeds  24 and 20" in capsys.readouterr().out
+    assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 2
+    assert main(["--robot", "simulated", "--probe"]) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
+def test_a_run_that_is_ended_in_a_move_leaves_a_camera_that_stands(ending, tmp_path):
+    with camera(PTZ) as (server, _):
+        command = [
+            *(sys.executable, "-m", "gazempc.live", "--source", "replay", "--neck", "ptz"),
+            *("--robot", f"visca:127.0.0.1:{server.address[1]}", "--out", str(tmp_path), "--no-figures"),
+        ]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+        run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+        try:
+            wait_until(lambda: bool(server.driven) and abs(server.driven[-1][1]) > 1, 120.0)
+            run.send_signal(ending)
+            status = run.wait(60)
+        finally:
+            run.kill()
+        wait_until(lambda: server.driven[-1][1:] == (0, 0))
+        assert status == (0 if ending == signal.SIGTERM else -signal.SIGKILL)
+        time.sleep(0.5)
+        assert server.driven[-1][1:] == (0, 0)
+
+
+@pytest.mark.slow
+def test_the_loop_closes_through_the_picture_of_the_emulated_camera(tmp_path):
+    for package in ("mujoco", "cv2", "skimage"):
+        pytest.importorskip(package)
+    # A busy machine renders and searches late: nothing here is about time.
+    words = "--robot visca:emulator --source camera:emulator --loop.stale-after-s 5 --loop.lost-after-s 8"
+    words += f" --loop.rest-after-s 20 --duration-s 25 --no-figures --out {tmp_path}"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-m", "gazempc.live", *words.split()],
+        env=environment, capture_output=True, text=True, timeout=240, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["limit_violations"] == 0
+    assert summary["used"] > 20
+    with np.load(tmp_path / "log_000.npz") as log:
+        pan_rad = log["joint_position_rad"][:, 0]
+        assert np.nanmax(pan_rad) - np.nanmin(pan_rad) > np.deg2rad(20.0)

@@ -1,0 +1,171 @@
+"""ONVIF against the service of ipycam, which turns a simulated neck."""
+
+import logging
+import time
+
+import numpy as np
+import pytest
+from builders.visca import QUICK, feed, wait_until
+
+from gazempc.errors import RobotError, SettingsError
+from gazempc.neck.spec import SpeedSteps
+from gazempc.robots.onvif import OnvifCamera
+from gazempc.robots.options import OnvifOptions
+
+pytest.importorskip("onveef")
+pytest.importorskip("ipycam")
+from builders.onvif import OnvifCameraServer, onvif_camera
+
+USER, PASSWORD = "watcher", "correct-horse-battery"
+BLIND = QUICK.model_copy(update={"reports_joints": False})
+
+
+@pytest.fixture(autouse=True)
+def _login(monkeypatch) -> None:
+    monkeypatch.setenv("GAZEMPC_ONVIF_USER", USER)
+    monkeypatch.setenv("GAZEMPC_ONVIF_PASSWORD", PASSWORD)
+
+
+def robot_of(server: OnvifCameraServer, neck=BLIND, **options) -> OnvifCamera:
+    return OnvifCamera(f"127.0.0.1:{server.port}", neck, time.monotonic, OnvifOptions(timeout_s=5.0, **options))
+
+
+def test_the_camera_turns_as_commanded_and_each_move_ends_by_itself() -> None:
+    with onvif_camera(QUICK, USER, PASSWORD) as server:
+        robot = robot_of(server)
+        robot.connect()
+        feed(robot, (0.5, -0.2), lambda: server.plant.true_state().position_rad[0] > 0.1)
+        position = server.plant.true_state().position_rad
+        assert position[1] == pytest.approx(-0.4 * position[0], rel=0.3)
+        _, x, y = next(move for move in server.moves if move[1])
+        # To the left is negative; shares of the top speeds.
+        assert (x, y) == pytest.approx((-0.5 / 1.396, -0.2 / 0.873), abs=1e-4)
+        assert all("PT1S" in body for body in server.bodies if "ContinuousMove>" in body)
+        # Renewed within the second that a move lasts.
+        before = len(server.moves)
+        feed(robot, (0.5, -0.2), lambda: len(server.moves) > before + 3)
+        times = [at for at, *_ in server.moves[before:]]
+        assert np.diff(times).max() < 1.0
+        robot.close()
+        assert server.moves[-1][1:] == (0.0, 0.0)
+
+
+def test_speeds_of_a_table_are_sent_as_shares_between_its_entries() -> None:
+    # Shares 0.5 and 1 give 0.2 and 0.3 rad/s to the left, 0.4 and 0.5 to the right.
+    table = SpeedSteps(positive_rad_s=(0.2, 0.3), negative_rad_s=(0.4, 0.5))
+    pan = BLIND.pan.model_copy(update={"speed_steps": table, "velocity_max_rad_s": 0.3})
+    with onvif_camera(QUICK, USER, PASSWORD) as server:
+        robot = robot_of(server, BLIND.model_copy(update={"pan": pan}))
+        robot.connect()
+        for speed, share in ((0.1, 0.25), (0.2, 0.5), (0.25, 0.75), (-0.2, -0.25), (-0.3, -0.375)):
+            feed(robot, (speed, 0.0), lambda share=share: server.moves[-1][1] == pytest.approx(-share, abs=1e-4))
+        robot.close()
+
+
+def test_positions_where_their_range_is_stated() -> None:
+    low, high = np.rad2deg(QUICK.position_min_rad), np.rad2deg(QUICK.position_max_rad)
+    with onvif_camera(QUICK, USER, PASSWORD) as server:
+        robot = robot_of(server, QUICK, range_deg=(high[0], low[0], low[1], high[1]))
+        robot.connect()
+        feed(robot, (0.5, 0.1), lambda: server.plant.true_state().position_rad[0] > 0.1)
+        feed(robot, (0.0, 0.0), lambda: np.abs(server.plant.true_state().velocity_rad_s).max() < 1e-4)
+        while robot.read_state() is not None:
+            pass
+        seen: list = []
+        feed(robot, (0.0, 0.0), lambda: (s := robot.read_state()) is not None and not seen.append(s.position_rad))
+        np.testing.assert_allclose(seen[-1], server.plant.true_state().position_rad, atol=1e-3)
+        robot.close()
+
+
+def test_absolute_moves_for_a_neck_that_takes_angles() -> None:
+    joints = {axis: getattr(BLIND, axis).model_copy(update={"command": "position"}) for axis in ("pan", "tilt")}
+    neck = BLIND.model_copy(update=joints)
+    with pytest.raises(SettingsError, match="velocity"):
+        OnvifCamera("127.0.0.1", neck, time.monotonic, OnvifOptions())
+    with onvif_camera(QUICK, USER, PASSWORD) as server:
+        targets: list = []
+        server.absolute_move = lambda x, y, _: targets.append((x, y))  # type: ignore[method-assign]
+        robot = robot_of(server, neck, range_deg=(100.0, -100.0, -25.0, 25.0))
+        robot.connect()
+        time.sleep(0.6)
+        assert not targets  # nothing moves before a command
+        feed(robot, tuple(np.deg2rad([20.0, -5.0])), lambda: bool(targets))
+        assert targets[0] == pytest.approx((-0.2, -0.2), abs=1e-4)
+        robot.close()
+
+
+def test_a_wrong_password_is_named_and_shown_nowhere(caplog, capfd, monkeypatch) -> None:
+    caplog.set_level(logging.DEBUG)
+    wrong = "not-the-password"
+    monkeypatch.setenv("GAZEMPC_ONVIF_PASSWORD", wrong)
+    with onvif_camera(QUICK, USER, PASSWORD) as server:
+        robot = robot_of(server)
+        with pytest.raises(RobotError, match="user or password refused") as caught:
+            robot.connect()
+    told = capfd.readouterr()
+    everything = "".join([caplog.text, told.out, told.err, repr(caught.value), repr(vars(robot)), str(caught.value)])
+    assert wrong not in everything
+    assert caught.value.__cause__ is None
+    assert caught.value.__suppress_context__
+
+
+def test_the_login_from_a_file(tmp_path, monkeypatch) -> None:
+    monkeypatch.delenv("GAZEMPC_ONVIF_PASSWORD")
+    login = tmp_path / "login"
+    login.write_text(f"{USER}\n{PASSWORD}\n")
+    with onvif_camera(QUICK, USER, PASSWORD) as server:
+        found = dict(robot_of(server, login=login).probe())
+        assert found["model"] == "PythonCam VirtualCam-1 1.3.0"
+        assert found["moves"] == "continuous, absolute, relative"
+        assert not server.moves
+        assert all(PASSWORD not in body for body in server.bodies)  # digest
+    login.write_text(PASSWORD)
+    with pytest.raises(SettingsError, match="two lines") as caught:
+        robot_of(server, login=login)
+    assert PASSWORD not in str(caught.value)
+
+
+def test_a_camera_that_reports_moving_for_ever_is_driven_all_the_same() -> None:
+    with onvif_camera(QUICK, USER, PASSWORD) as server:
+        server.says_moving = True
+        robot = robot_of(server, QUICK, range_deg=(100.0, -100.0, -25.0, 25.0))
+        robot.connect()
+        for speed in (0.5, -0.5, 0.5):
+            feed(robot, (speed, 0.0), lambda speed=speed: server.moves[-1][1] * speed < 0)
+        robot.close()
+        assert server.moves[-1][1:] == (0.0, 0.0)
+
+
+def test_slow_answers_delay_no_command() -> None:
+    with onvif_camera(QUICK, USER, PASSWORD) as server:
+        robot = robot_of(server)
+        robot.connect()
+        server.answer_delay_s = 0.1
+        used_s, begin_s, k = 0.0, time.monotonic(), 0
+        while time.monotonic() - begin_s < 1.0:
+            k += 1
+            started_s = time.thread_time()
+            robot.send_command(np.array([0.3 + 0.1 * (k % 3), 0.0]))
+            used_s = max(used_s, time.thread_time() - started_s)
+            time.sleep(0.005)
+        assert k > 40
+        assert used_s < 0.05
+        server.answer_delay_s = 0.0
+        robot.close()
+
+
+def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
+    with onvif_camera(QUICK, USER, PASSWORD) as server:
+        robot = robot_of(server)
+        robot.connect()
+        feed(robot, (0.5, 0.0), lambda: bool(server.moves and server.moves[-1][1]))
+        server.silent = True
+        with pytest.raises(RobotError, match=f"onvif 127.0.0.1:{server.port}"):
+            feed(robot, (0.4, 0.0), lambda: False)
+        # Meanwhile the move has ended by itself.
+        wait_until(lambda: np.abs(server.plant.true_state().velocity_rad_s).max() < 1e-4)
+        before = len(server.moves)
+        server.silent = False
+        wait_until(lambda: len(server.moves) > before)
+        assert server.moves[before][1:] == (0.0, 0.0)
+        robot.close()

@@ -1,0 +1,311 @@
+"""VISCA over IP against the bytes of the makers' manuals, and over networks that lose, delay and reorder packets."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+from builders.visca import PTZ, QUICK, BadNetwork, camera, connected, feed, wait_until
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gazempc.errors import RobotError, SettingsError
+from gazempc.neck.spec import SpeedSteps, load_neck
+from gazempc.robots.options import ViscaOptions
+from gazempc.robots.visca import ViscaCamera, ViscaLink
+from gazempc.robots.visca_packets import (
+    COMMAND,
+    POSITION,
+    drive_of,
+    drive_payload,
+    pack,
+    position_of,
+    position_payload,
+    unpack,
+)
+
+COUNTS = st.integers(-0x8000, 0x7FFF)
+
+
+@pytest.mark.parametrize(
+    ("steps", "words"),
+    [
+        # Pan-tiltDrive in the command list of Sony's SRG and BRC cameras: up, down, left, right, up left, stop.
+        ((0, 5), "81 01 06 01 01 05 03 01 FF"),
+        ((0, -5), "81 01 06 01 01 05 03 02 FF"),
+        ((24, 0), "81 01 06 01 18 01 01 03 FF"),
+        ((-3, 0), "81 01 06 01 03 01 02 03 FF"),
+        ((7, 20), "81 01 06 01 07 14 01 01 FF"),
+        ((0, 0), "81 01 06 01 01 01 03 03 FF"),
+    ],
+)
+def test_drive_commands_are_those_of_the_manual(steps, words) -> None:
+    payload = bytes.fromhex(words)
+    assert drive_payload(*steps) == payload
+    assert drive_of(payload) == steps
+
+
+def test_a_packet_has_the_header_of_the_manual() -> None:
+    assert pack(COMMAND, 0x01020304, b"\x81\xff") == bytes.fromhex("0100 0002 01020304 81ff")
+    assert unpack(bytes.fromhex("0100 0003 01020304 81ff")) is None  # shorter than it states
+    assert unpack(b"\x01") is None
+
+
+@given(COUNTS, COUNTS)
+def test_positions_come_back(pan: int, tilt: int) -> None:
+    assert position_of(position_payload(pan, tilt)[2:-1]) == (pan, tilt)
+
+
+def test_positions_of_five_digits() -> None:
+    # BRC-X400: pan of five, tilt of four digits.
+    assert position_of(bytes([0xF, 0xF, 0xF, 0xF, 0xE, 0, 0, 1, 0])) == (-2, 16)
+    assert position_of(bytes([0xF, 0xF, 0xF, 0xF, 0xE, 0, 0, 0, 1, 0])) == (-2, 16)
+    assert position_of(b"\x01\x02") is None
+
+
+def test_the_camera_turns_as_commanded_and_reports_it() -> None:
+    with camera() as (server, plant), connected(server.address) as robot:
+        feed(robot, (0.5, -0.2), lambda: plant.true_state().position_rad[0] > 0.2)
+        robot.send_command(np.zeros(2))
+        wait_until(lambda: np.abs(plant.true_state().velocity_rad_s).max() < 1e-4)
+        true = plant.true_state().position_rad
+        assert true[0] > 0.2
+        assert -0.45 * true[0] < true[1] + 0.0 < -0.3 * true[0] or true[1] == pytest.approx(-0.4 * true[0], rel=0.15)
+        seen = []
+
+        def has_read() -> bool:
+            state = robot.read_state()
+            if state is not None:
+                seen.append(state.position_rad)
+            return len(seen) > 2
+
+        feed(robot, (0.0, 0.0), has_read)
+        # A count is 1 / 14.4 deg.
+        np.testing.assert_allclose(seen[-1], true, atol=np.deg2rad(0.5 / 14.4) + 1e-6)
+
+
+def test_directions_turn_an_axis_around() -> None:
+    with camera() as (server, plant), connected(server.address, directions=(-1, 1)) as robot:
+        feed(robot, (0.5, 0.2), lambda: plant.true_state().position_rad[1] > 0.05)
+        assert plant.true_state().position_rad[0] < -0.05
+        feed(robot, (0.0, 0.0), lambda: (state := robot.read_state()) is not None and state.position_rad[0] > 0.05)
+
+
+def test_speeds_between_two_steps_are_dithered_to_their_mean() -> None:
+    # Three steps only: 0.15 rad/s lies between 0.1 and 0.3.
+    table = SpeedSteps(positive_rad_s=(0.1, 0.3, 1.4), negative_rad_s=(0.1, 0.3, 1.4))
+    neck = QUICK.model_copy(update={"pan": QUICK.pan.model_copy(update={"speed_steps": table})})
+    with camera(neck) as (server, _), connected(server.address, neck) as robot:
+        accepted, begin_s = [], time.monotonic()
+
+        times = []
+        while time.monotonic() - begin_s < 2.0:
+            accepted.append(robot.send_command(np.array([0.15, 0.0]))[0])
+            times.append(time.monotonic())
+            time.sleep(0.02)
+        assert {round(each, 9) for each in accepted} <= {0.1, 0.3}
+        held_s = np.diff(times)
+        assert np.sum(np.array(accepted)[:-1] * held_s) / held_s.sum() == pytest.approx(0.15, abs=0.02)
+        assert {step for _, step, _ in server.driven} <= {0, 1, 2}
+
+
+def test_a_slow_answer_delays_no_command() -> None:
+    with camera(answer_delay_s=0.1) as (server, _), connected(server.address) as robot:
+        longest_s, begin_s, k = 0.0, time.monotonic(), 0
+        before = len(server.driven)
+        while time.monotonic() - begin_s < 1.0:
+            k += 1
+            started_s = time.thread_time()
+            robot.send_command(np.array([0.5 + 0.3 * (k % 2), 0.1]))
+            longest_s = max(longest_s, time.thread_time() - started_s)
+            time.sleep(0.005)
+        # Many commands, few packets: one a tenth of a second, of which each was answered.
+        assert k > 40
+        assert len(server.driven) - before <= 12
+        assert longest_s < 0.05
+
+
+def test_a_lost_packet_is_sent_again_with_its_number_and_carried_out_once() -> None:
+    with camera() as (server, _):
+        # Of each two packets the first is lost, then of each two answers.
+        network = BadNetwork(server.address, lambda k, packet: [packet] if k % 2 else [])
+        link = ViscaLink(*network.address)
+        link.open()
+        for step in (1, 2, 3):
+            link.command(drive_payload(step, 0))
+        assert [steps for _, *steps in server.driven] == [[1, 0], [2, 0], [3, 0]]
+        assert link.retries >= 2
+        sent = [unpack(packet) for packet in network.seen[True]]
+        numbers = [found[1] for found in sent if found[0] == COMMAND]
+        assert len(numbers) > len(set(numbers))
+        link.close()
+        network.close()
+
+        answers = BadNetwork(server.address, to_robot=lambda k, packet: [packet] if k % 3 == 2 else [])
+        link = ViscaLink(*answers.address)
+        link.open()
+        driven = len(server.driven)
+        for step in (4, 5):
+            link.command(drive_payload(step, 0))
+        assert [steps for _, *steps in server.driven[driven:]] == [[4, 0], [5, 0]]
+        link.close()
+        answers.close()
+
+
+def test_answers_in_another_order_are_told_apart() -> None:
+    held: list[bytes] = []
+
+    def late(k: int, packet: bytes) -> list[bytes]:
+        # Each answer comes after the next one.
+        held.append(packet)
+        return [held.pop(0)] if len(held) > 1 else []
+
+    with camera() as (server, plant):
+        network = BadNetwork(server.address, to_robot=late)
+        with connected(network.address) as robot:
+            seen = []
+
+            def read() -> bool:
+                state = robot.read_state()
+                seen.extend([] if state is None else [state.position_rad])
+                return len(seen) > 3 and plant.true_state().position_rad[0] > 0.1
+
+            feed(robot, (0.3, 0.0), read)
+            assert all(np.abs(position).max() < 0.5 for position in seen)
+        network.close()
+        assert server.driven[-1][1:] == (0, 0)
+
+
+def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
+    with camera() as (server, plant), connected(server.address) as robot:
+        feed(robot, (0.5, 0.0), lambda: plant.true_state().position_rad[0] > 0.05)
+        server.silent = True
+        with pytest.raises(RobotError, match=f"visca 127.0.0.1:{server.address[1]}: no answer"):
+            feed(robot, (0.5, 0.0), lambda: False)
+        before = len(server.driven)
+        # Rebooted in the move: it counts packets anew.
+        server.reboot()
+        server.silent = False
+        wait_until(lambda: len(server.driven) > before)
+        assert server.driven[before][1:] == (0, 0)
+
+        def answers() -> bool:
+            try:
+                robot.send_command(np.array([0.0, 0.0]))
+            except RobotError:
+                return False
+            return True
+
+        wait_until(answers)
+        feed(robot, (-0.5, 0.0), lambda: server.driven[-1][1] < 0)
+
+
+def test_a_camera_that_is_restarted_between_two_commands_costs_none() -> None:
+    with camera() as (server, _), connected(server.address) as robot:
+        feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
+        # Its count starts far above ours: each of our packets is out of order for it.
+        server._sequence = 1_000_000
+        feed(robot, (-0.5, 0.0), lambda: server.driven[-1][1] < 0)
+
+
+def test_a_silent_loop_stops_the_camera() -> None:
+    with camera() as (server, plant), connected(server.address) as robot:
+        feed(robot, (0.5, 0.0), lambda: plant.true_state().position_rad[0] > 0.05)
+        wait_until(lambda: server.driven[-1][1:] == (0, 0))
+        # And goes on when it is back.
+        feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
+
+
+def test_moves_are_renewed_and_the_end_is_a_stop() -> None:
+    with camera() as (server, _):
+        with connected(server.address) as robot:
+            feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
+            before = len(server.driven)
+            feed(robot, (0.5, 0.0), lambda: len([d for d in server.driven[before:] if d[1] > 0]) > 2)
+        assert server.driven[-1][1:] == (0, 0)
+        robot.close()  # again does nothing
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", ["kill", "terminate", "exit", "raise"])
+def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> None:
+    program = """
+        import os, signal, sys, time
+        import numpy as np
+        from gazempc.neck.spec import load_neck
+        from gazempc.robots.options import ViscaOptions
+        from gazempc.robots.visca import ViscaCamera
+
+        robot = ViscaCamera(sys.argv[1], load_neck("ptz"), time.monotonic, ViscaOptions())
+        robot.connect()
+        for k in range(3000):
+            robot.send_command(np.array([0.5, 0.1]))
+            if k == 50:
+                print("moving", flush=True)
+                if sys.argv[2] == "exit":
+                    sys.exit()
+                if sys.argv[2] == "raise":
+                    raise RuntimeError
+            time.sleep(0.02)
+    """
+    script = tmp_path / "program.py"
+    script.write_text(textwrap.dedent(program))
+    with camera() as (server, _):
+        address = f"127.0.0.1:{server.address[1]}"
+        process = subprocess.Popen(
+            [sys.executable, str(script), address, ending],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        )
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"moving\n"
+        if ending in ("kill", "terminate"):
+            assert server.driven[-1][1] > 0
+            process.send_signal(signal.SIGKILL if ending == "kill" else signal.SIGTERM)
+        process.wait(30)
+        wait_until(lambda: server.driven[-1][1:] == (0, 0))
+        process.stdout.close()
+
+
+def test_a_probe_asks_and_moves_nothing() -> None:
+    with camera() as (server, _):
+        robot = ViscaCamera(f"127.0.0.1:{server.address[1]}", PTZ, time.monotonic, ViscaOptions())
+        found = dict(robot.probe())
+        assert found["power"] == "on"
+        assert found["position"] == "0 and 0 counts"
+        assert found["fastest speeds"] == "24 and 20"
+        assert not server.driven
+
+
+def test_no_camera_at_the_address() -> None:
+    with camera() as (server, _):
+        port = server.address[1]
+    robot = ViscaCamera(f"127.0.0.1:{port}", PTZ, time.monotonic, ViscaOptions())
+    with pytest.raises(RobotError, match=f"visca 127.0.0.1:{port}"):
+        robot.connect()
+
+
+@pytest.mark.parametrize("address", ["", "host:port", "host:70000"])
+def test_wrong_addresses(address: str) -> None:
+    with pytest.raises(SettingsError, match="visca:HOST"):
+        ViscaCamera(address, PTZ, time.monotonic, ViscaOptions())
+
+
+def test_a_neck_that_takes_angles_is_refused() -> None:
+    with pytest.raises(SettingsError, match="velocity"):
+        ViscaCamera("host", load_neck("reference"), time.monotonic, ViscaOptions())
+
+
+def test_a_reply_that_is_an_error_is_named() -> None:
+    with camera() as (server, _):
+        link = ViscaLink(*server.address)
+        link.open()
+        with pytest.raises(RobotError, match="syntax error"):
+            link.command(bytes.fromhex("8101040003ff"))
+        assert position_of(link.inquire(POSITION)) == (0, 0)
+        link.close()

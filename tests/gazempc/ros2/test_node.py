@@ -1,0 +1,278 @@
+"""The node and the robot `ros2` against nodes of the real rclpy in this process."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from builders.ros2_real import rclpy_or_skip, wait_for
+from scipy.interpolate import BPoly
+
+from gazempc.controllers.controller import Plan
+from gazempc.errors import RobotError, SettingsError
+from gazempc.live.outlet import make_sink
+from gazempc.loop.smoother import Smoother
+from gazempc.neck.spec import load_neck
+from gazempc.robots.options import Ros2Options
+from gazempc.robots.ros2 import Ros2Neck
+from gazempc.ros2.messages import Ros2Error
+from gazempc.ros2.node import Ros2Node, message_type
+
+rclpy = rclpy_or_skip()
+pytestmark = pytest.mark.slow
+
+NECK = load_neck("reference")
+STATE, TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
+NUMBERS, STRING = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
+JOINTS = ("pan", "tilt")
+
+
+@pytest.fixture
+def node():
+    made = Ros2Node("other")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def made():
+    """Closes what a test appends."""
+    parts = []
+    yield parts
+    for part in parts:
+        part.close()
+
+
+class Driver:
+    """The other side of a neck: takes commands, sends joint states."""
+
+    def __init__(self, node, command_type=TRAJECTORY):
+        self.commands = node.subscription("/head/command", command_type)
+        self.states = node.publication("/joint_states", STATE)
+
+    def say(self, positions, names=JOINTS, velocities=(), stamp_s=None):
+        message = message_type(STATE)()
+        stamp_s = time.time() if stamp_s is None else stamp_s
+        message.header.stamp.sec, message.header.stamp.nanosec = int(stamp_s), int(1e9 * (stamp_s % 1.0))
+        message.name, message.position, message.velocity = list(names), list(positions), list(velocities)
+        self.states.publish(message)
+
+
+def neck(made, spec=NECK, **fields):
+    options = Ros2Options(**({"joint_names": JOINTS, "command_topic": "head/command"} | fields))
+    robot = Ros2Neck(spec, time.time, lambda unix_s: unix_s, options, connect_timeout_s=20.0)
+    made.append(robot)
+    return robot
+
+
+def connected(made, driver, **fields):
+    robot = neck(made, **fields)
+    stop = threading.Event()
+
+    def talk():
+        while not stop.wait(0.02):
+            driver.say([0.0, 0.0], robot._names)
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        robot.connect()
+    finally:
+        stop.set()
+        thread.join()
+    return robot
+
+
+def test_every_command_arrives_with_derivatives_and_a_stop(node, made):
+    driver = Driver(node)
+    robot = connected(made, driver, joint_signs=(1.0, -1.0))
+    smoother = Smoother(NECK, np.zeros(2))
+    wanted = [smoother.step(k / NECK.servo_rate_hz, _to([0.6, -0.3])) for k in range(60)]
+    found = []
+    for rad in wanted:
+        assert np.array_equal(robot.send_command(rad), rad)
+        found += wait_for(driver.commands.take)
+    assert len(found) == 60
+    signs, period_s = np.array([1.0, -1.0]), NECK.servo_period_s
+    before = np.array([signs * first for first in wanted])
+    for k in range(2, 60):
+        point, stop = found[k].points[0], found[k].points[-1]
+        assert list(found[k].joint_names) == list(JOINTS)
+        assert (found[k].header.stamp.sec, point.time_from_start.nanosec) == (0, round(1e9 * period_s))
+        np.testing.assert_allclose(point.positions, before[k])
+        np.testing.assert_allclose(point.velocities, (before[k] - before[k - 1]) / period_s)
+        second = (before[k] - 2 * before[k - 1] + before[k - 2]) / period_s**2
+        np.testing.assert_allclose(point.accelerations, second, atol=1e-9)
+        np.testing.assert_allclose([*stop.velocities, *stop.accelerations], 0.0, atol=1e-9)
+    assert max(abs(np.array(each.points[0].velocities)).max() for each in found) > 1.0
+
+
+def _to(position_rad):
+    at = np.array([position_rad])
+    return Plan(0.0, np.inf, at, 0 * at, 0 * at)
+
+
+def _from_start_s(point):
+    return point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+
+
+def test_the_stop_of_a_trajectory_brakes_within_the_limits(node, made):
+    """The quintic that a joint_trajectory_controller runs from the last command, against the neck's limits."""
+    driver = Driver(node)
+    robot = connected(made, driver)
+    smoother = Smoother(NECK, np.zeros(2))
+    fastest = 0.0
+    for k in range(250):
+        target = [0.9, 0.5] if k < 100 else [-0.9, -0.4]
+        robot.send_command(smoother.step(k / NECK.servo_rate_hz, _to(target)))
+        (message,) = wait_for(driver.commands.take)
+        first, times_s = message.points[0], [_from_start_s(each) for each in message.points]
+        for joint in range(2):
+            ends = [
+                [each.positions[joint], each.velocities[joint], each.accelerations[joint]] for each in message.points
+            ]
+            assert ends[-1][1:] == pytest.approx([0.0, 0.0], abs=1e-9)
+            spline = BPoly.from_derivatives(times_s, ends)
+            at_s = np.linspace(times_s[0], times_s[-1], 100)
+            # Commands are inside the limits by the servo's gain; acceleration is a difference of commands.
+            assert abs(spline(at_s, 1)).max() <= NECK.velocity_max_rad_s[joint] * 1.01
+            assert abs(spline(at_s, 2)).max() <= NECK.acceleration_max_rad_s2[joint] * 1.05
+            fastest = max(fastest, abs(first.velocities[joint]))
+    assert fastest > 1.5
+
+
+def test_bare_positions_with_a_joint_that_turns_the_other_way(node, made):
+    driver = Driver(node, NUMBERS)
+    robot = connected(made, driver, command_type=NUMBERS, joint_signs=(1.0, -1.0))
+    assert np.array_equal(robot.send_command(np.array([9.0, 9.0])), NECK.position_max_rad)
+    (message,) = wait_for(driver.commands.take)
+    assert list(message.data) == [NECK.position_max_rad[0], -NECK.position_max_rad[1]]
+    driver.say([0.1, 0.2], velocities=[1.0, 2.0])
+    state = wait_for(robot.read_state)
+    assert (list(state.position_rad), list(state.velocity_rad_s)) == ([0.1, -0.2], [1.0, -2.0])
+
+
+def test_speeds_follow_the_commands_and_return_from_a_drift(node, made):
+    driver = Driver(node, NUMBERS)
+    robot = connected(made, driver, command_type=NUMBERS, command_values="velocity")
+    sent = []
+    for k in range(300):
+        robot.send_command(np.array([0.002 * k, 0.0]))
+        sent += wait_for(driver.commands.take)
+    assert sent[50].data[0] == pytest.approx(0.4)  # 0.002 rad a servo period
+    # The joint stands 0.1 rad short of the command that it should have reached by now.
+    robot._measured_rad = robot._sent[0] - np.array([0.1, 0.0])
+    robot.send_command(np.array([0.6, 0.0]))
+    (message,) = wait_for(driver.commands.take)
+    assert message.data[0] == pytest.approx(0.4 + 0.1)
+    robot.close()
+    (message,) = wait_for(driver.commands.take)
+    assert list(message.data) == [0.0, 0.0]
+    with pytest.raises(SettingsError):
+        neck(made, command_values="velocity")
+
+
+def test_joint_states_of_others_old_ones_and_none_at_all(node, made):
+    driver = Driver(node)
+    robot = connected(made, driver, silent_after_s=0.3)
+    time.sleep(0.1)
+    robot.read_state()
+    now_s = time.time()
+    driver.say([0.4, 0.3, 0.2], ["wheel", "tilt", "pan"], stamp_s=now_s)
+    assert list(wait_for(robot.read_state).position_rad) == [0.2, 0.3]
+    ignored = robot.ignored
+    for names, positions, stamp_s in (
+        (["pan"], [0.0], now_s + 0.1),
+        (JOINTS, [np.nan, 0.0], now_s + 0.1),
+        (JOINTS, [0.0], now_s + 0.1),
+        (JOINTS, [0.0, 0.0], now_s),
+        (JOINTS, [0.0, 0.0], now_s - 3600.0),
+    ):
+        driver.say(positions, names, stamp_s=stamp_s)
+
+    def all_refused():
+        robot.read_state()
+        return robot.ignored == ignored + 5
+
+    wait_for(all_refused, timeout_s=0.25)
+    time.sleep(0.35)
+    with pytest.raises(RobotError, match=r"no joint state on /joint_states for more than 0\.3 s"):
+        robot.read_state()
+    driver.say([0.1, 0.1])
+    assert wait_for(robot.read_state).position_rad[0] == 0.1
+
+
+def test_a_robot_that_is_not_there_is_named(node, made):
+    robot = neck(made)
+    robot._connect_timeout_s = 0.5
+    with pytest.raises(RobotError, match="no node listens to /head/command as trajectory_msgs"):
+        robot.connect()
+    with pytest.raises(RobotError, match="not connected"):
+        robot.read_state()
+
+
+def test_a_controller_that_goes_and_comes_back(node, made):
+    away = Ros2Node("controller")
+    driver = Driver(away)
+    robot = connected(made, driver)
+    robot.send_command(np.zeros(2))
+    away.close()
+
+    def refused():
+        try:
+            robot.send_command(np.zeros(2))
+        except RobotError as error:
+            return "has the controller stopped" in str(error)
+
+    wait_for(refused)
+    back = Driver(node)
+
+    def accepted():
+        try:
+            return robot.send_command(np.array([0.2, 0.0]))[0] == 0.2
+        except RobotError:
+            return False
+
+    wait_for(accepted)
+    wait_for(back.commands.take)
+
+
+def test_a_quality_of_service_that_does_not_fit_is_described(node):
+    volatile = node.publication("/list", STRING)
+    kept = node.subscription("/list", STRING, latched=True)
+    wait_for(lambda: "quality of service" in kept.described)
+    assert kept.senders == ()
+    assert volatile.has_listeners is False
+    plain = node.subscription("/list", STRING)
+    assert wait_for(lambda: plain.senders) == ("/other",)
+
+
+def test_a_clock_of_a_simulation_that_jumps_back(node):
+    clock = node.publication("/clock", "rosgraph_msgs/msg/Clock")
+    simulated = Ros2Node("simulated", use_sim_time=True)
+    try:
+        with pytest.raises(Ros2Error, match="no message on /clock"):
+            simulated.unix_s(5.0)
+        for at_s in (100, 20):
+            message = message_type("rosgraph_msgs/msg/Clock")()
+            message.clock.sec = at_s
+            wait_for(lambda: clock.has_listeners)
+            clock.publish(message)
+
+            def placed(at_s=at_s):
+                try:
+                    return abs(simulated.unix_s(at_s - 0.5) - time.time() + 0.5) < 0.2
+                except Ros2Error:
+                    return False
+
+            wait_for(placed)
+    finally:
+        simulated.close()
+
+
+def test_a_topic_whose_last_line_a_later_subscriber_gets(node):
+    with make_sink("ros2:attention") as send:
+        send("first")
+        send("last")
+        late = node.subscription("/attention", STRING, latched=True)
+        assert [each.data for each in wait_for(late.take)] == ["last"]

@@ -1,0 +1,191 @@
+"""Faults of a graph of ROS 2, each in processes of its own; the rows of the table in docs/ros2.md."""
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rclpy.parameter import Parameter
+from stage import rclpy
+
+import gazempc as gz
+
+pytestmark = pytest.mark.slow
+NECK = gz.load_neck("reference")
+assert rclpy
+
+
+class Watch:
+    """What the diagnostics of the node have told so far."""
+
+    def __init__(self, client):
+        self.client = client
+        client.listen(DiagnosticArray, "/diagnostics")
+
+    def values(self):
+        heard = self.client.heard["/diagnostics"]
+        return {each.key: each.value for message in heard for each in message.status[0].values}
+
+    def latest(self):
+        heard = self.client.heard["/diagnostics"]
+        return {each.key: each.value for each in heard[-1].status[0].values} if heard else {}
+
+    def until(self, *words, timeout_s=60.0):
+        def told():
+            text = str(self.values())
+            return all(word in text for word in words)
+
+        self.client.wait(told, timeout_s, why=f"{words}: {self.values()}")
+
+    def until_used(self, more=20, timeout_s=60.0):
+        """Until more observations are used than before."""
+        before = int(self.latest().get("used", 0))
+        self.client.wait(
+            lambda: int(self.latest().get("used", 0)) >= before + more, timeout_s, why=f"not used: {self.latest()}"
+        )
+
+
+def within_limits(stage):
+    """Joints and commands of the controller stayed within the limits; its refusals."""
+    _, commands, joints_rad, speeds_rad_s, file = stage.rows()
+    assert abs(speeds_rad_s).max() <= NECK.velocity_max_rad_s.max()
+    assert (joints_rad >= NECK.position_min_rad - 1e-6).all()
+    assert (joints_rad <= NECK.position_max_rad + 1e-6).all()
+    assert list(file["refused"]) == []
+    return commands
+
+
+def test_tracker_and_controller_that_go_and_come_back(stage):
+    controller, gaze = stage.controller(), stage.gaze()
+    watch = Watch(stage.client())
+    gaze.until("robot ros2")
+    tracker = stage.tracker("--passes", "20")
+    watch.until_used()
+    # Two trackers on one topic are named.
+    other = stage.tracker("--passes", "20", "--name", "old_tracker")
+    watch.until("several_senders", "/old_tracker and /tracker")
+    other.stop(signal.SIGKILL)
+    # The tracker dies: the person is lost, and found again with the next one.
+    tracker.stop(signal.SIGKILL)
+    watch.until("event target_lost", "event no_sender")
+    tracker = stage.tracker("--passes", "20")
+    watch.until_used()
+    # The controller dies, and comes back where the neck stands.
+    controller.stop(signal.SIGINT)
+    first = stage.rows()
+    watch.until("event robot_not_answering")
+    position = [str(float(angle)) for angle in first[2][-1]]
+    controller = stage.controller("--position", *position)
+    watch.until_used()
+    tracker.stop()
+    assert gaze.stop() == 0, gaze.text()
+    controller.stop()
+    within_limits(stage)
+    log = gz.load_log(stage.gaze_file)
+    assert gz.measure(log).limit_violations == 0
+
+
+def test_bad_numbers_and_frames(stage):
+    """NaN in every fifth message; tf that jumps by 30 m, later tf that ends: heads are refused and named."""
+    controller, gaze = stage.controller(), stage.gaze()
+    watch = Watch(stage.client())
+    gaze.until("robot ros2")
+    tracker = stage.tracker("--passes", "20", "--nan-every", "5", "--jump-after-s", "4", "--silent-tf-after-s", "7")
+    watch.until("event bad_observation", "event implausible_person")
+    watch.until("event target_lost")
+    used = int(watch.latest()["used"])
+    assert used > 20
+    tracker.stop()
+    gaze.stop()
+    controller.stop()
+    within_limits(stage)
+
+
+def test_the_clock_of_a_simulation_jumps_back(stage):
+    controller = stage.controller()
+    gaze = stage.gaze(use_sim_time="true", **{"options.ros2.silent_after_s": "0.5"})
+    # The controller's stamps are of the computer's clock: only the simulator's tracker fits. A robot without joint
+    # states would be driven open loop; here they are refused, so the node cannot begin.
+    tracker = stage.tracker("--sim-time", "--passes", "20")
+    gaze.until("no joint state on /joint_states can be used")
+    gaze.until("use_sim_time")
+    gaze.stop()
+    # The neck in the simulator, people by its clock.
+    gaze = stage.gaze(use_sim_time="true", robot="simulated")
+    watch = Watch(stage.client())
+    gaze.until("robot simulated")
+    tracker.stop()
+    tracker = stage.tracker("--sim-time", "--clock-jump-after-s", "5", "--passes", "20")
+    watch.until_used(60)
+    stage.client().for_s(4.0)  # the jump lies in here
+    watch.until_used(60)
+    tracker.stop()
+    assert gaze.stop() == 0, gaze.text()
+    controller.stop()
+    assert gz.measure(gz.load_log(stage.gaze_file)).limit_violations == 0
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=["sigint", "sigterm", "sigkill"])
+def test_a_node_that_is_stopped_in_a_motion_brakes_within_limits(stage, how):
+    from test_actions import Head, point_head
+
+    controller, gaze = stage.controller("--position", "-1.0", "0.0"), stage.gaze()
+    gaze.until("robot ros2")
+    head = Head(stage.client())
+    assert head.send(point_head([1.0, 1.5, 0.0])).accepted
+    stage.client().wait(lambda: abs(head.client.heard["/joint_states"][-1].velocity[1]) > 1.0)
+    killed_s = time.time()
+    gaze.stop(how)
+    stage.client().for_s(1.5)
+    controller.stop()
+    commands = within_limits(stage)
+    times_s = stage.rows()[0]
+    after = times_s > killed_s + 0.02
+    assert abs(commands[after, 1]).max() > 0.05 or how != signal.SIGKILL  # it was moving
+    assert abs(commands[-1, 1]).max() < 1e-9  # and stands
+    assert abs(commands[after, 2]).max() <= NECK.acceleration_max_rad_s2.max() * 1.1
+
+
+def test_parameters_and_lifecycle(stage):
+    """Parameters have descriptions and ranges, and are set while the node is unconfigured."""
+    gaze = stage.gaze(robot="simulated", autostart="false")
+    client = stage.client()
+
+    def change(transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return client.ask(ChangeState, "/gaze/change_state", request).success
+
+    def set_to(name, value):
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return client.ask(SetParameters, "/gaze/set_parameters", request).results[0]
+
+    names = ["loop.lost_after_s", "attend", "mpc.horizon_s", "neck", "options.ros2.joint_names", "look_away.rhythm"]
+    request = DescribeParameters.Request(names=names)
+    described = client.ask(DescribeParameters, "/gaze/describe_parameters", request).descriptors
+    assert all(each.description for each in described)
+    assert described[0].floating_point_range
+    assert described[4].type == ParameterType.PARAMETER_STRING_ARRAY
+    assert "listening" in described[5].additional_constraints
+    assert not set_to("loop.lost_after_s", -1.0).successful
+    assert set_to("attend", "nearest").successful
+    assert set_to("predictor", "nothing").successful
+    assert not change(Transition.TRANSITION_CONFIGURE)  # no such predictor
+    assert "nothing" in gaze.text()
+    assert set_to("predictor", "constant_velocity").successful
+    assert change(Transition.TRANSITION_CONFIGURE)
+    assert change(Transition.TRANSITION_ACTIVATE)
+    refused = set_to("attend", "engaged")
+    assert not refused.successful
+    assert "unconfigured" in refused.reason
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    assert change(Transition.TRANSITION_ACTIVATE)
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    assert change(Transition.TRANSITION_CLEANUP)
+    assert set_to("attend", "engaged").successful
+    assert gaze.stop() == 0, gaze.text()
+    assert np.isfinite(gz.load_log(stage.gaze_file).time_s).all()
