@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import NoReturn
 
 # A command ends within 3 s of Ctrl-C; half a second is left for the end of the interpreter.
 _GRACE_S = 2.5
@@ -48,6 +51,12 @@ def end_during_imports(name: str) -> None:
 
     for signum in _SIGNALS:
         signal.signal(signum, end)
+
+
+def start(name: str, module: str) -> NoReturn:
+    """Run the ``main`` of a command's module; see `end_during_imports`."""
+    end_during_imports(name)
+    sys.exit(importlib.import_module(module).main())
 
 
 @contextmanager

@@ -202,7 +202,7 @@ def _fill(run: LiveRun, neck: NeckSpec, seconds: float) -> None:
     rest, zero = neck.rest_rad, np.zeros(neck.joints)
     motions = tuple((float(angle), 0.0, 0.0) for angle in rest)
     for tick in range(int(seconds * neck.servo_rate_hz)):
-        run.logs.note_true_joints()
+        run.logs.note_true_joints(tick * neck.servo_period_s - seconds)
         run.logs.recorder.tick(tick * neck.servo_period_s - seconds, JointState(0.0, rest, zero), rest, motions)
     empty = Forecast(np.zeros(3), np.zeros((3, 3)), np.tile(np.eye(3), (3, 1, 1)), 0.0)
     for frame in range(int(seconds * RATE_HZ)):

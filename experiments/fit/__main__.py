@@ -1,11 +1,6 @@
 """Start of `python -m experiments.fit`."""
 
-import sys
-
-from gazempc.signals import end_during_imports
+from gazempc.signals import start
 
 if __name__ == "__main__":
-    end_during_imports("fit")
-    from experiments.fit.command import main
-
-    sys.exit(main())
+    start("fit", "experiments.fit.command")

@@ -1,11 +1,6 @@
 """Start of `python -m experiments.people`."""
 
-import sys
-
-from gazempc.signals import end_during_imports
+from gazempc.signals import start
 
 if __name__ == "__main__":
-    end_during_imports("people")
-    from experiments.people.study import main
-
-    sys.exit(main())
+    start("people", "experiments.people.study")

@@ -1,11 +1,6 @@
 """Start of `python -m experiments.rivals`."""
 
-import sys
-
-from gazempc.signals import end_during_imports
+from gazempc.signals import start
 
 if __name__ == "__main__":
-    end_during_imports("rivals")
-    from experiments.rivals.comparison import main
-
-    sys.exit(main())
+    start("rivals", "experiments.rivals.comparison")

@@ -1,11 +1,6 @@
 """Start of `python -m experiments.sweep`."""
 
-import sys
-
-from gazempc.signals import end_during_imports
+from gazempc.signals import start
 
 if __name__ == "__main__":
-    end_during_imports("sweep")
-    from experiments.sweep.sweep import main
-
-    sys.exit(main())
+    start("sweep", "experiments.sweep.sweep")

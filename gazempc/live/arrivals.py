@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,13 +19,15 @@ from gazempc.live.mount import JointHistory
 from gazempc.live.plausibility import Plausibility, out_of_place
 from gazempc.live.run_report import LiveReport
 from gazempc.live.setup import LiveSetup
-from gazempc.live.sources.source import Arrived, check_range
+from gazempc.live.sources.source import Arrived, Notice, check_range
 from gazempc.live.stamps import Stamps
 from gazempc.live.watch import FollowedPerson, Watch
+from gazempc.loop.boundary import PartError, boundary
 from gazempc.loop.events import Event
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
+from gazempc.people.company import Cue
 from gazempc.types import FloatArray, Sighting, View
 from predictors import HeadObservation
 
@@ -88,10 +91,9 @@ class Arrivals:
         """
         for source in self._sources:
             try:
-                arrived = source.poll()
-                if not isinstance(arrived, Arrived):
-                    raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
-            except Exception as error:
+                with boundary(source, "poll"):
+                    arrived = _checked(source.poll())
+            except PartError as error:
                 recorder.event(now_s, Event.SOURCE_FAILED, error)
             else:
                 self._sort(arrived, now_s, recorder)
@@ -127,7 +129,7 @@ class Arrivals:
             self._report.observations += 1
             try:
                 in_base = self._in_base(sighting)
-            except (ValueError, AttributeError, TypeError) as error:
+            except Exception as error:  # whatever a source takes for an observation
                 self._problem(now_s, recorder, str(error))
                 continue
             seen = in_base.observation
@@ -176,8 +178,9 @@ class Arrivals:
             True once nothing more will come.
         """
         try:
-            return bool(self._source.finished) and not self._waiting
-        except Exception as error:
+            with boundary(self._source, "finished"):
+                return bool(self._source.finished) and not self._waiting
+        except PartError as error:
             recorder.event(now_s, Event.SOURCE_FAILED, error)
             return False
 
@@ -214,3 +217,15 @@ class Arrivals:
         assert placed.head_quat_wxyz is not None
         axes = Rotation.from_quat(placed.head_quat_wxyz, scalar_first=True).as_matrix()
         return View(placed.head_position_base_m - axes[:, 0], axes, half_rad)
+
+
+def _checked(arrived: object) -> Arrived:
+    """Refuse what is no `Arrived`; its observations are judged one by one."""
+    if not isinstance(arrived, Arrived):
+        raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
+    kinds: dict[str, Any] = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}
+    for name, kind in kinds.items():
+        values = getattr(arrived, name)
+        if not isinstance(values, tuple | list) or not all(isinstance(each, kind) for each in values):
+            raise TypeError(f"poll() returned {name} {values!r:.100}, see gazempc.live.sources.source.Arrived")
+    return arrived

@@ -47,7 +47,8 @@ class Gaze:
     Args:
         neck: Name of a shipped neck, path of a TOML file, or a neck.
         robot: A robot (`gazempc.robots.robot.Robot`; it stamps its joints with `time.monotonic`), a shipped name, or
-            ``module:Class``. Only the servo thread uses it inside the block.
+            ``module:Class``. Inside the block one thread sends, another one reads; never both at once, unless a
+            reading takes longer than 12 ms.
         controller: ``mpc``, ``lookahead``, ``reactive``, ``module:Class``, or a controller.
         predictor: Name, ``module:Class``, or a predictor.
         listener: Gets each moment of the run (`gazempc.results.moments`) in the servo thread; must return at once.

@@ -8,10 +8,14 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from gazempc.live.setup import LiveSetup
+from gazempc.loop.boundary import PartError, boundary
 from gazempc.loop.columns import JointColumns
+from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.results.log import ComputeTimes, Fault, Log, merge_faults
 from gazempc.results.moments import CutMoment, JointsMoment, Moment
+from gazempc.robots.robot import wrong_reading
+from gazempc.types import JointState
 
 LogSink = Callable[[Log, ComputeTimes], None]
 
@@ -51,13 +55,26 @@ class LiveLogs:
     def _new_recorder(self) -> LoopRecorder:
         return LoopRecorder(self._setup.neck.control_period_s, self._listen)
 
-    def note_true_joints(self) -> None:
-        """Record the true joints of a simulated robot at this tick."""
-        if self._true_state is not None:
-            joints = self._true_state()
-            self._true_joints.append(joints)
-            if self._listen is not None:
-                self._listen(JointsMoment(joints))
+    def note_true_joints(self, time_s: float) -> None:
+        """Record the true joints of a simulated robot at this tick.
+
+        Args:
+            time_s: The time, seconds.
+        """
+        if self._true_state is None:
+            return
+        joints: JointState | None = None
+        try:
+            with boundary(self._setup.robot, "true_state"):
+                found = self._true_state()
+                if wrong := wrong_reading(found, self._setup.neck):
+                    raise ValueError(wrong.replace("read_state", "true_state"))
+                joints = found
+        except PartError as error:
+            self.recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
+        self._true_joints.append(joints)
+        if self._listen is not None and joints is not None:
+            self._listen(JointsMoment(joints))
 
     @property
     def due(self) -> bool:

@@ -10,12 +10,14 @@ import numpy as np
 
 from gazempc.errors import GazempcError, RobotError
 from gazempc.live.arrivals import Arrivals
+from gazempc.live.aside import ArrivingTarget, ReadAside
 from gazempc.live.logs import LiveLogs, LogSink
 from gazempc.live.process import real_time_priority
 from gazempc.live.robots import first_position_rad, go_in
 from gazempc.live.run_report import LiveReport
 from gazempc.live.setup import LiveSetup
-from gazempc.live.sources.source import SourceError
+from gazempc.live.sources.source import Source, SourceError
+from gazempc.loop.boundary import PartError, boundary, slow_call
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.looking_away import LookingAway
@@ -28,6 +30,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.parts import said
 from gazempc.people.attention import AttentionState
 from gazempc.results.moments import LateMoment, Moment, StatusMoment
+from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray
 
 # A moving command stops within limits long before.
@@ -71,6 +74,10 @@ class LiveRun:
         self.logs = LiveLogs(setup, sink, self._emit if listeners else None)
         self._arrivals = Arrivals(setup, self.report)
         self._status_due_s = 0.0
+        self._target = ArrivingTarget(
+            Pointing(setup.several or PersonTrack(setup.predictor, setup.loop), setup.goal), self._arrivals
+        )
+        self._robot: Robot = setup.robot
         self._smoother: Smoother | None = None
         self._loop: GazeLoop | None = None
 
@@ -133,9 +140,11 @@ class LiveRun:
             return False
         go_in(setup.robot, setup.neck, setup.clock, start_rad, stop)
         smoother = Smoother(setup.neck, start_rad)
-        target = setup.several or PersonTrack(setup.predictor, setup.loop)
-        target = Pointing(target, setup.goal)
-        loop = GazeLoop(setup.neck, target, self._planner, smoother, setup.robot, self.logs.recorder, setup.loop)
+        if setup.clock.is_real and not getattr(setup.robot, "keeps_any_clock", False):
+            self._robot = ReadAside(setup.robot)
+        target, recorder = self._target, self.logs.recorder
+        loop = GazeLoop(setup.neck, target, self._planner, smoother, self._robot, recorder, setup.loop)
+        target.heads_seen = loop.note_heads
         warm_up(target.predictor, self._planner.controller, setup.neck)
         _open("source: open()", setup.source.open, SourceError)
         for more in setup.more_sources:
@@ -161,6 +170,7 @@ class LiveRun:
     def _serve(self, loop: GazeLoop, smoother: Smoother, stop: threading.Event, duration_s: float | None) -> None:
         start_s, rate_hz = self._clock.now_s(), self._neck.servo_rate_hz
         self._status_due_s = start_s
+        slow_call(threading.get_ident())  # of an earlier run
         index, stopping_at = 0, None
         failure: BaseException | None = None
         stopping_s = max(_STOPPING_S, 2.0 * _ramp_s(self._neck))
@@ -177,6 +187,7 @@ class LiveRun:
             index += over
             if stopping_at is None and (why := self._why_stop(stop, now_s, start_s, duration_s)):
                 self.report.stopped_by, stopping_at = why, now_s
+                self._target.stopped = True
                 loop.stop()
             try:
                 if failure is None:
@@ -187,7 +198,7 @@ class LiveRun:
                     # The loop has failed: the smoother alone brakes.
                     wanted_rad = smoother.step(now_s, None)
                     speeds = smoother.command.velocity_rad_s
-                    self._setup.robot.send_command(np.where(self._neck.speed_joints, speeds, wanted_rad))
+                    self._robot.send_command(np.where(self._neck.speed_joints, speeds, wanted_rad))
             except BaseException as error:
                 # Any exception, also an interrupt: the neck is braked before it is raised.
                 if failure is None:
@@ -204,28 +215,43 @@ class LiveRun:
 
     def close(self) -> None:
         """Close source, robot and planner, and keep the last log."""
+        setup = self._setup
         with ExitStack() as closing:
             closing.callback(self.logs.close)
-            closing.callback(self._planner.close)
-            closing.callback(self._close, self._setup.robot.close, Event.ROBOT_NOT_ANSWERING)
+            for source in (*setup.more_sources, setup.source):
+                closing.callback(self._close, source, source.close, Event.SOURCE_FAILED)
+            closing.callback(self._close, self._robot, self._robot.close, Event.ROBOT_NOT_ANSWERING)
             if self._smoother is not None and self._neck.takes_speeds:
-                closing.callback(self._close, self._stop_speeds, Event.ROBOT_NOT_ANSWERING)
-            closing.callback(self._close, self._setup.source.close, Event.SOURCE_FAILED)
-            for more in self._setup.more_sources:
-                closing.callback(more.close)
+                closing.callback(self._close, self._robot, self._stop_speeds, Event.ROBOT_NOT_ANSWERING)
+            closing.callback(self._note_slow_calls, ended=True)
+            # First: it still uses the source.
+            closing.callback(self._planner.close)
 
     def _stop_speeds(self) -> None:
         # A joint holds its last speed for ever, and the position loop may have left a small one.
         assert self._smoother is not None
         command_rad = self._smoother.command.position_rad
-        self._setup.robot.send_command(np.where(self._neck.speed_joints, 0.0, command_rad))
+        self._robot.send_command(np.where(self._neck.speed_joints, 0.0, command_rad))
 
-    def _close(self, close: Callable[[], None], event: Event) -> None:
+    def _close(self, part: Robot | Source, close: Callable[[], None], event: Event) -> None:
         # It must not raise; an exception all the same must not hide how the run ended.
         try:
-            close()
-        except Exception as error:
+            with boundary(part, "close"):
+                close()
+        except PartError as error:
             self.logs.recorder.event(self._clock.now_s(), event, error)
+
+    def _note_slow_calls(self, ended: bool = False) -> None:
+        if not self._clock.is_real:
+            return
+        calls = [slow_call(threading.get_ident()), self._planner.slow_call(ended)]
+        if isinstance(self._robot, ReadAside):
+            calls.append(self._robot.slow_call(ended))
+        for slow in calls:
+            if slow is not None:
+                self.logs.recorder.event(self._clock.now_s(), Event.PART_SLOW, slow.error)
+        if ended and self._loop is not None:
+            self._loop.hand_on()
 
     def _emit(self, moment: Moment) -> None:
         for listener in self._listeners:
@@ -257,7 +283,7 @@ class LiveRun:
     def _why_stop(self, stop: threading.Event, now_s: float, start_s: float, duration_s: float | None) -> str:
         if stop.is_set():
             return "signal"
-        if self._arrivals.finished(now_s, self.logs.recorder):
+        if self._target.finished:
             return "end of the source"
         return "duration" if duration_s is not None and now_s - start_s >= duration_s else ""
 
@@ -266,10 +292,12 @@ class LiveRun:
         recorder = self.logs.recorder
         if self._clock.unix_clock_stepped():
             recorder.event(now_s, Event.CLOCK_STEPPED)
-        self.logs.note_true_joints()
-        loop.tick(index, now_s, [] if stopping else self._arrivals.take(now_s, recorder), due_s)
+        with self._robot.alone() if isinstance(self._robot, ReadAside) else nullcontext():
+            self.logs.note_true_joints(now_s)
+        self._note_slow_calls()
+        loop.tick(index, now_s, [], due_s)
         if loop.joints is not None:
-            self._arrivals.note_joints(now_s, loop.joints)
+            self._target.note_joints(now_s, loop.joints)
         if self._attention is not None and isinstance(self._setup.several, LookingAway):
             for failure in self._attention(now_s, self._setup.several.state(now_s)):
                 recorder.event(now_s, Event.ATTENTION_NOT_SENT, failure)
@@ -284,9 +312,9 @@ def _open(what: str, call: Callable[[], None], refusal: type[GazempcError]) -> N
     """Open a robot or a source; any other exception of an own part becomes the promised error."""
     try:
         call()
-    except (GazempcError, OSError):
+    except (GazempcError, OSError, KeyboardInterrupt):
         raise
-    except Exception as error:
+    except BaseException as error:
         raise refusal(f"{what} raised {said(error)}") from error
 
 

@@ -120,7 +120,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
     except BaseException:
         # The fault that ended the run is raised, also where its summary cannot be written.
-        with suppress(OSError):
+        with suppress(Exception):
             kept.write(run)
         raise
     else:

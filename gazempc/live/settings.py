@@ -69,6 +69,9 @@ class LiveSettings(MountedSettings, StageSettings):
     simulated_clock: bool = Field(
         default=False, description="Run as fast as the computer can; only if source and robot do not need real time"
     )
+    isolate: Literal["predictor"] | None = Field(
+        default=None, description="Run the predictor in a process of its own, for one that holds Python's lock for long"
+    )
     log_s: float = Field(default=300.0, ge=1, description="Length of a log; after this time a new log begins")
     out: Path = Field(default=Path("out/live"), description="Folder for all files; replaces an earlier run")
     log: Literal["npz", "mcap"] | None = Field(
@@ -126,7 +129,7 @@ class LiveSettings(MountedSettings, StageSettings):
 
 
 def for_turning_camera(settings: LiveSettings) -> LiveSettings:
-    """Settings that follow from a camera that turns, where the user has left them: neck, mount, and the emulator's own.
+    """Settings that follow from a camera that turns, where the user has left them at their defaults.
 
     Args:
         settings: The settings.
@@ -144,6 +147,9 @@ def for_turning_camera(settings: LiveSettings) -> LiveSettings:
     if settings.source_kind == "camera" and settings.mount == Mount():
         # Its picture is that of the camera that turns.
         found["mount"] = Mount(on="head")
+    if settings.source_kind == "camera" and settings.loop == MountedSettings.model_fields["loop"].default:
+        # Pictures from the network come up to a second late.
+        found["loop"] = settings.loop.model_copy(update={"stale_after_s": 1.5, "lost_after_s": 2.0})
     if settings.source == f"camera:{EMULATOR}" and settings.camera == CameraOptions():
         found["camera"] = CameraOptions(fov_deg=FOV_DEG, latency_ms=1e3 * LATENCY_S)
     return settings.model_copy(update=found)
@@ -178,6 +184,8 @@ def check(settings: LiveSettings) -> None:
             f"--simulated-clock: source {settings.source!r} or robot {robot!r} needs real time; accepted with it: "
             f"source replay, robots {simulated}, and own parts whose class has keeps_any_clock = True"
         )
+    if settings.isolate is not None and (settings.several or source == "camera" or settings.simulated_clock):
+        raise SettingsError("--isolate: accepted for one person (no --attend, looks away or camera) on a real clock")
     _check_view(settings)
     if settings.neck is None and not settings.simulated_robot:
         raise SettingsError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.hints import SetupHints
+from gazempc.live.isolated import IsolatedPredictor
 from gazempc.live.mount import Mount
 from gazempc.live.robots import make_robot
 from gazempc.live.settings import STAMPED, LiveSettings, MountedSettings
@@ -153,6 +155,10 @@ def build(settings: LiveSettings) -> LiveSetup:
     source = _make_source(settings, neck, clock, scene, stamps)
     chosen = settings.predictor, settings.controller, settings.robot
     setup = _joined(settings, neck, clock, source, chosen, scene, settings.seed)
+    if settings.isolate is not None:
+        person = Person() if scene is None else Person(scene.walk.labels.subject)
+        make_there = partial(make_predictor, settings.predictor, settings, person, settings.options.own)
+        setup = replace(setup, predictor=IsolatedPredictor(make_there))
     about = setup.about.model_copy(
         update={
             "seed": settings.seed,
@@ -380,10 +386,10 @@ class MonotonicRobot:
     """
 
     def __init__(self, inner: Robot, clock: Clock) -> None:
-        self._inner, self._clock = inner, clock
+        self.wrapped, self._clock = inner, clock
         self.connect, self.send_command, self.close = inner.connect, inner.send_command, inner.close
 
     def read_state(self) -> JointState | None:
         """See `gazempc.robots.robot.Robot.read_state`."""
-        state = self._inner.read_state()
+        state = self.wrapped.read_state()
         return None if state is None else replace(state, time_s=self._clock.from_monotonic_s(state.time_s))

@@ -170,8 +170,8 @@ class KeptLogs:
         compute = _without_nan(measure_compute(times, self._neck.control_period_s).as_dict())
         try:
             return _without_nan(measure(log).as_dict()), compute
-        except LeftOutError:
-            return None, compute  # too short to be scored
+        except (LeftOutError, ValueError):
+            return None, compute  # too short to be scored, or cut short by a fault
 
 
 def text(summary: dict[str, Any]) -> str:

@@ -6,9 +6,10 @@ import math
 import time
 from collections.abc import Callable, Iterable
 
+from gazempc.loop.boundary import PartError, boundary
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.loop.track import RECORDED_HORIZONS_S, checked_forecast, why_not_usable
+from gazempc.loop.track import RECORDED_HORIZONS_S, forecast_of, why_not_usable
 from gazempc.people.attention import Attended, Attention, AttentionState
 from gazempc.people.box import middle_of
 from gazempc.people.people import Became, People, frames_of
@@ -94,7 +95,11 @@ class AttendedPeople:
             else:
                 recorder.refuse(event, time_s)
         for frame in frames_of(usable):
-            self._take_frame(frame, time_s, recorder)
+            try:
+                with boundary(self.predictor, "update"):
+                    self._take_frame(frame, time_s, recorder)
+            except PartError as error:
+                recorder.refuse(Event.FORECAST_FAILED, time_s, error)
         if usable or time_s - self._decided_s >= _DECIDED_EVERY_S:
             self._decided_s = time_s
             self._decide(time_s, recorder)
@@ -104,11 +109,13 @@ class AttendedPeople:
         attended = self._attended()
         if attended is None:
             return None
-        found = checked_forecast(attended.forecast, attended.start, self._view, times_s, time_s, recorder)
+        found = forecast_of(self.predictor, attended.forecast, attended.start, self._view, times_s, time_s, recorder)
         if found is None or not self._everyone:
             return found
         others = [track for track in self.people.confirmed if track is not attended]
-        theirs = [checked_forecast(t.forecast, t.start, self._view, times_s, time_s, recorder) for t in others]
+        theirs = [
+            forecast_of(self.predictor, t.forecast, t.start, self._view, times_s, time_s, recorder) for t in others
+        ]
         return middle_of([found, *(each for each in theirs if each is not None)])
 
     def _take_frame(self, frame: tuple[Sighting, ...], time_s: float, recorder: LoopRecorder) -> None:
@@ -161,8 +168,9 @@ class AttendedPeople:
     def _decide(self, time_s: float, recorder: LoopRecorder) -> None:
         before = self.attention.attended
         try:
-            self.attention.update(self.people.present(time_s), time_s)
-        except Exception as error:
+            with boundary(self.attention.policy, "scores"):
+                self.attention.update(self.people.present(time_s), time_s)
+        except PartError as error:
             recorder.event(time_s, Event.POLICY_FAILED, error)
         now = self.attention.attended
         if now is not before:
@@ -170,8 +178,9 @@ class AttendedPeople:
         soon = None if self.attention.candidate is None else self.people.track(self.attention.candidate)
         if soon is not None:
             try:
-                soon.catch_up(CATCH_UP)
-            except Exception as error:
+                with boundary(self.predictor, "update"):
+                    soon.catch_up(CATCH_UP)
+            except PartError as error:
                 recorder.event(time_s, Event.FORECAST_FAILED, error)
 
     def _switched(self, now: Attended, time_s: float, recorder: LoopRecorder) -> None:

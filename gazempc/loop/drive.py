@@ -52,10 +52,6 @@ class _SpeedAxis:
             self._meant_rad += self._period_s * self._speed_rad_s
         return middle_rad
 
-    def restart(self, offset_rad: float) -> float:
-        self._meant_rad = self._led_rad + offset_rad
-        return self._meant_rad
-
 
 class Drive:
     """Turns motions of the command into what the robot takes, and what was sent into the angles that it leads to.
@@ -101,19 +97,6 @@ class Drive:
             return command
         pairs = zip(self._axes, command.tolist(), strict=True)
         return np.array([value if axis is None else axis.sent(value, got_through) for axis, value in pairs])
-
-    def restart(self, angles_rad: FloatArray, offset_rad: FloatArray) -> FloatArray:
-        """Where a motion can start anew after commands were lost.
-
-        Args:
-            angles_rad: What the last command led to, shape (N,), radians.
-            offset_rad: As in `outgoing`.
-
-        Returns:
-            Angles, shape (N,), radians.
-        """
-        triples = zip(self._axes, angles_rad.tolist(), offset_rad.tolist(), strict=True)
-        return np.array([angle if axis is None else axis.restart(off) for axis, angle, off in triples])
 
     def seen_by_controllers(self, sent_rad: FloatArray, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Commands sent and offsets as a controller must know them.

@@ -34,16 +34,28 @@ class Event(StrEnum):
     )
     FORECAST_FAILED = (
         "forecast_failed",
-        "the predictor raised an exception, or its forecast has a NaN; the last plan is used further",
+        "the predictor raised an exception, or its forecast has a NaN, a wrong shape or a head over 1 km away; "
+        "the last plan is used further",
+    )
+    CONTROLLER_FAILED = (
+        "controller_failed",
+        "the controller raised an exception, or returned no plan of this neck; the last plan is used further",
     )
     FORECAST_OUT_OF_REACH = (
         "forecast_out_of_reach",
         "the forecast is farther from the last position than 0.3 m and 3 m/s, or with a camera farther outside the "
         "picture than half of it; it is cut there",
     )
-    CONTROLLER_FAILED = "controller_failed", "the controller raised an exception; the last plan is used further"
     SOLVER_FAILED = "solver_failed", "the controller's problem has no solution; the last plan is used further"
     PLAN_NOT_FINITE = "plan_not_finite", "the plan has a NaN; the last plan is used further"
+    PLAN_OUT_OF_RANGE = (
+        "plan_out_of_range",
+        "the plan has an angle beyond two turns or a velocity over 1000 rad/s; the last plan is used further",
+    )
+    PART_SLOW = (
+        "part_slow",
+        "a call of a part takes longer than 0.1 s; the rest of the last plan is followed, then the neck brakes",
+    )
     LATE_PLAN = (
         "late_plan",
         "a plan came after its first tick (its remaining part is used), or the planner was still busy (no new plan "
@@ -67,16 +79,21 @@ class Event(StrEnum):
     RETURN_TO_REST = "return_to_rest", "no observation for `rest_after_s`; the neck slowly returns to rest"
     JOINT_READING_REFUSED = (
         "joint_reading_refused",
-        "a reading of the joints was NaN, too old or far from any possible position; not used",
+        "a reading of the joints was NaN, too old, too fast or far from any possible position; not used",
     )
     JOINT_NOT_FOLLOWING = (
         "joint_not_following",
-        "a joint of a neck with eyes or body does not move although its commands do; the other joints replace it",
+        "a joint does not move although its commands do; of a neck with eyes or body the other joints replace it",
+    )
+    JOINT_OFF_COMMAND = (
+        "joint_off_command",
+        "a joint stands 10 degrees or more from where its commands lead: its encoder drifts or it is blocked",
     )
     EYES_AT_LIMIT = "eyes_at_limit", "the eyes are at their limit while the head still moves"
     ROBOT_NOT_ANSWERING = (
         "robot_not_answering",
-        "the joints could not be read (plans use the sent commands), or a command was not sent (no plan until one is)",
+        "the joints could not be read (plans use the sent commands), or a command was not acknowledged (after three, "
+        "the neck brakes and returns slowly to the last acknowledged one)",
     )
     BAD_OBSERVATION = "bad_observation", "a source received data that are not an observation; dropped"
     SENDER_REFUSED = (

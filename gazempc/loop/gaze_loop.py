@@ -8,12 +8,14 @@ survives an exception of a part, and gives its text and first traceback to the r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
 
 from gazempc.controllers.controller import Plan
 from gazempc.errors import RobotError
+from gazempc.loop.boundary import class_of
 from gazempc.loop.events import Event
 from gazempc.loop.joints import FollowingWatch, read_joints
 from gazempc.loop.observer import JointEstimate, JointObserver
@@ -61,9 +63,10 @@ class GazeLoop:
         self._sender = Sender(neck, robot, smoother)
         self._planning = Planning(neck, target, planner, smoother, self._sender, settings)
         self._observer: JointObserver | None = None
-        self._following = FollowingWatch(neck) if neck.joints > _PAN_AND_TILT else None
+        self._following = FollowingWatch(neck)
         self._last_index: int | None = None
         self._stopping = False
+        self._near_until_s = -math.inf
         self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, neck.joints)), np.zeros((1, neck.joints)))
 
     @property
@@ -97,34 +100,58 @@ class GazeLoop:
         if self._last_index is not None:
             self._note_sent(*self._sender.skip(index - self._last_index - 1))
         self._last_index = index
-        self._target.take_in(arrived, time_s, recorder)
-        measured = read_joints(self._robot, self._neck.joints, time_s, recorder)
+        arrived = list(arrived)
+        self.note_heads(arrived, time_s)
+        planning.see(arrived, time_s, recorder)
+        measured = read_joints(self._robot, self._neck, time_s, recorder)
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
         held = self._watch_joints(time_s, measured, plans)
         self._observer.update(time_s, measured, held)
-        if self._observer.refused:
-            recorder.event(time_s, Event.JOINT_READING_REFUSED)
+        if self._observer.refused and measured is not None:
+            stands = f"read_state() returned {measured.position_rad.tolist()} rad at {measured.time_s:.3f} s"
+            self._blame(time_s, Event.JOINT_READING_REFUSED, stands)
+        if off := self._observer.off_command:
+            self._blame(time_s, Event.JOINT_OFF_COMMAND, f"{self._names(off)} 10 degrees or more off")
         if not self._stopping:
             # Before the request, too: a planner that has answered is free again.
             planning.take_answers(index, time_s, recorder)
-            if plans and self._sender.gets_through:
+            if plans and not self._sender.silent:
                 planning.ask(index, time_s, due_s, self._observer.estimate, held, recorder)
                 planning.take_answers(index, time_s, recorder)
             planning.begin(index, time_s, recorder)
-        before = self._smoother.motions
         wanted_rad = self._next_command(time_s, due_s)
-        sent_rad, restarts = self._sender.send(wanted_rad, before, self._observer, time_s, recorder)
-        if restarts:
-            # Plans under way start from commands that were lost.
+        sent_rad = self._sender.send(wanted_rad, self._observer, time_s, recorder)
+        if self._sender.silent:
+            # Plans under way go on from another command.
             planning.drop(index)
-        self._observer.sent(self._sender.accepted)
+        self._observer.sent(self._sender.sent)
         self._note_sent(sent_rad)
         recorder.tick(time_s, measured, sent_rad, self._smoother.motions)
 
     def record_to(self, recorder: LoopRecorder) -> None:
         """Record to another recorder from now on."""
         self._recorder = recorder
+
+    def hand_on(self) -> None:
+        """Record what target and planner have noted since the last tick."""
+        self._planning.hand_on(self._recorder)
+
+    def note_heads(self, sightings: Iterable[Sighting], time_s: float) -> None:
+        """Limit the speed of the commands while a head is near (`LoopSettings.near_speed_max`).
+
+        All heads count, also one that is not looked at or refused: a limit for people does not wait for a track.
+
+        Args:
+            sightings: Heads that have been seen; may come from another thread.
+            time_s: The time, seconds.
+        """
+        if self._settings.near_speed_max is None:
+            return
+        for sighting in sightings:
+            x_m, y_m, _ = sighting.observation.head_position_base_m
+            if math.hypot(x_m, y_m) < self._settings.near_speed_max[0]:
+                self._near_until_s = time_s + self._settings.lost_after_s
 
     def stop(self) -> None:
         """Give up planning: the following ticks stop the command."""
@@ -138,36 +165,45 @@ class GazeLoop:
     def _watch_joints(self, time_s: float, measured: JointState | None, judges: bool) -> tuple[int, ...]:
         # Joints that do not follow; this is judged as often as plans are made.
         following = self._following
-        if following is None:
-            return ()
         following.measured(measured)
         if judges:
-            for joint in following.judge():
-                name = self._neck.joint_names[joint]
-                error = RobotError(f"joint {name} stands still although its commands move")
-                self._recorder.event(time_s, Event.JOINT_NOT_FOLLOWING, error)
-            if following.held:
-                self._recorder.event(time_s, Event.JOINT_NOT_FOLLOWING)
-        return following.held
+            following.judge()
+            if held := following.held:
+                self._blame(
+                    time_s, Event.JOINT_NOT_FOLLOWING, f"{self._names(held)} stands still although its commands move"
+                )
+        return following.held if self._neck.joints > _PAN_AND_TILT else ()
+
+    def _names(self, joints: Iterable[int]) -> str:
+        return "joint " + ", ".join(self._neck.joint_names[joint] for joint in joints)
+
+    def _blame(self, time_s: float, event: Event, text: str) -> None:
+        self._recorder.event(time_s, event, RobotError(f"{text} ({class_of(self._robot)})"))
 
     def _note_sent(self, *sent_rad: FloatArray) -> None:
-        if self._following is not None:
-            for each_rad in sent_rad:
-                self._following.sent(each_rad)
+        for each_rad in sent_rad:
+            self._following.sent(each_rad)
 
     def _next_command(self, time_s: float, due_s: float) -> FloatArray:
         if self._stopping:
             return self._smoother.step(due_s, None)
+        near = self._settings.near_speed_max
+        speed_limit_rad_s = math.inf if near is None or time_s > self._near_until_s else near[1]
+        rest_speed_rad_s = min(self._settings.rest_speed_rad_s, speed_limit_rad_s)
+        if self._sender.silent:
+            # Wherever the robot stood still meanwhile, it gets no jump when it answers again.
+            back = Plan(0.0, np.inf, self._sender.acknowledged_rad[None], *np.zeros((2, 1, self._neck.joints)))
+            return self._smoother.step(due_s, back, rest_speed_rad_s)
         newest_s = self._target.newest_capture_s
         unseen_s = 0.0 if newest_s is None else time_s - newest_s
         if unseen_s > self._settings.rest_after_s:
             self._planning.current = None
             self._recorder.event(time_s, Event.RETURN_TO_REST)
-            return self._smoother.step(due_s, self._rest_plan, self._settings.rest_speed_rad_s)
+            return self._smoother.step(due_s, self._rest_plan, rest_speed_rad_s)
         if unseen_s > self._settings.lost_after_s:
             self._planning.current = None
             self._recorder.event(time_s, Event.TARGET_LOST)
-        wanted_rad = self._smoother.step(due_s, self.plan)
+        wanted_rad = self._smoother.step(due_s, self.plan, speed_limit_rad_s)
         if self._smoother.intervention and self.plan is not None:
             self._recorder.event(time_s, self._smoother.intervention)
         return wanted_rad

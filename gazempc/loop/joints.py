@@ -7,11 +7,12 @@ from collections import deque
 
 import numpy as np
 
+from gazempc.loop.boundary import PartError, boundary
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
-from gazempc.robots.robot import Robot
+from gazempc.robots.robot import Robot, wrong_reading
 from gazempc.types import FloatArray, JointState
 
 # The motion in this time is compared with the one that the commands should have caused.
@@ -21,16 +22,20 @@ _WINDOW_S = 0.6
 _EXPECTED_RAD = math.radians(2.0)
 # A joint that follows shows more than this share of the expected motion.
 _SHARE = 0.2
+# Without readings for this share of the window, the motion measured is that of another time.
+_UNREAD_SHARE = 0.2
+# No log holds a later time.
+_ANY_TIME_S = 1e10
 
 
-def read_joints(robot: Robot, joints: int, time_s: float, recorder: LoopRecorder) -> JointState | None:
+def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecorder) -> JointState | None:
     """Read the joints.
 
-    A driver is to raise `RobotError` only. The loop goes on with any exception, and with readings of wrong shapes.
+    A driver is to raise `RobotError` only. The loop goes on with any exception, and with any other answer.
 
     Args:
         robot: The robot.
-        joints: Number of the neck's joints.
+        neck: The neck.
         time_s: The time, seconds.
         recorder: Records the event `robot_not_answering`.
 
@@ -38,18 +43,20 @@ def read_joints(robot: Robot, joints: int, time_s: float, recorder: LoopRecorder
         The reading; None if there is none, or none that can be used.
     """
     try:
-        state = robot.read_state()
-        if state is None:
-            return None
-        float(state.time_s)
-        shapes = state.position_rad.shape, state.velocity_rad_s.shape
-        needed = (joints,)
-        if shapes != (needed, needed):
-            raise ValueError(f"read_state() returned position and velocity of shapes {shapes}, needed is {needed} each")
-    except Exception as error:
+        with boundary(robot, "read_state"):
+            state = robot.read_state()
+            if state is None:
+                return None
+            if wrong := wrong_reading(state, neck):
+                raise ValueError(wrong)
+            # Copies, as a driver may use its buffers again.
+            angles_rad, speeds_rad_s = (np.array(v, np.float64) for v in (state.position_rad, state.velocity_rad_s))
+            if abs(time_read_s := float(state.time_s)) > _ANY_TIME_S:
+                raise ValueError(f"read_state() returned time_s {time_read_s}")
+            return JointState(time_read_s, angles_rad, speeds_rad_s)
+    except PartError as error:
         recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
-        return None
-    return state
+    return None
 
 
 class FollowingWatch:
@@ -75,6 +82,7 @@ class FollowingWatch:
         self._states: list[tuple[float, float]] = []
         self._expected: deque[list[float]] = deque(maxlen=self._ticks)
         self._measured: deque[FloatArray] = deque(maxlen=self._ticks)
+        self._unread_ticks = 0
         #: Joints that do not follow, by their place in `NeckSpec.joint_names`, ascending.
         self.held: tuple[int, ...] = ()
 
@@ -92,18 +100,20 @@ class FollowingWatch:
         self._expected.append([angle for angle, _ in self._states])
 
     def measured(self, state: JointState | None) -> None:
-        """Take note of what was measured in this servo period; None if nothing was, which changes nothing."""
+        """Take note of what was measured in this servo period; None if nothing was."""
+        self._unread_ticks += 1
         if state is not None and np.isfinite(state.position_rad).all():
             self._measured.append(state.position_rad)
+            self._unread_ticks = 0
 
-    def judge(self) -> tuple[int, ...]:
-        """Say anew which joints do not follow, as soon as a whole window is known.
-
-        Returns:
-            Joints that follow no longer since the last call.
-        """
-        if len(self._expected) < self._ticks or len(self._measured) < self._ticks:
-            return ()
+    def judge(self) -> None:
+        """Judge anew which joints do not follow, as soon as a whole window is known; not while readings are missing."""
+        if (
+            self._unread_ticks > _UNREAD_SHARE * self._ticks
+            or len(self._expected) < self._ticks
+            or len(self._measured) < self._ticks
+        ):
+            return
         expected_rad, moved_rad = (np.ptp(np.array(each), axis=0) for each in (self._expected, self._measured))
         held = []
         for joint in self._watched:
@@ -113,5 +123,4 @@ class FollowingWatch:
                 stands = expected_rad[joint] > _EXPECTED_RAD and moved_rad[joint] < _SHARE * expected_rad[joint]
             if stands:
                 held.append(joint)
-        before, self.held = self.held, tuple(held)
-        return tuple(joint for joint in self.held if joint not in before)
+        self.held = tuple(held)

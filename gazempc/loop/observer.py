@@ -29,8 +29,8 @@ _GATE_RAD = math.radians(15.0)
 _READINGS_TO_BELIEVE = 20
 # Largest plausible steady error; beyond it a joint is blocked, or an encoder is stuck.
 _OFFSET_MAX_RAD = math.radians(10.0)
-# Plausibility bound: a larger reading is a wrong unit or a broken message.
-_ANY_TURN_RAD = 100.0
+# Plausibility bounds: a larger reading is a wrong unit or a broken message.
+_ANY_TURN_RAD = _ANY_SPEED_RAD_S = 100.0
 
 _Each = tuple[float, ...]  # one number a joint
 _Past = tuple[float, _Each, _Each]  # time, angles, velocities
@@ -82,8 +82,16 @@ class JointObserver:
 
     @property
     def refused(self) -> bool:
-        """True if the last update was given a measurement that could not be believed: NaN, too old, or far off."""
+        """True if the last update was given a measurement that could not be believed: NaN, too old, fast or far off."""
         return self._refused
+
+    @property
+    def off_command(self) -> tuple[int, ...]:
+        """Joints whose offset has reached the largest plausible one, ascending."""
+        pairs = zip(self._offset_rad, self._takes_speed, strict=True)
+        return tuple(
+            [k for k, (off, takes_speed) in enumerate(pairs) if not (takes_speed or abs(off) < _OFFSET_MAX_RAD)]
+        )
 
     @property
     def estimate(self) -> JointEstimate:
@@ -136,7 +144,9 @@ class JointObserver:
         angles = measured.position_rad.tolist()
         # Written so that a NaN is outside.
         in_memory = self._past[0][0] <= measured_s and measured.time_s <= time_s + _CLOCK_TOLERANCE_S
-        if not (in_memory and all(abs(angle_rad) < _ANY_TURN_RAD for angle_rad in angles)):
+        # A velocity that the robot does not measure is NaN.
+        too_fast = any(abs(speed) > _ANY_SPEED_RAD_S for speed in measured.velocity_rad_s.tolist())
+        if too_fast or not (in_memory and all(abs(angle_rad) < _ANY_TURN_RAD for angle_rad in angles)):
             self._refused = True
             return
         at = len(self._past) - 1

@@ -1,15 +1,21 @@
-"""Asks the controller for plans, at once or in the background, so that a slow one never holds up a command."""
+"""Asks for forecasts and plans, at once or in the background, so that a slow part never holds up a command."""
 
 from __future__ import annotations
 
 import queue
 import threading
 import time
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 from gazempc.controllers.controller import Controller, ControllerError, Plan, Situation
+from gazempc.loop.boundary import PartError, Slow, boundary, checked_plan, slow_call
 from gazempc.loop.events import Event
+
+# Makes the situation for which to plan, which needs a forecast; None without one.
+Situate = Callable[[], Situation | None]
 
 
 @dataclass(frozen=True)
@@ -21,7 +27,7 @@ class Answer:
         plan: The plan; None if there is none.
         event: Why there is none, as it stands in the log; else empty.
         error: The exception behind the event, if there was one.
-        plan_ms: How long planning took, milliseconds.
+        plan_ms: How long forecast and plan took, milliseconds.
     """
 
     due_index: int
@@ -32,7 +38,7 @@ class Answer:
 
 
 class Planner(Protocol):
-    """Takes one request at a time.
+    """Takes observations in, and takes one request at a time.
 
     Attributes:
         controller: Makes the plans.
@@ -40,12 +46,16 @@ class Planner(Protocol):
 
     controller: Controller
 
-    def request(self, due_index: int, situation: Situation) -> bool:
+    def see(self, take_in: Callable[[], None]) -> None:
+        """Take observations in, before the next plan; while a call is under way, only the newest one is kept."""
+        ...
+
+    def request(self, due_index: int, situate: Situate) -> bool:
         """Ask for a plan.
 
         Args:
             due_index: Tick at which its first command is to be sent.
-            situation: What the controller is to know.
+            situate: Makes what the controller is to know.
 
         Returns:
             False if the last request has not been answered yet; this one is then not taken.
@@ -54,6 +64,10 @@ class Planner(Protocol):
 
     def answers(self) -> list[Answer]:
         """What has been answered since the last call."""
+        ...
+
+    def slow_call(self, ended: bool = False) -> Slow | None:
+        """A call of a part that takes long, see `gazempc.loop.boundary.slow_call`; None where all wait for it."""
         ...
 
     def close(self) -> None:
@@ -72,9 +86,13 @@ class ImmediatePlanner:
         self.controller = controller
         self._answered: list[Answer] = []
 
-    def request(self, due_index: int, situation: Situation) -> bool:
+    def see(self, take_in: Callable[[], None]) -> None:
+        """See `Planner.see`."""
+        take_in()
+
+    def request(self, due_index: int, situate: Situate) -> bool:
         """See `Planner.request`."""
-        self._answered.append(_ask(self.controller, due_index, situation))
+        self._answered += _ask(self.controller, due_index, situate)
         return True
 
     def answers(self) -> list[Answer]:
@@ -82,67 +100,98 @@ class ImmediatePlanner:
         answered, self._answered = self._answered, []
         return answered
 
+    def slow_call(self, ended: bool = False) -> Slow | None:
+        """See `Planner.slow_call`: computing takes no simulated time."""
+        return None
+
     def close(self) -> None:
         """See `Planner.close`."""
 
 
 class BackgroundPlanner:
-    """Plans in a thread of its own, for a real clock.
+    """Takes observations in and plans in a thread of its own, for a real clock.
 
     Args:
-        controller: Makes the plans; its `plan` is called by this thread only.
+        controller: Makes the plans; its methods are called by this thread only.
     """
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
-        self._requests: queue.SimpleQueue[tuple[int, Situation] | None] = queue.SimpleQueue()
-        self._answered: queue.SimpleQueue[Answer] = queue.SimpleQueue()
-        self._busy = False
-        # A controller that never returns must not keep the process alive.
+        # Mailboxes with one place each; the event wakes the thread up.
+        self._take_in: deque[Callable[[], None]] = deque(maxlen=1)
+        self._asked: deque[tuple[int, Situate]] = deque(maxlen=1)
+        self._wake = threading.Event()
+        self._answered: queue.SimpleQueue[list[Answer] | BaseException] = queue.SimpleQueue()
+        self._busy = self._closed = False
+        # A part that never returns must not keep the process alive.
         self._thread = threading.Thread(target=self._work, name="planner", daemon=True)
         self._thread.start()
 
-    def request(self, due_index: int, situation: Situation) -> bool:
+    def see(self, take_in: Callable[[], None]) -> None:
+        """See `Planner.see`."""
+        self._take_in.append(take_in)
+        self._wake.set()
+
+    def request(self, due_index: int, situate: Situate) -> bool:
         """See `Planner.request`."""
         if self._busy:
             return False
         self._busy = True
-        self._requests.put((due_index, situation))
+        self._asked.append((due_index, situate))
+        self._wake.set()
         return True
 
     def answers(self) -> list[Answer]:
-        """See `Planner.answers`."""
-        found = []
-        while True:
-            try:
-                found.append(self._answered.get_nowait())
-            except queue.Empty:
-                break
+        """See `Planner.answers`.
+
+        Raises:
+            BaseException: A fault of the program in the thread, which has ended.
+        """
+        found: list[Answer] = []
+        while not self._answered.empty():
+            answered = self._answered.get_nowait()
+            if isinstance(answered, BaseException):
+                raise answered
+            found += answered
             self._busy = False
         return found
 
+    def slow_call(self, ended: bool = False) -> Slow | None:
+        """See `Planner.slow_call`."""
+        return slow_call(self._thread.ident or 0, ended)
+
     def close(self) -> None:
-        """See `Planner.close`; waits for a plan under way for a moment only."""
-        self._requests.put(None)
+        """See `Planner.close`; waits for a call under way for a moment only."""
+        self._closed = True
+        self._wake.set()
         self._thread.join(timeout=1.0)
 
     def _work(self) -> None:
-        while (request := self._requests.get()) is not None:
-            self._answered.put(_ask(self.controller, *request))
+        try:
+            while not self._closed:
+                self._wake.wait()
+                self._wake.clear()
+                if self._take_in:
+                    self._take_in.popleft()()
+                if self._asked:
+                    self._answered.put(_ask(self.controller, *self._asked.popleft()))
+        except BaseException as error:
+            self._answered.put(error)
 
 
-def _ask(controller: Controller, due_index: int, situation: Situation) -> Answer:
+def _ask(controller: Controller, due_index: int, situate: Situate) -> list[Answer]:
     started = time.perf_counter()
 
-    def answer(plan: Plan | None, event: str = "", error: Exception | None = None) -> Answer:
-        return Answer(due_index, plan, event, error, 1e3 * (time.perf_counter() - started))
+    def answer(plan: Plan | None, event: str = "", error: Exception | None = None) -> list[Answer]:
+        return [Answer(due_index, plan, event, error, 1e3 * (time.perf_counter() - started))]
 
+    situation = situate()
+    if situation is None:
+        return []
     try:
-        plan = controller.plan(situation)
-        if not isinstance(plan, Plan):
-            raise TypeError(f"plan() returned {type(plan).__name__}, needed is a Plan")
-        return answer(plan) if plan.is_finite() else answer(None, Event.PLAN_NOT_FINITE)
-    except ControllerError as error:
-        return answer(None, error.event, error)
-    except Exception as error:
-        return answer(None, Event.CONTROLLER_FAILED, error)
+        with boundary(controller, "plan"):
+            plan = controller.plan(situation)
+            return answer(checked_plan(plan, situation.joint_position_rad.size))
+    except PartError as failed:
+        event = failed.error.event if isinstance(failed.error, ControllerError) else Event.CONTROLLER_FAILED
+        return answer(None, event, failed)

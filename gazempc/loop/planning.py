@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
 
 from gazempc.controllers.controller import CommandState, Plan, Situation
+from gazempc.loop.boundary import PartError, boundary, checked_times
 from gazempc.loop.events import Event
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.planner import Answer, Planner
-from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.recorder import LaterRecorder, LoopRecorder
 from gazempc.loop.sender import Sender
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import Target
 from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import NeckSpec
 from gazempc.settings import LoopSettings
+from gazempc.types import Sighting
 
 
 class Planning:
@@ -49,7 +51,9 @@ class Planning:
         self._smoother, self._sender, self._settings = smoother, sender, settings
         self._delay_ticks = math.ceil(settings.compute_delay_s / neck.servo_period_s - 1e-9)
         self._settled = settled_joints(neck, self._delay_ticks)
-        self._asked_capture_s, self._forecast_ms = -math.inf, 0.0
+        self._asked_capture_s = -math.inf
+        # The planner may take observations in and forecast in another thread.
+        self._notes = LaterRecorder()
         # First tick, plan, capture time of the newest observation behind it.
         self._waiting: deque[tuple[int, Plan, float]] = deque()
         self._refused_until = -1
@@ -61,6 +65,21 @@ class Planning:
         self._waiting.clear()
         if until_index >= 0:
             self._refused_until = until_index + self._delay_ticks
+
+    def see(self, arrived: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """Take observations in; see `gazempc.loop.planner.Planner.see`.
+
+        Args:
+            arrived: Observations that have arrived.
+            time_s: The time, seconds.
+            recorder: Records what was taken in so far.
+        """
+        self._planner.see(lambda: self._target.take_in(arrived, time_s, self._notes))
+        self.hand_on(recorder)
+
+    def hand_on(self, recorder: LoopRecorder) -> None:
+        """Hand on to the recorder what target and planner have recorded so far."""
+        self._notes.hand_on(recorder)
 
     def ask(
         self,
@@ -81,42 +100,45 @@ class Planning:
             held: Joints that do not follow.
             recorder: Records why there is no request.
         """
-        newest_s = self._target.newest_capture_s
-        if newest_s is None:
-            recorder.event(time_s, Event.NO_OBSERVATION_YET)
-            return
-        if time_s - newest_s > self._settings.lost_after_s:
-            return
-        started = time.perf_counter()
         period_s = self._neck.servo_period_s
         start_s = due_s + self._delay_ticks * period_s
-        try:
-            wanted_s = self._planner.controller.forecast_times_s(start_s, newest_s)
-            times_s = np.asarray(wanted_s, dtype=np.float64)
-        except Exception as error:
-            recorder.event(time_s, Event.CONTROLLER_FAILED, error)
-            return
-        forecast = self._target.forecast(times_s, time_s, recorder)
-        if forecast is None:
-            return
         committed = [self._committed(index + i, due_s + i * period_s) for i in range(self._delay_ticks)]
+        command = committed[-1] if committed else self._smoother.command
+        committed_rad = np.array([c.position_rad for c in committed]).reshape(-1, self._neck.joints)
         sent_rad, offset_rad = self._sender.seen_by_controllers(joints.offset_rad)
-        situation = Situation.of(
-            self._settled,
-            start_s=start_s,
-            forecast=forecast,
-            command=committed[-1] if committed else self._smoother.command,
-            joint_position_rad=joints.position_rad,
-            joint_velocity_rad_s=joints.velocity_rad_s,
-            joint_offset_rad=offset_rad,
-            sent_rad=sent_rad,
-            committed_rad=np.array([c.position_rad for c in committed]).reshape(-1, self._neck.joints),
-            held=held,
-        )
-        forecast_ms = 1e3 * (time.perf_counter() - started)
-        if self._planner.request(index + self._delay_ticks, situation):
-            self._asked_capture_s, self._forecast_ms = newest_s, forecast_ms
-        else:
+
+        def situate() -> Situation | None:
+            newest_s = self._target.newest_capture_s
+            if newest_s is None:
+                self._notes.event(time_s, Event.NO_OBSERVATION_YET)
+                return None
+            if time_s - newest_s > self._settings.lost_after_s:
+                return None
+            controller = self._planner.controller
+            try:
+                with boundary(controller, "forecast_times_s"):
+                    times_s = checked_times(controller.forecast_times_s(start_s, newest_s), start_s)
+            except PartError as error:
+                self._notes.event(time_s, Event.CONTROLLER_FAILED, error)
+                return None
+            forecast = self._target.forecast(times_s, time_s, self._notes)
+            if forecast is None:
+                return None
+            self._asked_capture_s = newest_s
+            return Situation.of(
+                self._settled,
+                start_s=start_s,
+                forecast=forecast,
+                command=command,
+                joint_position_rad=joints.position_rad,
+                joint_velocity_rad_s=joints.velocity_rad_s,
+                joint_offset_rad=offset_rad,
+                sent_rad=sent_rad,
+                committed_rad=committed_rad,
+                held=held,
+            )
+
+        if not self._planner.request(index + self._delay_ticks, situate):
             recorder.event(time_s, Event.LATE_PLAN)
 
     def _committed(self, index: int, time_s: float) -> CommandState:
@@ -134,11 +156,13 @@ class Planning:
             time_s: The time, seconds.
             recorder: Records computing times and events of the plans.
         """
-        for answer in self._planner.answers():
+        answers = self._planner.answers()
+        self.hand_on(recorder)
+        for answer in answers:
             self._take(answer, index, time_s, recorder)
 
     def _take(self, answer: Answer, index: int, time_s: float, recorder: LoopRecorder) -> None:
-        recorder.step(self._forecast_ms + answer.plan_ms)
+        recorder.step(answer.plan_ms)
         if answer.due_index <= self._refused_until:
             return
         if answer.plan is None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import logging
 import traceback
 from array import array
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
+from functools import wraps
+from typing import Any
 
 import numpy as np
 
 from gazempc.controllers.controller import AxisMotion, Plan
+from gazempc.loop.boundary import PartError
 from gazempc.loop.columns import Arrays, JointColumns, PackedRows, pack_rows, pack_states
 from gazempc.parts import said
 from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Fault, Log
@@ -23,6 +26,8 @@ from predictors import Forecast, HeadObservation
 _LOGGER = logging.getLogger("gazempc.loop")
 _Tick = tuple[float, JointState | None, FloatArray, tuple[AxisMotion, ...]]
 _Seen = tuple[float, HeadObservation, FloatArray, FloatArray, float]
+# No log holds a larger number; a variance may be infinite.
+_MOST_M2 = 1e12
 _HORIZONS = len(FORECAST_HORIZONS_S)
 _NO_FORECAST = (np.full((_HORIZONS, 3), np.nan), np.full((_HORIZONS, 3, 3), np.nan), np.nan)
 
@@ -109,7 +114,11 @@ class LoopRecorder:
         stated = (
             _NO_FORECAST
             if forecast is None
-            else (forecast.means_base_m, forecast.covariances_m2, forecast.degrees_of_freedom)
+            else (
+                forecast.means_base_m,
+                np.clip(forecast.covariances_m2, -_MOST_M2, _MOST_M2),
+                forecast.degrees_of_freedom,
+            )
         )
         self._seen.append((time_s, observation, *stated))
         self._update_ms.append(update_ms)
@@ -143,7 +152,7 @@ class LoopRecorder:
         """
         self._refused[str(name)] += count
 
-    def refuse(self, name: str, time_s: float, error: Exception | None = None) -> None:
+    def refuse(self, name: str, time_s: float, error: BaseException | None = None) -> None:
         """Record an observation that is not used, and its event.
 
         Args:
@@ -176,7 +185,7 @@ class LoopRecorder:
         """
         self._away.append((start_s, end_s, why))
 
-    def event(self, time_s: float, name: str, error: Exception | None = None) -> None:
+    def event(self, time_s: float, name: str, error: BaseException | None = None) -> None:
         """Record something out of the ordinary.
 
         Args:
@@ -194,14 +203,14 @@ class LoopRecorder:
                 self._watch(EventMoment(time_s, str(name), str(name) if known is None else known.line))
         self._event_last_s[name] = time_s
 
-    def _fault(self, name: str, error: Exception) -> None:
+    def _fault(self, name: str, error: BaseException) -> None:
         known = self._faults.get(name)
         if known is not None:
             self._faults[name] = replace(known, count=known.count + 1)
             return
-        text = "".join(traceback.format_exception(error))
-        self._faults[name] = Fault(name, 1, said(error), text)
-        _LOGGER.warning("%s: %s", name, said(error), exc_info=error)
+        line = str(error) if isinstance(error, PartError) else said(error)
+        self._faults[name] = Fault(name, 1, line, "".join(traceback.format_exception(error)))
+        _LOGGER.warning("%s: %s", name, line, exc_info=error)
 
     def finish(
         self,
@@ -221,7 +230,7 @@ class LoopRecorder:
         """
         time_s, joint_time_s, position_rad, velocity_rad_s, sent_rad, motions = self._ticks.arrays()
         if true_joints is not None and len(true_joints):
-            joint_time_s, position_rad, velocity_rad_s = true_joints.arrays()
+            joint_time_s, position_rad, velocity_rad_s = (each[: time_s.size] for each in true_joints.arrays())
         arrivals, captures, heads, names, means, covariances, freedoms = self._seen.arrays()
         joints, horizons = run.neck.joints, np.array(FORECAST_HORIZONS_S)
         motions = motions.reshape(-1, joints, 3)
@@ -258,6 +267,39 @@ class LoopRecorder:
             faults=self.faults,
         )
         return log, ComputeTimes(np.array(self._update_ms), np.array(self._step_ms), np.array(self._latency_ms))
+
+
+def _later(record: Callable[..., None]) -> Callable[..., None]:
+    @wraps(record)
+    def note(self: LaterRecorder, *args: Any, **named: Any) -> None:
+        self.notes.append((record, args, named))
+
+    return note
+
+
+class LaterRecorder(LoopRecorder):
+    """What one thread records, for another one to hand on to the recorder in use."""
+
+    def __init__(self) -> None:
+        super().__init__(0.0)
+        self.notes: deque[tuple[Callable[..., None], tuple[Any, ...], dict[str, Any]]] = deque()
+
+    event = _later(LoopRecorder.event)
+    refuse = _later(LoopRecorder.refuse)
+    refused = _later(LoopRecorder.refused)
+    observation = _later(LoopRecorder.observation)
+    attended = _later(LoopRecorder.attended)
+    looks_away = _later(LoopRecorder.looks_away)
+
+    def hand_on(self, recorder: LoopRecorder) -> None:
+        """Record all of it, in order.
+
+        Args:
+            recorder: Records it.
+        """
+        while self.notes:
+            record, args, named = self.notes.popleft()
+            record(recorder, *args, **named)
 
 
 def _pack_ticks(rows: list[_Tick]) -> Arrays:

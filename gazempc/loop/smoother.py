@@ -231,14 +231,6 @@ class Smoother:
         self._now: tuple[AxisMotion, ...] = tuple([(each_rad, 0.0, 0.0) for each_rad in start.tolist()])
         self._intervention: Intervention = ""
 
-    def resume(self, motions: tuple[AxisMotion, ...]) -> None:
-        """Take a step back, as if it had not been made.
-
-        Args:
-            motions: The command's `motions` before the step.
-        """
-        self._now = motions
-
     @property
     def command(self) -> CommandState:
         """The command as it was last sent; arrays are made for who asks, which is not every tick."""

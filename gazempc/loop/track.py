@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from gazempc.loop.boundary import PartError, boundary, checked_forecast
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.people.tracker_faults import FrozenTracker, OrientationJumps, TrackStart
@@ -111,17 +112,20 @@ class PersonTrack:
         newest_s = self.newest_capture_s
         started = time.perf_counter()
         try:
-            lost = newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s
-            if lost or (was_frozen and not self._tracker.frozen):
-                # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile. One
-                # that was frozen ends with half a second of repeated frames, in which the person seems to stand.
-                self._start.reset()
-            self._start.update(observation)
-        except OutOfOrderError:
-            recorder.refuse(Event.OUT_OF_ORDER, time_s)
-            return
-        except Exception as error:
-            recorder.refuse(Event.FORECAST_FAILED, time_s, error)
+            with boundary(self.predictor, "update"):
+                lost = newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s
+                if lost or (was_frozen and not self._tracker.frozen):
+                    # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile.
+                    # One that was frozen ends with half a second of repeated frames, as if the person stood.
+                    self._start.reset()
+                self._start.update(observation)
+                # A predictor that refuses detections may say so.
+                gated = bool(getattr(self.predictor, "rejections_in_a_row", 0))
+        except PartError as failed:
+            if isinstance(failed.error, OutOfOrderError):
+                recorder.refuse(Event.OUT_OF_ORDER, time_s)
+            else:
+                recorder.refuse(Event.FORECAST_FAILED, time_s, failed)
             return
         update_ms = 1e3 * (time.perf_counter() - started)
         if newest_s is not None and observation.capture_time_s < newest_s:
@@ -130,15 +134,13 @@ class PersonTrack:
             return
         self.newest, self.newest_capture_s = observation, observation.capture_time_s
         forecast = self.forecast(observation.capture_time_s + RECORDED_HORIZONS_S, time_s, recorder)
-        # A predictor that refuses detections may say so.
-        gated = bool(getattr(self.predictor, "rejections_in_a_row", 0))
         if gated:
             recorder.refuse(Event.GATE_REFUSED, time_s)
         recorder.observation(time_s, observation, forecast, update_ms, used=not gated)
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
         """See `Target.forecast`."""
-        return checked_forecast(self.predictor.forecast, self._start, self._view, times_s, time_s, recorder)
+        return forecast_of(self.predictor, self.predictor.forecast, self._start, self._view, times_s, time_s, recorder)
 
 
 def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) -> Event | None:
@@ -159,7 +161,8 @@ def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) ->
     return Event.STALE_OBSERVATION if time_s - captured_s > settings.stale_after_s else None
 
 
-def checked_forecast(
+def forecast_of(
+    predictor: Predictor,
     ask: Callable[[FloatArray], Forecast],
     start: TrackStart,
     view: View | None,
@@ -170,6 +173,7 @@ def checked_forecast(
     """Ask a predictor for a forecast, whatever it does.
 
     Args:
+        predictor: The predictor.
         ask: Gives the forecast for times.
         start: The predictor's track: keeps the forecast within reach of the person.
         view: The last picture of the person; None where it is unknown.
@@ -181,25 +185,22 @@ def checked_forecast(
         The forecast; None if the predictor has none that can be used.
     """
     try:
-        forecast = ask(times_s)
-        if not isinstance(forecast, Forecast):
-            raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
-        if forecast.times_s.size != times_s.size:
-            raise ValueError(f"forecast() returned {forecast.times_s.size} times, asked for were {times_s.size}")
-        # An infinite variance is an honest answer; a NaN is none.
-        if np.isfinite(forecast.means_base_m).all() and not np.isnan(forecast.covariances_m2).any():
-            within, left = start.within_reach(forecast)
-            if view is not None:
-                bounded_m = view.bounded(within.means_base_m)
-                if not np.allclose(bounded_m, within.means_base_m, rtol=0.0, atol=1e-6):
-                    within, left = replace(within, means_base_m=bounded_m), True
-            if left:
-                recorder.event(time_s, Event.FORECAST_OUT_OF_REACH)
-            return within
-        problem = ValueError("forecast() returned positions that are not finite, or covariances with a NaN")
-        recorder.event(time_s, Event.FORECAST_FAILED, problem)
-        # A filter that holds a NaN holds it for ever: the next observation starts a new track.
-        start.reset()
-    except Exception as error:
+        with boundary(predictor, "forecast"):
+            answered = ask(times_s)
+            try:
+                forecast = checked_forecast(answered, times_s.size)
+            except ValueError:
+                # A filter that holds a NaN holds it for ever: the next observation starts a new track.
+                start.reset()
+                raise
+        within, left = start.within_reach(forecast)
+        if view is not None:
+            bounded_m = view.bounded(within.means_base_m)
+            if not np.allclose(bounded_m, within.means_base_m, rtol=0.0, atol=1e-6):
+                within, left = replace(within, means_base_m=bounded_m), True
+        if left:
+            recorder.event(time_s, Event.FORECAST_OUT_OF_REACH)
+        return within
+    except PartError as error:
         recorder.event(time_s, Event.FORECAST_FAILED, error)
     return None

@@ -148,7 +148,7 @@ class _Trial:
         pass
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, Exception):
+        if error is not None and not isinstance(error, KeyboardInterrupt):
             raise SettingsError(f"{self._what} raised {said(error)}") from error
 
 

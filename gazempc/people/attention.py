@@ -69,19 +69,20 @@ class Attention:
         settings: Times and distances.
 
     Attributes:
+        policy: Scores the people.
         attended: The person at whom the robot looks now.
         candidate: Number of the person who is the better choice now; None if there is none.
         chosen_id: The tracker's name of a person who outranks all others as long as they are there; None for no one.
     """
 
     def __init__(self, policy: AttentionPolicy, settings: AttentionSettings) -> None:
-        self._policy = policy
+        self.policy = policy
         self._settings = settings
         self.reset()
 
     def reset(self) -> None:
         """Forget all people."""
-        self._policy.reset()
+        self.policy.reset()
         self.attended = Attended()
         self.candidate: int | None = None
         self.chosen_id: str | None = None
@@ -143,7 +144,7 @@ class Attention:
         return self.attended
 
     def _best(self, company: Company) -> int | None:
-        scores = [float(score) for score in self._policy.scores(company)] if company.people else []
+        scores = [float(score) for score in self.policy.scores(company)] if company.people else []
         if len(scores) != len(company.people):
             raise ValueError(f"scores() returned {len(scores)} numbers for {len(company.people)} people")
         judged = [(score, p.number) for score, p in zip(scores, company.people, strict=True) if not math.isnan(score)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TypeVar
@@ -96,6 +97,7 @@ class DynamixelNeck:
         self._answered = False
         self._approaching = True
         self._goal = np.zeros(neck.joints)
+        self._line = threading.Lock()
 
     def connect(self) -> None:
         """Open the port, find the motors and let them hold where they are; see `gazempc.robots.robot.Robot.connect`.
@@ -165,6 +167,11 @@ class DynamixelNeck:
         self._connected = self._ready = False
 
     def _perform(self, exchange: Callable[[], _T]) -> _T:
+        # One exchange at a time on one bus: a live run reads and sends in two threads.
+        with self._line:
+            return self._perform_alone(exchange)
+
+    def _perform_alone(self, exchange: Callable[[], _T]) -> _T:
         if not self._connected:
             raise RobotError(f"the Dynamixel neck at {self._bus.port_name} is not connected: call connect() first")
         if self._clock_s() < self._retry_at_s:

@@ -52,6 +52,8 @@ class Robot(Protocol):
 # Outside the joints' range by more than this is no rounding: file and robot do not agree.
 _OUTSIDE_RAD = np.deg2rad(1.0)
 _SLOWLY_RAD_S = 0.3
+# No log holds larger numbers.
+_ANY_NUMBER = 1e10
 
 
 def wrong_reading(state: object, neck: NeckSpec) -> str:
@@ -70,11 +72,13 @@ def wrong_reading(state: object, neck: NeckSpec) -> str:
         return f"read_state() returned {type(state).__name__}, needed is a gazempc.JointState, or None"
     for name in ("position_rad", "velocity_rad_s"):
         value: object = getattr(state, name)
-        if not isinstance(value, np.ndarray) or value.shape != (neck.joints,):
+        if not isinstance(value, np.ndarray) or value.shape != (neck.joints,) or value.dtype.kind not in "fiu":
             return (
                 f"read_state() returned {name} {value!r}, needed is an array of shape ({neck.joints},): "
                 + ", ".join(neck.joint_names)
             )
+        if np.abs(value).max() > _ANY_NUMBER:
+            return f"read_state() returned {name} {value}, needed are numbers of a joint"
     return ""
 
 

@@ -23,8 +23,8 @@ _HOLD_S = 0.04
 _WATCHDOG_S = 0.4
 # A move that the device ends by itself after a second is renewed well before.
 _RENEW_S = 0.4
-# Time between two inquiries of the position.
-_POLL_S = 0.1
+# Time between two inquiries of the position, at least, and in times of an answer: commands go first.
+_POLL_S, _POLL_ANSWERS = 0.1, 4.0
 # Time between two attempts after a fault.
 _RETRY_S = 0.3
 _STOP_ATTEMPTS = 3
@@ -120,7 +120,12 @@ class SpeedCamera:
         try:
             self._device.open()
             self._device.drive(STILL)
-            self._poll()
+            try:
+                self._poll()
+            except RobotError as error:
+                raise RobotError(
+                    f"{error}; for a camera that does not tell its position set reports_joints = false in the neck file"
+                ) from None
         except BaseException:
             self._device.close()
             raise
@@ -208,11 +213,11 @@ class SpeedCamera:
     def _work(self) -> None:
         # Nothing to renew before the first command.
         speeds: Pair | None = None
-        sent_s, polled_s = self._clock_s(), -np.inf
+        sent_s, polls_s = self._clock_s(), -np.inf
         self._fed_s = sent_s
         while True:
             with self._wake:
-                due_s = min(sent_s + _RENEW_S, polled_s + _POLL_S) if self._reports else sent_s + _RENEW_S
+                due_s = min(sent_s + _RENEW_S, polls_s) if self._reports else sent_s + _RENEW_S
                 pause_s = _RETRY_S if self._problem else max(due_s - self._clock_s(), 0.0)
                 self._wake.wait_for(lambda: self._closing or (self._mail and not self._problem), pause_s)
                 if self._closing:
@@ -232,9 +237,12 @@ class SpeedCamera:
                     sent_s = self._clock_s()
                 with self._wake:
                     self._sending = self._mail is not None
-                if self._reports and self._clock_s() - polled_s >= _POLL_S:
-                    polled_s = self._clock_s()
-                    self._poll()
+                if self._reports and (asked_s := self._clock_s()) >= polls_s:
+                    # Without a reading the loop goes on by the speeds; a camera that has gone accepts no move either.
+                    with contextlib.suppress(RobotError):
+                        self._poll()
+                    took_s = self._clock_s() - asked_s
+                    polls_s = asked_s + max(_POLL_S, _POLL_ANSWERS * took_s)
                 problem = ""
             except Exception as error:
                 problem = str(error) or type(error).__name__

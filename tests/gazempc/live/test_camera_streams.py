@@ -102,7 +102,8 @@ class Falling:
     def __init__(self) -> None:
         self.opened, self._count, self._begin_s = 0, 0, 0.0
 
-    def __call__(self, *_: object) -> "Falling":
+    def __call__(self, address: str, *_: object) -> "Falling":
+        self.address = address
         self.opened += 1
         self._count, self._begin_s = 0, time.monotonic()
         return self
@@ -133,7 +134,8 @@ class Falling:
 def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeypatch) -> None:
     falling = Falling()
     monkeypatch.setattr(cv2, "VideoCapture", falling)
-    camera = Camera("rtsp://camera/stream", CameraOptions())
+    monkeypatch.setenv("CAMERA_PASSWORD", "correct-horse")
+    camera = Camera("rtsp://me:$CAMERA_PASSWORD@camera/stream", CameraOptions())
     try:
         until_s, ages_s = time.monotonic() + 60.0, []
         while isinstance(found := camera.read(), Picture):
@@ -141,6 +143,8 @@ def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeyp
             assert time.monotonic() < until_s
         assert isinstance(found, Notice)
         assert found.event is Event.STREAM_LAGS
+        assert falling.address == "rtsp://me:correct-horse@camera/stream"
+        assert "correct-horse" not in found.text
         assert max(ages_s) > 0.2  # stamped as old as it is
         while not isinstance(camera.read(), Picture):
             assert time.monotonic() < until_s

@@ -112,14 +112,14 @@ def test_what_a_robot_raises_is_survived_and_named():
     with gaze(robot) as opened:
         see_for(opened, 0.8)
         (fault,) = opened.faults
-    assert (fault.event, fault.error) == ("robot_not_answering", "TypeError: the driver's bug")
+    assert (fault.event, fault.error) == ("robot_not_answering", "TypeError: the driver's bug (Deaf.read_state())")
     assert "read_state" in fault.traceback
     assert fault.count > 10
     assert opened.log().faults[0].count == opened.faults[0].count
     assert_braked_and_closed(robot)
 
 
-class Bug(BaseException):
+class Bug(KeyboardInterrupt):
     """What no loop survives."""
 
 

@@ -109,7 +109,7 @@ def test_a_robot_that_reads_wrong_shapes_is_not_moved(own, tmp_path, capsys):
             "--robot",
             "WrongLater",
             "robot_not_answering",
-            "ValueError: read_state() returned position and velocity of shapes",
+            "ValueError: read_state() returned position_rad",
         ),
         ("--predictor", "Later", "forecast_failed", "TypeError: under way"),
         ("--source", "Failing", "source_failed", "ConnectionError: the tracker is gone"),

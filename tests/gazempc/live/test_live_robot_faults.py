@@ -50,22 +50,19 @@ def test_readings_far_off_are_refused():
     assert_same_commands(result, 1e-9)
 
 
-def assert_stands_by_the_last_command(result, start_s, stop_s):
-    """While nothing gets through the log says so; the first command that does goes on from there, from rest."""
+def assert_brakes_and_returns(result, start_s, stop_s):
+    """While nothing is acknowledged the command brakes and returns to the last acknowledged one, within limits."""
     now, sent = result.joined("time_s"), result.joined("command_position_rad")
     assert len(sent) == result.report.ticks
     silent = (now >= start_s) & (now < stop_s)
-    first = np.flatnonzero(silent)[0]
-    assert np.array_equal(sent[silent], np.tile(sent[first - 1], (silent.sum(), 1)))
-    # One or two lost commands only hold the motion up; the third is a silence.
-    velocity_rad_s = result.joined("command_velocity_rad_s")
-    given_up = silent & (np.arange(len(sent)) >= first + 2)
-    assert np.all(velocity_rad_s[given_up] == 0)
-    assert np.array_equal(velocity_rad_s[silent & ~given_up], np.tile(velocity_rad_s[first - 1], (2, 1)))
+    first, last = np.flatnonzero(silent)[[0, -1]]
+    assert_within_limits(sent, ends=True)
+    assert np.abs(sent[first + 2] - sent[first - 1]).max() > 1e-4  # it was moving
+    assert sent[last] == pytest.approx(sent[first - 1], abs=1e-5)
+    # A robot that stood still gets no jump.
     received = np.array([position for _, position in result.robot.received])
     assert np.array_equal(received, sent[~silent])
     assert_within_limits(received, breaks=[first])
-    assert_within_limits(sent, breaks=[first])
 
 
 def not_answering(kind):
@@ -88,7 +85,7 @@ def test_commands_that_do_not_get_through_for_half_a_second(kind):
     result = run_live(on_send=not_answering(kind))
     assert result.events == {"no_observation_yet", "robot_not_answering"}
     assert result.event_s("robot_not_answering") == pytest.approx([2.0], abs=TS)
-    assert_stands_by_the_last_command(result, 2.0, 2.5)
+    assert_brakes_and_returns(result, 2.0, 2.5)
     assert_recovered(result, 2.5 + 1.5)
     assert result.robot.calls == ["connect", "close"]
 
@@ -102,13 +99,13 @@ def test_a_robot_that_disconnects_and_comes_back(robot_class):
 
     result = run_live(on_read=gone, on_send=gone, robot_class=robot_class)
     assert result.events == {"no_observation_yet", "robot_not_answering"}
-    assert_stands_by_the_last_command(result, 2.0, 2.6)
+    assert_brakes_and_returns(result, 2.0, 2.6)
     reference = undisturbed() if robot_class is SimulatedNeck else run_live(robot_class=MujocoNeck)
     assert_recovered(result, 2.6 + 1.5, reference=reference)
 
 
 def test_what_was_planned_before_a_command_was_lost_is_not_followed():
-    """Plans under way, and plans made and waiting, start from a command that the robot never got."""
+    """Plans under way, and plans made and waiting, do not start from the command that brakes."""
 
     def run(on_send):
         clock = SimulatedClock()
@@ -125,28 +122,23 @@ def test_what_was_planned_before_a_command_was_lost_is_not_followed():
 
     result = run(lost)
     now, sent = result.joined("time_s"), result.joined("command_position_rad")
+    assert_within_limits(sent, ends=True)
+    speed = np.abs(result.joined("command_velocity_rad_s")).max(axis=1)
     before = np.flatnonzero(now < 2.0 - 1e-6)[-1]
-    waiting = (now > 2.0 - 1e-6) & (now < 2.05)
-    assert np.array_equal(sent[waiting], np.tile(sent[before], (waiting.sum(), 1)))
-    assert_within_limits(np.array([p for _, p in result.robot.received]), breaks=[before + 1])
+    assert speed[(now > 2.04) & (now < 2.06)].max() < 0.9 * speed[before]  # it brakes
     assert result.event_s("robot_not_answering") == pytest.approx([2.0])
-    assert_recovered(result, 2.0 + 1.5, reference=run(None))
+    assert_recovered(result, 2.0 + 2.8, reference=run(None))
 
 
 @pytest.mark.parametrize("lost", [1, 2])
-def test_one_or_two_lost_commands_only_hold_the_motion_up(lost):
-    """To stop dead for a packet would be 366 rad/s^2 where 15 are allowed."""
-
+def test_one_or_two_lost_commands_hardly_change_the_motion(lost):
     def on_send(now_s):
         if 2.0 - 1e-6 <= now_s < 2.0 + (lost - 0.5) * TS:
             raise RobotError("lost")
 
     result = run_live(on_send=on_send)
-    now, sent = result.joined("time_s"), result.joined("command_position_rad")
-    first = np.flatnonzero(now >= 2.0 - 1e-6)[0]
-    assert np.array_equal(sent[first : first + lost], np.tile(sent[first - 1], (lost, 1)))
-    # What the robot got, one after the other, is a motion within the limits, as if time had stood still.
-    assert_within_limits(np.array([position for _, position in result.robot.received]))
+    assert_within_limits(result.joined("command_position_rad"), ends=True)
+    assert_same_commands(result, 1e-3)
     assert result.events == {"no_observation_yet", "robot_not_answering"}
     assert_recovered(result, 2.5)
 
@@ -159,4 +151,4 @@ def test_a_robot_that_raises_in_close_does_not_hide_the_run():
     result = run_live(robot_class=Stuck, duration_s=2.0)
     assert result.report.stopped_by == "duration"
     (fault,) = result.logs[-1][0].faults
-    assert (fault.event, fault.error) == ("robot_not_answering", "OSError: the port is gone")
+    assert (fault.event, fault.error) == ("robot_not_answering", "OSError: the port is gone (Spied.close())")

@@ -138,7 +138,7 @@ def test_a_source_that_raises_is_asked_again_and_the_neck_is_braked_if_it_lasts(
     assert result.events == {"no_observation_yet", "source_failed"} | events
     assert result.event_s("source_failed") == pytest.approx([2.0], abs=TS)
     (fault,) = result.logs[0][0].faults
-    assert (fault.event, fault.error) == ("source_failed", "ConnectionError: the tracker is gone")
+    assert (fault.event, fault.error) == ("source_failed", "ConnectionError: the tracker is gone (Faulty.poll())")
     assert "in on_poll" in fault.traceback
     assert fault.count == pytest.approx((to_s - 2.0) / TS, abs=2)
     if events:

@@ -29,8 +29,8 @@ def test_the_background_planner_takes_one_request_at_a_time_and_answers_all():
 
     assert planner.answers() == []
     for index, (situation, event) in enumerate([("fail", "solver_failed"), ("bug", "controller_failed")]):
-        assert planner.request(index, situation)
-        assert not planner.request(99, situation)
+        assert planner.request(index, lambda situation=situation: situation)
+        assert not planner.request(99, lambda: None)
         gate.release()
         (answer,) = answered()
         assert isinstance(answer, Answer)

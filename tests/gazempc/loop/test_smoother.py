@@ -174,7 +174,7 @@ def test_ruckig_is_spared_only_questions_whose_answer_is_known(seed):
         axis._far_from_limits = lambda motion: False
         axis._out_of_reach = lambda now, position: False
     for smoother in smoothers:
-        smoother.resume((tuple(now.tolist()), (0.0, 0.0, 0.0)))
+        smoother._now = (tuple(now.tolist()), (0.0, 0.0, 0.0))
         smoother.step(0.0, wanted)
     commands = [smoother.command for smoother in smoothers]
     assert smoothers[0].intervention == smoothers[1].intervention

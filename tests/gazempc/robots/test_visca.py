@@ -180,6 +180,26 @@ def test_answers_in_another_order_are_told_apart() -> None:
         assert server.driven[-1][1:] == (0, 0)
 
 
+def test_a_late_answer_is_not_taken_for_that_of_the_next_inquiry() -> None:
+    sent: list[bytes] = []
+
+    def again(_: int, packet: bytes) -> list[bytes]:
+        sent.append(packet)
+        return sent[-2:]
+
+    with camera() as (server, plant):
+        network = BadNetwork(server.address, to_robot=again)
+        link = ViscaLink(*network.address)
+        link.open()
+        assert position_of(link.inquire(POSITION)) == (0, 0)
+        plant.send_command(np.array([1.0, 0.0]))
+        wait_until(lambda: plant.true_state().position_rad[0] > 0.1)
+        # 0.1 rad to the left are -82 counts.
+        assert position_of(link.inquire(POSITION))[0] < -80
+        link.close()
+        network.close()
+
+
 def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
     with camera() as (server, plant), connected(server.address) as robot:
         feed(robot, (0.5, 0.0), lambda: plant.true_state().position_rad[0] > 0.05)
@@ -210,6 +230,17 @@ def test_a_camera_that_is_restarted_between_two_commands_costs_none() -> None:
         # Its count starts far above ours: each of our packets is out of order for it.
         server._sequence = 1_000_000
         feed(robot, (-0.5, 0.0), lambda: server.driven[-1][1] < 0)
+
+
+def test_a_camera_that_does_not_tell_its_position() -> None:
+    blind = QUICK.model_copy(update={"reports_joints": False})
+    with camera(blind) as (server, plant):
+        robot = ViscaCamera(f"127.0.0.1:{server.address[1]}", QUICK, time.monotonic, ViscaOptions())
+        with pytest.raises(RobotError, match="reports_joints = false"):
+            robot.connect()
+        with connected(server.address, blind) as robot:
+            feed(robot, (0.5, 0.0), lambda: plant.true_state().position_rad[0] > 0.05)
+            assert robot.read_state() is None
 
 
 def test_a_silent_loop_stops_the_camera() -> None:

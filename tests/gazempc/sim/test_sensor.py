@@ -119,11 +119,6 @@ def test_the_noise_of_a_frame_does_not_depend_on_latency_rate_or_dropouts() -> N
 # ---------------------------------------------------------------- latency, rate, range, dropouts
 
 
-def test_a_recording_at_120_fps_is_thinned_to_every_fourth_frame() -> None:
-    walk = standing(1201, rate_hz=120.0)
-    np.testing.assert_array_equal(capture_times(observe(walk, REFERENCE, seed=1)), walk.times_s[::4])
-
-
 @given(seed=st.integers(0, 100), rate_hz=st.sampled_from([10.0, 30.0, 50.0]))
 def test_thinning_takes_the_frame_nearest_to_each_tick(seed: int, rate_hz: float) -> None:
     """With irregular time stamps."""

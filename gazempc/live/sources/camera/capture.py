@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections import deque
@@ -223,7 +224,8 @@ class Camera:
     def _open(self) -> Any:
         cv2, options = self._cv2, self._options
         if not isinstance(self._address, int) and "://" in self._address:
-            return cv2.VideoCapture(self._address, cv2.CAP_FFMPEG)
+            # A password in the environment stands in no list of processes, log or message.
+            return cv2.VideoCapture(os.path.expandvars(self._address), cv2.CAP_FFMPEG)
         camera = cv2.VideoCapture(self._address)
         # MJPEG passes any USB port at full rate; what a camera cannot do it leaves as it is.
         camera.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))

@@ -1,0 +1,150 @@
+"""What a live run does beside the thread that sends: observations and joints come from parts that may block."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+
+from gazempc.live.arrivals import Arrivals
+from gazempc.loop.boundary import Slow, boundary, slow_call
+from gazempc.loop.observer import JointEstimate
+from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.track import Target
+from gazempc.robots.robot import Robot
+from gazempc.types import FloatArray, JointState, Sighting
+from predictors import Forecast, HeadObservation, Predictor
+
+# A command waits so long for a reading under way, as before; then the reading hangs, and the command is sent meanwhile.
+_PATIENCE_S = 0.012
+# Ticks whose joints wait to be noted while a part blocks; a longer past is of no use.
+_JOINTS_KEPT = 1000
+
+
+class ArrivingTarget:
+    """A target that asks the sources itself, in the thread in which the planner calls it.
+
+    Args:
+        target: The person to look at.
+        arrivals: Asks the sources.
+
+    Attributes:
+        finished: Whether the source has ended.
+        stopped: Set to ask no more.
+        heads_seen: Gets all sightings with their time, seconds; None for no listener.
+    """
+
+    def __init__(self, target: Target, arrivals: Arrivals) -> None:
+        self._target, self._arrivals = target, arrivals
+        self._joints: deque[tuple[float, JointEstimate]] = deque(maxlen=_JOINTS_KEPT)
+        self.finished = self.stopped = False
+        self.heads_seen: Callable[[Iterable[Sighting], float], None] | None = None
+
+    @property
+    def predictor(self) -> Predictor:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.predictor
+
+    @property
+    def newest(self) -> HeadObservation | None:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.newest
+
+    @property
+    def newest_capture_s(self) -> float | None:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.newest_capture_s
+
+    def note_joints(self, time_s: float, joints: JointEstimate) -> None:
+        """Keep where the joints were, see `Arrivals.note_joints`; may be called by another thread."""
+        self._joints.append((time_s, joints))
+
+    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """See `gazempc.loop.track.Target.take_in`; takes in what the sources have."""
+        if self.stopped:
+            return
+        while self._joints:
+            self._arrivals.note_joints(*self._joints.popleft())
+        self._target.take_in(self._watched(time_s, recorder), time_s, recorder)
+        self.finished = self._arrivals.finished(time_s, recorder)
+
+    def _watched(self, time_s: float, recorder: LoopRecorder) -> Iterator[Sighting]:
+        for sighting in self._arrivals.take(time_s, recorder):
+            if self.heads_seen is not None:
+                self.heads_seen((sighting,), time_s)
+            yield sighting
+
+    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
+        """See `gazempc.loop.track.Target.forecast`."""
+        return self._target.forecast(times_s, time_s, recorder)
+
+
+class ReadAside:
+    """A robot whose joints are read in a thread of its own, once after each command.
+
+    A driver is asked for one thing at a time. Only while a reading hangs, commands are sent during it.
+
+    Args:
+        robot: The robot, connected.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.wrapped = robot
+        self._reading, self._hangs = threading.Lock(), False
+        self._wake, self._closed = threading.Event(), False
+        self._answer: deque[JointState | BaseException | None] = deque(maxlen=1)
+        # A driver that never returns must not keep the process alive.
+        self._thread = threading.Thread(target=self._work, name="joints", daemon=True)
+        self._thread.start()
+
+    def connect(self) -> None:
+        """See `gazempc.robots.robot.Robot.connect`."""
+        self.wrapped.connect()
+
+    def read_state(self) -> JointState | None:
+        """The reading since the last call; None without one."""
+        answer = self._answer.popleft() if self._answer else None
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Call the robot while its joints are not read, unless the reading hangs."""
+        free = self._reading.acquire(timeout=0.0 if self._hangs else _PATIENCE_S)
+        self._hangs = not free
+        try:
+            yield
+        finally:
+            if free:
+                self._reading.release()
+
+    def send_command(self, position_rad: FloatArray) -> FloatArray:
+        """See `gazempc.robots.robot.Robot.send_command`."""
+        try:
+            with self.alone():
+                return self.wrapped.send_command(position_rad)
+        finally:
+            self._wake.set()
+
+    def slow_call(self, ended: bool = False) -> Slow | None:
+        """A reading that takes long, see `gazempc.loop.boundary.slow_call`."""
+        return slow_call(self._thread.ident or 0, ended)
+
+    def close(self) -> None:
+        """Close the robot; waits for a reading under way for a moment only."""
+        self._closed = True
+        self._wake.set()
+        self._thread.join(timeout=1.0)
+        self.wrapped.close()
+
+    def _work(self) -> None:
+        while self._wake.wait() and not self._closed:
+            self._wake.clear()
+            try:
+                with self._reading, boundary(self.wrapped, "read_state"):
+                    answer: JointState | BaseException | None = self.wrapped.read_state()
+            except BaseException as error:
+                answer = error
+            self._answer.append(answer)

@@ -1,0 +1,226 @@
+"""The boundary of the loop to a part: whatever a part raises or returns becomes one error that names its class."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
+
+import numpy as np
+
+from gazempc.controllers.controller import ControllerError, Plan
+from gazempc.loop.events import Event
+from gazempc.parts import said
+from gazempc.types import FloatArray
+from predictors import Forecast
+
+# No joint of a neck turns twice round: larger angles are of another unit or a fault. Speeds likewise.
+_ANY_ANGLE_RAD, _ANY_SPEED_RAD_S = 4.0 * np.pi, 1e3
+# Recordings of people farther away are refused, too.
+_ANY_DISTANCE_M = 1000.0
+# Forecasts reach a few seconds ahead, at most every servo period.
+_ANY_HORIZON_S, _MOST_TIMES = 60.0, 5000
+# Longer calls are recorded: by then the plan in force is about to end.
+SLOW_S = 0.1
+
+
+class PartError(Exception):
+    """A part raised an exception, or returned what cannot be used; its text names the class and the method.
+
+    Attributes:
+        error: What the part raised, or what is wrong with what it returned.
+    """
+
+    def __init__(self, call: str, error: BaseException) -> None:
+        super().__init__(f"{said(error)} ({call})")
+        self.error = error
+
+
+class Call(NamedTuple):
+    """A call of a part: its name, such as ``MyPredictor.forecast()``, and when it began (`time.perf_counter`)."""
+
+    name: str
+    began_s: float
+
+
+# By thread, so that the sending thread can name what another one waits for.
+_under_way: dict[int, Call] = {}
+_slow: dict[int, str] = {}
+
+
+def class_of(part: object) -> str:
+    """Class of a part; of a wrapper, that of the part inside."""
+    inner = getattr(part, "wrapped", part)
+    return type(inner).__name__ if inner is part else class_of(inner)
+
+
+@contextmanager
+def boundary(part: object, method: str) -> Iterator[None]:
+    """Call a part, and check what it returned, inside this context.
+
+    Args:
+        part: The part.
+        method: The method that is called.
+
+    Raises:
+        PartError: In place of any other exception, also of `SystemExit`; but not of an interrupt.
+    """
+    thread, call = threading.get_ident(), Call(f"{class_of(part)}.{method}()", time.perf_counter())
+    outer = _under_way.get(thread)
+    _under_way[thread] = call
+    try:
+        yield
+    except (KeyboardInterrupt, PartError):
+        raise
+    except BaseException as error:
+        raise PartError(call.name, error) from error
+    finally:
+        took_s = time.perf_counter() - call.began_s
+        if took_s > SLOW_S:
+            _slow[thread] = f"{call.name} took {took_s:.3f} s"
+        if outer is None:
+            del _under_way[thread]
+        else:
+            _under_way[thread] = outer
+
+
+class Slow(NamedTuple):
+    """A call of a part that takes long: its name and time in a text; empty while it is under way."""
+
+    text: str
+
+    @property
+    def error(self) -> TimeoutError | None:
+        """What to record; None while it is under way."""
+        return TimeoutError(self.text) if self.text else None
+
+
+def slow_call(thread: int, ended: bool = False) -> Slow | None:
+    """A call of a part in a thread that takes long.
+
+    Args:
+        thread: Its identifier.
+        ended: Whether the run has ended: a call that has not returned is then named, too.
+
+    Returns:
+        The call; None if there is none.
+    """
+    call, finished = _under_way.get(thread), _slow.pop(thread, "")
+    if finished or call is None:
+        return Slow(finished) if finished else None
+    since_s = time.perf_counter() - call.began_s
+    if since_s <= SLOW_S:
+        return None
+    return Slow(f"{call.name} has not returned for {since_s:.3f} s" if ended else "")
+
+
+def numbers(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
+    """Check an array of real numbers.
+
+    Args:
+        name: What it is, for the message.
+        value: The array.
+        shape: The shape that it must have.
+
+    Returns:
+        The array, in double precision.
+
+    Raises:
+        ValueError: If it is anything else.
+    """
+    if isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.shape == shape:
+        return np.asarray(value, dtype=np.float64)
+    is_what = f"{value.dtype} of shape {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+    raise ValueError(f"{name} is {is_what}, needed is an array of real numbers of shape {shape}")
+
+
+def checked_times(wanted_s: object, start_s: float) -> FloatArray:
+    """Check the times for which a controller needs a forecast.
+
+    Args:
+        wanted_s: What it returned.
+        start_s: Start of its plan, seconds.
+
+    Returns:
+        The times, shape (H,), seconds.
+
+    Raises:
+        ValueError: If they are not finite, too far away or too many.
+    """
+    times_s = np.asarray(wanted_s)
+    numbers("the array of times", times_s, (times_s.size,))
+    if not 0 < times_s.size <= _MOST_TIMES or not np.abs(times_s - start_s).max() <= _ANY_HORIZON_S:
+        raise ValueError(
+            f"{times_s.size} times, needed are 1 to {_MOST_TIMES}, finite and within {_ANY_HORIZON_S:g} s of the plan"
+        )
+    return times_s.astype(np.float64)
+
+
+def checked_forecast(forecast: object, times: int) -> Forecast:
+    """Check a forecast.
+
+    Args:
+        forecast: What a predictor returned.
+        times: How many times were asked for.
+
+    Returns:
+        The forecast.
+
+    Raises:
+        TypeError: If it is no forecast.
+        ValueError: If its numbers cannot be used.
+    """
+    if not isinstance(forecast, Forecast):
+        raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
+    if np.size(forecast.times_s) != times:
+        raise ValueError(f"forecast() returned {np.size(forecast.times_s)} times, asked for were {times}")
+    means_m = numbers("means_base_m", forecast.means_base_m, (times, 3))
+    covariances_m2 = numbers("covariances_m2", forecast.covariances_m2, (times, 3, 3))
+    # An infinite variance is an honest answer; a NaN is none.
+    if not np.isfinite(means_m).all() or np.isnan(covariances_m2).any():
+        raise ValueError("forecast() returned positions that are not finite, or covariances with a NaN")
+    if np.abs(means_m).max() > _ANY_DISTANCE_M:
+        raise ValueError(f"forecast() returned a head {np.abs(means_m).max():.3g} m away")
+    return forecast
+
+
+class _PlanNotFiniteError(ControllerError):
+    event = Event.PLAN_NOT_FINITE
+
+
+class _PlanOutOfRangeError(ControllerError):
+    event = Event.PLAN_OUT_OF_RANGE
+
+
+def checked_plan(plan: object, joints: int) -> Plan:
+    """Check a plan.
+
+    Args:
+        plan: What a controller returned.
+        joints: Number of the neck's joints.
+
+    Returns:
+        The plan.
+
+    Raises:
+        TypeError: If it is no plan.
+        ValueError: If its arrays or events cannot be used.
+        ControllerError: If a number is not finite, or that of no neck; it has the event.
+    """
+    if not isinstance(plan, Plan):
+        raise TypeError(f"plan() returned {type(plan).__name__}, needed is a Plan")
+    shape = (len(plan.position_rad), joints)
+    for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2"):
+        numbers(name, getattr(plan, name), shape)
+    if not all(isinstance(each, tuple | list) for each in (plan.events, plan.faults)):
+        raise ValueError(f"events and faults are {plan.events!r} and {plan.faults!r}, needed are tuples")
+    if not plan.is_finite():
+        raise _PlanNotFiniteError("plan() returned numbers that are not finite")
+    angle_rad, speed_rad_s = (float(np.abs(each).max()) for each in (plan.position_rad, plan.velocity_rad_s))
+    if angle_rad > _ANY_ANGLE_RAD or speed_rad_s > _ANY_SPEED_RAD_S:
+        raise _PlanOutOfRangeError(
+            f"plan() returned angles up to {angle_rad:.3g} rad and velocities up to {speed_rad_s:.3g} rad/s"
+        )
+    return plan
