@@ -15,7 +15,7 @@ from predictors import HeadObservation, Predictor
 
 # Birth of a track: false detections rarely last for three frames.
 _CONFIRMED_BY = 3
-# A track that is not confirmed ends without a sighting for so long.
+# A track that is not confirmed, and misses a frame, ends without a sighting for so long.
 _TENTATIVE_S = 0.3
 # Two heads are farther apart: detections within this are one person, seen twice.
 _ONE_PERSON_M = 0.25
@@ -99,8 +99,8 @@ class People:
         if not observations:
             return []
         capture_s = min(seen.capture_time_s for seen in observations)
-        self._newest_s = max(self._newest_s, capture_s)
-        self._let_go(self._newest_s)
+        frame_before_s, self._newest_s = self._newest_s, max(self._newest_s, capture_s)
+        self._let_go(self._newest_s, frame_before_s)
         found: list[tuple[int, Became]] = [(0, Became.DUPLICATE)] * len(observations)
         left = list(range(len(observations)))
         # Who is there comes first: what may be a false detection takes nothing from them.
@@ -150,8 +150,10 @@ class People:
         """The confirmed tracks."""
         return [track for track in self._tracks if track.confirmed]
 
-    def _let_go(self, time_s: float) -> None:
-        gone = [t for t in self._tracks if time_s - t.seen_s > (self._coast_s if t.confirmed else _TENTATIVE_S)]
+    def _let_go(self, time_s: float, frame_before_s: float) -> None:
+        # A slow tracker has not missed a person who was in the frame before.
+        lasts = {t: self._coast_s if t.confirmed or t.seen_s >= frame_before_s else _TENTATIVE_S for t in self._tracks}
+        gone = [t for t, lasts_s in lasts.items() if time_s - t.seen_s > lasts_s]
         if gone:
             self._tracks = [t for t in self._tracks if t not in gone]
             self._gone.extend(t for t in gone if t.confirmed)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gazempc.people.people import Became, People
-from predictors import Walker
+from predictors import ConstantVelocity, HeadObservation, Walker
 
 A_M, B_M = np.array([2.0, 0.0, 0.4]), np.array([2.0, 1.5, 0.4])
 TIMES_S = np.arange(90) * FRAME_S
@@ -190,3 +190,11 @@ def test_no_frame_has_a_person_twice_and_numbers_are_never_given_again(data):
         seen |= set(now)
         assert all(np.isfinite(state.position_base_m).all() for state in crowd.present(k * FRAME_S + late))
     assert seen == set(range(1, max(seen, default=0) + 1))
+
+
+@pytest.mark.parametrize(("rate_hz", "there"), [(30.0, 1), (2.5, 1), (0.9, 0)])
+def test_a_slow_tracker_has_people_too(rate_hz, there):
+    people = People(ConstantVelocity)
+    for k in range(4):
+        people.see([HeadObservation(k / rate_hz, np.array([2.0, 0.0, 0.3]))])
+    assert len(people.confirmed) == there

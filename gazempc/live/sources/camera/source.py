@@ -21,8 +21,8 @@ from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
-# Cameras take some seconds to wake up.
-_OPENS_WITHIN_S = 20.0
+# Cameras take some seconds to wake up, and a busy or small computer takes longer to start the process.
+_OPENS_WITHIN_S = 60.0
 _ENDS_WITHIN_S = 3.0
 
 
