@@ -235,7 +235,7 @@ class Gaze:
 
     def point(
         self, target_base_m: Any | None, min_duration_s: float = 0.0, max_velocity_rad_s: float = math.inf
-    ) -> None:
+    ) -> float:
         """Look at a place, which outranks all people, until this is called with None.
 
         Args:
@@ -243,12 +243,15 @@ class Gaze:
             min_duration_s: Shortest duration of the motion, seconds.
             max_velocity_rad_s: Highest speed of the gaze on the way, rad/s.
 
+        Returns:
+            Time until the joints have followed the way, seconds.
+
         Raises:
             ValueError: If it is no position, or a limit is none.
         """
         if target_base_m is None:
             self._setup.goal.place = None
-            return
+            return 0.0
         target_m = checked("target_base_m", target_base_m, (3,), "metres in the base frame")
         if not (0.0 <= min_duration_s < math.inf and max_velocity_rad_s > 0.0):
             raise ValueError(
@@ -258,8 +261,11 @@ class Gaze:
         neck = self.neck
         eye_m, direction = gaze_ray(neck.geometry, neck.rest_rad if self._run is None else self._run.command_rad)
         # The path begins where the joints can first follow it.
-        start_s = self._setup.clock.now_s() + float(np.max(neck.dead_time_s + neck.servo_lag_s))
-        self._setup.goal.place = Place.reached(target_m, eye_m, direction, start_s, min_duration_s, max_velocity_rad_s)
+        lag_s = float(np.max(neck.dead_time_s + neck.servo_lag_s))
+        start_s = self._setup.clock.now_s() + lag_s
+        place = Place.reached(target_m, eye_m, direction, start_s, min_duration_s, max_velocity_rad_s)
+        self._setup.goal.place = place
+        return lag_s + place.lasts_s
 
     def to_base(self, place_m: Any) -> FloatArray:
         """A place in the neck's base frame, shape (3,), metres.

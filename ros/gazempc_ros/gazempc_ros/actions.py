@@ -76,6 +76,7 @@ class _Active:
     min_duration_s: float = 0.0
     max_velocity_rad_s: float = math.inf
     sent_m: FloatArray | None = None
+    moves_until_s: float = 0.0
     still_since_s: float | None = None
 
 
@@ -214,25 +215,20 @@ class HeadActions:
         self._send(gaze, active, place_m, pointing is None or still)
         if isinstance(active.handle.request, PointHead.Goal):
             active.handle.publish_feedback(PointHead.Feedback(pointing_angle_error=error_rad))
-        lag_s = float(np.max(gaze.neck.dead_time_s + gaze.neck.servo_lag_s))
         if still and error_rad <= self._tolerance_rad and now_s - active.began_s >= active.min_duration_s:
             self._end("succeed")
             return
-        active.still_since_s = (active.still_since_s or now_s) if still else None
+        active.still_since_s = (active.still_since_s or now_s) if still and now_s > active.moves_until_s else None
         stands_s = 0.0 if active.still_since_s is None else now_s - active.still_since_s
-        if stands_s > lag_s + active.min_duration_s + _SETTLING_S:
+        if stands_s > _SETTLING_S:
             self._end("abort", f"{math.degrees(error_rad):.1f} deg off and at rest: the neck cannot reach the target")
 
     def _send(self, gaze: Gaze, active: _Active, place_m: FloatArray, is_exact: bool) -> None:
         """Give the place to the loop: at first with its path, later where the target has moved."""
-        if active.sent_m is None:
-            gaze.point(place_m, active.min_duration_s, active.max_velocity_rad_s)
-        elif not is_exact or float(np.linalg.norm(place_m - active.sent_m)) < 1e-3:
+        lasts_s = active.min_duration_s if active.sent_m is None else 0.0
+        if active.sent_m is not None and (not is_exact or float(np.linalg.norm(place_m - active.sent_m)) < 1e-3):
             return
-        elif math.isinf(active.max_velocity_rad_s):
-            gaze.point(place_m)
-        else:
-            gaze.point(place_m, 0.0, active.max_velocity_rad_s)
+        active.moves_until_s = self._now_s() + gaze.point(place_m, lasts_s, active.max_velocity_rad_s)
         active.sent_m = place_m
 
     def _in_base(self, active: _Active) -> FloatArray:
