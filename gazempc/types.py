@@ -13,7 +13,7 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 StringArray = NDArray[np.str_]
 
-__all__ = ["BoolArray", "FloatArray", "IntArray", "JointState", "Sighting", "StringArray"]
+__all__ = ["BoolArray", "FloatArray", "IntArray", "JointState", "Sighting", "StringArray", "View"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,39 @@ class JointState:
 
 
 @dataclass(frozen=True)
+class View:
+    """What a camera saw when it captured a picture.
+
+    Attributes:
+        position_base_m: Place of the camera, shape (3,), metres.
+        axes_base: Its axes x (along the view), y (left) and z (up) in the columns, shape (3, 3).
+        half_rad: Half of the picture's width and height, radians.
+    """
+
+    position_base_m: FloatArray
+    axes_base: FloatArray
+    half_rad: tuple[float, float]
+
+    def bounded(self, places_m: FloatArray) -> FloatArray:
+        """Turn directions that lie more than half a picture outside of the picture to this bound.
+
+        Args:
+            places_m: Places in the base frame, shape (N, 3), metres.
+
+        Returns:
+            Places at the same distances from the camera, shape (N, 3).
+        """
+        x, y, z = ((places_m - self.position_base_m) @ self.axes_base).T
+        level_m, far_m = np.hypot(x, y), np.sqrt(x**2 + y**2 + z**2)
+        aside, up = (2.0 * half for half in self.half_rad)
+        azimuth, elevation = np.clip(np.arctan2(y, x), -aside, aside), np.clip(np.arctan2(z, level_m), -up, up)
+        ahead = np.cos(elevation)
+        turned = np.stack([ahead * np.cos(azimuth), ahead * np.sin(azimuth), np.sin(elevation)], axis=1)
+        bounded: FloatArray = self.position_base_m + (far_m[:, None] * turned) @ self.axes_base.T
+        return bounded
+
+
+@dataclass(frozen=True)
 class Sighting:
     """An observation and the time of its arrival.
 
@@ -40,8 +73,10 @@ class Sighting:
         observation: The observation with its capture time.
         head_position_sensor_m: The same head in the frame of a sensor that moves, shape (3,), metres; None for one that
             is fixed to the base.
+        view: The camera's view; None where it is unknown.
     """
 
     arrival_s: float
     observation: HeadObservation
     head_position_sensor_m: FloatArray | None = None
+    view: View | None = None

@@ -208,8 +208,6 @@ def _run(settings: HumanSettings, _: str) -> int:
     print(f"Neck {neck.name}, {settings.controller}. The motors bear {scale:.2f} of the velocity of people's heads.")
     print(table(shifts, scale))
 
-    from experiments.eyes.human import draw  # noqa: PLC0415  (slow to import)
-
     settings.out.mkdir(parents=True, exist_ok=True)
     path = settings.out / f"{neck.name}_{settings.controller}.png"
     draw(shifts, scale, f"{neck.name}, {settings.controller}, --motion human", path)

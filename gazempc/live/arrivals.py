@@ -8,6 +8,10 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gazempc.live.capture_clock import ClockOffset
 from gazempc.live.hints import Frame
@@ -24,7 +28,7 @@ from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.people.company import Cue
-from gazempc.types import Sighting
+from gazempc.types import FloatArray, Sighting, View
 from predictors import HeadObservation
 
 _LOGGER = logging.getLogger("gazempc.live")
@@ -201,14 +205,25 @@ class Arrivals:
         if in_base is None:
             on = self._mount.on
             raise ValueError(f"the sensor moves with the {on}, and where the {on} was at the capture time is not known")
-        return Sighting(sighting.arrival_s, in_base, head_m if moves else None)
+        return Sighting(sighting.arrival_s, in_base, head_m if moves else None, self._view(angles_rad))
+
+    def _view(self, angles_rad: FloatArray | None) -> View | None:
+        """The view of a source with `half_view_rad`: half of the width and height of its pictures."""
+        half_rad = getattr(self._source, "half_view_rad", None)
+        if half_rad is None:
+            return None
+        ahead = HeadObservation(0.0, np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+        placed = self._mount.to_base(ahead, self._geometry, angles_rad)
+        assert placed.head_quat_wxyz is not None
+        axes = Rotation.from_quat(placed.head_quat_wxyz, scalar_first=True).as_matrix()
+        return View(placed.head_position_base_m - axes[:, 0], axes, half_rad)
 
 
 def _checked(arrived: object) -> Arrived:
     """Refuse what is no `Arrived`; its observations are judged one by one."""
     if not isinstance(arrived, Arrived):
         raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
-    kinds = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}
+    kinds: dict[str, Any] = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}
     for name, kind in kinds.items():
         values = getattr(arrived, name)
         if not isinstance(values, tuple | list) or not all(isinstance(each, kind) for each in values):

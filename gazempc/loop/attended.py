@@ -16,7 +16,7 @@ from gazempc.people.people import Became, People, frames_of
 from gazempc.people.person import CATCH_UP, TrackedPerson
 from gazempc.people.tracker_faults import FrozenPeople
 from gazempc.settings import LoopSettings
-from gazempc.types import FloatArray, Sighting
+from gazempc.types import FloatArray, Sighting, View
 from predictors import Forecast, HeadObservation, Predictor
 
 # Period of decisions; half as often would still be within a frame of a camera.
@@ -61,6 +61,7 @@ class AttendedPeople:
         self.people = People(make_predictor, settings.lost_after_s)
         self.attention = attention
         self._settings = settings
+        self._view: View | None = None
         self._decided_s = -math.inf
         self._frozen = FrozenPeople()
 
@@ -89,6 +90,7 @@ class AttendedPeople:
         for sighting in sightings:
             event = why_not_usable(sighting, time_s, self._settings)
             if event is None:
+                self._view = sighting.view
                 usable.append(sighting)
             else:
                 recorder.refuse(event, time_s)
@@ -107,11 +109,13 @@ class AttendedPeople:
         attended = self._attended()
         if attended is None:
             return None
-        found = forecast_of(self.predictor, attended.forecast, attended.start, times_s, time_s, recorder)
+        found = forecast_of(self.predictor, attended.forecast, attended.start, self._view, times_s, time_s, recorder)
         if found is None or not self._everyone:
             return found
         others = [track for track in self.people.confirmed if track is not attended]
-        theirs = [forecast_of(self.predictor, t.forecast, t.start, times_s, time_s, recorder) for t in others]
+        theirs = [
+            forecast_of(self.predictor, t.forecast, t.start, self._view, times_s, time_s, recorder) for t in others
+        ]
         return middle_of([found, *(each for each in theirs if each is not None)])
 
     def _take_frame(self, frame: tuple[Sighting, ...], time_s: float, recorder: LoopRecorder) -> None:

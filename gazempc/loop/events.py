@@ -43,7 +43,8 @@ class Event(StrEnum):
     )
     FORECAST_OUT_OF_REACH = (
         "forecast_out_of_reach",
-        "the forecast is farther from the last position than 0.3 m and 3 m/s; it is cut there",
+        "the forecast is farther from the last position than 0.3 m and 3 m/s, or with a camera farther outside the "
+        "picture than half of it; it is cut there",
     )
     SOLVER_FAILED = "solver_failed", "the controller's problem has no solution; the last plan is used further"
     PLAN_NOT_FINITE = "plan_not_finite", "the plan has a NaN; the last plan is used further"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +15,7 @@ from gazempc.loop.recorder import LoopRecorder
 from gazempc.people.tracker_faults import FrozenTracker, OrientationJumps, TrackStart
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.settings import LoopSettings
-from gazempc.types import FloatArray, Sighting
+from gazempc.types import FloatArray, Sighting, View
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
 # Synchronised clocks differ by up to this.
@@ -82,6 +83,7 @@ class PersonTrack:
         self.newest: HeadObservation | None = None
         self.newest_capture_s: float | None = None
         self._settings = settings
+        self._view: View | None = None
         self._start = TrackStart(predictor)
         self._tracker = FrozenTracker()
         self._jumps = OrientationJumps()
@@ -89,6 +91,7 @@ class PersonTrack:
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
         """See `Target.take_in`."""
         for sighting in sightings:
+            self._view = sighting.view
             self._take_one(sighting, time_s, recorder)
 
     def _take_one(self, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> None:
@@ -137,7 +140,7 @@ class PersonTrack:
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
         """See `Target.forecast`."""
-        return forecast_of(self.predictor, self.predictor.forecast, self._start, times_s, time_s, recorder)
+        return forecast_of(self.predictor, self.predictor.forecast, self._start, self._view, times_s, time_s, recorder)
 
 
 def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) -> Event | None:
@@ -162,6 +165,7 @@ def forecast_of(
     predictor: Predictor,
     ask: Callable[[FloatArray], Forecast],
     start: TrackStart,
+    view: View | None,
     times_s: FloatArray,
     time_s: float,
     recorder: LoopRecorder,
@@ -172,9 +176,10 @@ def forecast_of(
         predictor: The predictor.
         ask: Gives the forecast for times.
         start: The predictor's track: keeps the forecast within reach of the person.
+        view: The last picture of the person; None where it is unknown.
         times_s: Times to forecast, shape (H,), seconds.
         time_s: The time, seconds.
-        recorder: Records why there is none.
+        recorder: Records why there is none, and if it is cut.
 
     Returns:
         The forecast; None if the predictor has none that can be used.
@@ -189,6 +194,10 @@ def forecast_of(
                 start.reset()
                 raise
         within, left = start.within_reach(forecast)
+        if view is not None:
+            bounded_m = view.bounded(within.means_base_m)
+            if not np.allclose(bounded_m, within.means_base_m, rtol=0.0, atol=1e-6):
+                within, left = replace(within, means_base_m=bounded_m), True
         if left:
             recorder.event(time_s, Event.FORECAST_OUT_OF_REACH)
         return within

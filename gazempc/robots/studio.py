@@ -22,6 +22,7 @@ _EYES_PX = (224.8, 101.8)
 _PUPILS_PX = 43.1
 _HEAD_HALF_PX = (62.0, 82.0)
 _HEAD_CENTRE_PX = (226.5, 96.5)
+_HAIR_PX = np.s_[12:52, 172:212]  # covers the back of the head
 # Mean distance between the pupils of adults (Dodgson 2004). It makes millimetres of pixels.
 PUPILS_M = 0.063
 _M_PER_PX = PUPILS_M / _PUPILS_PX
@@ -69,7 +70,12 @@ class Studio:
             pictures: Any = importlib.import_module("skimage.data")
 
             fovy_deg = 2 * math.degrees(math.atan(math.tan(math.radians(fov_deg) / 2) * height / width))
-            textures = {"face.png": _png(pictures.astronaut()), "wall.png": _png(_patches(seed))}
+            portrait = pictures.astronaut()
+            textures = {
+                "face.png": _png(portrait),
+                "hair.png": _png(portrait[_HAIR_PX]),
+                "wall.png": _png(_patches(seed)),
+            }
             self._model = mujoco.MjModel.from_xml_string(_mjcf(width, height, fovy_deg, seed), textures)
             self._data = mujoco.MjData(self._model)
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
@@ -121,6 +127,8 @@ def _mjcf(width: int, height: int, fovy_deg: float, seed: int) -> str:
     <texture name="face" type="2d" file="face.png"/>
     <texture name="wall" type="2d" file="wall.png"/>
     <material name="face" texture="face" emission="0.35" specular="0" shininess="0"/>
+    <texture name="hair" type="2d" file="hair.png"/>
+    <material name="hair" texture="hair" texrepeat="3 3" specular="0.1" shininess="0.2"/>
     <material name="wall" texture="wall" texrepeat="2 2" emission="0.3" specular="0"/>
     <mesh name="face" inertia="shell" vertex="{_numbers(vertices)}" texcoord="{_numbers(texture)}"
       face="{" ".join(map(str, faces.ravel().tolist()))}"/>
@@ -135,8 +143,10 @@ def _mjcf(width: int, height: int, fovy_deg: float, seed: int) -> str:
     <body name="camera" mocap="true"><camera name="camera" xyaxes="0 -1 0 0 0 1" fovy="{fovy_deg!r}"/></body>
     <body name="person" mocap="true">
       <geom type="mesh" mesh="face" material="face"/>
-      <geom type="ellipsoid" pos="-0.13 0 0.01" size="0.08 0.08 0.1" rgba="0.35 0.27 0.17 1"/>
-      <geom type="capsule" fromto="-0.1 0 -0.09 -0.1 0 -0.2" size="0.055" rgba="0.1 0.1 0.1 1"/>
+      <geom type="ellipsoid" pos="-0.13 0 0.01" size="0.08 0.08 0.1" material="hair"/>
+      <geom type="ellipsoid" pos="-0.13 0.08 -0.02" size="0.02 0.008 0.03" rgba="0.85 0.65 0.53 1"/>
+      <geom type="ellipsoid" pos="-0.13 -0.08 -0.02" size="0.02 0.008 0.03" rgba="0.85 0.65 0.53 1"/>
+      <geom type="capsule" fromto="-0.1 0 -0.09 -0.1 0 -0.2" size="0.055" rgba="0.85 0.65 0.53 1"/>
       <geom type="ellipsoid" pos="-0.1 0 -0.45" size="0.13 0.23 0.3" rgba="0.2 0.3 0.5 1"/>
     </body>
   </worldbody>

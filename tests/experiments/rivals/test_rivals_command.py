@@ -133,6 +133,7 @@ def test_with_a_wrong_model_constants_stay_those_that_are_best_with_the_right_on
     assert {(row["by"], row["error"]) for row in found["latency"]} == {(0.0, "latency")}
 
 
+@pytest.mark.slow
 def test_a_wrong_model_is_believed_and_does_not_move_the_robot() -> None:
     error = ModelError(dead_time_scale=1.3, servo_scale=0.8, latency_error_s=0.05)
     believed = error.neck(REFERENCE)

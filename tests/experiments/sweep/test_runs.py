@@ -12,7 +12,7 @@ from builders.sweeps import SMALL, table_of, words, written
 from experiments.sweep.plan import load_plan
 from experiments.sweep.sweep import SweepSettings, main, run_sweep, sweep
 
-pytestmark = pytest.mark.usefixtures("in_this_process")
+pytestmark = [pytest.mark.usefixtures("in_this_process"), pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,6 @@ def undisturbed(tmp_path_factory, in_this_process):
     return folder
 
 
-@pytest.mark.slow
 def test_tables_and_known_effects(undisturbed):
     rows, table = table_of(undisturbed), table_of(undisturbed, "table.csv")
     assert len(rows) == 8
@@ -49,7 +48,7 @@ def test_the_report_has_the_means_and_the_front(undisturbed):
     summary = json.loads((undisturbed / "out" / "summary.json").read_text())
     columns = [cell.text for cell in report.table.thead.find_all("th")]
     lines = [[cell.text for cell in row.find_all(["th", "td"])] for row in report.table.tbody.find_all("tr")]
-    shown = [float(dict(zip(columns, line, strict=True))["gaze_error_rms_deg"]) for line in lines]
+    shown = [float(dict(zip(columns, line, strict=True))["gaze error RMS (deg)"]) for line in lines]
     means = [row["gaze_error_rms_deg"] for row in summary["rows"] if row["group"] == "all"]
     assert shown == pytest.approx(means, rel=1e-3)
     (curve,) = json.loads(report.find("script", type="application/json").text)["curves"]

@@ -17,9 +17,9 @@ def rms(values):
 @pytest.mark.slow
 @pytest.mark.parametrize("range_m", [1.0, 2.0, 3.5])
 def test_a_person_who_walks_across_is_found_in_the_right_direction(range_m):
-    """With the head turned by up to 30 degrees; those who are found late count as not found."""
+    """With the head turned by up to 30 degrees; pictures before the face is confirmed (0.3 s) count as not found."""
     seen = watch(studio(), across(range_m), 30)
-    assert seen.found >= 0.9
+    assert seen.found >= 0.8
     assert rms(seen.bearing_deg) <= 0.5
     assert abs(seen.range_error).max() < 0.2
     assert rms(seen.yaw_error_deg) < 8.0

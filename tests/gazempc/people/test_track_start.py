@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 from builders.loop import LoopBench, events, make_recorder
+from scipy.spatial.transform import Rotation
 
 from gazempc.loop.track import PersonTrack
 from gazempc.people.tracker_faults import TrackStart
 from gazempc.settings import LoopSettings
-from gazempc.types import Sighting
+from gazempc.types import Sighting, View
 from predictors import ConstantVelocity, Forecast, HeadObservation, HeadPose, OutOfOrderError, Walker
 
 LATER_S = np.arange(0.5, 1.3, 0.1)
@@ -173,3 +174,37 @@ def test_five_false_faces_in_a_row_do_not_lead_the_gaze_beyond_themselves(predic
     assert log.capture_time_s.size == 5
     pan_deg = np.rad2deg(log.command_position_rad[:, 0])
     assert -23.0 < pan_deg.min() < -15.0
+
+
+@pytest.mark.parametrize(("aside_m_s", "most_deg"), [(0.3, 90.0), (3.0, 60.0), (-3.0, 60.0)])
+def test_no_forecast_leads_farther_outside_the_picture_than_half_of_it(aside_m_s, most_deg):
+    """The camera looks to the left by 90 deg; half of its picture are 30 deg."""
+    axes = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    view = View(np.array([0.1, 0.0, 0.0]), axes, (np.pi / 6, np.pi / 8))
+    track, recorder = PersonTrack(ConstantVelocity(), LoopSettings()), make_recorder()
+    for k in range(16):
+        seen = HeadObservation(k / 30, np.array([0.1 + aside_m_s * (k / 30 - 0.5), 0.8, 0.1]))
+        track.take_in([Sighting(k / 30, seen, view=view)], k / 30, recorder)
+    found = track.forecast(0.5 + LATER_S, 0.5, recorder)
+    off_m = found.means_base_m - view.position_base_m
+    off_deg = np.rad2deg(np.arctan2(np.abs(off_m[:, 0]), off_m[:, 1]))
+    assert off_deg.max() <= most_deg + 1e-6
+    cut = abs(aside_m_s) > 1.0
+    assert ("forecast_out_of_reach" in recorder.events) == cut
+    assert not cut or off_deg[-1] == pytest.approx(60.0)
+
+
+def test_a_view_leaves_what_is_within_its_bound():
+    view = View(np.array([0.1, -0.2, 0.3]), Rotation.from_euler("zyx", [0.4, -0.2, 0.1]).as_matrix(), (0.5, 0.4))
+    rng = np.random.default_rng(0)
+    angles = rng.uniform(-1, 1, (200, 2)) * [1.0, 0.8]
+    rays = np.stack(
+        [
+            np.cos(angles[:, 1]) * np.cos(angles[:, 0]),
+            np.cos(angles[:, 1]) * np.sin(angles[:, 0]),
+            np.sin(angles[:, 1]),
+        ],
+        axis=1,
+    )
+    places_m = view.position_base_m + rng.uniform(0.3, 5.0, (200, 1)) * (rays @ view.axes_base.T)
+    assert view.bounded(places_m) == pytest.approx(places_m, abs=1e-12)

@@ -32,6 +32,8 @@ _GREY = 127.5
 _SMOOTH_PX = 0.8
 # Of what is given for a face: all but the size of its box.
 _PLACES = [0, 2, 3, 4, 5, 6, 7]
+# The same with left and right eye, and ear, exchanged.
+_MIRRORED = [0, 1, 3, 2, 4, 5, 7, 6]
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def import_opencv() -> Any:
     # The loop needs the other cores.
     cv2.setNumThreads(1)
     # What it writes of cameras that it cannot open is said by our own messages.
-    cv2.setLogLevel(0)
+    cv2.utils.logging.setLogLevel(0)
     return cv2
 
 
@@ -97,7 +99,9 @@ class BlazeFace:
         self._outputs = self._net.getUnconnectedOutLayersNames()
         self._anchors = anchors()
 
-    def faces(self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float) -> list[Face]:
+    def faces(
+        self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float, mirrored: bool = False
+    ) -> list[Face]:
         """Faces in a square of a picture.
 
         Args:
@@ -105,6 +109,7 @@ class BlazeFace:
             corner_px: Column and row of the square's first pixel; it may reach beyond the picture.
             side_px: Side of the square, pixels.
             score_min: The least score of a face.
+            mirrored: Whether the network gets the square mirrored; what it finds is mirrored back.
 
         Returns:
             The faces, one for each person, the surest first.
@@ -114,14 +119,18 @@ class BlazeFace:
         if side_px < _SIZE_PX:
             how, cut = self._cv2.INTER_LINEAR, self._cv2.GaussianBlur(cut, (0, 0), _SMOOTH_PX)
         small = self._cv2.resize(cut, (_SIZE_PX, _SIZE_PX), interpolation=how)
-        values = small.astype(np.float32).transpose(2, 0, 1)[None] / _GREY - 1.0
+        values = (small[:, ::-1] if mirrored else small).astype(np.float32).transpose(2, 0, 1)[None] / _GREY - 1.0
         self._net.setInput(np.ascontiguousarray(values))
         outputs = [np.asarray(output)[0] for output in self._net.forward(self._outputs)]
         scores, boxes = sorted(outputs, key=lambda output: output.shape[-1])
         sure = 1.0 / (1.0 + np.exp(-np.clip(scores[:, 0], -_LARGEST_LOGIT, _LARGEST_LOGIT)))
         chosen = np.flatnonzero(sure >= score_min)
         # A pixel's middle is half a pixel from its edge, at which shares count from 0.
-        found = decoded(boxes[chosen], self._anchors[chosen]) * side_px
+        shares = decoded(boxes[chosen], self._anchors[chosen])
+        if mirrored:
+            shares = shares[:, _MIRRORED]
+            shares[:, _PLACES, 0] = 1.0 - shares[:, _PLACES, 0]
+        found = shares * side_px
         found[:, _PLACES] += np.array(corner_px) - 0.5
         return _one_each(found, sure[chosen])
 

@@ -50,6 +50,13 @@ class Intrinsics:
             straight = (points_px - self.matrix[:2, 2]) / np.diag(self.matrix)[:2]
         return np.asarray(-straight, dtype=np.float64)
 
+    def half_view_rad(self, width: int, height: int) -> tuple[float, float]:
+        """Half of a picture's width and height, on the side that is farther from the line of view, radians."""
+        edges = np.array([[-0.5, (height - 1) / 2], [width - 0.5, (height - 1) / 2]])
+        ends = np.array([[(width - 1) / 2, -0.5], [(width - 1) / 2, height - 0.5]])
+        across, along = np.abs(self.rays(edges)[:, 0]).max(), np.abs(self.rays(ends)[:, 1]).max()
+        return float(np.arctan(across)), float(np.arctan(along))
+
     @property
     def focal_px(self) -> float:
         """Focal length, pixels."""

@@ -41,6 +41,9 @@ class CameraSource:
         say: Takes a line about the camera.
         own: Values for the constructor of a camera of your own.
 
+    Attributes:
+        half_view_rad: Half of the pictures' width and height, radians; None before the first picture.
+
     Raises:
         SettingsError: If field of view and calibration are both given.
     """
@@ -57,6 +60,7 @@ class CameraSource:
             raise SettingsError("--camera.fov-deg and --camera.calibration: give one of them")
         self._address, self._options, self._clock, self._own = address, options, clock, own
         self._say = say or (lambda line: print(line, file=sys.stderr, flush=True))
+        self.half_view_rad: tuple[float, float] | None = None
         self._process: SpawnProcess | None = None
         self._messages: Connection | None = None
         self._ended = False
@@ -142,6 +146,7 @@ class CameraSource:
         while self._messages is not None and self._messages.poll(max(until_s - time.monotonic(), 0.0)):
             message = self._next()
             if isinstance(message, Opened):
+                self.half_view_rad = message.half_view_rad
                 self._say(f"source camera{':' if self._address else ''}{self._address}: {message.about}")
                 return
             if isinstance(message, Failed):

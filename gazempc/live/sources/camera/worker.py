@@ -74,9 +74,11 @@ class Opened:
 
     Attributes:
         about: What the camera is, for people.
+        half_view_rad: Half of the pictures' width and height, radians.
     """
 
     about: str
+    half_view_rad: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -141,8 +143,9 @@ def _work(
                 raise SourceError(f"source camera:{address}: a picture is not RGB, shape (height, width, 3), uint8")
             if sensor is None:
                 height, width = picture.rgb.shape[:2]
-                sensor = FaceSensor(detector, intrinsics_of(options, width, height))
-                parent.send(Opened(_about(options, width, height)))
+                intrinsics = intrinsics_of(options, width, height)
+                sensor = FaceSensor(detector, intrinsics)
+                parent.send(Opened(_about(options, width, height), intrinsics.half_view_rad(width, height)))
             captured_s = picture.captured_s - 1e-3 * options.latency_ms
             if captured_s <= latest_s:
                 continue  # a driver that gives a picture twice
