@@ -273,8 +273,9 @@ def _speed(
         )
 
     own = least_squares(residuals, (angle_rad[0], start_rad_s, 0.0, 0.0), x_scale=(0.1, 0.1, 0.01, 0.01))
+    jacobian = np.asarray(own.jac)
     spread = max(2.0 * own.cost / max(time_s.size - 2, 1), 1.0)
-    return float(own.x[1]), math.sqrt(spread * float(np.linalg.pinv(own.jac.T @ own.jac)[1, 1]))
+    return float(own.x[1]), math.sqrt(spread * float(np.linalg.pinv(jacobian.T @ jacobian)[1, 1]))
 
 
 def _mean(measured: Sequence[tuple[float, float]]) -> Interval:

@@ -9,7 +9,7 @@ from gazempc.identify.from_picture import TurnedAxis, neck_toml, table
 from gazempc.identify.identify import main
 from gazempc.identify.new_neck import as_toml
 from gazempc.identify.turning import Interval, TurnEstimate
-from gazempc.neck.spec import load_neck
+from gazempc.neck.spec import SpeedSteps, load_neck
 from gazempc.robots.ptz_emulator import LATENCY_S
 
 PTZ = load_neck("ptz")
@@ -54,7 +54,7 @@ def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys):
     out = tmp_path / "found.toml"
     few = {"positive_rad_s": [0.1, 0.4, 1.0], "negative_rad_s": [0.08, 0.35, 0.9]}
     axes = {
-        name: getattr(PTZ, name).model_copy(update={"speed_steps": few, "velocity_max_rad_s": 0.9})
+        name: getattr(PTZ, name).model_copy(update={"speed_steps": SpeedSteps(**few), "velocity_max_rad_s": 0.9})
         for name in ("pan", "tilt")
     }
     given = tmp_path / "given.toml"
