@@ -10,7 +10,7 @@ import datetime
 import math
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,13 +27,13 @@ from gazempc.identify.turning import Odometer, Pulse, TurnEstimate, Turning, est
 from gazempc.live.clock import RealClock
 from gazempc.live.robots import make_robot
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, open_pictures
-from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.neck.spec import AXES, Axis, NeckSpec, SpeedSteps
 from gazempc.parts import split_address
 from gazempc.progress import Progress
 from gazempc.robots.options import RobotOptions
 from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.robots.robot import Robot
-from gazempc.robots.visca_packets import visca_steps
+from gazempc.robots.visca_packets import SPEEDS
 from gazempc.types import FloatArray
 
 # A pulse turns about this share of the picture, and lasts at least and at most so long.
@@ -56,13 +56,13 @@ class TurnedAxis:
         name: ``pan`` or ``tilt``.
         picture: By the pictures: delay from command to picture, lag and speeds.
         answers: By the device's position answers; None without them.
-        steps: Nominal speed of each positive step, rad/s.
+        steps: How many steps there are to each side.
     """
 
     name: str
     picture: TurnEstimate
     answers: TurnEstimate | None
-    steps: tuple[float, ...]
+    steps: int
 
 
 @dataclass
@@ -156,14 +156,16 @@ def _fov_rad(found: Sequence[tuple[Pulse, Pulse, list[Any]]], guess_rad: float) 
     return 2.0 * math.atan(0.5 * width / focal_px)
 
 
-def _nominal(robot: str, neck: NeckSpec, index: int) -> tuple[float, ...]:
-    """Speeds by which the steps of an axis are commanded, rad/s."""
-    axis = neck.axes[index]
-    if split_address(robot)[0] == "visca":
-        return tuple(visca_steps(neck)[index].positive_rad_s)
-    if axis.speed_steps is not None:
-        return tuple(axis.speed_steps.positive_rad_s)
-    return tuple(axis.full_rad_s * (k + 1) / _SHARES for k in range(_SHARES))
+def _commanded(robot: str, neck: NeckSpec) -> NeckSpec:
+    """The neck with equal steps up to full speed, as many as the device has: so each is one step of the device."""
+    counts = SPEEDS if split_address(robot)[0] == "visca" else (_SHARES, _SHARES)
+    axes = {}
+    for name, axis, usual in zip(AXES, neck.axes, counts, strict=True):
+        count = len(_steps(axis)) or usual
+        speeds = tuple(axis.full_rad_s * (k + 1) / count for k in range(count))
+        steps = SpeedSteps(positive_rad_s=speeds, negative_rad_s=speeds)
+        axes[name] = axis.model_copy(update={"speed_steps": steps, "velocity_max_rad_s": axis.full_rad_s})
+    return neck.model_copy(update=axes)
 
 
 def identify_from_picture(
@@ -197,7 +199,8 @@ def identify_from_picture(
     if not neck.speed_joints.all():
         raise SettingsError(f'neck {neck.name!r}: accepted with --source: command = "velocity" of pan and tilt')
     clock = RealClock()
-    with closing(make_robot(robot, options, neck, clock, neck.rest_rad, 0)) as ready:
+    commanded = _commanded(robot, neck)
+    with closing(make_robot(robot, options, commanded, clock, neck.rest_rad, 0)) as ready:
         ready.connect()
         eye = _Eye(open_pictures(picture_url() if address == EMULATOR else address, camera), clock)
         thread = threading.Thread(target=eye.work, name="pictures", daemon=True)
@@ -205,7 +208,7 @@ def identify_from_picture(
         try:
             while not eye.taken and not eye.problem:
                 time.sleep(_TICK_S)
-            fov_rad, axes = _measured(_Bench(ready, eye, clock), robot, camera, neck, delay_max_s, progress)
+            fov_rad, axes = _measured(_Bench(ready, eye, clock), camera, neck, commanded, delay_max_s, progress)
         finally:
             eye.closing = True
             eye.pictures.close()
@@ -220,38 +223,47 @@ def identify_from_picture(
 
 
 def _measured(
-    bench: _Bench, robot: str, camera: CameraOptions, neck: NeckSpec, delay_max_s: float, progress: Progress
+    bench: _Bench,
+    camera: CameraOptions,
+    neck: NeckSpec,
+    commanded: NeckSpec,
+    delay_max_s: float,
+    progress: Progress,
 ) -> tuple[float, list[TurnedAxis]]:
     guess_rad = math.radians(camera.fov_deg or LIKELY_FOV_DEG)
     after_s = delay_max_s + 0.5
     # The lens, and about how late the picture is.
-    steps = _nominal(robot, neck, 0)
-    middle = max(int(np.searchsorted(steps, 0.3 * guess_rad)), 1)
-    lasts_s = _lasts_s(steps[middle - 1], guess_rad)
-    tried = [bench.pulse(0, way * middle, way * steps[middle - 1], lasts_s, after_s) for way in (1, -1)]
+    plans = [_steps(axis) for axis in commanded.axes]
+    # What the file expects of a step, for how long it may last.
+    likely = [_steps(old if old.speed_steps else new) for old, new in zip(neck.axes, commanded.axes, strict=True)]
+    middle = min(max(int(np.searchsorted(likely[0], 0.3 * guess_rad)), 1), len(plans[0]))
+    lasts_s = _lasts_s(likely[0][middle - 1], guess_rad)
+    tried = [bench.pulse(0, way * middle, way * plans[0][middle - 1], lasts_s, after_s) for way in (1, -1)]
     fov_rad = _fov_rad(tried, guess_rad) or guess_rad
     height, width = tried[0][2][0].shape
     turnings = [Turning(name, fov_rad, width, height) for name in AXES]
     rough = estimate_turns([_angles(turnings[0], p, greys, _KEY_SHARE * fov_rad) for p, _, greys in tried], delay_max_s)
     after_s = rough.delay_s.value + 4.0 / rough.natural_frequency_rad_s.value + 0.5
     found, done = [], 0
-    plans = [_nominal(robot, neck, index) for index in range(len(AXES))]
     for index, name in enumerate(AXES):
         view_rad = (fov_rad, fov_rad * height / width)[index]
         seen, told = [], []
         for step, speed_rad_s in enumerate(plans[index], start=1):
             for way in (1, -1):
-                pulse, answers, greys = bench.pulse(
-                    index, way * step, way * speed_rad_s, _lasts_s(speed_rad_s, view_rad), after_s
-                )
+                lasts_s = _lasts_s(likely[index][step - 1], view_rad)
+                pulse, answers, greys = bench.pulse(index, way * step, way * speed_rad_s, lasts_s, after_s)
                 seen.append(_angles(turnings[index], pulse, greys, _KEY_SHARE * view_rad))
                 told.append(answers)
                 done += 1
                 progress.at(done / (2 * sum(map(len, plans))))
         answered = [answers for answers in told if answers.time_s.size]
         by_answers = estimate_turns(answered, delay_max_s) if answered else None
-        found.append(TurnedAxis(name, estimate_turns(seen, delay_max_s), by_answers, plans[index]))
+        found.append(TurnedAxis(name, estimate_turns(seen, delay_max_s), by_answers, len(plans[index])))
     return fov_rad, found
+
+
+def _steps(axis: Axis) -> tuple[float, ...]:
+    return () if axis.speed_steps is None else axis.speed_steps.positive_rad_s
 
 
 def _lasts_s(speed_rad_s: float, view_rad: float) -> float:
@@ -295,13 +307,7 @@ def neck_toml(
     """
     values: dict[str, Any] = neck.model_dump(exclude_none=True)
     for axis in axes:
-        known = axis.picture.speeds_rad_s
-        tables = {
-            key: list(
-                _ascending(axis.picture.sign * way * known[way * step].value for step in range(1, len(axis.steps) + 1))
-            )
-            for key, way in (("positive_rad_s", 1), ("negative_rad_s", -1))
-        }
+        tables = {key: _ascending(axis, way) for key, way in (("positive_rad_s", 1), ("negative_rad_s", -1))}
         delay_s = (axis.answers or axis.picture).delay_s.value
         values[axis.name] |= {
             "speed_steps": tables,
@@ -317,9 +323,11 @@ def neck_toml(
     return as_toml(values | {"name": name, "source": source, "head_view_deg": view_deg})
 
 
-def _ascending(speeds_rad_s: Iterable[float]) -> Iterator[float]:
+def _ascending(axis: TurnedAxis, way: int) -> list[float]:
+    """Speeds of the steps to one side; a step that no picture shows lies between its neighbours."""
+    known = {way * step: speed.value for step, speed in axis.picture.speeds_rad_s.items() if way * step > 0}
+    if not known:
+        raise IdentificationError(f"{axis.name}: no picture shows the speeds to one side: more light, less blur")
+    measured = np.abs(np.interp(np.arange(1, axis.steps + 1), list(known), list(known.values())))
     # Two steps of one speed may measure in either order.
-    least = 1e-5
-    for speed in speeds_rad_s:
-        least = max(speed, least)
-        yield float(f"{least:.5g}")
+    return [float(f"{speed:.5g}") for speed in np.maximum.accumulate(np.maximum(measured, 1e-5))]

@@ -231,8 +231,6 @@ def _check(settings: IdentifySettings) -> None:
         raise SettingsError(f"{option} {path}: must end in .toml")
     if [settings.robot, settings.from_log, settings.tracker, settings.new].count(None) != 3:
         raise SettingsError("give one of --robot NAME, --from-log FILE, --tracker FILE and --new FILE")
-    if settings.source is not None and settings.robot is None:
-        raise SettingsError("--source: the picture of --robot, which is not given")
     if settings.person is not None and settings.tracker is None:
         raise SettingsError("--person: chooses a track of --tracker FILE, which is not given")
     if settings.sheet != DataSheet() and settings.new is None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from gazempc.identify.estimate import Interval
 from gazempc.identify.record import IdentificationError
@@ -31,7 +32,7 @@ _PEAKS = 12
 # Beyond this share of the picture the common part of two pictures is too small.
 _LARGEST_SHIFT = 0.45
 # Uncertainty of the moment at which a device receives a command, s.d.
-_SEND_JITTER_S = 0.002
+_SEND_JITTER_S = 0.004
 _LAG_RAD_S = (2.0, 100.0)
 _FEWEST = 4
 
@@ -219,8 +220,8 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     if not used:
         raise IdentificationError("no pulse has enough pictures that can be compared: more light, less blur")
 
-    def solved(values: FloatArray) -> tuple[list[FloatArray], list[float], list[float]]:
-        residuals, speeds, deviations = [], [], []
+    def solved(values: FloatArray) -> tuple[list[FloatArray], list[float]]:
+        residuals, speeds = [], []
         for pulse, time_s, angle_rad in used:
             since_s = time_s - values[0]
             shape = _ramp(since_s - pulse.on_s, math.exp(values[1])) - _ramp(since_s - pulse.off_s, math.exp(values[1]))
@@ -228,8 +229,7 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
             found, *_ = np.linalg.lstsq(design, angle_rad, rcond=None)
             residuals.append(angle_rad - design @ found)
             speeds.append(float(found[1]))
-            deviations.append(1.0 / max(float(np.std(shape)) * math.sqrt(time_s.size), 1e-9))
-        return residuals, speeds, deviations
+        return residuals, speeds
 
     starts = [(delay_s, math.log(lag)) for delay_s in np.arange(0.05, delay_max_s, 0.2) for lag in (8.0, 30.0)]
     scanned = sorted(starts, key=lambda values: float(np.sum(np.concatenate(solved(np.array(values))[0]) ** 2)))
@@ -241,16 +241,13 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     kept = [(p, time_s[f], angle_rad[f]) for (p, time_s, angle_rad), f in zip(used, fine, strict=True)]
     used = [each for each in kept if each[1].size >= _FEWEST]
     best = fit(lambda values: np.concatenate(solved(values)[0]), [tuple(best.values)], low, high)
-    residuals, speeds, deviations = solved(best.values)
+    residuals, speeds = solved(best.values)
     noise_rad = float(np.sqrt(np.mean(best.residual**2)))
     if noise_rad > 0.3 * float(np.sqrt(np.mean(np.concatenate([a - a.mean() for *_, a in used]) ** 2))):
         raise IdentificationError("the picture does not follow the commands: does this camera turn, or the scene?")
     found: dict[int, list[tuple[float, float]]] = {}
-    for (pulse, *_), own, speed, deviation in zip(used, residuals, speeds, deviations, strict=True):
-        sd = math.hypot(
-            deviation * float(np.sqrt(np.mean(own**2))), 1.4 * speed * _SEND_JITTER_S / (pulse.off_s - pulse.on_s)
-        )
-        found.setdefault(pulse.step, []).append((speed, sd))
+    for (pulse, time_s, angle_rad), own, speed in zip(used, residuals, speeds, strict=True):
+        found.setdefault(pulse.step, []).append(_speed(pulse, time_s, angle_rad, best.values, speed, own))
     wide = Z_95 * np.sqrt(np.diag(best.covariance))
     wn = math.exp(best.values[1])
     return TurnEstimate(
@@ -259,6 +256,26 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
         speeds_rad_s={step: _mean(each) for step, each in sorted(found.items())},
         residual_deg=math.degrees(noise_rad),
     )
+
+
+def _speed(
+    pulse: Pulse, time_s: FloatArray, angle_rad: FloatArray, servo: FloatArray, start_rad_s: float, residual: FloatArray
+) -> tuple[float, float]:
+    """Speed of one pulse and its deviation; both commands may have been sent a little earlier or later than noted."""
+    since_s, wn = time_s - servo[0], math.exp(servo[1])
+    noise_rad = min(max(1.48 * float(np.median(np.abs(residual))), 1e-4), 2e-3)
+
+    def residuals(values: FloatArray) -> FloatArray:
+        first_rad, speed, on_s, off_s = values
+        turned_rad = speed * (_ramp(since_s - pulse.on_s - on_s, wn) - _ramp(since_s - pulse.off_s - off_s, wn))
+        return np.append(
+            (angle_rad - first_rad - turned_rad) / noise_rad, (on_s / _SEND_JITTER_S, off_s / _SEND_JITTER_S)
+        )
+
+    own = least_squares(residuals, (angle_rad[0], start_rad_s, 0.0, 0.0), x_scale=(0.1, 0.1, 0.01, 0.01))
+    jacobian = np.asarray(own.jac)
+    spread = max(2.0 * own.cost / max(time_s.size - 2, 1), 1.0)
+    return float(own.x[1]), math.sqrt(spread * float(np.linalg.pinv(jacobian.T @ jacobian)[1, 1]))
 
 
 def _mean(measured: Sequence[tuple[float, float]]) -> Interval:

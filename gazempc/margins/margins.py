@@ -118,6 +118,8 @@ def too_small(mpc: Mpc) -> list[str]:
     It needs no python-control, whose import takes a second.
     """
     neck, found = mpc.neck, list[str]()
+    if mpc.picture is not None:  # within the zone the camera rests: there is no loop that could swing
+        return found
     for i, joint in enumerate(AXES):
         loop, late_s = LinearLoop(mpc, i), LEAST_DELAY_PERIODS * neck.control_period_s
         if loop.size > _MOST_STATES:

@@ -60,6 +60,7 @@ class Mpc:
         neck: The neck.
         ocps: The programs of pan and of tilt.
         acquisition_ocps: The same during acquisition.
+        picture: The picture of the framing; None without one.
     """
 
     def __init__(
@@ -73,8 +74,8 @@ class Mpc:
         rows: OwnChoice = (),
         framing: Framing = _NO_FRAMING,
     ) -> None:
-        self._picture = FramedPicture.of(framing, neck)
-        if self._picture is not None:
+        self.picture = FramedPicture.of(framing, neck)
+        if self.picture is not None:
             horizon_s, smoothing_time_s = framing.horizon_s, framing.smoothing_time_s
         elif neck.eyes is not None:
             smoothing_time_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
@@ -96,7 +97,7 @@ class Mpc:
             pairs = zip(models, own, strict=True)
             return [AxisOcp(model, time_s, damping, bounded, most, parts, zone) for model, parts in pairs]
 
-        if self._picture is not None:
+        if self.picture is not None:
             self.ocps = self.acquisition_ocps = programs(smoothing_time_s, ACQUISITION_DAMPING, True, zone=True)
         else:
             self.ocps = programs(smoothing_time_s, PLAIN_DAMPING, False)
@@ -134,9 +135,9 @@ class Mpc:
         """See `gazempc.controllers.controller.Controller.plan`."""
         means_base_m, head_times = situation.forecast.means_base_m, self._head_ahead_s.size
         angles = self._chain.head_rad(situation, means_base_m[:head_times])
-        if self._picture is not None:
+        if self.picture is not None:
             # The mean rate over the plan: at its single steps a rate would be the noise of the forecast.
-            angles = self._picture.aim_rad(angles, self._mean_rate(angles[: self._times_s.size, 0]))
+            angles = self.picture.aim_rad(angles, self._mean_rate(angles[: self._times_s.size, 0]))
         references = {name: angles[self._forecasts_of[name], i] for i, name in enumerate(AXES)}
         plans, body_rad = dict[str, JointPlan](), None
         if self._chain.body is not None:
@@ -177,8 +178,8 @@ class Mpc:
         )
         # Without its offset, the joint follows the command by the model.
         reference_rad = reference_rad - offset_rad
-        if self._picture is not None:
-            half_rad = self._picture.planned_zone_rad(axis, self._mean_rate(reference_rad))
+        if self.picture is not None:
+            half_rad = self.picture.planned_zone_rad(axis, self._mean_rate(reference_rad))
             return self.ocps[axis].solve(state, reference_rad, (reference_rad - half_rad, reference_rad + half_rad))
         turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._between_s
         bounds_rad = self._acquisitions[axis].bounds_rad(joint_rad, joint_rad_s, reference_rad, turning_rad_s)

@@ -8,6 +8,7 @@ from builders.ocp import NECK, even, joint, random_states, shot
 import gazempc as gz
 from gazempc.controllers.mpc import problem
 from gazempc.controllers.mpc.ocp import AxisOcp
+from gazempc.margins.margins import too_small
 from gazempc.neck.picture import Framing
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
@@ -97,3 +98,8 @@ def test_a_walker_is_kept_in_the_zone_within_the_limits_of_the_picture():
     assert metrics.limit_violations == 0
     assert metrics.peak_acceleration_rad_s2 <= 0.8 * np.radians(VIEW_DEG[0]) * 1.01
     assert metrics.rms_acceleration_rad_s2 < 0.7 * plain.rms_acceleration_rad_s2
+
+
+def test_a_zone_is_no_unstable_loop():
+    """Inside, nothing pulls the camera anywhere: the checks of the linear loop do not apply."""
+    assert too_small(gz.Mpc(CAMERA, framing=Framing())) == []

@@ -100,7 +100,7 @@ def test_delay_lag_and_speeds(delay_s):
     assert found.natural_frequency_rad_s.value == pytest.approx(15.0, rel=0.05)
     assert found.sign == 1
     for step, deg_s in ((1, 2.0), (2, 9.0), (3, 30.0), (-1, -1.8), (-2, -8.0), (-3, -26.0)):
-        assert np.degrees(found.speeds_rad_s[step].value) == pytest.approx(deg_s, rel=0.02)
+        assert np.degrees(found.speeds_rad_s[step].value) == pytest.approx(deg_s, rel=0.03)
 
 
 def test_a_wrong_sign_is_found():

@@ -1,0 +1,45 @@
+"""The comparison of framing: devices, the choice of constants, verdicts, and a small run."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments.rivals.framing import DEVICES, FIGURES, OURS, main, summarise
+from experiments.rivals.motor import driven_by
+
+
+def run_of(law, zone, reversals, constants="{}", device="cheap"):
+    row = dict.fromkeys(FIGURES, 1.0) | {"time_in_zone": zone, "reversals_per_min": reversals}
+    return row | {"law": law, "constants": constants, "device": device, "subject": "a"}
+
+
+def test_the_shown_constants_have_most_time_in_zone_and_of_level_ones_fewest_reversals():
+    runs = [run_of("op3", 0.9, 20.0, "a"), run_of("op3", 0.895, 10.0, "b"), run_of("op3", 0.5, 0.0, "c")]
+    (row,) = summarise(runs)
+    assert (row["constants"], row["reversals_per_min"]) == ("b", 10.0)
+
+
+@pytest.mark.parametrize("name", list(DEVICES))
+def test_devices_have_speed_tables_and_laws_of_angles_get_angles(name):
+    neck = DEVICES[name].neck(name)
+    assert neck.takes_speeds
+    assert not neck.reports_joints
+    assert neck.tilt.speed_steps.positive_rad_s != neck.tilt.speed_steps.negative_rad_s
+    angles = driven_by(neck, "position")
+    assert angles.pan.speed_steps is None
+    assert angles.pan.dead_time_s == neck.pan.dead_time_s
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("in_this_process")
+def test_the_command_writes_table_and_picture_and_names_first_where_ours_is_worse(tmp_path, capsys):
+    words = ["--recordings", "subject01_R1", "--laws", "pixel_pid", OURS, "--devices", "good"]
+    assert main([*words, "--jobs", "1", "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "framing.json").read_text())["rows"]
+    found = {row["law"]: row for row in rows}
+    assert found[OURS]["time_in_zone"] > found["pixel_pid"]["time_in_zone"]
+    text = capsys.readouterr().out
+    assert text.index("Goal") < text.index("| good")
+    assert (tmp_path / "framing.png").stat().st_size > 10_000
+    assert np.isfinite(found[OURS]["rms_acceleration_rad_s2"])

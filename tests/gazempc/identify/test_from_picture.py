@@ -1,0 +1,72 @@
+"""The command on the emulated camera: what it finds is what the emulator does."""
+
+import datetime
+
+import numpy as np
+import pytest
+
+from gazempc.identify.from_picture import TurnedAxis, neck_toml, table
+from gazempc.identify.identify import main
+from gazempc.identify.new_neck import as_toml
+from gazempc.identify.turning import Interval, TurnEstimate
+from gazempc.neck.spec import SpeedSteps, load_neck
+from gazempc.robots.ptz_emulator import LATENCY_S
+
+PTZ = load_neck("ptz")
+
+
+def estimate(delay_s, speeds):
+    known = {step: Interval(value, value, value) for step, value in speeds.items()}
+    wn = Interval(20.0, 19.0, 21.0)
+    return TurnEstimate(Interval(delay_s, delay_s, delay_s), wn, known, 0.01)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_neck_file_has_the_measured_table(tmp_path, sign):
+    speeds = {1: 0.1, 3: 0.5, -1: -0.09, -2: -0.4, -3: -0.6}
+    axes = [
+        TurnedAxis(name, estimate(0.5, {k: sign * v for k, v in speeds.items()}), estimate(0.3, speeds), 3)
+        for name in ("pan", "tilt")
+    ]
+    path = tmp_path / "measured.toml"
+    path.write_text(neck_toml(PTZ, axes, np.radians(60.0), "measured", "a test", datetime.date(2026, 11, 23)))
+    neck = load_neck(path)
+    assert neck.pan.dead_time_s == 0.3
+    assert neck.pan.speed_steps.positive_rad_s == pytest.approx((0.1, 0.3, 0.5))
+    assert neck.pan.speed_steps.negative_rad_s == pytest.approx((0.09, 0.4, 0.6))
+    assert neck.pan.velocity_max_rad_s == pytest.approx(0.5)
+    assert neck.head_view_deg[0] == 60.0
+    assert f"sign {sign:+d}" in table(axes, np.radians(60.0))
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [(["--source", "camera:emulator"], "--robot"), (["--source", "udp:5005", "--robot", "visca:emulator"], "--source")],
+)
+def test_bad_input_ends_with_a_message(words, named, capsys):
+    assert main(words) == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys):
+    pytest.importorskip("mujoco")
+    out = tmp_path / "found.toml"
+    few = {"positive_rad_s": [0.1, 0.4, 1.0], "negative_rad_s": [0.08, 0.35, 0.9]}
+    axes = {
+        name: getattr(PTZ, name).model_copy(update={"speed_steps": SpeedSteps(**few), "velocity_max_rad_s": 0.9})
+        for name in ("pan", "tilt")
+    }
+    given = tmp_path / "given.toml"
+    given.write_text(as_toml(PTZ.model_copy(update=axes).model_dump(exclude_none=True)))
+    words = ["--robot", f"visca:emulator:{given}", "--source", "camera:emulator", "--neck", str(given)]
+    assert main([*words, "--camera.fov-deg", "65", "--out", str(out)]) == 0
+    neck, text = load_neck(out), capsys.readouterr().out
+    for name in ("pan", "tilt"):
+        axis, steps = getattr(neck, name), getattr(neck, name).speed_steps
+        assert axis.dead_time_s == pytest.approx(PTZ.pan.dead_time_s, abs=0.015)
+        np.testing.assert_allclose(steps.positive_rad_s, few["positive_rad_s"], rtol=0.03)
+        np.testing.assert_allclose(steps.negative_rad_s, few["negative_rad_s"], rtol=0.03)
+    assert neck.head_view_deg[0] == pytest.approx(60.0, abs=1.0)
+    latency_ms = float(text.rsplit("--camera.latency-ms ", 1)[1].split()[0])
+    assert latency_ms == pytest.approx(1e3 * LATENCY_S, abs=30.0)
