@@ -2,7 +2,8 @@
 
 A synthetic person walks to and fro for ever. The loop plans in the background and sends commands to a simulated neck,
 as `python -m gazempc.live` does, and writes its logs to a temporary folder. Reported: how late the ticks were, skipped
-ticks, the time from capture to command, memory after the first minute and at the end, and violated limits. Progress
+ticks, the time from capture to command, the load of a processor core, memory after the first minute and at the end,
+and violated limits. Progress
 goes to standard error. Lateness depends on the machine, and on what else it does.
 """
 
@@ -226,8 +227,10 @@ def soak(minutes: float, neck: NeckSpec, log_s: float, seed: int) -> dict[str, A
         run = LiveRun(setup, kept.keep)
         watch = Watch(run.report, every_s=min(5.0, 60.0 * minutes / 4))
         watch.start()
+        started_s, used_s = time.monotonic(), time.process_time()
         with fast_switching(), without_collection():
             report = run.run(threading.Event(), 60.0 * minutes)
+        core_percent = 100.0 * (time.process_time() - used_s) / (time.monotonic() - started_s)
         gc.collect()
         watch.stop()
     late = report.lateness
@@ -241,6 +244,7 @@ def soak(minutes: float, neck: NeckSpec, log_s: float, seed: int) -> dict[str, A
         "skipped_ticks": report.skipped_ticks,
         "lateness_ms": {"p50": late.percentile_ms(50), "p99": late.percentile_ms(99), "max": late.max_ms},
         "end_to_end_latency_ms": {"p50": kept.latency_ms(50), "p99": kept.latency_ms(99)},
+        "core_percent": core_percent,
         "rss_mib": {"after_first_minute": warm[0], "end": watch.looks[-1][1], "max": max(warm)},
         "growth_mib_per_min": growth_mib_per_min(watch.looks),
         "limit_violations": kept.violations,
@@ -269,6 +273,7 @@ def main(
     print(f"later than due by {late['p50']:.2f} ms (p50), {late['p99']:.2f} ms (p99), {late['max']:.2f} ms (max)")
     if latency["p50"] is not None:
         print(f"from capture to command: {latency['p50']:.0f} ms (p50), {latency['p99']:.0f} ms (p99)")
+    print(f"load: {found['core_percent']:.0f} % of one core")
     growth = found["growth_mib_per_min"]
     print(
         f"memory: {used['after_first_minute']:.1f} MiB after the first minute, {used['end']:.1f} MiB at the end, "

@@ -100,7 +100,7 @@ def _write_parquet(columns: Columns, path: Path) -> None:
         import pyarrow as pa  # noqa: PLC0415  (optional)
         import pyarrow.parquet as pq  # noqa: PLC0415
     except ImportError:
-        raise SettingsError('parquet needs pyarrow: pip install "gazempc[parquet]"') from None
+        raise SettingsError('parquet needs pyarrow: pip install -e ".[parquet]"') from None
     with whole(path) as part:
         pq.write_table(pa.table(dict(columns)), part)
 

@@ -32,6 +32,7 @@ def on_command_line(kind: Kind) -> PrimitiveConstructorSpec[str]:
     )
 
 
+_AboveZero = Annotated[float, Field(gt=0)]
 # A shipped name, or module:Class for a part of the user's own; see `gazempc.parts`.
 ControllerChoice = Annotated[str, AfterValidator(partial(check_choice, CONTROLLER)), on_command_line(CONTROLLER)]
 PredictorChoice = Annotated[str, AfterValidator(partial(check_choice, PREDICTOR)), on_command_line(PREDICTOR)]
@@ -224,6 +225,11 @@ class LoopSettings(Settings):
     )
     speed_max_rad_s: Annotated[float | None, tyro.conf.arg(aliases=["--loop.speed-max"])] = Field(
         default=None, ge=0.01, description="Maximum speed of each joint"
+    )
+    near_speed_max: tuple[_AboveZero, _AboveZero] | None = Field(
+        default=None,
+        description="Distance of a head from the pan axis, metres, and the maximum speed of each joint's command while "
+        "any head is nearer, rad/s",
     )
 
     @model_validator(mode="after")

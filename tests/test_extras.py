@@ -14,3 +14,10 @@ def test_all_names_every_extra_of_users():
     (everything,) = map(Requirement, extras["all"])
     assert everything.name == "gazempc"
     assert everything.extras == set(extras) - FOR_DEVELOPERS - {"all"}
+
+
+def test_messages_and_pages_name_installs_that_work_from_a_clone():
+    """The package is on no index: its name alone installs nothing."""
+    for folder, pattern in (("docs", "*.md"), ("gazempc", "*.py"), ("experiments", "*.py"), (".", "README.md")):
+        for path in (ROOT / folder).rglob(pattern) if folder != "." else [ROOT / pattern]:
+            assert 'pip install "gazempc[' not in path.read_text(encoding="utf-8"), path

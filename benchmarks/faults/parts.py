@@ -121,12 +121,23 @@ _ARRAYS: dict[str, Callable[[Any], Any]] = {
 
 def _field(name: str) -> dict[str, Callable[[], Change]]:
     """Each bad array in a field of what is returned."""
-    return {
-        f"{name}: {kind}": lambda bad=bad: lambda v: _with(v, **{name: bad(getattr(v, name))})
-        for kind, bad in _ARRAYS.items()
-    }
+
+    def make(bad: Change) -> Callable[[], Change]:
+        return lambda: lambda v: _with(v, **{name: bad(getattr(v, name))})
+
+    return {f"{name}: {kind}": make(bad) for kind, bad in _ARRAYS.items()}
 
 
+def _arrays() -> dict[str, Callable[[], Change]]:
+    """Each bad array in place of a good one; lists are accepted."""
+
+    def make(bad: Change) -> Callable[[], Change]:
+        return lambda: bad
+
+    return {kind: make(bad) for kind, bad in _ARRAYS.items() if kind != "lists"}
+
+
+_OF_PLAN = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
 _random = random.Random(0)
 
 
@@ -151,7 +162,7 @@ FAMILIES: dict[str, dict[str, Callable[[], Change]]] = {
         "computes 50 ms each": lambda: _compute,
     },
     "Controller.forecast_times_s": {
-        **_ANY, **_ANSWERS, **{kind: lambda bad=bad: bad for kind, bad in _ARRAYS.items() if kind != "lists"},
+        **_ANY, **_ANSWERS, **_arrays(),
         "none at all": lambda: _return(np.empty(0)),
         "100,000 times": lambda: lambda t: np.linspace(t[0], t[0] + 1.0, 100_000),
         "in a year": lambda: lambda t: t + 3e7,
@@ -176,7 +187,7 @@ FAMILIES: dict[str, dict[str, Callable[[], Change]]] = {
         "leap by 0.5 rad": lambda: _joints(lambda s: {"position_rad": s.position_rad + 0.5 * (s.time_s % 0.2 > 0.1)}),
     },
     "Robot.send_command": {
-        **_ANY, **_ANSWERS, **{kind: lambda bad=bad: bad for kind, bad in _ARRAYS.items() if kind != "lists"},
+        **_ANY, **_ANSWERS, **_arrays(),
         "three joints": lambda: _return(np.zeros(3)),
         "1e9 rad": lambda: lambda sent: sent + 1e9,
         "raises now and then": lambda: _now_and_then,
@@ -198,7 +209,6 @@ _METHODS = (
     "reset", "update", "forecast", "forecast_times_s", "plan", "connect", "read_state", "true_state", "open", "poll",
     "close",
 )  # fmt: skip
-_OF_PLAN = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
 # These hold up commands whatever the loop does: the interpreter's lock is held, the command itself is not sent, or a
 # simulator computes in the thread that sends.
 _LOCKED = {"Controller.plan", "Predictor.update", "Predictor.forecast", "Robot.read_state", "Source.poll"}
@@ -308,8 +318,10 @@ def run_part(family: str, kind: str, seconds: float = 1.8, neck: str = "referenc
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
-        parts = {"controller": "lookahead", "predictor": "constant_velocity"}  # quick to make, a hundred times
-        setup = build(LiveSettings(source="replay", replay=_WALK, neck=neck, out=out, **parts))
+        # Parts that are quick to make, a hundred times.
+        settings = LiveSettings(source="replay", replay=_WALK, neck=neck, out=out)
+        settings = settings.model_copy(update={"controller": "lookahead", "predictor": "constant_velocity"})
+        setup = build(settings)
         begun_s = [np.inf]
         change = FAMILIES[family][kind]()
         isolated = IsolatedPredictor(Holding) if family == "Predictor in a process of its own" else None

@@ -272,7 +272,7 @@ def _run(settings: FramingSettings, command: str) -> int:
     return exit_status(False, bool(failed))
 
 
-main = Command("framing", FramingSettings, __doc__, _run).main
+main = Command("rivals.framing", FramingSettings, __doc__, _run).main
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from experiments.aggregate import GROUP_ORDER, bootstrap_mean
 from experiments.engine.job import Row
+from experiments.sweep.names import with_unit
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import METRICS, Objective, direction_of
 from experiments.sweep.tables import pareto_front
@@ -95,9 +96,9 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Figure:
                 ax.errorbar(at, means, ends, fmt=look.marker, color=colour, capsize=3, label=label)
         if not numeric:
             ax.set_xticks(range(len(ticks)), [said(tick) for tick in ticks])
-        ax.set(xlabel=x, ylabel=metric)
+        ax.set(xlabel=with_unit(x), ylabel=with_unit(metric))
         ax.grid(alpha=0.3)
-        ax.legend(framealpha=0.85, edgecolor="none", fontsize="small", title=by)
+        ax.legend(framealpha=0.85, edgecolor="none", fontsize="small", title=with_unit(by))
         ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
         return figure
 
@@ -114,9 +115,9 @@ def _pareto(table: Sequence[Row], x: str, y: str, by: str) -> Figure:
             point: dict[str, Any] = {"marker": look.marker, "color": colour, "markersize": 5}
             ax.plot([r[x] for r in chosen], [r[y] for r in chosen], ls="", alpha=0.35, **point)
             ax.plot([r[x] for r in front], [r[y] for r in front], ls=look.line, label=said(one), **point)
-        ax.set(xlabel=x, ylabel=y)
+        ax.set(xlabel=with_unit(x), ylabel=with_unit(y))
         ax.grid(alpha=0.3)
-        ax.legend(framealpha=0.85, edgecolor="none", fontsize="small", title=f"{by}; lines: Pareto fronts")
+        ax.legend(framealpha=0.85, edgecolor="none", fontsize="small", title=f"{with_unit(by)}; lines: Pareto fronts")
         ax.set_title("means over clips", fontsize="medium")
         return figure
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -257,3 +258,34 @@ def _changed(spec: Spec, values: Values) -> Spec:
     except ValidationError as error:
         lines = [f"{'.'.join(map(str, e['loc'])) or type(spec).__name__}: {e['msg']}" for e in error.errors()]
         raise SettingsError("\n".join(lines)) from None
+
+
+# Endings of fields, longest first where one ends in another.
+_UNITS = {
+    "_rad_s3": "rad/s3", "_rad_s2": "rad/s2", "_rad_s": "rad/s", "_per_min": "1/min", "_per_minute": "1/min",
+    "_deg": "deg", "_rad": "rad", "_mm": "mm", "_ms": "ms", "_hz": "Hz", "_m": "m", "_s": "s",
+}  # fmt: skip
+_WORDS = {"rms": "RMS", "mpc": "MPC", "sparc": "SPARC", "ldlj": "LDLJ", "nees": "NEES"}
+
+
+def with_unit(name: str) -> str:
+    """A setting or metric as people read it.
+
+    Args:
+        name: Its field, such as ``gaze_error_p95_deg`` or ``mpc.smoothness``.
+
+    Returns:
+        Its name in words and its unit, such as ``gaze error, 95 % below (deg)``.
+    """
+    if contact := re.fullmatch(r"eye_contact_(\d+(?:p\d+)?)", name):
+        return f"eye contact within {contact[1].replace('p', '.')} deg (share of the time)"
+    if forecast := re.fullmatch(r"forecast_(error|nees|coverage)_(?:(68|95)_)?(\d+)(_mm)?", name):
+        what = {"error": "error", "nees": "NEES", "coverage": f"coverage of {forecast[2]} %"}[forecast[1]]
+        return f"forecast {what} at {int(forecast[3]) / 1000:g} s" + (" (mm)" if forecast[4] else "")
+    stem, percentile = re.subn(r"_p(50|95|99)\b|_p(50|95|99)(?=_)", "", name)
+    unit = next((ending for ending in _UNITS if stem.endswith(ending)), "")
+    words = stem.removesuffix(unit).replace(".", ": ").replace("_", " ").split()
+    text = " ".join(_WORDS.get(word.rstrip(":"), word.rstrip(":")) + ":" * word.endswith(":") for word in words)
+    if percentile and (found := re.search(r"_p(\d\d)", name)):
+        text += f", {found[1]} % below"
+    return f"{text} ({_UNITS[unit]})" if unit else text

@@ -11,6 +11,7 @@ import numpy as np
 from experiments.engine.job import Row
 from experiments.pages import failures, left_out, survived
 from experiments.sweep.figures import colour_of, distinct, is_numeric, recorded_or_synthetic, said
+from experiments.sweep.names import with_unit
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.spec import Objective, direction_of
 from experiments.sweep.tables import means_table, pareto_front
@@ -38,12 +39,15 @@ def sweep_page(
     done = [row for row in rows if not row["failed"] and not row["left_out"]]
     return Page(
         title=f"Sweep {plan.spec.name}",
-        question=" ".join(plan.spec.question.split()) or f"What comes of changing {' and '.join(plan.spec.varied())}?",
+        question=" ".join(plan.spec.question.split())
+        or f"What comes of changing {' and '.join(map(with_unit, plan.spec.varied()))}?",
         answer=tuple(_answers(plan, overall)),
         setup={
             "recordings": f"{recorded_or_synthetic(plan)} of {people} {'people' if people > 1 else 'person'}",
-            "varied": "; ".join(f"{name}: {', '.join(map(said, distinct(rows, name)))}" for name in plan.spec.varied()),
-            "fixed": ", ".join(f"{name} {value}" for name, value in plan.spec.base.items()) or "defaults",
+            "varied": "; ".join(
+                f"{with_unit(name)}: {', '.join(map(said, distinct(rows, name)))}" for name in plan.spec.varied()
+            ),
+            "fixed": ", ".join(f"{with_unit(name)} {value}" for name, value in plan.spec.base.items()) or "defaults",
             "runs": str(summary["n_runs"]),
             "seed": str(summary["seed"]),
         },
@@ -62,7 +66,7 @@ def _answers(plan: SweepPlan, overall: Sequence[Row]) -> Iterator[str]:
         if known:
             best = (max if objective.direction == "maximize" else min)(known, key=lambda row: row[objective.metric])
             most = "Highest" if objective.direction == "maximize" else "Lowest"
-            yield f"{most} {objective.metric}: {best[objective.metric]:.4g}, of {_point(plan, best)}."
+            yield f"{most} {with_unit(objective.metric)}: {best[objective.metric]:.4g}, of {_point(plan, best)}."
 
 
 def _responses(plan: SweepPlan, done: Sequence[Row]) -> Iterator[Chart]:
@@ -79,7 +83,7 @@ def _responses(plan: SweepPlan, done: Sequence[Row]) -> Iterator[Chart]:
             name = said(one) if by == "case" or len({case for case, _ in series}) == 1 else f"{case}, {said(one)}"
             colour = colour_of(done, by, one, i, case)
             curves.append(Curve(name, colour, np.array(at, float), np.array(means, float)))
-        yield Chart(f"{metric} over {x}", x, metric, tuple(curves))
+        yield Chart(f"{with_unit(metric)} over {with_unit(x)}", with_unit(x), with_unit(metric), tuple(curves))
 
 
 def _fronts(plan: SweepPlan, overall: Sequence[Row]) -> Iterator[Chart]:
@@ -95,13 +99,14 @@ def _fronts(plan: SweepPlan, overall: Sequence[Row]) -> Iterator[Chart]:
             xs, ys = (np.array([row[metric] for row in front], float) for metric in (x, y))
             names = tuple(_point(plan, row) for row in front)
             curves.append(Curve(said(one), colour_of(overall, by, one, i), xs, ys, names))
-        yield Chart(f"{y} against {x}: points that no other beats", x, y, tuple(curves))
+        title = f"{with_unit(y)} against {with_unit(x)}: points that no other beats"
+        yield Chart(title, with_unit(x), with_unit(y), tuple(curves))
 
 
 def _point(plan: SweepPlan, row: Row) -> str:
     varied: dict[str, Any] = {name: row[name] for name in plan.spec.varied() if row[name] is not None}
     case = "" if row["case"] == plan.spec.name else f"{row['case']}: "
-    return case + ", ".join(f"{name} {said(value)}" for name, value in varied.items())
+    return case + ", ".join(f"{with_unit(name)} {said(value)}" for name, value in varied.items())
 
 
 def _unusual(summary: Row) -> Iterator[Unusual]:

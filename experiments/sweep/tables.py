@@ -10,6 +10,7 @@ import numpy as np
 
 from experiments.aggregate import bootstrap_mean, groups_of
 from experiments.engine.job import Row
+from experiments.sweep.names import with_unit
 from experiments.sweep.plan import Point, SweepPlan, Walk
 from experiments.sweep.spec import METRICS, Case, Objective
 from gazempc.results.page.content import PageTable
@@ -129,7 +130,8 @@ def means_table(plan: SweepPlan, table: Sequence[Row], title: str) -> PageTable:
     metrics = [metric for metric in tabulated(plan) if metric in plan.spec.metrics]
     columns = list(dict.fromkeys(["case", "controller", *plan.spec.varied(), "n_clips", *metrics]))
     rows = tuple(tuple(_cell(row[c]) for c in columns) for row in table if row["group"] == "all")
-    return PageTable(title, tuple(columns), rows)
+    shown = {"n_clips": "clips"}
+    return PageTable(title, tuple(shown.get(column, with_unit(column)) for column in columns), rows)
 
 
 def _cell(value: Any) -> str:

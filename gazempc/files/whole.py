@@ -11,10 +11,8 @@ from typing import IO
 
 from gazempc.errors import GazempcError
 
-try:
+with suppress(ImportError):  # Windows
     import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 # Files that a run writes. A controller's log has its computing times beside it.
 _OURS = re.compile(
@@ -100,7 +98,7 @@ def begin_folder(out: Path) -> Iterator[None]:
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    if fcntl is None:  # Windows
+    if os.name == "nt":
         yield
         return
     # A lock of the folder itself: no file stays behind, and it ends with the process.

@@ -8,6 +8,10 @@ Example: python -m gazempc.identify --robot simulated --out my_neck.toml
 
 Without a robot, from a log already recorded: python -m gazempc.identify --from-log log.npz --out my_neck.toml
 
+A camera that turns at speeds is measured by its own picture; no encoders are needed.
+
+Example: python -m gazempc.identify --robot visca:HOST --source camera:rtsp://HOST/1 --neck my_camera.toml
+
 A tracker is measured from a recording, best of a person who stands still for 30 s; its errors go to a sensor file.
 
 Example: python -m gazempc.identify --tracker my_bag --out my_tracker.toml
@@ -37,6 +41,7 @@ from gazempc.identify.record import IdentificationError, NeckRecord, load_record
 from gazempc.identify.urdf import read_urdf
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.robots import keeps_any_clock, make_robot
+from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.neck.spec import AXES, NeckSpec, load_neck
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import ROBOT, said
@@ -60,6 +65,10 @@ class IdentifySettings(ExcitationSettings):
         default=None, description="Robot to move and measure; module:Class for a robot of your own"
     )
     options: RobotOptions = RobotOptions()
+    source: str | None = Field(
+        default=None, description="Picture of a robot that is a camera with speed commands, camera:URL: measure by it"
+    )
+    camera: CameraOptions = CameraOptions()
     from_log: Path | None = Field(
         default=None,
         description="Instead of a robot: a record of this command, or a log of gazempc.run, with the axes that moved",
@@ -161,6 +170,14 @@ def _run(settings: IdentifySettings) -> None:
 
         identify_tracker(settings.tracker, settings.person, settings.out, progress)
         return
+    if settings.source is not None:
+        # Only here: the other ways need no OpenCV.
+        from gazempc.identify.from_picture import identify_from_picture  # noqa: PLC0415
+
+        robot, neck = settings.robot or "", load_neck(settings.neck or "ptz")
+        given = settings.options, settings.source, settings.camera
+        identify_from_picture(robot, *given, neck, settings.out, settings.dead_time_max_s, progress)
+        return
     written = []
     if settings.from_log is not None:
         taken = load_record(settings.from_log)
@@ -214,6 +231,8 @@ def _check(settings: IdentifySettings) -> None:
         raise SettingsError(f"{option} {path}: must end in .toml")
     if [settings.robot, settings.from_log, settings.tracker, settings.new].count(None) != 3:
         raise SettingsError("give one of --robot NAME, --from-log FILE, --tracker FILE and --new FILE")
+    if settings.source is not None and settings.robot is None:
+        raise SettingsError("--source: the picture of --robot, which is not given")
     if settings.person is not None and settings.tracker is None:
         raise SettingsError("--person: chooses a track of --tracker FILE, which is not given")
     if settings.sheet != DataSheet() and settings.new is None:

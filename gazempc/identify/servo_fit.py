@@ -107,7 +107,8 @@ def _of_stationary(jacobian: FloatArray, error: FloatArray) -> FloatArray:
     spectrum = innovation / np.abs(np.fft.rfft(np.append(1.0, -weights), 2 * count)) ** 2
     spectrum[1:-1] *= 2.0  # the negative frequencies
     transformed = np.fft.rfft(jacobian, 2 * count, axis=0)
-    return np.einsum("f,fj,fk->jk", spectrum, transformed.conj(), transformed).real / (2 * count)
+    products: FloatArray = np.einsum("f,fj,fk->jk", spectrum, transformed.conj(), transformed).real
+    return products / (2 * count)
 
 
 def _products(a: FloatArray, b: FloatArray) -> FloatArray:

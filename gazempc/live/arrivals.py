@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
 from gazempc.live.capture_clock import ClockOffset
 from gazempc.live.hints import Frame
@@ -208,7 +209,7 @@ def _checked(arrived: object) -> Arrived:
     """Refuse what is no `Arrived`; its observations are judged one by one."""
     if not isinstance(arrived, Arrived):
         raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
-    kinds = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}
+    kinds: dict[str, Any] = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}
     for name, kind in kinds.items():
         values = getattr(arrived, name)
         if not isinstance(values, tuple | list) or not all(isinstance(each, kind) for each in values):

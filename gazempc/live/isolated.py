@@ -7,8 +7,9 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from gazempc.live.process import second_to_the_run
-from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, Predictor
 
 
@@ -46,7 +47,7 @@ class IsolatedPredictor:
         """See `predictors.predictor.Predictor.update`."""
         self._ask("update", observation)
 
-    def forecast(self, times_s: FloatArray) -> Forecast:
+    def forecast(self, times_s: ArrayLike) -> Forecast:
         """See `predictors.predictor.Predictor.forecast`."""
         found: Forecast = self._ask("forecast", times_s)
         return found

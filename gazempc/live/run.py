@@ -144,6 +144,7 @@ class LiveRun:
             self._robot = ReadAside(setup.robot)
         target, recorder = self._target, self.logs.recorder
         loop = GazeLoop(setup.neck, target, self._planner, smoother, self._robot, recorder, setup.loop)
+        target.heads_seen = loop.note_heads
         warm_up(target.predictor, self._planner.controller, setup.neck)
         _open("source: open()", setup.source.open, SourceError)
         for more in setup.more_sources:
@@ -169,6 +170,7 @@ class LiveRun:
     def _serve(self, loop: GazeLoop, smoother: Smoother, stop: threading.Event, duration_s: float | None) -> None:
         start_s, rate_hz = self._clock.now_s(), self._neck.servo_rate_hz
         self._status_due_s = start_s
+        slow_call(threading.get_ident())  # of an earlier run
         index, stopping_at = 0, None
         failure: BaseException | None = None
         stopping_s = max(_STOPPING_S, 2.0 * _ramp_s(self._neck))

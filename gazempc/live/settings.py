@@ -129,7 +129,7 @@ class LiveSettings(MountedSettings, StageSettings):
 
 
 def for_turning_camera(settings: LiveSettings) -> LiveSettings:
-    """Settings that follow from a camera that turns, where the user has left them: neck, mount, and the emulator's own.
+    """Settings that follow from a camera that turns, where the user has left them at their defaults.
 
     Args:
         settings: The settings.
@@ -147,6 +147,9 @@ def for_turning_camera(settings: LiveSettings) -> LiveSettings:
     if settings.source_kind == "camera" and settings.mount == Mount():
         # Its picture is that of the camera that turns.
         found["mount"] = Mount(on="head")
+    if settings.source_kind == "camera" and settings.loop == MountedSettings.model_fields["loop"].default:
+        # Pictures from the network come up to a second late.
+        found["loop"] = settings.loop.model_copy(update={"stale_after_s": 1.5, "lost_after_s": 2.0})
     if settings.source == f"camera:{EMULATOR}" and settings.camera == CameraOptions():
         found["camera"] = CameraOptions(fov_deg=FOV_DEG, latency_ms=1e3 * LATENCY_S)
     return settings.model_copy(update=found)

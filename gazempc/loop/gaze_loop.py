@@ -8,6 +8,7 @@ survives an exception of a part, and gives its text and first traceback to the r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -65,6 +66,7 @@ class GazeLoop:
         self._following = FollowingWatch(neck)
         self._last_index: int | None = None
         self._stopping = False
+        self._near_until_s = -math.inf
         self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, neck.joints)), np.zeros((1, neck.joints)))
 
     @property
@@ -98,6 +100,8 @@ class GazeLoop:
         if self._last_index is not None:
             self._note_sent(*self._sender.skip(index - self._last_index - 1))
         self._last_index = index
+        arrived = list(arrived)
+        self.note_heads(arrived, time_s)
         planning.see(arrived, time_s, recorder)
         measured = read_joints(self._robot, self._neck, time_s, recorder)
         if self._observer is None:
@@ -133,6 +137,22 @@ class GazeLoop:
         """Record what target and planner have noted since the last tick."""
         self._planning.hand_on(self._recorder)
 
+    def note_heads(self, sightings: Iterable[Sighting], time_s: float) -> None:
+        """Limit the speed of the commands while a head is near (`LoopSettings.near_speed_max`).
+
+        All heads count, also one that is not looked at or refused: a limit for people does not wait for a track.
+
+        Args:
+            sightings: Heads that have been seen; may come from another thread.
+            time_s: The time, seconds.
+        """
+        if self._settings.near_speed_max is None:
+            return
+        for sighting in sightings:
+            x_m, y_m, _ = sighting.observation.head_position_base_m
+            if math.hypot(x_m, y_m) < self._settings.near_speed_max[0]:
+                self._near_until_s = time_s + self._settings.lost_after_s
+
     def stop(self) -> None:
         """Give up planning: the following ticks stop the command."""
         self._stopping = True
@@ -167,20 +187,23 @@ class GazeLoop:
     def _next_command(self, time_s: float, due_s: float) -> FloatArray:
         if self._stopping:
             return self._smoother.step(due_s, None)
+        near = self._settings.near_speed_max
+        speed_limit_rad_s = math.inf if near is None or time_s > self._near_until_s else near[1]
+        rest_speed_rad_s = min(self._settings.rest_speed_rad_s, speed_limit_rad_s)
         if self._sender.silent:
             # Wherever the robot stood still meanwhile, it gets no jump when it answers again.
             back = Plan(0.0, np.inf, self._sender.acknowledged_rad[None], *np.zeros((2, 1, self._neck.joints)))
-            return self._smoother.step(due_s, back, self._settings.rest_speed_rad_s)
+            return self._smoother.step(due_s, back, rest_speed_rad_s)
         newest_s = self._target.newest_capture_s
         unseen_s = 0.0 if newest_s is None else time_s - newest_s
         if unseen_s > self._settings.rest_after_s:
             self._planning.current = None
             self._recorder.event(time_s, Event.RETURN_TO_REST)
-            return self._smoother.step(due_s, self._rest_plan, self._settings.rest_speed_rad_s)
+            return self._smoother.step(due_s, self._rest_plan, rest_speed_rad_s)
         if unseen_s > self._settings.lost_after_s:
             self._planning.current = None
             self._recorder.event(time_s, Event.TARGET_LOST)
-        wanted_rad = self._smoother.step(due_s, self.plan)
+        wanted_rad = self._smoother.step(due_s, self.plan, speed_limit_rad_s)
         if self._smoother.intervention and self.plan is not None:
             self._recorder.event(time_s, self._smoother.intervention)
         return wanted_rad

@@ -22,6 +22,8 @@ _WINDOW_S = 0.6
 _EXPECTED_RAD = math.radians(2.0)
 # A joint that follows shows more than this share of the expected motion.
 _SHARE = 0.2
+# Without readings for this share of the window, the motion measured is that of another time.
+_UNREAD_SHARE = 0.2
 # No log holds a later time.
 _ANY_TIME_S = 1e10
 
@@ -80,6 +82,7 @@ class FollowingWatch:
         self._states: list[tuple[float, float]] = []
         self._expected: deque[list[float]] = deque(maxlen=self._ticks)
         self._measured: deque[FloatArray] = deque(maxlen=self._ticks)
+        self._unread_ticks = 0
         #: Joints that do not follow, by their place in `NeckSpec.joint_names`, ascending.
         self.held: tuple[int, ...] = ()
 
@@ -97,13 +100,19 @@ class FollowingWatch:
         self._expected.append([angle for angle, _ in self._states])
 
     def measured(self, state: JointState | None) -> None:
-        """Take note of what was measured in this servo period; None if nothing was, which changes nothing."""
+        """Take note of what was measured in this servo period; None if nothing was."""
+        self._unread_ticks += 1
         if state is not None and np.isfinite(state.position_rad).all():
             self._measured.append(state.position_rad)
+            self._unread_ticks = 0
 
     def judge(self) -> None:
-        """Judge anew which joints do not follow, as soon as a whole window is known."""
-        if len(self._expected) < self._ticks or len(self._measured) < self._ticks:
+        """Judge anew which joints do not follow, as soon as a whole window is known; not while readings are missing."""
+        if (
+            self._unread_ticks > _UNREAD_SHARE * self._ticks
+            or len(self._expected) < self._ticks
+            or len(self._measured) < self._ticks
+        ):
             return
         expected_rad, moved_rad = (np.ptp(np.array(each), axis=0) for each in (self._expected, self._measured))
         held = []

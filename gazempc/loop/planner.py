@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -117,8 +118,8 @@ class BackgroundPlanner:
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
         # Mailboxes with one place each; the event wakes the thread up.
-        self._take_in: Callable[[], None] | None = None
-        self._asked: tuple[int, Situate] | None = None
+        self._take_in: deque[Callable[[], None]] = deque(maxlen=1)
+        self._asked: deque[tuple[int, Situate]] = deque(maxlen=1)
         self._wake = threading.Event()
         self._answered: queue.SimpleQueue[list[Answer] | BaseException] = queue.SimpleQueue()
         self._busy = self._closed = False
@@ -128,7 +129,7 @@ class BackgroundPlanner:
 
     def see(self, take_in: Callable[[], None]) -> None:
         """See `Planner.see`."""
-        self._take_in = take_in
+        self._take_in.append(take_in)
         self._wake.set()
 
     def request(self, due_index: int, situate: Situate) -> bool:
@@ -136,7 +137,7 @@ class BackgroundPlanner:
         if self._busy:
             return False
         self._busy = True
-        self._asked = due_index, situate
+        self._asked.append((due_index, situate))
         self._wake.set()
         return True
 
@@ -170,12 +171,10 @@ class BackgroundPlanner:
             while not self._closed:
                 self._wake.wait()
                 self._wake.clear()
-                take_in, self._take_in = self._take_in, None
-                if take_in is not None:
-                    take_in()
-                asked, self._asked = self._asked, None
-                if asked is not None:
-                    self._answered.put(_ask(self.controller, *asked))
+                if self._take_in:
+                    self._take_in.popleft()()
+                if self._asked:
+                    self._answered.put(_ask(self.controller, *self._asked.popleft()))
         except BaseException as error:
             self._answered.put(error)
 

@@ -13,7 +13,7 @@ MAGIC = b"\x89MCAP0\r\n"
 ATTACHMENT = "log.npz"
 # The names of attachments stand in the summary at a file's end.
 _SUMMARY_BYTES = 2**20
-NEEDS_VIEW = 'MCAP files need more packages: pip install "gazempc[view]"'
+NEEDS_VIEW = 'MCAP files need more packages: pip install -e ".[view]"'
 
 
 def has_log(path: Path) -> bool:

@@ -121,5 +121,5 @@ def frames_of(log: Mapping[str, Any]) -> LogFrames:
     try:
         import pandas as pd  # noqa: PLC0415  (optional)
     except ImportError:
-        raise ImportError('tables of a log need pandas: pip install "gazempc[pandas]"') from None
+        raise ImportError('tables of a log need pandas: pip install -e ".[pandas]"') from None
     return LogFrames(**{name: pd.DataFrame(columns) for name, columns in log_tables(log).items()})

@@ -74,7 +74,7 @@ def wrong_reading(state: object, neck: NeckSpec) -> str:
         value: object = getattr(state, name)
         if not isinstance(value, np.ndarray) or value.shape != (neck.joints,) or value.dtype.kind not in "fiu":
             return (
-                f"read_state() returned {name} {value!r}, needed is an array of numbers of shape ({neck.joints},): "
+                f"read_state() returned {name} {value!r}, needed is an array of shape ({neck.joints},): "
                 + ", ".join(neck.joint_names)
             )
         if np.abs(value).max() > _ANY_NUMBER:

@@ -31,4 +31,4 @@ def test_the_short_form_counts_commands_gaps_and_reasons(tmp_path, capsys):
     assert [row["family"] for row in found["parts"]] == ["none", "none", *3 * ["Controller.plan"]]
     assert all("Wrong.plan()" in row["named"] for row in found["parts"][2:])
     assert "1 outside limits" not in "".join(printed)
-    assert printed[-1].startswith("runs 3, commands ")
+    assert printed[-1].startswith("runs 8, commands ")

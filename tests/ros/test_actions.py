@@ -1,5 +1,9 @@
 """The actions of the node `gaze`, by a client in another process: goals that are sent, replaced and cancelled."""
 
+from builders.ros2_real import rclpy_or_skip
+
+rclpy_or_skip()
+
 import math
 
 import numpy as np
@@ -8,7 +12,6 @@ from action_msgs.msg import GoalStatus
 from control_msgs.action import PointHead
 from hri_actions_msgs.action import LookAt
 from rclpy.action import ActionClient
-from stage import rclpy
 
 import gazempc as gz
 from gazempc.neck.kinematics import gaze_error_rad
@@ -16,7 +19,6 @@ from gazempc.neck.kinematics import gaze_error_rad
 pytestmark = pytest.mark.slow
 NECK = gz.load_neck("reference")
 OK, CANCELED, ABORTED = GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED
-assert rclpy
 
 
 def point_head(at_m, frame="base_link", pointing_frame="", axis=(1.0, 0.0, 0.0), min_s=0.0, max_rad_s=0.0):

@@ -1,5 +1,9 @@
 """Faults of a graph of ROS 2, each in processes of its own; the rows of the table in docs/ros2.md."""
 
+from builders.ros2_real import rclpy_or_skip
+
+rclpy_or_skip()
+
 import signal
 import time
 
@@ -12,13 +16,11 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from stage import rclpy
 
 import gazempc as gz
 
 pytestmark = pytest.mark.slow
 NECK = gz.load_neck("reference")
-assert rclpy
 
 
 class Watch:

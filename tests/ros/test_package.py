@@ -1,5 +1,9 @@
 """The ROS package as a workspace uses it: launch files, parameter files, a bag of a run."""
 
+from builders.ros2_real import rclpy_or_skip
+
+rclpy_or_skip()
+
 import math
 from xml.etree import ElementTree
 
@@ -9,7 +13,7 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
-from stage import PACKAGE, rclpy
+from stage import PACKAGE
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
@@ -17,7 +21,6 @@ import gazempc as gz
 
 pytestmark = pytest.mark.slow
 LAUNCH, CONFIG = PACKAGE / "launch", PACKAGE / "config"
-assert rclpy
 
 
 def nodes(name):

@@ -1,11 +1,14 @@
 """A walk seen from a moving frame, a controller with dead time, the node between them: against the run without ROS."""
 
+from builders.ros2_real import rclpy_or_skip
+
+rclpy_or_skip()
+
 import json
 import time
 
 import numpy as np
 import pytest
-from stage import ROOT, Stage, rclpy
 
 import gazempc as gz
 from gazempc.live.clock import RealClock
@@ -19,8 +22,6 @@ pytestmark = pytest.mark.slow
 NECK = gz.load_neck("reference")
 PASSES = 2
 CONE_RAD = np.deg2rad(2.6)
-assert rclpy
-assert Stage
 
 
 def contact(times_s, joints_rad, head_times_s, heads_m):
@@ -94,7 +95,6 @@ def test_contact_and_latency_equal_the_run_without_ros(stage):
     assert abs(speeds_rad_s).max() <= 1.03 * NECK.velocity_max_rad_s.max()
     # On an idle computer the difference is below 0.01, see docs/ros2.md; three processes share a busy one.
     assert with_ros > without - 0.25
-    assert ROOT
 
 
 def test_the_command_live_is_the_same(stage):

@@ -18,6 +18,8 @@ from predictors import HeadObservation
 
 # Long enough that a person who comes back is a new one to the loop.
 _PAUSE_S = 2.0
+# A neck turns to the other side of its range within this time.
+_BACK_S = 2.0
 
 
 class ReplaySource:
@@ -80,10 +82,13 @@ class ReplaySource:
             times_s: Shape (H,), seconds.
 
         Returns:
-            Shape (H,), seconds; beyond the recording's end between two passes.
+            Shape (H,), seconds; beyond the recording's end between two passes, and until the neck can be back on the
+            person: nothing is known there, so the jump from pass to pass is not scored.
         """
         elapsed_s = times_s - self.start_s
-        return elapsed_s - self._pass_s * np.clip(np.floor(elapsed_s / self._pass_s), 0, self._passes - 1)
+        number = np.clip(np.floor(elapsed_s / self._pass_s), 0, self._passes - 1)
+        own_s: FloatArray = elapsed_s - self._pass_s * number
+        return np.where((number > 0) & (own_s < _BACK_S), self._pass_s, own_s)
 
     @property
     def finished(self) -> bool:

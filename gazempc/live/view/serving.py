@@ -69,7 +69,7 @@ def _foxglove(orders: ViewOrders, lines: list[str]) -> _Taker:
     try:
         from gazempc.live.view.foxglove import FoxgloveServer, write_layout  # noqa: PLC0415  (optional packages)
     except ImportError:
-        raise SettingsError('--view needs more packages: pip install "gazempc[view]"; --view web needs none') from None
+        raise SettingsError('--view needs more packages: pip install -e ".[view]"; --view web needs none') from None
     server = FoxgloveServer(orders.run, orders.host, orders.port)
     said_layout = ""
     if orders.layout is not None:

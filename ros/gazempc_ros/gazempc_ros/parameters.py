@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -22,6 +20,7 @@ _ARGUMENTS = {
     "controller": ("mpc", "What plans the commands: mpc, lookahead, reactive, module:Class"),
     "predictor": ("", "Forecast of the head; empty for the default, walker"),
 }
+_BOUNDS, _FAR = ("ge", "gt", "le", "lt"), 1e15
 _LEFT_OUT = ("options.dynamixel", "options.reachy_mini", "options.ros2.use_sim_time")
 
 
@@ -58,21 +57,19 @@ def _as_parameter(value: Any, kind: type, is_list: bool) -> Any:
 
 def _describe(field: FieldInfo, kind: type, is_list: bool, unset: bool) -> ParameterDescriptor:
     """Description, range and accepted words; a value that is not set by default may get any type."""
-    words = [str(word) for each in (field.annotation, *get_args(field.annotation)) if get_origin(each) is Literal
-             for word in get_args(each)]  # fmt: skip
     described = ParameterDescriptor(description=field.description or "", dynamic_typing=unset)
+    choices = [each for each in (field.annotation, *get_args(field.annotation)) if get_origin(each) is Literal]
+    words = [str(word) for each in choices for word in get_args(each)]
     described.additional_constraints = f"one of {', '.join(words)}" if words else ""
-    low, high = -math.inf, math.inf
-    for bound in field.metadata:
-        low = max(low, *(float(getattr(bound, name)) for name, of in (("ge", Ge), ("gt", Gt)) if isinstance(bound, of)), low)  # fmt: skip  # noqa: E501
-        high = min(high, *(float(getattr(bound, name)) for name, of in (("le", Le), ("lt", Lt)) if isinstance(bound, of)), high)  # fmt: skip  # noqa: E501
-    if not is_list and not unset and kind in (int, float) and (low > -math.inf or high < math.inf):
+    bounds = {name: getattr(each, name) for each in field.metadata for name in _BOUNDS if hasattr(each, name)}
+    if bounds and kind in (int, float) and not is_list and not unset:
+        # Whether an end itself is accepted is checked by `configure`.
+        low = kind(bounds.get("ge", bounds.get("gt", -_FAR)))
+        high = kind(bounds.get("le", bounds.get("lt", _FAR)))
         if kind is int:
-            low, high = max(low, -(2**62)), min(high, 2**62)
-            described.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
+            described.integer_range = [IntegerRange(from_value=low, to_value=high)]
         else:
-            low, high = max(low, -1e308), min(high, 1e308)
-            described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+            described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return described
 
 

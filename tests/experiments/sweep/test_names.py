@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.sweep.names import check_name, check_value, resolve, setting_fields
+from experiments.sweep.names import check_name, check_value, resolve, setting_fields, with_unit
+from experiments.sweep.spec import METRICS
 from gazempc.neck.spec import load_neck
 
 
@@ -76,3 +77,28 @@ def test_a_wrong_name_gets_a_suggestion(name, expected):
 )
 def test_a_wrong_value_is_told_what_is_accepted(name, value, expected):
     assert expected in check_value(name, value)[1]
+
+
+@pytest.mark.parametrize(
+    ("field", "shown"),
+    [
+        ("eye_contact_2p6", "eye contact within 2.6 deg (share of the time)"),
+        ("gaze_error_rms_deg", "gaze error RMS (deg)"),
+        ("gaze_error_p95_deg", "gaze error, 95 % below (deg)"),
+        ("return_late_p95_s", "return late, 95 % below (s)"),
+        ("peak_jerk_rad_s3", "peak jerk (rad/s3)"),
+        ("forecast_error_500_mm", "forecast error at 0.5 s (mm)"),
+        ("forecast_coverage_95_500", "forecast coverage of 95 % at 0.5 s"),
+        ("step_ms_p99", "step, 99 % below (ms)"),
+        ("mpc.smoothness", "MPC: smoothness"),
+        ("sensor.latency_s", "sensor: latency (s)"),
+        ("distance_m", "distance (m)"),
+    ],
+)
+def test_fields_are_shown_by_name_and_unit(field, shown):
+    assert with_unit(field) == shown
+
+
+def test_no_metric_is_shown_by_its_field():
+    for name in (*METRICS, *setting_fields()):
+        assert "_" not in with_unit(name), name

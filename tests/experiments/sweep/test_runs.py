@@ -48,7 +48,7 @@ def test_the_report_has_the_means_and_the_front(undisturbed):
     summary = json.loads((undisturbed / "out" / "summary.json").read_text())
     columns = [cell.text for cell in report.table.thead.find_all("th")]
     lines = [[cell.text for cell in row.find_all(["th", "td"])] for row in report.table.tbody.find_all("tr")]
-    shown = [float(dict(zip(columns, line, strict=True))["gaze_error_rms_deg"]) for line in lines]
+    shown = [float(dict(zip(columns, line, strict=True))["gaze error RMS (deg)"]) for line in lines]
     means = [row["gaze_error_rms_deg"] for row in summary["rows"] if row["group"] == "all"]
     assert shown == pytest.approx(means, rel=1e-3)
     (curve,) = json.loads(report.find("script", type="application/json").text)["curves"]

@@ -5,10 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 from builders.loop import NECK, TS, LoopBench, error_deg, events
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gazempc.controllers.controller import Plan
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.results.motion import limit_violations
 from gazempc.settings import LoopSettings
 from gazempc.types import Sighting
 from predictors import HeadObservation
@@ -122,3 +125,28 @@ def test_compute_delay_is_planned_for(controller, delay_s):
     delayed = LoopBench(controller=controller(NECK), settings=LoopSettings(compute_delay_s=delay_s)).run(4.0)
     assert error_deg(delayed, from_s=1.5).mean() < error_deg(prompt, from_s=1.5).mean() + 0.25
     assert not np.array_equal(prompt.command_position_rad, delayed.command_position_rad)
+
+
+@settings(max_examples=8, deadline=None)
+@given(nearest_m=st.floats(0.4, 2.0), speed_rad_s=st.floats(0.1, 1.0), rate=st.floats(1.0, 4.0))
+def test_while_a_head_is_near_no_joint_is_commanded_faster(nearest_m, speed_rad_s, rate):
+    """Somebody sways fast at 2.5 m, comes near and goes; within the distance only braking is faster than the limit."""
+
+    def head_m(time_s):
+        away_m = 2.5 - (2.5 - nearest_m) * np.clip(min(time_s - 2.0, 6.0 - time_s), 0.0, 1.0)
+        return np.array([away_m, 0.4 * away_m * np.sin(rate * time_s), 0.4])
+
+    distance_m = nearest_m + 0.3
+    near = LoopSettings(near_speed_max=(distance_m, speed_rad_s))
+    log = LoopBench(settings=near, head_m=head_m).run(6.0)
+    moved_rad_s = np.abs(np.diff(log.command_position_rad, axis=0)).max(axis=1) / TS
+    seen = np.array([np.hypot(*head_m(t - 0.1)[:2]) < distance_m for t in log.time_s[1:]])
+    # Braking from the top speed takes v / a + a / j.
+    limits = NECK.command_limits
+    brake_s = float((limits.velocity_max_rad_s / limits.acceleration_max_rad_s2).max())
+    brake_s += float((limits.acceleration_max_rad_s2 / limits.jerk_max_rad_s3).max())
+    since = np.argmax(seen) + int((brake_s + 0.1) / TS)
+    until = len(seen) - np.argmax(seen[::-1])
+    assert since < until
+    assert moved_rad_s[since:until].max() <= speed_rad_s * (1 + 1e-6)
+    assert limit_violations(log, NECK) == 0

@@ -232,6 +232,17 @@ def test_a_camera_that_is_restarted_between_two_commands_costs_none() -> None:
         feed(robot, (-0.5, 0.0), lambda: server.driven[-1][1] < 0)
 
 
+def test_a_camera_that_does_not_tell_its_position() -> None:
+    blind = QUICK.model_copy(update={"reports_joints": False})
+    with camera(blind) as (server, plant):
+        robot = ViscaCamera(f"127.0.0.1:{server.address[1]}", QUICK, time.monotonic, ViscaOptions())
+        with pytest.raises(RobotError, match="reports_joints = false"):
+            robot.connect()
+        with connected(server.address, blind) as robot:
+            feed(robot, (0.5, 0.0), lambda: plant.true_state().position_rad[0] > 0.05)
+            assert robot.read_state() is None
+
+
 def test_a_silent_loop_stops_the_camera() -> None:
     with camera() as (server, plant), connected(server.address) as robot:
         feed(robot, (0.5, 0.0), lambda: plant.true_state().position_rad[0] > 0.05)

@@ -1,0 +1,325 @@
+"""Identify a camera that turns at speeds by its own picture: `gazempc identify --robot visca:HOST --source camera:URL`.
+
+Each speed of the device turns the camera for a while, to one side and back. The picture gives the rotation, and the
+device's own position answers, where it has them, the lens angle and how the delay divides into dead time and latency.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+import threading
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gazempc.errors import SettingsError
+from gazempc.files.whole import write_whole
+from gazempc.identify.estimate import Interval
+from gazempc.identify.new_neck import as_toml
+from gazempc.identify.record import IdentificationError
+from gazempc.identify.turning import Odometer, Pulse, TurnEstimate, Turning, estimate_turns
+from gazempc.live.clock import RealClock
+from gazempc.live.robots import make_robot
+from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, open_pictures
+from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.parts import split_address
+from gazempc.progress import Progress
+from gazempc.robots.options import RobotOptions
+from gazempc.robots.ptz_emulator import EMULATOR, picture_url
+from gazempc.robots.robot import Robot
+from gazempc.robots.visca_packets import visca_steps
+from gazempc.types import FloatArray
+
+# A pulse turns about this share of the picture, and lasts at least and at most so long.
+_SHARE_OF_VIEW = 0.2
+_PULSE_S = (0.3, 1.5)
+_BEFORE_S = 0.3
+# Steps of a device without a table: shares of its full speed.
+_SHARES = 10
+_TICK_S = 0.02
+# Pictures are compared at this width: finer ones are no more exact, and take longer.
+_WIDTH_PX = 480
+_KEY_SHARE = 0.25
+
+
+@dataclass(frozen=True)
+class TurnedAxis:
+    """One axis, identified.
+
+    Attributes:
+        name: ``pan`` or ``tilt``.
+        picture: By the pictures: delay from command to picture, lag and speeds.
+        answers: By the device's position answers; None without them.
+        steps: Nominal speed of each positive step, rad/s.
+    """
+
+    name: str
+    picture: TurnEstimate
+    answers: TurnEstimate | None
+    steps: tuple[float, ...]
+
+
+@dataclass
+class _Eye:
+    """Grey pictures and their stamps, taken by a thread."""
+
+    pictures: Any
+    clock: RealClock
+    taken: list[tuple[float, Any]] = field(default_factory=list)
+    problem: str = ""
+    closing: bool = False
+
+    def work(self) -> None:
+        import cv2  # noqa: PLC0415
+
+        while not self.closing:
+            found = self.pictures.read()
+            if not isinstance(found, Picture):
+                self.problem = "the stream has ended" if found is None else str(found)
+                if found is None:
+                    return
+                continue
+            scale = min(_WIDTH_PX / found.rgb.shape[1], 1.0)
+            grey = cv2.resize(cv2.cvtColor(found.rgb, cv2.COLOR_RGB2GRAY), None, fx=scale, fy=scale, interpolation=3)
+            self.taken.append((self.clock.from_monotonic_s(found.captured_s), grey))
+
+
+class _Bench:
+    """Robot and pictures during the pulses."""
+
+    def __init__(self, robot: Robot, eye: _Eye, clock: RealClock) -> None:
+        self.robot, self.eye, self.clock = robot, eye, clock
+        self._answers: list[tuple[float, FloatArray]] = []
+
+    def hold(self, speeds_rad_s: FloatArray, until_s: float) -> float:
+        """Command speeds until a time; gives when the device was sent them."""
+        sent_s = math.nan
+        while True:
+            now_s = self.clock.now_s()
+            accepted = self.robot.send_command(speeds_rad_s)
+            if math.isnan(sent_s) and np.allclose(accepted, speeds_rad_s, atol=1e-6):
+                sent_s = now_s
+            if (state := self.robot.read_state()) is not None:
+                self._answers.append((state.time_s, state.position_rad))
+            if now_s >= until_s and not math.isnan(sent_s):
+                return sent_s
+            if now_s > until_s + 2.0:
+                raise IdentificationError(f"the device does not take {speeds_rad_s} rad/s")
+            self.clock.sleep_until_s(now_s + _TICK_S)
+
+    def pulse(
+        self, axis: int, step: int, speed_rad_s: float, lasts_s: float, after_s: float
+    ) -> tuple[Pulse, Pulse, list[Any]]:
+        """One speed for a while: stamps without angles by the picture, angles by the answers, and the grey pictures."""
+        still, moving = np.zeros(2), np.zeros(2)
+        moving[axis] = speed_rad_s
+        self.eye.taken.clear()
+        self._answers.clear()
+        self.hold(still, self.clock.now_s() + _BEFORE_S)
+        on_s = self.hold(moving, self.clock.now_s() + lasts_s)
+        off_s = self.hold(still, self.clock.now_s())
+        self.hold(still, off_s + after_s)
+        taken, answers = list(self.eye.taken), list(self._answers)
+        if not taken:
+            raise IdentificationError(f"no picture came: {self.eye.problem or 'the stream stands still'}")
+        stamps = np.array([each[0] for each in taken])
+        seen = Pulse(step, on_s, off_s, stamps, np.full(stamps.size, np.nan))
+        told = Pulse(step, on_s, off_s, np.array([a[0] for a in answers]), np.array([a[1][axis] for a in answers]))
+        return seen, told, [each[1] for each in taken]
+
+
+def _angles(turning: Turning, pulse: Pulse, greys: Sequence[Any], most_rad: float) -> Pulse:
+    odometer = Odometer(turning, most_rad)
+    return Pulse(pulse.step, pulse.on_s, pulse.off_s, pulse.time_s, np.array([odometer.add(grey) for grey in greys]))
+
+
+def _fov_rad(found: Sequence[tuple[Pulse, Pulse, list[Any]]], guess_rad: float) -> float | None:
+    """The lens angle at which pictures and position answers turn equally far; None without answers."""
+    height, width = found[0][2][0].shape
+    focal_px = 0.5 * width / math.tan(0.5 * guess_rad)
+    for _ in range(3):
+        turning, ratios = Turning("pan", 2.0 * math.atan(0.5 * width / focal_px), width, height), []
+        for _, told, greys in found:
+            if told.angle_rad.size > 1:
+                turned_rad = turning.between(turning.flat(greys[0]), turning.flat(greys[-1]))
+                ratios.append(abs(turned_rad / (told.angle_rad[-1] - told.angle_rad[0])))
+        if not ratios:
+            return None
+        # To first order an angle is a number of pixels over the focal length.
+        focal_px *= float(np.nanmedian(ratios))
+    return 2.0 * math.atan(0.5 * width / focal_px)
+
+
+def _nominal(robot: str, neck: NeckSpec, index: int) -> tuple[float, ...]:
+    """Speeds by which the steps of an axis are commanded, rad/s."""
+    axis = neck.axes[index]
+    if split_address(robot)[0] == "visca":
+        return tuple(visca_steps(neck)[index].positive_rad_s)
+    if axis.speed_steps is not None:
+        return tuple(axis.speed_steps.positive_rad_s)
+    return tuple(axis.full_rad_s * (k + 1) / _SHARES for k in range(_SHARES))
+
+
+def identify_from_picture(
+    robot: str,
+    options: RobotOptions,
+    source: str,
+    camera: CameraOptions,
+    neck: NeckSpec,
+    out: Path,
+    delay_max_s: float,
+    progress: Progress,
+) -> None:
+    """Turn a camera, measure it by its picture, print the result and write the neck file.
+
+    Args:
+        robot: The robot, such as ``visca:HOST``.
+        options: Its options.
+        source: ``camera:`` and the address of its picture.
+        camera: Options of the picture; `fov_deg` is used where the device has no position answers.
+        neck: Its neck file, with ranges and top speeds.
+        out: The file to write.
+        delay_max_s: Largest delay that is looked for, seconds.
+        progress: Shows what is done.
+
+    Raises:
+        GazempcError: If the camera cannot be turned or seen, or its pictures do not determine the result.
+    """
+    kind, _, address = source.partition(":")
+    if kind != "camera":
+        raise SettingsError(f"--source {source}: accepted: camera:URL, the picture of the camera that turns")
+    if not neck.speed_joints.all():
+        raise SettingsError(f'neck {neck.name!r}: accepted with --source: command = "velocity" of pan and tilt')
+    clock = RealClock()
+    with closing(make_robot(robot, options, neck, clock, neck.rest_rad, 0)) as ready:
+        ready.connect()
+        eye = _Eye(open_pictures(picture_url() if address == EMULATOR else address, camera), clock)
+        thread = threading.Thread(target=eye.work, name="pictures", daemon=True)
+        thread.start()
+        try:
+            while not eye.taken and not eye.problem:
+                time.sleep(_TICK_S)
+            fov_rad, axes = _measured(_Bench(ready, eye, clock), robot, camera, neck, delay_max_s, progress)
+        finally:
+            eye.closing = True
+            eye.pictures.close()
+    origin = f"robot {robot}, its picture"
+    print(table(axes, fov_rad))
+    for axis in axes:
+        if axis.picture.sign < 0:
+            print(f"Warning: {axis.name} turns the other way: change its sign in --options.*.directions.")
+    write_whole(out, neck_toml(neck, axes, fov_rad, out.stem, origin, datetime.date.today()))
+    use = f"--camera.fov-deg {math.degrees(fov_rad):.1f} --camera.latency-ms {1e3 * latency_s(axes, camera):.0f}"
+    print(f"\nWritten: {out}\nUse it: python -m gazempc.live --robot {robot} --source {source} --neck {out} {use}")
+
+
+def _measured(
+    bench: _Bench, robot: str, camera: CameraOptions, neck: NeckSpec, delay_max_s: float, progress: Progress
+) -> tuple[float, list[TurnedAxis]]:
+    guess_rad = math.radians(camera.fov_deg or LIKELY_FOV_DEG)
+    after_s = delay_max_s + 0.5
+    # The lens, and about how late the picture is.
+    steps = _nominal(robot, neck, 0)
+    middle = max(int(np.searchsorted(steps, 0.3 * guess_rad)), 1)
+    lasts_s = _lasts_s(steps[middle - 1], guess_rad)
+    tried = [bench.pulse(0, way * middle, way * steps[middle - 1], lasts_s, after_s) for way in (1, -1)]
+    fov_rad = _fov_rad(tried, guess_rad) or guess_rad
+    height, width = tried[0][2][0].shape
+    turnings = [Turning(name, fov_rad, width, height) for name in AXES]
+    rough = estimate_turns([_angles(turnings[0], p, greys, _KEY_SHARE * fov_rad) for p, _, greys in tried], delay_max_s)
+    after_s = rough.delay_s.value + 4.0 / rough.natural_frequency_rad_s.value + 0.5
+    found, done = [], 0
+    plans = [_nominal(robot, neck, index) for index in range(len(AXES))]
+    for index, name in enumerate(AXES):
+        view_rad = (fov_rad, fov_rad * height / width)[index]
+        seen, told = [], []
+        for step, speed_rad_s in enumerate(plans[index], start=1):
+            for way in (1, -1):
+                pulse, answers, greys = bench.pulse(
+                    index, way * step, way * speed_rad_s, _lasts_s(speed_rad_s, view_rad), after_s
+                )
+                seen.append(_angles(turnings[index], pulse, greys, _KEY_SHARE * view_rad))
+                told.append(answers)
+                done += 1
+                progress.at(done / (2 * sum(map(len, plans))))
+        answered = [answers for answers in told if answers.time_s.size]
+        by_answers = estimate_turns(answered, delay_max_s) if answered else None
+        found.append(TurnedAxis(name, estimate_turns(seen, delay_max_s), by_answers, plans[index]))
+    return fov_rad, found
+
+
+def _lasts_s(speed_rad_s: float, view_rad: float) -> float:
+    return min(max(_SHARE_OF_VIEW * view_rad / speed_rad_s, _PULSE_S[0]), _PULSE_S[1])
+
+
+def latency_s(axes: Sequence[TurnedAxis], camera: CameraOptions) -> float:
+    """Latency of the picture: its delay less that of the answers, or the stated one, seconds."""
+    known = [axis.picture.delay_s.value - axis.answers.delay_s.value for axis in axes if axis.answers is not None]
+    return float(np.mean(known)) if known else 1e-3 * camera.latency_ms
+
+
+def table(axes: Sequence[TurnedAxis], fov_rad: float) -> str:
+    """The result as text, with 95 % intervals."""
+
+    def shown(value: Interval, factor: float, digits: int) -> str:
+        return f"{factor * value.value:.{digits}f} ± {factor * value.half_width:.{digits}f}"
+
+    lines = [f"lens angle {math.degrees(fov_rad):.1f} deg"]
+    for axis in axes:
+        picture = axis.picture
+        lines.append(f"{axis.name}: delay from command to picture {shown(picture.delay_s, 1e3, 1)} ms")
+        if axis.answers is not None:
+            lines.append(f"  of it dead time, by the position answers, {shown(axis.answers.delay_s, 1e3, 1)} ms")
+        lines.append(
+            f"  natural frequency {shown(picture.natural_frequency_rad_s, 1.0, 1)} rad/s; sign {picture.sign:+d}"
+        )
+        lines.append(f"  residual {picture.residual_deg:.3f} deg")
+        lines += [
+            f"  step {k:+d}: {shown(speed, 180.0 / math.pi, 2)} deg/s" for k, speed in picture.speeds_rad_s.items()
+        ]
+    return "\n".join(lines)
+
+
+def neck_toml(
+    neck: NeckSpec, axes: Sequence[TurnedAxis], fov_rad: float, name: str, origin: str, day: datetime.date
+) -> str:
+    """A neck file with delay, servo and speed table of each axis; all else as in the given neck.
+
+    Without position answers the dead time contains the picture's latency.
+    """
+    values: dict[str, Any] = neck.model_dump(exclude_none=True)
+    for axis in axes:
+        known = axis.picture.speeds_rad_s
+        tables = {
+            key: list(
+                _ascending(axis.picture.sign * way * known[way * step].value for step in range(1, len(axis.steps) + 1))
+            )
+            for key, way in (("positive_rad_s", 1), ("negative_rad_s", -1))
+        }
+        delay_s = (axis.answers or axis.picture).delay_s.value
+        values[axis.name] |= {
+            "speed_steps": tables,
+            "velocity_max_rad_s": min(speeds[-1] for speeds in tables.values()),
+            "dead_time_s": float(f"{max(delay_s, 0.0):.4g}"),
+            "natural_frequency_rad_s": float(f"{axis.picture.natural_frequency_rad_s.value:.4g}"),
+            "damping_ratio": 1.0,
+        }
+        values[axis.name].pop("full_speed_rad_s", None)
+    source = f"identified by gazempc on {day.isoformat()} from {origin}; ranges of {neck.name}: {neck.source}"
+    view = neck.head_view_deg or (1.0, 0.5625)
+    view_deg = [round(math.degrees(fov_rad), 1), round(math.degrees(fov_rad) * view[1] / view[0], 1)]
+    return as_toml(values | {"name": name, "source": source, "head_view_deg": view_deg})
+
+
+def _ascending(speeds_rad_s: Iterable[float]) -> Iterator[float]:
+    # Two steps of one speed may measure in either order.
+    least = 1e-5
+    for speed in speeds_rad_s:
+        least = max(speed, least)
+        yield float(f"{least:.5g}")

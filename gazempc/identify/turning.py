@@ -1,0 +1,275 @@
+"""How far a camera has turned between two of its pictures, and what its motion says about delay, lag and speeds.
+
+Pictures are mapped to a cylinder about the axis, on which a rotation is a shift. Phase correlation finds the shift to
+a pixel, least squares on the grey values the rest. Of several shifts the one that suits half of the pixels counts: a
+person who moves in the picture does not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gazempc.identify.estimate import Interval
+from gazempc.identify.record import IdentificationError
+from gazempc.identify.servo_fit import Z_95, fit
+from gazempc.live.sources.camera.blazeface import import_opencv
+from gazempc.types import FloatArray
+
+# Grey levels, s.d.: below it a picture is dark, or a blank wall.
+_LEAST_CONTRAST = 4.0
+# Median difference of two pictures after the shift, in standard deviations: with more they have no common part.
+_LARGEST_ERROR = 0.35
+# Gauss-Newton steps of the fraction of a pixel.
+_STEPS = 5
+# Highest values of a correlation that are tried: a peak is two or three columns wide, and a person may have one, too.
+_PEAKS = 12
+# Beyond this share of the picture the common part of two pictures is too small.
+_LARGEST_SHIFT = 0.45
+# Uncertainty of the moment at which a device receives a command, s.d.
+_SEND_JITTER_S = 0.002
+_LAG_RAD_S = (2.0, 100.0)
+_FEWEST = 4
+
+
+class Turning:
+    """Measures the rotation of a camera about one axis.
+
+    Args:
+        axis: ``pan`` or ``tilt``.
+        fov_rad: Horizontal angle of the picture.
+        width: Of the picture, pixels.
+        height: Of the picture, pixels.
+    """
+
+    def __init__(self, axis: str, fov_rad: float, width: int, height: int) -> None:
+        self._cv2, self._tilts = import_opencv(), axis == "tilt"
+        across, along = (height, width) if self._tilts else (width, height)
+        self._focal_px = 0.5 * width / math.tan(0.5 * fov_rad)
+        half_rad = math.atan(0.5 * across / self._focal_px)
+        columns, rows = int(2.0 * half_rad * self._focal_px), int(0.9 * along * math.cos(half_rad))
+        angle = (np.arange(columns) - 0.5 * (columns - 1)) / self._focal_px
+        up = np.arange(rows) - 0.5 * (rows - 1)
+        self._x = np.tile(0.5 * (across - 1) + self._focal_px * np.tan(angle), (rows, 1)).astype(np.float32)
+        self._y = (0.5 * (along - 1) + up[:, None] / np.cos(angle)).astype(np.float32)
+
+    def flat(self, grey: Any) -> Any:
+        """A grey picture on the cylinder, shape (rows, columns), float32.
+
+        Raises:
+            IdentificationError: If the picture is dark or blank.
+        """
+        if float(np.std(grey)) < _LEAST_CONTRAST:
+            raise IdentificationError(
+                "the picture is dark or blank: point the camera at a scene with texture, in light"
+            )
+        turned = np.ascontiguousarray(grey.T) if self._tilts else grey
+        return self._cv2.remap(turned, self._x, self._y, self._cv2.INTER_LINEAR).astype(np.float32)
+
+    def between(self, before: Any, after: Any, guess_rad: float = 0.0) -> float:
+        """Rotation between two flat pictures.
+
+        Args:
+            before: The first, of `flat`.
+            after: The second.
+            guess_rad: About how far it is, radians.
+
+        Returns:
+            Radians, to the left or up; NaN if the pictures have too little in common.
+        """
+        columns, start_px = before.shape[1], round(guess_rad * self._focal_px)
+        tried = {start_px, *self._peaks(before, after, start_px), *self._peaks(before, after, 0)}
+        # Half of the pixels decide: the background, and not what moves in front of it.
+        left = {whole_px: _difference(before, after, whole_px) for whole_px in tried if abs(whole_px) < columns // 2}
+        best = min(left, key=lambda whole_px: left[whole_px])
+        if abs(best) > _LARGEST_SHIFT * columns or left[best] > _LARGEST_ERROR * float(np.std(before)):
+            return math.nan
+        return self._refined(before, after, best) / self._focal_px
+
+    def _peaks(self, before: Any, after: Any, start_px: int) -> list[int]:
+        """Shifts at the highest peaks of the phase correlation of the common part at a first shift."""
+        if abs(start_px) > _LARGEST_SHIFT * before.shape[1]:
+            return []
+        one, other = _common(before, after, start_px)
+        window = self._cv2.createHanningWindow(one.shape[::-1], self._cv2.CV_32F)
+        cross = np.conj(np.fft.rfft2(one * window)) * np.fft.rfft2(other * window)
+        surface = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-9), one.shape)
+        # About this axis nothing shifts across.
+        profile, columns = surface[[-1, 0, 1]].max(axis=0), one.shape[1]
+        highest = np.argsort(profile)[-_PEAKS:]
+        return [start_px + int((k + columns // 2) % columns - columns // 2) for k in highest]
+
+    def _refined(self, before: Any, after: Any, whole_px: int) -> float:
+        # The peak of a phase correlation is drawn to whole pixels. Robust least squares on the grey values is not.
+        cv2 = self._cv2
+        one, other = _common(cv2.GaussianBlur(before, (0, 0), 1.5), cv2.GaussianBlur(after, (0, 0), 1.5), whole_px)
+        part_px = 0.0
+        for _ in range(_STEPS):
+            moved = cv2.warpAffine(other, np.array([[1.0, 0.0, -part_px], [0.0, 1.0, 0.0]]), other.shape[::-1])
+            slope = 0.25 * (np.gradient(one, axis=1) + np.gradient(moved, axis=1))[4:-4, 4:-4]
+            error = (one - moved)[4:-4, 4:-4]
+            left = float(np.median(np.abs(error)))
+            weight = slope / (1.0 + (error / (1.5 * left + 1e-6)) ** 2)
+            step_px = 0.5 * float(np.sum(weight * error)) / max(float(np.sum(weight * slope)), 1e-9)
+            part_px = min(max(part_px + step_px, -1.5), 1.5)
+        return whole_px + part_px
+
+
+def _difference(before: Any, after: Any, whole_px: int) -> float:
+    one, other = _common(before, after, whole_px)
+    return float(np.median(np.abs(one - other)))
+
+
+def _common(before: Any, after: Any, whole_px: int) -> tuple[Any, Any]:
+    """The common part of two pictures, the second of which is shifted to the right."""
+    columns = before.shape[1]
+    one = before[:, max(-whole_px, 0) : columns - max(whole_px, 0)]
+    return one, after[:, max(whole_px, 0) : columns + min(whole_px, 0)]
+
+
+class Odometer:
+    """Sums rotations over a stream of pictures, by key pictures, so that errors add up only where the view changes.
+
+    Args:
+        turning: Measures between two pictures.
+        most_rad: A new key picture is taken beyond this rotation.
+    """
+
+    def __init__(self, turning: Turning, most_rad: float) -> None:
+        self._turning, self._most_rad = turning, most_rad
+        self._key: Any = None
+        self._key_rad = self._last_rad = self._rate_rad = 0.0
+
+    def add(self, grey: Any) -> float:
+        """The rotation since the first picture, radians; NaN for a picture that cannot be used, as if blurred."""
+        flat = self._turning.flat(grey)
+        if self._key is None:
+            self._key = flat
+            return 0.0
+        moved_rad = self._turning.between(self._key, flat, self._last_rad + self._rate_rad - self._key_rad)
+        if math.isnan(moved_rad):
+            return math.nan
+        now_rad = self._key_rad + moved_rad
+        self._rate_rad, self._last_rad = now_rad - self._last_rad, now_rad
+        if abs(moved_rad) > self._most_rad:
+            self._key, self._key_rad = flat, now_rad
+        return now_rad
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """One speed for a while, and the angles around it.
+
+    Attributes:
+        step: The device's step, with its sign.
+        on_s: When it was sent, seconds.
+        off_s: When the stop was sent, seconds.
+        time_s: Stamps of the angles, shape (N,), seconds.
+        angle_rad: Shape (N,), radians; NaN where unknown.
+    """
+
+    step: int
+    on_s: float
+    off_s: float
+    time_s: FloatArray
+    angle_rad: FloatArray
+
+
+@dataclass(frozen=True)
+class TurnEstimate:
+    """What pulses say about an axis.
+
+    Attributes:
+        delay_s: From sending a command to its effect in the angles.
+        natural_frequency_rad_s: Of a speed servo with damping ratio 1.
+        speeds_rad_s: Speed of each step, with the sign of the angles.
+        residual_deg: RMS of angles minus model.
+    """
+
+    delay_s: Interval
+    natural_frequency_rad_s: Interval
+    speeds_rad_s: Mapping[int, Interval]
+    residual_deg: float
+
+    @property
+    def sign(self) -> int:
+        """1 if positive steps turn to the left or up, else -1."""
+        return 1 if sum(step * speed.value for step, speed in self.speeds_rad_s.items()) >= 0.0 else -1
+
+
+def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
+    """Fit delay, lag and the speed of each step.
+
+    Delay and natural frequency are found by `scipy.optimize.least_squares`; for each of them each pulse has its best
+    speed and start in closed form.
+
+    Args:
+        pulses: Of one axis.
+        delay_max_s: Largest delay that is looked for, seconds.
+
+    Raises:
+        IdentificationError: If the angles do not determine the delay.
+    """
+    known = [(pulse, np.isfinite(pulse.angle_rad)) for pulse in pulses]
+    used = [(pulse, pulse.time_s[fine], pulse.angle_rad[fine]) for pulse, fine in known if fine.sum() >= _FEWEST]
+    if not used:
+        raise IdentificationError("no pulse has enough pictures that can be compared: more light, less blur")
+
+    def solved(values: FloatArray) -> tuple[list[FloatArray], list[float], list[float]]:
+        residuals, speeds, deviations = [], [], []
+        for pulse, time_s, angle_rad in used:
+            since_s = time_s - values[0]
+            shape = _ramp(since_s - pulse.on_s, math.exp(values[1])) - _ramp(since_s - pulse.off_s, math.exp(values[1]))
+            design = np.stack([np.ones_like(shape), shape], axis=1)
+            found, *_ = np.linalg.lstsq(design, angle_rad, rcond=None)
+            residuals.append(angle_rad - design @ found)
+            speeds.append(float(found[1]))
+            deviations.append(1.0 / max(float(np.std(shape)) * math.sqrt(time_s.size), 1e-9))
+        return residuals, speeds, deviations
+
+    starts = [(delay_s, math.log(lag)) for delay_s in np.arange(0.05, delay_max_s, 0.2) for lag in (8.0, 30.0)]
+    scanned = sorted(starts, key=lambda values: float(np.sum(np.concatenate(solved(np.array(values))[0]) ** 2)))
+    low, high = (-0.05, math.log(_LAG_RAD_S[0])), (delay_max_s + 0.2, math.log(_LAG_RAD_S[1]))
+    best = fit(lambda values: np.concatenate(solved(values)[0]), scanned[:2], low, high)
+    # Once more without pictures that were compared wrongly.
+    least_rad = 4.0 * 1.48 * float(np.median(np.abs(best.residual))) + 1e-4
+    fine = [np.abs(own) <= least_rad for own in solved(best.values)[0]]
+    kept = [(p, time_s[f], angle_rad[f]) for (p, time_s, angle_rad), f in zip(used, fine, strict=True)]
+    used = [each for each in kept if each[1].size >= _FEWEST]
+    best = fit(lambda values: np.concatenate(solved(values)[0]), [tuple(best.values)], low, high)
+    residuals, speeds, deviations = solved(best.values)
+    noise_rad = float(np.sqrt(np.mean(best.residual**2)))
+    if noise_rad > 0.3 * float(np.sqrt(np.mean(np.concatenate([a - a.mean() for *_, a in used]) ** 2))):
+        raise IdentificationError("the picture does not follow the commands: does this camera turn, or the scene?")
+    found: dict[int, list[tuple[float, float]]] = {}
+    for (pulse, *_), own, speed, deviation in zip(used, residuals, speeds, deviations, strict=True):
+        sd = math.hypot(
+            deviation * float(np.sqrt(np.mean(own**2))), 1.4 * speed * _SEND_JITTER_S / (pulse.off_s - pulse.on_s)
+        )
+        found.setdefault(pulse.step, []).append((speed, sd))
+    wide = Z_95 * np.sqrt(np.diag(best.covariance))
+    wn = math.exp(best.values[1])
+    return TurnEstimate(
+        delay_s=Interval(best.values[0], best.values[0] - wide[0], best.values[0] + wide[0]),
+        natural_frequency_rad_s=Interval(wn, wn * math.exp(-wide[1]), wn * math.exp(wide[1])),
+        speeds_rad_s={step: _mean(each) for step, each in sorted(found.items())},
+        residual_deg=math.degrees(noise_rad),
+    )
+
+
+def _mean(measured: Sequence[tuple[float, float]]) -> Interval:
+    # The median: a pulse during which the scene moved is one of several.
+    values = np.array(measured)
+    value, sd = float(np.median(values[:, 0])), float(np.max(values[:, 1])) / math.sqrt(len(values))
+    return Interval(value, value - Z_95 * sd, value + Z_95 * sd)
+
+
+def _ramp(time_s: FloatArray, wn: float) -> FloatArray:
+    """Answer of q'' = wn^2 (u - q) - 2 wn q' to u = t, from rest at 0."""
+    t = np.maximum(time_s, 0.0)
+    ramp: FloatArray = t - 2.0 / wn + np.exp(-wn * t) * (t + 2.0 / wn)
+    return ramp

@@ -1,0 +1,128 @@
+"""Rotation from pictures of a synthetic panorama, and delay, lag and speeds from it."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from gazempc.identify.record import IdentificationError
+from gazempc.identify.turning import Odometer, Pulse, Turning, estimate_turns
+
+cv2 = pytest.importorskip("cv2")
+WIDTH, HEIGHT, FOV = 320, 180, np.radians(60.0)
+FOCAL = 0.5 * WIDTH / np.tan(FOV / 2)
+
+
+@pytest.fixture(scope="module")
+def room():
+    """Grey values by direction: 3600 columns of 0.1 deg, texture at several scales."""
+    rng = np.random.default_rng(0)
+    texture = sum(s * gaussian_filter(rng.normal(size=(1200, 3600)), s, mode="wrap") for s in (1.5, 4.0, 10.0))
+    return np.clip(128 + 60 * texture, 0, 255).astype(np.float32)
+
+
+def picture(room, pan, tilt=0.0, person=None, share=1.0, blur=0.0, seed=0):
+    """What a pinhole sees; `person` is the left edge of a patch with a texture of its own, pixels."""
+    x, y = np.meshgrid(np.arange(WIDTH) - (WIDTH - 1) / 2, np.arange(HEIGHT) - (HEIGHT - 1) / 2)
+    forward = np.cos(tilt) * FOCAL + np.sin(tilt) * y
+    up = np.sin(tilt) * FOCAL - np.cos(tilt) * y
+    azimuth, elevation = pan - np.arctan2(x, forward), np.arctan2(up, np.hypot(x, forward))
+    column = (1800 - np.degrees(azimuth) * 10).astype(np.float32) % 3600
+    row = (600 - np.degrees(elevation) * 10).astype(np.float32)
+    seen = cv2.remap(room, column, row, cv2.INTER_LINEAR)
+    rng = np.random.default_rng(seed)
+    if person is not None:
+        seen[60:, person : person + 70] = 90 + 50 * gaussian_filter(np.random.default_rng(9).normal(size=(120, 70)), 2)
+    if blur:
+        seen = cv2.blur(seen, (max(round(blur), 1), 1))
+    return np.clip(share * seen + rng.normal(0.0, 1.0, seen.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("turn_deg", [0.05, 0.7, -3.0, 9.0, -15.0])
+@pytest.mark.parametrize("axis", ["pan", "tilt"])
+def test_the_rotation_between_two_pictures(room, axis, turn_deg):
+    if axis == "tilt" and abs(turn_deg) > 10:
+        return  # more than the height of the picture allows
+    turning, turn = Turning(axis, FOV, WIDTH, HEIGHT), np.radians(turn_deg)
+    angles = {"pan": turn} if axis == "pan" else {"pan": 0.0, "tilt": turn}
+    before, after = turning.flat(picture(room, 0.0)), turning.flat(picture(room, **angles, seed=1))
+    found = turning.between(before, after)
+    assert np.degrees(found) == pytest.approx(turn_deg, abs=0.02 + 0.005 * abs(turn_deg))
+
+
+def test_a_moving_person_does_not_move_the_background(room):
+    turning = Turning("pan", FOV, WIDTH, HEIGHT)
+    before = turning.flat(picture(room, 0.0, person=60))
+    after = turning.flat(picture(room, np.radians(2.0), person=180, seed=1))
+    assert np.degrees(turning.between(before, after)) == pytest.approx(2.0, abs=0.05)
+
+
+def test_darkness_is_named(room):
+    with pytest.raises(IdentificationError, match="dark"):
+        Turning("pan", FOV, WIDTH, HEIGHT).flat(picture(room, 0.0, share=0.01))
+
+
+def test_pictures_without_a_common_part_have_no_rotation(room):
+    turning = Turning("pan", FOV, WIDTH, HEIGHT)
+    assert np.isnan(turning.between(turning.flat(picture(room, 0.0)), turning.flat(picture(room, 1.5, seed=1))))
+
+
+def servo(time_s, on_s, off_s, speed, delay_s, wn):
+    """Joint that follows the integral of a held speed behind dead time and servo, by Euler steps of 0.2 ms."""
+    step = 2e-4
+    grid = np.arange(0.0, time_s[-1] + step, step)
+    u, q, v = 0.0, 0.0, 0.0
+    angles = np.empty_like(grid)
+    for k, now in enumerate(grid):
+        angles[k] = q
+        u += step * speed * (on_s + delay_s <= now < off_s + delay_s)
+        q, v = q + step * v, v + step * (wn**2 * (u - q) - 2.0 * wn * v)
+    return np.interp(time_s, grid, angles)
+
+
+def pulses(delay_s=0.5, wn=15.0, sign=1.0, noise_deg=0.01, seed=0):
+    rng = np.random.default_rng(seed)
+    made = []
+    for step, deg_s in ((1, 2.0), (2, 9.0), (3, 30.0), (-1, -1.8), (-2, -8.0), (-3, -26.0)):
+        time_s = np.arange(0.0, 2.2, 0.1) + rng.uniform(0.0, 0.1)
+        angle = servo(time_s, 0.2, 0.7, sign * np.radians(deg_s), delay_s, wn)
+        made.append(Pulse(step, 0.2, 0.7, time_s, angle + np.radians(rng.normal(0.0, noise_deg, time_s.size))))
+    return made
+
+
+@pytest.mark.parametrize("delay_s", [0.15, 0.6, 1.2])
+def test_delay_lag_and_speeds(delay_s):
+    found = estimate_turns(pulses(delay_s=delay_s), 1.5)
+    if delay_s > 1.0:
+        # The pictures end before the motion does: the rest is not invented, the interval is honest.
+        assert found.delay_s.value == pytest.approx(delay_s, abs=0.03)
+        return
+    assert found.delay_s.value == pytest.approx(delay_s, abs=0.004)
+    assert found.natural_frequency_rad_s.value == pytest.approx(15.0, rel=0.05)
+    assert found.sign == 1
+    for step, deg_s in ((1, 2.0), (2, 9.0), (3, 30.0), (-1, -1.8), (-2, -8.0), (-3, -26.0)):
+        assert np.degrees(found.speeds_rad_s[step].value) == pytest.approx(deg_s, rel=0.02)
+
+
+def test_a_wrong_sign_is_found():
+    assert estimate_turns(pulses(sign=-1.0), 1.5).sign == -1
+
+
+def test_the_delays_interval_covers_the_truth():
+    found = [estimate_turns(pulses(noise_deg=0.1, seed=seed), 1.5).delay_s for seed in range(12)]
+    assert sum(each.low <= 0.5 <= each.high for each in found) >= 9
+
+
+def test_a_scene_that_does_not_follow_is_refused():
+    rng = np.random.default_rng(1)
+    wandering = [
+        Pulse(p.step, p.on_s, p.off_s, p.time_s, np.cumsum(rng.normal(0, 0.01, p.time_s.size))) for p in pulses()
+    ]
+    with pytest.raises(IdentificationError):
+        estimate_turns(wandering, 1.5)
+
+
+def test_an_odometer_adds_up_a_turn_wider_than_the_picture(room):
+    odometer = Odometer(Turning("pan", FOV, WIDTH, HEIGHT), np.radians(12.0))
+    for turn_deg in np.arange(0.0, 90.0, 4.0):
+        found = odometer.add(picture(room, np.radians(turn_deg), seed=int(turn_deg)))
+    assert np.degrees(found) == pytest.approx(88.0, abs=0.5)
