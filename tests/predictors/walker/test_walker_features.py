@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from builders.people import yaw_quat
 from builders.walkers import moved, seen_of, straight_model
-from predictors.walker.errors import N_ERRORS
 from scipy.spatial.transform import Rotation
 
 from predictors import HeadObservation, Walker
 from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD, WalkerHistory
+from predictors.walker.line import N_ERRORS
 from predictors.walker.memories import N_MEMORIES
 from predictors.walker.noise import N_COLOURS
 from predictors.walker.window import WINDOW
