@@ -15,7 +15,7 @@ from gazempc.results.log import load_log
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ["gazempc.run", "--replay", "subject03_R4", "--controllers", "reactive", "lookahead"]
 LIVE = ["gazempc.live", "--robot", "simulated", "--no-figures", "--source"]
-HANG_S = 120
+HANG_S = 240
 
 
 def start(words, shell_end="", **environment):

@@ -13,7 +13,7 @@ from experiments.engine.engine import Engine
 from gazempc.errors import GazempcError
 
 ROOT = Path(__file__).resolve().parents[3]
-HANG_S = 60
+HANG_S = 240
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import gazempc as gz
 from gazempc.errors import RobotError, SettingsError
 from gazempc.sim.simulated import SimulatedNeck
 
-FOREVER_S = 60.0
+FOREVER_S = 240.0
 
 
 class Robot(SimulatedNeck):

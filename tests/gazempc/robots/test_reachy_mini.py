@@ -341,10 +341,10 @@ def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make, mon
 
     assert "takes no commands" in until(refused, "buffers fill up", seconds=30.0)
     # A send that waits would wait for ever.
-    assert longest_s < 3.0
+    assert longest_s < 20.0
     began_s = time.monotonic()
     neck.close()
-    assert time.monotonic() - began_s < 10.0
+    assert time.monotonic() - began_s < 60.0
     assert until(no_threads_left, "threads end")
 
 

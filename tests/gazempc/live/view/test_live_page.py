@@ -137,7 +137,7 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
 
 
 def asked(port, path, host):
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
     connection.request("GET", path, headers={"Host": host})
     answer = connection.getresponse()
     found = answer.status, answer.getheader("Content-Security-Policy"), answer.read()

