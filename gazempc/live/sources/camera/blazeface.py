@@ -82,7 +82,7 @@ def import_opencv() -> Any:
     # The loop needs the other cores.
     cv2.setNumThreads(1)
     # What it writes of cameras that it cannot open is said by our own messages.
-    cv2.utils.logging.setLogLevel(0)
+    (cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging).setLogLevel(0)  # OpenCV 4, 5
     return cv2
 
 
