@@ -13,7 +13,7 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 StringArray = NDArray[np.str_]
 
-__all__ = ["BoolArray", "FloatArray", "IntArray", "JointState", "Sighting", "StringArray", "View"]
+__all__ = ["BoolArray", "CameraView", "FloatArray", "IntArray", "JointState", "Sighting", "StringArray"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class JointState:
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """What a camera saw when it captured a picture.
 
     Attributes:
@@ -79,4 +79,4 @@ class Sighting:
     arrival_s: float
     observation: HeadObservation
     head_position_sensor_m: FloatArray | None = None
-    view: View | None = None
+    view: CameraView | None = None

@@ -28,7 +28,7 @@ from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.people.company import Cue
-from gazempc.types import FloatArray, Sighting, View
+from gazempc.types import CameraView, FloatArray, Sighting
 from predictors import HeadObservation
 
 _LOGGER = logging.getLogger("gazempc.live")
@@ -207,7 +207,7 @@ class Arrivals:
             raise ValueError(f"the sensor moves with the {on}, and where the {on} was at the capture time is not known")
         return Sighting(sighting.arrival_s, in_base, head_m if moves else None, self._view(angles_rad))
 
-    def _view(self, angles_rad: FloatArray | None) -> View | None:
+    def _view(self, angles_rad: FloatArray | None) -> CameraView | None:
         """The view of a source with `half_view_rad`: half of the width and height of its pictures."""
         half_rad = getattr(self._source, "half_view_rad", None)
         if half_rad is None:
@@ -216,7 +216,7 @@ class Arrivals:
         placed = self._mount.to_base(ahead, self._geometry, angles_rad)
         assert placed.head_quat_wxyz is not None
         axes = Rotation.from_quat(placed.head_quat_wxyz, scalar_first=True).as_matrix()
-        return View(placed.head_position_base_m - axes[:, 0], axes, half_rad)
+        return CameraView(placed.head_position_base_m - axes[:, 0], axes, half_rad)
 
 
 def _checked(arrived: object) -> Arrived:

@@ -16,7 +16,7 @@ from gazempc.people.people import Became, People, frames_of
 from gazempc.people.person import CATCH_UP, TrackedPerson
 from gazempc.people.tracker_faults import FrozenPeople
 from gazempc.settings import LoopSettings
-from gazempc.types import FloatArray, Sighting, View
+from gazempc.types import CameraView, FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
 
 # Period of decisions; half as often would still be within a frame of a camera.
@@ -61,7 +61,7 @@ class AttendedPeople:
         self.people = People(make_predictor, settings.lost_after_s)
         self.attention = attention
         self._settings = settings
-        self._view: View | None = None
+        self._view: CameraView | None = None
         self._decided_s = -math.inf
         self._frozen = FrozenPeople()
 

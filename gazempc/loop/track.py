@@ -15,7 +15,7 @@ from gazempc.loop.recorder import LoopRecorder
 from gazempc.people.tracker_faults import FrozenTracker, OrientationJumps, TrackStart
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.settings import LoopSettings
-from gazempc.types import FloatArray, Sighting, View
+from gazempc.types import CameraView, FloatArray, Sighting
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
 # Synchronised clocks differ by up to this.
@@ -83,7 +83,7 @@ class PersonTrack:
         self.newest: HeadObservation | None = None
         self.newest_capture_s: float | None = None
         self._settings = settings
-        self._view: View | None = None
+        self._view: CameraView | None = None
         self._start = TrackStart(predictor)
         self._tracker = FrozenTracker()
         self._jumps = OrientationJumps()
@@ -165,7 +165,7 @@ def forecast_of(
     predictor: Predictor,
     ask: Callable[[FloatArray], Forecast],
     start: TrackStart,
-    view: View | None,
+    view: CameraView | None,
     times_s: FloatArray,
     time_s: float,
     recorder: LoopRecorder,

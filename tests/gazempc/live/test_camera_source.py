@@ -160,6 +160,7 @@ def test_people_side_by_side_in_one_photograph_stay_as_many_and_a_camera_takes_o
 def test_of_several_people_in_the_pictures_attend_chooses(tmp_path):
     command = [sys.executable, "-m", "gazempc.live", "--source", "camera:portrait_camera:Row", "--options.people", "2"]
     command += ["--attend", "id:2", "--camera.fov-deg", "60", "--no-figures", "--out", "out"]
+    command += ["--loop.stale-after-s", "10", "--loop.lost-after-s", "3"]  # a busy machine searches slowly
     done = subprocess.run(
         command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=FOREVER_S, env=WITH_HERE
     )
