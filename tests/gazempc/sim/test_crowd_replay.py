@@ -110,7 +110,7 @@ def test_a_policy_that_raises_is_survived(monkeypatch):
     monkeypatch.setattr(Nearest, "scores", broken)
     log = replayed("nearest")
     assert "policy_failed" in log.event_name
-    assert log.faults[0].line.endswith("RuntimeError: no idea")
+    assert "RuntimeError: no idea" in log.faults[0].line
     assert limit_violations(log, log.neck) == 0
 
 

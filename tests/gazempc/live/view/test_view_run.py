@@ -239,9 +239,10 @@ def test_the_person_passes_again_after_two_seconds(tmp_path):
     known = np.isfinite(log.head_true_base_m[:, 0])
     (again_s,) = log.time_s[1:][known[1:] & ~known[:-1]]
     start_s = log.time_s[known][0]
-    assert again_s - start_s == pytest.approx(walk.times_s[-1] + 2.0, abs=0.01)
+    # Two more seconds are not scored, in which the neck turns back.
+    assert again_s - start_s == pytest.approx(walk.times_s[-1] + 4.0, abs=0.01)
     # The same way as before: of the same times of the recording.
-    own_s = log.time_s - np.where(log.time_s < again_s, start_s, again_s)
+    own_s = log.time_s - np.where(log.time_s < again_s, start_s, again_s - 2.0)
     first, second = known & (log.time_s < again_s), known & (log.time_s >= again_s)
     for axis in range(3):
         expected = np.interp(own_s[second], own_s[first], log.head_true_base_m[first, axis])
