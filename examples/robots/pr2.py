@@ -22,11 +22,11 @@ print(f"longest break of eye contact {metrics.longest_break_s:.2f} s, peak {metr
 #    3.0 s  seen 0.08 s ago, 2.36 m away; 30 observations/s, 100 % used; looks at pan -0.9, tilt +9.9 deg; aims at +4.8, +9.8; plan 5 ms old; ticks at most 0.00 ms late
 #    4.0 s  seen 0.08 s ago, 2.83 m away; 30 observations/s, 100 % used; looks at pan +22.5, tilt +8.0 deg; aims at +26.3, +7.5; plan 5 ms old; ticks at most 0.00 ms late
 # stopped by: end of the source
-# 963 ticks, 0 skipped; later than due by 0.00 ms (p50), 0.00 ms (p99), 0.00 ms (max)
+# 964 ticks, 0 skipped; later than due by 0.00 ms (p50), 0.00 ms (p99), 0.00 ms (max)
 # from capture to command: 90 ms (p50), 103 ms (p99)
 # gaze error 0.81 deg RMS, eye contact (2.6 deg) 100 %, against the recording's true head
 # limit violations: 0
 #   no_observation_yet 1 x
 # Written to out/live/: report.html, summary.json, log_000.npz, compute_000.npz
-# 141 of 141 used
+# 142 of 142 used
 # longest break of eye contact 0.00 s, peak 0.47 rad/s

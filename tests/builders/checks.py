@@ -7,11 +7,12 @@ import numpy as np
 from builders.live import NECK, TS, run_live
 
 
-def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False):
+def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False, rests=True):
     """Position and its differences against the figures of the neck, independently of the code under test.
 
     Where the robot did not answer (`breaks`: number of the first command after that) it stood still, which nobody can
-    prevent: each part is judged from rest on. Where the run `ends` the robot stands by the last command for ever.
+    prevent: each part is judged from rest on, or (not `rests`) by itself: after a silence of less than half a second the
+    motion goes on from commands that may have been executed. Where the run `ends` the robot stands by the last command for ever.
     """
     low = np.deg2rad([NECK.pan.position_min_deg, NECK.tilt.position_min_deg])
     high = np.deg2rad([NECK.pan.position_max_deg, NECK.tilt.position_max_deg])
@@ -22,7 +23,7 @@ def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False):
     for part in parts:
         if not len(part):
             continue
-        padded = np.vstack([np.tile(before, (3, 1)), part])
+        padded = np.vstack([np.tile(before, (3, 1)), part]) if rests or part is parts[0] else part
         before = part[-1]
         if ends and part is parts[-1]:
             padded = np.vstack([padded, np.tile(before, (3, 1))])

@@ -208,6 +208,7 @@ def test_when_the_thread_that_sees_ends_without_leaving_the_block_the_neck_is_br
 @pytest.mark.slow
 def test_of_a_long_run_the_last_minutes_are_kept():
     with gaze(Robot(), keep_minutes=0.005) as opened:
+        time.sleep(0.2)  # without an observation
         for _ in range(6):
             see_for(opened, 0.15)
             opened.log()

@@ -86,6 +86,6 @@ def test_any_sequence_of_faults_is_survived_within_limits(faults):
     )
     received = np.array([p for _, p in result.robot.received])
     breaks = sorted({k for k in silent if k < len(received)})
-    assert_within_limits(received, breaks=breaks, ends=len(received) not in silent)
+    assert_within_limits(received, breaks=breaks, ends=len(received) not in silent, rests=False)
     assert len(result.joined("command_position_rad")) == result.report.ticks
     assert result.robot.calls[-1] == result.source.calls[-1] == "close"
