@@ -66,7 +66,7 @@ class GazeLoop:
         self._following = FollowingWatch(neck)
         self._last_index: int | None = None
         self._stopping = False
-        self._near_until_s = -math.inf
+        self._began_s = self._near_until_s = -math.inf
         self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, neck.joints)), np.zeros((1, neck.joints)))
 
     @property
@@ -106,9 +106,11 @@ class GazeLoop:
         measured = read_joints(self._robot, self._neck, time_s, recorder)
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)
+            self._began_s = time_s
         held = self._watch_joints(time_s, measured, plans)
         self._observer.update(time_s, measured, held)
-        if self._observer.refused and measured is not None:
+        # A reading from before the first tick is no fault of the robot.
+        if self._observer.refused and measured is not None and not measured.time_s < self._began_s:
             stands = f"read_state() returned {measured.position_rad.tolist()} rad at {measured.time_s:.3f} s"
             self._blame(time_s, Event.JOINT_READING_REFUSED, stands)
         if off := self._observer.off_command:

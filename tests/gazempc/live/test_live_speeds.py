@@ -178,11 +178,12 @@ def test_the_loop_closes_through_the_picture_of_the_emulated_camera(tmp_path):
     command = [sys.executable, "-m", "gazempc.live", *words.split()]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as run:
-        pans = []
+        pans, ended = [], False
         for line in run.stdout:
             pans += [float(each) for each in re.findall(r"looks at pan ([+-][\d.]+)", line)]
-            if pans and min(pans) < -8.0 and max(pans) > 8.0:
-                run.send_signal(signal.SIGTERM)
+            if pans and not ended and min(pans) < -8.0 and max(pans) > 8.0:
+                run.send_signal(signal.SIGTERM)  # once: a second one ends the process at once
+                ended = True
     assert run.returncode == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["stopped_by"] == "signal"
