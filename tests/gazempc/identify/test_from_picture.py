@@ -52,7 +52,7 @@ def test_bad_input_ends_with_a_message(words, named, capsys):
 def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys):
     pytest.importorskip("mujoco")
     out = tmp_path / "found.toml"
-    few = {"positive_rad_s": [0.1, 0.4, 1.0], "negative_rad_s": [0.08, 0.35, 0.9]}
+    few = {"positive_rad_s": [0.1, 0.4, 0.9], "negative_rad_s": [0.08, 0.35, 0.9]}
     axes = {
         name: getattr(PTZ, name).model_copy(update={"speed_steps": SpeedSteps(**few), "velocity_max_rad_s": 0.9})
         for name in ("pan", "tilt")
