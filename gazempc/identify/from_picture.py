@@ -325,7 +325,8 @@ def neck_toml(
 
 def _ascending(axis: TurnedAxis, way: int) -> list[float]:
     """Speeds of the steps to one side; a step that no picture shows lies between its neighbours."""
-    known = {way * step: speed.value for step, speed in axis.picture.speeds_rad_s.items() if way * step > 0}
+    each = ((way * step, speed.value) for step, speed in axis.picture.speeds_rad_s.items() if way * step > 0)
+    known = dict(sorted(each))
     if not known:
         raise IdentificationError(f"{axis.name}: no picture shows the speeds to one side: more light, less blur")
     measured = np.abs(np.interp(np.arange(1, axis.steps + 1), list(known), list(known.values())))

@@ -11,8 +11,8 @@ def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False, 
     """Position and its differences against the figures of the neck, independently of the code under test.
 
     Where the robot did not answer (`breaks`: number of the first command after that) it stood still, which nobody can
-    prevent: each part is judged from rest on, or (not `rests`) by itself: after a silence of less than half a second the
-    motion goes on from commands that may have been executed. Where the run `ends` the robot stands by the last command for ever.
+    prevent: each part is judged from rest on, or (not `rests`) by itself, as after a short silence the motion goes on
+    from commands that may have been executed. Where the run `ends` the robot stands by the last command for ever.
     """
     low = np.deg2rad([NECK.pan.position_min_deg, NECK.tilt.position_min_deg])
     high = np.deg2rad([NECK.pan.position_max_deg, NECK.tilt.position_max_deg])

@@ -16,7 +16,7 @@ PTZ = load_neck("ptz")
 
 
 def estimate(delay_s, speeds):
-    known = {step: Interval(value, value, value) for step, value in speeds.items()}
+    known = {step: Interval(value, value, value) for step, value in sorted(speeds.items())}
     wn = Interval(20.0, 19.0, 21.0)
     return TurnEstimate(Interval(delay_s, delay_s, delay_s), wn, known, 0.01)
 
