@@ -33,6 +33,8 @@ from predictors import HeadObservation
 
 # Two-joint necks are not redundant: no other joint could take over from one that does not follow.
 _PAN_AND_TILT = 2
+# Readings may wait for so long between the connection of a robot and the first tick.
+_STARTING_S = 1.0
 
 
 class GazeLoop:
@@ -109,8 +111,7 @@ class GazeLoop:
             self._began_s = time_s
         held = self._watch_joints(time_s, measured, plans)
         self._observer.update(time_s, measured, held)
-        # A reading from before the first tick is no fault of the robot.
-        if self._observer.refused and measured is not None and not measured.time_s < self._began_s:
+        if self._observer.refused and measured is not None and not self._is_of_the_start(measured):
             stands = f"read_state() returned {measured.position_rad.tolist()} rad at {measured.time_s:.3f} s"
             self._blame(time_s, Event.JOINT_READING_REFUSED, stands)
         if off := self._observer.off_command:
@@ -175,6 +176,10 @@ class GazeLoop:
                     time_s, Event.JOINT_NOT_FOLLOWING, f"{self._names(held)} stands still although its commands move"
                 )
         return following.held if self._neck.joints > _PAN_AND_TILT else ()
+
+    def _is_of_the_start(self, measured: JointState) -> bool:
+        # A reading from shortly before the first tick is no fault of the robot.
+        return self._began_s - _STARTING_S < measured.time_s < self._began_s
 
     def _names(self, joints: Iterable[int]) -> str:
         return "joint " + ", ".join(self._neck.joint_names[joint] for joint in joints)
