@@ -209,8 +209,10 @@ class LoopRecorder:
             self._faults[name] = replace(known, count=known.count + 1)
             return
         line = str(error) if isinstance(error, PartError) else said(error)
-        self._faults[name] = Fault(name, 1, line, "".join(traceback.format_exception(error)))
-        _LOGGER.warning("%s: %s", name, line, exc_info=error)
+        # The traceback ends where the part raised.
+        cause = error.error if isinstance(error, PartError) else error
+        self._faults[name] = Fault(name, 1, line, "".join(traceback.format_exception(cause)))
+        _LOGGER.warning("%s: %s", name, line, exc_info=cause)
 
     def finish(
         self,
