@@ -48,6 +48,7 @@ EXPERIMENTS = (
         "fit",
         "rivals",
         "paper",
+        "plan_example",
         "sensor_example",
         "people",
         "eyes",
