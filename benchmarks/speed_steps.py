@@ -18,8 +18,8 @@ from gazempc.live.run import LiveRun
 from gazempc.live.session import parse
 from gazempc.live.setup import build
 from gazempc.neck.kinematics import look_at
-from gazempc.neck.spec import Axis, NeckSpec, SpeedSteps, load_neck
-from gazempc.neck.speed_dither import SpeedDither
+from gazempc.neck.spec import Axis, NeckSpec, load_neck
+from gazempc.neck.speed_steps import SpeedDither, SpeedSteps
 from gazempc.results.log import Log
 from gazempc.robots.options import ViscaOptions
 from gazempc.robots.visca import ViscaCamera

@@ -32,7 +32,8 @@ from experiments.rivals.simulate import simulate
 from experiments.rivals.trials import STAND, STOP, Trial, make_trial
 from gazempc.files.whole import write_whole
 from gazempc.neck.picture import Framing
-from gazempc.neck.spec import NeckSpec, SpeedSteps, load_neck
+from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.results.figures.style import DPI, readable
 from gazempc.results.log import Log
 from gazempc.results.metrics import measure

@@ -27,7 +27,8 @@ from gazempc.identify.turning import Odometer, Pulse, TurnEstimate, Turning, est
 from gazempc.live.clock import RealClock
 from gazempc.live.robots import make_robot
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, open_pictures
-from gazempc.neck.spec import AXES, Axis, NeckSpec, SpeedSteps
+from gazempc.neck.spec import AXES, Axis, NeckSpec
+from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.parts import split_address
 from gazempc.progress import Progress
 from gazempc.robots.options import RobotOptions

@@ -23,7 +23,8 @@ from gazempc.live.sources.camera.capture import CAMERA
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.pushed import PushedSource
 from gazempc.live.sources.replay import BagSource, ReplaySource
-from gazempc.live.sources.ros2 import Ros2Cues, Ros2Person
+from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.live.sources.ros2_cues import Ros2Cues
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.live.sources.senders import Senders
 from gazempc.live.sources.source import Source

@@ -14,6 +14,7 @@ from pydantic.config import JsonDict
 
 from gazempc.errors import SettingsError
 from gazempc.neck.rules import RULES
+from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.specfiles import RULE_OF_THUMB, load_spec, shipped_names
 from gazempc.types import BoolArray, FloatArray
 
@@ -47,64 +48,6 @@ class Geometry(BaseModel):
 def _rule(field: str) -> JsonDict:
     """Rule of thumb in the message about a missing field."""
     return {RULE_OF_THUMB: RULES[field]}
-
-
-# Slower than a thousandth of a degree a second no camera turns.
-_Speed = Annotated[float, Field(ge=1e-5, le=1e3)]
-_Speeds = Annotated[tuple[_Speed, ...], Field(min_length=1, max_length=1000)]
-
-
-class SpeedSteps(BaseModel):
-    """The only speeds that a joint has, besides standing still.
-
-    Entry k - 1 is the speed of the device's step k: of pan or tilt speed k of VISCA, or of the share k / K of full
-    speed by ONVIF, with K entries. The steps need not be linear, nor the same in both directions.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    positive_rad_s: _Speeds = Field(description="To the left or up, slowest first, rad/s")
-    negative_rad_s: _Speeds = Field(description="To the right or down, slowest first, rad/s; without a sign")
-
-    @model_validator(mode="after")
-    def _slowest_first(self) -> SpeedSteps:
-        for name in ("positive_rad_s", "negative_rad_s"):
-            speeds = getattr(self, name)
-            if list(speeds) != sorted(speeds):
-                raise ValueError(f"{name} must not decrease: step 1 is the slowest")
-        return self
-
-    @property
-    def levels_rad_s(self) -> tuple[float, ...]:
-        """All speeds with their signs, in ascending order and with 0, rad/s."""
-        return (*(-speed for speed in reversed(self.negative_rad_s)), 0.0, *self.positive_rad_s)
-
-    @property
-    def fastest_rad_s(self) -> float:
-        """Top speed of both directions, rad/s."""
-        return min(self.positive_rad_s[-1], self.negative_rad_s[-1])
-
-    def step(self, speed_rad_s: float) -> int:
-        """The device's step with the nearest speed.
-
-        Args:
-            speed_rad_s: A speed, rad/s.
-
-        Returns:
-            Its number, 0 for standing still; negative to the right or down.
-        """
-        return int(np.argmin(np.abs(np.array(self.levels_rad_s) - speed_rad_s))) - len(self.negative_rad_s)
-
-    def speed_rad_s(self, step: int) -> float:
-        """Speed of a step.
-
-        Args:
-            step: Its number, as `step` gives it.
-
-        Returns:
-            Its speed with its sign, rad/s.
-        """
-        return self.levels_rad_s[step + len(self.negative_rad_s)]
 
 
 class Axis(BaseModel):

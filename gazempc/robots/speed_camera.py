@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 
 from gazempc.errors import RobotError, SettingsError
-from gazempc.neck.spec import NeckSpec, SpeedSteps
-from gazempc.neck.speed_dither import SpeedDither
+from gazempc.neck.spec import NeckSpec
+from gazempc.neck.speed_steps import SpeedDither, SpeedSteps
 from gazempc.types import FloatArray, JointState
 
 Pair = tuple[float, float]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import struct
 
-from gazempc.neck.spec import Axis, NeckSpec, SpeedSteps
+from gazempc.neck.spec import Axis, NeckSpec
+from gazempc.neck.speed_steps import SpeedSteps
 
 # Types of payload.
 COMMAND, INQUIRY, REPLY, CONTROL, CONTROL_REPLY = 0x0100, 0x0110, 0x0111, 0x0200, 0x0201

@@ -10,7 +10,7 @@ import numpy as np
 from gazempc.errors import RobotError
 from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import NeckSpec
-from gazempc.neck.speed_dither import SpeedDither
+from gazempc.neck.speed_steps import SpeedDither
 from gazempc.types import FloatArray, JointState
 
 

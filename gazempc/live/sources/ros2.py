@@ -1,4 +1,4 @@
-"""Sources on ROS 2 topics: a person's head from poses, and cues from points and directions of speech."""
+"""Sources on ROS 2 topics: the common part, and a person's head from poses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.loop.events import Event
-from gazempc.people.company import Cue, Glance, Sound
+from gazempc.people.company import Cue
 from gazempc.robots.options import Ros2Options
 from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
 from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
@@ -24,13 +24,6 @@ from predictors import HeadObservation
 _T = TypeVar("_T")
 _COVARIANCE_SHAPE = (6, 6)  # x, y, z, and turns about x, y, z
 _YAW = 5
-_POINT = "geometry_msgs/msg/PointStamped"
-# A point that is sent again within so long, and is as near to the one before, is the same thing: no new glance.
-_SAME_S, _SAME_M = 2.0, 0.3
-# A direction is less than a whole turn; what is more is in another unit.
-_TURN_RAD = 2.0 * math.pi
-# Nothing can be looked at that is in the neck itself.
-_NEAREST_M = 0.05
 _WAITING_MAX = 64
 _TF = "/tf"
 # Transforms between a tracker and the robot come from other nodes, which may be this much later.
@@ -341,115 +334,3 @@ def _observation(head: _Head, captured_s: float, pose: FloatArray | None) -> Hea
         person_id=head.person_id,
         confidence=head.confidence,
     )
-
-
-class _Point(NamedTuple):
-    """A point whose frame may not be known yet: its time (None for now), and until when that is waited for."""
-
-    frame: str
-    place_m: FloatArray
-    time_s: float | None
-    until_s: float
-
-
-class Ros2Cues(Ros2Source):
-    """Listens to the topics of cues that the options name.
-
-    Args:
-        clock_s: The loop's clock, seconds.
-        to_loop_s: Converts Unix time in seconds to the loop's clock.
-        options: Topics and frames. A point needs a base frame.
-        to_base: From the base frame of the options to the neck's, both shape (3,), metres.
-        make_node: Makes the node.
-
-    Raises:
-        SettingsError: If ROS 2 allows no such topic.
-    """
-
-    def __init__(
-        self,
-        clock_s: Callable[[], float],
-        to_loop_s: Callable[[float], float],
-        options: Ros2Options,
-        to_base: Callable[[FloatArray], FloatArray],
-        make_node: MakeNode = Ros2Node,
-    ) -> None:
-        self._to_base = to_base
-        self._point_topic = "" if options.point_topic is None else topic_name(options.point_topic)
-        self._sound_topic = "" if options.sound_topic is None else topic_name(options.sound_topic)
-        name = self._point_topic or self._sound_topic
-        super().__init__(name, "gazempc_cues", clock_s, to_loop_s, options, make_node)
-        self._tf: TfListener | None = None
-        self._topics: dict[str, Subscription] = {}
-        self._waiting: deque[_Point] = deque(maxlen=_WAITING_MAX)
-        self._pointed_s, self._pointed_m = -math.inf, np.full(3, np.inf)
-
-    def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
-        kinds = {self._point_topic: _POINT, self._sound_topic: self._options.sound_type}
-        self._topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
-        self._waiting.clear()
-        if self._options.base_frame is None:
-            return self._topics
-        self._tf = TfListener(node)
-        return {**self._topics, **self._tf.topics}
-
-    def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        if self._tf is not None:
-            self._tf.listen(problems)
-        cues: list[Cue] = []
-        if self._sound_topic:
-            sounds = self._topics[self._sound_topic].take()
-            cues += used(sounds, lambda message: self._sound(message, now_s), self._sound_topic, problems)
-        if self._point_topic:
-            points = self._topics[self._point_topic].take()
-            waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
-            cues += used(points, lambda message: self._point(message, now_s), self._point_topic, problems)
-            cues += used(waiting, lambda point: self._glance(point, now_s), self._point_topic, problems)
-        return (), cues
-
-    def _sound(self, message: Any, now_s: float) -> Sound:
-        in_degrees = self._options.sound_type == "std_msgs/msg/Int32"
-        azimuth_rad = math.radians(message.data) if in_degrees else float(message.data)
-        if not abs(azimuth_rad) <= _TURN_RAD:
-            wanted = "degrees, at most 360" if in_degrees else "radians, at most a whole turn"
-            raise Ros2Error(f"a direction of sound is {message.data}: needed are {wanted}, positive to the left")
-        if self._options.sound_frame is None or self._options.base_frame is None or self._tf is None:
-            return Sound(now_s, azimuth_rad)
-        pose = self._tf.transforms.pose(self._options.sound_frame, self._options.base_frame)
-        ahead = pose[:3, :3] @ np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0])
-        x, y, _ = self._to_base(ahead) - self._to_base(np.zeros(3))
-        return Sound(now_s, math.atan2(y, x))
-
-    def _point(self, message: Any, now_s: float) -> Glance | None:
-        frame, point, stamp = message.header.frame_id.lstrip("/"), message.point, message.header.stamp
-        place_m = np.array([point.x, point.y, point.z])
-        if not frame:
-            raise Ros2Error("a point's header names no frame")
-        if not np.isfinite(place_m).all():
-            raise Ros2Error(f"a point is at {place_m.tolist()}: needed are finite metres")
-        # Without a stamp: now, as is usual in tf.
-        time_s = stamp_s(stamp) if stamp.sec or stamp.nanosec else None
-        if time_s is not None:
-            on_loop_clock(time_s, self._to_loop_s, now_s)
-        return self._glance(_Point(frame, place_m, time_s, now_s + WAITS_S), now_s)
-
-    def _glance(self, point: _Point, now_s: float) -> Glance | None:
-        base_frame = self._options.base_frame
-        if base_frame is None or self._tf is None:
-            raise Ros2Error("a point needs options.ros2.base_frame")
-        try:
-            pose = self._tf.transforms.pose(point.frame, base_frame, point.time_s)
-        except Ros2Error as error:
-            if now_s >= point.until_s:
-                raise Ros2Error(f"a point is in the frame {point.frame!r}: {error}") from None
-            self._waiting.append(point)
-            return None
-        target_m = self._to_base((pose @ np.append(point.place_m, 1.0))[:3])
-        if np.linalg.norm(target_m) < _NEAREST_M:
-            raise Ros2Error(f"a point is in the neck itself, at {target_m.round(3).tolist()} m of its base")
-        again = now_s - self._pointed_s < _SAME_S and math.dist(target_m, self._pointed_m) < _SAME_M
-        self._pointed_s = now_s
-        if again:
-            return None
-        self._pointed_m = target_m
-        return Glance(target_m, self._options.point_lasts_s)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.paper.analysis import turn_error_m, turn_needed_rad, turns_needed
+from experiments.paper.turns import turn_error_m, turn_needed_rad, turns_needed
 
 
 @given(way_m=st.floats(0.05, 2.0), turn_rad=st.floats(-6.0, 6.0, allow_subnormal=False))

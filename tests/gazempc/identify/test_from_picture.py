@@ -9,7 +9,8 @@ from gazempc.identify.from_picture import TurnedAxis, neck_toml, table
 from gazempc.identify.identify import main
 from gazempc.identify.new_neck import as_toml
 from gazempc.identify.turning import Interval, TurnEstimate
-from gazempc.neck.spec import SpeedSteps, load_neck
+from gazempc.neck.spec import load_neck
+from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.robots.ptz_emulator import LATENCY_S
 
 PTZ = load_neck("ptz")

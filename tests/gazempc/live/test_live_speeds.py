@@ -22,7 +22,8 @@ from gazempc.live.clock import SimulatedClock
 from gazempc.live.session import main, parse
 from gazempc.live.setup import build
 from gazempc.neck.kinematics import look_at
-from gazempc.neck.spec import SpeedSteps, load_neck
+from gazempc.neck.spec import load_neck
+from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.robots.mujoco import MujocoNeck
 from gazempc.sim.simulated import SimulatedNeck
 

@@ -15,7 +15,7 @@ from gazempc.live.clock import RealClock
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import make_cue_source, setup_of_gaze
-from gazempc.live.sources.ros2 import Ros2Cues
+from gazempc.live.sources.ros2_cues import Ros2Cues
 from gazempc.loop.events import Event
 from gazempc.neck.spec import load_neck
 from gazempc.people.company import Glance, Sound

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from gazempc.errors import SettingsError
-from gazempc.neck.spec import SpeedSteps, load_neck
+from gazempc.neck.spec import load_neck
+from gazempc.neck.speed_steps import SpeedSteps
 
 SPEEDS = st.lists(st.floats(1e-3, 10.0), min_size=1, max_size=20).map(lambda each: tuple(sorted(each)))
 

@@ -8,7 +8,7 @@ import pytest
 from builders.visca import QUICK, feed, wait_until
 
 from gazempc.errors import RobotError, SettingsError
-from gazempc.neck.spec import SpeedSteps
+from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.robots.onvif import OnvifCamera
 from gazempc.robots.options import OnvifOptions
 

@@ -14,7 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gazempc.errors import RobotError, SettingsError
-from gazempc.neck.spec import SpeedSteps, load_neck
+from gazempc.neck.spec import load_neck
+from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.robots.options import ViscaOptions
 from gazempc.robots.visca import ViscaCamera, ViscaLink
 from gazempc.robots.visca_packets import (
