@@ -11,10 +11,10 @@ from gazempc.live.arrivals import Arrivals
 from gazempc.loop.boundary import Slow, boundary, slow_call
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.loop.track import Target
+from gazempc.loop.track import AroundTarget, Target
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState, Sighting
-from predictors import Forecast, HeadObservation, Predictor
+from predictors import Forecast
 
 # A command waits so long for a reading under way, as before; then the reading hangs, and the command is sent meanwhile.
 _PATIENCE_S = 0.012
@@ -22,7 +22,7 @@ _PATIENCE_S = 0.012
 _JOINTS_KEPT = 1000
 
 
-class ArrivingTarget:
+class ArrivingTarget(AroundTarget):
     """A target that asks the sources itself, in the thread in which the planner calls it.
 
     Args:
@@ -36,25 +36,11 @@ class ArrivingTarget:
     """
 
     def __init__(self, target: Target, arrivals: Arrivals) -> None:
-        self._target, self._arrivals = target, arrivals
+        super().__init__(target)
+        self._arrivals = arrivals
         self._joints: deque[tuple[float, JointEstimate]] = deque(maxlen=_JOINTS_KEPT)
         self.finished = self.stopped = False
         self.heads_seen: Callable[[Iterable[Sighting], float], None] | None = None
-
-    @property
-    def predictor(self) -> Predictor:
-        """See `gazempc.loop.track.Target`."""
-        return self._target.predictor
-
-    @property
-    def newest(self) -> HeadObservation | None:
-        """See `gazempc.loop.track.Target`."""
-        return self._target.newest
-
-    @property
-    def newest_capture_s(self) -> float | None:
-        """See `gazempc.loop.track.Target`."""
-        return self._target.newest_capture_s
 
     def note_joints(self, time_s: float, joints: JointEstimate) -> None:
         """Keep where the joints were, see `Arrivals.note_joints`; may be called by another thread."""

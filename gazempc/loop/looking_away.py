@@ -8,15 +8,15 @@ from dataclasses import replace
 from gazempc.loop.attended import AttendedPeople
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.loop.track import Target
+from gazempc.loop.track import AroundTarget, Target
 from gazempc.people.attention import AttentionState
 from gazempc.people.company import Choice, Cue, Cues, Rhythm, Sound, Speech, Thinking
 from gazempc.people.schedule import LookAways
 from gazempc.types import FloatArray, Sighting
-from predictors import Forecast, HeadObservation, Predictor
+from predictors import Forecast
 
 
-class LookingAway:
+class LookingAway(AroundTarget):
     """Puts looks away into a target's forecasts, so that any controller plans the way there and back ahead of time.
 
     Args:
@@ -26,7 +26,7 @@ class LookingAway:
     """
 
     def __init__(self, target: Target, look_aways: LookAways, cues: Cues | None = None) -> None:
-        self._target = target
+        super().__init__(target)
         self._look_aways = look_aways
         self._cues = cues
         self._person_base_m: FloatArray | None = None
@@ -52,21 +52,6 @@ class LookingAway:
         if away is None:
             return state
         return replace(state, away_why=away.why, away_since_s=away.start_s, away_until_s=away.end_s)
-
-    @property
-    def predictor(self) -> Predictor:
-        """See `gazempc.loop.track.Target`."""
-        return self._target.predictor
-
-    @property
-    def newest(self) -> HeadObservation | None:
-        """See `gazempc.loop.track.Target`."""
-        return self._target.newest
-
-    @property
-    def newest_capture_s(self) -> float | None:
-        """See `gazempc.loop.track.Target`."""
-        return self._target.newest_capture_s
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
         """See `gazempc.loop.track.Target.take_in`."""

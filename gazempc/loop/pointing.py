@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.loop.track import Target
+from gazempc.loop.track import AroundTarget, Target
 from gazempc.types import FloatArray, Sighting
-from predictors import Forecast, HeadObservation, Predictor
+from predictors import Forecast
 
 # Peak of the speed of a minimum-jerk motion, as a multiple of its mean (Flash & Hogan 1985).
 _PEAK_OF_MEAN = 1.875
@@ -92,7 +92,7 @@ class Goal:
         self.place: Place | None = None
 
 
-class Pointing:
+class Pointing(AroundTarget):
     """A target that gives way to a place as long as one is set; people are tracked all the time.
 
     Args:
@@ -101,18 +101,9 @@ class Pointing:
     """
 
     def __init__(self, target: Target, goal: Goal) -> None:
-        self._target, self._goal = target, goal
+        super().__init__(target)
+        self._goal = goal
         self._now_s = 0.0
-
-    @property
-    def predictor(self) -> Predictor:
-        """See `gazempc.loop.track.Target`."""
-        return self._target.predictor
-
-    @property
-    def newest(self) -> HeadObservation | None:
-        """See `gazempc.loop.track.Target`."""
-        return self._target.newest
 
     @property
     def newest_capture_s(self) -> float | None:

@@ -65,6 +65,32 @@ class Target(Protocol):
         ...
 
 
+class AroundTarget:
+    """Common part of targets around another one.
+
+    Args:
+        target: The target inside.
+    """
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+
+    @property
+    def predictor(self) -> Predictor:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.predictor
+
+    @property
+    def newest(self) -> HeadObservation | None:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.newest
+
+    @property
+    def newest_capture_s(self) -> float | None:
+        """See `gazempc.loop.track.Target`."""
+        return self._target.newest_capture_s
+
+
 class PersonTrack:
     """Guards one predictor: what cannot be used is dropped, what it raises becomes an event.
 
