@@ -47,9 +47,7 @@ class Sighted:
         person: ROS4HRI's name of the person, the frame's id where there is none, or the topic.
         frame: Frame that the poses are in; the nearest one that is no person's.
         poses: In the order of their stamps, each stamp once.
-        repeated: Messages that repeat a stamp; left out.
-        unusable: Messages with a number that is not finite, or no orientation; left out.
-        unlisted: Messages about a face while the tracker did not list it as tracked; left out.
+        left_out: Messages that repeat a stamp, hold no finite pose, or came while the tracker did not list the face.
     """
 
     name: str
@@ -57,9 +55,7 @@ class Sighted:
     person: str
     frame: str
     poses: Poses
-    repeated: int = 0
-    unusable: int = 0
-    unlisted: int = 0
+    left_out: int = 0
 
     @property
     def rank(self) -> tuple[int, int]:
@@ -89,7 +85,7 @@ def people(frames: FrameTree, topics: Mapping[str, str], messages: Sequence[BagM
         messages: Those of the bag.
 
     Returns:
-        FrameTree and topics with at least one usable pose. Faces that a tracker gave to one person are joined.
+        Frames and topics with at least one usable pose. Faces that a tracker gave to one person are joined.
     """
     persons = _persons(messages)
     found = [
@@ -114,7 +110,7 @@ def _listed(seen: Sighted, messages: Iterable[BagMessage]) -> Sighted:
     received_s = np.array([1e-9 * message.received_ns for message in lists])
     after = np.searchsorted(received_s, seen.poses.times_s + seen.poses.delays_s)
     listed = has[np.clip(after - 1, 0, has.size - 1)] | has[np.clip(after, 0, has.size - 1)]
-    return replace(seen, poses=seen.poses.chosen(listed), unlisted=int((~listed).sum()))
+    return replace(seen, poses=seen.poses.chosen(listed), left_out=seen.left_out + int((~listed).sum()))
 
 
 def _persons(messages: Iterable[BagMessage]) -> dict[str, str]:
@@ -144,14 +140,14 @@ def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | Non
     moving = [edge for edge, _ in way if edge in frames.moving]
     if not moving:
         return None
-    poses, repeated, unusable = usable(frames.moving[moving[0]])
+    given = frames.moving[moving[0]]
+    poses = usable(given)
     # A single transform stays as it is.
     if len(way) > 1:
         position_m, turn, known = frames.along(way, poses.times_s)
         quats = turn.as_quat(scalar_first=True)
         poses = Poses(poses.times_s, poses.delays_s, position_m, quats).chosen(known)
-        unusable += int((~known).sum())
-    return Sighted(name, TF, person or own_id, here, poses, repeated, unusable)
+    return Sighted(name, TF, person or own_id, here, poses, given.times_s.size - poses.times_s.size)
 
 
 def _joined(found: Sequence[Sighted]) -> list[Sighted]:
@@ -164,16 +160,10 @@ def _joined(found: Sequence[Sighted]) -> list[Sighted]:
 
 def _join(group: Sequence[Sighted]) -> Sighted:
     fields = zip(*(vars(seen.poses).values() for seen in group), strict=True)
-    poses, repeated, _ = usable(Poses(*(np.concatenate(field) for field in fields)))
-    first = group[0]
-    return replace(
-        first,
-        name=f"{first.name.partition('_')[0]}_{first.person}",
-        poses=poses,
-        repeated=repeated + sum(seen.repeated for seen in group),
-        unusable=sum(seen.unusable for seen in group),
-        unlisted=sum(seen.unlisted for seen in group),
-    )
+    every = Poses(*(np.concatenate(field) for field in fields))
+    poses, first = usable(every), group[0]
+    left_out = sum(seen.left_out for seen in group) + every.times_s.size - poses.times_s.size
+    return replace(first, name=f"{first.name.partition('_')[0]}_{first.person}", poses=poses, left_out=left_out)
 
 
 def _of_topic(topic: str, messages: Iterable[BagMessage]) -> Sighted:
@@ -193,9 +183,8 @@ def _of_topic(topic: str, messages: Iterable[BagMessage]) -> Sighted:
         rows.append((1e-9 * at_ns, 1e-9 * (message.received_ns - at_ns), point.x, point.y, point.z, *quat))
         frames.append(content.header.frame_id.lstrip("/"))
     frame = max(dict.fromkeys(frames), key=frames.count) if frames else ""
-    same = np.array([name == frame for name in frames], dtype=np.bool_)
-    poses, repeated, unusable = usable(poses_of(rows).chosen(same))
+    poses = usable(poses_of(rows).chosen(np.array([name == frame for name in frames], dtype=np.bool_)))
     # The identity in every message means no orientation.
     if (poses.quat_wxyz == (1.0, 0.0, 0.0, 0.0)).all():
-        poses = Poses(poses.times_s, poses.delays_s, poses.position_m, np.full_like(poses.quat_wxyz, np.nan))
-    return Sighted(topic, topic, topic, frame, poses, repeated, unusable + int((~same).sum()))
+        poses = replace(poses, quat_wxyz=np.full_like(poses.quat_wxyz, np.nan))
+    return Sighted(topic, topic, topic, frame, poses, len(rows) - poses.times_s.size)

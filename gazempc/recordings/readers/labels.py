@@ -195,13 +195,8 @@ def _index_row(path: Path) -> dict[str, str]:
     """
     try:
         text = read_limited(path.with_name(_INDEX_NAME), MOST_TEXT_BYTES).decode("utf-8-sig", errors="replace")
-        rows = list(csv.reader(text.splitlines()))
+        rows = list(csv.DictReader(text.splitlines()))
     except (OSError, ValueError, csv.Error):
         return {}
-    if not rows or not set(rows[0]) >= _INDEX_COLUMNS:
-        return {}
-    clip = rows[0].index("clip")
-    for row in rows[1:]:
-        if len(row) == len(rows[0]) and row[clip] == path.stem:
-            return {name: cell.strip() for name, cell in zip(rows[0], row, strict=True)}
-    return {}
+    whole = (row for row in rows if row.keys() >= _INDEX_COLUMNS and None not in row and None not in row.values())
+    return next(({name: cell.strip() for name, cell in row.items()} for row in whole if row["clip"] == path.stem), {})

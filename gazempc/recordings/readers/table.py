@@ -18,16 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from gazempc.errors import RecordingError, SettingsError, shown
-from gazempc.recordings.readers.bag_frames import FIXED_FRAMES
+from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.body_poses import (
-    Parts,
-    facing,
-    orientations,
-    read_parts,
-    ros_frame,
-)
+from gazempc.recordings.readers.tables.body_poses import orientations, read_parts, ros_frame
 from gazempc.recordings.readers.tables.guess import guess
 from gazempc.recordings.readers.tables.mapping import (
     ColumnMapping,
@@ -59,6 +53,11 @@ _LEAST_USABLE = 0.5
 # Height of hips that the file has at the origin, of a standing person of 1.75 m; and how near the origin they must be.
 HIPS_HEIGHT_M, _HIPS_AT_ORIGIN_M = 0.95, 0.1
 _FEW_ROWS = 20
+_OPTIONAL_PARTS = {
+    "the head's orientation": "head_quat_wxyz",
+    "the pelvis's position": "pelvis_position_m",
+    "the pelvis's orientation": "pelvis_quat_wxyz",
+}
 # Readers of tables, by the ending of the file.
 TABLES: dict[str, Callable[[Path], RawTable]] = {
     ".csv": read_text_table,
@@ -103,28 +102,30 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     elif person is not None and mapping.person is None:
         raise SettingsError(f"--reading.person {person}: {path} has no column of people; give person=COLUMN")
     columns = Columns(table, who)
-    parts = read_parts(columns, mapping)
-    known = np.isfinite(parts.times_s) & np.isfinite(parts.head_m).all(axis=1)
-    mine = np.ones(len(known), dtype=np.bool_)
+    times_s, track = read_parts(columns, mapping)
+    mine = np.ones(times_s.size, dtype=np.bool_)
     if mapping.person is not None:
-        mine, who, more = rows_of_person(table, columns.one(mapping.person), known, person)
+        mine, who, more = rows_of_person(table, columns.one(mapping.person), track.valid, person)
         notes += more
-    notes += _dropped(table, known, mine)
-    rows, parts, frame = np.flatnonzero(known & mine), parts.rows(known & mine), ros_frame(columns, mapping)
+    notes += _dropped(table, track.valid, mine)
+    rows, frame = np.flatnonzero(track.valid & mine), ros_frame(columns, mapping)
+    times_s, track = times_s[rows], track.rows(track.valid & mine)
     at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
-    if frame is not None and mapping.head_axes is None:
-        parts, more = facing(parts, at_sensor, who.startswith("face_"))
-        notes += more
-    notes += _partly_unknown(parts)
-    every = np.ones(len(rows), dtype=np.bool_)
-    track = Track(parts.head_m, parts.head_quat, parts.pelvis_m, parts.pelvis_quat, every)
+    if frame is not None and mapping.head_axes is None and not track.positions_only:
+        turn, note = person_axes(track.head_position_m, track.head_quat_wxyz, at_sensor, who.startswith("face_"))
+        track = replace(track, head_quat_wxyz=turn(track.head_quat_wxyz))
+        notes += [note] if note else []
+    for what, field in _OPTIONAL_PARTS.items():
+        unknown = int((~np.isfinite(getattr(track, field)).all(axis=1)).sum())
+        if 0 < unknown < rows.size:
+            notes.append(f"{what} is not known in {unknown} of {rows.size} rows")
     if mapping.origin == "hips" and rows.size:
         track = _lifted_from_hips(path, track)
         note = f"positions are relative to the hips, which are put at {HIPS_HEIGHT_M} m"
         notes.append(f"{note}: how the person walks is not in the file")
     kind = mapping.kind or "motion capture"
     found = recording_of(
-        path, parts.times_s, track, kind, at_sensor, lambda index: table.place(int(rows[index])), notes=notes
+        path, times_s, track, kind, at_sensor, lambda index: table.place(int(rows[index])), notes=notes
     )
     return found if person is None else replace(found, name="_".join([path.stem, *re.findall(r"\w+", who)]))
 
@@ -187,17 +188,17 @@ def _found(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[
         guessed = guess(table)
     except RecordingError:  # such as a cell that is no number
         guessed = None
-    if options.guess and guessed is not None:
-        return guessed.mapping, (f'columns guessed: "{guessed.mapping.as_option()}"', *guessed.remarks)
-    proposal = (
-        "no columns that could be the time and one head: give them, such as --reading.columns 't=stamp:ms, "
-        "head=[px,py,pz]:mm'"
-    )
-    if guessed is not None:
-        remarks = f" ({'; '.join(guessed.remarks)})" if guessed.remarks else ""
+    if guessed is None:
+        proposal = "give them, such as --reading.columns 't=stamp:ms, head=[px,py,pz]:mm'"
+        proposal = f"no columns that could be the time and one head: {proposal}"
+    else:
+        proposed, remarks = guessed
+        option = proposed.as_option()
+        if options.guess:
+            return proposed, (f'columns guessed: "{option}"', *remarks)
+        remark = f" ({'; '.join(remarks)})" if remarks else ""
         proposal = (
-            f'a guess: --reading.columns "{guessed.mapping.as_option()}"{remarks}; paste and correct it, or take it as '
-            "it is by --guess"
+            f'a guess: --reading.columns "{option}"{remark}; paste and correct it, or take it as it is by --guess'
         )
     missing = ", ".join(name for name in NEEDED if name not in table.names)
     problem = f"missing column(s) {missing}; found {shown(', '.join(table.names), 200)}"
@@ -285,14 +286,3 @@ def _dropped(table: RawTable, known: BoolArray, mine: BoolArray) -> list[str]:
     if count - lost.sum() < _LEAST_USABLE * count:
         raise RecordingError(table.path, "", note, f"at least {_LEAST_USABLE:.0%} of the rows, or other columns")
     return [f"{note}: dropped"]
-
-
-def _partly_unknown(parts: Parts) -> list[str]:
-    """Notes on parts that are known in some rows only."""
-    notes = []
-    for name, values in (("head", parts.head_quat), ("pelvis", parts.pelvis_m), ("pelvis", parts.pelvis_quat)):
-        unknown = int((~np.isfinite(values).all(axis=1)).sum())
-        if 0 < unknown < len(values):
-            what = "position" if values.shape[1] == 3 else "orientation"
-            notes.append(f"the {name}'s {what} is not known in {unknown} of {len(values)} rows")
-    return notes

@@ -7,7 +7,7 @@ import pytest
 
 from gazempc.errors import SettingsError
 from gazempc.people.attention import Attention
-from gazempc.people.company import NOT_AT_ALL, Company, Sound
+from gazempc.people.company import Company, Sound
 from gazempc.people.person import PersonState
 from gazempc.people.policies import Nearest, make_policy
 from gazempc.settings import AttentionSettings
@@ -34,10 +34,6 @@ def run(attending, people_at, seconds, from_s=0.0):
     """Who is looked at at each tick: times and numbers."""
     times_s = from_s + np.arange(round(seconds / TICK_S)) * TICK_S
     return times_s, [attending.update(people_at(t), t).number for t in times_s.tolist()]
-
-
-def test_nearest_is_who_is_nearest_across_the_floor():
-    assert np.argmax(scores("nearest", [person(1, 3.0), person(2, 1.0, 1.0), person(3, 2.0)])) == 1
 
 
 def test_approaching_is_who_comes_up_fastest_else_who_is_nearest():
@@ -87,10 +83,10 @@ def test_nobody_is_switched_to_before_they_were_the_better_choice_for_the_hyster
     assert numbers[0] == 1
 
 
-@pytest.mark.parametrize("dwell_s", [0.0, 2.0, 4.0])
+@pytest.mark.parametrize("dwell_s", [0.0, 2.0])
 def test_nobody_is_left_before_the_dwell_time(dwell_s):
     attending = attention(hysteresis_s=0.2, dwell_s=dwell_s)
-    times_s, numbers = run(attending, lambda t: [person(1 + int(t) % 2, 1.0), person(2 - int(t) % 2, 2.0)], 60.0)
+    times_s, numbers = run(attending, lambda t: [person(1 + int(t) % 2, 1.0), person(2 - int(t) % 2, 2.0)], 30.0)
     switches_s = times_s[1:][np.diff(numbers) != 0]
     assert switches_s.size > 5
     assert np.diff(switches_s).min() >= max(dwell_s, 0.2) - 1e-9
@@ -136,9 +132,7 @@ def test_a_policy_that_raises_leaves_who_is_looked_at():
     assert attending.attended.number is None  # nobody who is gone is looked at
 
 
-def test_settings_that_contradict_are_refused():
+@pytest.mark.parametrize("limits", [{"enter_m": 1.5, "leave_m": 1.0}, {"leave_m": 1.0}])
+def test_limits_that_contradict_are_refused(limits):
     with pytest.raises(ValueError, match="leave_m"):
-        AttentionSettings(enter_m=1.5, leave_m=1.0)
-    with pytest.raises(ValueError, match="leave_m"):
-        AttentionSettings(leave_m=1.0)
-    assert math.isnan(NOT_AT_ALL)
+        AttentionSettings(**limits)

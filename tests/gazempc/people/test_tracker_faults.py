@@ -29,7 +29,7 @@ def walk_then(stops_m_s2, rate_hz, seconds=4.0, speed_m_s=1.2):
     return np.stack([2.0 + 0.0 * way_m, way_m - 1.5, 0.3 + 0.0 * way_m], axis=1)
 
 
-@pytest.mark.parametrize("rate_hz", [5.0, 16.0, 30.0, 60.0])
+@pytest.mark.parametrize("rate_hz", [5.0, 30.0])
 def test_a_tracker_that_is_frozen_in_mid_walk_is_noticed_after_half_a_second(rate_hz):
     path_m = walk_then(1.0, rate_hz)
     stop = int(1.5 * rate_hz)
@@ -41,8 +41,7 @@ def test_a_tracker_that_is_frozen_in_mid_walk_is_noticed_after_half_a_second(rat
     assert len(found_s) == round((found_s[-1] - found_s[0]) * rate_hz) + 1
 
 
-@pytest.mark.parametrize("rate_hz", [16.0, 30.0, 60.0])
-@pytest.mark.parametrize("stops_m_s2", [0.5, 1.0, 2.0, 3.0])
+@pytest.mark.parametrize(("rate_hz", "stops_m_s2"), [(16.0, 0.5), (30.0, 3.0), (60.0, 1.0)])
 def test_who_brakes_and_stands_without_noise_is_not_frozen(rate_hz, stops_m_s2):
     assert frozen_at(walk_then(stops_m_s2, rate_hz), rate_hz) == []
 
