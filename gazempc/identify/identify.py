@@ -223,9 +223,11 @@ def _record(settings: IdentifySettings, progress: Progress) -> tuple[NeckRecord,
             f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears"
         )
     neck = load_neck(settings.neck or "reference")
-    neck.check_takes_angles("identification")
-    if not neck.reports_joints:
-        raise SettingsError(f"neck {neck.name!r}: reports_joints is false; identification needs measured angles")
+    if neck.takes_speeds or not neck.reports_joints:
+        raise SettingsError(
+            f"neck {neck.name!r}: identification sends angles and needs encoders; accepted: command = "
+            '"position" and reports_joints = true, or --source camera:URL for a camera that takes speeds'
+        )
     taken = _excite(settings, neck, progress)
     taken.save(settings.out.with_suffix(".npz"))
     return taken, neck, f"robot {settings.robot}, neck {neck.name}"
