@@ -207,20 +207,6 @@ def test_a_wrong_field_is_named_with_what_is_wrong(tmp_path: Path, change: tuple
     assert any(re.match(line, found) for found in refusal(tmp_path, changed(change)))
 
 
-def test_all_errors_are_told_at_once(tmp_path: Path) -> None:
-    lines = refusal(
-        tmp_path,
-        changed(
-            ("dead_time_s = 0.4", 'dead_time_s = "long"'),
-            ("damping_ratio = 0.9", "damping_ratio = 99"),
-            ("jerk_max_rad_s3 = 300.0", "jerk = 300.0"),
-            ("position_min_deg = -35.0", "position_min_deg = 50.0"),
-        ),
-    )
-    fields = [line.split(":")[0] for line in lines]
-    assert sorted(fields) == ["pan.damping_ratio", "pan.dead_time_s", "pan.jerk", "pan.jerk_max_rad_s3", "tilt"]
-
-
 def test_text_that_is_not_toml_is_refused_with_the_place(tmp_path: Path) -> None:
     (line,) = refusal(tmp_path, "name = \npan: 3\n")
     assert line.startswith("not valid TOML: ")
