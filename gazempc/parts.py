@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,8 +59,6 @@ CONTROLLER = Kind(
         "reactive": "gazempc.controllers.reactive:Reactive",
         "lookahead": "gazempc.controllers.lookahead:LookAhead",
         "mpc": "gazempc.controllers.mpc.mpc:Mpc",
-        # The MPC with the predictor `perfect`.
-        "perfect": "gazempc.controllers.mpc.mpc:Mpc",
     },
     {
         "reset": "reset(): forgets earlier plans",
@@ -121,6 +120,8 @@ POLICY = Kind(
 TERM = Kind("term", {}, {})
 # Shipped robots that are given as NAME:ADDRESS.
 ADDRESSED = ("visca", "onvif")
+# A controller with a predictor of its own: the true future bounds what any forecast can reach.
+TRUE_FUTURE = "mpc+perfect"
 # A person by the tracker's name: ``id:anna``.
 BY_NAME = "id:"
 
@@ -159,6 +160,22 @@ def check_choice(kind: Kind, choice: str) -> str:
     raise ValueError(
         f"no {kind.name} {choice!r}: {suggest(choice, kind.shipped)}, or module:Class for a {kind.name} of your own"
     )
+
+
+def gaze_of(choice: str) -> tuple[str, str]:
+    """Controller and own predictor of a gaze, such as of ``mpc+perfect``; ``mpc`` has the predictor ``""``."""
+    if choice == "perfect":
+        warnings.warn(f"the controller perfect is now {TRUE_FUTURE}", FutureWarning, stacklevel=2)
+        choice = TRUE_FUTURE
+    controller, _, predictor = choice.partition("+")
+    return controller, predictor
+
+
+def check_gaze(choice: str) -> str:
+    """Check a controller, with a predictor of its own after ``+``, as `check_choice` does; gives ``mpc+perfect``."""
+    controller, predictor = gaze_of(choice)
+    check_choice(CONTROLLER, controller)
+    return f"{controller}+{check_choice(PREDICTOR, predictor)}" if predictor else controller
 
 
 def check_function(choice: str) -> str:
@@ -262,7 +279,7 @@ def name_of(kind: Kind, part: object) -> str:
             return name
     called = getattr(part, "name", None)
     name = called if isinstance(called, str) and called else own.__name__
-    # A shipped name is the shipped part's alone: `perfect`, say, is what others are compared with.
+    # A shipped name is the shipped part's alone.
     return f"{own.__module__}.{name}" if name in kind.shipped else name
 
 

@@ -21,7 +21,7 @@ from gazempc.command import TYRO_CONFIG, command_line, run_interruptible
 from gazempc.errors import GazempcError, LimitViolationError
 from gazempc.files.whole import begin_folder, naming, write_whole
 from gazempc.part_options import check_options, take_options
-from gazempc.parts import CONTROLLER, PREDICTOR
+from gazempc.parts import CONTROLLER, PREDICTOR, TRUE_FUTURE
 from gazempc.progress import Progress
 from gazempc.results.mcap_read import has_log
 from gazempc.run_settings import RunSettings, config_path, load_settings
@@ -248,7 +248,7 @@ def _notes(log: Log) -> list[str]:
 
 def _margins(settings: RunSettings, neck: NeckSpec) -> list[str]:
     """Margins of the MPC that the neck file leaves too small."""
-    if not {"mpc", "perfect"} & set(settings.controllers):
+    if not {"mpc", TRUE_FUTURE} & set(settings.controllers):
         return []
     from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
     from gazempc.loop.build import make_controller  # noqa: PLC0415

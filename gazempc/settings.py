@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,14 +12,25 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from tyro.constructors import PrimitiveConstructorSpec
 
 from gazempc.neck.picture import Framing
-from gazempc.parts import BY_NAME, CONTROLLER, POLICY, PREDICTOR, Kind, check_choice, check_function
+from gazempc.parts import (
+    BY_NAME,
+    CONTROLLER,
+    POLICY,
+    PREDICTOR,
+    TRUE_FUTURE,
+    Kind,
+    check_choice,
+    check_function,
+    check_gaze,
+)
 
 
-def on_command_line(kind: Kind) -> PrimitiveConstructorSpec[str]:
+def on_command_line(kind: Kind, check: Callable[[str], str] | None = None) -> PrimitiveConstructorSpec[str]:
     """How a command line reads the choice of a part, lists what there is, and refuses what there is not.
 
     Args:
         kind: The kind of part.
+        check: Checks the choice; default: `check_choice`.
 
     Returns:
         What tyro takes beside the type.
@@ -26,7 +38,7 @@ def on_command_line(kind: Kind) -> PrimitiveConstructorSpec[str]:
     return PrimitiveConstructorSpec(
         nargs=1,
         metavar=f"{{{','.join(kind.shipped)},module:Class}}",
-        instance_from_str=lambda words: check_choice(kind, words[0]),
+        instance_from_str=lambda words: (check or partial(check_choice, kind))(words[0]),
         is_instance=lambda value: isinstance(value, str),
         str_from_instance=lambda value: [value],
     )
@@ -36,6 +48,9 @@ _AboveZero = Annotated[float, Field(gt=0)]
 # A shipped name, or module:Class for a part of the user's own; see `gazempc.parts`.
 ControllerChoice = Annotated[str, AfterValidator(partial(check_choice, CONTROLLER)), on_command_line(CONTROLLER)]
 PredictorChoice = Annotated[str, AfterValidator(partial(check_choice, PREDICTOR)), on_command_line(PREDICTOR)]
+# In replays a controller may have a predictor of its own: mpc+perfect.
+GazeChoice = Annotated[str, AfterValidator(check_gaze), on_command_line(CONTROLLER, check_gaze)]
+GAZES = ("reactive", "lookahead", "mpc", TRUE_FUTURE)
 # The predictor with the least error on real people, as far as measured.
 DEFAULT_PREDICTOR = "walker"
 

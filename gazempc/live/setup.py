@@ -207,7 +207,7 @@ def setup_of_gaze(
         checked = LiveGazeSettings.model_validate(settings)
     except ValidationError as error:
         raise SettingsError(explain(error, "Gaze", LiveGazeSettings)) from None
-    if "perfect" in (controller, predictor):
+    if predictor == "perfect":
         raise SettingsError("perfect: the true future of a live run is unknown")
     chosen = ((PREDICTOR, predictor), (CONTROLLER, controller), (ROBOT, robot))
     check_options([(kind, choice) for kind, choice in chosen if isinstance(choice, str)], checked.options.own)
@@ -281,7 +281,7 @@ def _joined(
 
 def _margins(controller: Controller) -> list[str]:
     """Joints of the neck file that leave too small a stability margin to the MPC."""
-    if name_of(CONTROLLER, controller) not in ("mpc", "perfect"):
+    if name_of(CONTROLLER, controller) != "mpc":
         return []
     # Only here: another controller needs no CasADi.
     from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415

@@ -88,7 +88,7 @@ def make_controller(
     """Make a controller, or make an object of yours ready: it is tried out and reset.
 
     Args:
-        choice: A shipped name (``perfect`` is the MPC), ``module:Class`` or a controller. A constructor of your own may
+        choice: A shipped name, ``module:Class`` or a controller. A constructor of your own may
             ask for ``neck``.
         neck: The neck.
         settings: Parameters of the shipped ones.
@@ -109,12 +109,11 @@ def make_controller(
     if is_own(choice):
         own: Controller = make(CONTROLLER, choice, {"neck": neck}, options_for(CONTROLLER, choice, options))
         return check_controller(own, neck)
-    name = "mpc" if choice == "perfect" else choice
-    values = getattr(settings, name).model_dump() if hasattr(settings, name) else {}
+    values = getattr(settings, choice).model_dump() if hasattr(settings, choice) else {}
     for kind in ("terms", "rows"):
         if kind in values:
             values[kind] = _by_joint(values[kind])
-    if name == "mpc":
+    if choice == "mpc":
         values["framing"] = settings.framing
     controller: Controller = make(CONTROLLER, choice, {"neck": neck, **values}, {})
     return controller

@@ -25,7 +25,7 @@ from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import Target
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.poses import seen_from_head
-from gazempc.parts import CONTROLLER, PREDICTOR, name_of
+from gazempc.parts import CONTROLLER, PREDICTOR, gaze_of, name_of
 from gazempc.people.schedule import LookAways
 from gazempc.people.tracker_faults import is_low_rate
 from gazempc.recordings.truth import TrueHead
@@ -94,7 +94,7 @@ def replay_scene(
 
     Args:
         scene: Walk, neck, sensor and seed.
-        controller: A controller, or its name; ``perfect`` is the MPC with the predictor ``perfect``.
+        controller: A controller, or its name; ``mpc+perfect`` names its predictor, too.
         predictor: A predictor, or its name.
         settings: Parameters of the parts that are named, and of the loop. Values of the scene have precedence.
         on_tick: Called at each tick with the share of the recording that is done, 0 to 1.
@@ -118,8 +118,8 @@ def replay_scene(
             f"{walk.name}: {end_s:.2f} s is too short to be scored: at least {MIN_DURATION_S} s are needed"
         )
     true_head = TrueHead(walk)
-    if controller == "perfect":
-        predictor = "perfect"
+    controller, own_predictor = gaze_of(controller) if isinstance(controller, str) else (controller, "")
+    predictor = own_predictor or predictor
     ready = make_predictor(predictor, settings, Person(walk.labels.subject, true_head), settings.options)
     planning = make_controller(controller, neck, settings, settings.options)
     people = people_of(scene, predictor, ready, settings)
@@ -160,7 +160,7 @@ def replay_scene(
         kind=walk.kind,
         subject=walk.labels.subject,
         group=walk.labels.group,
-        controller="perfect" if controller == "perfect" else name_of(CONTROLLER, planning),
+        controller="+".join(filter(None, (name_of(CONTROLLER, planning), own_predictor))),
         predictor=name_of(PREDICTOR, ready),
         neck=robot_neck,
         sensor=scene.sensor.model_dump(mode="json"),
