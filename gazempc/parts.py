@@ -7,7 +7,7 @@ import inspect
 import sys
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +23,12 @@ class Kind:
     Attributes:
         name: What it is called in messages and options.
         shipped: ``module:Class`` by shipped name.
-        methods: What each method takes and gives, by the method's name; all of them are needed.
-        properties: The same for attributes.
+        members: What each method takes and gives, or what an attribute holds, by name; all of them are needed.
     """
 
     name: str
     shipped: Mapping[str, str]
-    methods: Mapping[str, str]
-    properties: Mapping[str, str] = field(default_factory=dict)
+    members: Mapping[str, str]
 
 
 PREDICTOR = Kind(
@@ -100,8 +98,8 @@ SOURCE = Kind(
         "open": "open(): begins to take observations in",
         "poll": "poll() -> Arrived: what has come since the last call; never blocks",
         "close": "close(): takes no more in, never raises",
+        "finished": "finished: True once nothing more will come",
     },
-    {"finished": "finished: True once nothing more will come"},
 )
 POLICY = Kind(
     "policy",
@@ -240,8 +238,8 @@ def find(kind: Kind, choice: str) -> Callable[..., Any]:
     return factory
 
 
-def check_methods(kind: Kind, part: object, called: str = "") -> None:
-    """Check that a part has all methods of its kind.
+def check_members(kind: Kind, part: object, called: str = "") -> None:
+    """Check that a part has all methods and attributes of its kind.
 
     Args:
         kind: The kind of part.
@@ -254,12 +252,10 @@ def check_methods(kind: Kind, part: object, called: str = "") -> None:
     called = called or type(part).__name__
     if inspect.isclass(part):
         raise SettingsError(f"{kind.name} {part.__name__} is a class: give an object, {part.__name__}(...)")
-    for name, what in kind.methods.items():
-        if not callable(getattr(part, name, None)):
-            raise SettingsError(f"{kind.name} {called} lacks the method {what}")
-    for name, what in kind.properties.items():
-        if not hasattr(part, name):
-            raise SettingsError(f"{kind.name} {called} lacks the attribute {what}")
+    for name, what in kind.members.items():
+        is_method = what.startswith(f"{name}(")
+        if not (callable(getattr(part, name, None)) if is_method else hasattr(part, name)):
+            raise SettingsError(f"{kind.name} {called} lacks the {'method' if is_method else 'attribute'} {what}")
 
 
 def name_of(kind: Kind, part: object) -> str:

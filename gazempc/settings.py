@@ -118,26 +118,7 @@ class PelvisPursuitSettings(Settings):
     position_noise_m: NoiseM = _POSITION_NOISE_M
 
 
-class ConstantAccelerationSettings(Settings):
-    """Predictor `constant_acceleration`."""
-
-    jerk_psd: float = Field(default=0.003, gt=0, le=1e6, description="Noise density of the head's jerk, m^2/s^5")
-    position_noise_m: NoiseM = _POSITION_NOISE_M
-
-
-class _TurningSettings(Settings):
-    """What the predictors `coordinated_turn` and `particle` have in common."""
-
-    acceleration_psd: float = Field(
-        default=0.05, gt=0, le=1e6, description="Noise density of the speed's change, m^2/s^3"
-    )
-    heading_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the heading's rate, rad^2/s")
-    turn_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the turn rate's change, rad^2/s^3")
-    turn_time_s: float = Field(default=1.0, gt=0, description="Time constant with which a turn ends")
-    position_noise_m: NoiseM = _POSITION_NOISE_M
-
-
-class CoordinatedTurnSettings(_TurningSettings):
+class CoordinatedTurnSettings(Settings):
     """Predictor `coordinated_turn`."""
 
     yaw_cues: Literal["none", "pelvis", "both"] = Field(
@@ -146,33 +127,11 @@ class CoordinatedTurnSettings(_TurningSettings):
     )
 
 
-class ParticleSettings(_TurningSettings):
-    """Predictor `particle`."""
-
-    particles: int = Field(default=400, ge=2, le=100_000, description="Number of particles")
-
-
-class InteractingModelsSettings(Settings):
-    """Predictor `interacting_models`."""
-
-    turn_rate_rad_s: float = Field(
-        default=0.5, gt=0, le=100, description="Rate of the turns to the left and to the right"
-    )
-    mode_time_s: float = Field(default=10.0, gt=0, description="Mean time that straight or turning lasts")
-    acceleration_psd: float = Field(
-        default=0.05, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
-    )
-    position_noise_m: NoiseM = _POSITION_NOISE_M
-
-
 class PredictorSettings(Settings):
-    """Settings of all predictors."""
+    """Settings of predictors; the others are made with the defaults of their constructors."""
 
     constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
-    constant_acceleration: ConstantAccelerationSettings = ConstantAccelerationSettings()
     coordinated_turn: CoordinatedTurnSettings = CoordinatedTurnSettings()
-    interacting_models: InteractingModelsSettings = InteractingModelsSettings()
-    particle: ParticleSettings = ParticleSettings()
     head_pose: HeadPoseSettings = HeadPoseSettings()
     pelvis_pursuit: PelvisPursuitSettings = PelvisPursuitSettings()
     walker: WalkerSettings = WalkerSettings()

@@ -30,16 +30,15 @@ from gazempc.live.sources.senders import Senders
 from gazempc.live.sources.source import Source
 from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, Wire, parse_address
 from gazempc.live.stamps import StampClock, StampReader, Stamps
-from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.build import Person, make_controller, make_predictor, make_target
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner, Planner
 from gazempc.loop.pointing import Goal
-from gazempc.loop.target import make_target
 from gazempc.loop.track import Target
 from gazempc.neck.human import with_motion
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options, make, options_for
-from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, check_methods, name_of
+from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, check_members, name_of
 from gazempc.people.company import Cues
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.run_info import RunInfo
@@ -256,7 +255,7 @@ def _joined(
         ready = make_robot(robot, settings.options, neck, clock, start_rad, seed)
         robot_name = name_of(ROBOT, ready)
     else:
-        check_methods(ROBOT, robot)
+        check_members(ROBOT, robot)
         ready, robot_name = MonotonicRobot(robot, clock), name_of(ROBOT, robot)
     about = RunInfo(
         recording="live",

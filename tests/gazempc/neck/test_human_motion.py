@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gazempc.controllers.eyes import EyeAim
+from gazempc.controllers.chain import EyeAim
 from gazempc.errors import SettingsError
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import build
