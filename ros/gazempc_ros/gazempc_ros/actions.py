@@ -174,6 +174,7 @@ class HeadActions:
             active.max_velocity_rad_s = request.max_velocity if request.max_velocity > 0.0 else math.inf
         # The timer takes it up: at a hundred goals a second the queue of the service must not run over.
         self._active = active
+        self._timer.reset()
 
     def _now_s(self) -> float:
         return 1e-9 * self._node.get_clock().now().nanoseconds
@@ -196,6 +197,7 @@ class HeadActions:
     def _step(self) -> None:
         active, gaze = self._active, self._gaze()
         if active is None or gaze is None:
+            self._timer.cancel()
             return
         if active.handle.is_cancel_requested:
             self._end("canceled")
