@@ -1,4 +1,4 @@
-"""Which detection is of whom: constant-velocity filters, a gate around each expected position, optimal assignment."""
+"""Association of detections with tracks: constant-velocity filters, gating, optimal assignment."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from gazempc.types import BoolArray, FloatArray
 from predictors.gate import GATE_D2, allowance_m
 
-# Of people who turn and stop. More than a forecast's own noise: an assignment must not insist on a straight walk.
+# Of people who turn and stop. More than a forecast's own noise: people depart from straight lines.
 _ACCELERATION_PSD = 0.5
 # Of a new track: as fast as people walk.
 _INITIAL_SPEED_SD_M_S = 1.0

@@ -1,4 +1,4 @@
-"""All people around: detections in, one track a person out, whatever the tracker calls them."""
+"""All people around: detections in, one track a person out."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TENTATIVE_S = 0.3
 _ONE_PERSON_M = 0.25
 # A person who comes back under the same name cannot have gone farther: this fast, and with this error.
 _RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
-# Without a name, who was hidden for not longer than this is where they would have walked to, give or take.
+# Without a name, a person hidden for at most this time is near the extrapolated position.
 _WALKED_ON_S, _STRAYED_M_S = 3.0, 0.2
 # End of a lost track: names that trackers give again after that are another person's.
 _FORGOTTEN_AFTER_S = 30.0
@@ -104,7 +104,7 @@ class People:
         self._let_go(self._newest_s, frame_before_s)
         found: list[tuple[int, Became]] = [(0, Became.DUPLICATE)] * len(observations)
         left = list(range(len(observations)))
-        # Who is there comes first: what may be a false detection takes nothing from them.
+        # Confirmed tracks come first: a tentative one takes no detection from them.
         for confirmed in (True, False):
             tracks = [t for t in self._tracks if t.confirmed is confirmed and t.seen_s < capture_s]
             pairs = self._assigned(tracks, [observations[k] for k in left], capture_s)
@@ -193,7 +193,7 @@ class People:
             self._count += 1
             track.number = self._count
             return Became.ENTERED
-        # Who was gone, or jumped, is the same person as before.
+        # The person of a lost track, or of one that jumped.
         self._tracks = [t for t in self._tracks if t is not track and t is not earlier]
         self._gone = [t for t in self._gone if t is not earlier]
         track.number, track.since_s = earlier.number, earlier.since_s
@@ -224,7 +224,7 @@ class People:
         return any(math.dist(t.motion.position_m[0], track.motion.position_m[0]) < _ONE_PERSON_M for t in others)
 
     def _earlier(self, track: TrackedPerson) -> TrackedPerson | None:
-        """Who this was before: the last one of the same name, or the one who was to be here by now."""
+        """The earlier track of this person: the last one of the same name, or the one extrapolated to this place."""
         before = [t for t in (*self._gone, *self.confirmed) if t is not track and t.seen_s < track.since_s]
         for earlier in sorted(before, key=lambda t: -t.seen_s):
             named = None not in (earlier.tracker_id, track.tracker_id)

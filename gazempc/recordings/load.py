@@ -75,12 +75,9 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     if name in everyday:
         return generate_everyday(name)
     try:
-        name.encode()
         is_directory, exists = path.is_dir(), path.exists()
-    except UnicodeEncodeError:
-        raise RecordingError(ascii(name), "", "the name is not text in UTF-8", "a file with another name") from None
     except (OSError, ValueError) as error:  # such as a name longer than the system allows, or with a zero in it
-        raise RecordingError(name, "", f"cannot be opened: {error}", accepted) from None
+        raise RecordingError(ascii(name), "", f"cannot be opened: {error}", accepted) from None
     reader = _READERS.get(path.suffix.lower())
     if not exists:
         near = f"{suggest(name, (*walks, *everyday))}, each person with {', '.join((*ROUTES, *ACTIVITIES))}"

@@ -105,7 +105,7 @@ class Labels:
     """Facts about a recording besides the motion.
 
     Attributes:
-        subject: Who walks; by default the name up to the first underscore.
+        subject: The person; by default the name up to the first underscore.
         group: Route group such as ``straight``, ``turn``, ``sharp``, or None where unknown.
         description: Free text for people.
         activity: What the person does, such as ``moving``, ``starting``, ``stopping``, ``waiting``; None where unknown.
@@ -157,5 +157,5 @@ def truth_of(kind: str) -> str:
     Returns:
         Words to follow "against"; empty where the true motion itself is known, or no person is recorded.
     """
-    # Who is tracked and not measured otherwise has no other truth.
+    # The track is the only measurement.
     return "the tracker's own track, smoothed without lag" if kind in ("tracked", "body tracking") else ""

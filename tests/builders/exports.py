@@ -15,7 +15,7 @@ FILE_FROM_OURS = {
 
 
 class Walk:
-    """Somebody who walks a curve and looks 0.3 rad to the left of where they go; metres, z up, floor at 0."""
+    """A person who walks a curve and looks 0.3 rad to the left of the direction of travel; metres, z up, floor at 0."""
 
     times_s = np.arange(FRAMES) / RATE_HZ
     _turn = 0.3 * times_s

@@ -49,7 +49,7 @@ class Travel(NamedTuple):
 
 
 def travel(times_s: FloatArray, position_m: FloatArray) -> Travel:
-    """Tell whether a person leaves the spot, and when the motion starts.
+    """Whether a person leaves the spot, and the start of motion.
 
     The person moves while the horizontal speed is over 0.3 m/s for 0.5 s or longer and takes the position on by more
     than a step (0.7 m): a lean or a turn on the spot is no motion in this sense. The start of motion is the beginning
@@ -85,7 +85,7 @@ def travel(times_s: FloatArray, position_m: FloatArray) -> Travel:
 
 
 def route_group(times_s: FloatArray, position_m: FloatArray) -> Group:
-    """Tell the group of a recording by its motion.
+    """Group of a recording by its motion.
 
     A person who does not leave the spot (`travel`) is standing. Otherwise the range of the direction of travel
     decides: under 20 degrees is straight, over 75 sharp, between them a turn. Moments slower than 0.2 m/s have no

@@ -11,8 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache, partial
-from itertools import product
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from gazempc.errors import RecordingError, SettingsError, shown
 from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.body_poses import orientations, read_parts, ros_frame
+from gazempc.recordings.readers.tables.body_poses import read_parts, ros_frame
 from gazempc.recordings.readers.tables.guess import guess
 from gazempc.recordings.readers.tables.mapping import (
     ColumnMapping,
@@ -42,7 +41,7 @@ from gazempc.recordings.readers.tables.people import (
 )
 from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, wide
 from gazempc.recordings.readers.tables.text_table import read_text_table
-from gazempc.recordings.readers.tables.values import Columns, in_metres, seconds
+from gazempc.recordings.readers.tables.values import Columns
 from gazempc.recordings.recording import Recording, Track
 from gazempc.specfiles import load_spec, shipped_names
 from gazempc.types import BoolArray
@@ -53,6 +52,9 @@ _LEAST_USABLE = 0.5
 # Height of hips that the file has at the origin, of a standing person of 1.75 m; and how near the origin they must be.
 HIPS_HEIGHT_M, _HIPS_AT_ORIGIN_M = 0.95, 0.1
 _FEW_ROWS = 20
+_EVERY_ROW = ":30hz"
+# Keys whose values name columns.
+_COLUMN_KEYS = ColumnMapping.model_fields.keys() - {"head", "axes", "head_axes", "pelvis_axes", "origin", "kind"}
 _OPTIONAL_PARTS = {
     "the head's orientation": "head_quat_wxyz",
     "the pelvis's position": "pelvis_position_m",
@@ -229,39 +231,26 @@ def _present(table: RawTable, mapping: ShippedMapping) -> ShippedMapping | None:
         names = people_in_header(table, head) if PERSON in head else [""]
         # Of several, each has the same columns.
         columns = Columns(table.first(_FEW_ROWS), (names or [""])[0])
-        if names and _is_there(partial(in_metres, columns, head, "head")):
+        if names and _is_there(columns, {"head": head}):
             break
     else:
         return None
-    readers: dict[str, Callable[[str], object]] = {
-        "t": partial(seconds, columns),
-        "person": columns.one,
-        "frame_id": columns.one,
-        "pelvis": partial(in_metres, columns, what="pelvis"),
-    }
-    for part, way in product(("head", "pelvis"), ("q", "euler", "yaw", "forward", "left")):
-        readers[f"{part}_{way}"] = partial(_orientations, columns, part, way)
     found: dict[str, str | None] = {"head": head}
-    for key, read in readers.items():
-        if key in given:
-            texts = given[key].split("|")
-            found[key] = next((text for text in texts if _is_there(partial(read, text))), None)
-    needed = ("t", *(key for key in ("person", *mapping.needs) if key in given))
+    for key in given.keys() & _COLUMN_KEYS:
+        texts = given[key].split("|")
+        found[key] = next((text for text in texts if _is_there(columns, {"head": head, key: text})), None)
+    needed = {"t", "person", *mapping.needs} & given.keys()
     return None if any(found[key] is None for key in needed) else mapping.model_copy(update=found)
 
 
-def _orientations(columns: Columns, part: str, way: str, text: str) -> object:
-    """Orientations by one value of a mapping; the axes do not matter for whether its columns are there."""
-    return orientations(columns, ColumnMapping.model_validate({f"{part}_{way}": text}), part, "z-up")
-
-
-def _is_there(read: Callable[[], object]) -> bool:
-    """Whether columns are in the header; errors of their cells are raised when they are read."""
+def _is_there(columns: Columns, values: dict[str, str]) -> bool:
+    """Whether the columns of a mapping are in the header; errors of their cells are raised when they are read."""
+    mapping = ColumnMapping.model_validate({"t": _EVERY_ROW} | values)
     try:
-        read()
+        read_parts(columns, mapping)
+        return mapping.person is None or columns.has(mapping.person)
     except RecordingError as error:
         return error.where != "header"
-    return True
 
 
 def _lifted_from_hips(path: Path, track: Track) -> Track:

@@ -84,7 +84,7 @@ ROUTE_LANDMARKS = {
     "R5": ("far", "right"),
     "R6": ("far", "left"),
 }
-"""Desks at which each route starts and ends. Who comes toward the robot and turns left ends on the robot's right."""
+"""Desks at which each route starts and ends. A left turn toward the robot ends on the robot's right."""
 
 
 def way(desk: str, point_m: Point) -> FloatArray:

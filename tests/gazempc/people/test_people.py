@@ -1,4 +1,4 @@
-"""Several people: each detection is its person's, whatever the tracker calls them."""
+"""Several people: association of detections with tracks."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ def last_numbers(found):
     return [number for number, _ in found[-1]]
 
 
-def test_a_single_false_detection_is_nobody():
+def test_false_detections_of_two_frames_start_no_track():
     crowd = people()
     found = shown(crowd, [frame(k * FRAME_S, [A_M, B_M] if k < 2 else [A_M]) for k in range(20)])
     assert [became for _, became in found[0]] == [Became.TENTATIVE] * 2
@@ -40,7 +40,7 @@ def test_walkers_who_cross_keep_their_numbers_without_names(behind_m):
     assert sorted(whose[0]) == [1, 2]
 
 
-def test_names_that_swap_while_people_walk_on_change_nobody():
+def test_names_that_swap_while_people_walk_on_change_no_track():
     one = straight([2.0, -1.0, 0.4], [0.0, 0.8, 0.0], TIMES_S)
     other = one + np.array([0.0, 0.4, 0.0])
     crowd = people()
@@ -52,7 +52,7 @@ def test_names_that_swap_while_people_walk_on_change_nobody():
 
 
 def test_names_decide_where_motion_does_not():
-    """Two who stand 0.3 m apart, and a tracker that is as wrong: without names nobody could tell."""
+    """Two people 0.3 m apart, and a tracker with an error of 0.15 m: positions alone do not separate them."""
 
     def share_kept(names):
         crowd, rng = people(), np.random.default_rng(1)
@@ -70,7 +70,7 @@ def test_names_decide_where_motion_does_not():
     assert share_kept(None) < 0.95
 
 
-def test_who_is_seen_twice_is_one():
+def test_two_detections_of_one_person_are_one_track():
     crowd = people()
     twice = [frame(t, [A_M, A_M + np.array([0.1, 0.05, 0.0])], ["face", "body"]) for t in TIMES_S]
     found = shown(crowd, twice)
@@ -103,7 +103,7 @@ def test_first_detections_that_come_late_count_and_give_the_forecast_of_those_in
         (2.5 * FRAME_S, [A_M, A_M + np.array([0.0, 0.3, 0.0])], ""),  # it may be either one's
     ],
 )
-def test_first_detections_that_come_late_and_may_be_somebody_else_s_are_dropped(late_s, there_m, name):
+def test_first_detections_that_come_late_and_are_ambiguous_are_dropped(late_s, there_m, name):
     crowd = people()
     for k in range(5):
         crowd.see(frame(k * FRAME_S, there_m, ["a", "b"][: len(there_m)]))
@@ -111,7 +111,7 @@ def test_first_detections_that_come_late_and_may_be_somebody_else_s_are_dropped(
     assert crowd.see([late]) == [(1, Became.OUT_OF_ORDER)]
 
 
-def test_who_is_not_seen_for_the_coasting_time_is_gone():
+def test_a_track_ends_after_the_coasting_time():
     crowd = people(coast_s=0.5)
     end_s = stand(crowd, [A_M, B_M])
     assert numbers_at(crowd, end_s + 0.4) == [1, 2]
@@ -121,7 +121,7 @@ def test_who_is_not_seen_for_the_coasting_time_is_gone():
     assert crowd.track(1) is None
 
 
-def test_who_comes_back_by_name_has_their_number_again():
+def test_a_return_under_the_same_name_keeps_the_number():
     crowd = people()
     end_s = stand(crowd, [A_M, B_M], names=["a", "b"])
     end_s = stand(crowd, [B_M], names=["b"], from_s=end_s + FRAME_S, seconds=3.0)
@@ -130,16 +130,16 @@ def test_who_comes_back_by_name_has_their_number_again():
     assert sorted(numbers_at(crowd, end_s)) == [1, 2]
 
 
-def test_a_name_given_to_somebody_else_is_somebody_else():
+def test_a_name_at_an_impossible_distance_is_another_person():
     crowd = people()
     end_s = stand(crowd, [A_M], names=["1"])
-    # Seven metres farther a second and a half later: nobody runs as fast.
+    # Seven metres farther a second and a half later, beyond any running speed.
     end_s = stand(crowd, [A_M + np.array([7.0, 0.0, 0.0])], names=["1"], from_s=end_s + 1.5)
     assert numbers_at(crowd, end_s) == [2]
 
 
-def test_the_predictor_of_somebody_catches_up_when_asked():
-    """Who is not looked at costs nothing; when it is their turn, the forecast is as if they had been."""
+def test_a_predictor_takes_in_waiting_observations_when_asked():
+    """The forecast of a person who was unattended equals that of one who was attended."""
     walk = straight([2.0, -1.5, 0.4], [0.2, 1.0, 0.0], TIMES_S)
     crowd, alone = People(Walker), Walker()
     for k, t in enumerate(TIMES_S):

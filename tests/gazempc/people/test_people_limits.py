@@ -29,7 +29,7 @@ MPC = Mpc(NECK)
 
 
 class Whim:
-    """Wants anybody or nobody, raises now and then, and returns nonsense."""
+    """Scores at random, raises at times, and returns wrong lengths."""
 
     def __init__(self, rng):
         self._rng = rng

@@ -1,4 +1,4 @@
-"""A switch from one person to another: as early as the neck can, without passing them, and never on a whim."""
+"""A switch from one person to another: near the least time of the neck, with little overshoot."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ class SecondLater:
 
 
 @pytest.mark.parametrize("controller", ["mpc", "lookahead"])
-def test_a_switch_arrives_early_and_passes_nobody_by_more_than_a_degree(controller):
+def test_a_switch_is_near_time_optimal_with_less_than_a_degree_of_overshoot(controller):
     settings = ReplaySettings(attend=f"{__name__}:SecondLater", attention=CALM)
     log = replay_scene(standing_together(3.6, *PLACES_M), controller, "walker", settings).log
     assert log.attended_person.tolist() == [1, 2]

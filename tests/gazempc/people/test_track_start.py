@@ -46,18 +46,6 @@ def test_shuffled_first_frames_give_the_forecast_of_the_walk_in_order(make):
     assert_same(taken_in(make(), shuffled), in_order.forecast(LATER_S))
 
 
-def test_a_late_frame_of_somebody_else_is_judged_as_if_it_had_come_in_time():
-    somebody_else = frame(2.5 / 30, person_id="b", aside_m=1.5)
-    before, after = (
-        [frame(k / 30, person_id="a") for k in range(3)],
-        [frame(k / 30, person_id="a") for k in range(3, 8)],
-    )
-    late = taken_in(ConstantVelocity(), [*before, *after, somebody_else])
-    assert_same(late, taken_in(ConstantVelocity(), [*before, somebody_else, *after]))
-    without = taken_in(ConstantVelocity(), [*before, *after])
-    assert late.means_base_m == pytest.approx(without.means_base_m, abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("come", "late"),
     [

@@ -69,7 +69,7 @@ def test_the_axes_of_a_face_follow_from_where_it_looks(tmp_path):
     assert "+z is taken for the axis out of the face, -y for up" in "\n".join(walk.notes)
 
 
-def test_orientations_that_fit_no_axes_are_left_out_and_said(tmp_path):
+def test_orientations_that_fit_no_axes_are_left_out_and_named(tmp_path):
     # One axis is nearest to up and to the sensor alike.
     x = np.array([-1.0, 0.0, 1.0]) / np.sqrt(2.0)
     y = np.cos(0.7) * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0) + np.sin(0.7) * np.array([0.0, 1.0, 0.0])

@@ -46,7 +46,7 @@ def test_truth_is_complete_and_people_are_in_the_sensors_view(people):
         assert np.linalg.norm(head_m - pelvis_m, axis=1).max() < 0.85, person.name
 
 
-def test_who_stands_does_not_leave_the_spot(people):
+def test_standing_people_stay_on_the_spot(people):
     for person in of(people, *STANDING):
         assert not travel(person.times_s, person.truth.head_position_m).leaves, person.name
     for person in of(people, "start", "stop"):

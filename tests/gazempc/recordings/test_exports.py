@@ -43,7 +43,7 @@ def test_motive_skeleton(tmp_path):
     check(load(exports.motive(tmp_path / "a.csv", "Anna", skeleton=True)), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
 
 
-def test_euler_angles_of_motive_are_left_out_and_said(tmp_path):
+def test_euler_angles_of_motive_are_left_out_and_named(tmp_path):
     path = exports.motive(tmp_path / "a.csv")
     text = path.read_text().replace("Rotation Type,Quaternion", "Rotation Type,XYZ").replace(",X,Y,Z,W,", ",X,Y,Z,,")
     path.write_text(text)
@@ -61,7 +61,7 @@ def test_bodies_of_which_any_may_be_the_head_are_asked_for(tmp_path):
         load(path, ReadOptions(person="Bib"))
 
 
-def test_rows_where_markers_were_hidden_are_dropped_counted_and_said(tmp_path):
+def test_rows_where_markers_were_hidden_are_dropped_and_counted(tmp_path):
     recording = load(exports.motive(tmp_path / "a.csv", blank=[4, 5, 40]))
     assert recording.times_s.size == exports.FRAMES - 3
     assert any("3 of 90 rows have no time or no head position (first row 12): dropped" in n for n in recording.notes)
@@ -164,7 +164,7 @@ def test_openpose(tmp_path, unit_m):
         load(folder)
 
 
-def test_what_ros2_prints_between_messages_is_dropped_and_said(tmp_path):
+def test_lines_of_ros2_between_messages_are_dropped_and_counted(tmp_path):
     path = exports.ros2_echo(tmp_path / "a.csv")
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[:5], "A message was lost!!!", *lines[5:], "1700"]))

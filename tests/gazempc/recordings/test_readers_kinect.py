@@ -68,12 +68,7 @@ def pelvis_path_m() -> np.ndarray:
 
 def document(pitch: float = 0.0, pelvis_yaw: float = 170.0, head_yaw: float = -150.0) -> dict[str, Any]:
     frames = [
-        {
-            "timestamp_usec": START_USEC + k * STEP_USEC,
-            "frame_id": k,
-            "num_bodies": 1,
-            "bodies": [body(7, place, pelvis_yaw, head_yaw, pitch)],
-        }
+        {"timestamp_usec": START_USEC + k * STEP_USEC, "bodies": [body(7, place, pelvis_yaw, head_yaw, pitch)]}
         for k, place in enumerate(pelvis_path_m())
     ]
     return {"k4abt_sdk_version": "1.1.2", "joint_names": NAMES, "bone_list": [], "frames": frames}
@@ -144,53 +139,28 @@ def joints(content: dict[str, Any], frame: int, key: str = "joint_positions") ->
     return content["frames"][frame]["bodies"][0][key]
 
 
-def _scale(factor: float) -> Change:
-    def change(content: dict[str, Any]) -> None:
-        for k in range(N):
-            joints(content, k)[:] = [[factor * v for v in xyz] for xyz in joints(content, k)]
-
-    return change
+def _metres(content: dict[str, Any]) -> None:
+    for k in range(N):
+        joints(content, k)[:] = [[1e-3 * v for v in xyz] for xyz in joints(content, k)]
 
 
-def _scale_times(factor: float) -> Change:
-    def change(content: dict[str, Any]) -> None:
-        for frame in content["frames"]:
-            frame["timestamp_usec"] = frame["timestamp_usec"] * factor
-
-    return change
-
-
-def _turn_head_joints(axis: str, angle_deg: float) -> Change:
-    def change(content: dict[str, Any]) -> None:
-        for k in range(N):
-            for name in ("NOSE", "HEAD"):
-                entry = joints(content, k, "joint_orientations")[NAMES.index(name)]
-                w, x, y, z = entry
-                turned = Rotation.from_quat([x, y, z, w]) * Rotation.from_euler(axis, angle_deg, degrees=True)
-                entry[:] = turned.as_quat()[[3, 0, 1, 2]].tolist()
-
-    return change
-
-
-def _drop_bodies(content: dict[str, Any]) -> None:
-    for frame in content["frames"]:
-        frame["bodies"] = []
+def _turn_noses(content: dict[str, Any]) -> None:
+    """The axes of the joint NOSE are turned by 90 degrees about up."""
+    for k in range(N):
+        entry = joints(content, k, "joint_orientations")[NAMES.index("NOSE")]
+        turn = Rotation.from_quat(entry, scalar_first=True) * Rotation.from_euler("x", 90.0, degrees=True)
+        entry[:] = turn.as_quat(scalar_first=True).tolist()
 
 
 def _put(value: Any, *keys: Any) -> Change:
+    """Another value at a place; None takes the key away."""
+
     def change(content: Any) -> None:
         for key in keys[:-1]:
             content = content[key]
         content[keys[-1]] = value
-
-    return change
-
-
-def _delete(*keys: Any) -> Change:
-    def change(content: Any) -> None:
-        for key in keys[:-1]:
-            content = content[key]
-        del content[keys[-1]]
+        if value is None and isinstance(content, dict):
+            del content[keys[-1]]
 
     return change
 
@@ -201,22 +171,20 @@ NOSE = NAMES.index("NOSE")
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (_delete("joint_names"), ["joint_names"]),
+        (_put(None, "joint_names"), ["joint_names"]),
         (_put("SPINE", "joint_names", NOSE), ["joint_names", "NOSE"]),
         (_put("frame", "frames", 4), ["frame 4"]),
         (_put(10**400, "frames", 4, "timestamp_usec"), ["frame 4", "timestamp_usec"]),
         (_put(START_USEC + 3 * STEP_USEC, "frames", 4, "timestamp_usec"), ["frame 4", "frame 3"]),
-        (_delete("frames", 4, "bodies", 0, "joint_orientations"), ["frame 4", "joint_orientations"]),
+        (_put(None, "frames", 4, "bodies", 0, "joint_orientations"), ["frame 4", "joint_orientations"]),
         (lambda content: joints(content, 4).pop(), ["frame 4, body 7", "6 joint_positions for 7"]),
         (_put("1", "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4", "joint_positions"]),
         (_put(None, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4, body 7", "NOSE", "y", "nan"]),
         (_put(9.0, "frames", 4, "bodies", 0, "joint_orientations", NOSE, 0), ["frame 4", "NOSE", "norm"]),
         (lambda content: content["frames"][4]["bodies"].append(content["frames"][4]["bodies"][0]), ["frame 4"]),
-        (_drop_bodies, ["40 frames"]),
         (lambda content: content["frames"].__delitem__(slice(4, None)), ["4 frame(s)", "at least 5"]),
-        (_scale(1e-3), ["0.0006", "the format has microseconds and millimetres"]),
-        (_scale_times(1000), ["looks like", "a factor of 1000", "the format has microseconds"]),
-        (_turn_head_joints("x", 90.0), ["NOSE", "90 deg from the face"]),
+        (_metres, ["0.0006", "the format has microseconds and millimetres"]),
+        (_turn_noses, ["NOSE", "90 deg from the face"]),
     ],
 )
 def test_damage_is_named(tmp_path: Path, change: Change, named: list[str]) -> None:

@@ -73,7 +73,7 @@ class ColumnMapping(BaseModel):
 
 
 class ShippedMapping(ColumnMapping):
-    """A mapping that ships, and how to know the tables that it is for.
+    """A mapping that ships, and the tables that it fits.
 
     A value may name alternatives, ``a|b``: the first that the table has is taken.
 

@@ -25,7 +25,7 @@ def person_column(table: RawTable) -> str | None:
 
 
 def people_in_header(table: RawTable, head: str) -> list[str]:
-    """Who or what has columns for the head.
+    """Names of people or bodies with columns for the head.
 
     Args:
         table: The table.
@@ -51,7 +51,7 @@ def choose_from_header(table: RawTable, names: list[str], wanted: str | None) ->
 
     Args:
         table: The table.
-        names: Who has columns.
+        names: People or bodies with columns.
         wanted: The user's choice, or None.
 
     Returns:
