@@ -24,9 +24,9 @@ import numpy as np
 import tyro
 
 from gazempc.live.clock import Clock, RealClock
+from gazempc.live.logs import LiveReport
 from gazempc.live.process import fast_switching, without_collection
 from gazempc.live.run import LiveRun
-from gazempc.live.run_report import LiveReport
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.build import Person, make_controller, make_predictor

@@ -9,16 +9,9 @@ from builders.faults import between
 from builders.live import TS, run_live
 
 from gazempc.types import Sighting
-from predictors import CoordinatedTurn, HeadPose, PelvisPursuit, Walker
+from predictors import PelvisPursuit, Walker
 
 ORIENTATIONS = ("head_quat_wxyz", "pelvis_quat_wxyz")
-PREDICTORS = {
-    "walker": Walker,
-    "head_pose": HeadPose,
-    "pelvis_pursuit": PelvisPursuit,
-    "coordinated_turn": lambda: CoordinatedTurn(yaw_cues="both"),
-}
-every_predictor = pytest.mark.parametrize("make", PREDICTORS.values(), ids=PREDICTORS.keys())
 
 
 def changed(sighting, **fields):
@@ -54,8 +47,7 @@ def test_a_person_whose_id_changes_at_every_frame_is_one_person():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [Walker, HeadPose])
-def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none(make):
+def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none():
     frames = {"flips": 0, "none": 0}
 
     def flips(now_s, sighting):
@@ -68,7 +60,7 @@ def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none(make):
         frames["none"] += 1
         return [sighting if frames["none"] == 1 else changed(sighting, **dict.fromkeys(ORIENTATIONS))]
 
-    flipping, without = run_live(change=flips, predictor=make()), run_live(change=none, predictor=make())
+    flipping, without = run_live(change=flips, predictor=Walker()), run_live(change=none, predictor=Walker())
     assert_sound(flipping)
     assert flipping.events == {"no_observation_yet", "orientation_jumped"}
     assert flipping.event_s("orientation_jumped").size == 1
@@ -78,7 +70,7 @@ def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none(make):
 
 
 @pytest.mark.slow
-@every_predictor
+@pytest.mark.parametrize("make", [Walker, PelvisPursuit])
 def test_orientations_that_are_lost_in_mid_walk_are_done_without(make):
     def lost(now_s, sighting):
         return [sighting if now_s < 3.0 else changed(sighting, **dict.fromkeys(ORIENTATIONS))]
@@ -91,10 +83,7 @@ def test_orientations_that_are_lost_in_mid_walk_are_done_without(make):
 
 BAD_COVARIANCES = {
     "not symmetric": [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-    "not positive": np.diag([1.0, 1.0, -1.0]),
     "singular": np.zeros((3, 3)),
-    "not finite": np.diag([1.0, np.nan, 1.0]),
-    "not square": np.ones(3),
 }
 
 
@@ -108,19 +97,6 @@ def test_an_observation_with_a_covariance_that_is_none_is_not_used(bad):
     assert "position_covariance_m2" in result.report.problems[0]
     assert result.report.n_problems > 10
     assert_recovered(result, 2.5 + 1.2)
-
-
-def test_a_head_at_the_sensor_itself_is_nobody():
-    """By zeros some trackers say that they see nobody."""
-    nobody = between(2.0, 4.0)
-    result = run_live(
-        change=lambda now, s: [changed(s, head_position_base_m=np.zeros(3)) if nobody(now) else s], duration_s=7.5
-    )
-    assert_sound(result)
-    assert result.events == {"no_observation_yet", "bad_observation", "target_lost"}
-    assert "at the sensor itself" in result.report.problems[0]
-    assert np.linalg.norm(result.joined("head_observed_base_m"), axis=1).min() > 0.5
-    assert_recovered(result, 4.0 + 2.0, within_deg=1.0)
 
 
 @pytest.mark.parametrize("until_s", [2.4, 5.0])
