@@ -196,7 +196,6 @@ def check(settings: LiveSettings) -> None:
         f"--neck: a real robot ({robot}) needs its own neck file, with limits that it bears; see python -m "
         "gazempc.identify": settings.neck is None and not settings.simulated_robot,
         "--predictor perfect: the true future of a live run is unknown": settings.predictor == "perfect",
-        "--controller perfect: the true future of a live run is unknown": settings.controller == "perfect",
         "--attention-out: there is one person; accepted with --attend or --look-away.rhythm": (
             out is not None and not several
         ),

@@ -53,7 +53,7 @@ REFUSED = [
     (["--robot", "{own}:Head", "--options.zero_deg", "far"], ["options.zero_deg", "'far'"]),
     (["--robot", "{own}:Hed"], ["has no 'Hed'", "'Head'"]),
     (["--robot", "{own}:RealHead"], ["--simulated-clock", "keeps_any_clock = True"]),
-    (["--controller", "perfect"], ["--controller perfect"]),
+    (["--predictor", "perfect"], ["--predictor perfect"]),
 ]
 
 
