@@ -9,7 +9,7 @@ from builders.faults import between
 from builders.live import TS, run_live
 
 from gazempc.types import Sighting
-from predictors import PelvisPursuit, Walker
+from predictors import Walker
 
 ORIENTATIONS = ("head_quat_wxyz", "pelvis_quat_wxyz")
 
@@ -30,11 +30,6 @@ def half_turn(quat_wxyz):
     """The quaternion (0, 0, 0, 1) times it: half a turn about the vertical."""
     w, x, y, z = quat_wxyz
     return np.array([-z, -y, x, w])
-
-
-def rms_deg(result, from_s):
-    now = result.joined("time_s")
-    return np.sqrt(np.mean(result.error_deg[(now > from_s) & (now < result.ended_s)] ** 2))
 
 
 def test_a_person_whose_id_changes_at_every_frame_is_one_person():
@@ -69,18 +64,6 @@ def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none():
     np.testing.assert_allclose(sent, usual, atol=1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("make", [Walker, PelvisPursuit])
-def test_orientations_that_are_lost_in_mid_walk_are_done_without(make):
-    def lost(now_s, sighting):
-        return [sighting if now_s < 3.0 else changed(sighting, **dict.fromkeys(ORIENTATIONS))]
-
-    whole, without = run_live(predictor=make()), run_live(change=lost, predictor=make())
-    assert_sound(without)
-    assert without.events == {"no_observation_yet"}
-    assert rms_deg(without, 3.0) < 1.5 * rms_deg(whole, 3.0) + 0.5
-
-
 BAD_COVARIANCES = {
     "not symmetric": [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     "singular": np.zeros((3, 3)),
@@ -99,9 +82,9 @@ def test_an_observation_with_a_covariance_that_is_none_is_not_used(bad):
     assert_recovered(result, 2.5 + 1.2)
 
 
-@pytest.mark.parametrize("until_s", [2.4, 5.0])
-def test_a_tracker_that_is_frozen_in_mid_walk_is_not_believed(until_s):
+def test_a_tracker_that_is_frozen_in_mid_walk_is_not_believed():
     """After half a second its frames are not seen any more: one event, the neck brakes, and then a new track."""
+    until_s = 5.0
     frozen, held = between(2.0, until_s), []
 
     def freeze(now_s, sighting):
@@ -112,9 +95,6 @@ def test_a_tracker_that_is_frozen_in_mid_walk_is_not_believed(until_s):
 
     result = run_live(change=freeze, duration_s=8.5)
     assert_sound(result)
-    if until_s == 2.4:  # shorter than people may stand
-        assert result.events == {"no_observation_yet", "gate_refused"}
-        return
     assert result.events - {"gate_refused"} == {"no_observation_yet", "tracker_frozen", "target_lost"}
     (noticed_s,) = result.event_s("tracker_frozen")
     assert noticed_s == pytest.approx(2.0 + 0.5, abs=0.05)

@@ -129,10 +129,8 @@ def rms_deg(result):
     return float(np.sqrt(np.mean(result.error_deg[(now > 2.0) & (now < result.ended_s)] ** 2)))
 
 
-@pytest.mark.parametrize("shift_s", [lambda t: 0.1, lambda t: 0.01 * t + 0.03])
-def test_the_gaze_stays_on_the_person_of_a_wrong_clock(shift_s):
-    """Without it not one observation of the first was used, and the error was 45 deg."""
-    result = run_live(change=shifted_by(shift_s), duration_s=None)
+def test_the_gaze_stays_on_the_person_of_a_fast_clock():
+    result = run_live(change=shifted_by(lambda t: 0.01 * t + 0.03), duration_s=None)
     assert_sound(result)
     assert "clock_shifted" in result.events
     assert result.used > 0.8 * len(observe(WALK, SENSOR, 0))
