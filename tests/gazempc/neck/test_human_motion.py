@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gazempc.controllers.eyes import EyeAim
+from gazempc.controllers.chain import EyeAim
 from gazempc.errors import SettingsError
 from gazempc.neck.human import eye_velocity_rad_s, head_velocity_rad_s, motor_scale, with_motion
 from gazempc.neck.narrow import narrowed
