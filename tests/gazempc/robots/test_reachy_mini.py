@@ -370,7 +370,7 @@ def test_a_sleeping_head_and_a_turned_body_are_not_made_to_jump(server, make):
 )
 def test_a_neck_with_eyes_or_without_straight_ahead_is_refused(neck, match):
     with pytest.raises(SettingsError, match=match):
-        ReachyMiniNeck(neck, time.monotonic)
+        ReachyMiniNeck(neck, time.monotonic, ReachyMiniOptions())
 
 
 def no_threads_left():
