@@ -61,7 +61,7 @@ REFUSED = [
     (["--predictor", "{own}:Lacking"], ["lacks the method forecast(times_s"]),
     (["--controller", "{own}:LackingController"], ["lacks the method forecast_times_s"]),
     (["--controller", "{own}:WrongPlan"], ["plan() returned NoneType", "Plan"]),
-    (["--predictor", "{own}:WrongShape"], ["forecast() of 3 times returned times of shape (2,)"]),
+    (["--predictor", "{own}:WrongShape"], ["forecast() returned 2 times"]),
     (["--predictor", "{own}:Raising"], ["its constructor raised OSError: no such model"]),
     (["--robot", "{own}:RaisingRobot"], ["needs 'port'", "--options.port VALUE", "neck, clock_s, clock, position_rad"]),
     (["--robot", "{own}:RaisingRobot", "--options.port", "tty9"], ["raised OSError: no device at tty9"]),

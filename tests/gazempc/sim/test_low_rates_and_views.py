@@ -23,7 +23,7 @@ def replayed(recording, **settings):
     return replay_scene(scene, "lookahead", "constant_velocity", ReplaySettings())[0]
 
 
-@pytest.mark.parametrize(("rate_hz", "low"), [(3.0, True), (5.8, True), (6.0, False), (30.0, False)])
+@pytest.mark.parametrize(("rate_hz", "low"), [(5.8, True), (6.0, False)])
 def test_rare_frames_are_an_event_of_a_replay(rate_hz, low):
     log = replayed(walk(rate_hz))
     assert ("low_frame_rate" in log.event_name) is low
@@ -64,9 +64,3 @@ def test_the_view_of_a_camera_on_the_head_limits_what_is_seen():
     aside = replayed("subject03_R4", neck=neck, scene={"start_offset_deg": 50.0})
     assert aside.capture_time_s[0] > 2.0  # the person has walked into view
     assert replayed("subject03_R4", scene={"start_offset_deg": 50.0}).capture_time_s.size == ahead.capture_time_s.size
-
-
-def test_a_sensor_that_says_its_view_keeps_it():
-    neck = gz.load_neck("reference").model_copy(update={"head_view_deg": (60.0, 45.0)})
-    scene = make_scene("subject03_R4", SceneSettings(sensor="azure_kinect"), neck)
-    assert scene.sensor.view == gz.load_sensor("azure_kinect").view

@@ -48,19 +48,6 @@ def test_bearing_error_is_an_angle_on_both_axes_across():
     assert np.corrcoef(left, up)[0, 1] == pytest.approx(0.0, abs=0.02)
 
 
-def test_metres_and_shares_of_one_error_add_in_variance():
-    along, *_ = on_sight(position_errors(LONG, along={"noise_m": 0.05, "noise_share": 0.02}))
-    assert along.std() == pytest.approx(np.hypot(0.05, 0.02 * RANGE_M), rel=0.02)
-
-
-def test_wander_does_not_depend_on_the_rate_at_which_it_is_looked_at():
-    """Exact for any spacing: the same correlation at the same lag in seconds."""
-    slow = standing(1800.0, rate_hz=5.0)
-    for axis in position_errors(slow, position_wander_m=0.025, position_wander_time_s=0.4).T:
-        assert axis.std() == pytest.approx(0.025, rel=0.06)
-        assert correlation(axis, 2) == pytest.approx(np.exp(-1.0), abs=0.04)
-
-
 def test_jumps_have_their_share_of_time_their_sizes_and_one_offset_each():
     """Each lasts 0.3 s on average and the next begins 1.7 s after its end on average: 15 % of the time."""
     jumps = {"mean_interval_s": 1.7, "duration_min_s": 0.1, "duration_max_s": 0.5, "size_min_m": 0.05}
@@ -128,17 +115,6 @@ def test_a_sensor_that_states_no_covariance_states_none_and_one_without_errors_m
     assert each.position_covariance_m2 == pytest.approx(0.0025 * np.eye(3))
     with pytest.raises(ValueError, match="states_covariance needs an error across the line of sight"):
         sensor(states_covariance=True, along={"noise_m": 0.1})
-
-
-def test_errors_are_independent_streams():
-    """What is switched on beside it does not change an error."""
-    walk = standing(20.0)
-    alone = position_errors(walk, along={"noise_m": 0.1})
-    jumps = {"mean_interval_s": 1.0, "size_max_m": 0.1}
-    other = {"position_noise_m": 0.01, "jumps": jumps, "loss": {"mean_interval_s": 50.0}}
-    assert position_errors(walk, along={"noise_m": 0.1}, **other) - position_errors(walk, **other) == pytest.approx(
-        alone, abs=1e-12
-    )
 
 
 def test_errors_of_different_kinds_and_of_different_recordings_share_no_noise():

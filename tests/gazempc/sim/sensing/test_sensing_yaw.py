@@ -1,10 +1,8 @@
 """Errors of the yaws of head and pelvis, and what becomes of them while the person faces away."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from builders.sensing import correlation, position_errors, seen, sensor, standing, yaw_errors
+from builders.sensing import correlation, sensor, standing, yaw_errors
 
 from gazempc.sim.sensor import observe
 
@@ -21,12 +19,6 @@ def test_each_yaw_has_its_own_white_error_and_wander():
         for lag in (1, 12):
             expected = error["wander_deg"] ** 2 / variance * np.exp(-lag / 30 / error["wander_time_s"])
             assert correlation(found, lag) == pytest.approx(expected, abs=0.05)
-
-
-def test_the_noise_of_both_yaws_and_that_of_one_add():
-    assert np.degrees(yaw_errors(LONG, yaw_noise_deg=3.0, head_yaw={"noise_deg": 4.0}).std()) == pytest.approx(
-        5.0, rel=0.02
-    )
 
 
 def test_yaw_flips_and_is_lost_only_while_the_person_faces_away():
@@ -53,23 +45,6 @@ def test_a_flip_holds_for_its_mean_time():
     assert changes == pytest.approx(900 * 30 * per_frame / 2, rel=0.1)
 
 
-def test_an_orientation_that_is_not_reported_is_none():
-    for each in seen(standing(1.0), head_yaw={"reported": False}):
-        assert each.head_quat_wxyz is None
-        assert each.pelvis_quat_wxyz is not None
-
-
-def test_a_recording_of_positions_alone_is_seen_without_orientations():
-    walk = standing(2.0)
-    nowhere = np.full_like(walk.truth.head_quat_wxyz, np.nan)
-    walk = replace(walk, truth=replace(walk.truth, head_quat_wxyz=nowhere, pelvis_quat_wxyz=nowhere))
-    fate = {"lost_share": 0.5, "flipped_share": 0.5}
-    observations = seen(walk, head_yaw=fate, pelvis_yaw=fate)
-    assert len(observations) == 60
-    assert all(o.head_quat_wxyz is None and o.pelvis_quat_wxyz is None for o in observations)
-    assert not position_errors(walk).any()
-
-
 def test_stated_sds_of_yaws_are_those_of_white_error_and_wander_where_there_is_a_yaw():
     away = standing(20.0, facing_away_deg=180.0)
     spec = sensor(
@@ -87,8 +62,3 @@ def test_stated_sds_of_yaws_are_those_of_white_error_and_wander_where_there_is_a
         else:
             assert np.degrees(each.head_yaw_sd_rad) == pytest.approx(np.sqrt(20.0))
     assert {each.head_quat_wxyz is None for each in observations} == {True, False}
-
-
-def test_shares_of_more_than_all_the_time_are_refused():
-    with pytest.raises(ValueError, match=r"lost_share \(0.6\) and flipped_share \(0.5\) must be 1 or less together"):
-        sensor(head_yaw={"lost_share": 0.6, "flipped_share": 0.5})
