@@ -34,7 +34,7 @@ class Kind:
 PREDICTOR = Kind(
     "predictor",
     {
-        "last_position": "predictors.last_position:LastPosition",
+        "last_position": "predictors.bounds:LastPosition",
         "constant_velocity": "predictors.constant_velocity:ConstantVelocity",
         "constant_acceleration": "predictors.baselines.constant_acceleration:ConstantAcceleration",
         "coordinated_turn": "predictors.baselines.coordinated_turn:CoordinatedTurn",
@@ -43,7 +43,7 @@ PREDICTOR = Kind(
         "head_pose": "predictors.head_pose:HeadPose",
         "pelvis_pursuit": "predictors.pelvis_pursuit:PelvisPursuit",
         "walker": "predictors.walker.predictor:Walker",
-        "perfect": "predictors.perfect:Perfect",
+        "perfect": "predictors.bounds:Perfect",
     },
     {
         "reset": "reset(): forgets the person",

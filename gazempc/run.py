@@ -23,7 +23,7 @@ from gazempc.files.whole import begin_folder, naming, write_whole
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR, TRUE_FUTURE
 from gazempc.progress import Progress
-from gazempc.results.mcap_read import has_log
+from gazempc.results.log import has_log
 from gazempc.run_settings import RunSettings, config_path, load_settings
 from gazempc.signals import Interrupted
 
