@@ -39,11 +39,15 @@ ROW_KEYS = {
 
 @pytest.fixture(scope="module")
 def main_job(tmp_path_factory):
-    """The README's main job, without its environment, and under as many seeds on a busy machine as on another."""
-    out = tmp_path_factory.mktemp("main_job")
+    """All outputs, for two seconds of a walk, under as many seeds on a busy machine as on another."""
+    out, walk = tmp_path_factory.mktemp("main_job"), tmp_path_factory.mktemp("walks") / "walk.csv"
+    times_s = np.arange(60) / 30.0
+    columns = [times_s, np.full(60, 2.0), 1.2 * times_s - 1.0, np.full(60, 0.3)]
+    np.savetxt(walk, np.transpose(columns), "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
     said = io.StringIO()
+    words = ["--replay", str(walk), "--placement", "recorded", "--noise-seeds", "2", "--out", str(out)]
     with redirect_stdout(said):
-        assert main(["--replay", "subject03_R4", "--noise-seeds", "2", "--out", str(out)]) == 0
+        assert main(words) == 0
     return out, said.getvalue()
 
 
@@ -53,8 +57,7 @@ def test_the_main_job_writes_all_it_promises(main_job):
     assert {"summary.json", "settings.yaml", "overview.png", "angles.png"} <= names
     assert {"gaze.gif"} | {f"{c}.npz" for c in LABELS} <= names
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["recording"] == "subject03_R4"
-    assert summary["kind"] == "synthetic"
+    assert summary["recording"] == "walk"
     assert summary["settings"]["placement"] == "recorded"
     assert summary["versions"]["numpy"] == np.__version__
     assert [row["controller"] for row in summary["rows"]] == list(LABELS)
@@ -89,7 +92,7 @@ def test_the_report_has_all_numbers_and_pictures_of_the_run(main_job):
         assert cells["gaze error RMS [deg]"][column] == f"{mean:.2f} ± {sd:.2f}"
         assert cells["limit violations"][column] == "0"
     assert soup.find(class_="answer").text in text
-    assert soup.find(class_="command").text.startswith("python -m gazempc.run --replay subject03_R4 --noise-seeds 2 ")
+    assert soup.find(class_="command").text.startswith("python -m gazempc.run --replay ")
     assert len(soup.find(id="pictures").find_all("img")) == 3
     assert len(soup.select(".legend button")) == len(LABELS)
     assert f"numpy {np.__version__}" in soup.find(id="again").text
@@ -128,16 +131,16 @@ def test_the_spread_over_the_noise_is_printed_and_saved(main_job):
         assert f"{mean:.2f} ± {sd:.2f}" in text
 
 
-def test_prediction_is_worth_what_the_readme_says(main_job):
+@pytest.mark.slow
+def test_prediction_is_worth_what_the_readme_says(tmp_path):
     """Threefold less error by both predictive gazes, at most 0.3 deg with the perfect forecast, no violation."""
-    out, text = main_job
-    rows = {row["controller"]: row for row in json.loads((out / "summary.json").read_text())["rows"]}
+    assert main(["--replay", "subject03_R4", "--noise-seeds", "1", "--no-figures", "--out", str(tmp_path)]) == 0
+    rows = {row["controller"]: row for row in json.loads((tmp_path / "summary.json").read_text())["rows"]}
     reactive = rows["reactive"]["gaze_error_rms_deg"]
     assert rows["lookahead"]["gaze_error_rms_deg"] < reactive / 3
     assert rows["mpc"]["gaze_error_rms_deg"] < reactive / 3
     assert rows["mpc+perfect"]["gaze_error_rms_deg"] <= 0.3
     assert all(row["limit_violations"] == 0 for row in rows.values())
-    assert "Eye contact (within 2.6 deg): reactive" in text
 
 
 def test_saved_settings_repeat_the_run(main_job, tmp_path):
