@@ -161,15 +161,6 @@ def test_inside_a_package_nobody_imports_a_later_part(package, order):
     assert imports_back_up(package, order, imports_of_all()) == []
 
 
-def test_the_checks_of_this_module_notice_what_they_are_for():
-    assert said_by(ast.parse("def f():\n    from .b import c")).relative
-    late = "if TYPE_CHECKING:\n    from gazempc.live import run\ndef f():\n    import gazempc.errors"
-    assert said_by(ast.parse(late)).imports == {"gazempc.live.run", "gazempc.errors"}
-    assert circle_in({"a": {"b"}, "b": {"c"}, "c": {"a"}}) is not None
-    imports = {"gazempc.neck.spec": {"gazempc.loop.smoother"}, "gazempc.live.run": {"gazempc.neck.spec"}}
-    assert imports_back_up("gazempc", GAZEMPC, imports) == ["gazempc.neck.spec -> gazempc.loop.smoother"]
-
-
 def test_importing_has_no_side_effects_and_leaves_heavy_libraries_alone():
     """Importing prints nothing, writes nothing, and does not wait for matplotlib or control."""
     code = (

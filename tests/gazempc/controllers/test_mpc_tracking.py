@@ -112,11 +112,6 @@ def test_the_smoother_follows_plans_that_use_their_limits(name):
     assert np.rad2deg(smoother.command.position_rad[0]) > 50.0
 
 
-def test_it_aims_at_where_the_person_is_when_the_joint_is_there():
-    """No sooner and no later: the first step ends one dead time and one control period on."""
-    assert Mpc(NECK).forecast_times_s(1.0, 0.9)[0] == pytest.approx(1.0 + 0.4 + NECK.control_period_s)
-
-
 def test_a_horizon_that_is_shorter_than_its_smoothing_is_refused():
     with pytest.raises(SettingsError, match=r"mpc\.horizon_s.*at least 0\.6 s"):
         Mpc(NECK, horizon_s=0.5, smoothing_time_s=0.3)

@@ -16,17 +16,9 @@ from predictors import HeadObservation
 
 
 def test_undisturbed_it_tracks_and_names_nothing_but_the_start():
-    log = LoopBench().run(5.0)
+    log = LoopBench().run(4.0)
     assert events(log) == {"no_observation_yet"}
     assert error_deg(log, from_s=1.5).mean() < 1.37  # 1.19 as measured
-
-
-def test_a_neck_without_encoders_is_driven_open_loop():
-    blind = NECK.model_copy(update={"reports_joints": False})
-    log = LoopBench(controller=Mpc(NECK, horizon_s=0.3), robot_neck=blind).run(4.0)
-    assert events(log) == {"no_observation_yet"}
-    with_encoders = LoopBench(controller=Mpc(NECK, horizon_s=0.3)).run(4.0)
-    assert log.command_position_rad == pytest.approx(with_encoders.command_position_rad, abs=1e-9)
 
 
 def test_a_lost_target_stops_then_returns_to_rest_slowly_then_is_found_again():
@@ -99,7 +91,8 @@ def test_compute_delay_is_planned_for(controller, delay_s):
     assert not np.array_equal(prompt.command_position_rad, delayed.command_position_rad)
 
 
-@settings(max_examples=4, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=3, deadline=None)
 @given(nearest_m=st.floats(0.4, 2.0), speed_rad_s=st.floats(0.1, 1.0), rate=st.floats(1.0, 4.0))
 def test_while_a_head_is_near_no_joint_is_commanded_faster(nearest_m, speed_rad_s, rate):
     """Somebody sways fast at 2.5 m, comes near and goes; within the distance only braking is faster than the limit."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from builders.recordings import synthetic
+from builders.recordings import reordered, synthetic
 from builders.replays import replayed
 
 from gazempc.neck.spec import NeckSpec, load_neck
@@ -18,7 +18,7 @@ RATES = {"control_rate_hz": 100.0, "servo_rate_hz": 100.0}
 
 @pytest.fixture(scope="module")
 def walk():
-    return synthetic("subject03_R4")
+    return reordered(synthetic("subject03_R4"), range(75))
 
 
 def neck_of(base="reference", rates=None, **of_axis):

@@ -9,7 +9,7 @@ from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import make_scene
 
 SETTINGS = ReplaySettings(predictor="constant_velocity", seed=3)
-CONTROLLERS = ("reactive", "lookahead")
+CONTROLLERS = ("lookahead",)
 
 
 def repeated(count, settings=SETTINGS, controllers=CONTROLLERS):
@@ -19,7 +19,7 @@ def repeated(count, settings=SETTINGS, controllers=CONTROLLERS):
 
 def test_each_seed_gives_the_figures_of_a_replay_with_that_seed():
     scene, done = repeated(2)
-    for seed, row in zip((3, 4), done.repeats[1].rows, strict=True):
+    for seed, row in zip((3, 4), done.repeats[0].rows, strict=True):
         again = make_scene("subject02_R1", SETTINGS.model_copy(update={"seed": seed}))
         log = replay_scene(again, "lookahead", "constant_velocity", SETTINGS).log
         np.testing.assert_equal(row.metrics.as_dict(), measure(log).as_dict())
@@ -37,7 +37,8 @@ def test_without_a_number_as_many_seeds_as_one_can_wait_for(monkeypatch):
     assert "fit into 0 s" in done.said
 
 
-def test_without_noise_one_seed_is_enough():
-    _, done = repeated(None, SETTINGS.model_copy(update={"sensor": "perfect"}))
+def test_without_noise_one_seed_is_enough(monkeypatch):
+    monkeypatch.setattr(repeat, "PATIENCE_S", 1e9)
+    _, done = repeated(None, SETTINGS.model_copy(update={"sensor": "perfect"}), ("reactive",))
     assert done.repeats[0].seeds == (3,)
     assert done.said == "one seed of the noise, 3 (another one makes no difference)"
