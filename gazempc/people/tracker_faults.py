@@ -10,7 +10,7 @@ import numpy as np
 
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Perfect, Predictor
-from predictors.yaw import wrap_rad, yaw_rad
+from predictors.geometry import wrap_rad, yaw_rad
 
 _FROZEN_AFTER_S = 0.5
 # A person who walked so fast over the last quarter of a second cannot stand still to the last bit at once: braking

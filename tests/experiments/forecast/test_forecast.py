@@ -15,7 +15,7 @@ from gazempc.recordings.recording import Recording, Track
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.sensor import load_sensor
 from predictors import ConstantVelocity, Forecast, HeadPose, LastPosition, Perfect
-from predictors.yaw import wrap_rad, yaw_rad
+from predictors.geometry import wrap_rad, yaw_rad
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

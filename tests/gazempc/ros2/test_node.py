@@ -11,7 +11,6 @@ from scipy.interpolate import BPoly
 
 from gazempc.controllers.controller import Plan
 from gazempc.errors import RobotError, SettingsError
-from gazempc.live.outlet import make_sink
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import load_neck
 from gazempc.robots.options import Ros2Options
@@ -285,11 +284,3 @@ def test_a_clock_of_a_simulation_that_jumps_back(node):
             wait_for(placed)
     finally:
         simulated.close()
-
-
-def test_a_topic_whose_last_line_a_later_subscriber_gets(node):
-    with make_sink("ros2:attention") as send:
-        send("first")
-        send("last")
-        late = node.subscription("/attention", STRING, latched=True)
-        assert [each.data for each in wait_for(late.take)] == ["last"]
