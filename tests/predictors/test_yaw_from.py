@@ -1,15 +1,12 @@
 """The yaw that turns the path: from the waist, from travel, and with its mean removed."""
 
-from typing import Literal
-
 import numpy as np
 import pytest
-from builders.people import FRAME_S, seen, turned_walk, yaw_quat
+from builders.people import FRAME_S, seen, turned_walk
 from scipy.spatial.transform import Rotation
 
 from predictors import (
     ConstantVelocity,
-    HeadObservation,
     HeadPose,
 )
 
@@ -26,27 +23,6 @@ def test_yaw_from_travel_is_the_heads_turn_from_the_path(waist_yaw: float | None
     np.testing.assert_allclose(head.forecast(end_s + 0.5).means_base_m[0], expected, atol=1e-9)
 
 
-@pytest.mark.parametrize(("yaw_from", "waist_yaw"), [("travel", None), ("waist", 0.3)])
-def test_a_constant_offset_is_removed_as_time_goes_on(yaw_from: Literal["waist", "travel"], waist_yaw: float) -> None:
-    """The mean is the angle itself and is believed by T / (T + 0.5 s): 0.5 / (T + 0.5) of the angle is left."""
-    weight, speed = 0.7, 1.2
-    for frames in (10, 45, 300):
-        removed = HeadPose(weight, yaw_from=yaw_from, offset_removed=True)
-        kept, kalman = HeadPose(weight, yaw_from=yaw_from), ConstantVelocity()
-        for predictor in (removed, kept, kalman):
-            end_s = turned_walk(predictor, frames, waist_yaw=waist_yaw)
-        # With the first frame nobody travels yet: the yaw is known from the second one on.
-        known_s = end_s - (1 / 30 if yaw_from == "travel" else 0.0)
-        left = np.radians(20.0) * 0.5 / (known_s + 0.5)
-        assert removed.relative_yaw_rad() == pytest.approx(left, abs=1e-9)
-        assert kept.relative_yaw_rad() == pytest.approx(np.radians(20.0), abs=1e-9)
-        plain = kalman.forecast(end_s + 0.5).means_base_m
-        speed = float(np.linalg.norm(kalman.state()[1][3:]))
-        for predictor, angle in ((removed, left), (kept, np.radians(20.0))):
-            bend_m = np.linalg.norm(predictor.forecast(end_s + 0.5).means_base_m - plain)
-            assert bend_m == pytest.approx(weight * 0.5 * speed * 2 * np.sin(angle / 2), abs=1e-9)
-
-
 def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed() -> None:
     """The offset is that of the filtered yaw, frame by frame."""
     with_offset, without = (HeadPose(offset_removed=removed) for removed in (False, True))
@@ -59,18 +35,6 @@ def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed() -> None:
         total += filtered or 0.0
         expected = (filtered or 0.0) - total / (i + 1) * time_s / (time_s + 0.5)
         assert without.relative_yaw_rad() == pytest.approx(expected, abs=1e-12)
-
-
-def test_who_stops_keeps_the_last_yaw_for_half_a_second() -> None:
-    head = HeadPose(yaw_from="travel")
-    end_s = turned_walk(head, 60)
-    at_m = np.array([2.0, 1.0, 0.4]) + 59 * FRAME_S * 1.2 * np.array([np.cos(0.3), np.sin(0.3), 0.0])
-    known = []
-    for i in range(1, 60):
-        head.update(HeadObservation(end_s + i * FRAME_S, at_m, yaw_quat(2.5)))
-        known.append(head.relative_yaw_rad() is not None)
-    assert known[:15] == [True] * 15
-    assert known[-15:] == [False] * 15
 
 
 def test_a_new_track_forgets_the_offset_of_the_old_one() -> None:

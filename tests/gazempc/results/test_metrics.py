@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 
 from gazempc.neck.spec import load_neck
 from gazempc.results.forecast_metrics import forecast_metrics
-from gazempc.results.log import Log, load_log
+from gazempc.results.log import Log
 from gazempc.results.metrics import measure
 from gazempc.results.motion import limit_violations, log_dimensionless_jerk, sparc
 
@@ -192,16 +192,3 @@ def test_log_dimensionless_jerk_of_minimum_jerk_is_the_closed_form():
     s = np.linspace(0, 1, 20001)
     speed = 30 * s**2 * (1 - s) ** 2
     assert log_dimensionless_jerk(speed, 20000.0) == pytest.approx(-np.log(720 / (15 / 8) ** 2), rel=1e-3)
-
-
-def test_a_log_is_read_back_as_it_was_written(log, tmp_path):
-    log.save(tmp_path / "run.npz")
-    again = load_log(tmp_path / "run.npz")
-    assert again.run == log.run
-    assert again.neck == NECK
-    assert again.faults == log.faults == ()
-    for field in dataclasses.fields(Log):
-        if field.name in ("run", "faults"):
-            continue
-        np.testing.assert_array_equal(getattr(again, field.name), getattr(log, field.name))
-    assert measure(again).as_dict() == pytest.approx(measure(log).as_dict(), nan_ok=True, abs=0, rel=0)

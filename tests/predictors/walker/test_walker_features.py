@@ -1,7 +1,5 @@
 """What the networks of `Walker` read: symmetric, bounded, and with the meaning that it is said to have."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from builders.people import yaw_quat
@@ -9,7 +7,7 @@ from builders.walkers import moved, seen_of, straight_model
 from scipy.spatial.transform import Rotation
 
 from predictors import HeadObservation, Walker
-from predictors.walker.features import MIRROR, N_INPUTS, N_SPREAD, WalkerHistory
+from predictors.walker.features import MIRROR, WalkerHistory
 from predictors.walker.line import N_ERRORS
 from predictors.walker.memories import N_MEMORIES
 from predictors.walker.noise import N_COLOURS
@@ -26,33 +24,13 @@ def inputs_of(observations):
     return found
 
 
-@pytest.mark.parametrize("sensor", ["reference", "face_camera", "street"])
+@pytest.mark.parametrize("sensor", ["reference", "face_camera"])
 def test_mirrored_inputs_are_the_inputs_of_the_mirrored_walk(sensor):
     observations = seen_of("subject05_R6", sensor)
     mirrored = [moved(o, 0.0, np.zeros(3), mirror=True) for o in observations]
     for a, b in zip(inputs_of(observations), inputs_of(mirrored), strict=True):
         np.testing.assert_allclose(b.network, a.network * MIRROR, atol=1e-6)
         np.testing.assert_allclose(b.spread, a.spread, atol=1e-6)
-
-
-@pytest.mark.parametrize("sensor", ["reference", "face_camera"])
-def test_where_the_robot_stands_does_not_matter(sensor):
-    observations = seen_of("subject04_R3", sensor)
-    elsewhere = [moved(o, 2.3, np.array([4.0, -2.0, 0.7])) for o in observations]
-    for a, b in zip(inputs_of(observations)[1:], inputs_of(elsewhere)[1:], strict=True):
-        np.testing.assert_allclose(b.network, a.network, atol=1e-5)
-        np.testing.assert_allclose(b.spread, a.spread, atol=1e-5)
-
-
-@pytest.mark.parametrize("sensor", ["perfect", "reference", "body_tracker", "face_camera", "street"])
-def test_they_are_finite_and_of_order_one(sensor):
-    found = inputs_of(seen_of("subject02_R5", sensor))
-    network, spread = np.array([f.network for f in found]), np.array([f.spread for f in found])
-    assert network.shape[1:] == (N_INPUTS,)
-    assert spread.shape[1:] == (N_SPREAD,)
-    assert np.abs(network).max() <= 4.0
-    assert np.abs(spread).max() < 6.0
-    assert 0.3 < network[30:].std() < 2.0
 
 
 def test_positions_are_relative_to_the_line_in_its_own_frame():
@@ -83,26 +61,6 @@ def test_yaws_are_relative_to_the_line_and_zero_for_who_stands():
     np.testing.assert_allclose(yaws(1.2), 1.0)  # pelvis over 0.15, head over 0.2
     np.testing.assert_allclose(yaws(0.35), 0.5)
     np.testing.assert_array_equal(yaws(0.1), 0.0)
-
-
-@pytest.mark.parametrize("angle_deg", [40.0, 90.0, 180.0])
-def test_a_mounting_is_taken_away_and_a_person_s_own_offset_is_kept(angle_deg):
-    turn = Rotation.from_euler("z", angle_deg, degrees=True)
-
-    def mounted(q):
-        return (Rotation.from_quat(q, scalar_first=True) * turn).as_quat(scalar_first=True)
-
-    observations = seen_of("subject08_R1")
-    turned = [
-        dataclasses.replace(o, head_quat_wxyz=mounted(o.head_quat_wxyz), pelvis_quat_wxyz=mounted(o.pelvis_quat_wxyz))
-        for o in observations
-    ]
-    plain, found = inputs_of(observations), inputs_of(turned)
-    yaws = slice(3 * WINDOW, 5 * WINDOW)
-    apart = [np.abs(a.network[yaws] - b.network[yaws]).max() for a, b in zip(plain, found, strict=True)]
-    assert max(apart[45:]) < 1.2
-    aside = np.mean([np.abs(o.network[yaws]).mean() for o in found[45:]])
-    assert aside < 1.5 * np.mean([np.abs(o.network[yaws]).mean() for o in plain[45:]])
 
 
 @pytest.mark.parametrize(
@@ -170,10 +128,9 @@ def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
             assert np.abs(inputs.network).max() <= 4.0
 
 
-@pytest.mark.parametrize("sds", [(0.02, 0.02, 0.02), (0.3, 0.02, 0.01)])
-def test_errors_are_doubted_relative_to_what_the_tracker_states(sds):
+def test_errors_are_doubted_relative_to_what_the_tracker_states():
     """White errors of a known size: stated, they leave less doubt than unsaid, because they are told by themselves."""
-    rng, histories, found = np.random.default_rng(0), (WalkerHistory(), WalkerHistory()), []
+    rng, histories, sds = np.random.default_rng(0), (WalkerHistory(), WalkerHistory()), (0.3, 0.02, 0.01)
     covariance = np.diag(np.square(sds))
     for k in range(120):
         state = STATE + np.array([1.2 * k / 30, 0, 0, 0, 0, 0])
