@@ -94,7 +94,7 @@ def test_old_observations_are_refused_and_change_nothing(make: Callable[[], Pred
 
 
 @every_predictor
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(
     steps_s=st.lists(st.floats(1e-3, 2.0), min_size=1, max_size=15),
     places=arrays(np.float64, (15, 3), elements=st.floats(-5, 5)),

@@ -147,13 +147,12 @@ def test_jacobian_is_that_of_finite_differences(rate: float, turn_time_s: float)
 def test_noise_free_arc_is_forecast_exactly_in_the_limit() -> None:
     """Of many frames: the filter begins with no turn."""
     errors = []
-    for frames in (60, 120, 450):
+    for frames in (60, 300):
         predictor = CoordinatedTurn(turn_time_s=ENDLESS_S)
         end_s = show(predictor, on_circle, frames=frames)
         times = end_s + np.array([0.25, 0.5, 1.0])
         errors.append(np.linalg.norm(predictor.forecast(times).means_base_m - on_circle(times)))
-    assert errors[0] > errors[1] > errors[2]
-    assert errors[2] < 5e-6
+    assert errors[1] < 1e-3 * errors[0]
 
 
 def test_height_and_a_standing_person_are_those_of_constant_velocity() -> None:
@@ -183,7 +182,7 @@ def test_a_constant_offset_of_the_yaws_is_learned_and_does_not_bend_the_walk(hea
     end_s = show(
         predictor,
         lambda t: np.array([0.0, 0.0, 1.6]) + SPEED_M_S * t * direction,
-        frames=300,
+        frames=200,
         pelvis=lambda t: heading + 0.08 + 0.05 * np.sin(6 * t),
         head=lambda t: heading - 0.2,
     )
