@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gazempc.parts import TRUE_FUTURE
 from gazempc.recordings.readers.labels import ROUTES, STANDING
 
 GROUP_ORDER = (STANDING, *ROUTES)
@@ -148,14 +149,14 @@ def add_gap_closed(rows: list[dict[str, Any]]) -> None:
     def place(row: dict[str, Any]) -> tuple[Any, ...]:
         return row["source"], row["neck"], row["sensor"], row["seed"]
 
-    perfect = {place(r): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == "perfect"}
+    perfect = {place(r): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == TRUE_FUTURE}
     reactive = {(*place(r), r["predictor"]): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == "reactive"}
     for row in rows:
         best = perfect.get(place(row))
         # The perfect run has no predictor of its own: it closes the gap of any.
         worst = reactive.get((*place(row), row["predictor"]))
         own = row.get("gaze_error_rms_deg")
-        if row["controller"] == "perfect" and own is not None:
+        if row["controller"] == TRUE_FUTURE and own is not None:
             row["gap_closed"] = 1.0
         elif best is None or worst is None or own is None or worst <= best:
             row["gap_closed"] = None

@@ -23,8 +23,9 @@ from experiments.engine.job import Row
 from experiments.engine.replays import ReplayJob, all_faults
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
+from gazempc.parts import gaze_of
 from gazempc.results.run_summary import versions
-from gazempc.settings import ControllerChoice
+from gazempc.settings import GAZES, GazeChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.scene import PlaceSettings
 
@@ -32,8 +33,8 @@ from gazempc.sim.scene import PlaceSettings
 class CompareSettings(ChoiceSettings, PlaceSettings):
     """Settings of `python -m experiments.compare`."""
 
-    controllers: tuple[ControllerChoice, ...] = Field(
-        default=("reactive", "lookahead", "mpc", "perfect"),
+    controllers: tuple[GazeChoice, ...] = Field(
+        default=GAZES,
         min_length=1,
         description="What to compare; module:Class for your own",
     )
@@ -104,7 +105,7 @@ def runs_of(settings: CompareSettings) -> list[tuple[Row, ReplayJob]]:
     for recording, (sensor, by_name), (neck_name, neck), predictor, controller in itertools.product(
         recordings, sensors.items(), necks.items(), predictors, settings.controllers
     ):
-        shown = "perfect" if controller == "perfect" else predictor
+        shown = gaze_of(controller)[1] or predictor
         options = options_of(controller, shown, settings.options)
         chosen = ReplaySettings(predictor=shown, walker=settings.walker, options=options, sensor=sensor, **place)
         labels = {

@@ -79,12 +79,12 @@ def compare_page(summary: Row, done: Sequence[Row], pictures: Iterable[Path], co
 
 def _answers(rows: Sequence[Row]) -> Iterator[str]:
     overall = [row for row in rows if (row["group"], row["kind"]) == ("all", "all")]
-    several = len({row["predictor"] for row in overall if row["controller"] != "perfect"}) > 1
+    several = len({row["predictor"] for row in overall if row["predictor"] != "perfect"}) > 1
     for sensor, neck in dict.fromkeys((row["sensor"], row["neck"]) for row in overall):
         said = []
         for row in overall:
             if (row["sensor"], row["neck"]) == (sensor, neck) and row["eye_contact_2p6"] is not None:
-                forecast = f" ({row['predictor']})" if several and row["controller"] != "perfect" else ""
+                forecast = f" ({row['predictor']})" if several and row["predictor"] != "perfect" else ""
                 said.append(f"{label(row['controller'])}{forecast} {100.0 * row['eye_contact_2p6']:.1f} %")
         yield f"Time with eye contact (2.6 deg), neck {neck}, sensor {sensor}: {', '.join(said)}."
 
@@ -98,7 +98,7 @@ def _tables(summary: Row) -> Iterator[PageTable]:
 
 
 def _charts(done: Sequence[Row]) -> Iterator[Chart]:
-    several = len({run["predictor"] for run in done if run["controller"] != "perfect"}) > 1
+    several = len({run["predictor"] for run in done if run["predictor"] != "perfect"}) > 1
     looks = styles(dict.fromkeys(run["controller"] for run in done))
     places = dict.fromkeys((run["sensor"], run["neck"]) for run in done)
     for sensor, neck in places:
@@ -107,7 +107,7 @@ def _charts(done: Sequence[Row]) -> Iterator[Chart]:
             if (run["sensor"], run["neck"]) != (sensor, neck) or run["gaze_error_rms_deg"] is None:
                 continue
             name = label(run["controller"])
-            name += f", {run['predictor']}" if several and run["controller"] != "perfect" else ""
+            name += f", {run['predictor']}" if several and run["predictor"] != "perfect" else ""
             clips.setdefault((name, looks[run["controller"]].colour), {})[run["recording"]] = run["gaze_error_rms_deg"]
         yield shares(f"Clips by gaze error: neck {neck}, sensor {sensor}", "RMS gaze error of a clip (deg)", clips)
 
@@ -264,7 +264,7 @@ def _name(series: tuple[str, str, str], all_series: Sequence[tuple[str, str, str
     controller, predictor, neck = series
     parts = [style(controller).label]
     # Said only where it tells series apart.
-    if controller != "perfect" and len({p for c, p, _ in all_series if c != "perfect"}) > 1:
+    if predictor != "perfect" and len({p for _, p, _ in all_series if p != "perfect"}) > 1:
         parts.append(predictor)
     if len({n for _, _, n in all_series}) > 1:
         parts.append(neck)

@@ -50,10 +50,7 @@ DESCRIBED = {
     "predictors": PREDICTOR.shipped,
     "metrics": [f.name for model in (Metrics, AttentionMetrics, ComputeMetrics, Log, Fault) for f in fields(model)]
     + ["gap_closed", *RunInfo.model_fields],
-    "own_parts": [
-        *(method for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for method in kind.methods),
-        *(name for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for name in kind.properties),
-    ],
+    "own_parts": [name for kind in (PREDICTOR, CONTROLLER, ROBOT, SOURCE) for name in kind.members],
 }
 
 

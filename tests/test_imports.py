@@ -28,7 +28,7 @@ GAZEMPC = (
     ("loop",),
     ("margins",),
     ("sim",),
-    ("live", "listing"),
+    ("live",),
     ("identify",),
     ("front", "run_settings"),
     ("run",),

@@ -28,7 +28,7 @@ from gazempc.recordings.load import load_together
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.results.attention import measure_attention
-from gazempc.settings import DEFAULT_PREDICTOR, Settings
+from gazempc.settings import DEFAULT_PREDICTOR, GAZES, Settings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
 
@@ -86,7 +86,6 @@ def _decided(walk: Recording, truth: bool) -> tuple[float, float, float]:
     return found_s[True], found_s[False], found_s[None]
 
 
-CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
 # The neck has acquired the person by then, and all walks last longer than the look away and a second.
 _START_S, _LASTS_S = 1.6, 1.4
 
@@ -217,10 +216,10 @@ def return_table(every: int) -> str:
     """
     head = ["controller", "neck", "median after plan [ms]"]
     stand = []
-    for controller, neck in (*((name, "reference") for name in CONTROLLERS), ("mpc", "slow")):
+    for controller, neck in (*((name, "reference") for name in GAZES), ("mpc", "slow")):
         found = measure_attention(talk(controller, "listening", _TALK_S, neck))
         stand.append([controller, neck, f"{1e3 * found.return_late_s:.0f}", f"{1e3 * found.return_late_p95_s:.0f}"])
-    walk = [row(name, "reference", return_late_s(name, every, "reference")) for name in CONTROLLERS]
+    walk = [row(name, "reference", return_late_s(name, every, "reference")) for name in GAZES]
     return (
         f"Contact back after looks away, a person who stands and is listened to for {_TALK_S:.0f} s\n\n"
         + _table([*head, "95 % within [ms]"], stand)

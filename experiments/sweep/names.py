@@ -18,7 +18,7 @@ from experiments.engine.replays import ReplayJob
 from gazempc.errors import SettingsError, suggest
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, load_neck
 from gazempc.parts import CONTROLLER, PREDICTOR, check_choice
-from gazempc.settings import ControllerChoice
+from gazempc.settings import GazeChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import SensorSpec, load_sensor
 
@@ -29,7 +29,7 @@ DEAD_TIME_SCALE = "model.dead_time_scale"
 
 
 class _SweepOnly(BaseModel):
-    controller: ControllerChoice
+    controller: GazeChoice
     dead_time_scale: float = Field(default=1.0, ge=0, le=3, description="The model's dead time over the robot's")
 
 

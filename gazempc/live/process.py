@@ -113,10 +113,22 @@ def real_time_priority() -> Iterator[None]:
                 os.sched_setscheduler(thread, *known)
 
 
+def before_other_programs() -> None:
+    """This thread, and all threads that it starts later, go before other programs where the system allows it.
+
+    For a process whose only task is the run: the middleware of ROS 2 receives and sends in threads of its own.
+    """
+    if hasattr(os, "sched_setscheduler"):
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_OTHER_THREADS))
+
+
 def second_to_the_run() -> None:
     """For a process that a run has started: it yields to the run, outlives Ctrl-C, and ends when the run is gone."""
     # Ctrl-C is for the parent, which brakes the neck before it ends this.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "sched_setscheduler"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     if hasattr(os, "nice"):
         os.nice(_NICE)
     threading.Thread(target=_end_with_parent, daemon=True).start()

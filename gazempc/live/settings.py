@@ -192,9 +192,8 @@ def check(settings: LiveSettings) -> None:
             f"--neck: a real robot ({robot}) needs its own neck file, with limits that it bears; "
             "see python -m gazempc.identify"
         )
-    for option, choice in (("predictor", settings.predictor), ("controller", settings.controller)):
-        if choice == "perfect":
-            raise SettingsError(f"--{option} perfect: the true future of a live run is unknown")
+    if settings.predictor == "perfect":
+        raise SettingsError("--predictor perfect: the true future of a live run is unknown")
     _check_source(settings, source)
 
 

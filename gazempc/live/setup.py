@@ -30,16 +30,15 @@ from gazempc.live.sources.senders import Senders
 from gazempc.live.sources.source import Source
 from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, Wire, parse_address
 from gazempc.live.stamps import StampClock, StampReader, Stamps
-from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.build import Person, make_controller, make_predictor, make_target
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner, Planner
 from gazempc.loop.pointing import Goal
-from gazempc.loop.target import make_target
 from gazempc.loop.track import Target
 from gazempc.neck.human import with_motion
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options, make, options_for
-from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, check_methods, name_of
+from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, check_members, name_of
 from gazempc.people.company import Cues
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.run_info import RunInfo
@@ -207,7 +206,7 @@ def setup_of_gaze(
         checked = LiveGazeSettings.model_validate(settings)
     except ValidationError as error:
         raise SettingsError(explain(error, "Gaze", LiveGazeSettings)) from None
-    if "perfect" in (controller, predictor):
+    if predictor == "perfect":
         raise SettingsError("perfect: the true future of a live run is unknown")
     chosen = ((PREDICTOR, predictor), (CONTROLLER, controller), (ROBOT, robot))
     check_options([(kind, choice) for kind, choice in chosen if isinstance(choice, str)], checked.options.own)
@@ -256,7 +255,7 @@ def _joined(
         ready = make_robot(robot, settings.options, neck, clock, start_rad, seed)
         robot_name = name_of(ROBOT, ready)
     else:
-        check_methods(ROBOT, robot)
+        check_members(ROBOT, robot)
         ready, robot_name = MonotonicRobot(robot, clock), name_of(ROBOT, robot)
     about = RunInfo(
         recording="live",
@@ -281,7 +280,7 @@ def _joined(
 
 def _margins(controller: Controller) -> list[str]:
     """Joints of the neck file that leave too small a stability margin to the MPC."""
-    if name_of(CONTROLLER, controller) not in ("mpc", "perfect"):
+    if name_of(CONTROLLER, controller) != "mpc":
         return []
     # Only here: another controller needs no CasADi.
     from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415

@@ -125,7 +125,7 @@ def _name(named: dict[str, Replayed], replays: Iterator[Replayed]) -> None:
     """Keep each replay as soon as it is complete."""
     for replayed in replays:
         # A controller's name, with a number after an earlier one of the same name.
-        plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in replayed.log.run.controller)
+        plain = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in replayed.log.run.controller)
         same = sum(other == plain or other.startswith(f"{plain}_") for other in named)
         named[f"{plain}_{same + 1}" if same else plain] = replayed
 

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 def perfect(neck, recording, start_offset_deg=0.0):
     placed = place(load(recording), "side", 2.5, 1.2)
     settings = ReplaySettings(start_offset_deg=start_offset_deg)
-    log = replayed(placed, "perfect", settings=settings, neck=load_neck(neck), sensor=load_sensor("perfect"))
+    log = replayed(placed, "mpc+perfect", settings=settings, neck=load_neck(neck), sensor=load_sensor("perfect"))
     moving = np.flatnonzero(np.any(log.command_position_rad != log.command_position_rad[0], axis=1))
     return log, float(log.time_s[moving[0]])
 

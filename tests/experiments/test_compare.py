@@ -108,7 +108,7 @@ def test_a_clip_that_comes_too_near_is_left_out_and_counted(tmp_path):
 
 def test_default_predictor_and_one_perfect_run_for_all():
     labels = [row for row, _ in runs(Path("x"), predictors=("default", "walker", "head_pose"))]
-    assert sum(row["controller"] == "perfect" for row in labels) == 3
+    assert sum(row["controller"] == "mpc+perfect" for row in labels) == 3
     assert {row["predictor"] for row in labels if row["controller"] == "reactive"} == {"walker", "head_pose"}
 
 

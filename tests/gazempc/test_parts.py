@@ -12,7 +12,7 @@ from gazempc.parts import (
     ROBOT,
     SOURCE,
     check_choice,
-    check_methods,
+    check_members,
     find,
     is_own,
     name_of,
@@ -46,7 +46,7 @@ def test_every_shipped_part_is_there_and_has_all_methods(kind):
     for name, place in kind.shipped.items():
         factory = find(kind, name)
         assert place.endswith(f":{factory.__qualname__}")
-        for method in (*kind.methods, *kind.properties):
+        for method in kind.members:
             assert hasattr(factory, method), (name, method)
         assert check_choice(kind, name) == name
 
@@ -100,19 +100,19 @@ class Robot:
     def close(self): ...
 
 
-@pytest.mark.parametrize("method", sorted(ROBOT.methods))
+@pytest.mark.parametrize("method", sorted(ROBOT.members))
 def test_a_method_that_is_missing_or_no_method_is_named_with_what_it_does(method):
-    check_methods(ROBOT, Robot())
+    check_members(ROBOT, Robot())
     lacking = Robot()
     setattr(lacking, method, None)
     with pytest.raises(SettingsError) as raised:
-        check_methods(ROBOT, lacking)
-    assert str(raised.value) == f"robot Robot lacks the method {ROBOT.methods[method]}"
+        check_members(ROBOT, lacking)
+    assert str(raised.value) == f"robot Robot lacks the method {ROBOT.members[method]}"
 
 
 def test_a_class_in_place_of_an_object_is_refused():
     with pytest.raises(SettingsError, match=r"robot Robot is a class: give an object, Robot\(\.\.\.\)"):
-        check_methods(ROBOT, Robot)
+        check_members(ROBOT, Robot)
 
 
 def test_what_a_part_is_called():

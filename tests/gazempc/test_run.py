@@ -120,7 +120,7 @@ def test_the_figures_follow_from_the_logs_alone(main_job):
         expected = gap_closed(
             row["gaze_error_rms_deg"],
             metrics["reactive"].gaze_error_rms_deg,
-            metrics["perfect"].gaze_error_rms_deg,
+            metrics["mpc+perfect"].gaze_error_rms_deg,
         )
         assert row["gap_closed"] == pytest.approx(expected)
         assert f"{row['gaze_error_rms_deg']:.2f}" in text
@@ -150,7 +150,7 @@ def test_prediction_is_worth_what_the_readme_says(main_job):
     reactive = rows["reactive"]["gaze_error_rms_deg"]
     assert rows["lookahead"]["gaze_error_rms_deg"] < reactive / 3
     assert rows["mpc"]["gaze_error_rms_deg"] < reactive / 3
-    assert rows["perfect"]["gaze_error_rms_deg"] <= 0.3
+    assert rows["mpc+perfect"]["gaze_error_rms_deg"] <= 0.3
     assert all(row["limit_violations"] == 0 for row in rows.values())
     assert "Eye contact (within 2.6 deg): reactive" in text
 

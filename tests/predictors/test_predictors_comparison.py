@@ -302,10 +302,7 @@ def test_pursuit_without_pelvis_or_gain_is_constant_velocity() -> None:
     ("name", "made"),
     [
         ("constant_velocity", ConstantVelocity),
-        ("constant_acceleration", ConstantAcceleration),
         ("coordinated_turn", CoordinatedTurn),
-        ("interacting_models", InteractingModels),
-        ("particle", ParticleFilter),
         ("pelvis_pursuit", PelvisPursuit),
     ],
 )

@@ -35,7 +35,7 @@ def talks(monkeypatch):
 def test_the_tables_of_returns_have_each_controller_standing_and_walking():
     rows = cells(study.return_table(6))
     assert [row[:2] for row in rows[:5]] == [
-        *([name, "reference"] for name in ("reactive", "lookahead", "mpc", "perfect")),
+        *([name, "reference"] for name in ("reactive", "lookahead", "mpc", "mpc+perfect")),
         ["mpc", "slow"],
     ]
     assert all(float(late) == pytest.approx(100.0, abs=6.0) for _, _, late, _ in rows[:5])

@@ -31,7 +31,7 @@ def at_rest(controller, path, command_rad=0.0):
     known = forecast(controller.forecast_times_s(0.0, 0.0), path)
     settled = settled_joints(controller.neck, 0)
     still = [np.zeros(2)] * 3
-    return Situation.of(settled, 0.0, known, rest, *still, np.zeros((100, 2)), np.zeros((0, 2)))
+    return Situation(settled, 0.0, known, rest, *still, np.zeros((100, 2)), np.zeros((0, 2)))
 
 
 @pytest.mark.parametrize("name", ["reference", "reachy_mini"])
@@ -100,8 +100,8 @@ def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_dela
         "committed_rad": np.zeros((0, 2)),
     }
     reactive = Reactive(NECK)
-    plan = reactive.plan(Situation.of(forecast=forecast(reactive.forecast_times_s(now, 0.43), crossing), **base))
+    plan = reactive.plan(Situation(forecast=forecast(reactive.forecast_times_s(now, 0.43), crossing), **base))
     assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * 0.43, 2.5))
     ahead = LookAhead(NECK, 0.0)
-    plan = ahead.plan(Situation.of(forecast=forecast(ahead.forecast_times_s(now, 0.43), crossing), **base))
+    plan = ahead.plan(Situation(forecast=forecast(ahead.forecast_times_s(now, 0.43), crossing), **base))
     assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * (0.5 + 0.5525), 2.5))

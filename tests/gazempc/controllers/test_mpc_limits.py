@@ -90,7 +90,7 @@ def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
         if rng.random() < 0.3:
             means = np.tile(means[0] * 1e-3, (times.size, 1))
         covariance = np.nan if rng.random() < 0.1 else 10 ** rng.uniform(-6, 2)
-        situation = Situation.of(
+        situation = Situation(
             settled_joints(neck, 0),
             start_s=now,
             forecast=Forecast(times, means, np.tile(covariance * np.eye(3), (times.size, 1, 1)), 0.0),
@@ -126,7 +126,7 @@ def test_a_start_outside_the_limits_has_a_plan_that_says_so(seed):
         limits.velocity_max_rad_s * rng.uniform(-3, 3, 2),
         limits.acceleration_max_rad_s2 * rng.uniform(-3, 3, 2),
     )
-    situation = Situation.of(
+    situation = Situation(
         settled_joints(NECK, 0),
         0.0,
         forecast(times, still(rng.uniform(-3, 3))),
@@ -173,7 +173,7 @@ def test_whoever_walks_wherever_the_limits_hold(name, kind, places):
 
 def test_nan_in_the_situation_is_a_controller_error():
     controller = Mpc(NECK)
-    situation = Situation.of(
+    situation = Situation(
         settled_joints(NECK, 0),
         0.0,
         forecast(controller.forecast_times_s(0.0, 0.0), crossing),

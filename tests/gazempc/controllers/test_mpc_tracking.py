@@ -104,7 +104,7 @@ def test_a_short_horizon_serves():
 def test_a_command_follows_the_plan():
     controller = Mpc(NECK)
     smoother = Smoother(NECK, np.array([0.5, 0.1]))
-    situation = Situation.of(
+    situation = Situation(
         settled_joints(NECK, 0),
         0.0,
         forecast(controller.forecast_times_s(0.0, 0.0), crossing),
@@ -133,7 +133,7 @@ def test_the_smoother_follows_plans_that_use_their_limits(name):
     for tick in range(60):
         now = tick * neck.control_period_s
         command = smoother.command
-        situation = Situation.of(
+        situation = Situation(
             settled_joints(neck, 0),
             now,
             forecast(mpc.forecast_times_s(now, now), path),

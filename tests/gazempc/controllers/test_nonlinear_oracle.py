@@ -272,7 +272,7 @@ def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(
 
     start = look_at(neck.geometry, path(neck.dead_time_s[:1])).angles_rad[0] + [np.radians(start_deg), 0.0]
     offset_rad = np.array([0.005, -0.02])
-    situation = Situation.of(
+    situation = Situation(
         settled_joints(neck, 0),
         start_s=0.0,
         forecast=Forecast(times, path(times), np.zeros((times.size, 3, 3)), 0.0),

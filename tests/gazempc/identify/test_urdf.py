@@ -29,7 +29,7 @@ def tiago(path, **changed):
         "revolute",
         "head_1",
         "head_2",
-        "0.005 0.0 0.098",
+        "0.005 0 0.098",
         "-1.5707963 0 0",
         "0 0 1",
         -1.0,
@@ -55,28 +55,22 @@ def eye_in_torso(pan_rad, tilt_rad):
     return at + turn.apply([0.107, 0.0802, 0.02])
 
 
-def test_the_eye_is_where_the_chain_puts_it(tmp_path):
+def test_the_eye_is_where_the_chain_puts_it(tmp_path, capsys):
     neck = read_urdf(tiago(tmp_path / "robot.urdf"), "camera")
     assert (neck.base_frame, neck.joint_names) == ("torso", ("head_1_joint", "head_2_joint"))
     assert (neck.joint_signs, neck.speed_rad_s) == ((1, -1), (3.0, 2.0))
     np.testing.assert_allclose(neck.range_deg, np.rad2deg([[-1.309, 1.309], [-0.785, 1.0]]))
-    assert (
-        main(["--new", str(tmp_path / "n.toml"), "--urdf", str(tmp_path / "robot.urdf"), "--eye-frame", "camera"]) == 0
-    )
+    words = ["--urdf", str(tmp_path / "robot.urdf"), "--eye-frame", "camera"]
+    assert main(["--new", str(tmp_path / "n.toml"), *words]) == 0
+    options = capsys.readouterr().out
+    assert "--options.ros2.joint-names head_1_joint head_2_joint --options.ros2.joint-signs 1 -1" in options
+    assert "--options.ros2.base-frame torso --mount.position-m -0.182" in options
     spec = load_neck(tmp_path / "n.toml")
     rng = np.random.default_rng(1)
     for joints_rad in rng.uniform(-1.0, 1.0, (20, 2)):
         own_rad = joints_rad * neck.joint_signs
         eye_m, _ = gaze_ray(spec.geometry, own_rad)
         np.testing.assert_allclose(eye_m + neck.pan_in_base_m, eye_in_torso(*joints_rad), atol=1e-4)
-
-
-def test_the_options_place_the_base_frame(tmp_path, capsys):
-    path = tiago(tmp_path / "robot.urdf")
-    assert main(["--new", str(tmp_path / "n.toml"), "--urdf", str(path), "--eye-frame", "camera"]) == 0
-    said = capsys.readouterr().out
-    assert "--options.ros2.joint-names head_1_joint head_2_joint --options.ros2.joint-signs 1 -1" in said
-    assert "--options.ros2.base-frame torso --mount.position-m -0.182" in said
 
 
 def test_a_pan_axis_that_points_down_turns_to_the_right(tmp_path):
@@ -94,12 +88,12 @@ def test_a_pan_axis_that_points_down_turns_to_the_right(tmp_path):
         ({"at": 1, "value": "fixed"}, "camera", "1 joints turn"),
     ],
 )
-def test_what_is_no_neck(tmp_path, change, eye, why):
+def test_a_chain_without_a_neck_is_refused(tmp_path, change, eye, why):
     with pytest.raises(SettingsError, match=why):
         read_urdf(tiago(tmp_path / "robot.urdf", **change), eye)
 
 
-def test_what_is_no_urdf(tmp_path):
+def test_a_file_that_is_no_urdf_is_refused(tmp_path):
     (tmp_path / "a.urdf").write_text("<robot")
     (tmp_path / "b.urdf").write_text('<!DOCTYPE r [<!ENTITY a "b">]><robot/>')
     for name in ("a.urdf", "b.urdf", "none.urdf"):

@@ -72,7 +72,7 @@ REFUSED = [
     (["--robot", "{own}:Hed"], ["has no 'Hed'", "'Head'"]),
     (["--robot", "no_such_module:Head"], ["there is no module 'no_such_module'", "working directory"]),
     (["--robot", "{own}:RealHead"], ["--simulated-clock", "keeps_any_clock = True"]),
-    (["--controller", "perfect"], ["--controller perfect"]),
+    (["--predictor", "perfect"], ["--predictor perfect"]),
 ]
 
 

@@ -29,7 +29,7 @@ def test_every_shipped_predictor_is_made_by_its_name(name):
 @pytest.mark.parametrize("name", [*CONTROLLER.shipped])
 def test_every_shipped_controller_is_made_by_its_name(name):
     made = make_controller(name, NECK, SETTINGS, {})
-    assert name_of(CONTROLLER, made) == ("mpc" if name == "perfect" else name)
+    assert name_of(CONTROLLER, made) == name
     assert check_controller(made, NECK) is made
 
 

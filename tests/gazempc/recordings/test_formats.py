@@ -48,14 +48,14 @@ def bag(folder):
     ],
 )
 def test_a_run_on_each_format(write, kind, sensor, placement, tmp_path, capsys):
-    words = ["--replay", str(write(tmp_path)), "--controllers", "reactive", "lookahead", "perfect", "--no-figures"]
+    words = ["--replay", str(write(tmp_path)), "--controllers", "reactive", "lookahead", "mpc+perfect", "--no-figures"]
     assert main([*words, "--noise-seeds", "1", "--out", str(tmp_path / "out")]) == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["kind"] == kind
     assert (summary["settings"]["sensor"], summary["settings"]["placement"]) == (sensor, placement)
     rows = {row["controller"]: row for row in summary["rows"]}
     assert rows["lookahead"]["gaze_error_rms_deg"] < rows["reactive"]["gaze_error_rms_deg"] / 3
-    assert rows["perfect"]["gaze_error_rms_deg"] < 0.3
+    assert rows["mpc+perfect"]["gaze_error_rms_deg"] < 0.3
     said = capsys.readouterr().out
     assert kind in said
     tracked = "against the tracker's own track, smoothed without lag: the true head was not measured" in said

@@ -41,7 +41,7 @@ EYES = load_neck("reference_eyes")
 ALL = EYES.model_copy(update={"name": "all", "body": load_neck("reachy_mini_body").body})
 ATTENDED = ((0.5, 1, "policy"), (4.0, 2, "left"), (8.0, 0, "nobody"))
 AWAY = ((5.0, 6.5, "thinking"),)
-CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
+CONTROLLERS = ("reactive", "lookahead", "mpc", "mpc+perfect")
 Logs = dict[str, Log]
 Draw = Callable[[Logs, Path], None]
 

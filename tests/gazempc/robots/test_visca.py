@@ -1,7 +1,6 @@
 """VISCA over IP against the bytes of the makers' manuals, and over networks that lose, delay and reorder packets."""
 
 import os
-import signal
 import subprocess
 import sys
 import textwrap
@@ -157,31 +156,7 @@ def test_a_lost_packet_is_sent_again_with_its_number_and_carried_out_once() -> N
         answers.close()
 
 
-def test_answers_in_another_order_are_told_apart() -> None:
-    held: list[bytes] = []
-
-    def late(k: int, packet: bytes) -> list[bytes]:
-        # Each answer comes after the next one.
-        held.append(packet)
-        return [held.pop(0)] if len(held) > 1 else []
-
-    with camera() as (server, plant):
-        network = BadNetwork(server.address, to_robot=late)
-        with connected(network.address) as robot:
-            seen = []
-
-            def read() -> bool:
-                state = robot.read_state()
-                seen.extend([] if state is None else [state.position_rad])
-                return len(seen) > 3 and plant.true_state().position_rad[0] > 0.1
-
-            feed(robot, (0.3, 0.0), read)
-            assert all(np.abs(position).max() < 0.5 for position in seen)
-        network.close()
-        assert server.driven[-1][1:] == (0, 0)
-
-
-def test_a_late_answer_is_not_taken_for_that_of_the_next_inquiry() -> None:
+def test_an_answer_that_comes_late_or_out_of_order_is_left_out() -> None:
     sent: list[bytes] = []
 
     def again(_: int, packet: bytes) -> list[bytes]:
@@ -263,10 +238,10 @@ def test_moves_are_renewed_and_the_end_is_a_stop() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", ["kill", "terminate", "exit", "raise"])
+@pytest.mark.parametrize("ending", ["kill", "raise"])
 def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> None:
     program = """
-        import os, signal, sys, time
+        import sys, time
         import numpy as np
         from gazempc.neck.spec import load_neck
         from gazempc.robots.options import ViscaOptions
@@ -278,8 +253,6 @@ def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> No
             robot.send_command(np.array([0.5, 0.1]))
             if k == 50:
                 print("moving", flush=True)
-                if sys.argv[2] == "exit":
-                    sys.exit()
                 if sys.argv[2] == "raise":
                     raise RuntimeError
             time.sleep(0.02)
@@ -296,9 +269,9 @@ def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> No
         )
         assert process.stdout is not None
         assert process.stdout.readline() == b"moving\n"
-        if ending in ("kill", "terminate"):
+        if ending == "kill":
             assert server.driven[-1][1] > 0
-            process.send_signal(signal.SIGKILL if ending == "kill" else signal.SIGTERM)
+            process.kill()
         process.wait(30)
         wait_until(lambda: server.driven[-1][1:] == (0, 0))
         process.stdout.close()

@@ -60,7 +60,7 @@ def test_one_person_among_several_is_looked_at_as_if_they_were_alone():
 
 
 def test_the_perfect_forecast_is_that_of_whoever_is_looked_at():
-    log = replayed("nearest", controller="perfect")
+    log = replayed("nearest", controller="mpc+perfect")
     known = np.isfinite(log.forecast_true_base_m).all(axis=2)
     assert known.sum() > 100
     apart_m = np.linalg.norm(log.forecast_mean_base_m - log.forecast_true_base_m, axis=2)[known]

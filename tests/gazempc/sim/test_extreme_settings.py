@@ -88,7 +88,6 @@ def test_a_neck_beyond_is_refused_with_what_is_accepted(field, value):
     [
         {"constant_velocity": {"acceleration_psd": 1e300}},
         {"head_pose": {"yaw_noise_rad": 1e300}},
-        {"particle": {"particles": 10**9}},
         {"distance_m": 1e300},
     ],
 )

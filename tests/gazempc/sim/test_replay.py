@@ -10,6 +10,7 @@ from builders.replays import replayed
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import LeftOutError
 from gazempc.neck.spec import load_neck
+from gazempc.parts import TRUE_FUTURE, check_gaze
 from gazempc.results.metrics import measure
 from gazempc.settings import LoopSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
@@ -50,7 +51,7 @@ def test_a_recording_too_short_to_be_scored_is_refused():
 def test_with_the_true_future_a_compute_delay_costs_nothing(delay_s):
     """The commands that go out while the computer works are rolled through as exactly as those of the dead time."""
     settings = ReplaySettings(loop=LoopSettings(compute_delay_s=delay_s))
-    log = replayed(synthetic("subject03_R4"), "perfect", settings=settings)
+    log = replayed(synthetic("subject03_R4"), "mpc+perfect", settings=settings)
     assert measure(log).gaze_error_rms_deg < 0.1
 
 
@@ -61,3 +62,10 @@ def test_a_scene_says_where_the_neck_begins():
     begins = dataclasses.replace(scene, start_rad=(0.2, -0.1))
     log = replay_scene(begins, "reactive", "last_position").log
     np.testing.assert_allclose(log.joint_position_rad[0], [0.2, -0.1])
+
+
+def test_the_former_name_of_the_true_future_warns():
+    with pytest.warns(FutureWarning, match=r"mpc\+perfect"):
+        assert check_gaze("perfect") == TRUE_FUTURE
+    with pytest.raises(ValueError, match="no predictor 'perfekt'"):
+        check_gaze("mpc+perfekt")

@@ -11,7 +11,7 @@ from builders.ports import free_port
 
 import gazempc as gz
 from gazempc.live.view.orders import ViewOrders
-from gazempc.live.view.viewers import ViewProcess
+from gazempc.live.view.viewers import Feed
 from gazempc.live.view.web import Snapshots
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.results.mcap import moments_of
@@ -53,14 +53,19 @@ def started(log):
     running = []
 
     def start(port):
-        process = ViewProcess(ViewOrders(log.run, view="web", port=port))
-        assert process.start() == (f"view: open http://127.0.0.1:{port}/ in a browser",)
-        running.append(process)
-        return process
+        feed = Feed(ViewOrders(log.run, view="web", port=port))
+        assert feed.notes == (f"view: open http://127.0.0.1:{port}/ in a browser",)
+        running.append(feed)
+        return feed
 
     yield start
-    for process in running:
-        process.close()
+    for feed in running:
+        feed.close()
+
+
+def send(feed, moments):
+    for moment in moments:
+        feed.take(moment)
 
 
 def wait_for(driver, element, words):
@@ -101,12 +106,12 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
         driver.get(f"http://127.0.0.1:{port}/")
         wait_for(driver, "connection", "waiting for the run")
         half = len(moments) // 2
-        run.send(moments[:half])
+        send(run, moments[:half])
         wait_for(driver, "time", shown_at(log, moments[:half]))
         assert driver.find_element("id", "connection").text == "live"
         first = {name: driver.find_element("id", name).text for name in ("person", "error", "time", "joints")}
-        run.send([*moments[half:], EventMoment(float(log.time_s[-1]), "limit_guard", "limit_guard")])
-        run.send([TickMoment(float(log.time_s[-1]) + 0.1, moments[-1].joints, *moments[-1][2:])])
+        send(run, [*moments[half:], EventMoment(float(log.time_s[-1]), "limit_guard", "limit_guard")])
+        send(run, [TickMoment(float(log.time_s[-1]) + 0.1, moments[-1].joints, *moments[-1][2:])])
         wait_for(driver, "events", "limit_guard: the smoother refused")
         for name, before in first.items():
             assert driver.find_element("id", name).text != before, name
@@ -122,11 +127,11 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
         # It fits a phone.
         assert driver.execute_script("return document.documentElement.scrollWidth") <= 400
 
-        run._process.kill()
+        run.process.kill()
         wait_for(driver, "connection", "connection lost")
         again = started(port)
         wait_for(driver, "connection", "waiting for the run")
-        again.send(moments[:half])
+        send(again, moments[:half])
         wait_for(driver, "time", first["time"])
         assert driver.find_element("id", "connection").text == "live"
         again.close()
@@ -162,7 +167,7 @@ def test_a_port_that_is_taken_is_said(started, log):
     port = free_port()
     started(port)
     with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}: Address already in use"):
-        ViewProcess(ViewOrders(log.run, view="web", port=port)).start()
+        Feed(ViewOrders(log.run, view="web", port=port))
 
 
 @pytest.mark.parametrize("kind", ["live", "synthetic"])
