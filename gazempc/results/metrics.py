@@ -93,7 +93,8 @@ def scored_ticks(log: Log, known: FloatArray) -> BoolArray:
     Returns:
         Shape (M,).
     """
-    return (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(known) & ~log.looks_away
+    scored: BoolArray = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(known)
+    return scored & ~log.looks_away
 
 
 def measure(log: Log) -> Metrics:

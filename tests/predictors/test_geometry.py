@@ -36,9 +36,7 @@ def test_wrapped_angle_is_the_same_direction_within_half_a_turn(angle: float) ->
     st.floats(1e-3, 0.3),
     st.floats(1e-2, 5.0),
 )
-def test_covariance_of_a_bearing_has_the_stated_axes(
-    position, bearing_sd_rad, range_sd_m
-):
+def test_covariance_of_a_bearing_has_the_stated_axes(position, bearing_sd_rad, range_sd_m):
     covariance = bearing_covariance(position, bearing_sd_rad, range_sd_m)
     sight = np.array(position) / np.linalg.norm(position)
     np.testing.assert_allclose(covariance @ sight, range_sd_m**2 * sight, rtol=1e-9, atol=1e-12)

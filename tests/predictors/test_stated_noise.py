@@ -131,7 +131,7 @@ def test_stating_the_noise_of_every_frame_is_to_set_it(make):
         np.testing.assert_allclose(a.covariances_m2, b.covariances_m2, rtol=1e-4, atol=1e-9)
 
 
-@pytest.mark.parametrize("make", [MAKERS[name] for name in ("cv", "ctrv", "imm")])
+@pytest.mark.parametrize("make", [MAKERS[name] for name in ("cv", "imm")])
 def test_a_range_that_is_stated_as_unknown_does_not_shake_the_direction(make):
     """Errors of 0.5 m along the line of sight: who takes them for positions is led far astray."""
 

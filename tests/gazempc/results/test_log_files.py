@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 from builders.bags import face_rows, write_bag
 from builders.mcap import column, decoded, entities, numbers, placed
-from builders.replays import cut
+from builders.recordings import synthetic
+from builders.replays import QUICK, cut, replayed
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
@@ -27,9 +28,8 @@ from predictors import HeadObservation
 
 @pytest.fixture(scope="module", params=["reachy_mini_body", "reference_eyes"])
 def log(request):
-    return gz.replay(
-        "subject03_R1", neck=request.param, controller="lookahead", predictor="constant_velocity", sensor="reference"
-    )
+    placed = synthetic("subject03_R1")
+    return cut(replayed(placed, "lookahead", settings=QUICK, neck=gz.load_neck(request.param)), 0.0, 2.5)
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from predictors import HeadObservation, Walker
 from predictors.walker.features import MIRROR, WalkerHistory
-from predictors.walker.line import N_ERRORS
-from predictors.walker.memories import N_MEMORIES
-from predictors.walker.noise import N_COLOURS
 from predictors.walker.window import WINDOW
 
 STATE = np.array([0.0, 0.0, 0.4, 1.2, 0.0, 0.0])
@@ -87,32 +84,6 @@ def test_a_constant_offset_is_a_mounting_by_its_size_and_its_time(offset_rad, fr
     np.testing.assert_allclose(learned, np.clip(left_rad * frames / (frames + 15.0) / 0.1, -4.0, 4.0), atol=1e-6)
 
 
-def test_where_each_known_number_stands():
-    """Size and correlation of the noise, whether it was stated, and the frames at 60 a second."""
-    history = WalkerHistory()
-    sds = np.array([0.02, 0.01, 0.005])
-    covariance = np.diag(sds**2)
-    covariance[0, 1] = covariance[1, 0] = 0.5 * sds[0] * sds[1]
-    for k in range(120):
-        state = STATE + np.array([1.2 * k / 60, 0, 0, 0, 0, 0])
-        stated = HeadObservation(k / 60, state[:3], position_covariance_m2=covariance)
-        inputs = history.add(stated, state, covariance)
-    scalars = inputs.network[5 * WINDOW : -N_COLOURS - N_MEMORIES]
-    assert scalars[2] == pytest.approx(0.5)
-    assert scalars[3] == pytest.approx((1.2 - 1.1) / 0.3)
-    assert scalars[4] == scalars[5] == 1.0
-    np.testing.assert_allclose(scalars[-5:-2], np.log(sds / 0.01))
-    assert scalars[-2] == 1.0
-    assert scalars[-1] == pytest.approx(np.log(2.0), abs=0.03)
-    # No yaw was seen; a walk on its line, by whatever the line's own errors say.
-    assert inputs.spread[0] == 1.0
-    np.testing.assert_array_equal(inputs.spread[6:8], 1.0)
-    assert inputs.spread[8] == pytest.approx(0.1)
-    assert inputs.spread[10] == scalars[-1]
-    assert inputs.spread[11] == 1.0
-    assert np.all(inputs.spread[-N_ERRORS - N_COLOURS : -N_COLOURS] < -0.9)
-
-
 @pytest.mark.parametrize("heading_rad", [0.0, 0.7, np.pi / 2])
 def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
     """20 mm along, 10 across and 5 up, wherever the walk leads; so large noise is told in full, unlike the inputs'."""
@@ -126,27 +97,6 @@ def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
             np.testing.assert_allclose(inputs.stated_sd_m, stated * sds, rtol=1e-3, atol=1e-6)
             np.testing.assert_array_equal(inputs.stated_base_m2, stated * covariance)
             assert np.abs(inputs.network).max() <= 4.0
-
-
-def test_errors_are_doubted_relative_to_what_the_tracker_states():
-    """White errors of a known size: stated, they leave less doubt than unsaid, because they are told by themselves."""
-    rng, histories, sds = np.random.default_rng(0), (WalkerHistory(), WalkerHistory()), (0.3, 0.02, 0.01)
-    covariance = np.diag(np.square(sds))
-    for k in range(120):
-        state = STATE + np.array([1.2 * k / 30, 0, 0, 0, 0, 0])
-        at = state[:3] + rng.standard_normal(3) * sds
-        told = (None, covariance)
-        found = [
-            history.add(HeadObservation(k / 30, at, position_covariance_m2=each), state, covariance).spread
-            for history, each in zip(histories, told, strict=True)
-        ]
-    untold, stated = found
-    np.testing.assert_array_equal(stated[: -N_ERRORS - N_COLOURS - 1], untold[: -N_ERRORS - N_COLOURS - 1])
-    assert (stated[-N_ERRORS - N_COLOURS - 1], untold[-N_ERRORS - N_COLOURS - 1]) == (1.0, 0.0)
-    assert np.all(stated[-N_ERRORS - N_COLOURS : -N_COLOURS] < untold[-N_ERRORS - N_COLOURS : -N_COLOURS])
-    positions = slice(-N_COLOURS, -N_COLOURS + 6)
-    assert np.all(stated[positions] < untold[positions])
-    np.testing.assert_array_equal(stated[-N_COLOURS + 6 :], untold[-N_COLOURS + 6 :])  # of the yaws nothing is stated
 
 
 @pytest.mark.parametrize(

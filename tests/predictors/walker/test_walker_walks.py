@@ -4,7 +4,6 @@ Synthetic walks were not fitted on. Real ones were, so there the tests guard the
 """
 
 import dataclasses
-import zlib
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
 from experiments.engine.choices import find_recordings
-from experiments.forecast.errors import forecast_errors, turn_head
+from experiments.forecast.errors import forecast_errors
 from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadObservation, LastPosition, Walker, bearing_covariance
@@ -81,16 +80,11 @@ def revisions_m(recording, make, sensor="perfect", ahead_s=0.5):
     return np.array(found)
 
 
-def test_before_people_who_stand_no_revision_of_the_forecast_exceeds_a_centimetre_a_frame():
+@pytest.mark.parametrize(("activity", "largest_m"), [("stand", 0.01), ("stop", 0.2)])
+def test_revisions_of_the_forecast_from_frame_to_frame_are_bounded(activity, largest_m):
+    """Walking and staying lie up to 0.7 m apart at 0.5 s; a decision takes several frames."""
     for k in (1, 7):
-        assert revisions_m(load(f"subject{k:02d}_stand"), Walker).max() < 0.01
-
-
-@pytest.mark.parametrize("activity", ["turn_on_spot", "stop"])
-def test_a_decision_revises_the_forecast_over_several_frames(activity):
-    """Walking and staying lie up to 0.7 m apart at 0.5 s; no frame takes more than a fifth of a metre of it."""
-    for k in (1, 7):
-        assert revisions_m(load(f"subject{k:02d}_{activity}"), Walker).max() < 0.2
+        assert revisions_m(load(f"subject{k:02d}_{activity}"), Walker).max() < largest_m
 
 
 def test_a_higher_threshold_answers_a_start_later():
@@ -153,22 +147,6 @@ def test_a_mounting_at_a_right_angle_is_found_out():
         for found, each in ((wrong, dataclasses.replace(recording, truth=turned, measured=None)), (plain, recording)):
             found.append(np.nanmean(errors(each, Walker())[0][10:]))
     assert np.mean(wrong) < 1.5 * np.mean(plain)
-
-
-@pytest.mark.slow
-def test_a_glance_does_not_mislead(walks_dir):
-    """Heads turned 40 degrees aside, throughout or from one second on, on straight walks of real people."""
-    found = {case: [] for case in (None, 0.0, 1.0)}
-    for path in find_recordings([str(walks_dir)]):
-        recording = load(path)
-        if recording.labels.group != "straight" or zlib.crc32(recording.name.encode()) % 4:
-            continue
-        for case, errors_m in found.items():
-            seen = recording if case is None else turn_head(recording, 40.0, case)
-            errors_m.append(np.nanmean(errors(seen, Walker())[0]))
-    assert len(found[None]) >= 5
-    for case in (0.0, 1.0):
-        assert np.mean(found[case]) < 1.2 * np.mean(found[None])
 
 
 @pytest.mark.slow
