@@ -7,7 +7,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from builders.walkers import turn_head
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
