@@ -35,7 +35,7 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("pages",),
+    ("pages", "plots"),
     ("engine", "aggregate"),
     ("least_error",),
     ("compare_page",),
