@@ -49,11 +49,11 @@ EXPERIMENTS = (
         "rivals",
         "paper",
         "plan_example",
-        "sensor_example",
         "people",
         "eyes",
         "swing",
     ),
+    ("sensor_example",),
     ("__init__", "console"),
 )
 
