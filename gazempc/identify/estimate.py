@@ -269,17 +269,14 @@ def _doubts(
             f"{name}: the bandwidth is only known to +-{100 * width:.0f} %; +-{100 * _WIDEST_BANDWIDTH:.0f} % are "
             "needed: move more (--amplitude-deg) or longer (--duration-s)"
         )
-    labels = (("dead time", 1e3, "ms"), ("natural frequency", 1.0, "rad/s"), ("damping ratio", 1.0, ""))
-    for i, (label, factor, unit) in enumerate(labels):
+    clocks = "check that commands and angles have time stamps of one clock"
+    hindered = "the joint may be hindered, or too fast or slow for its readings to show it"
+    for i, label in enumerate(("dead time", "natural frequency", "damping ratio")):
         for bound in (bounds[0][i], bounds[1][i]):
             if abs(best.values[i] - bound) < _AT_BOUND:
-                shown = factor * (bound if i == 0 else math.exp(bound))
-                advice = "the joint may be hindered, or too fast or slow for its readings to show it"
-                if i == 0:
-                    advice = "check that commands and angles have time stamps of one clock"
-                    advice = f"allow more (--dead-time-max-s), or {advice}" if bound > 0 else advice
-                ends = f"({shown:.4g} {unit}".rstrip() + ")"
-                found.append(f"{name}: the {label} is at the end of what was looked for {ends}: {advice}")
+                end = f"{1e3 * bound:.4g} ms" if i == 0 else f"{math.exp(bound):.4g}"
+                advice = hindered if i else f"allow more (--dead-time-max-s), or {clocks}" if bound > 0 else clocks
+                found.append(f"{name}: the {label} is at the end of what was looked for ({end}): {advice}")
     if dead_time.high < -_NARROWEST_S:
         found.append(
             f"{name}: the joint moves {-1e3 * dead_time.value:.1f} ms before its commands: commands and angles do not "

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -137,7 +137,7 @@ class _Bench:
 
 def _angles(turning: Turning, pulse: Pulse, greys: Sequence[Any], most_rad: float) -> Pulse:
     odometer = Odometer(turning, most_rad)
-    return Pulse(pulse.step, pulse.on_s, pulse.off_s, pulse.time_s, np.array([odometer.add(grey) for grey in greys]))
+    return replace(pulse, angle_rad=np.array([odometer.add(grey) for grey in greys]))
 
 
 def _fov_rad(found: Sequence[tuple[Pulse, Pulse, list[Any]]], guess_rad: float) -> float | None:

@@ -6,7 +6,6 @@ import datetime
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -92,22 +91,15 @@ def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, orig
     source = f"identified by gazempc on {day.isoformat()} from {origin} (95 % intervals): {found}; "
     source += "".join(f"{axis} not identified, as in {neck.name}; " for axis in kept)
     source += f"limits and geometry of {neck.name}: {neck.source}"
-    values = neck.model_dump(exclude_none=True)
-    tables = _tables(values)
-    for e in estimates:
-        tables[e.axis] |= {
-            name: float(f"{getattr(e, name).value:.6g}")
-            for name in ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
-        }
-    values |= {"name": name, "source": source}
-    return as_toml(values)
-
-
-def _tables(values: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The table of each joint in a neck's file."""
-    eyes = values.get("eyes", {})
-    named = {"eye_pan": eyes.get("pan"), "eye_tilt": eyes.get("tilt"), "body_yaw": values.get("body")}
-    return {"pan": values["pan"], "tilt": values["tilt"]} | {name: table for name, table in named.items() if table}
+    servo = ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
+    axes = {
+        e.axis: neck.axes[neck.joint_names.index(e.axis)].model_copy(
+            update={field: float(f"{getattr(e, field).value:.6g}") for field in servo}
+        )
+        for e in estimates
+    }
+    measured = neck.with_axes(axes).model_copy(update={"name": name, "source": source})
+    return as_toml(measured.model_dump(exclude_none=True))
 
 
 def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path: Path) -> None:

@@ -195,33 +195,26 @@ def _axis(name: str, sheet: DataSheet) -> _Axis:
         f"Range of {name} in degrees, {ends}, straight ahead is 0 (such as -80 80): ",
         read_range,
     )
-    option, told = "--sheet.speed", sheet.speed
-    if name == "tilt" and (sheet.tilt_speed or told is None):
-        option, told = "--sheet.tilt-speed", sheet.tilt_speed
-    said, speed_rad_s = _answer(
-        told,
-        option,
+    own = name == "tilt" and (sheet.tilt_speed is not None or sheet.speed is None)
+    text, speed_rad_s = _answer(
+        sheet.tilt_speed if own else sheet.speed,
+        "--sheet.tilt-speed" if own else "--sheet.speed",
         f"Top speed of {name} with its unit (such as 300 deg/s, 55 rpm or 0.16 s/60deg): ",
-        lambda text: (text.strip(), read_speed(text)),
+        lambda answer: (answer.strip(), read_speed(answer)),
     )
-    return _Axis(low, high, speed_rad_s, said)
+    return _Axis(low, high, speed_rad_s, text)
 
 
 def _answer(given: str | None, option: str, question: str, read: Callable[[str], Answer]) -> Answer:
     """An option's value, or a person's answer, asked again until it can be read."""
-    if given is not None:
-        try:
-            return read(given)
-        except ValueError as error:
-            raise SettingsError(f"{option}: {error}") from None
     while True:
         try:
-            said = input(question)
+            return read(input(question) if given is None else given)
         except EOFError:
             raise SettingsError(f"no answer: give {option}, or call this in a terminal") from None
-        try:
-            return read(said)
         except ValueError as error:
+            if given is not None:
+                raise SettingsError(f"{option}: {error}") from None
             print(f"  {error}")
 
 

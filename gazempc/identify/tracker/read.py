@@ -194,18 +194,12 @@ def read_track(path: Path, person: str | None, tell: Callable[[float], None]) ->
 
 def _choose(path: Path, tracks: Sequence[HeadTrack], person: str | None) -> HeadTrack:
     tracks = sorted(tracks, key=lambda track: -track.times_s.size)
-    if person is None:
-        chosen = tracks[0]
-    else:
-        named = [t for t in tracks if person in (t.person, t.person.partition("_")[2])]
-        if not named:
-            raise SettingsError(f"--person {person}: not in {path}; {suggest(person, [t.person for t in tracks])}")
-        chosen = named[0]
-    others = [f"{t.person} ({t.times_s.size} frames)" for t in tracks if t is not chosen]
-    if not others:
-        return chosen
-    note = f"also in the file: {', '.join(others)}; choose by --person"
-    return replace(chosen, notes=(*chosen.notes, note))
+    named = [t for t in tracks if person is None or person in (t.person, t.person.partition("_")[2])]
+    if not named:
+        raise SettingsError(f"--person {person}: not in {path}; {suggest(str(person), [t.person for t in tracks])}")
+    others = [f"{t.person} ({t.times_s.size} frames)" for t in tracks if t is not named[0]]
+    notes = (f"also in the file: {', '.join(others)}; choose by --person",) if others else ()
+    return replace(named[0], notes=(*named[0].notes, *notes))
 
 
 def _check(path: Path, track: HeadTrack) -> None:
@@ -236,12 +230,12 @@ def _without_repeats(track: HeadTrack) -> HeadTrack:
     if new.mean() > 1.0 - _REPEATED:
         return track
     note = f"{int((~new).sum())} of {new.size} frames repeat the position before exactly: left out"
-    return HeadTrack(
-        track.person,
-        track.times_s[new],
-        track.position_m[new],
-        track.head_yaw_rad[new],
-        track.pelvis_yaw_rad[new],
-        None if track.delays_s is None else track.delays_s[new],
-        (*track.notes, note),
+    return replace(
+        track,
+        times_s=track.times_s[new],
+        position_m=track.position_m[new],
+        head_yaw_rad=track.head_yaw_rad[new],
+        pelvis_yaw_rad=track.pelvis_yaw_rad[new],
+        delays_s=None if track.delays_s is None else track.delays_s[new],
+        notes=(*track.notes, note),
     )

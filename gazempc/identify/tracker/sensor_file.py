@@ -67,21 +67,17 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
 def _direction_rows(
     name: str, unit: str, error: DirectionError, factor: float, used: str
 ) -> Iterator[tuple[str, str, str]]:
-    fit = error.fit
-    if error.fit.hidden:
+    fit, label = error.fit, f"{name}: wander ({unit})"
+    if fit.hidden:
         yield f"{name}: white ({unit})", f"< {factor * fit.white.value:.3f}", f"{used}; hidden by motion or smoothing"
     else:
         yield f"{name}: white ({unit})", shown(fit.white, factor, 3), used
     if error.wander == "unknown":
-        yield (
-            f"{name}: wander ({unit})",
-            "unknown",
-            "hidden by the person's motion, or too slow for this recording; not in the file",
-        )
+        yield label, "unknown", "hidden by the person's motion, or too slow for this recording; not in the file"
     elif error.wander == "none" or fit.wander is None or fit.correlation_s is None:
-        yield f"{name}: wander ({unit})", "none", "none seen, or no more than a person's sway"
+        yield label, "none", "none seen, or no more than a person's sway"
     else:
-        yield f"{name}: wander ({unit})", shown(fit.wander, factor, 3), used
+        yield label, shown(fit.wander, factor, 3), used
         yield f"{name}: its correlation time (s)", shown(fit.correlation_s, 1.0, 2), used
 
 

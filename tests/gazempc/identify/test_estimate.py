@@ -4,16 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from builders.identification import REFERENCE, altered, assert_close, drive, plant, simulate
+from builders.identification import altered, assert_close, plant, simulate
 from scipy import signal
 
 from gazempc.identify.estimate import bandwidth_hz, estimate_axis
 from gazempc.identify.identify import main as identify
 from gazempc.identify.new_neck import as_toml
-from gazempc.live.clock import SimulatedClock
 from gazempc.neck.spec import load_neck
-from gazempc.sim.simulated import SimulatedNeck
-from gazempc.types import JointState
 
 TRUTHS = [
     ((0.0, 0.0025), 12.0, 0.9),
@@ -53,31 +50,15 @@ def test_intervals_hold_what_they_promise(clean):
     assert np.all(narrow <= 0.75 * repeats), narrow / repeats
 
 
-class _Reporting(SimulatedNeck):
-    """Reports as cheap hardware does: rarely, the same reading again in between, in whole encoder steps, wild ones."""
-
-    stamped_late_s = 0.0
-
-    def read_state(self):
-        now = super().read_state()
-        held = getattr(self, "_held", None)
-        if held is None or now.time_s - held.time_s + self.stamped_late_s > 0.03:
-            self._reads = getattr(self, "_reads", 0) + 1
-            step = math.radians(0.088)
-            angles = np.round(now.position_rad / step) * step
-            if self._reads % 97 == 0:
-                angles = np.full(2, -math.pi)
-            self._held = JointState(now.time_s + self.stamped_late_s, angles, now.velocity_rad_s)
-        return self._held
-
-
-def test_a_known_delay_of_the_time_stamps_is_taken_off():
-    clock, truth = SimulatedClock(), plant((0.2, 0.2))
-    robot = _Reporting(truth, REFERENCE.rest_rad, clock.now_s)
-    robot.stamped_late_s = 0.03
-    taken = drive(robot, clock)
-    assert_close(estimate_axis(taken, 0), 0.23, 12.0, 0.9)
-    assert_close(estimate_axis(taken, 0, read_delay_s=0.03), 0.2, 12.0, 0.9)
+def test_rare_coarse_wild_and_repeated_readings_with_late_stamps(clean):
+    """As of cheap hardware; a known delay of the stamps is taken off."""
+    step = math.radians(0.088)
+    angles_rad = np.round(clean.joint_rad[::6] / step) * step
+    angles_rad[50::97] = -math.pi
+    times_s = clean.joint_time_s[::6] + 0.03
+    taken = altered(clean, joint_time_s=np.repeat(times_s, 3), joint_rad=np.repeat(angles_rad, 3, axis=0))
+    assert_close(estimate_axis(taken, 0), 0.43, 12.0, 0.9)
+    assert_close(estimate_axis(taken, 0, read_delay_s=0.03), 0.4, 12.0, 0.9)
 
 
 @pytest.mark.slow

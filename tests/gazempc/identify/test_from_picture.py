@@ -22,11 +22,10 @@ def estimate(delay_s, speeds):
     return TurnEstimate(Interval(delay_s, delay_s, delay_s), wn, known, 0.01)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_the_neck_file_has_the_measured_table(tmp_path, sign):
+def test_the_neck_file_has_the_measured_table(tmp_path):
     speeds = {1: 0.1, 3: 0.5, -1: -0.09, -2: -0.4, -3: -0.6}
     axes = [
-        TurnedAxis(name, estimate(0.5, {k: sign * v for k, v in speeds.items()}), estimate(0.3, speeds), 3)
+        TurnedAxis(name, estimate(0.5, {k: -v for k, v in speeds.items()}), estimate(0.3, speeds), 3)
         for name in ("pan", "tilt")
     ]
     path = tmp_path / "measured.toml"
@@ -37,7 +36,7 @@ def test_the_neck_file_has_the_measured_table(tmp_path, sign):
     assert neck.pan.speed_steps.negative_rad_s == pytest.approx((0.09, 0.4, 0.6))
     assert neck.pan.velocity_max_rad_s == pytest.approx(0.5)
     assert neck.head_view_deg[0] == 60.0
-    assert f"sign {sign:+d}" in table(axes, np.radians(60.0))
+    assert "sign -1" in table(axes, np.radians(60.0))
 
 
 @pytest.mark.slow

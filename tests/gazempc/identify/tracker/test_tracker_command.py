@@ -65,7 +65,7 @@ def test_lines_of_json(tmp_path, capsys):
     assert "also in the file: bob (9 frames)" in said
     assert "9 frames in" in refused(capsys, "--tracker", str(path), "--person", "bob")
     assert "--person carl: not in" in refused(capsys, "--tracker", str(path), "--person", "carl")
-    assert f"1 of {len(TIMES_S) + 10} lines are no observations (line {len(TIMES_S) + 10}: not JSON" in said
+    assert f"1 of {len(TIMES_S) + 10} lines are no observations (line {len(TIMES_S) + 10}:" in said
 
 
 def test_a_bag_with_its_latency_and_losses(tmp_path, capsys):
