@@ -184,5 +184,10 @@ def _hidden(walk: Recording, from_s: float, to_s: float) -> Recording:
 
 def _each(track: Track, change: Callable[[str, FloatArray], FloatArray]) -> Track:
     """The track with changed positions and orientations."""
-    names = ("head_position_m", "head_quat_wxyz", "pelvis_position_m", "pelvis_quat_wxyz")
-    return replace(track, **{name: change(name, getattr(track, name)) for name in names})
+    return replace(
+        track,
+        head_position_m=change("head_position_m", track.head_position_m),
+        head_quat_wxyz=change("head_quat_wxyz", track.head_quat_wxyz),
+        pelvis_position_m=change("pelvis_position_m", track.pelvis_position_m),
+        pelvis_quat_wxyz=change("pelvis_quat_wxyz", track.pelvis_quat_wxyz),
+    )
