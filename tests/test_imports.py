@@ -35,16 +35,15 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("pages",),
+    ("pages", "plots"),
     ("engine", "aggregate"),
     ("least_error",),
-    ("compare_page",),
+    ("compare_page", "forecast"),
     (
         "compare",
         "bound",
         "fronts",
         "sweep",
-        "forecast",
         "fit",
         "rivals",
         "paper",
