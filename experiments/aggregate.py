@@ -19,7 +19,7 @@ KIND_ORDER = ("moving", "starting", "stopping", "waiting", "standing", "sitting"
 
 @dataclass(frozen=True)
 class Clips:
-    """Which clips a row of a table is about: of one group, or of one kind, or all."""
+    """Clips of a row of a table: those of one group, or of one kind, or all."""
 
     group: str = "all"
     kind: str = "all"
@@ -40,7 +40,7 @@ def groups_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def clips_of(rows: Iterable[Mapping[str, Any]]) -> list[Clips]:
-    """What to make rows of a table about: each group, then each kind, then all.
+    """Rows of a table: each group, then each kind, then all.
 
     Args:
         rows: Runs with ``group`` and ``kind``; None where that is not known.

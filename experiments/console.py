@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     if not words or words[0] in ("-h", "--help"):
-        print("usage: gazempc COMMAND ...   (gazempc COMMAND --help says more)\n")
+        print("usage: gazempc COMMAND ...   (gazempc COMMAND --help: options)\n")
         print("\n".join(f"  {name:<9} {what}" for name, (_, what) in COMMANDS.items()))
         return 0 if words else _BAD_INPUT
     if words[0] not in COMMANDS:

@@ -1,6 +1,6 @@
 """The least gaze error any controller could have on a neck.
 
-The whole walk is known from the moment at which the gazes first know of the person. The command's limits, the dead time
+The whole walk is known from the first observation of the person on. The command's limits, the dead time
 and the servo count; the tilt is taken to be on the person. The motion with the least sum of squared errors, over what
 is scored of the run, is a quadratic program. In it an error is the arc along the circle of equal tilt, which for errors
 below 57 deg is at most 4 % longer than the angle. The true least error is lower by at most that.
@@ -72,7 +72,7 @@ def least_error_deg(log: Log, told_s: float) -> float:
 
     Args:
         log: A run; only where the person is, and where the joint starts, are taken from it.
-        told_s: When the person is known of: the command stands still before, seconds.
+        told_s: Time of the first observation, seconds; before it the command is constant.
 
     Returns:
         RMS gaze error, degrees.

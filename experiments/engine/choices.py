@@ -1,4 +1,4 @@
-"""What a command line chooses: recordings, sensors, parts of the user's own, and the settings that name them."""
+"""Recordings, sensors and own parts of a command line, and the settings that name them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def check_fitted(walker: WalkerSettings) -> None:
 
 
 def find_recordings(words: Sequence[str]) -> list[str]:
-    """Names and paths of the recordings a user means.
+    """Names and paths of recordings.
 
     Args:
         words: ``synthetic`` for all synthetic walks, ``everyday`` for the synthetic people who stand, start and stop, a

@@ -1,4 +1,4 @@
-"""What all commands share: their common settings, command line, exit status and messages."""
+"""Common settings, command line, exit status and messages of all commands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ S = TypeVar("S", bound=BaseModel)
 
 
 class WorkSettings(Settings):
-    """Who does the jobs of a command, and where the results are kept."""
+    """Workers of a command, and the folder of its results."""
 
     jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes on this machine")
     dask: str | None = Field(
@@ -31,7 +31,7 @@ class WorkSettings(Settings):
     out: Path = Field(default=Path("out"), description="Where to write; an interrupted command goes on there")
 
     def saved(self, *also: str) -> dict[str, Any]:
-        """The settings for a summary: without these, as results do not depend on who does the jobs.
+        """The settings for a summary, without these: results do not depend on the workers.
 
         Args:
             also: Other fields to leave out.
@@ -47,7 +47,7 @@ class Command(Generic[S]):
         name: Python runs ``experiments.<name>``.
         model: The settings; a model with a field ``options`` takes ``--options.KEY VALUE``.
         about: What it does, for ``--help``.
-        work: Does it with the settings and the words that repeat it, and gives the exit status.
+        work: Executes it with the settings and the command line, and returns the exit status.
     """
 
     name: str
@@ -90,7 +90,7 @@ class Command(Generic[S]):
 
 
 def call_of(name: str, values: dict[str, Any]) -> str:
-    """What repeats a call from Python, such as ``experiments.compare.compare(recordings=['synthetic'])``."""
+    """The text of a call from Python, such as ``experiments.compare.compare(recordings=['synthetic'])``."""
     return f"{name}({', '.join(f'{key}={value!r}' for key, value in values.items())})"
 
 

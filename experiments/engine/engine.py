@@ -18,10 +18,9 @@ from gazempc.signals import deferred, raise_if_received
 
 
 class Engine:
-    """Does jobs that have no result yet, in a ``with`` block; workers end with the program, or 10 s after the block.
+    """Executes jobs without a result, in a ``with`` block; workers end with the program, or 10 s after the block.
 
-    An interrupted command goes on where it stopped, because each result is kept as soon as there is one. Results of
-    failed jobs are not kept: the next start tries them again.
+    Each result is kept at once, so an interrupted command continues. Failed jobs are repeated at the next start.
 
     Args:
         folder: Where the results are kept; several commands may share it.

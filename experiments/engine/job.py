@@ -1,4 +1,4 @@
-"""What a job is, the key of its result, and how a worker does one."""
+"""Jobs: their interface, the keys of their results, and their execution in a worker."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ from gazempc.recordings.readers.tables.mapping import saved_places
 _LIBRARIES = ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig", "control")
 _CODE = {".py", ".toml", ".npz"}
 
-# What came of a job, by name: plain data as JSON knows it, or numpy arrays. `failed` and `left_out` are always there:
-# the reason, or None.
+# Result of a job by name: plain data of JSON, or numpy arrays; `failed` and `left_out` are a reason or None.
 Row = dict[str, Any]
 
 
@@ -47,15 +46,15 @@ class Job(Protocol):
 
 
 def carry_out(job: Job, key: str, program: str) -> Row:
-    """Do a job in a worker; never raises.
+    """Execute a job in a worker, without raising.
 
     Args:
         job: The job.
-        key: Its key where it was made; another one here means that something else would be computed.
-        program: `program_hash` where it was made.
+        key: Its key in the process that made it; another one here means another computation.
+        program: `program_hash` of that process.
 
     Returns:
-        What `job.run` gives, with ``left_out`` and ``failed``.
+        The result of `job.run`, with ``left_out`` and ``failed``.
     """
     try:
         if (here := program_hash()) != program:
@@ -81,8 +80,7 @@ def key_of(job: Job, **contents: Any) -> str:
 
     Args:
         job: The job, a dataclass of plain data.
-        contents: What the result depends on besides, such as hashes of files; an entry with the name of a field
-            stands for this field.
+        contents: Further dependencies, such as hashes of files; an entry with the name of a field replaces it.
 
     Returns:
         The key, fit for a file name.
@@ -116,7 +114,7 @@ def file_hash(path: Path) -> str:
 
 
 def recording_hash(name_or_path: str) -> list[str]:
-    """What a recording depends on.
+    """Dependencies of a recording.
 
     Args:
         name_or_path: Synthetic name, or path.
@@ -133,7 +131,7 @@ def recording_hash(name_or_path: str) -> list[str]:
 
 
 def models_hash(fitted: Path | None) -> str:
-    """What fitted models of the predictor `walker` are.
+    """Hash of fitted models of the predictor `walker`.
 
     Args:
         fitted: A model, or a folder with models in it; None for the model that ships.
@@ -163,7 +161,7 @@ def module_hash(module: str) -> str:
 
 
 def parts_hash(controller: str, predictor: str) -> list[str]:
-    """What the user's own parts of a run depend on.
+    """Hashes of the user's own parts of a run.
 
     Args:
         controller: A shipped name, or ``module:Class``.

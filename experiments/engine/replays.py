@@ -1,4 +1,4 @@
-"""One replay as a job; what many replays share is made once in each worker."""
+"""One replay as a job; recordings are read once in each worker."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from gazempc.sim.sensor import SensorSpec, default_sensor
 
 @dataclass(frozen=True)
 class ReplayJob:
-    """All that a replay depends on.
+    """The dependencies of a replay.
 
     Attributes:
         recording: Synthetic name or path.
         controller: A shipped name or ``module:Class``; ``mpc+perfect`` is the MPC with the true future.
         settings: The predictor, parameters of predictor, controller and loop, the robot's place and the seed.
-        neck: The neck as controller and smoother know it.
-        robot_neck: The neck that is simulated.
+        neck: Model of the neck for controller and smoother.
+        robot_neck: The simulated neck.
         sensors: Sensor by the name of the file it is made from: the one that was chosen, or each that a recording may
             call for.
     """
@@ -95,10 +95,10 @@ def metrics_of(done: Replayed) -> Row:
 
 
 def all_faults(rows: Iterable[Row]) -> list[Row]:
-    """The exceptions that runs survived.
+    """Caught exceptions of runs.
 
     Args:
-        rows: Runs; ``controller`` and ``predictor`` are told apart where a row says them.
+        rows: Runs, with ``controller`` and ``predictor`` where these differ.
 
     Returns:
         Each event of a controller with a predictor once: these, ``event``, in how many ``runs``, the ``count`` in all

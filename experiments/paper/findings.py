@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from experiments.pages import markdown
@@ -58,7 +58,7 @@ def report(summary: Mapping[str, Any]) -> str:
         "",
         "## Mean errors, and the paper's test over frames",
         "",
-        *_groups_table(summary["groups"]),
+        *_of(_GROUPS, summary["groups"]),
         f"w: mean {summary['w_mean']:.3f}, s.d. {summary['w_sd']:.3f} over people left out (exact minimum over all: "
         f"{summary['w_exact_all_subjects']:.3f}); the paper prints 7.51 and 0.36, which w in [0, 1] cannot have.",
         f"Test: Wilcoxon signed-rank, zero_method {summary['test']['zero_method']}, alternative: "
@@ -67,14 +67,14 @@ def report(summary: Mapping[str, Any]) -> str:
         "",
         "## The test that is right: one pair a person",
         "",
-        *_people_table(summary["people"]),
+        *_of(_PEOPLE, summary["people"]),
         f"Exact Wilcoxon; effect: rank-biserial, 1 if the rule helps all people, -1 if none. "
         f"[ ]: 95 % bootstrap over people. Level {SIGNIFICANCE_LEVEL}.",
         "",
         "## The same with each group of routes counting alike in the tuning",
         "",
-        *_groups_table(summary["balanced"]["groups"]),
-        *_people_table(summary["balanced"]["people"]),
+        *_of(_GROUPS, summary["balanced"]["groups"]),
+        *_of(_PEOPLE, summary["balanced"]["people"]),
         f"w: mean {summary['balanced']['w_mean']:.3f}, s.d. {summary['balanced']['w_sd']:.3f} (exact minimum over all: "
         f"{summary['balanced']['w_exact_all_subjects']:.3f}).",
         "",
@@ -98,49 +98,46 @@ def report(summary: Mapping[str, Any]) -> str:
         *_nearest_lines(summary),
         "## What the published errors would need",
         "",
-        *_turns_table(summary["turns"]),
+        *_of(_TURNS, summary["turns"]),
     ]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _groups_table(groups: Sequence[Mapping[str, Any]]) -> list[str]:
-    head = ("routes", "videos", "people", "frames", "baseline [mm]", "proposed [mm]", "W", "p", "p thinned")
-    return _table(
-        head,
-        [
-            (
-                g["group"],
-                str(g["n_videos"]),
-                str(g["n_people"]),
-                str(g["n_frames"]),
-                _number(g["baseline_mm"]) + _interval(g["baseline_mm_ci95"]),
-                _number(g["proposed_mm"]) + _interval(g["proposed_mm_ci95"]),
-                f"{g['wilcoxon_statistic']:,.0f}",
-                _p(g["p_value"]),
-                _p(g["p_value_thinned"]),
-            )
-            for g in groups
-        ],
-    )
+_Columns = Mapping[str, Callable[[Mapping[str, Any]], str]]
+_GROUPS: _Columns = {
+    "routes": lambda g: g["group"],
+    "videos": lambda g: str(g["n_videos"]),
+    "people": lambda g: str(g["n_people"]),
+    "frames": lambda g: str(g["n_frames"]),
+    "baseline [mm]": lambda g: _number(g["baseline_mm"]) + _interval(g["baseline_mm_ci95"]),
+    "proposed [mm]": lambda g: _number(g["proposed_mm"]) + _interval(g["proposed_mm_ci95"]),
+    "W": lambda g: f"{g['wilcoxon_statistic']:,.0f}",
+    "p": lambda g: _p(g["p_value"]),
+    "p thinned": lambda g: _p(g["p_value_thinned"]),
+}
+_PEOPLE: _Columns = {
+    "routes": lambda p: p["group"],
+    "people": lambda p: str(p["n_people"]),
+    "proposed - baseline [mm]": lambda p: _number(p["difference_mm"], 1) + _interval(p["difference_ci95_mm"], 1),
+    "p better": lambda p: _p(p["p_better"]),
+    "p worse": lambda p: _p(p["p_worse"]),
+    "p either": lambda p: _p(p["p_two_sided"]),
+    "effect": lambda p: _number(p["effect"], 2) + _interval(p["effect_ci95"], 2),
+}
+_TURNS: _Columns = {
+    "routes": lambda t: t["group"],
+    "median speed [m/s]": lambda t: _number(t["speed_m_s"], 2),
+    "turn in 0.5 s: median [deg]": lambda t: _number(t["turn_median_deg"]),
+    "95th percentile [deg]": lambda t: _number(t["turn_p95_deg"]),
+    "published error [mm]": lambda t: _number(t["published_mm"]),
+    "turn in 0.5 s that it needs at every frame [deg]": lambda t: (
+        "none is enough" if t["turn_needed_deg"] is None else _number(t["turn_needed_deg"])
+    ),
+}
 
 
-def _people_table(people: Sequence[Mapping[str, Any]]) -> list[str]:
-    head = ("routes", "people", "proposed - baseline [mm]", "p better", "p worse", "p either", "effect")
-    return _table(
-        head,
-        [
-            (
-                p["group"],
-                str(p["n_people"]),
-                _number(p["difference_mm"], 1) + _interval(p["difference_ci95_mm"], 1),
-                _p(p["p_better"]),
-                _p(p["p_worse"]),
-                _p(p["p_two_sided"]),
-                _number(p["effect"], 2) + _interval(p["effect_ci95"], 2),
-            )
-            for p in people
-        ],
-    )
+def _of(columns: _Columns, rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    return _table(tuple(columns), [[cell(row) for cell in columns.values()] for row in rows])
 
 
 def _hypotheses_table(summary: Mapping[str, Any]) -> list[str]:
@@ -154,7 +151,7 @@ def _hypotheses_table(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _fixed_lines(fixed: Mapping[str, Any]) -> list[str]:
-    return [f"w = {fixed['weight']:g}:", "", *_groups_table(fixed["groups"]), *_people_table(fixed["people"])]
+    return [f"w = {fixed['weight']:g}:", "", *_of(_GROUPS, fixed["groups"]), *_of(_PEOPLE, fixed["people"])]
 
 
 def _rules_table(rules: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -214,8 +211,8 @@ def _nearest_lines(summary: Mapping[str, Any]) -> list[str]:
             f"Nearest to the published baselines, error against the {n['against']} position: time constant "
             f"{n['filter_time_s']:g} s (root mean square of the log ratios {n['misfit']:.2f}); validated with it:",
             "",
-            *_groups_table(n["groups"]),
-            *_people_table(n["people"]),
+            *_of(_GROUPS, n["groups"]),
+            *_of(_PEOPLE, n["people"]),
             f"w: mean {n['w_mean']:.3f}, s.d. {n['w_sd']:.3f}.",
             "",
         ]
@@ -239,31 +236,6 @@ def _nearest_lines(summary: Mapping[str, Any]) -> list[str]:
                 f"{n['misfit']:.2f}",
             )
             for n in summary["nearest_at_one_second"]
-        ],
-    )
-
-
-def _turns_table(turns: Sequence[Mapping[str, Any]]) -> list[str]:
-    head = (
-        "routes",
-        "median speed [m/s]",
-        "turn in 0.5 s: median [deg]",
-        "95th percentile [deg]",
-        "published error [mm]",
-        "turn in 0.5 s that it needs at every frame [deg]",
-    )
-    return _table(
-        head,
-        [
-            (
-                t["group"],
-                _number(t["speed_m_s"], 2),
-                _number(t["turn_median_deg"]),
-                _number(t["turn_p95_deg"]),
-                _number(t["published_mm"]),
-                "none is enough" if t["turn_needed_deg"] is None else _number(t["turn_needed_deg"]),
-            )
-            for t in turns
         ],
     )
 
@@ -305,13 +277,9 @@ def _printed(p: PublishedGroup) -> dict[str, str]:
 
 
 def _own(what: str, group: Mapping[str, Any]) -> str:
-    texts = {
-        "baseline [mm]": _number(group["baseline_mm"]),
-        "proposed [mm]": _number(group["proposed_mm"]),
-        "Wilcoxon statistic": f"{group['wilcoxon_statistic']:,.0f}",
-        "p": _p(group["p_value"]),
-        "frames": str(group["n_frames"]),
-        "frames a video": f"{group['n_frames'] / group['n_videos']:.0f} (of {group['n_videos']})",
-        "p, every 15th frame": _p(group["p_value_thinned"]),
-    }
-    return texts[what]
+    columns = {"Wilcoxon statistic": "W", "p": "p", "frames": "frames", "p, every 15th frame": "p thinned"}
+    if what in columns:
+        return _GROUPS[columns[what]](group)
+    if what == "frames a video":
+        return f"{group['n_frames'] / group['n_videos']:.0f} (of {group['n_videos']})"
+    return _number(group[f"{what.partition(' ')[0]}_mm"])

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 from scipy.stats import norm
 
 SIGNIFICANCE_LEVEL = 0.05
 VIDEOS_PER_GROUP = 28
-PEOPLE = 14
 STEPS_AHEAD = 15
 FRAME_RATE_HZ = 30.0
 HORIZON_S = STEPS_AHEAD / FRAME_RATE_HZ
@@ -78,17 +78,17 @@ class ImpliedFrames:
         return 0.5 * (self.fewest + (self.most or self.fewest)) / VIDEOS_PER_GROUP
 
 
-def signed_rank_z(statistic: float, n: float) -> float:
+def signed_rank_z(statistic: float, n: Any) -> Any:
     """Standardised signed-rank statistic.
 
     Args:
         statistic: Sum of the ranks of the positive differences.
-        n: Number of differences, none of them 0 or tied.
+        n: Number of differences, none of them 0 or tied; a number or an array.
 
     Returns:
         z of the normal approximation (Wilcoxon 1945).
     """
-    return (statistic - n * (n + 1) / 4.0) / math.sqrt(n * (n + 1) * (2 * n + 1) / 24.0)
+    return (statistic - n * (n + 1) / 4.0) / np.sqrt(n * (n + 1) * (2 * n + 1) / 24.0)
 
 
 def implied_frames(published: PublishedGroup, most: int = 6000) -> ImpliedFrames:
@@ -107,7 +107,7 @@ def implied_frames(published: PublishedGroup, most: int = 6000) -> ImpliedFrames
     Raises:
         ValueError: If none does.
     """
-    fits = list(_fitting(published, most))
+    fits = _fitting(published, most)
     if not fits:
         raise ValueError(f"no number of frames up to {most} gives the p value printed for {published.group}")
     fewest = fits[0]
@@ -137,13 +137,12 @@ def rank_biserial(statistic: float, n: int) -> float:
     return 4.0 * statistic / (n * (n + 1)) - 1.0
 
 
-def _fitting(published: PublishedGroup, most: int) -> Iterator[int]:
-    printed = _rounded(published.p_value, published.p_digits)
-    for n in range(2, most + 1):
-        if published.statistic <= n * (n + 1) / 2:
-            p_value = float(norm.sf(signed_rank_z(published.statistic, n)))
-            if _rounded(p_value, published.p_digits) == printed:
-                yield n
+def _fitting(published: PublishedGroup, most: int) -> list[int]:
+    printed, n = _rounded(published.p_value, published.p_digits), np.arange(2, most + 1)
+    p_values = norm.sf(signed_rank_z(published.statistic, n))
+    rounded = np.array([_rounded(p_value, published.p_digits) for p_value in p_values])
+    fits: list[int] = n[(published.statistic <= n * (n + 1) / 2) & (rounded == printed)].tolist()
+    return fits
 
 
 def _rounded(value: float, digits: int) -> str:

@@ -37,10 +37,10 @@ def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: HeadCame
 
     Args:
         name: One of `RIVALS`.
-        robot_neck: What moves; a calibration is made on it.
-        neck: What the rival takes it for.
-        camera: The camera, as the rival takes it to be.
-        constants: The rival's own, where they are to be others.
+        robot_neck: The simulated neck; a calibration is made on it.
+        neck: The rival's model of it.
+        camera: The rival's model of the camera.
+        constants: Keywords of the rival.
 
     Returns:
         The rival.
@@ -89,7 +89,7 @@ FIGURES = (*ANSWERS, *GAZES)
 
 @dataclass(frozen=True)
 class ModelError:
-    """What a law believes wrongly of the robot and its camera. Laws without a model never ask.
+    """Errors of a law's model of robot and camera.
 
     Attributes:
         dead_time_scale: Believed dead time over the true one.
@@ -122,7 +122,7 @@ class ModelError:
 
 @dataclass(frozen=True)
 class RivalJob:
-    """All that a run depends on.
+    """The dependencies of a run.
 
     Attributes:
         rival: One of `NAMES`.
@@ -132,7 +132,7 @@ class RivalJob:
         sensor: The sensor, on the head.
         seed: Of all errors.
         constants: Constants of the rival other than its own, by keyword.
-        error: What it believes wrongly.
+        error: Errors of its model.
         walker: The predictor of ours.
     """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections import deque
 from collections.abc import Callable
 from typing import Literal
@@ -12,7 +13,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray, JointState
 
-# Slower than this, and as near to where it was sent, a device says that it stands still.
+# Bounds of velocity and position error of a device at rest.
 _STILL_RAD_S, _THERE_RAD = np.deg2rad(0.5), np.deg2rad(0.25)
 
 
@@ -32,7 +33,7 @@ def driven_by(neck: NeckSpec, command: Literal["position", "velocity"]) -> NeckS
 
 
 class Motor:
-    """Holds what a rival asked for, and sends it at every tick.
+    """Holds the command of a rival, and sends it at every tick.
 
     Angles are cut to the joint's range, and a jump becomes a move at top speed, as a motor makes it. Speeds are cut to
     the top speed.
@@ -54,11 +55,11 @@ class Motor:
         self._changed_s = -np.inf
 
     def true_state(self) -> JointState:
-        """Where the joints really are."""
+        """True state of the joints."""
         return self._robot.true_state()
 
     def reading(self) -> JointState:
-        """What the encoders say."""
+        """Measured state of the joints."""
         return self._robot.read_state() or self._robot.true_state()
 
     def ask(self, command: FloatArray) -> None:
@@ -71,7 +72,7 @@ class Motor:
         self._wanted = np.minimum(np.maximum(command, low), high)
 
     def tick(self) -> None:
-        """Send what is asked for at present."""
+        """Send the present command."""
         now_s = self._clock_s()
         sent = self._wanted
         if not self._takes_speeds:
@@ -85,12 +86,12 @@ class Motor:
 
     @property
     def sent(self) -> FloatArray:
-        """What was sent last, shape (2,)."""
+        """Last command, shape (2,)."""
         return self._sent
 
     @property
     def idle(self) -> bool:
-        """Whether the device stands still and has no move left."""
+        """Whether the device is at rest without a pending move."""
         state = self._robot.true_state()
         if np.any(np.abs(state.velocity_rad_s) > _STILL_RAD_S) or np.any(np.abs(self._wanted - self._sent) > 1e-9):
             return False
@@ -102,7 +103,7 @@ class Motor:
 
 
 KEPT_S = 3.0
-# A time this near to the first or last reading is taken for that one's.
+# Tolerance of times before the first and after the last reading.
 _NEAR_S = 0.05
 
 
@@ -113,7 +114,7 @@ class EncoderHistory:
         self._readings: deque[JointState] = deque()
 
     def note(self, reading: JointState) -> None:
-        """Take down a reading, later than all before."""
+        """Add a reading, later than all before."""
         self._readings.append(reading)
         while self._readings[0].time_s < reading.time_s - KEPT_S:
             self._readings.popleft()
@@ -135,11 +136,8 @@ class EncoderHistory:
             return first.position_rad if first.time_s - time_s <= _NEAR_S else None
         if time_s >= last.time_s:
             return last.position_rad if time_s - last.time_s <= _NEAR_S else None
-        # What is asked for is mostly some tenths of a second ago.
-        k = len(readings) - 1
-        while readings[k].time_s > time_s:
-            k -= 1
-        before, after = readings[k], readings[k + 1]
+        k = bisect(readings, time_s, key=lambda reading: reading.time_s)
+        before, after = readings[k - 1], readings[k]
         share = (time_s - before.time_s) / (after.time_s - before.time_s)
         between: FloatArray = before.position_rad + share * (after.position_rad - before.position_rad)
         return between

@@ -1,6 +1,6 @@
-"""What a rival sees, and what it answers: the one interface of all control laws.
+"""The interface of all control laws of rivals: measurements and command.
 
-A rival is a control law as a robot or a camera runs it. It sees faces in a camera on the moving head, and the encoders.
+A rival is a control law as a robot or a camera runs it. It gets faces in a camera on the moving head, and the encoders.
 Pan is positive to the left, tilt is positive up, as everywhere.
 """
 
@@ -71,7 +71,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class View:
-    """All that a rival sees at one step.
+    """Measurements of a rival at one step.
 
     Attributes:
         time_s: The time, seconds.
@@ -79,7 +79,7 @@ class View:
         joints: The encoders now.
         joints_at: Pan and tilt at an earlier time, shape (2,), radians: linear between the encoders' readings of the
             last 3 s. The nearest end where that is at most 0.05 s away, otherwise None.
-        idle: Whether the device says that it stands still and has no move left.
+        idle: Whether the device is at rest without a pending move.
     """
 
     time_s: float

@@ -1,4 +1,4 @@
-"""The trials: what a person does before the robot, and when the answer to it is timed.
+"""The trials: motion of a person before the robot, and the time of the event that is answered.
 
 Directions are seen from the robot's base, pan positive to the left and tilt positive up.
 """
@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import LeftOutError, PlacementError
@@ -169,13 +168,8 @@ def _stopping(walk: Recording) -> Recording:
     def stays(rows: FloatArray) -> FloatArray:
         return np.concatenate([rows[: last + 1], np.tile(rows[last], (since_s.size, 1))])
 
-    longer = Track(
-        head_position_m=stops(track.head_position_m),
-        head_quat_wxyz=stays(track.head_quat_wxyz),
-        pelvis_position_m=stops(track.pelvis_position_m),
-        pelvis_quat_wxyz=stays(track.pelvis_quat_wxyz),
-        valid=np.concatenate([track.valid[: last + 1], np.ones(since_s.size, dtype=np.bool_)]),
-    )
+    longer = _each(track, lambda name, rows: (stops if name.endswith("_m") else stays)(rows))
+    longer = replace(longer, valid=np.concatenate([track.valid[: last + 1], np.ones(since_s.size, dtype=np.bool_)]))
     times_s = np.concatenate([walk.times_s[: last + 1], walk.times_s[last] + since_s])
     return replace(walk, times_s=times_s, truth=longer, measured=None)
 
@@ -184,15 +178,16 @@ def _hidden(walk: Recording, from_s: float, to_s: float) -> Recording:
     """The same walk, unseen for a time."""
     hidden = (walk.times_s >= from_s) & (walk.times_s < to_s)
 
-    def without(rows: ArrayLike) -> FloatArray:
-        return np.where(hidden[:, None], np.nan, rows)
+    seen = _each(walk.truth, lambda _, rows: np.where(hidden[:, None], np.nan, rows))
+    return replace(walk, truth=replace(seen, valid=walk.truth.valid & ~hidden), measured=None)
 
-    track = walk.truth
-    seen = Track(
-        head_position_m=without(track.head_position_m),
-        head_quat_wxyz=without(track.head_quat_wxyz),
-        pelvis_position_m=without(track.pelvis_position_m),
-        pelvis_quat_wxyz=without(track.pelvis_quat_wxyz),
-        valid=track.valid & ~hidden,
+
+def _each(track: Track, change: Callable[[str, FloatArray], FloatArray]) -> Track:
+    """The track with changed positions and orientations."""
+    return replace(
+        track,
+        head_position_m=change("head_position_m", track.head_position_m),
+        head_quat_wxyz=change("head_quat_wxyz", track.head_quat_wxyz),
+        pelvis_position_m=change("pelvis_position_m", track.pelvis_position_m),
+        pelvis_quat_wxyz=change("pelvis_quat_wxyz", track.pelvis_quat_wxyz),
     )
-    return replace(walk, truth=seen, measured=None)

@@ -17,14 +17,12 @@ from experiments.engine.choices import options_of, sensors_by_name
 from experiments.engine.replays import ReplayJob
 from gazempc.errors import SettingsError, suggest
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, load_neck
-from gazempc.parts import CONTROLLER, PREDICTOR, check_choice
 from gazempc.settings import GazeChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import SensorSpec, load_sensor
 
 # Options of parts of the user's own are checked together, see `experiments.engine.choices`.
 OPTION = "options."
-_PARTS = {"controller": CONTROLLER, "predictor": PREDICTOR}
 DEAD_TIME_SCALE = "model.dead_time_scale"
 
 
@@ -92,8 +90,6 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
     ):
         return value, f"{value!r} is not accepted; accepted: values of type {field.annotation}"
     try:
-        if name in _PARTS:
-            return check_choice(_PARTS[name], str(value)), None
         checked = _alone(name).model_validate({"value": value}).model_dump()["value"]
         if name == "neck":
             load_neck(checked)
@@ -101,7 +97,7 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
             load_sensor(checked)
     except ValidationError as error:
         return value, f"{error.errors()[0]['msg']} (given: {value!r})"
-    except (SettingsError, ValueError) as error:
+    except SettingsError as error:
         return value, str(error)
     return checked, None
 

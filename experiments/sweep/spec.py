@@ -1,4 +1,4 @@
-"""What a sweep file says: which settings vary, how, on which recordings, and what is tabulated."""
+"""A sweep file: varied settings, design, recordings and tabulated metrics."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ Metric = Annotated[str, AfterValidator(_check_metric)]
 
 
 class Objective(_Strict):
-    """What a tuning looks for."""
+    """An objective of a tuning."""
 
     metric: Metric
     direction: Direction

@@ -43,6 +43,7 @@ def test_a_comparison_writes_a_report_with_its_numbers(tmp_path):
     assert report.find(class_="command").text.endswith(f"--jobs 1 --out '{out}'")
 
 
+@pytest.mark.slow
 def test_a_gaze_that_starts_aside_is_compared_by_contact_and_overshoot(tmp_path):
     aside = {"controllers": ("lookahead", "mpc"), "start_offset_deg": 60.0, "recordings": ("subject01_R1",)}
     compare(**settings(tmp_path, **aside))
@@ -86,6 +87,7 @@ def test_a_job_is_named_by_all_it_depends_on(tmp_path):
     assert runs(tmp_path, seed=1)[0][1].key() != jobs[0].key()
 
 
+@pytest.mark.slow
 def test_everyday_people_are_compared_with_their_own_metrics(tmp_path):
     """Two words of a user's, one person who stands and one who starts; the walks stay what they were."""
     names = ["subject02_stand", "subject02_start"]
@@ -130,6 +132,7 @@ def test_another_fitted_model_is_another_run(tmp_path):
     assert models_hash(tmp_path / "walker.npz") != models_hash(tmp_path)
 
 
+@pytest.mark.slow
 def test_people_that_the_model_has_seen_are_said(tmp_path):
     model = shipped_walker_model()
     save_walker_model(dataclasses.replace(model, about={"people": ["subject01"]}), tmp_path / "walker.npz")

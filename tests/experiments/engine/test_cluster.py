@@ -33,6 +33,7 @@ def test_results_come_from_the_cluster_and_failures_are_rows(cluster, tmp_path):
     assert len(list(tmp_path.iterdir())) == 5
 
 
+@pytest.mark.slow
 def test_a_killed_workers_job_is_done_by_another(cluster, tmp_path):
     log = tmp_path / "log"
     jobs = [Tiny(n, "die once", str(log)) for n in range(2)]
