@@ -82,7 +82,7 @@ def main(repeats: int = 3, horizons_s: tuple[float, ...] = (0.4, 0.8, 1.6)) -> N
                 if name != "constant_velocity":
                     continue
                 for label, controller in controllers.items():
-                    situation = Situation.of(
+                    situation = Situation(
                         settled_joints(neck, 0),
                         start_s=now_s,
                         forecast=predictor.forecast(controller.forecast_times_s(now_s, observation.capture_time_s)),

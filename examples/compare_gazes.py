@@ -6,15 +6,15 @@ import gazempc as gz
 
 WALKS = ["subject01_R1", "subject04_R4", "subject09_R6"]
 
-for controller in ("reactive", "lookahead", "mpc", "perfect"):
+for controller in ("reactive", "lookahead", "mpc", "mpc+perfect"):
     metrics = [gz.measure(gz.replay(walk, controller=controller)) for walk in WALKS]
     errors_deg = [each.gaze_error_rms_deg for each in metrics]
     contact = np.mean([each.eye_contact_2p6 for each in metrics])
     shown = ", ".join(f"{error_deg:5.2f}" for error_deg in errors_deg)
-    print(f"{controller:<9} {shown}  mean {np.mean(errors_deg):5.2f} deg, eye contact {contact:4.0%}")
+    print(f"{controller:<11} {shown}  mean {np.mean(errors_deg):5.2f} deg, eye contact {contact:4.0%}")
 
 # It prints:
-# reactive   9.89, 11.40, 10.68  mean 10.66 deg, eye contact  14%
-# lookahead  0.53,  2.67,  1.90  mean  1.70 deg, eye contact  86%
-# mpc        0.57,  2.66,  1.85  mean  1.69 deg, eye contact  86%
-# perfect    0.09,  0.11,  0.12  mean  0.11 deg, eye contact 100%
+# reactive     9.89, 11.40, 10.68  mean 10.66 deg, eye contact  14%
+# lookahead    0.53,  2.67,  1.90  mean  1.70 deg, eye contact  86%
+# mpc          0.57,  2.66,  1.85  mean  1.69 deg, eye contact  86%
+# mpc+perfect  0.09,  0.11,  0.12  mean  0.11 deg, eye contact 100%

@@ -18,6 +18,7 @@ from experiments.engine.job import Row, key_of, models_hash, recording_hash
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
+from gazempc.parts import TRUE_FUTURE
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, measure
 from gazempc.settings import WalkerSettings
@@ -25,7 +26,7 @@ from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.sim.sensor import SensorSpec
 
-CONTROLLERS = ("lookahead", "mpc", "perfect")
+CONTROLLERS = ("lookahead", "mpc", TRUE_FUTURE)
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def simulate(neck: NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
             forecast = Forecast(times_s, np.tile(_PERSON_M, (times_s.size, 1)), np.zeros((times_s.size, 3, 3)), now_s)
             seen, offset_rad = drive.seen_by_controllers(sent, joints.offset_rad)
             plan = mpc.plan(
-                Situation.of(
+                Situation(
                     settled,
                     now_s,
                     forecast,

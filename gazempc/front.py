@@ -42,7 +42,7 @@ def replay(
     Args:
         recording: Name of a synthetic recording, path of a file, or a recording.
         neck: Name of a shipped neck, path of a TOML file, or a neck.
-        controller: Name (``reactive``, ``lookahead``, ``mpc``; ``perfect`` is the MPC with the true future),
+        controller: Name (``reactive``, ``lookahead``, ``mpc``; ``mpc+perfect`` is the MPC with the true future),
             ``module:Class``, or a controller.
         predictor: Name, ``module:Class``, or a predictor.
         sensor: Name, path, or a sensor; None for the one that fits the recording.

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from gazempc.errors import SettingsError, shown, suggest
 from gazempc.files.documents import parse_yaml
-from gazempc.parts import Kind, check_methods, find, is_own, said
+from gazempc.parts import Kind, check_members, find, is_own, said
 
 
 def make(kind: Kind, choice: str, given: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
@@ -44,7 +44,7 @@ def make(kind: Kind, choice: str, given: Mapping[str, Any], options: Mapping[str
         raise
     except Exception as error:
         raise SettingsError(f"{kind.name} {choice}: its constructor raised {said(error)}") from error
-    check_methods(kind, part, choice)
+    check_members(kind, part, choice)
     return part
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import importlib
 import inspect
 import sys
+import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +23,18 @@ class Kind:
     Attributes:
         name: What it is called in messages and options.
         shipped: ``module:Class`` by shipped name.
-        methods: What each method takes and gives, by the method's name; all of them are needed.
-        properties: The same for attributes.
+        members: What each method takes and gives, or what an attribute holds, by name; all of them are needed.
     """
 
     name: str
     shipped: Mapping[str, str]
-    methods: Mapping[str, str]
-    properties: Mapping[str, str] = field(default_factory=dict)
+    members: Mapping[str, str]
 
 
 PREDICTOR = Kind(
     "predictor",
     {
-        "last_position": "predictors.last_position:LastPosition",
+        "last_position": "predictors.bounds:LastPosition",
         "constant_velocity": "predictors.constant_velocity:ConstantVelocity",
         "constant_acceleration": "predictors.baselines.constant_acceleration:ConstantAcceleration",
         "coordinated_turn": "predictors.baselines.coordinated_turn:CoordinatedTurn",
@@ -44,7 +43,7 @@ PREDICTOR = Kind(
         "head_pose": "predictors.head_pose:HeadPose",
         "pelvis_pursuit": "predictors.pelvis_pursuit:PelvisPursuit",
         "walker": "predictors.walker.predictor:Walker",
-        "perfect": "predictors.perfect:Perfect",
+        "perfect": "predictors.bounds:Perfect",
     },
     {
         "reset": "reset(): forgets the person",
@@ -58,8 +57,6 @@ CONTROLLER = Kind(
         "reactive": "gazempc.controllers.reactive:Reactive",
         "lookahead": "gazempc.controllers.lookahead:LookAhead",
         "mpc": "gazempc.controllers.mpc.mpc:Mpc",
-        # The MPC with the predictor `perfect`.
-        "perfect": "gazempc.controllers.mpc.mpc:Mpc",
     },
     {
         "reset": "reset(): forgets earlier plans",
@@ -101,8 +98,8 @@ SOURCE = Kind(
         "open": "open(): begins to take observations in",
         "poll": "poll() -> Arrived: what has come since the last call; never blocks",
         "close": "close(): takes no more in, never raises",
+        "finished": "finished: True once nothing more will come",
     },
-    {"finished": "finished: True once nothing more will come"},
 )
 POLICY = Kind(
     "policy",
@@ -121,6 +118,8 @@ POLICY = Kind(
 TERM = Kind("term", {}, {})
 # Shipped robots that are given as NAME:ADDRESS.
 ADDRESSED = ("visca", "onvif")
+# A controller with a predictor of its own: the true future bounds what any forecast can reach.
+TRUE_FUTURE = "mpc+perfect"
 # A person by the tracker's name: ``id:anna``.
 BY_NAME = "id:"
 
@@ -159,6 +158,22 @@ def check_choice(kind: Kind, choice: str) -> str:
     raise ValueError(
         f"no {kind.name} {choice!r}: {suggest(choice, kind.shipped)}, or module:Class for a {kind.name} of your own"
     )
+
+
+def gaze_of(choice: str) -> tuple[str, str]:
+    """Controller and own predictor of a gaze, such as of ``mpc+perfect``; ``mpc`` has the predictor ``""``."""
+    if choice == "perfect":
+        warnings.warn(f"the controller perfect is now {TRUE_FUTURE}", FutureWarning, stacklevel=2)
+        choice = TRUE_FUTURE
+    controller, _, predictor = choice.partition("+")
+    return controller, predictor
+
+
+def check_gaze(choice: str) -> str:
+    """Check a controller, with a predictor of its own after ``+``, as `check_choice` does; gives ``mpc+perfect``."""
+    controller, predictor = gaze_of(choice)
+    check_choice(CONTROLLER, controller)
+    return f"{controller}+{check_choice(PREDICTOR, predictor)}" if predictor else controller
 
 
 def check_function(choice: str) -> str:
@@ -223,8 +238,8 @@ def find(kind: Kind, choice: str) -> Callable[..., Any]:
     return factory
 
 
-def check_methods(kind: Kind, part: object, called: str = "") -> None:
-    """Check that a part has all methods of its kind.
+def check_members(kind: Kind, part: object, called: str = "") -> None:
+    """Check that a part has all methods and attributes of its kind.
 
     Args:
         kind: The kind of part.
@@ -237,12 +252,10 @@ def check_methods(kind: Kind, part: object, called: str = "") -> None:
     called = called or type(part).__name__
     if inspect.isclass(part):
         raise SettingsError(f"{kind.name} {part.__name__} is a class: give an object, {part.__name__}(...)")
-    for name, what in kind.methods.items():
-        if not callable(getattr(part, name, None)):
-            raise SettingsError(f"{kind.name} {called} lacks the method {what}")
-    for name, what in kind.properties.items():
-        if not hasattr(part, name):
-            raise SettingsError(f"{kind.name} {called} lacks the attribute {what}")
+    for name, what in kind.members.items():
+        is_method = what.startswith(f"{name}(")
+        if not (callable(getattr(part, name, None)) if is_method else hasattr(part, name)):
+            raise SettingsError(f"{kind.name} {called} lacks the {'method' if is_method else 'attribute'} {what}")
 
 
 def name_of(kind: Kind, part: object) -> str:
@@ -262,7 +275,7 @@ def name_of(kind: Kind, part: object) -> str:
             return name
     called = getattr(part, "name", None)
     name = called if isinstance(called, str) and called else own.__name__
-    # A shipped name is the shipped part's alone: `perfect`, say, is what others are compared with.
+    # A shipped name is the shipped part's alone.
     return f"{own.__module__}.{name}" if name in kind.shipped else name
 
 

@@ -21,9 +21,9 @@ from gazempc.command import TYRO_CONFIG, command_line, run_interruptible
 from gazempc.errors import GazempcError, LimitViolationError
 from gazempc.files.whole import begin_folder, naming, write_whole
 from gazempc.part_options import check_options, take_options
-from gazempc.parts import CONTROLLER, PREDICTOR
+from gazempc.parts import CONTROLLER, PREDICTOR, TRUE_FUTURE
 from gazempc.progress import Progress
-from gazempc.results.mcap_read import has_log
+from gazempc.results.log import has_log
 from gazempc.run_settings import RunSettings, config_path, load_settings
 from gazempc.signals import Interrupted
 
@@ -55,9 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _work(settings: RunSettings, command: str) -> int:
     if settings.list:
-        from gazempc.listing import listing  # noqa: PLC0415
-
-        print(listing())
+        print(_listing())
         return 0
     if settings.replay is None:
         raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
@@ -66,6 +64,37 @@ def _work(settings: RunSettings, command: str) -> int:
     else:
         _run(settings, command)
     return 0
+
+
+def _listing() -> str:
+    """Recordings, necks and sensors by name, and what else can be replayed."""
+    from gazempc.neck.spec import load_neck, neck_names  # noqa: PLC0415
+    from gazempc.recordings.readers.table import shipped_mappings  # noqa: PLC0415
+    from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names  # noqa: PLC0415
+    from gazempc.recordings.synthetic.walks import synthetic_names  # noqa: PLC0415
+    from gazempc.sim.sensor import load_sensor, sensor_names  # noqa: PLC0415
+
+    walks, everyday = synthetic_names(), everyday_names()
+    lines = [
+        "Recordings (synthetic, generated from the name; 14 people):",
+        f"  {walks[0]} ... {walks[-1]}  walks on 6 routes; all: --recordings synthetic",
+        "  R1, R2 straight; R3, R4 turn left, right; R5, R6 turn sharply left, right",
+        f"  {everyday[0]} ... {everyday[-1]}  5 activities; all: --recordings everyday",
+        f"  {', '.join(f'{name} ({about.description})' for name, about in ACTIVITIES.items())}",
+        "Recordings of your own, by path:",
+        "  .csv, .parquet  columns t, head_{x,y,z}; optional head_q{w,x,y,z}, pelvis_{x,y,z}, pelvis_q{w,x,y,z}",
+        "  .csv, .tsv, .txt, .parquet  any other columns, by --reading.columns or --guess; known by themselves:",
+        f"    {', '.join(shipped_mappings())}",
+        "  .mvnx           Xsens MVN",
+        "  a folder        ROS 2 bag, or OpenPose --3d --write_json",
+        "  .json           Azure Kinect Body Tracking, offline_processor",
+        "  .bvh            motion capture of any exporter",
+        "Necks (or a .toml file):",
+    ]
+    lines += [f"  {name:<14}  {load_neck(name).source}" for name in neck_names()]
+    lines.append("Sensors (or a .toml file):")
+    lines += [f"  {name:<14}  {load_sensor(name).source}" for name in sensor_names()]
+    return "\n".join(lines)
 
 
 def _is_log(path: Path) -> bool:
@@ -181,31 +210,25 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
 
 
 def _measure(path: Path, settings: RunSettings, command: str) -> None:
-    from gazempc.results.log import load_log  # noqa: PLC0415
-
-    log = load_log(path)
-    out = settings.out or Path("out") / path.stem
-    # Beside the log stands the rest of its run.
-    with nullcontext() if path.resolve().parent == out.resolve() else begin_folder(out):
-        _write_measured(log, path, out, settings, command)
-
-
-def _write_measured(log: Log, path: Path, out: Path, settings: RunSettings, command: str) -> None:
     from gazempc.recordings.recording import truth_of  # noqa: PLC0415
+    from gazempc.results.log import load_log  # noqa: PLC0415
     from gazempc.results.run_summary import write_summary  # noqa: PLC0415
     from gazempc.results.table import measured_again, table  # noqa: PLC0415
 
-    repeats = measured_again(log)
+    log = load_log(path)
+    out = settings.out or Path("out") / path.stem
+    logs, repeats = {log.run.controller: log}, measured_again(log)
     about = {"recording": log.run.recording, "kind": log.run.kind, "log": str(path), "settings": log.run.settings}
-    write_summary(out / "summary.json", about, list(repeats.rows))
-    print(f"{path}: log of {log.run.recording} ({log.run.mode}), measured again: nothing is replayed")
-    print(f"\n{table([repeats], log.neck, truth_of(log.run.kind))}\n")
-    for line in _events(log):
-        print(f"  {line}")
-    logs = {log.run.controller: log}
-    drawn = _draw(logs, out) if settings.figures else []
-    report = _report(logs, [repeats], _notes(log), out, drawn, command, log.run.settings)
-    print(f"Written to {out}/: {', '.join([report, 'summary.json', *drawn])}")
+    # Beside the log stands the rest of its run.
+    with nullcontext() if path.resolve().parent == out.resolve() else begin_folder(out):
+        write_summary(out / "summary.json", about, list(repeats.rows))
+        print(f"{path}: log of {log.run.recording} ({log.run.mode}), measured again: nothing is replayed")
+        print(f"\n{table([repeats], log.neck, truth_of(log.run.kind))}\n")
+        for line in _events(log):
+            print(f"  {line}")
+        drawn = _draw(logs, out) if settings.figures else []
+        report = _report(logs, [repeats], _notes(log), out, drawn, command, log.run.settings)
+        print(f"Written to {out}/: {', '.join([report, 'summary.json', *drawn])}")
 
 
 def _heading(settings: RunSettings, scene: Scene) -> str:
@@ -248,7 +271,7 @@ def _notes(log: Log) -> list[str]:
 
 def _margins(settings: RunSettings, neck: NeckSpec) -> list[str]:
     """Margins of the MPC that the neck file leaves too small."""
-    if not {"mpc", "perfect"} & set(settings.controllers):
+    if not {"mpc", TRUE_FUTURE} & set(settings.controllers):
         return []
     from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
     from gazempc.loop.build import make_controller  # noqa: PLC0415

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 
 from gazempc.errors import SettingsError, shown
 from gazempc.files.documents import parse_yaml, read_settings
-from gazempc.settings import ControllerChoice
+from gazempc.settings import GAZES, GazeChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.specfiles import explain
 
@@ -25,10 +25,10 @@ class RunSettings(ReplaySettings):
         "file, or the folder of a ROS 2 bag or of OpenPose; a log (.npz, .mcap) is measured again",
     )
     list: bool = Field(default=False, description="Print all included recordings, necks and sensors")
-    controllers: tuple[ControllerChoice, ...] = Field(
-        default=("reactive", "lookahead", "mpc", "perfect"),
+    controllers: tuple[GazeChoice, ...] = Field(
+        default=GAZES,
         min_length=1,
-        description="Controllers to compare; perfect is the mpc with the true future; module:Class for your own",
+        description="Controllers to compare; mpc+perfect is the mpc with the true future; module:Class for your own",
     )
     log: Literal["npz", "mcap"] = Field(
         default="npz",

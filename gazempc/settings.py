@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,14 +12,25 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from tyro.constructors import PrimitiveConstructorSpec
 
 from gazempc.neck.picture import Framing
-from gazempc.parts import BY_NAME, CONTROLLER, POLICY, PREDICTOR, Kind, check_choice, check_function
+from gazempc.parts import (
+    BY_NAME,
+    CONTROLLER,
+    POLICY,
+    PREDICTOR,
+    TRUE_FUTURE,
+    Kind,
+    check_choice,
+    check_function,
+    check_gaze,
+)
 
 
-def on_command_line(kind: Kind) -> PrimitiveConstructorSpec[str]:
+def on_command_line(kind: Kind, check: Callable[[str], str] | None = None) -> PrimitiveConstructorSpec[str]:
     """How a command line reads the choice of a part, lists what there is, and refuses what there is not.
 
     Args:
         kind: The kind of part.
+        check: Checks the choice; default: `check_choice`.
 
     Returns:
         What tyro takes beside the type.
@@ -26,7 +38,7 @@ def on_command_line(kind: Kind) -> PrimitiveConstructorSpec[str]:
     return PrimitiveConstructorSpec(
         nargs=1,
         metavar=f"{{{','.join(kind.shipped)},module:Class}}",
-        instance_from_str=lambda words: check_choice(kind, words[0]),
+        instance_from_str=lambda words: (check or partial(check_choice, kind))(words[0]),
         is_instance=lambda value: isinstance(value, str),
         str_from_instance=lambda value: [value],
     )
@@ -36,6 +48,9 @@ _AboveZero = Annotated[float, Field(gt=0)]
 # A shipped name, or module:Class for a part of the user's own; see `gazempc.parts`.
 ControllerChoice = Annotated[str, AfterValidator(partial(check_choice, CONTROLLER)), on_command_line(CONTROLLER)]
 PredictorChoice = Annotated[str, AfterValidator(partial(check_choice, PREDICTOR)), on_command_line(PREDICTOR)]
+# In replays a controller may have a predictor of its own: mpc+perfect.
+GazeChoice = Annotated[str, AfterValidator(check_gaze), on_command_line(CONTROLLER, check_gaze)]
+GAZES = ("reactive", "lookahead", "mpc", TRUE_FUTURE)
 # The predictor with the least error on real people, as far as measured.
 DEFAULT_PREDICTOR = "walker"
 
@@ -92,37 +107,7 @@ class WalkerSettings(Settings):
     )
 
 
-class PelvisPursuitSettings(Settings):
-    """Predictor `pelvis_pursuit`."""
-
-    gain: float = Field(default=0.75, ge=0, le=1, description="Share of the angle to the pelvis")
-    turn_time_s: float = Field(default=0.11, gt=0, description="Time constant of the turn")
-    acceleration_psd: float = Field(
-        default=0.02, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
-    )
-    position_noise_m: NoiseM = _POSITION_NOISE_M
-
-
-class ConstantAccelerationSettings(Settings):
-    """Predictor `constant_acceleration`."""
-
-    jerk_psd: float = Field(default=0.003, gt=0, le=1e6, description="Noise density of the head's jerk, m^2/s^5")
-    position_noise_m: NoiseM = _POSITION_NOISE_M
-
-
-class _TurningSettings(Settings):
-    """What the predictors `coordinated_turn` and `particle` have in common."""
-
-    acceleration_psd: float = Field(
-        default=0.05, gt=0, le=1e6, description="Noise density of the speed's change, m^2/s^3"
-    )
-    heading_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the heading's rate, rad^2/s")
-    turn_psd: float = Field(default=0.1, gt=0, le=1e6, description="Noise density of the turn rate's change, rad^2/s^3")
-    turn_time_s: float = Field(default=1.0, gt=0, description="Time constant with which a turn ends")
-    position_noise_m: NoiseM = _POSITION_NOISE_M
-
-
-class CoordinatedTurnSettings(_TurningSettings):
+class CoordinatedTurnSettings(Settings):
     """Predictor `coordinated_turn`."""
 
     yaw_cues: Literal["none", "pelvis", "both"] = Field(
@@ -131,35 +116,12 @@ class CoordinatedTurnSettings(_TurningSettings):
     )
 
 
-class ParticleSettings(_TurningSettings):
-    """Predictor `particle`."""
-
-    particles: int = Field(default=400, ge=2, le=100_000, description="Number of particles")
-
-
-class InteractingModelsSettings(Settings):
-    """Predictor `interacting_models`."""
-
-    turn_rate_rad_s: float = Field(
-        default=0.5, gt=0, le=100, description="Rate of the turns to the left and to the right"
-    )
-    mode_time_s: float = Field(default=10.0, gt=0, description="Mean time that straight or turning lasts")
-    acceleration_psd: float = Field(
-        default=0.05, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
-    )
-    position_noise_m: NoiseM = _POSITION_NOISE_M
-
-
 class PredictorSettings(Settings):
-    """Settings of all predictors."""
+    """Settings of predictors; the others are made with the defaults of their constructors."""
 
     constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
-    constant_acceleration: ConstantAccelerationSettings = ConstantAccelerationSettings()
     coordinated_turn: CoordinatedTurnSettings = CoordinatedTurnSettings()
-    interacting_models: InteractingModelsSettings = InteractingModelsSettings()
-    particle: ParticleSettings = ParticleSettings()
     head_pose: HeadPoseSettings = HeadPoseSettings()
-    pelvis_pursuit: PelvisPursuitSettings = PelvisPursuitSettings()
     walker: WalkerSettings = WalkerSettings()
 
 

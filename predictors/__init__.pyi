@@ -4,12 +4,12 @@ from predictors.baselines.constant_acceleration import ConstantAcceleration as C
 from predictors.baselines.coordinated_turn import CoordinatedTurn as CoordinatedTurn
 from predictors.baselines.interacting_models import InteractingModels as InteractingModels
 from predictors.baselines.particle import ParticleFilter as ParticleFilter
-from predictors.bearing import bearing_covariance as bearing_covariance
+from predictors.bounds import LastPosition as LastPosition
+from predictors.bounds import Perfect as Perfect
 from predictors.constant_velocity import ConstantVelocity as ConstantVelocity
+from predictors.geometry import bearing_covariance as bearing_covariance
 from predictors.head_pose import HeadPose as HeadPose
-from predictors.last_position import LastPosition as LastPosition
 from predictors.pelvis_pursuit import PelvisPursuit as PelvisPursuit
-from predictors.perfect import Perfect as Perfect
 from predictors.predictor import NotReadyError as NotReadyError
 from predictors.predictor import OutOfOrderError as OutOfOrderError
 from predictors.predictor import Predictor as Predictor

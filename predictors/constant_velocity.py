@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from predictors.gate import Gate
-from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
-from predictors.symmetric import inverse
-from predictors.types import FloatArray, Forecast, HeadObservation
+from predictors.gate import GatedFilter
+from predictors.geometry import inverse
+from predictors.predictor import as_times
+from predictors.types import FloatArray, Forecast, HeadObservation, check_positive
 
 _INITIAL_SPEED_SD_M_S = 1.0
 # Elements of a matrix of shape (6, 6), row by row: position with itself, position with velocity, velocity with itself.
 _POSITION, _VELOCITY = np.array([0, 7, 14]), np.array([21, 28, 35])
 _POSITION_BY_VELOCITY, _VELOCITY_BY_POSITION = np.array([3, 10, 17]), np.array([18, 25, 32])
 _EYE3, _EYE6 = np.eye(3), np.eye(6)
-_NOTHING_M2 = np.zeros((3, 3))
 
 
 def transition(dt_s: float) -> FloatArray:
@@ -51,12 +52,8 @@ def process_noise(dt_s: float, acceleration_psd: float) -> FloatArray:
     return Q
 
 
-class ConstantVelocity:
-    """Constant-velocity Kalman filter driven by the time stamps of the observations.
-
-    Observations outside the gate are refused, and refused ones that form a candidate for 0.75 s restart the track; see
-    `predictors.gate.Gate`. Over a gap the state is extrapolated and its covariance grows. A stated covariance of the
-    position is the measurement covariance.
+class ConstantVelocity(GatedFilter):
+    """Constant-velocity Kalman filter driven by the time stamps of the observations; see `GatedFilter`.
 
     Args:
         acceleration_psd: Power spectral density of the head's acceleration on each axis, m^2/s^3. The default
@@ -66,81 +63,26 @@ class ConstantVelocity:
     """
 
     def __init__(self, acceleration_psd: float = 0.05, position_noise_m: float = 0.01, gated: bool = True) -> None:
-        if not (acceleration_psd > 0 and position_noise_m > 0):
-            raise ValueError("acceleration_psd and position_noise_m must be positive")
+        check_positive(acceleration_psd=acceleration_psd)
         self._psd = acceleration_psd
-        self._R = position_noise_m**2 * _EYE3
-        self._gated = gated
-        self.reset()
+        super().__init__(position_noise_m, gated)
 
-    def reset(self) -> None:
-        """Forget the person."""
-        self._x, self._P = np.zeros(6), np.zeros((6, 6))
-        self._time_s = -np.inf
-        self._issued_at_s = -np.inf
-        self._started_at_s: float | None = None
-        self._taken_in: tuple[HeadObservation, ...] = ()
-        self._gate = Gate()
+    def _begin(self, position_m: FloatArray, R: FloatArray) -> None:
+        self._x = np.concatenate([position_m, np.zeros(3)])
+        self._P = np.zeros((6, 6))
+        self._P[:3, :3], self._P[3:, 3:] = R, _INITIAL_SPEED_SD_M_S**2 * _EYE3
 
-    @property
-    def started_at_s(self) -> float | None:
-        """Capture time of the observation that the track began with, None before the first one."""
-        return self._started_at_s
-
-    @property
-    def taken_in(self) -> tuple[HeadObservation, ...]:
-        """Observations that the last update used: none if it was refused; where a track begins anew, all of its own."""
-        return self._taken_in
-
-    @property
-    def rejections_in_a_row(self) -> int:
-        """Number of observations refused since the last accepted one."""
-        return self._gate.rejections_in_a_row
-
-    def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
-        self.update_with(observation, self._R, _NOTHING_M2)
-
-    def update_with(self, observation: HeadObservation, unstated_m2: FloatArray, extra_m2: FloatArray) -> None:
-        """Take in one observation, for a predictor that measures the noise itself.
-
-        Args:
-            observation: The observation.
-            unstated_m2: Covariance of a position that states none, shape (3, 3), square metres.
-            extra_m2: Covariance that is added to every position's, shape (3, 3), square metres.
-
-        Raises:
-            OutOfOrderError: If it is not newer than the last observation.
-        """
-        check_newer(observation, None if self._started_at_s is None else self._time_s)
-        R = noise_m2(observation, unstated_m2) + extra_m2
-        if self._started_at_s is None:
-            self._start(observation, R)
-            return
-        dt_s = observation.capture_time_s - self._time_s
+    def _predict(self, dt_s: float) -> tuple[FloatArray, FloatArray]:
         F = transition(dt_s)
         self._x = F @ self._x
         self._P = F @ self._P @ F.T + process_noise(dt_s, self._psd)
-        self._time_s = observation.capture_time_s
-        spread = self._P[:3, :3] + R
-        if self._gated and not self._gate.accepts(observation, self._x[:3], spread):
-            self._taken_in = ()
-            if self._gate.lost:
-                candidate = self._gate.candidate
-                self._start(candidate[0], noise_m2(candidate[0], unstated_m2) + extra_m2)
-                for other in candidate[1:]:
-                    self.update_with(other, unstated_m2, extra_m2)
-                self._taken_in = candidate
-            return
-        self._correct(observation.head_position_base_m - self._x[:3], spread, R)
-        self._issued_at_s = observation.capture_time_s
-        self._taken_in = (observation,)
+        return self._x[:3], self._P[:3, :3]
 
-    def _correct(self, innovation_m: FloatArray, spread_m2: FloatArray, R: FloatArray) -> None:
+    def _correct(self, position_m: FloatArray, R: FloatArray) -> None:
         # The position is measured, so H = [I 0], and products with H are parts of a matrix. Joseph's form keeps the
         # covariance positive definite: Bar-Shalom, Li & Kirubarajan (2001), eq. 5.2.3-18.
-        K = self._P[:, :3] @ inverse(spread_m2)
-        self._x = self._x + K @ innovation_m
+        K = self._P[:, :3] @ inverse(self._P[:3, :3] + R)
+        self._x = self._x + K @ (position_m - self._x[:3])
         left = _EYE6.copy()
         left[:, :3] -= K
         P = left @ self._P @ left.T + K @ R @ K.T
@@ -157,8 +99,7 @@ class ConstantVelocity:
         Raises:
             NotReadyError: If there has been no observation since the last reset.
         """
-        if self._started_at_s is None:
-            raise NotReadyError("no observation yet")
+        self._check_started()
         return self._time_s, self._x.copy(), self._P.copy()
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
@@ -197,10 +138,42 @@ class ConstantVelocity:
             issued_at_s=self._issued_at_s,
         )
 
-    def _start(self, observation: HeadObservation, R: FloatArray) -> None:
-        self._x = np.concatenate([observation.head_position_base_m, np.zeros(3)])
-        self._P = np.zeros((6, 6))
-        self._P[:3, :3], self._P[3:, 3:] = R, _INITIAL_SPEED_SD_M_S**2 * _EYE3
-        self._time_s = self._issued_at_s = self._started_at_s = observation.capture_time_s
-        self._taken_in = (observation,)
-        self._gate.begin(observation)
+
+class Refinement(ABC):
+    """Another path for a track of `ConstantVelocity`, whose gate, start and loss it takes over.
+
+    Args:
+        position: The filter.
+    """
+
+    def __init__(self, position: ConstantVelocity) -> None:
+        self._position = position
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._position.reset()
+        self._forget()
+
+    @property
+    def rejections_in_a_row(self) -> int:
+        """Number of observations refused since the last accepted one."""
+        return self._position.rejections_in_a_row
+
+    def update(self, observation: HeadObservation) -> None:
+        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        started_at_s = self._position.started_at_s
+        self._position.update(observation)
+        if self._position.started_at_s != started_at_s:
+            self._forget()  # another track may be another person
+        # A refused detection is another person's; so is its orientation.
+        if self._position.taken_in:
+            self._take_in(observation)
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Forget what the track has shown beyond its position."""
+
+    @abstractmethod
+    def _take_in(self, observation: HeadObservation) -> None:
+        """Take in an observation that the filter has used."""

@@ -1,17 +1,20 @@
-"""Gating of detections, and loss of a track; shared by all filters."""
+"""Gating of detections, loss of a track, and the part of a Kalman filter that all motion models share."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import TypeVar
 
 import numpy as np
 from scipy.special import chdtri
 
-from predictors.symmetric import mahalanobis2
-from predictors.types import FloatArray, HeadObservation
+from predictors.geometry import mahalanobis2
+from predictors.predictor import NotReadyError, check_newer, noise_m2
+from predictors.types import FloatArray, HeadObservation, check_positive
 
 AnyTime = TypeVar("AnyTime", float, FloatArray)
+_NOTHING_M2 = np.zeros((3, 3))
 
 # An innovation beyond this quantile is a false detection (another person, a reflection).
 _GATE_PROBABILITY = 0.999
@@ -167,3 +170,101 @@ def _apart_m(one: HeadObservation, other: HeadObservation) -> float:
 def _of_one_person(one: HeadObservation, other: HeadObservation) -> bool:
     since_s = other.capture_time_s - one.capture_time_s
     return _apart_m(one, other) <= _OTHERS_ERROR_M + _OTHERS_SPEED_M_S * since_s
+
+
+class GatedFilter(ABC):
+    """A Kalman filter of the head's position behind a `Gate`; a subclass has the motion model.
+
+    Observations outside the gate are refused, and refused ones that form a candidate for 0.75 s restart the track. Over
+    a gap the state is extrapolated and its covariance grows. A stated covariance of the position is the measurement
+    covariance.
+
+    Args:
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
+        gated: False to take in every observation, as a plain Kalman filter does.
+    """
+
+    def __init__(self, position_noise_m: float, gated: bool = True) -> None:
+        check_positive(position_noise_m=position_noise_m)
+        self._R = position_noise_m**2 * np.eye(3)
+        self._gated = gated
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._time_s = self._issued_at_s = -math.inf
+        self._started_at_s: float | None = None
+        self._taken_in: tuple[HeadObservation, ...] = ()
+        self._gate = Gate()
+
+    @property
+    def started_at_s(self) -> float | None:
+        """Capture time of the observation that the track began with, None before the first one."""
+        return self._started_at_s
+
+    @property
+    def taken_in(self) -> tuple[HeadObservation, ...]:
+        """Observations that the last update used: none if it was refused; where a track begins anew, all of its own."""
+        return self._taken_in
+
+    @property
+    def rejections_in_a_row(self) -> int:
+        """Number of observations refused since the last accepted one."""
+        return self._gate.rejections_in_a_row
+
+    def update(self, observation: HeadObservation) -> None:
+        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        self.update_with(observation, self._R, _NOTHING_M2)
+
+    def update_with(self, observation: HeadObservation, unstated_m2: FloatArray, extra_m2: FloatArray) -> None:
+        """Take in one observation, for a predictor that measures the noise itself.
+
+        Args:
+            observation: The observation.
+            unstated_m2: Covariance of a position that states none, shape (3, 3), square metres.
+            extra_m2: Covariance that is added to every position's, shape (3, 3), square metres.
+
+        Raises:
+            OutOfOrderError: If it is not newer than the last observation.
+        """
+        check_newer(observation, None if self._started_at_s is None else self._time_s)
+        R = noise_m2(observation, unstated_m2) + extra_m2
+        if self._started_at_s is None:
+            self._start(observation, R)
+            return
+        expected_m, covariance_m2 = self._predict(observation.capture_time_s - self._time_s)
+        self._time_s = observation.capture_time_s
+        if not self._gated or self._gate.accepts(observation, expected_m, covariance_m2 + R):
+            self._correct(observation.head_position_base_m, R)
+            self._issued_at_s = observation.capture_time_s
+            self._taken_in = (observation,)
+            return
+        self._taken_in = ()
+        if self._gate.lost:
+            candidate = self._gate.candidate
+            self._start(candidate[0], noise_m2(candidate[0], unstated_m2) + extra_m2)
+            for other in candidate[1:]:
+                self.update_with(other, unstated_m2, extra_m2)
+            self._taken_in = candidate
+
+    def _start(self, observation: HeadObservation, R: FloatArray) -> None:
+        self._begin(observation.head_position_base_m, R)
+        self._time_s = self._issued_at_s = self._started_at_s = observation.capture_time_s
+        self._taken_in = (observation,)
+        self._gate.begin(observation)
+
+    def _check_started(self) -> None:
+        if self._started_at_s is None:
+            raise NotReadyError("no observation yet")
+
+    @abstractmethod
+    def _begin(self, position_m: FloatArray, R: FloatArray) -> None:
+        """Initial state at a first position of covariance R."""
+
+    @abstractmethod
+    def _predict(self, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        """Carry the state on; position, shape (3,), and its covariance, shape (3, 3)."""
+
+    @abstractmethod
+    def _correct(self, position_m: FloatArray, R: FloatArray) -> None:
+        """Correct the state by an accepted position of covariance R."""

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from predictors.constant_velocity import ConstantVelocity
-from predictors.types import FloatArray, Forecast, HeadObservation
-from predictors.yaw import wrap_rad, yaw_rad
-
-if TYPE_CHECKING:
-    from filterpy.kalman import KalmanFilter
+from predictors.constant_velocity import ConstantVelocity, Refinement
+from predictors.geometry import rotation_about_vertical, wrap_rad, yaw_rad
+from predictors.types import Forecast, HeadObservation, check_positive
 
 # A glance or a turn moves the head's yaw by about 1 rad/s; as a random walk that is 1 rad^2 a second.
 _YAW_WALK_RAD2_PER_S = 1.0
@@ -24,20 +21,7 @@ _TRAVELS_FROM_M_S = 0.2
 _OFFSET_PRIOR_S = 0.5
 
 
-def rotation_about_vertical(angle_rad: float) -> FloatArray:
-    """Rotation matrix about z.
-
-    Args:
-        angle_rad: Angle, radians, positive to the left.
-
-    Returns:
-        R, shape (3, 3).
-    """
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-class HeadPose:
+class HeadPose(Refinement):
     """Constant velocity bent toward where the head is turned; Tamaru et al. 2021, equations 1 to 5.
 
     The position filter is `ConstantVelocity`. A separate Kalman filter estimates the relative yaw. Let d be the
@@ -74,36 +58,12 @@ class HeadPose:
     ) -> None:
         if not 0.0 <= weight <= 1.0:
             raise ValueError(f"weight must be in [0, 1], got {weight}")
-        if not yaw_noise_rad > 0:
-            raise ValueError(f"yaw_noise_rad must be positive, got {yaw_noise_rad}")
+        check_positive(yaw_noise_rad=yaw_noise_rad)
         self._weight = weight
         self._yaw_variance_rad2 = yaw_noise_rad**2
         self._yaw_from = yaw_from
         self._offset_removed = offset_removed
-        self._position = ConstantVelocity(acceleration_psd, position_noise_m, gated)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the person."""
-        self._position.reset()
-        self._started_at_s: float | None = None
-        self._forget_yaw()
-
-    @property
-    def rejections_in_a_row(self) -> int:
-        """Number of observations refused since the last accepted one."""
-        return self._position.rejections_in_a_row
-
-    def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
-        self._position.update(observation)
-        if self._position.started_at_s != self._started_at_s:
-            # Another track may be another person.
-            self._started_at_s = self._position.started_at_s
-            self._forget_yaw()
-        # A gated-out detection is another person's; so is its head yaw.
-        for taken in self._position.taken_in:
-            self._take_in_yaw(taken)
+        super().__init__(ConstantVelocity(acceleration_psd, position_noise_m, gated))
 
     def relative_yaw_rad(self) -> float | None:
         """Filtered yaw of the head relative to the waist.
@@ -111,9 +71,9 @@ class HeadPose:
         Returns:
             The angle in radians, positive to the person's left, or None where none is known.
         """
-        if self._yaw is None or self._position.state()[0] - self._yaw_time_s > _YAW_VALID_FOR_S:
+        if not self._yaw_count or self._position.state()[0] - self._yaw_time_s > _YAW_VALID_FOR_S:
             return None
-        return wrap_rad(float(self._yaw.x[0]) - self._offset_rad())
+        return wrap_rad(self._yaw_rad - self._offset_rad())
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
@@ -123,15 +83,15 @@ class HeadPose:
         R = rotation_about_vertical(angle_rad)
         return self._position.forecast_turned(times_s, (1.0 - self._weight) * np.eye(3) + self._weight * R)
 
-    def _take_in_yaw(self, observation: HeadObservation) -> None:
-        zero_rad = self._zero_rad(observation)
-        if observation.head_quat_wxyz is None or zero_rad is None:
-            return
-        relative_rad = wrap_rad(yaw_rad(observation.head_quat_wxyz) - zero_rad)
-        self._update_yaw(relative_rad, self._variance_rad2(observation) * np.eye(1), observation.capture_time_s)
+    def _take_in(self, observation: HeadObservation) -> None:
+        for taken in self._position.taken_in:
+            zero_rad = self._zero_rad(taken)
+            if taken.head_quat_wxyz is not None and zero_rad is not None:
+                relative_rad = wrap_rad(yaw_rad(taken.head_quat_wxyz) - zero_rad)
+                self._update_yaw(relative_rad, self._variance_rad2(taken), taken.capture_time_s)
 
-    def _forget_yaw(self) -> None:
-        self._yaw: KalmanFilter | None = None
+    def _forget(self) -> None:
+        self._yaw_rad = self._covariance_rad2 = 0.0
         self._yaw_time_s = self._yaw_since_s = -np.inf
         self._yaw_sum_rad, self._yaw_count = 0.0, 0
 
@@ -156,25 +116,19 @@ class HeadPose:
         zero_rad = observation.pelvis_yaw_sd_rad if self._yaw_from == "waist" else None
         return sum(half if sd_rad is None else sd_rad**2 for sd_rad in (head_rad, zero_rad))
 
-    def _update_yaw(self, measured_rad: float, R: FloatArray, time_s: float) -> None:
-        from filterpy.kalman import KalmanFilter  # noqa: PLC0415
-
-        if self._yaw is None:
+    def _update_yaw(self, measured_rad: float, variance_rad2: float, time_s: float) -> None:
+        """Scalar Kalman filter of a random walk."""
+        if not self._yaw_count:
             self._yaw_since_s = time_s
-        else:
-            # The innovation is wrapped, so that an angle that passes pi is a small step, also over a gap.
-            estimate_rad = float(self._yaw.x[0])
-            measured_rad = estimate_rad + wrap_rad(measured_rad - estimate_rad)
-        if self._yaw is None or time_s - self._yaw_time_s > _YAW_VALID_FOR_S:
-            kf = KalmanFilter(dim_x=1, dim_z=1)
-            kf.x = np.array([measured_rad])
-            kf.F = kf.H = np.eye(1)
-            kf.P = R
-            self._yaw = kf
-        else:
-            self._yaw.predict(Q=_YAW_WALK_RAD2_PER_S * (time_s - self._yaw_time_s) * np.eye(1))
-            self._yaw.update(np.array([measured_rad]), R=R)
+        # The innovation is wrapped, so that an angle that passes pi is a small step, also over a gap.
+        innovation_rad = wrap_rad(measured_rad - self._yaw_rad) if self._yaw_count else measured_rad
+        gain = 1.0
+        if time_s - self._yaw_time_s <= _YAW_VALID_FOR_S:
+            predicted_rad2 = self._covariance_rad2 + _YAW_WALK_RAD2_PER_S * (time_s - self._yaw_time_s)
+            gain = predicted_rad2 / (predicted_rad2 + variance_rad2)
+        self._yaw_rad += gain * innovation_rad
+        self._covariance_rad2 = gain * variance_rad2
         self._yaw_time_s = time_s
         # The filtered yaw is continuous, so its mean needs no wrapping.
-        self._yaw_sum_rad += float(self._yaw.x[0])
+        self._yaw_sum_rad += self._yaw_rad
         self._yaw_count += 1

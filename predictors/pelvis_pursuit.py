@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from predictors.constant_velocity import ConstantVelocity
-from predictors.head_pose import rotation_about_vertical
+from predictors.constant_velocity import ConstantVelocity, Refinement
+from predictors.geometry import rotation_about_vertical, wrap_rad, yaw_rad
 from predictors.predictor import as_times
-from predictors.types import Forecast, HeadObservation
-from predictors.yaw import wrap_rad, yaw_rad
+from predictors.types import Forecast, HeadObservation, check_positive
 
 # The direction of travel is undefined at rest: the rule fades out between these speeds.
 _NO_DIRECTION_BELOW_M_S = 0.2
@@ -18,7 +17,7 @@ _FULL_GAIN_FROM_M_S = 0.5
 _YAW_VALID_FOR_S = 0.5
 
 
-class PelvisPursuit:
+class PelvisPursuit(Refinement):
     """Constant velocity that turns towards where the pelvis points.
 
     v is the velocity of `ConstantVelocity`. R is the rotation about the vertical by the gain times the angle from v to
@@ -42,32 +41,16 @@ class PelvisPursuit:
     ) -> None:
         if not 0.0 <= gain <= 1.0:
             raise ValueError(f"gain must be in [0, 1], got {gain}")
-        if not turn_time_s > 0:
-            raise ValueError(f"turn_time_s must be positive, got {turn_time_s}")
+        check_positive(turn_time_s=turn_time_s)
         self._gain = gain
         self._turn_time_s = turn_time_s
-        self._position = ConstantVelocity(acceleration_psd, position_noise_m)
-        self.reset()
+        super().__init__(ConstantVelocity(acceleration_psd, position_noise_m))
 
-    def reset(self) -> None:
-        """Forget the person."""
-        self._position.reset()
-        self._pelvis_yaw_rad = 0.0
-        self._pelvis_time_s = -np.inf
+    def _forget(self) -> None:
+        self._pelvis_yaw_rad, self._pelvis_time_s = 0.0, -np.inf
 
-    @property
-    def rejections_in_a_row(self) -> int:
-        """Number of observations refused since the last accepted one."""
-        return self._position.rejections_in_a_row
-
-    def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
-        started_at_s = self._position.started_at_s
-        self._position.update(observation)
-        if self._position.started_at_s != started_at_s:
-            self._pelvis_time_s = -np.inf  # a new track: maybe another person
-        # A gated-out detection is another person's; so is its pelvis yaw.
-        if observation.pelvis_quat_wxyz is not None and not self._position.rejections_in_a_row:
+    def _take_in(self, observation: HeadObservation) -> None:
+        if observation.pelvis_quat_wxyz is not None:
             self._pelvis_yaw_rad = yaw_rad(observation.pelvis_quat_wxyz)
             self._pelvis_time_s = observation.capture_time_s
 

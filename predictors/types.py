@@ -40,6 +40,20 @@ def _covariance(name: str, value: object) -> FloatArray:
     return array
 
 
+def check_positive(**numbers: float) -> None:
+    """Refuse a parameter that is not a positive number.
+
+    Args:
+        **numbers: Parameters by name.
+
+    Raises:
+        ValueError: Names the first one that is zero, negative or not finite.
+    """
+    for name, number in numbers.items():
+        if not 0.0 < number < math.inf:
+            raise ValueError(f"{name} is {number}, expected a positive number")
+
+
 @dataclass(frozen=True)
 class HeadObservation:
     """One sighting of a person, stamped with the time at which it was captured (not received).
@@ -91,8 +105,8 @@ class HeadObservation:
             object.__setattr__(self, "position_covariance_m2", covariance)
         for name in ("head_yaw_sd_rad", "pelvis_yaw_sd_rad"):
             sd = getattr(self, name)
-            if sd is not None and not 0.0 < sd < math.inf:
-                raise ValueError(f"{name} is {sd}, expected a positive number")
+            if sd is not None:
+                check_positive(**{name: sd})
         if self.confidence is not None and not 0.0 <= self.confidence <= 1.0:
             raise ValueError(f"confidence is {self.confidence}, expected 0 to 1")
         if self.person_id is not None and not isinstance(self.person_id, str):

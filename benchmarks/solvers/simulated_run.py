@@ -142,7 +142,7 @@ def simulate(neck: NeckSpec, steps: int, ticks: int, seed: int = 0) -> Run:
         # z is one dead time ahead of the joint, whose state now is therefore that of some ticks ago.
         q, v = joints[k].T
         situations.append(
-            Situation.of(
+            Situation(
                 settled_joints(neck, 0),
                 start_s=k * neck.control_period_s,
                 forecast=Forecast(

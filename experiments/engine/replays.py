@@ -26,7 +26,7 @@ class ReplayJob:
 
     Attributes:
         recording: Synthetic name or path.
-        controller: A shipped name or ``module:Class``; ``perfect`` is the MPC with the true future.
+        controller: A shipped name or ``module:Class``; ``mpc+perfect`` is the MPC with the true future.
         settings: The predictor, parameters of predictor, controller and loop, the robot's place and the seed.
         neck: The neck as controller and smoother know it.
         robot_neck: The neck that is simulated.

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from gazempc.errors import GazempcError
 from gazempc.recordings.recording import Recording
 from gazempc.types import FloatArray
-from predictors.yaw import yaw_rad
+from predictors.geometry import yaw_rad
 
 # Turns of real walkers are bursts: 40 degrees in two thirds of a second, 90 in about one; long arcs are rarer.
 _TURN_DEG, _TURN_TIME_S, _PEAK_RATE_DEG_S = (15.0, 120.0), (0.5, 2.2), (15.0, 160.0)

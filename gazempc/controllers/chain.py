@@ -2,17 +2,212 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from gazempc.controllers.body import BodyAim
 from gazempc.controllers.controller import Situation
-from gazempc.controllers.eyes import EyeAim
-from gazempc.neck.kinematics import look_at_rad, unwrap_pan
-from gazempc.neck.spec import NeckSpec
+from gazempc.neck.ahead import JointAhead
+from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad, look_at_rad, unwrap_pan
+from gazempc.neck.spec import BODY_AXIS, EYE_AXES, NeckSpec
 from gazempc.types import BoolArray, FloatArray
 
 # With it shifts of 20 deg come nearest to people's (docs/eyes.md); less changes nothing more.
 _SHARED_HEAD_TIME_S = 0.1
+# Time constant with which the body follows the gaze. A body is heavy, and people read a turning body as an intention.
+_BODY_TIME_S = 0.5
+# The body stays so near the gaze that the head needs no more than this share of its range.
+_HEAD_SHARE = 0.4
+# Pan and tilt of the head hardly depend on each other: three turns leave less than a hundredth of a degree.
+_TURNS = 3
+# Eyes stay for long within this share of their range; the rest is a reserve for unforeseen motion.
+_COMFORTABLE_SHARE = 0.8
+
+
+class _PlannedJoint:
+    """Where a joint will be that follows commands sent and committed, and then its plan.
+
+    Args:
+        neck: The neck.
+        joint: Place of the joint among the neck's.
+        knots_s: Times of the plan's knots from its start, shape (K,), seconds.
+    """
+
+    def __init__(self, neck: NeckSpec, joint: int, knots_s: FloatArray) -> None:
+        self._joint, self._axis = joint, neck.axes[joint]
+        self._knots_s, self._period_s = knots_s, neck.servo_period_s
+        self._motions: dict[tuple[int, bytes], JointAhead] = {}
+
+    def angles_rad(self, situation: Situation, planned_rad: FloatArray, ahead_s: FloatArray) -> FloatArray:
+        """Angles of the joint; a held one stays where it is.
+
+        Args:
+            situation: What is known.
+            planned_rad: Commands at the knots, shape (K,), radians; the last one is held.
+            ahead_s: Times from the plan's start, ascending, shape (H,), seconds; few different ones over a run.
+
+        Returns:
+            Shape (H,), radians.
+        """
+        joint_rad = float(situation.joint_position_rad[self._joint])
+        if self._joint in situation.held:
+            return np.full(ahead_s.shape, joint_rad)
+        delay = len(situation.committed_rad)
+        key = delay, ahead_s.tobytes()
+        motion = self._motions.get(key)
+        if motion is None:
+            motion = JointAhead(self._axis, self._period_s, delay * self._period_s + ahead_s)
+            self._motions[key] = motion
+        ticks_s = self._period_s * np.arange(motion.future_needed)
+        planned = np.interp(ticks_s, self._knots_s, planned_rad)
+        offset_rad = float(situation.joint_offset_rad[self._joint])
+        return offset_rad + motion(
+            joint_rad - offset_rad,
+            float(situation.joint_velocity_rad_s[self._joint]),
+            situation.sent_rad[:, self._joint],
+            np.concatenate((situation.committed_rad[:, self._joint], planned)),
+        )
+
+
+class BodyAim:
+    """Commands of a body for a person's direction: slowly, it brings the head back to the middle of its range.
+
+    Args:
+        neck: A neck with a body.
+        knots_s: Times of the plan's knots from its start, shape (K,), seconds.
+    """
+
+    def __init__(self, neck: NeckSpec, knots_s: FloatArray) -> None:
+        self._joint = neck.joint_names.index(BODY_AXIS)
+        self._motion = _PlannedJoint(neck, self._joint, knots_s)
+        limits = neck.command_limits
+        self._range_rad = limits.position_min_rad[self._joint], limits.position_max_rad[self._joint]
+        self._head_rad = _HEAD_SHARE * min(-limits.position_min_rad[0], limits.position_max_rad[0])
+        #: Least and greatest pan of head and body together, radians.
+        self.reach_rad = (
+            float(limits.position_min_rad[0] + self._range_rad[0]),
+            float(limits.position_max_rad[0] + self._range_rad[1]),
+        )
+        self._weights, self._kept = low_pass(math.exp(-neck.control_period_s / _BODY_TIME_S), knots_s.size)
+
+    def gaze_command_rad(self, command_rad: FloatArray) -> float:
+        """Pan of head and body together that joints' commands, shape (N,), radians, stand for."""
+        return float(command_rad[0] + command_rad[self._joint])
+
+    def commands_rad(self, situation: Situation, pan_rad: FloatArray) -> FloatArray:
+        """Commands of the body at the knots, within its limits, for directions of the person: both (K,), radians."""
+        smoothed = self._weights @ pan_rad + self._kept * situation.command.position_rad[self._joint]
+        near = np.clip(smoothed, pan_rad - self._head_rad, pan_rad + self._head_rad)
+        commands_rad: FloatArray = np.clip(near, *self._range_rad)
+        return commands_rad
+
+    def angles_rad(self, situation: Situation, planned_rad: FloatArray, ahead_s: FloatArray) -> FloatArray:
+        """Where the body will be: commands at the knots, (K,); times from the plan's start, (H,); angles, (H,)."""
+        return self._motion.angles_rad(situation, planned_rad, ahead_s)
+
+
+class EyeAim:
+    """Commands of the eyes for a person's forecast and a plan of the other joints.
+
+    An eye answers long before the head. The motion of the head until then is known: it follows commands already sent,
+    and then its plan. The eyes are turned by what is left. So they cancel the head's own motion as well.
+
+    Args:
+        neck: A neck with eyes.
+        knots_s: Times of the plan's knots from its start, shape (K,), seconds.
+    """
+
+    def __init__(self, neck: NeckSpec, knots_s: FloatArray) -> None:
+        if neck.eyes is None:
+            raise ValueError(f"neck {neck.name!r} has no eyes")
+        self._geometry, self._knots_s = neck.geometry, knots_s
+        self._eyes = [neck.joint_names.index(name) for name in EYE_AXES]
+        self._others = [_PlannedJoint(neck, i, knots_s) for i in range(neck.joints) if i not in self._eyes]
+        # A command is held for a servo period, so on average it is half of that late.
+        ahead_s = (neck.dead_time_s + neck.servo_lag_s)[self._eyes] + 0.5 * neck.servo_period_s
+        # One set of times where both joints of the eyes are as fast.
+        self._ahead_s: FloatArray = np.unique(ahead_s)
+        self._at = [int(np.flatnonzero(self._ahead_s == each)[0]) for each in ahead_s]
+        eyes = neck.eyes
+        # What is left to the eyes of a pan and a tilt below and above where the head rests.
+        left_over = 1.0 - np.array(
+            [[eyes.head_share_pan, eyes.head_share_down], [eyes.head_share_pan, eyes.head_share_up]]
+        )
+        self._left_over = left_over if left_over.any() else None
+        limits = neck.command_limits
+        self._low_rad, self._high_rad = limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes]
+        self._rest_rad = neck.rest_rad[:2]
+        self._reach_rad = _COMFORTABLE_SHARE * np.minimum(-self._low_rad, self._high_rad)
+
+    def forecast_times_s(self, start_s: float) -> FloatArray:
+        """Times for which the eyes need the forecast, shape (H,), seconds: H is K, or 2 K."""
+        return (start_s + self._knots_s + self._ahead_s[:, None]).ravel()
+
+    def commands_rad(self, situation: Situation, means_base_m: FloatArray, planned_rad: FloatArray) -> FloatArray:
+        """Commands of the eyes at the knots.
+
+        Args:
+            situation: What is known.
+            means_base_m: The forecast for `forecast_times_s`, shape (H, 3), metres.
+            planned_rad: Commands of the other joints at the knots, in their order, shape (K, N - 2), radians.
+
+        Returns:
+            Commands of the eyes, within their limits, shape (K, 2), radians.
+        """
+        # Eyes that answer no faster than the head look beyond its plan: there its last command is held.
+        others_rad = np.array(
+            [
+                [
+                    joint.angles_rad(situation, commands, ahead_s + self._knots_s)
+                    for joint, commands in zip(self._others, planned_rad.T, strict=True)
+                ]
+                for ahead_s in self._ahead_s
+            ]
+        ).transpose(0, 2, 1)
+        heads_rad = head_angles_rad(others_rad)
+        angles = eye_angles_rad(self._geometry, heads_rad, means_base_m.reshape(-1, self._knots_s.size, 3))
+        wanted = np.stack([angles[self._at[0], :, 0], angles[self._at[1], :, 1]], axis=-1)
+        # A held eye is sent its angle from the middle, so its motion shows as soon as it can move.
+        zero_rad = np.where(self.held(situation), self._held_rad(situation), situation.joint_offset_rad[self._eyes])
+        return np.clip(wanted - zero_rad, self._low_rad, self._high_rad)
+
+    def head_share_rad(self, head_rad: FloatArray) -> FloatArray:
+        """Angles of a head that leaves the neck's share of a direction to the eyes.
+
+        Args:
+            head_rad: Pan and tilt of a head whose eyes look straight ahead, in the base frame, shape (H, 2), radians.
+
+        Returns:
+            Shape (H, 2), radians; `head_rad` itself where the head does all.
+        """
+        if self._left_over is None:
+            return head_rad
+        away_rad = head_rad - self._rest_rad
+        eyes_rad = np.where(away_rad < 0.0, self._left_over[0], self._left_over[1]) * away_rad
+        shared_rad: FloatArray = head_rad - np.clip(eyes_rad, -self._reach_rad, self._reach_rad)
+        return shared_rad
+
+    def head_without_rad(self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray) -> FloatArray:
+        """Angles of the head that look at the person past eyes that are held; arguments as in `head_share_rad`."""
+        held_rad = self._held_rad(situation)
+        if not held_rad.any():
+            return head_rad
+        for _ in range(_TURNS):
+            head_rad = head_rad + eye_angles_rad(self._geometry, head_rad, means_base_m) - held_rad
+        return head_rad
+
+    def held(self, situation: Situation) -> BoolArray:
+        """Which of the eyes' pan and tilt are held, shape (2,)."""
+        return np.isin(self._eyes, situation.held)
+
+    def at_limit(self, commands_rad: FloatArray) -> bool:
+        """Whether commands of all joints, shape (N,), radians, have an eye at its limit."""
+        eyes_rad = commands_rad[self._eyes]
+        return bool((eyes_rad <= self._low_rad).any() or (eyes_rad >= self._high_rad).any())
+
+    def _held_rad(self, situation: Situation) -> FloatArray:
+        # Angles of held eyes; 0 of the others.
+        return np.where(self.held(situation), situation.joint_position_rad[self._eyes], 0.0)
 
 
 class Chain:
@@ -83,9 +278,9 @@ class Chain:
             Shape (K, N), radians.
         """
         body = [] if body_rad is None else [body_rad[:, None]]
-        if self.eyes is None:
-            return np.concatenate([head_rad, *body], axis=1) if body else head_rad
         others = np.concatenate([head_rad, *body], axis=1)
+        if self.eyes is None:
+            return others
         return np.concatenate([head_rad, self.eyes.commands_rad(situation, means_base_m, others), *body], axis=1)
 
 
@@ -104,6 +299,17 @@ def head_time_s(neck: NeckSpec, given_s: float | None, usual_s: float) -> float:
         return given_s
     shares = neck.eyes is not None and min(neck.eyes.head_share_pan, neck.eyes.head_share_up) < 1.0
     return _SHARED_HEAD_TIME_S if shares else usual_s
+
+
+def low_pass(keep: float, knots: int) -> tuple[FloatArray, FloatArray]:
+    """A first-order low-pass over the knots, as maps from its inputs, shape (K, K), and from its state, shape (K,).
+
+    Args:
+        keep: Share of the state that a step keeps.
+        knots: K.
+    """
+    age = np.subtract.outer(np.arange(knots), np.arange(knots))
+    return (1.0 - keep) * np.tril(keep ** np.maximum(age, 0)), keep ** np.arange(1.0, knots + 1.0)
 
 
 def slopes(position: FloatArray, step_s: float) -> FloatArray:

@@ -56,64 +56,48 @@ class Situation:
     """The input of a controller for one plan.
 
     Attributes:
+        settled: Rolls the joints over their dead times.
         start_s: Time at which the first command of the plan will be sent, seconds.
         forecast: Forecast for the times that the controller asked for.
         command: The last command before the plan starts, sent one servo period before `start_s`.
         joint_position_rad: Joint angles now, as the observer estimates them, shape (N,), radians.
         joint_velocity_rad_s: Joint velocities now, shape (N,), rad/s.
         joint_offset_rad: How far from a command that stands still the joints settle, shape (N,), radians.
-        settled_position_rad: Joint angles one dead time after the last command that is sent or committed, shape (N,),
-            radians: until then no plan changes the motion.
-        settled_velocity_rad_s: Joint velocities then, shape (N,), rad/s.
         sent_rad: Commands sent before now, one a servo period, oldest first, shape (M, N), radians.
         committed_rad: Commands that will be sent from now until the plan starts, shape (n, N), radians.
         held: Joints that stand still whatever they are sent, by their place in `NeckSpec.joint_names`. Their angle now
             is what was measured. Only necks with more than two joints name any.
     """
 
+    settled: SettledJoints
     start_s: float
     forecast: Forecast
     command: CommandState
     joint_position_rad: FloatArray
     joint_velocity_rad_s: FloatArray
     joint_offset_rad: FloatArray
-    settled_position_rad: FloatArray
-    settled_velocity_rad_s: FloatArray
     sent_rad: FloatArray
     committed_rad: FloatArray
     held: tuple[int, ...] = ()
 
-    @staticmethod
-    def of(
-        settled: SettledJoints,
-        start_s: float,
-        forecast: Forecast,
-        command: CommandState,
-        joint_position_rad: FloatArray,
-        joint_velocity_rad_s: FloatArray,
-        joint_offset_rad: FloatArray,
-        sent_rad: FloatArray,
-        committed_rad: FloatArray,
-        held: tuple[int, ...] = (),
-    ) -> Situation:
-        """Make a situation of the joints now: `settled` (`gazempc.neck.ahead`) rolls them over their dead times."""
+    @cached_property
+    def _settled(self) -> FloatArray:
         # Without its offset, a joint follows its command by the model.
-        position_rad, velocity_rad_s = settled(
-            joint_position_rad - joint_offset_rad, joint_velocity_rad_s, sent_rad, committed_rad
-        )
-        return Situation(
-            start_s=start_s,
-            forecast=forecast,
-            command=command,
-            joint_position_rad=joint_position_rad,
-            joint_velocity_rad_s=joint_velocity_rad_s,
-            joint_offset_rad=joint_offset_rad,
-            settled_position_rad=position_rad + joint_offset_rad,
-            settled_velocity_rad_s=velocity_rad_s,
-            sent_rad=sent_rad,
-            committed_rad=committed_rad,
-            held=held,
-        )
+        known = self.joint_position_rad - self.joint_offset_rad, self.joint_velocity_rad_s
+        return self.settled(*known, self.sent_rad, self.committed_rad)
+
+    @property
+    def settled_position_rad(self) -> FloatArray:
+        """Joint angles one dead time after the last command that is sent or committed, shape (N,), radians.
+
+        Until then no plan changes the motion.
+        """
+        return self._settled[0] + self.joint_offset_rad
+
+    @property
+    def settled_velocity_rad_s(self) -> FloatArray:
+        """Joint velocities then, shape (N,), rad/s."""
+        return self._settled[1]
 
 
 class JointPlan(NamedTuple):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from gazempc.controllers.chain import Chain, head_time_s, slopes
+from gazempc.controllers.chain import Chain, head_time_s, low_pass, slopes
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.neck.spec import NeckSpec
 from gazempc.settings import LookAheadSettings
@@ -33,7 +33,7 @@ class LookAhead:
     starts again from the present command.
 
     With eyes this is a cascade. The head is smoothed more, as the eyes look where it does not point yet. The eyes are
-    sent what the head will leave over (`gazempc.controllers.eyes`).
+    sent what the head will leave over (`gazempc.controllers.chain`).
 
     Args:
         neck: The neck; its dead time, servo lag (2 zeta / wn) and servo period say how far to look ahead on each axis.
@@ -65,10 +65,7 @@ class LookAhead:
         trails_s = neck.control_period_s * self._keep / (1.0 - self._keep)
         # Of each axis what is demanded, and what the low-pass is given.
         self._ahead_s = np.concatenate([ahead_s, ahead_s + trails_s])
-        # The low-pass over the knots: what each counts in each later one, and what is kept of where it stood.
-        age = np.subtract.outer(np.arange(self._knots_s.size), np.arange(self._knots_s.size))
-        self._weights: FloatArray = (1.0 - self._keep) * np.tril(self._keep ** np.maximum(age, 0))
-        self._kept: FloatArray = self._keep ** np.arange(1.0, self._knots_s.size + 1.0)
+        self._weights, self._kept = low_pass(self._keep, self._knots_s.size)
         self._chain = Chain(neck, self._knots_s)
         self._eyes_reach_rad: FloatArray | None = None
         if neck.eyes is not None:

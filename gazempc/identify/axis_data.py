@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +17,6 @@ FEWEST_READINGS = 60
 _SHORTEST_S = 3.0
 _LEAST_COMMAND_DEG = 2.0
 _LEAST_FOLLOWED = 0.2
-_MOST_AT_LIMIT = 0.8
 _MOST_MISREAD = 0.05
 # A reading this far from its neighbours, beyond what the joint can move between them, was misread.
 _MISREAD_RAD = math.radians(5.0)
@@ -84,7 +82,12 @@ def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisDat
         )
     inside = (time_s >= command_time_s[0]) & (time_s <= command_time_s[-1] + 1.0)
     time_s, measured = time_s[inside], measured[inside]
-    _refuse_still(command, axis, refuse)
+    asked = float(np.ptp(command))
+    if math.degrees(asked) < _LEAST_COMMAND_DEG:
+        raise refuse(
+            f"its command moves over {math.degrees(asked):.2f} deg; at least {_LEAST_COMMAND_DEG:g} deg are needed",
+            "move it more (--amplitude-deg), or leave it out with --axes",
+        )
     wild = _misread(time_s, measured, axis)
     if wild.mean() > _MOST_MISREAD:
         raise refuse(
@@ -92,32 +95,13 @@ def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisDat
             "check the encoder, its wiring and its unit",
         )
     time_s, measured = time_s[~wild], measured[~wild]
-    moved, asked = float(np.ptp(np.percentile(measured, (1, 99)))), float(np.ptp(command))
+    moved = float(np.ptp(np.percentile(measured, (1, 99))))
     if moved < _LEAST_FOLLOWED * asked:
         raise refuse(
             f"the command moved over {math.degrees(asked):.1f} deg, the joint over {math.degrees(moved):.1f} deg",
             "check that its motor is on, and that the angles are in radians and of this axis",
         )
     return AxisData(command_time_s, command, time_s, measured, int(wild.sum()))
-
-
-def _refuse_still(command: FloatArray, axis: Axis, refuse: Callable[[str, str], IdentificationError]) -> None:
-    asked_deg = math.degrees(float(np.ptp(command)))
-    if asked_deg < 1e-6:
-        raise refuse("its command never changes", "move it, or leave it out with --axes")
-    limits = np.deg2rad([axis.position_min_deg, axis.position_max_deg])
-    at_limit = float(np.mean(np.min(np.abs(command[:, None] - limits), axis=1) < math.radians(0.05)))
-    if at_limit > _MOST_AT_LIMIT:
-        raise refuse(
-            f"its command is at a limit of the neck for {100 * at_limit:.0f} % of the time "
-            f"(at most {100 * _MOST_AT_LIMIT:.0f} %)",
-            "record motion inside the limits",
-        )
-    if asked_deg < _LEAST_COMMAND_DEG:
-        raise refuse(
-            f"its command moves over {asked_deg:.2f} deg; at least {_LEAST_COMMAND_DEG:g} deg are needed",
-            "move it more (--amplitude-deg), or leave it out with --axes",
-        )
 
 
 def _advancing(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,13 +52,16 @@ def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
             filed = getattr(neck.axes[neck.joint_names.index(e.axis)], name)
             cells += [_shown(getattr(e, name), factor, digits), f"{factor * filed:.{digits}f}"]
         lines.append(cells)
-    lines.append(["bandwidth, -3 dB (Hz)", *_beside([_shown(e.bandwidth_hz, 1.0, 3) for e in estimates])])
-    lines.append(["offset (deg)", *_beside([f"{round(math.degrees(e.offset_rad), 2) + 0.0:.2f}" for e in estimates])])
-    lines.append(["fit (%)", *_beside([f"{e.fit_percent:.2f}" for e in estimates])])
-    lines.append(["residual RMS (deg)", *_beside([f"{e.residual_rms_deg:.3f}" for e in estimates])])
-    lines.append(["of it not noise (deg)", *_beside([f"{e.structured_rms_deg:.3f}" for e in estimates])])
-    used = [f"{e.time_s.size}" + (f" ({e.misread} misread)" if e.misread else "") for e in estimates]
-    lines.append(["readings used", *_beside(used)])
+    # The neck file has no such figures.
+    alone: tuple[tuple[str, Callable[[AxisEstimate], str]], ...] = (
+        ("bandwidth, -3 dB (Hz)", lambda e: _shown(e.bandwidth_hz, 1.0, 3)),
+        ("offset (deg)", lambda e: f"{round(math.degrees(e.offset_rad), 2) + 0.0:.2f}"),
+        ("fit (%)", lambda e: f"{e.fit_percent:.2f}"),
+        ("residual RMS (deg)", lambda e: f"{e.residual_rms_deg:.3f}"),
+        ("of it not noise (deg)", lambda e: f"{e.structured_rms_deg:.3f}"),
+        ("readings used", lambda e: f"{e.time_s.size}" + (f" ({e.misread} misread)" if e.misread else "")),
+    )
+    lines += [[label, *(text for e in estimates for text in (cell(e), ""))] for label, cell in alone]
     widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
     text = []
     for line in lines:
@@ -167,8 +170,3 @@ def _shown(interval: Interval, factor: float, digits: int) -> str:
     # An interval rounded to nothing would claim certainty.
     half = max(factor * interval.half_width, 10.0**-digits)
     return f"{factor * interval.value:.{digits}f} ± {half:.{digits}f}"
-
-
-def _beside(cells: Sequence[str]) -> list[str]:
-    # The neck file has no such figure.
-    return [text for cell in cells for text in (cell, "")]

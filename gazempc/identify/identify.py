@@ -33,29 +33,25 @@ import tyro
 from pydantic import Field
 
 from gazempc.command import TYRO_CONFIG, run_command
-from gazempc.errors import GazempcError, RobotError, SettingsError
+from gazempc.errors import GazempcError, SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import ExcitationSettings, excite, moving_joints
 from gazempc.identify.new_neck import DataSheet, new_neck
-from gazempc.identify.record import IdentificationError, NeckRecord, load_record, read, record
+from gazempc.identify.record import IdentificationError, NeckRecord, called, load_record, record
 from gazempc.identify.urdf import read_urdf
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
-from gazempc.live.robots import keeps_any_clock, make_robot
+from gazempc.live.robots import first_position_rad, go_in, keeps_any_clock, make_robot
 from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.neck.spec import AXES, NeckSpec, load_neck
 from gazempc.part_options import check_options, take_options
-from gazempc.parts import ROBOT, said
+from gazempc.parts import ROBOT
 from gazempc.progress import Progress
 from gazempc.robots.options import RobotChoice, RobotOptions
-from gazempc.robots.robot import Robot, way_in_rad
-from gazempc.types import FloatArray
 
 if TYPE_CHECKING:
     from gazempc.identify.estimate import AxisEstimate
 
 _INTERRUPTED = 130
-# A robot's first message may take a while.
-_PATIENCE_S = 2.0
 
 
 class IdentifySettings(ExcitationSettings):
@@ -178,27 +174,15 @@ def _run(settings: IdentifySettings) -> None:
         given = settings.options, settings.source, settings.camera
         identify_from_picture(robot, *given, neck, settings.out, settings.dead_time_max_s, progress)
         return
-    written = []
-    if settings.from_log is not None:
-        taken = load_record(settings.from_log)
-        neck = taken.neck() if settings.neck is None else load_neck(settings.neck)
-        if neck.joint_names != taken.neck().joint_names:
-            joints, others = ", ".join(taken.neck().joint_names), ", ".join(neck.joint_names)
-            raise SettingsError(f"--neck {settings.neck}: has {others}; {settings.from_log} has {joints}")
-        origin = f"{settings.from_log.name}"
-    else:
-        if settings.neck is None and settings.robot is not None and not keeps_any_clock(ROBOT, settings.robot):
-            raise SettingsError(
-                f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears"
-            )
-        neck = load_neck(settings.neck or "reference")
-        neck.check_takes_angles("identification")
-        taken = _excite(settings, neck, progress)
-        # Kept even where the data do not determine the result, to look at.
-        taken.save(settings.out.with_suffix(".npz"))
-        written.append(settings.out.with_suffix(".npz"))
-        origin = f"robot {settings.robot}, neck {neck.name}"
-    print(_heading(taken, origin))
+    _identify_neck(settings, progress)
+
+
+def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
+    taken, neck, origin = _record(settings, progress)
+    # A record of a robot is kept even where the data do not determine the result.
+    written = [] if settings.from_log is not None else [settings.out.with_suffix(".npz")]
+    failed = f", {taken.failed_reads} reads failed" if taken.failed_reads else ""
+    print(f"{origin}: {taken.command_time_s.size} commands, {taken.joint_time_s.size} readings{failed}")
     progress.say("fitting")
     estimates, refusals = _estimate(taken, settings)
 
@@ -223,6 +207,30 @@ def _run(settings: IdentifySettings) -> None:
     _print_margins(load_neck(settings.out))
     print(f"\nWritten: {', '.join(map(str, [settings.out, *written]))}")
     print(f"Use it: python -m gazempc.run --replay subject03_R4 --neck {settings.out}")
+
+
+def _record(settings: IdentifySettings, progress: Progress) -> tuple[NeckRecord, NeckSpec, str]:
+    """Commands and angles, the neck whose limits are kept, and where the record is from."""
+    if settings.from_log is not None:
+        taken = load_record(settings.from_log)
+        neck = taken.neck() if settings.neck is None else load_neck(settings.neck)
+        if neck.joint_names != taken.neck().joint_names:
+            joints, others = ", ".join(taken.neck().joint_names), ", ".join(neck.joint_names)
+            raise SettingsError(f"--neck {settings.neck}: has {others}; {settings.from_log} has {joints}")
+        return taken, neck, settings.from_log.name
+    if settings.neck is None and settings.robot is not None and not keeps_any_clock(ROBOT, settings.robot):
+        raise SettingsError(
+            f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears"
+        )
+    neck = load_neck(settings.neck or "reference")
+    if neck.takes_speeds or not neck.reports_joints:
+        raise SettingsError(
+            f"neck {neck.name!r}: identification sends angles and needs encoders; accepted: command = "
+            '"position" and reports_joints = true, or --source camera:URL for a camera that takes speeds'
+        )
+    taken = _excite(settings, neck, progress)
+    taken.save(settings.out.with_suffix(".npz"))
+    return taken, neck, f"robot {settings.robot}, neck {neck.name}"
 
 
 def _check(settings: IdentifySettings) -> None:
@@ -276,11 +284,12 @@ def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> N
     # A simulated neck keeps any clock's time, so its run need not last as long as the motion.
     clock: Clock = SimulatedClock() if keeps_any_clock(ROBOT, name) else RealClock()
     with closing(make_robot(name, settings.options, neck, clock, neck.rest_rad, settings.seed)) as robot:
-        _connect(robot, name)
-        start_rad = _where_it_stands(robot, neck, clock)
-        for command_rad in way_in_rad(neck, start_rad):
-            robot.send_command(command_rad)
-            clock.sleep_until_s(clock.now_s() + neck.servo_period_s)
+        called(robot.connect)
+        # Nothing stops the wait or the motion but an exception.
+        never = threading.Event()
+        start_rad = first_position_rad(robot, neck, clock, never)
+        assert start_rad is not None
+        go_in(robot, neck, clock, start_rad, never)
         excitation = excite(neck, neck.command_limits.clip_position(start_rad), settings)
         progress.say(f"moving the neck for {excitation.duration_s:.0f} s")
         about = {
@@ -289,41 +298,6 @@ def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> N
             "settings": settings.model_dump(mode="json", exclude={"out", "from_log"}),
         }
         return record(robot, clock, excitation, neck, about, progress.at)
-
-
-def _connect(robot: Robot, name: str) -> None:
-    try:
-        robot.connect()
-    except (GazempcError, OSError):
-        raise
-    except Exception as error:
-        raise RobotError(f"robot {name}: connect() raised {said(error)}") from error
-
-
-def _where_it_stands(robot: Robot, neck: NeckSpec, clock: Clock) -> FloatArray:
-    """First measured angles, shape (N,), radians: a command that begins elsewhere would be a jump."""
-    start_s = clock.now_s()
-    problem = ""
-    while True:
-        try:
-            reading = read(robot, neck)
-        except (RobotError, OSError) as error:
-            reading, problem = None, f" ({error})"
-        if reading is not None:
-            return reading.position_rad
-        if clock.now_s() - start_s > _PATIENCE_S:
-            raise IdentificationError(
-                f"the robot has not reported its joints within {_PATIENCE_S:g} s{problem}: a neck without encoders "
-                "cannot be identified this way; check its connection. It was not moved"
-            )
-        clock.sleep_until_s(clock.now_s() + 0.01)
-
-
-def _heading(taken: NeckRecord, origin: str) -> str:
-    text = f"{origin}: {taken.command_time_s.size} commands, {taken.joint_time_s.size} readings"
-    if taken.command_time_s.size > 1:
-        text += f" in {taken.command_time_s[-1] - taken.command_time_s[0]:.1f} s"
-    return text + (f", {taken.failed_reads} reads failed" if taken.failed_reads else "")
 
 
 def _estimate(taken: NeckRecord, settings: IdentifySettings) -> tuple[list[AxisEstimate], list[str]]:

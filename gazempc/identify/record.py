@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,14 +18,14 @@ from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import Excitation, brake
 from gazempc.live.clock import Clock
+from gazempc.loop.boundary import numbers
 from gazempc.neck.spec import NeckSpec
 from gazempc.parts import said
-from gazempc.results.log import load_log
-from gazempc.results.mcap_read import is_mcap
+from gazempc.results.log import is_mcap, load_log
 from gazempc.robots.robot import Robot, wrong_reading
-from gazempc.types import FloatArray, JointState
+from gazempc.types import FloatArray
 
-_ROBOT_ERRORS = (RobotError, OSError)
+_T = TypeVar("_T")
 # A robot that has not been read for so long may be stuck anywhere: better to stop than to go on moving it blindly.
 _SILENCE_S = 0.5
 # Held up for longer, going on at the old speed would be a jolt.
@@ -79,42 +79,25 @@ class NeckRecord:
         write_whole(path, lambda file: np.savez_compressed(file, **arrays))
 
 
-def read(robot: Robot, neck: NeckSpec) -> JointState | None:
-    """Read the joints of a robot that may be a user's own.
+def called(method: Callable[..., _T], *given: object) -> _T:
+    """Call a method of a robot that may be a user's own.
 
     Args:
-        robot: Connected.
-        neck: The neck, for its joints.
+        method: The method.
+        given: Its arguments.
 
     Returns:
-        The state; None if there is nothing new.
+        Its result.
 
     Raises:
-        RobotError: If the robot raises anything but an OSError, or returns no reading.
+        RobotError: In place of any exception but a `GazempcError` or an `OSError`.
     """
     try:
-        state = robot.read_state()
-    except _ROBOT_ERRORS:
+        return method(*given)
+    except (GazempcError, OSError):
         raise
     except Exception as error:
-        raise RobotError(f"read_state() raised {said(error)}") from error
-    if wrong := wrong_reading(state, neck):
-        raise RobotError(wrong)
-    return state
-
-
-def _send(robot: Robot, position_rad: FloatArray) -> FloatArray:
-    try:
-        sent_rad: FloatArray = np.array(robot.send_command(position_rad), dtype=np.float64)
-    except _ROBOT_ERRORS:
-        raise
-    except Exception as error:
-        raise RobotError(f"send_command() raised {said(error)}") from error
-    if sent_rad.shape != position_rad.shape:
-        raise RobotError(
-            f"send_command() returned shape {sent_rad.shape}, needed are {position_rad.size} angles in radians"
-        )
-    return sent_rad
+        raise RobotError(f"{method.__name__}() raised {said(error)}") from error
 
 
 def record(
@@ -161,18 +144,21 @@ def record(
             if late_s > excitation.period_s:
                 start_s += late_s
             try:
-                state = read(robot, neck)
+                state = called(robot.read_state)
+                if wrong := wrong_reading(state, neck):
+                    raise RobotError(wrong)
                 silent_since_s = clock.now_s()
                 if state is not None:
                     readings.append((state.time_s, state.position_rad))
-            except _ROBOT_ERRORS as error:
+            except (GazempcError, OSError) as error:
                 failed += 1
                 if clock.now_s() - silent_since_s > _SILENCE_S:
                     raise RobotError(f"stopped: the joints could not be read for {_SILENCE_S} s ({error})") from None
             sent_at_s = clock.now_s()
             try:
-                sent_rad = _send(robot, excitation.position_rad[tick])
-            except _ROBOT_ERRORS as error:
+                sent = called(robot.send_command, excitation.position_rad[tick])
+                sent_rad = numbers("the result of send_command()", sent, (neck.joints,))
+            except (GazempcError, OSError, ValueError) as error:
                 done_s = sent_at_s - start_s
                 raise RobotError(f"stopped after {done_s:.1f} s: a command did not get through ({error})") from None
             commands.append((sent_at_s, sent_rad))
@@ -235,11 +221,6 @@ def load_record(path: Path | str) -> NeckRecord:
     wanted = [f.name for f in fields(NeckRecord)]
     if all(name in values for name in wanted):
         return _record(path, {name: values[name] for name in wanted})
-    if values and "command_position_rad" not in values:
-        raise SettingsError(
-            f"{path}: neither a record of gazempc.identify (it lacks "
-            f"{', '.join(name for name in wanted if name not in values)}) nor a log of gazempc.run"
-        )
     log = load_log(path)
     # The log has a row for each tick, with NaN where the robot reported nothing.
     measured = np.isfinite(log.joint_position_rad).all(axis=1)

@@ -1,7 +1,8 @@
-"""Predictor and controller of a run, by name or as objects."""
+"""Predictor, controller and target of a run; parts are given by name or as objects."""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,10 +12,17 @@ from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
 from gazempc.files.bounds import MEGABYTE
 from gazempc.files.npz import check_npz
+from gazempc.loop.attended import AttendedPeople
+from gazempc.loop.looking_away import LookingAway
+from gazempc.loop.track import PersonTrack, Target
 from gazempc.loop.trial import check_controller, check_predictor, check_same_neck
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.part_options import make, options_for
 from gazempc.parts import CONTROLLER, PREDICTOR, TERM, find, is_own, name_of
+from gazempc.people.attention import Attention
+from gazempc.people.company import Cues
+from gazempc.people.policies import make_policy
+from gazempc.people.schedule import LookAways
 from gazempc.settings import GazeSettings, PredictorSettings
 from gazempc.types import FloatArray
 from predictors import Predictor
@@ -88,7 +96,7 @@ def make_controller(
     """Make a controller, or make an object of yours ready: it is tried out and reset.
 
     Args:
-        choice: A shipped name (``perfect`` is the MPC), ``module:Class`` or a controller. A constructor of your own may
+        choice: A shipped name, ``module:Class`` or a controller. A constructor of your own may
             ask for ``neck``.
         neck: The neck.
         settings: Parameters of the shipped ones.
@@ -109,12 +117,11 @@ def make_controller(
     if is_own(choice):
         own: Controller = make(CONTROLLER, choice, {"neck": neck}, options_for(CONTROLLER, choice, options))
         return check_controller(own, neck)
-    name = "mpc" if choice == "perfect" else choice
-    values = getattr(settings, name).model_dump() if hasattr(settings, name) else {}
+    values = getattr(settings, choice).model_dump() if hasattr(settings, choice) else {}
     for kind in ("terms", "rows"):
         if kind in values:
             values[kind] = _by_joint(values[kind])
-    if name == "mpc":
+    if choice == "mpc":
         values["framing"] = settings.framing
     controller: Controller = make(CONTROLLER, choice, {"neck": neck, **values}, {})
     return controller
@@ -155,3 +162,43 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise SettingsError(f"walker.fitted: {fitted}: cannot be read: {reason}") from None
+
+
+def make_target(
+    choice: str | Predictor,
+    ready: Predictor,
+    neck: NeckSpec,
+    settings: GazeSettings,
+    options: dict[str, Any],
+    cues: Cues | None = None,
+    look_aways: LookAways | None = None,
+) -> Target:
+    """Make the target of a run: one person or one of several, and the times of looking away.
+
+    Args:
+        choice: The predictor of each of several people: an object is copied.
+        ready: The predictor of a single person.
+        neck: The neck.
+        settings: Policy of attention, and rhythm of looking away.
+        options: Parameters of parts of your own.
+        cues: Cues of a dialogue program.
+        look_aways: A given schedule of looking away; default: that of the settings.
+
+    Returns:
+        The target.
+
+    Raises:
+        SettingsError: If the policy cannot be made.
+    """
+
+    def another() -> Predictor:
+        return make_predictor(choice, settings, Person(), options) if isinstance(choice, str) else copy.deepcopy(choice)
+
+    target: Target = PersonTrack(ready, settings.loop)
+    if settings.attend is not None:
+        attention = Attention(make_policy(settings.attend, options), settings.attention)
+        target = AttendedPeople(another, attention, settings.loop, settings.framing.subject == "all")
+    if look_aways is None and settings.several:
+        mode = "told" if settings.look_away.rhythm == "no" else settings.look_away.rhythm
+        look_aways = LookAways(neck, mode, settings.look_away.seed)
+    return target if look_aways is None else LookingAway(target, look_aways, cues)

@@ -125,7 +125,7 @@ class Planning:
             if forecast is None:
                 return None
             self._asked_capture_s = newest_s
-            return Situation.of(
+            return Situation(
                 self._settled,
                 start_s=start_s,
                 forecast=forecast,

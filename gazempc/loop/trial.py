@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 
 import numpy as np
 
-from gazempc.controllers.controller import CommandState, Controller, Plan, Situation
+from gazempc.controllers.controller import CommandState, Controller, Situation
 from gazempc.errors import SettingsError
+from gazempc.loop.boundary import PartError, boundary, checked_forecast, checked_plan, checked_times
 from gazempc.loop.observer import observer_gain
 from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import NeckSpec
-from gazempc.parts import CONTROLLER, PREDICTOR, check_methods, name_of, said
+from gazempc.parts import CONTROLLER, PREDICTOR, Kind, check_members, name_of
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, Predictor
 
@@ -33,23 +35,16 @@ def check_predictor(predictor: Predictor) -> Predictor:
     Raises:
         SettingsError: If a method is missing or raises, or a forecast is malformed; the message names the method.
     """
-    check_methods(PREDICTOR, predictor)
-    called = f"predictor {name_of(PREDICTOR, predictor)}"
+    check_members(PREDICTOR, predictor)
     times_s = 1.0 + np.array([0.0, 0.25, 1.0])
-    with _Trial(f"{called}: reset()"):
+    with _tried(PREDICTOR, predictor, "reset"):
         predictor.reset()
-    with _Trial(f"{called}: update(observation)"):
+    with _tried(PREDICTOR, predictor, "update"):
         for observation in _walk():
             predictor.update(observation)
-    with _Trial(f"{called}: forecast(times_s) of shape (3,)"):
-        forecast = predictor.forecast(times_s)
-    if not isinstance(forecast, Forecast):
-        raise SettingsError(f"{called}: forecast() returned {type(forecast).__name__}, needed is a predictors.Forecast")
-    if forecast.times_s.shape != times_s.shape:
-        raise SettingsError(f"{called}: forecast() of 3 times returned times of shape {forecast.times_s.shape}")
-    if not np.all(np.isfinite(forecast.means_base_m)) or np.any(np.isnan(forecast.covariances_m2)):
-        raise SettingsError(f"{called}: forecast() returned positions that are not finite, or covariances with a NaN")
-    with _Trial(f"{called}: reset()"):
+    with _tried(PREDICTOR, predictor, "forecast"):
+        checked_forecast(predictor.forecast(times_s), times_s.size)
+    with _tried(PREDICTOR, predictor, "reset"):
         predictor.reset()
     return predictor
 
@@ -67,24 +62,14 @@ def check_controller(controller: Controller, neck: NeckSpec) -> Controller:
     Raises:
         SettingsError: If a method is missing or raises, or a plan is malformed; the message names the method.
     """
-    check_methods(CONTROLLER, controller)
-    called = f"controller {name_of(CONTROLLER, controller)}"
-    with _Trial(f"{called}: reset()"):
+    check_members(CONTROLLER, controller)
+    with _tried(CONTROLLER, controller, "reset"):
         controller.reset()
-    with _Trial(f"{called}: forecast_times_s(start_s, newest_capture_s)"):
-        times_s = np.asarray(controller.forecast_times_s(1.0, 0.9), dtype=np.float64)
-    if times_s.ndim != 1 or not times_s.size or not np.all(np.isfinite(times_s)):
-        raise SettingsError(
-            f"{called}: forecast_times_s() returned an array of shape {times_s.shape}; needed are finite times of "
-            "shape (H,), seconds"
-        )
-    with _Trial(f"{called}: plan(situation)"):
-        plan = controller.plan(_situation(neck, times_s))
-    if not isinstance(plan, Plan):
-        raise SettingsError(
-            f"{called}: plan() returned {type(plan).__name__}, needed is a gazempc.controllers.controller.Plan"
-        )
-    with _Trial(f"{called}: reset()"):
+    with _tried(CONTROLLER, controller, "forecast_times_s"):
+        times_s = checked_times(controller.forecast_times_s(1.0, 0.9), 1.0)
+    with _tried(CONTROLLER, controller, "plan"):
+        checked_plan(controller.plan(_situation(neck, times_s)), neck.joints)
+    with _tried(CONTROLLER, controller, "reset"):
         controller.reset()
     return controller
 
@@ -138,18 +123,13 @@ def _known_to_controllers(neck: NeckSpec) -> dict[str, object]:
     return values
 
 
-class _Trial:
-    """Turns whatever a part raises into a message that names the call."""
-
-    def __init__(self, what: str) -> None:
-        self._what = what
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if error is not None and not isinstance(error, KeyboardInterrupt):
-            raise SettingsError(f"{self._what} raised {said(error)}") from error
+@contextlib.contextmanager
+def _tried(kind: Kind, part: object, method: str) -> Iterator[None]:
+    try:
+        with boundary(part, method):
+            yield
+    except PartError as error:
+        raise SettingsError(f"{kind.name} {name_of(kind, part)}: {error}") from error.error
 
 
 def _walk() -> list[HeadObservation]:
@@ -170,7 +150,7 @@ def _situation(neck: NeckSpec, times_s: FloatArray) -> Situation:
         issued_at_s=0.9,
     )
     history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
-    return Situation.of(
+    return Situation(
         settled_joints(neck, 0),
         start_s=1.0,
         forecast=forecast,

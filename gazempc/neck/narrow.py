@@ -1,8 +1,6 @@
-"""A neck with less range and speed than it has: what a run may use of it."""
+"""A neck with reduced range and speed for a run."""
 
 from __future__ import annotations
-
-from typing import Any
 
 from gazempc.errors import SettingsError
 from gazempc.neck.picture import FramedPicture, Framing
@@ -43,15 +41,7 @@ def narrowed(
         for chain, low_deg, high_deg in zip(_CHAINS, gaze_region_deg[::2], gaze_region_deg[1::2], strict=True):
             joints = {name: axes[name] for name in chain if name in axes}
             axes |= _within(joints, low_deg, high_deg, f"neck {neck.name!r}, {chain[0]} of the gaze")
-    update: dict[str, Any] = {"pan": axes["pan"], "tilt": axes["tilt"]}
-    if neck.eyes is not None:
-        update["eyes"] = neck.eyes.model_dump() | {
-            "pan": axes["eye_pan"].model_dump(),
-            "tilt": axes["eye_tilt"].model_dump(),
-        }
-    if neck.body is not None:
-        update["body"] = axes["body_yaw"]
-    return neck.model_copy(update=update)
+    return neck.with_axes(axes)
 
 
 def _slower(axis: Axis, speed_max_rad_s: float) -> Axis:

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from gazempc.errors import SettingsError
-from gazempc.neck.spec import NeckSpec
+from gazempc.neck.spec import AXES, Axis, NeckSpec
 from gazempc.types import FloatArray
 
 # Rate of the head's direction at which the lead room is used by three quarters, pictures a second: between sway and
@@ -146,13 +146,10 @@ class FramedPicture:
 
     def calmed(self, neck: NeckSpec) -> NeckSpec:
         """The neck with pan and tilt within the framing's limits of acceleration and jerk."""
-        axes = {
-            name: axis.model_copy(
-                update={
-                    "acceleration_max_rad_s2": min(axis.acceleration_max_rad_s2, self.acceleration_max_rad_s2),
-                    "jerk_max_rad_s3": min(axis.jerk_max_rad_s3, self.jerk_max_rad_s3),
-                }
-            )
-            for name, axis in (("pan", neck.pan), ("tilt", neck.tilt))
-        }
-        return neck.model_copy(update=axes)
+        axes = {}
+        for name in AXES:
+            axis: Axis = getattr(neck, name)
+            acceleration = min(axis.acceleration_max_rad_s2, self.acceleration_max_rad_s2)
+            jerk = min(axis.jerk_max_rad_s3, self.jerk_max_rad_s3)
+            axes[name] = axis.model_copy(update={"acceleration_max_rad_s2": acceleration, "jerk_max_rad_s3": jerk})
+        return neck.with_axes(axes)

@@ -1,4 +1,4 @@
-"""What a neck is: joints, geometry, limits, servo, dead time and rates. Everything that moves reads it from here."""
+"""Specification of a neck: joints, geometry, limits, servo, dead time and rates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.config import JsonDict
 
-from gazempc.errors import SettingsError
 from gazempc.neck.rules import RULES
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.specfiles import RULE_OF_THUMB, load_spec, shipped_names
@@ -27,20 +26,19 @@ _Share = Annotated[float, Field(ge=0, le=1)]
 _View = Annotated[float, Field(gt=0, le=180)]
 # Longer than any robot's arm or mast, metres.
 _Offset = Annotated[float, Field(ge=-3, le=3)]
+_Point = tuple[_Offset, _Offset, _Offset]
 
 
 class Geometry(BaseModel):
-    """Where the axes and the eye are. All zero: both axes and the eye in one point.
+    """Positions of the axes and the eye. All zero: both axes and the eye in one point.
 
     At pan = tilt = 0 all frames are parallel to the base frame (x forward, y left, z up).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    tilt_axis_in_pan_m: tuple[_Offset, _Offset, _Offset] = Field(
-        default=(0.0, 0.0, 0.0), description="Tilt axis, seen from the pan axis, metres"
-    )
-    eye_in_tilt_m: tuple[_Offset, _Offset, _Offset] = Field(
+    tilt_axis_in_pan_m: _Point = Field(default=(0.0, 0.0, 0.0), description="Tilt axis, seen from the pan axis, metres")
+    eye_in_tilt_m: _Point = Field(
         default=(0.0, 0.0, 0.0), description="Eye, seen from the tilt axis, metres; it looks along +x"
     )
 
@@ -87,21 +85,17 @@ class Axis(BaseModel):
         default=0.0,
         ge=-10,
         le=10,
-        description="How far from its command a simulated joint settles under its load; controllers do not know it",
+        description="How far from its command a simulated joint settles under its load; unknown to controllers",
     )
 
     @model_validator(mode="after")
-    def _range_is_not_empty(self) -> Axis:
+    def _values_fit_each_other(self) -> Axis:
+        steps = self.speed_steps
         if self.position_min_deg >= self.position_max_deg:
             raise ValueError(
                 f"position_min_deg ({self.position_min_deg}) must be less than position_max_deg "
                 f"({self.position_max_deg})"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _speed_steps_reach_the_top_speed(self) -> Axis:
-        steps = self.speed_steps
         if steps is not None and not self.takes_speed:
             raise ValueError('speed_steps need command = "velocity": angles have no speed steps')
         if steps is not None and self.velocity_max_rad_s > steps.fastest_rad_s * (1.0 + 1e-6):
@@ -109,15 +103,8 @@ class Axis(BaseModel):
                 f"velocity_max_rad_s ({self.velocity_max_rad_s}) must be at most the last of speed_steps in both "
                 f"directions ({steps.fastest_rad_s})"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _speeds_have_no_load_offset(self) -> Axis:
         if self.takes_speed and self.load_offset_deg:
-            raise ValueError(
-                f'load_offset_deg ({self.load_offset_deg}) must be 0 with command = "velocity": '
-                "a joint that holds a speed settles nowhere else than it stops"
-            )
+            raise ValueError(f'load_offset_deg ({self.load_offset_deg}) must be 0 with command = "velocity"')
         return self
 
     @property
@@ -167,10 +154,6 @@ class Eyes(BaseModel):
     head_share_down: _Share = Field(default=1.0, description="The same of a direction below it")
 
 
-def _plain(value: Any) -> Any:
-    return value.model_dump() if isinstance(value, BaseModel) else value
-
-
 class NeckSpec(BaseModel):
     """A pan-tilt neck, optionally with eyes in the head and a body that turns under the neck.
 
@@ -210,7 +193,8 @@ class NeckSpec(BaseModel):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> NeckSpec:
         """A copy with other values, checked like a new one, and without arrays computed from the old values."""
-        return NeckSpec.model_validate(self.model_dump() | {k: _plain(v) for k, v in (update or {}).items()})
+        plain = {k: v.model_dump() if isinstance(v, BaseModel) else v for k, v in (update or {}).items()}
+        return NeckSpec.model_validate(self.model_dump() | plain)
 
     def __eq__(self, other: object) -> bool:
         # By the fields alone: arrays that were computed and kept have no truth value to compare by.
@@ -218,6 +202,15 @@ class NeckSpec(BaseModel):
 
     def __hash__(self) -> int:
         return hash((self.name, self.geometry, self.axes, self.control_rate_hz, self.servo_rate_hz))
+
+    def with_axes(self, axes: dict[str, Axis]) -> NeckSpec:
+        """A copy with other joints, by their names."""
+        joints = dict(zip(self.joint_names, self.axes, strict=True)) | axes
+        update: dict[str, Any] = {name: joints[name] for name in AXES}
+        if self.eyes is not None:
+            pair = {"pan": joints["eye_pan"].model_dump(), "tilt": joints["eye_tilt"].model_dump()}
+            update["eyes"] = self.eyes.model_dump() | pair
+        return self.model_copy(update=update | ({} if self.body is None else {"body": joints[BODY_AXIS]}))
 
     @property
     def servo_period_s(self) -> float:
@@ -259,22 +252,6 @@ class NeckSpec(BaseModel):
     def takes_speeds(self) -> bool:
         """Whether a joint is sent speeds."""
         return bool(self.speed_joints.any())
-
-    def check_takes_angles(self, what: str) -> None:
-        """Refuse a joint that takes speeds.
-
-        Args:
-            what: What sends angles only, for the message.
-
-        Raises:
-            SettingsError: If a joint takes speeds.
-        """
-        for name, axis in zip(self.joint_names, self.axes, strict=True):
-            if axis.takes_speed:
-                raise SettingsError(
-                    f'neck {self.name!r}: {name} has command = "velocity", and {what} sends angles; accepted: '
-                    'command = "position". A replay can drive both'
-                )
 
     def _per_axis(self, name: str) -> FloatArray:
         return np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)
@@ -337,7 +314,7 @@ class NeckSpec(BaseModel):
 
 
 class CommandLimits(BaseModel):
-    """What a command may be; arrays of shape (N,). A little inside the neck's own, see `Axis.servo_gain`."""
+    """Limits of a command, inside those of the neck (see `Axis.servo_gain`); arrays of shape (N,)."""
 
     model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gazempc.part_options import make, options_for
-from gazempc.parts import BY_NAME, POLICY, check_methods
+from gazempc.parts import BY_NAME, POLICY, check_members
 from gazempc.people.company import NOT_AT_ALL, AttentionPolicy, Company
 from gazempc.people.engagement import Engagement
 from gazempc.people.person import PersonState
@@ -135,7 +135,7 @@ def make_policy(choice: str | AttentionPolicy, options: dict[str, Any]) -> Atten
         SettingsError: If it cannot be made, or lacks a method.
     """
     if not isinstance(choice, str):
-        check_methods(POLICY, choice)
+        check_members(POLICY, choice)
         return choice
     if choice.startswith(BY_NAME):
         return Named(choice.removeprefix(BY_NAME))

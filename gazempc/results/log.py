@@ -2,54 +2,195 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO, get_type_hints
 
 import numpy as np
 from pydantic import ValidationError
 
 from gazempc.errors import SettingsError, shown
+from gazempc.files.bounds import check_file
 from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.mcap_read import attached_log, is_mcap
 from gazempc.results.run_info import RunInfo
 from gazempc.results.tables import LogFrames, frames_of
 from gazempc.types import BoolArray, FloatArray, IntArray, StringArray
 
-# Axes of each array: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at,
-# W looks away, S swaps of identity. See `gazempc.results.log.Log`.
+_REASON_SHOWN = 400
+FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """An exception that the loop survived.
+
+    Attributes:
+        event: Name of the event in the log.
+        count: Number of times that it came.
+        error: The first exception in one line, such as ``TypeError: ...``.
+        traceback: Its traceback.
+    """
+
+    event: str
+    count: int
+    error: str
+    traceback: str
+
+    @property
+    def line(self) -> str:
+        """In one line, such as ``forecast_failed (412 x): TypeError: ...``."""
+        return f"{self.event} ({self.count} x): {self.error}"
+
+
+@dataclass(frozen=True)
+class Log:
+    """One run of one controller. Positions are in the base frame; rows of a rate share one time array.
+
+    Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it. Each field is annotated with its
+    axes: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at, W looks away, S swaps
+    of identity.
+
+    Attributes:
+        run: Description of the run; as JSON text in the file.
+        time_s: Servo ticks, shape (M,), seconds.
+        head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
+        joint_time_s: Time of the newest joint reading at each tick, shape (M,), seconds; NaN if the robot did not
+            answer.
+        joint_position_rad: Angles of the joints at each tick, shape (M, N), radians, in the order of
+            `NeckSpec.joint_names` (pan, tilt, then eyes and body). True angles of a simulated neck, else readings.
+        joint_velocity_rad_s: Shape (M, N), rad/s.
+        command_position_rad: Commands sent at each tick, shape (M, N), radians.
+        command_velocity_rad_s: Shape (M, N), rad/s.
+        command_acceleration_rad_s2: Shape (M, N), rad/s^2.
+        capture_time_s: Capture times of the observations that were used, shape (F,), seconds; in the order of arrival.
+        arrival_time_s: Times of their arrival, shape (F,), seconds.
+        head_observed_base_m: Observed heads, shape (F, 3), metres.
+        person_id: The sensor's names of the observed people, shape (F,); an empty text if there is no name.
+        forecast_mean_base_m: Forecast after each observation at each of `forecast_horizon_s` from its capture,
+            shape (F, 3, 3): observation, horizon, axis; NaN where there was none.
+        forecast_covariance_m2: Shape (F, 3, 3, 3), square metres.
+        forecast_degrees_of_freedom: Those of the t distribution that each forecast states, shape (F,); infinite for a
+            normal one, NaN where there was no forecast.
+        forecast_true_base_m: True head at these times, NaN past the end of the recording, shape (F, 3, 3), metres.
+        forecast_horizon_s: Shape (3,), seconds.
+        event_time_s: Beginning of each event, shape (E,), seconds.
+        event_name: Its name, shape (E,).
+        attended_time_s: With several people: times at which the robot switched to another person, shape (A,), seconds.
+        attended_person: Number of the person from this time on, in the order of entering; 0 for none; shape (A,).
+        attended_why: Reason of the switch, see `gazempc.people.attention.Attended`, shape (A,).
+        away_start_s: Planned end of eye contact for each look away, shape (W,), seconds.
+        away_end_s: Planned return of eye contact, shape (W,), seconds.
+        away_why: Reason of the look away, see `gazempc.people.aversion.Aversion`, shape (W,).
+        identity_swap_time_s: In a replay with several people: first times at which one person's observations were
+            assigned to another known person, shape (S,), seconds; empty in a live run.
+        faults: The exceptions that were survived, each event once; as JSON text in the file.
+    """
+
+    run: RunInfo
+    time_s: Annotated[FloatArray, "M"]
+    head_true_base_m: Annotated[FloatArray, "M", 3]
+    joint_time_s: Annotated[FloatArray, "M"]
+    joint_position_rad: Annotated[FloatArray, "M", "J"]
+    joint_velocity_rad_s: Annotated[FloatArray, "M", "J"]
+    command_position_rad: Annotated[FloatArray, "M", "J"]
+    command_velocity_rad_s: Annotated[FloatArray, "M", "J"]
+    command_acceleration_rad_s2: Annotated[FloatArray, "M", "J"]
+    capture_time_s: Annotated[FloatArray, "F"]
+    arrival_time_s: Annotated[FloatArray, "F"]
+    head_observed_base_m: Annotated[FloatArray, "F", 3]
+    person_id: Annotated[StringArray, "F"]
+    forecast_mean_base_m: Annotated[FloatArray, "F", "H", 3]
+    forecast_covariance_m2: Annotated[FloatArray, "F", "H", 3, 3]
+    forecast_degrees_of_freedom: Annotated[FloatArray, "F"]
+    forecast_true_base_m: Annotated[FloatArray, "F", "H", 3]
+    forecast_horizon_s: Annotated[FloatArray, "H"]
+    event_time_s: Annotated[FloatArray, "E"]
+    event_name: Annotated[StringArray, "E"]
+    attended_time_s: Annotated[FloatArray, "A"]
+    attended_person: Annotated[IntArray, "A"]
+    attended_why: Annotated[StringArray, "A"]
+    away_start_s: Annotated[FloatArray, "W"]
+    away_end_s: Annotated[FloatArray, "W"]
+    away_why: Annotated[StringArray, "W"]
+    identity_swap_time_s: Annotated[FloatArray, "S"]
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def looks_away(self) -> BoolArray:
+        """Ticks at which the gaze is to be elsewhere than on the person, shape (M,)."""
+        away = np.zeros(self.time_s.size, dtype=np.bool_)
+        for start_s, end_s in zip(self.away_start_s.tolist(), self.away_end_s.tolist(), strict=True):
+            away |= (self.time_s >= start_s) & (self.time_s <= end_s)
+        return away
+
+    @property
+    def neck(self) -> NeckSpec:
+        """The neck that moved."""
+        return self.run.neck
+
+    def save(self, path: Path | str | BinaryIO) -> None:
+        """Write the log; equal logs give equal files to the last bit.
+
+        Args:
+            path: File to write, ending in ``.npz``, or an open one.
+        """
+        arrays: dict[str, Any] = {
+            f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in _TEXT
+        }
+        arrays["run"] = np.asarray(self.run.as_json())
+        arrays["faults"] = np.asarray(json.dumps([vars(fault) for fault in self.faults]))
+        if isinstance(path, Path | str):
+            write_whole(Path(path), lambda file: np.savez_compressed(file, **arrays))
+        else:
+            np.savez_compressed(path, **arrays)
+
+    def to_pandas(self) -> LogFrames:
+        """The log as pandas tables of ticks, observations, forecasts and events.
+
+        Returns:
+            The tables; `run` and `faults` are not in them.
+
+        Raises:
+            ImportError: If pandas is not installed (extra ``pandas``).
+        """
+        return frames_of(vars(self))
+
+
+_TEXT = ("run", "faults")
 SHAPES: Mapping[str, tuple[str | int, ...]] = {
-    "time_s": ("M",),
-    "head_true_base_m": ("M", 3),
-    "joint_time_s": ("M",),
-    "joint_position_rad": ("M", "J"),
-    "joint_velocity_rad_s": ("M", "J"),
-    "command_position_rad": ("M", "J"),
-    "command_velocity_rad_s": ("M", "J"),
-    "command_acceleration_rad_s2": ("M", "J"),
-    "capture_time_s": ("F",),
-    "arrival_time_s": ("F",),
-    "head_observed_base_m": ("F", 3),
-    "person_id": ("F",),
-    "forecast_mean_base_m": ("F", "H", 3),
-    "forecast_covariance_m2": ("F", "H", 3, 3),
-    "forecast_degrees_of_freedom": ("F",),
-    "forecast_true_base_m": ("F", "H", 3),
-    "forecast_horizon_s": ("H",),
-    "event_time_s": ("E",),
-    "event_name": ("E",),
-    "attended_time_s": ("A",),
-    "attended_person": ("A",),
-    "attended_why": ("A",),
-    "away_start_s": ("W",),
-    "away_end_s": ("W",),
-    "away_why": ("W",),
-    "identity_swap_time_s": ("S",),
+    name: hint.__metadata__ for name, hint in get_type_hints(Log, include_extras=True).items() if name not in _TEXT
 }
+
+
+@dataclass(frozen=True)
+class ComputeTimes:
+    """Computing times; kept apart from the log, because they differ from run to run.
+
+    Attributes:
+        update_ms: Predictor update of each observation, shape (F,), milliseconds.
+        step_ms: Forecast and plan at each control tick, shape (C,), milliseconds.
+        latency_ms: From the capture of the newest observation to the first command of each plan made with it, shape
+            (P,), milliseconds; in a replay the simulated time.
+    """
+
+    update_ms: FloatArray
+    step_ms: FloatArray
+    latency_ms: FloatArray
+
+    def save(self, path: Path) -> None:
+        """Write the times.
+
+        Args:
+            path: File to write, ending in ``.npz``.
+        """
+        write_whole(path, lambda file: np.savez_compressed(file, **vars(self)))
+
+
 # Larger numbers than any second since 1970 or any metre are damage, and their squares would overflow.
 _LARGEST = 1e12
 # No run holds still for so long, and no reading is so old.
@@ -104,169 +245,75 @@ def _damaged(path: Path | str, name: str, problem: str) -> SettingsError:
     return SettingsError(f"{path}: {name}: {problem}: not a log that can be used")
 
 
-_REASON_SHOWN = 400
-FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
+# The first bytes of every MCAP file.
+MAGIC = b"\x89MCAP0\r\n"
+ATTACHMENT = "log.npz"
+# The names of attachments stand in the summary at a file's end.
+_SUMMARY_BYTES = 2**20
+NEEDS_VIEW = 'MCAP files need more packages: pip install -e ".[view]"'
 
 
-@dataclass(frozen=True)
-class Fault:
-    """An exception that the loop survived.
+def has_log(path: Path) -> bool:
+    """Whether an MCAP file is a log of this package, and not a bag of ROS 2; needs no other package.
 
-    Attributes:
-        event: Name of the event in the log.
-        count: Number of times that it came.
-        error: The first exception in one line, such as ``TypeError: ...``.
-        traceback: Its traceback.
+    Args:
+        path: The file.
+
+    Returns:
+        True if an attachment of a log's name is in it; False, too, if there is no such file.
     """
-
-    event: str
-    count: int
-    error: str
-    traceback: str
-
-    @property
-    def line(self) -> str:
-        """In one line, such as ``forecast_failed (412 x): TypeError: ...``."""
-        return f"{self.event} ({self.count} x): {self.error}"
+    try:
+        check_file(path)
+        with path.open("rb") as file:
+            size = file.seek(0, io.SEEK_END)
+            file.seek(max(0, size - _SUMMARY_BYTES))
+            return ATTACHMENT.encode() in file.read()
+    except OSError:
+        return False
 
 
-@dataclass(frozen=True)
-class Log:
-    """One run of one controller. Positions are in the base frame; rows of a rate share one time array.
+def is_mcap(path: Path) -> bool:
+    """Whether a file begins as MCAP files do.
 
-    Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it.
+    Args:
+        path: The file.
 
-    Attributes:
-        run: Description of the run; as JSON text in the file.
-        time_s: Servo ticks, shape (M,), seconds.
-        head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
-        joint_time_s: Time of the newest joint reading at each tick, shape (M,), seconds; NaN if the robot did not
-            answer.
-        joint_position_rad: Angles of the joints at each tick, shape (M, N), radians, in the order of
-            `NeckSpec.joint_names` (pan, tilt, then eyes and body). True angles of a simulated neck, else readings.
-        joint_velocity_rad_s: Shape (M, N), rad/s.
-        command_position_rad: Commands sent at each tick, shape (M, N), radians.
-        command_velocity_rad_s: Shape (M, N), rad/s.
-        command_acceleration_rad_s2: Shape (M, N), rad/s^2.
-        capture_time_s: Capture times of the observations that were used, shape (F,), seconds; in the order of arrival.
-        arrival_time_s: Times of their arrival, shape (F,), seconds.
-        head_observed_base_m: Observed heads, shape (F, 3), metres.
-        person_id: The sensor's names of the observed people, shape (F,); an empty text if there is no name.
-        forecast_mean_base_m: Forecast after each observation at each of `forecast_horizon_s` from its capture,
-            shape (F, 3, 3): observation, horizon, axis; NaN where there was none.
-        forecast_covariance_m2: Shape (F, 3, 3, 3), square metres.
-        forecast_degrees_of_freedom: Those of the t distribution that each forecast states, shape (F,); infinite for a
-            normal one, NaN where there was no forecast.
-        forecast_true_base_m: True head at these times, NaN past the end of the recording, shape (F, 3, 3), metres.
-        forecast_horizon_s: Shape (3,), seconds.
-        event_time_s: Beginning of each event, shape (E,), seconds.
-        event_name: Its name, shape (E,).
-        attended_time_s: With several people: times at which the robot switched to another person, shape (A,), seconds.
-        attended_person: Number of the person from this time on, in the order of entering; 0 for none; shape (A,).
-        attended_why: Reason of the switch, see `gazempc.people.attention.Attended`, shape (A,).
-        away_start_s: Planned end of eye contact for each look away, shape (W,), seconds.
-        away_end_s: Planned return of eye contact, shape (W,), seconds.
-        away_why: Reason of the look away, see `gazempc.people.aversion.Aversion`, shape (W,).
-        identity_swap_time_s: In a replay with several people: first times at which one person's observations were
-            assigned to another known person, shape (S,), seconds; empty in a live run.
-        faults: The exceptions that were survived, each event once; as JSON text in the file.
+    Returns:
+        True if it does.
+
+    Raises:
+        OSError: If it cannot be read, or is no regular file.
     """
-
-    run: RunInfo
-    time_s: FloatArray
-    head_true_base_m: FloatArray
-    joint_time_s: FloatArray
-    joint_position_rad: FloatArray
-    joint_velocity_rad_s: FloatArray
-    command_position_rad: FloatArray
-    command_velocity_rad_s: FloatArray
-    command_acceleration_rad_s2: FloatArray
-    capture_time_s: FloatArray
-    arrival_time_s: FloatArray
-    head_observed_base_m: FloatArray
-    person_id: StringArray
-    forecast_mean_base_m: FloatArray
-    forecast_covariance_m2: FloatArray
-    forecast_degrees_of_freedom: FloatArray
-    forecast_true_base_m: FloatArray
-    forecast_horizon_s: FloatArray
-    event_time_s: FloatArray
-    event_name: StringArray
-    attended_time_s: FloatArray
-    attended_person: IntArray
-    attended_why: StringArray
-    away_start_s: FloatArray
-    away_end_s: FloatArray
-    away_why: StringArray
-    identity_swap_time_s: FloatArray
-    faults: tuple[Fault, ...] = ()
-
-    @property
-    def looks_away(self) -> BoolArray:
-        """Ticks at which the gaze is to be elsewhere than on the person, shape (M,)."""
-        away = np.zeros(self.time_s.size, dtype=np.bool_)
-        for start_s, end_s in zip(self.away_start_s.tolist(), self.away_end_s.tolist(), strict=True):
-            away |= (self.time_s >= start_s) & (self.time_s <= end_s)
-        return away
-
-    @property
-    def neck(self) -> NeckSpec:
-        """The neck that moved."""
-        return self.run.neck
-
-    def save(self, path: Path | str | BinaryIO) -> None:
-        """Write the log; equal logs give equal files to the last bit.
-
-        Args:
-            path: File to write, ending in ``.npz``, or an open one.
-        """
-        arrays: dict[str, Any] = {
-            f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in _TEXT
-        }
-        arrays["run"] = np.asarray(self.run.as_json())
-        arrays["faults"] = np.asarray(json.dumps([vars(fault) for fault in self.faults]))
-        if isinstance(path, Path | str):
-            write_whole(Path(path), lambda file: np.savez_compressed(file, **arrays))
-        else:
-            np.savez_compressed(path, **arrays)
-
-    def to_pandas(self) -> LogFrames:
-        """The log as pandas tables of ticks, observations, forecasts and events.
-
-        Returns:
-            The tables; `run` and `faults` are not in them.
-
-        Raises:
-            ImportError: If pandas is not installed (extra ``pandas``).
-        """
-        return frames_of(vars(self))
+    check_file(path)
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
 
 
-_TEXT = ("run", "faults")
+def attached_log(path: Path) -> bytes:
+    """The log in an MCAP file, as it was saved.
 
+    Args:
+        path: The file.
 
-@dataclass(frozen=True)
-class ComputeTimes:
-    """Computing times; kept apart from the log, because they differ from run to run.
+    Returns:
+        Bytes of `gazempc.results.log.Log.save`.
 
-    Attributes:
-        update_ms: Predictor update of each observation, shape (F,), milliseconds.
-        step_ms: Forecast and plan at each control tick, shape (C,), milliseconds.
-        latency_ms: From the capture of the newest observation to the first command of each plan made with it, shape
-            (P,), milliseconds; in a replay the simulated time.
+    Raises:
+        SettingsError: If a package is missing, the file cannot be read, or no log is in it.
     """
-
-    update_ms: FloatArray
-    step_ms: FloatArray
-    latency_ms: FloatArray
-
-    def save(self, path: Path) -> None:
-        """Write the times.
-
-        Args:
-            path: File to write, ending in ``.npz``.
-        """
-        write_whole(path, lambda file: np.savez_compressed(file, **vars(self)))
+    try:
+        from mcap.reader import make_reader  # noqa: PLC0415  (optional)
+    except ImportError:
+        raise SettingsError(NEEDS_VIEW) from None
+    try:
+        check_file(path)
+        with path.open("rb") as file:
+            found = [each.data for each in make_reader(file).iter_attachments() if each.name == ATTACHMENT]
+    except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
+        raise SettingsError(f"{path}: not an MCAP file that can be read: {shown(str(error), 200)}") from None
+    if not found:
+        raise SettingsError(f"{path}: no log of gazempc is in this MCAP file")
+    return bytes(found[0])
 
 
 def load_log(path: Path | str) -> Log:

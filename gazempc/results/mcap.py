@@ -5,17 +5,16 @@ Written with foxglove-sdk, read with the `mcap` library; both are in the extra `
 
 from __future__ import annotations
 
-import heapq
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.files.whole import whole
-from gazempc.results.log import Log
-from gazempc.results.mcap_read import NEEDS_VIEW
+from gazempc.results.log import NEEDS_VIEW, Log
 from gazempc.results.moments import AttendedMoment, EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
 from gazempc.types import JointState
 
@@ -39,64 +38,46 @@ def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> 
         raise SettingsError(NEEDS_VIEW) from None
     buffer = io.BytesIO()
     log.save(buffer)
-    with whole(Path(path)) as part, McapWriter(log.run, part) as writer:
+    with whole(Path(path)) as part, closing(McapWriter(log.run, part)) as writer:
         channels = Channels(log.run, writer.context)
         for moment in moments_of(log, plans):
             channels.write(moment)
         writer.attach(buffer.getvalue())
 
 
-def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> Iterator[Moment]:
+def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> list[Moment]:
     """Moments of a run, from its log.
 
     Args:
         log: The log. Plans, lateness and pictures are not in it.
         plans: The plans of the run, in the order of time, where they were kept.
 
-    Yields:
-        Each moment in the order of time.
+    Returns:
+        The moments in the order of time.
     """
-
-    def ticks() -> Iterator[tuple[float, int, Moment]]:
-        positions = log.command_position_rad.tolist()
-        speeds = log.command_velocity_rad_s.tolist()
-        accelerations = log.command_acceleration_rad_s2.tolist()
-        for k, (time_s, read_s) in enumerate(zip(log.time_s.tolist(), log.joint_time_s.tolist(), strict=True)):
-            joints = JointState(read_s, log.joint_position_rad[k], log.joint_velocity_rad_s[k])
-            motions = tuple(zip(positions[k], speeds[k], accelerations[k], strict=True))
-            known = joints if np.isfinite(joints.position_rad).all() else None
-            moment = TickMoment(time_s, known, log.command_position_rad[k], motions, log.head_true_base_m[k])
-            yield time_s, 2, moment
-
-    def seen() -> Iterator[tuple[float, int, Moment]]:
-        for k, time_s in enumerate(log.arrival_time_s.tolist()):
-            yield (
-                time_s,
-                0,
-                SeenMoment(
-                    time_s,
-                    float(log.capture_time_s[k]),
-                    log.head_observed_base_m[k],
-                    None,
-                    str(log.person_id[k]),
-                    log.forecast_mean_base_m[k],
-                    log.forecast_covariance_m2[k],
-                    float(log.forecast_degrees_of_freedom[k]),
-                    log.forecast_true_base_m[k],
-                ),
-            )
-
-    def events() -> Iterator[tuple[float, int, Moment]]:
-        texts = {fault.event: fault.line for fault in log.faults}
-        for time_s, name in zip(log.event_time_s.tolist(), log.event_name.tolist(), strict=True):
-            yield time_s, 1, EventMoment(time_s, name, texts.get(name, name))
-
-    def attended() -> Iterator[tuple[float, int, Moment]]:
-        for row in zip(
-            log.attended_time_s.tolist(), log.attended_person.tolist(), log.attended_why.tolist(), strict=True
-        ):
-            yield row[0], 0, AttendedMoment(*row)
-
-    planned = ((plan.time_s, 1, plan) for plan in plans)
-    for _, _, moment in heapq.merge(attended(), seen(), events(), planned, ticks(), key=lambda each: each[:2]):
-        yield moment
+    texts = {fault.event: fault.line for fault in log.faults}
+    rows = (log.attended_time_s.tolist(), log.attended_person.tolist(), log.attended_why.tolist())
+    found: list[tuple[float, int, Moment]] = [(row[0], 0, AttendedMoment(*row)) for row in zip(*rows, strict=True)]
+    for k, time_s in enumerate(log.arrival_time_s.tolist()):
+        seen = SeenMoment(
+            time_s,
+            float(log.capture_time_s[k]),
+            log.head_observed_base_m[k],
+            None,
+            str(log.person_id[k]),
+            log.forecast_mean_base_m[k],
+            log.forecast_covariance_m2[k],
+            float(log.forecast_degrees_of_freedom[k]),
+            log.forecast_true_base_m[k],
+        )
+        found.append((time_s, 0, seen))
+    events = zip(log.event_time_s.tolist(), log.event_name.tolist(), strict=True)
+    found += [(time_s, 1, EventMoment(time_s, name, texts.get(name, name))) for time_s, name in events]
+    found += [(plan.time_s, 1, plan) for plan in plans]
+    commands = np.stack([log.command_position_rad, log.command_velocity_rad_s, log.command_acceleration_rad_s2], axis=2)
+    for k, (time_s, motions) in enumerate(zip(log.time_s.tolist(), commands.tolist(), strict=True)):
+        joints = JointState(float(log.joint_time_s[k]), log.joint_position_rad[k], log.joint_velocity_rad_s[k])
+        known = joints if np.isfinite(joints.position_rad).all() else None
+        sent = tuple(map(tuple, motions))
+        found.append((time_s, 2, TickMoment(time_s, known, log.command_position_rad[k], sent, log.head_true_base_m[k])))
+    return [moment for *_, moment in sorted(found, key=lambda each: each[:2])]

@@ -3,63 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import foxglove
 import numpy as np
-from foxglove.channels import (
-    CompressedImageChannel,
-    FrameTransformsChannel,
-    JointStatesChannel,
-    LogChannel,
-    SceneUpdateChannel,
-)
-from foxglove.messages import (
-    CompressedImage,
-    JointStates,
-    LogLevel,
-    SceneEntity,
-    SceneUpdate,
-)
-from foxglove.messages import JointState as JointMessage
-from foxglove.messages import Log as LogMessage
+from foxglove import channels
+from foxglove import messages as fox
 
 from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import gaze_error_rad
-from gazempc.results.log import FORECAST_HORIZONS_S
-from gazempc.results.mcap_read import ATTACHMENT, nanoseconds
-from gazempc.results.mcap_scene import (
-    camera_frame,
-    forecast_entity,
-    gaze_entity,
-    neck_frames,
-    person_entity,
-    person_frame,
-    plan_entity,
-    stamp,
-    transforms,
-)
-from gazempc.results.moments import (
-    AttendedMoment,
-    EventMoment,
-    JointsMoment,
-    LateMoment,
-    Moment,
-    PictureMoment,
-    PlanMoment,
-    SeenMoment,
-    TickMoment,
-)
+from gazempc.results import mcap_scene as scene
+from gazempc.results import moments
+from gazempc.results.log import ATTACHMENT, FORECAST_HORIZONS_S
 from gazempc.results.run_info import RunInfo
 from gazempc.results.tables import forecast_columns, observation_columns, tick_columns
 from gazempc.types import FloatArray, JointState
 
 
 class McapWriter:
-    """Writes all that is logged to its context; closes the file at the end of a ``with``.
+    """Writes all that is logged to its context, until it is closed.
 
     Args:
         run: Description of the run; kept in the file's metadata.
@@ -113,16 +77,6 @@ class McapWriter:
         except (OSError, RuntimeError) as error:
             raise SettingsError(f"{self._path}: cannot be written: {error}") from None
 
-    def __enter__(self) -> McapWriter:
-        """The writer itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Finish the file."""
-        self.close()
-
 
 # Scenes are for the eye: 50 a second are enough. Numbers come at every tick.
 _SCENE_PERIOD_S = 0.02
@@ -140,64 +94,70 @@ class Channels:
     """
 
     def __init__(self, run: RunInfo, context: foxglove.Context) -> None:
-        self._neck, self._camera = run.neck, camera_frame(run)
+        self._neck, self._camera, self._context = run.neck, scene.camera_frame(run), context
         names = run.neck.joint_names
-        self._tick_names, self._observation_names = tick_columns(names), observation_columns()
-        self._forecast_names = forecast_columns()
-
-        def numbers(topic: str, columns: Sequence[str]) -> foxglove.Channel:
-            # The fields by name, so that viewers offer them before the first message.
-            fields = {name: {"type": "string" if name == "person_id" else "number"} for name in columns}
-            return foxglove.Channel(topic, schema={"type": "object", "properties": fields}, context=context)
-
-        self._ticks = numbers("/ticks", self._tick_names)
-        self._observations = numbers("/observations", self._observation_names)
-        self._forecasts = numbers("/forecasts", self._forecast_names)
-        self._metrics = numbers("/metrics", ("time_s", *METRICS))
+        self._ticks = self._numbers("/ticks", tick_columns(names))
+        self._observations = self._numbers("/observations", observation_columns())
+        self._forecasts = self._numbers("/forecasts", forecast_columns())
+        self._metrics = self._numbers("/metrics", ("time_s", *METRICS))
         knots = {f"{name}_rad": {"type": "array", "items": {"type": "number"}} for name in names}
-        who = {"person": {"type": "integer"}, "why": {"type": "string"}}
-        self._attended = foxglove.Channel("/attended", schema={"type": "object", "properties": who}, context=context)
-        plan = {"start_s": {"type": "number"}, "step_s": {"type": "number"}, **knots}
-        self._plans = foxglove.Channel("/plan", schema={"type": "object", "properties": plan}, context=context)
-        self._frames = FrameTransformsChannel("/tf", context=context)
-        self._joints = JointStatesChannel("/joints", context=context)
-        self._commands = JointStatesChannel("/commands", context=context)
-        self._scene = SceneUpdateChannel("/scene", context=context)
-        self._events = LogChannel("/events", context=context)
-        self._pictures = CompressedImageChannel("/camera", context=context)
+        self._attended = self._json("/attended", {"person": {"type": "integer"}, "why": {"type": "string"}})
+        self._plans = self._json("/plan", {"start_s": {"type": "number"}, "step_s": {"type": "number"}, **knots})
+        self._frames = channels.FrameTransformsChannel("/tf", context=context)
+        self._joints = channels.JointStatesChannel("/joints", context=context)
+        self._commands = channels.JointStatesChannel("/commands", context=context)
+        self._scene = channels.SceneUpdateChannel("/scene", context=context)
+        self._events = channels.LogChannel("/events", context=context)
+        self._pictures = channels.CompressedImageChannel("/camera", context=context)
         self._true_joints: JointState | None = None
-        self._late: LateMoment | None = None
+        self._late: moments.LateMoment | None = None
         self._observed_base_m: FloatArray = _UNKNOWN
         self._latency_ms = math.nan
         self._scene_due_s = -math.inf
 
-    def write(self, moment: Moment) -> None:
+    def _json(self, topic: str, properties: dict[str, Any]) -> foxglove.Channel:
+        # The fields by name, so that viewers offer them before the first message.
+        schema = {"type": "object", "properties": properties}
+        return foxglove.Channel(topic, schema=schema, context=self._context)
+
+    def _numbers(self, topic: str, columns: Sequence[str]) -> Callable[[Sequence[Any], int], None]:
+        """A channel of rows; the function that sends a row at a time in nanoseconds."""
+        channel = self._json(topic, {name: {"type": "string" if name == "person_id" else "number"} for name in columns})
+
+        def send(row: Sequence[Any], at: int) -> None:
+            # JSON has no NaN and no infinity.
+            known = [None if isinstance(value, float) and not math.isfinite(value) else value for value in row]
+            channel.log(dict(zip(columns, known, strict=True)), log_time=at)
+
+        return send
+
+    def write(self, moment: moments.Moment) -> None:
         """Write what happened.
 
         Args:
             moment: The moment.
         """
         match moment:
-            case TickMoment():
+            case moments.TickMoment():
                 self._tick(moment)
-            case JointsMoment():
+            case moments.JointsMoment():
                 self._true_joints = moment.joints
-            case LateMoment():
+            case moments.LateMoment():
                 self._late = moment
-            case SeenMoment():
+            case moments.SeenMoment():
                 self._seen(moment)
-            case PlanMoment():
+            case moments.PlanMoment():
                 self._plan(moment)
-            case EventMoment():
+            case moments.EventMoment():
                 self._event(moment)
-            case PictureMoment():
+            case moments.PictureMoment():
                 self._picture(moment)
-            case AttendedMoment():
+            case moments.AttendedMoment():
                 content = {"person": moment.person, "why": moment.why}
-                self._attended.log(content, log_time=nanoseconds(moment.time_s))
+                self._attended.log(content, log_time=scene.nanoseconds(moment.time_s))
 
-    def _tick(self, tick: TickMoment) -> None:
-        at, joints = nanoseconds(tick.time_s), self._true_joints or tick.joints
+    def _tick(self, tick: moments.TickMoment) -> None:
+        at, joints = scene.nanoseconds(tick.time_s), self._true_joints or tick.joints
         nowhere = np.full(self._neck.joints, np.nan)
         position_rad = nowhere if joints is None else joints.position_rad
         speed_rad_s = nowhere if joints is None else joints.velocity_rad_s
@@ -213,12 +173,12 @@ class Channels:
             *speeds,
             *accelerations,
         )
-        _send(self._ticks, self._tick_names, row, at)
+        self._ticks(row, at)
         errors = np.rad2deg(
             gaze_error_rad(self._neck.geometry, position_rad, np.stack([head_m, self._observed_base_m]))
         ).tolist()
         late = (math.nan, math.nan) if self._late is None else self._late
-        _send(self._metrics, ("time_s", *METRICS), (tick.time_s, *errors, *late, self._latency_ms), at)
+        self._metrics((tick.time_s, *errors, *late, self._latency_ms), at)
         self._true_joints = self._late = None
         behind_s = tick.time_s - self._scene_due_s
         if behind_s >= -_ABOUT_NOW_S:
@@ -226,33 +186,30 @@ class Channels:
             self._scene_due_s = _SCENE_PERIOD_S + (tick.time_s if behind_s > _SCENE_PERIOD_S else self._scene_due_s)
             self._draw(tick, joints, head_m, at)
 
-    def _draw(self, tick: TickMoment, joints: JointState | None, head_m: FloatArray, at: int) -> None:
-        names = self._neck.joint_names
-        sent = [
-            JointMessage(name=name, position=q, velocity=motion[1], acceleration=motion[2])
-            for name, q, motion in zip(names, tick.sent_rad.tolist(), tick.motions, strict=True)
-        ]
-        self._commands.log(JointStates(timestamp=stamp(tick.time_s), joints=sent), log_time=at)
-        entities: list[SceneEntity] = []
-        if joints is not None:
-            states = [
-                JointMessage(name=name, position=q, velocity=v)
-                for name, q, v in zip(names, joints.position_rad.tolist(), joints.velocity_rad_s.tolist(), strict=True)
-            ]
-            self._joints.log(JointStates(timestamp=stamp(tick.time_s), joints=states), log_time=at)
-            frames = [*neck_frames(self._neck, joints.position_rad), self._camera]
-            self._frames.log(transforms(frames, tick.time_s), log_time=at)
-            entities.append(gaze_entity(self._neck.geometry, joints.position_rad, tick.time_s))
-        if np.isfinite(head_m).all():
-            entities.append(person_entity("person", head_m, tick.time_s))
-        if entities:
-            self._scene.log(SceneUpdate(entities=entities), log_time=at)
+    def _draw(self, tick: moments.TickMoment, joints: JointState | None, head_m: FloatArray, at: int) -> None:
+        def states(*columns: Sequence[float]) -> fox.JointStates:
+            rows = zip(self._neck.joint_names, *columns, strict=True)
+            fields = ("name", "position", "velocity", "acceleration")
+            joined = [fox.JointState(**dict(zip(fields, row, strict=False))) for row in rows]
+            return fox.JointStates(timestamp=scene.stamp(tick.time_s), joints=joined)
 
-    def _seen(self, seen: SeenMoment) -> None:
-        at, head_m = nanoseconds(seen.time_s), seen.head_observed_base_m
+        _, speeds, accelerations = zip(*tick.motions, strict=True)
+        self._commands.log(states(tick.sent_rad.tolist(), speeds, accelerations), log_time=at)
+        entities: list[fox.SceneEntity] = []
+        if joints is not None:
+            self._joints.log(states(joints.position_rad.tolist(), joints.velocity_rad_s.tolist()), log_time=at)
+            frames = [*scene.neck_frames(self._neck, joints.position_rad), self._camera]
+            self._frames.log(scene.transforms(frames, tick.time_s), log_time=at)
+            entities.append(scene.gaze_entity(self._neck.geometry, joints.position_rad, tick.time_s))
+        if np.isfinite(head_m).all():
+            entities.append(scene.person_entity("person", head_m, tick.time_s))
+        if entities:
+            self._scene.log(fox.SceneUpdate(entities=entities), log_time=at)
+
+    def _seen(self, seen: moments.SeenMoment) -> None:
+        at, head_m = scene.nanoseconds(seen.time_s), seen.head_observed_base_m
         self._observed_base_m = head_m
-        row = (seen.capture_time_s, seen.time_s, *head_m.tolist(), seen.person_id)
-        _send(self._observations, self._observation_names, row, at)
+        self._observations((seen.capture_time_s, seen.time_s, *head_m.tolist(), seen.person_id), at)
         true_m = np.full_like(seen.means_base_m, np.nan) if seen.true_base_m is None else seen.true_base_m
         i, j = np.triu_indices(3)
         for k, horizon_s in enumerate(FORECAST_HORIZONS_S):
@@ -264,38 +221,29 @@ class Channels:
                 seen.degrees_of_freedom,
                 *true_m[k].tolist(),
             )
-            _send(self._forecasts, self._forecast_names, forecast, at)
-        self._frames.log(transforms([person_frame(head_m, seen.head_quat_wxyz)], seen.time_s), log_time=at)
-        entities = [person_entity("observed", head_m, seen.time_s)]
+            self._forecasts(forecast, at)
+        self._frames.log(scene.transforms([scene.person_frame(head_m, seen.head_quat_wxyz)], seen.time_s), log_time=at)
+        entities = [scene.person_entity("observed", head_m, seen.time_s)]
         if np.isfinite(seen.means_base_m).all():
-            entities.append(forecast_entity(seen.means_base_m, seen.covariances_m2, seen.time_s))
-        self._scene.log(SceneUpdate(entities=entities), log_time=at)
+            entities.append(scene.forecast_entity(seen.means_base_m, seen.covariances_m2, seen.time_s))
+        self._scene.log(fox.SceneUpdate(entities=entities), log_time=at)
 
-    def _plan(self, plan: PlanMoment) -> None:
+    def _plan(self, plan: moments.PlanMoment) -> None:
         self._latency_ms = plan.latency_ms
-        at = nanoseconds(plan.time_s)
+        at = scene.nanoseconds(plan.time_s)
         angles = {f"{name}_rad": plan.position_rad[:, k].tolist() for k, name in enumerate(self._neck.joint_names)}
         self._plans.log({"start_s": plan.start_s, "step_s": plan.step_s, **angles}, log_time=at)
-        drawn = plan_entity(self._neck.geometry, plan.position_rad, plan.time_s)
-        self._scene.log(SceneUpdate(entities=[drawn]), log_time=at)
+        drawn = scene.plan_entity(self._neck.geometry, plan.position_rad, plan.time_s)
+        self._scene.log(fox.SceneUpdate(entities=[drawn]), log_time=at)
 
-    def _event(self, event: EventMoment) -> None:
-        message = LogMessage(timestamp=stamp(event.time_s), level=LogLevel.Warning, message=event.text, name=event.name)
-        self._events.log(message, log_time=nanoseconds(event.time_s))
-
-    def _picture(self, picture: PictureMoment) -> None:
-        message = CompressedImage(
-            timestamp=stamp(picture.time_s), frame_id=self._camera.child, data=picture.jpeg, format="jpeg"
+    def _event(self, event: moments.EventMoment) -> None:
+        message = fox.Log(
+            timestamp=scene.stamp(event.time_s), level=fox.LogLevel.Warning, message=event.text, name=event.name
         )
-        self._pictures.log(message, log_time=nanoseconds(picture.time_s))
+        self._events.log(message, log_time=scene.nanoseconds(event.time_s))
 
-
-def _send(channel: foxglove.Channel, names: Sequence[str], values: Sequence[Any], at: int) -> None:
-    # JSON has no NaN and no infinity.
-    channel.log(
-        {
-            name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in zip(names, values, strict=True)
-        },
-        log_time=at,
-    )
+    def _picture(self, picture: moments.PictureMoment) -> None:
+        message = fox.CompressedImage(
+            timestamp=scene.stamp(picture.time_s), frame_id=self._camera.child, data=picture.jpeg, format="jpeg"
+        )
+        self._pictures.log(message, log_time=scene.nanoseconds(picture.time_s))

@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from foxglove.messages import (
-    Color,
-    Duration,
-    FrameTransform,
-    FrameTransforms,
-    LinePrimitive,
-    LinePrimitiveLineType,
-    Point3,
-    Pose,
-    Quaternion,
-    SceneEntity,
-    SpherePrimitive,
-    Timestamp,
-    Vector3,
-)
+from foxglove import messages as fox
 from scipy.spatial.transform import Rotation
 
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, NeckSpec
-from gazempc.results.mcap_read import nanoseconds
 from gazempc.results.run_info import RunInfo
 from gazempc.types import FloatArray
 
@@ -49,10 +34,15 @@ class PlacedFrame(NamedTuple):
     turn: Rotation
 
 
-def stamp(time_s: float) -> Timestamp:
+def nanoseconds(time_s: float) -> int:
+    """A time as MCAP files have it: whole nanoseconds, none before zero."""
+    return max(0, round(1e9 * time_s))
+
+
+def stamp(time_s: float) -> fox.Timestamp:
     """A time as messages have it; none before zero."""
     seconds, rest = divmod(nanoseconds(time_s), 10**9)
-    return Timestamp(sec=seconds, nsec=rest)
+    return fox.Timestamp(sec=seconds, nsec=rest)
 
 
 def neck_frames(neck: NeckSpec, angles_rad: FloatArray) -> list[PlacedFrame]:
@@ -108,7 +98,7 @@ def person_frame(head_base_m: FloatArray, quat_wxyz: FloatArray | None) -> Place
     return PlacedFrame(BASE, "person", head_base_m.tolist(), turn)
 
 
-def transforms(frames: Sequence[PlacedFrame], time_s: float) -> FrameTransforms:
+def transforms(frames: Sequence[PlacedFrame], time_s: float) -> fox.FrameTransforms:
     """Frames as a message.
 
     Args:
@@ -118,13 +108,13 @@ def transforms(frames: Sequence[PlacedFrame], time_s: float) -> FrameTransforms:
     Returns:
         The message.
     """
-    return FrameTransforms(
+    return fox.FrameTransforms(
         transforms=[
-            FrameTransform(
+            fox.FrameTransform(
                 timestamp=stamp(time_s),
                 parent_frame_id=frame.parent,
                 child_frame_id=frame.child,
-                translation=Vector3(x=frame.position_m[0], y=frame.position_m[1], z=frame.position_m[2]),
+                translation=_vector(frame.position_m),
                 rotation=_quaternion(frame.turn),
             )
             for frame in frames
@@ -132,9 +122,12 @@ def transforms(frames: Sequence[PlacedFrame], time_s: float) -> FrameTransforms:
     )
 
 
-def _quaternion(turn: Rotation) -> Quaternion:
-    x, y, z, w = turn.as_quat().tolist()
-    return Quaternion(x=x, y=y, z=z, w=w)
+def _quaternion(turn: Rotation) -> fox.Quaternion:
+    return fox.Quaternion(**dict(zip("xyzw", turn.as_quat().tolist(), strict=True)))
+
+
+def _vector(xyz: Sequence[float]) -> fox.Vector3:
+    return fox.Vector3(**dict(zip("xyz", xyz, strict=True)))
 
 
 # A head is some 0.2 m wide; what was observed is drawn smaller, so that both can be seen.
@@ -143,12 +136,12 @@ _HEAD_M, _OBSERVED_M = 0.2, 0.1
 _AXIS_SDS = 4.0
 _GAZE_LENGTH_M = 4.0
 # Okabe & Ito (2008): for colour-blind people, too.
-_TRUE, _SEEN = Color(r=0.0, g=0.62, b=0.45, a=0.8), Color(r=0.9, g=0.62, b=0.0, a=0.9)
-_FORECAST, _CLOUD = Color(r=0.0, g=0.45, b=0.7, a=1.0), Color(r=0.34, g=0.71, b=0.91, a=0.25)
-_GAZE, _PLAN = Color(r=0.84, g=0.37, b=0.0, a=1.0), Color(r=0.8, g=0.47, b=0.65, a=1.0)
+_TRUE, _SEEN = fox.Color(r=0.0, g=0.62, b=0.45, a=0.8), fox.Color(r=0.9, g=0.62, b=0.0, a=0.9)
+_FORECAST, _CLOUD = fox.Color(r=0.0, g=0.45, b=0.7, a=1.0), fox.Color(r=0.34, g=0.71, b=0.91, a=0.25)
+_GAZE, _PLAN = fox.Color(r=0.84, g=0.37, b=0.0, a=1.0), fox.Color(r=0.8, g=0.47, b=0.65, a=1.0)
 
 
-def person_entity(name: str, head_base_m: FloatArray, time_s: float) -> SceneEntity:
+def person_entity(name: str, head_base_m: FloatArray, time_s: float) -> fox.SceneEntity:
     """A head: ``person`` where it is, ``observed`` where the sensor saw it.
 
     Args:
@@ -160,11 +153,11 @@ def person_entity(name: str, head_base_m: FloatArray, time_s: float) -> SceneEnt
         A sphere.
     """
     size_m, colour = (_HEAD_M, _TRUE) if name == "person" else (_OBSERVED_M, _SEEN)
-    sphere = SpherePrimitive(pose=_pose(head_base_m), size=Vector3(x=size_m, y=size_m, z=size_m), color=colour)
+    sphere = fox.SpherePrimitive(pose=_pose(head_base_m), size=_vector([size_m] * 3), color=colour)
     return _entity(name, time_s, spheres=[sphere])
 
 
-def forecast_entity(means_base_m: FloatArray, covariances_m2: FloatArray, time_s: float) -> SceneEntity:
+def forecast_entity(means_base_m: FloatArray, covariances_m2: FloatArray, time_s: float) -> fox.SceneEntity:
     """A forecast as a line, with ellipsoids of two standard deviations.
 
     Args:
@@ -179,7 +172,7 @@ def forecast_entity(means_base_m: FloatArray, covariances_m2: FloatArray, time_s
     return _entity("forecast", time_s, lines=[_line(means_base_m, _FORECAST)], spheres=spheres)
 
 
-def gaze_entity(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> SceneEntity:
+def gaze_entity(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> fox.SceneEntity:
     """The gaze as a ray of 4 m.
 
     Args:
@@ -194,7 +187,7 @@ def gaze_entity(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> Sc
     return _entity("gaze", time_s, lines=[_line(np.stack([eye, eye + _GAZE_LENGTH_M * direction]), _GAZE)])
 
 
-def plan_entity(geometry: Geometry, planned_rad: FloatArray, time_s: float) -> SceneEntity:
+def plan_entity(geometry: Geometry, planned_rad: FloatArray, time_s: float) -> fox.SceneEntity:
     """A plan as the line along which it leads the end of the gaze ray.
 
     Args:
@@ -209,39 +202,26 @@ def plan_entity(geometry: Geometry, planned_rad: FloatArray, time_s: float) -> S
     return _entity("plan", time_s, lines=[_line(eyes + _GAZE_LENGTH_M * directions, _PLAN)])
 
 
-def _ellipsoid(mean_m: FloatArray, covariance_m2: FloatArray) -> SpherePrimitive:
+def _ellipsoid(mean_m: FloatArray, covariance_m2: FloatArray) -> fox.SpherePrimitive:
     finite = np.isfinite(covariance_m2).all()
     variances, axes = np.linalg.eigh(covariance_m2) if finite else (np.zeros(3), np.eye(3))
     if np.linalg.det(axes) < 0:
         axes = -axes
-    x, y, z, w = Rotation.from_matrix(axes).as_quat().tolist()
     size = (_AXIS_SDS * np.sqrt(np.maximum(variances, 0.0))).tolist()
-    return SpherePrimitive(
-        pose=_pose(mean_m, Quaternion(w=w, x=x, y=y, z=z)),
-        size=Vector3(x=size[0], y=size[1], z=size[2]),
-        color=_CLOUD,
-    )
+    return fox.SpherePrimitive(pose=_pose(mean_m, Rotation.from_matrix(axes)), size=_vector(size), color=_CLOUD)
 
 
-def _entity(
-    name: str,
-    time_s: float,
-    lines: list[LinePrimitive] | None = None,
-    spheres: list[SpherePrimitive] | None = None,
-) -> SceneEntity:
+def _entity(name: str, time_s: float, **drawn: Any) -> fox.SceneEntity:
     # Each replaces the one before it of the same name.
-    return SceneEntity(
-        timestamp=stamp(time_s), frame_id=BASE, id=name, lifetime=Duration(sec=0), lines=lines, spheres=spheres
+    return fox.SceneEntity(timestamp=stamp(time_s), frame_id=BASE, id=name, lifetime=fox.Duration(sec=0), **drawn)
+
+
+def _line(points_m: FloatArray, colour: fox.Color) -> fox.LinePrimitive:
+    points = [fox.Point3(x=x, y=y, z=z) for x, y, z in points_m.tolist()]
+    return fox.LinePrimitive(
+        type=fox.LinePrimitiveLineType.LineStrip, thickness=2.0, scale_invariant=True, points=points, color=colour
     )
 
 
-def _line(points_m: FloatArray, colour: Color) -> LinePrimitive:
-    points = [Point3(x=x, y=y, z=z) for x, y, z in points_m.tolist()]
-    return LinePrimitive(
-        type=LinePrimitiveLineType.LineStrip, thickness=2.0, scale_invariant=True, points=points, color=colour
-    )
-
-
-def _pose(position_m: FloatArray, turn: Quaternion | None = None) -> Pose:
-    x, y, z = position_m.tolist()
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=turn or Quaternion(w=1.0, x=0.0, y=0.0, z=0.0))
+def _pose(position_m: FloatArray, turn: Rotation | None = None) -> fox.Pose:
+    return fox.Pose(position=_vector(position_m.tolist()), orientation=_quaternion(turn or Rotation.identity()))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gazempc.files.whole import write_whole
+from gazempc.parts import TRUE_FUTURE
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import Metrics, gap_closed
 from gazempc.types import FloatArray
@@ -74,7 +75,7 @@ LABELS = {
     "reactive": "reactive",
     "lookahead": "look-ahead",
     "mpc": "MPC",
-    "perfect": "MPC with perfect forecast",
+    TRUE_FUTURE: "MPC with perfect forecast",
 }
 _PACKAGES = ("gazempc", "daqp", "numpy", "scipy", "filterpy", "ruckig", "matplotlib", "pydantic")
 
@@ -112,10 +113,10 @@ def make_rows(results: list[tuple[str, str, Metrics, ComputeMetrics]]) -> list[R
         results: Controller, predictor and figures of each run on one recording.
 
     Returns:
-        The rows; gap closed is NaN unless both ``reactive`` and ``perfect`` are among them.
+        The rows; gap closed is NaN unless both ``reactive`` and ``mpc+perfect`` are among them.
     """
     rms = {controller: metrics.gaze_error_rms_deg for controller, _, metrics, _ in results}
-    reactive, perfect = rms.get("reactive", math.nan), rms.get("perfect", math.nan)
+    reactive, perfect = rms.get("reactive", math.nan), rms.get(TRUE_FUTURE, math.nan)
     return [
         Row(controller, predictor, metrics, compute, gap_closed(metrics.gaze_error_rms_deg, reactive, perfect))
         for controller, predictor, metrics, compute in results

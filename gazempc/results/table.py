@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.parts import TRUE_FUTURE
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import measure
 from gazempc.results.run_summary import Row, label, make_rows, measure_compute
@@ -215,11 +216,11 @@ def sentence(repeats: Sequence[Repeats]) -> str:
         change = f"{ratio:.1f} times smaller" if ratio > 1 else f"{1 / ratio:.1f} times larger"
         claims.append(f"{label(r.first.controller)} {contact(r)} (RMS error {change})")
     text = f"Eye contact (within 2.6 deg): reactive {contact(reactive)} of the time, {', '.join(claims)}."
-    if "perfect" in by_name:
-        limit = by_name["perfect"]
+    if TRUE_FUTURE in by_name:
+        limit = by_name[TRUE_FUTURE]
         error_deg = limit.mean("gaze_error_rms_deg")
         text += f" With a perfect forecast, the same neck has {contact(limit)}, at {error_deg:.2f} deg."
-    return " ".join([text, *_costs(predictive, reactive, by_name.get("perfect"))])
+    return " ".join([text, *_costs(predictive, reactive, by_name.get(TRUE_FUTURE))])
 
 
 def _costs(predictive: Sequence[Repeats], reactive: Repeats, perfect: Repeats | None) -> list[str]:

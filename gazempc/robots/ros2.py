@@ -15,6 +15,7 @@ import ruckig
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import Ros2Options
+from gazempc.robots.robot import check_command, stop_trajectory
 from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
 from gazempc.ros2.node import MakeNode, Publication, Ros2Node, Subscription, message_type
 from gazempc.types import FloatArray, JointState
@@ -25,6 +26,9 @@ _WAKE_S = 0.01
 
 # Between two of these points the controller's quintic follows the stop's phases of constant jerk closely.
 _STOP_POINTS = 5
+# Speed towards the command after the controller was gone, rad/s: the neck may have been moved by hand or by gravity.
+_RETURN_RAD_S = 0.5
+_RETURNED_RAD = 1e-9
 # A joint that is sent speeds returns at this rate from where its speeds have drifted, 1/s.
 _DRIFT_GAIN_1_S = 1.0
 
@@ -37,7 +41,9 @@ class Ros2Neck:
     stops the neck by itself; and a controller that demands a last point at rest accepts the trajectory.
 
     `read_state` raises `RobotError` if no joint state that can be used has come for `silent_after_s`, and
-    `send_command` if no node listens to the commands; the next call finds them back. No call but `connect` waits.
+    `send_command` if no node listens to the commands; the next call finds them back. A controller that was gone for
+    longer than `silent_after_s` first gets the way from the measured joints to the command, within the limits;
+    `send_command` raises `RobotError` meanwhile. No call but `connect` waits.
 
     Args:
         neck: The joints' limits; without `reports_joints` no joint states are expected.
@@ -87,7 +93,9 @@ class Ros2Neck:
         self._silent_after_s = options.silent_after_s
         self._connect_timeout_s = connect_timeout_s
         self._make_node = make_node
-        self._braking = ruckig.Ruckig(neck.joints)
+        self._lost_s = math.inf
+        self._returning: tuple[ruckig.InputParameter, ruckig.OutputParameter] | None = None
+        self._return_steps = ruckig.Ruckig(neck.joints, neck.servo_period_s)
         # Commands sent, newest last: as many as lie between a command and the joint that follows it.
         ahead_s = float(np.max(neck.dead_time_s + neck.servo_lag_s)) + neck.servo_period_s
         self._sent: deque[FloatArray] = deque(maxlen=max(3, round(ahead_s * neck.servo_rate_hz)))
@@ -139,19 +147,47 @@ class Ros2Neck:
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`; without a further one the controller brakes the neck."""
-        if np.shape(position_rad) != self._signs.shape or not np.all(np.isfinite(position_rad)):
-            raise RobotError(f"refused a command that is not {self._signs.size} finite angles: {position_rad}")
+        check_command(position_rad, self._signs.size)
         commands = self._connected()
+        now_s = self._clock_s()
         if not commands.has_listeners:
             self._sent.clear()
+            self._lost_s, self._returning = min(self._lost_s, now_s), None
             raise RobotError(f"no node listens to the commands on {self._command_topic}: has the controller stopped?")
         sent_rad: FloatArray = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        if now_s - self._lost_s > self._silent_after_s and self._states is not None and not self._sends_speeds:
+            on_way_rad = self._return(sent_rad, now_s)
+            if np.max(np.abs(on_way_rad - sent_rad)) > _RETURNED_RAD:
+                self._publish(commands, on_way_rad)
+                raise RobotError(f"{self._command_topic} has a listener again: the joints return to the command")
+        self._lost_s, self._returning = math.inf, None
+        self._publish(commands, sent_rad)
+        return sent_rad
+
+    def _publish(self, commands: Publication, position_rad: FloatArray) -> None:
         try:
-            commands.publish(self._command(sent_rad))
+            commands.publish(self._command(position_rad))
         except Ros2Error as error:
             raise RobotError(f"cannot send commands on {self._command_topic}: {error}") from None
-        self._sent.append(sent_rad)
-        return sent_rad
+        self._sent.append(position_rad)
+
+    def _return(self, command_rad: FloatArray, now_s: float) -> FloatArray:
+        """The next position on the way from the measured joints to the command."""
+        neck = self._neck
+        if self._returning is None:
+            if self._measured_rad is None or now_s - self._heard_s > self._silent_after_s:
+                raise RobotError(f"{self._command_topic} has a listener again, {self._state_topic} no joint state yet")
+            motion, limits = ruckig.InputParameter(neck.joints), neck.command_limits
+            motion.current_position = limits.clip_position(self._measured_rad).tolist()
+            motion.max_velocity = np.minimum(limits.velocity_max_rad_s, _RETURN_RAD_S).tolist()
+            motion.max_acceleration = limits.acceleration_max_rad_s2.tolist()
+            motion.max_jerk = limits.jerk_max_rad_s3.tolist()
+            self._returning = motion, ruckig.OutputParameter(neck.joints)
+        motion, following = self._returning
+        motion.target_position = command_rad.tolist()
+        self._return_steps.update(motion, following)
+        following.pass_to_input(motion)
+        return np.array(following.new_position)
 
     def close(self) -> None:
         """Leave the graph; the controller brakes the neck, if it moves."""
@@ -162,6 +198,7 @@ class Ros2Neck:
         if self._node is not None:
             self._node.close()
         self._sent.clear()
+        self._lost_s, self._returning = math.inf, None
         self._node = self._commands = self._states = self._latest = None
         self._newest_s = self._heard_s = -math.inf
 
@@ -245,27 +282,11 @@ class Ros2Neck:
         # A stamp of zero means: from now on. Then the two computers' clocks do not matter.
         message.joint_names = self._names
         message.points = [self._point(0.0, position_rad, velocity_rad_s, acceleration_rad_s2)]
-        stop = self._stop(position_rad, velocity_rad_s, acceleration_rad_s2)
+        stop = stop_trajectory(position_rad, velocity_rad_s, acceleration_rad_s2, self._neck, self._neck.servo_period_s)
         for k in range(1, _STOP_POINTS + 1):
             later_s = stop.duration * k / _STOP_POINTS
             message.points.append(self._point(later_s, *map(np.asarray, stop.at_time(later_s))))
         return message
-
-    def _stop(
-        self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
-    ) -> ruckig.Trajectory:
-        """The fastest stop within the neck's limits of acceleration and jerk; at least a servo period."""
-        about = ruckig.InputParameter(len(position_rad))
-        about.control_interface = ruckig.ControlInterface.Velocity
-        about.current_position, about.current_velocity = position_rad.tolist(), velocity_rad_s.tolist()
-        about.current_acceleration = acceleration_rad_s2.tolist()
-        about.target_velocity = about.target_acceleration = [0.0] * len(position_rad)
-        about.max_acceleration = self._neck.acceleration_max_rad_s2.tolist()
-        about.max_jerk = self._neck.jerk_max_rad_s3.tolist()
-        about.minimum_duration = self._neck.servo_period_s
-        stop = ruckig.Trajectory(len(position_rad))
-        self._braking.calculate(about, stop)
-        return stop
 
     def _point(
         self, later_s: float, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 
 import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.loop.attended import AttendedPeople
-from gazempc.loop.build import Person, make_predictor
-from gazempc.loop.track import PersonTrack
-from gazempc.people.attention import Attention
-from gazempc.people.policies import make_policy
+from gazempc.loop.looking_away import LookingAway
+from gazempc.loop.track import Target
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import Log
-from gazempc.settings import GazeSettings, LoopSettings
-from gazempc.sim.crowd import PerfectOfCrowd, observe_together
+from gazempc.sim.crowd import observe_together
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensor import observe
 from gazempc.types import FloatArray, IntArray
-from predictors import Predictor
 
 _NONE = -1
 
@@ -30,14 +25,11 @@ class Alone:
 
     Args:
         scene: The scene.
-        ready: The predictor.
-        settings: Ages at which observations and tracks are given up.
     """
 
-    def __init__(self, scene: Scene, ready: Predictor, settings: LoopSettings) -> None:
+    def __init__(self, scene: Scene) -> None:
         self.seen = [(0, sighting) for sighting in observe(scene.walk, scene.sensor, scene.seed)]
         self.heads = [TrueHead(scene.walk)]
-        self.target = PersonTrack(ready, settings)
 
     def note(self, now_s: float) -> None:
         """See `Crowd.note`: one person is attended all the time."""
@@ -57,18 +49,17 @@ class Crowd:
 
     Args:
         scene: The scene.
-        target: The target of the loop.
+        several: Tracks of all people.
 
     Attributes:
         heads: True head of each person.
         seen: Number in `heads` and sighting, in the order of arrival.
-        target: The target of the loop.
     """
 
-    def __init__(self, scene: Scene, target: AttendedPeople) -> None:
+    def __init__(self, scene: Scene, several: AttendedPeople) -> None:
         walks = (scene.walk, *scene.others)
         self.seen = observe_together(walks, scene.sensor, scene.seed)
-        self.target = target
+        self._several = several
         self.heads = [TrueHead(walk) for walk in walks]
         self._whose = {id(sighting.observation): k for k, sighting in self.seen}
         self._owners: dict[int, int] = {}
@@ -82,13 +73,13 @@ class Crowd:
             now_s: The time, seconds.
         """
         attended = _NONE
-        for track in self.target.people.confirmed:
+        for track in self._several.people.confirmed:
             # Whose observations they are may change while their number does not.
             owner = self._whose[id(track.newest)]
             if self._owners.setdefault(track.number, owner) != owner:
                 self._owners[track.number] = owner
                 self._swaps_s.append(now_s)
-            if track.number == self.target.attention.attended.number:
+            if track.number == self._several.attention.attended.number:
                 attended = owner
         self._attended.append((now_s, attended))
 
@@ -133,34 +124,22 @@ class Crowd:
         return np.where(times_s <= ticks_s[-1] + 1e-9, whom[at], _NONE).astype(np.intp)
 
 
-def people_of(scene: Scene, predictor: Predictor | str, ready: Predictor, settings: GazeSettings) -> Alone | Crowd:
+def people_of(scene: Scene, target: Target) -> Alone | Crowd:
     """The people of a scene.
 
     Args:
         scene: The scene.
-        predictor: A predictor, which is copied for each of several people, or its name.
-        ready: The predictor for a single person.
-        settings: Parameters of the parts.
+        target: The target of the loop.
 
     Returns:
-        A crowd where the settings have a policy of attention; otherwise all observations are one person's.
+        A crowd where the target is one of several people; otherwise all observations are one person's.
 
     Raises:
-        SettingsError: If there are several people and no policy of attention.
+        SettingsError: If there are several people and the target is a single one.
     """
-    if settings.attend is None:
-        if scene.others:
-            raise SettingsError(f"{scene.name}: several people: choose one by --attend, such as --attend nearest")
-        return Alone(scene, ready, settings.loop)
-    options = dict(getattr(settings, "options", {}))
-    attention = Attention(make_policy(settings.attend, options), settings.attention)
-    heads = [TrueHead(walk) for walk in (scene.walk, *scene.others)]
-
-    def make() -> Predictor:
-        if predictor == "perfect":
-            return PerfectOfCrowd(heads)
-        if not isinstance(predictor, str):
-            return copy.deepcopy(predictor)
-        return make_predictor(predictor, settings, Person(), options)
-
-    return Crowd(scene, AttendedPeople(make, attention, settings.loop, settings.framing.subject == "all"))
+    several = target.several if isinstance(target, LookingAway) else None
+    if several is not None:
+        return Crowd(scene, several)
+    if scene.others:
+        raise SettingsError(f"{scene.name}: several people: choose one by --attend, such as --attend nearest")
+    return Alone(scene)

@@ -14,18 +14,16 @@ from pydantic import Field
 
 from gazempc.controllers.controller import Controller
 from gazempc.errors import LeftOutError
-from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.build import Person, make_controller, make_predictor, make_target
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
-from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
-from gazempc.loop.track import Target
 from gazempc.neck.narrow import narrowed
 from gazempc.neck.poses import seen_from_head
-from gazempc.parts import CONTROLLER, PREDICTOR, name_of
+from gazempc.parts import CONTROLLER, PREDICTOR, gaze_of, name_of
 from gazempc.people.schedule import LookAways
 from gazempc.people.tracker_faults import is_low_rate
 from gazempc.recordings.truth import TrueHead
@@ -34,6 +32,7 @@ from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.moments import Moment
 from gazempc.results.run_info import RunInfo
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
+from gazempc.sim.crowd import PerfectOfCrowd
 from gazempc.sim.crowd_replay import people_of
 from gazempc.sim.scene import Scene, SceneSettings
 from gazempc.sim.simulated import SimulatedNeck
@@ -94,7 +93,7 @@ def replay_scene(
 
     Args:
         scene: Walk, neck, sensor and seed.
-        controller: A controller, or its name; ``perfect`` is the MPC with the predictor ``perfect``.
+        controller: A controller, or its name; ``mpc+perfect`` names its predictor, too.
         predictor: A predictor, or its name.
         settings: Parameters of the parts that are named, and of the loop. Values of the scene have precedence.
         on_tick: Called at each tick with the share of the recording that is done, 0 to 1.
@@ -118,11 +117,15 @@ def replay_scene(
             f"{walk.name}: {end_s:.2f} s is too short to be scored: at least {MIN_DURATION_S} s are needed"
         )
     true_head = TrueHead(walk)
-    if controller == "perfect":
-        predictor = "perfect"
+    controller, own_predictor = gaze_of(controller) if isinstance(controller, str) else (controller, "")
+    predictor = own_predictor or predictor
     ready = make_predictor(predictor, settings, Person(walk.labels.subject, true_head), settings.options)
     planning = make_controller(controller, neck, settings, settings.options)
-    people = people_of(scene, predictor, ready, settings)
+    of_each = predictor
+    if predictor == "perfect" and settings.attend is not None:
+        of_each = PerfectOfCrowd([TrueHead(each) for each in (walk, *scene.others)])
+    target = make_target(of_each, ready, neck, settings, settings.options, look_aways=look_aways)
+    people = people_of(scene, target)
     seen = deque(people.seen)
     smoother = Smoother(neck, scene.first_angles_rad(seen[0][1].observation.head_position_base_m))
 
@@ -133,11 +136,6 @@ def replay_scene(
     recorder = LoopRecorder(neck.control_period_s, watch)
     if is_low_rate(np.array([sighting.observation.capture_time_s for _, sighting in seen])):
         recorder.event(0.0, Event.LOW_FRAME_RATE)
-    target: Target = people.target
-    if look_aways is None and settings.look_away.rhythm != "no":
-        look_aways = LookAways(neck, settings.look_away.rhythm, settings.look_away.seed)
-    if look_aways is not None:
-        target = LookingAway(target, look_aways)
     loop = GazeLoop(neck, target, ImmediatePlanner(planning), smoother, robot, recorder, settings.loop)
     robot.connect()
     period_s = neck.servo_period_s
@@ -160,7 +158,7 @@ def replay_scene(
         kind=walk.kind,
         subject=walk.labels.subject,
         group=walk.labels.group,
-        controller="perfect" if controller == "perfect" else name_of(CONTROLLER, planning),
+        controller="+".join(filter(None, (name_of(CONTROLLER, planning), own_predictor))),
         predictor=name_of(PREDICTOR, ready),
         neck=robot_neck,
         sensor=scene.sensor.model_dump(mode="json"),

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from predictors.gate import Gate
-from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
-from predictors.types import FloatArray, Forecast, HeadObservation
+from predictors.gate import GatedFilter
+from predictors.predictor import as_times
+from predictors.types import FloatArray, Forecast, check_positive
 
 if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter
@@ -56,10 +56,8 @@ def _on_each_axis(blocks: list[list[FloatArray]]) -> FloatArray:
     return np.asarray(np.einsum("hij,kl->hikjl", block, np.eye(3)).reshape(-1, 9, 9))
 
 
-class ConstantAcceleration:
-    """Constant-acceleration Kalman filter driven by the time stamps of the observations.
-
-    Improbable observations are refused as by `ConstantVelocity`.
+class ConstantAcceleration(GatedFilter):
+    """Constant-acceleration Kalman filter driven by the time stamps of the observations; see `GatedFilter`.
 
     Args:
         jerk_psd: Power spectral density of the head's jerk on each axis, m^2/s^5. The default has the least error
@@ -68,48 +66,13 @@ class ConstantAcceleration:
     """
 
     def __init__(self, jerk_psd: float = 0.003, position_noise_m: float = 0.01) -> None:
-        if not (jerk_psd > 0 and position_noise_m > 0):
-            raise ValueError("jerk_psd and position_noise_m must be positive")
+        check_positive(jerk_psd=jerk_psd)
         self._psd = jerk_psd
-        self._R = position_noise_m**2 * np.eye(3)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the person."""
-        self._filter: KalmanFilter | None = None
-        self._time_s = -np.inf
-        self._issued_at_s = -np.inf
-        self._gate = Gate()
-
-    @property
-    def rejections_in_a_row(self) -> int:
-        """Number of observations refused since the last accepted one."""
-        return self._gate.rejections_in_a_row
-
-    def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
-        check_newer(observation, None if self._filter is None else self._time_s)
-        if self._filter is None:
-            self._start(observation)
-            return
-        kf = self._filter
-        dt_s = np.array([observation.capture_time_s - self._time_s])
-        kf.predict(F=transition(dt_s)[0], Q=process_noise(dt_s, self._psd)[0])
-        self._time_s = observation.capture_time_s
-        R = noise_m2(observation, self._R)
-        if self._gate.accepts(observation, kf.x[:3], kf.P[:3, :3] + R):
-            kf.update(observation.head_position_base_m, R=R)
-            self._issued_at_s = observation.capture_time_s
-        elif self._gate.lost:
-            first, *others = self._gate.candidate
-            self._start(first)
-            for other in others:
-                self.update(other)
+        super().__init__(position_noise_m)
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
-        if self._filter is None:
-            raise NotReadyError("no observation yet")
+        self._check_started()
         times = as_times(times_s)
         tau = times - self._time_s
         to_position = transition(tau)[:, :3]
@@ -121,14 +84,19 @@ class ConstantAcceleration:
             issued_at_s=self._issued_at_s,
         )
 
-    def _start(self, observation: HeadObservation) -> None:
+    def _begin(self, position_m: FloatArray, R: FloatArray) -> None:
         from filterpy.kalman import KalmanFilter  # noqa: PLC0415
 
-        kf = KalmanFilter(dim_x=9, dim_z=3)
-        kf.x = np.concatenate([observation.head_position_base_m, np.zeros(6)])
-        kf.P = np.diag([0.0] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3 + [_INITIAL_ACCELERATION_SD_M_S2**2] * 3)
-        kf.P[:3, :3] = noise_m2(observation, self._R)
-        kf.H = np.eye(3, 9)
-        self._filter = kf
-        self._time_s = self._issued_at_s = observation.capture_time_s
-        self._gate.begin(observation)
+        self._filter: KalmanFilter = KalmanFilter(dim_x=9, dim_z=3)
+        self._filter.x = np.concatenate([position_m, np.zeros(6)])
+        self._filter.P = np.diag(np.repeat([0.0, _INITIAL_SPEED_SD_M_S**2, _INITIAL_ACCELERATION_SD_M_S2**2], 3))
+        self._filter.P[:3, :3] = R
+        self._filter.H = np.eye(3, 9)
+
+    def _predict(self, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        step_s = np.array([dt_s])
+        self._filter.predict(F=transition(step_s)[0], Q=process_noise(step_s, self._psd)[0])
+        return self._filter.x[:3], self._filter.P[:3, :3]
+
+    def _correct(self, position_m: FloatArray, R: FloatArray) -> None:
+        self._filter.update(position_m, R=R)

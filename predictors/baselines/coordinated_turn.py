@@ -7,18 +7,23 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from predictors.baselines.arc import NODES, WEIGHTS, arc, turned_per_rate_s
-from predictors.constant_velocity import ConstantVelocity
+from predictors.constant_velocity import ConstantVelocity, Refinement
 from predictors.gate import is_near
+from predictors.geometry import wrap_rad, yaw_rad
 from predictors.predictor import noise_m2
-from predictors.types import FloatArray, Forecast, HeadObservation
-from predictors.yaw import wrap_rad, yaw_rad
+from predictors.types import FloatArray, Forecast, HeadObservation, check_positive
 
 if TYPE_CHECKING:
     from filterpy.kalman import ExtendedKalmanFilter
 
 YawCues = Literal["none", "pelvis", "both"]
 _CUES_USED: dict[YawCues, int] = {"none": 0, "pelvis": 1, "both": 2}  # of pelvis, head
+
+# Gauss-Legendre on [0, 1]. Five nodes are exact to 1e-8 for a turn of pi; and unlike the closed form of the arc,
+# a quadrature has no singularity at a turn rate of zero.
+_nodes, _weights = np.polynomial.legendre.leggauss(5)
+NODES: FloatArray = (_nodes + 1.0) / 2.0
+WEIGHTS: FloatArray = _weights / 2.0
 
 _SPEED, _HEADING, _TURN_RATE, _PELVIS_OFFSET, _HEAD_OFFSET = range(2, 7)
 # Who is slower has no heading; who is to have one must be clearly faster, so that it does not come and go.
@@ -33,6 +38,43 @@ _OFFSET_WALK_RAD2_PER_S = np.array([0.0004, 0.0004])
 _YAW_SD_RAD = (0.15, 0.2)
 # The sensor's own share of it, where it states none: that of the reference sensor, 2 degrees.
 _SENSOR_YAW_SD_RAD = 0.035
+
+
+def turned_per_rate_s(time_s: FloatArray, decay_time_s: float) -> FloatArray:
+    """Angle turned over a time, per initial turn rate.
+
+    Args:
+        time_s: Times, any shape, seconds.
+        decay_time_s: Time constant with which the turn rate dies away, seconds.
+
+    Returns:
+        Radians per rad/s, of the same shape; the time itself where the decay is slow.
+    """
+    return np.asarray(-decay_time_s * np.expm1(-time_s / decay_time_s), dtype=np.float64)
+
+
+def arc(
+    heading_rad: FloatArray, turn_rate_rad_s: FloatArray, time_s: FloatArray, decay_time_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Way made over a time, per speed.
+
+    Args:
+        heading_rad: Headings at the start, from +x towards +y, radians; broadcasts with the two below.
+        turn_rate_rad_s: Turn rates at the start, rad/s.
+        time_s: Times, seconds; zero and negative ones are fine.
+        decay_time_s: Time constant with which the turn rate dies away, seconds.
+
+    Returns:
+        The way, metres per m/s, shape (..., 2), and its derivative to the turn rate, shape (..., 2).
+    """
+    time = np.asarray(time_s)[..., None]
+    turned = turned_per_rate_s(time * NODES, decay_time_s)
+    direction = np.asarray(heading_rad)[..., None] + np.asarray(turn_rate_rad_s)[..., None] * turned
+    c, s = np.cos(direction), np.sin(direction)
+    weight = time * WEIGHTS
+    way = np.stack([np.sum(weight * c, axis=-1), np.sum(weight * s, axis=-1)], axis=-1)
+    weight = weight * turned
+    return way, np.stack([-np.sum(weight * s, axis=-1), np.sum(weight * c, axis=-1)], axis=-1)
 
 
 def transition(x: FloatArray, dt_s: FloatArray, turn_time_s: float) -> tuple[FloatArray, FloatArray]:
@@ -62,7 +104,7 @@ def transition(x: FloatArray, dt_s: FloatArray, turn_time_s: float) -> tuple[Flo
     return after, jacobian
 
 
-class CoordinatedTurn:
+class CoordinatedTurn(Refinement):
     """CTRV filter: constant speed and a turn rate that decays.
 
     A `ConstantVelocity` filter gives gate, height and start. Below 0.2 m/s there is no heading, and the forecast is
@@ -78,6 +120,8 @@ class CoordinatedTurn:
         position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
     """
 
+    _walks: bool
+
     def __init__(
         self,
         yaw_cues: YawCues = "none",
@@ -89,36 +133,15 @@ class CoordinatedTurn:
     ) -> None:
         if yaw_cues not in get_args(YawCues):
             raise ValueError(f"yaw_cues must be one of {', '.join(get_args(YawCues))}, got {yaw_cues!r}")
-        densities = (acceleration_psd, heading_psd, turn_psd)
-        if not all(0 < number < np.inf for number in (*densities, turn_time_s, position_noise_m)):
-            raise ValueError("noises, densities and turn_time_s must be positive and finite")
+        check_positive(acceleration_psd=acceleration_psd, heading_psd=heading_psd, turn_psd=turn_psd)
+        check_positive(turn_time_s=turn_time_s)
         self._yaw_cues = yaw_cues
-        self._psd = np.array(densities)
+        self._psd = np.array([acceleration_psd, heading_psd, turn_psd])
         self._turn_time_s = turn_time_s
         self._R = position_noise_m**2 * np.eye(3)
-        self._position = ConstantVelocity(position_noise_m=position_noise_m)
-        self._filter: ExtendedKalmanFilter | None = None
-        self._walks = False
-        self._time_s = -np.inf
+        super().__init__(ConstantVelocity(position_noise_m=position_noise_m))
 
-    def reset(self) -> None:
-        """Forget the person."""
-        self._position.reset()
-        self._forget()
-
-    @property
-    def rejections_in_a_row(self) -> int:
-        """Number of observations refused since the last accepted one."""
-        return self._position.rejections_in_a_row
-
-    def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
-        started_at_s = self._position.started_at_s
-        self._position.update(observation)
-        if self._position.started_at_s != started_at_s:
-            self._forget()
-        if self._position.rejections_in_a_row:
-            return
+    def _take_in(self, observation: HeadObservation) -> None:
         _, x, _ = self._position.state()
         speed_m_s = float(np.hypot(x[3], x[4]))
         if self._walks:
@@ -126,14 +149,6 @@ class CoordinatedTurn:
         if not self._walks and speed_m_s >= _WALKS_FROM_M_S:
             self._begin()
         self._time_s = observation.capture_time_s
-
-    def state(self) -> tuple[FloatArray, FloatArray] | None:
-        """The filter's estimate at the last accepted observation.
-
-        Returns:
-            The state as for `transition`, shape (7,), and its covariance, shape (7, 7); None while the person stands.
-        """
-        return (self._filter.x.copy(), self._filter.P.copy()) if self._filter is not None and self._walks else None
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
@@ -147,7 +162,7 @@ class CoordinatedTurn:
         return Forecast(steady.times_s, means, covariances, steady.issued_at_s)
 
     def _forget(self) -> None:
-        self._filter = None
+        self._filter: ExtendedKalmanFilter | None = None
         self._walks = False
         self._time_s = -np.inf
 

@@ -1,4 +1,4 @@
-"""Interacting multiple models: the person walks straight, turns left or turns right, and we weigh which."""
+"""Interacting multiple models: walking straight, turning left and turning right, by their probabilities."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from predictors.constant_velocity import process_noise
-from predictors.gate import Gate
-from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
-from predictors.types import FloatArray, Forecast, HeadObservation
+from predictors.gate import GatedFilter
+from predictors.predictor import as_times
+from predictors.types import FloatArray, Forecast, check_positive
 
 if TYPE_CHECKING:
     from filterpy.kalman import IMMEstimator
@@ -57,10 +57,8 @@ def mode_transition(dt_s: float, mode_time_s: float) -> FloatArray:
     return np.asarray(kept * np.eye(3) + (1.0 - kept) / 3.0)
 
 
-class InteractingModels:
-    """IMM of constant velocity and turns to the left and to the right at a known rate.
-
-    Improbable observations are refused as by `ConstantVelocity`.
+class InteractingModels(GatedFilter):
+    """IMM of constant velocity and turns to the left and to the right at a known rate; see `GatedFilter`.
 
     Args:
         turn_rate_rad_s: Rate of the turns, rad/s.
@@ -76,57 +74,11 @@ class InteractingModels:
         acceleration_psd: float = 0.05,
         position_noise_m: float = 0.01,
     ) -> None:
-        if not all(0 < v < np.inf for v in (turn_rate_rad_s, mode_time_s, acceleration_psd, position_noise_m)):
-            raise ValueError(
-                "turn_rate_rad_s, mode_time_s, acceleration_psd and position_noise_m must be positive and finite"
-            )
+        check_positive(turn_rate_rad_s=turn_rate_rad_s, mode_time_s=mode_time_s, acceleration_psd=acceleration_psd)
         self._rates_rad_s = (0.0, turn_rate_rad_s, -turn_rate_rad_s)
         self._mode_time_s = mode_time_s
         self._psd = acceleration_psd
-        self._R = position_noise_m**2 * np.eye(3)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the person."""
-        self._imm: IMMEstimator | None = None
-        self._time_s = -np.inf
-        self._issued_at_s = -np.inf
-        self._gate = Gate()
-
-    @property
-    def rejections_in_a_row(self) -> int:
-        """Number of observations refused since the last accepted one."""
-        return self._gate.rejections_in_a_row
-
-    def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
-        check_newer(observation, None if self._imm is None else self._time_s)
-        if self._imm is None:
-            self._start(observation)
-            return
-        imm = self._imm
-        dt_s = observation.capture_time_s - self._time_s
-        # The probabilities for this time step. filterpy takes those of its last step, and after a refused
-        # observation would forget that modes may have changed since.
-        changes = mode_transition(dt_s, self._mode_time_s)
-        imm.cbar = imm.mu @ changes
-        imm.omega = imm.mu[:, None] * changes / imm.cbar
-        imm.mu = imm.cbar
-        for kf, rate_rad_s in zip(imm.filters, self._rates_rad_s, strict=True):
-            kf.F, kf.Q = turning_transition(dt_s, rate_rad_s), process_noise(dt_s, self._psd)
-        imm.predict()
-        self._time_s = observation.capture_time_s
-        R = noise_m2(observation, self._R)
-        if self._gate.accepts(observation, imm.x[:3], imm.P[:3, :3] + R):
-            for kf in imm.filters:
-                kf.R = R
-            imm.update(observation.head_position_base_m)
-            self._issued_at_s = observation.capture_time_s
-        elif self._gate.lost:
-            first, *others = self._gate.candidate
-            self._start(first)
-            for other in others:
-                self.update(other)
+        super().__init__(position_noise_m)
 
     def probabilities(self) -> FloatArray:
         """How probable the modes are.
@@ -137,8 +89,7 @@ class InteractingModels:
         Raises:
             NotReadyError: If there has been no observation since the last reset.
         """
-        if self._imm is None:
-            raise NotReadyError("no observation yet")
+        self._check_started()
         return np.array(self._imm.mu)
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
@@ -147,7 +98,6 @@ class InteractingModels:
         Each mode is carried to the time asked for; mean and covariance are those of the mixture.
         """
         weights = self.probabilities()
-        assert self._imm is not None
         times = as_times(times_s)
         tau = times - self._time_s
         F = np.stack([turning_transition(tau, rate_rad_s)[:, :3] for rate_rad_s in self._rates_rad_s])
@@ -161,17 +111,34 @@ class InteractingModels:
         covariances = np.sum(weights[:, None, None, None] * spread, axis=0) + noise[:, None, None] * np.eye(3)
         return Forecast(times, means, covariances, self._issued_at_s)
 
-    def _start(self, observation: HeadObservation) -> None:
+    def _begin(self, position_m: FloatArray, R: FloatArray) -> None:
         from filterpy.kalman import IMMEstimator, KalmanFilter  # noqa: PLC0415
 
         filters = []
         for _ in self._rates_rad_s:
             kf = KalmanFilter(dim_x=6, dim_z=3)
-            kf.x = np.concatenate([observation.head_position_base_m, np.zeros(3)])
-            kf.P = np.diag([0.0] * 3 + [_INITIAL_SPEED_SD_M_S**2] * 3)
-            kf.P[:3, :3] = noise_m2(observation, self._R)
+            kf.x = np.concatenate([position_m, np.zeros(3)])
+            kf.P = np.diag(np.repeat([0.0, _INITIAL_SPEED_SD_M_S**2], 3))
+            kf.P[:3, :3] = R
             kf.H = np.eye(3, 6)
             filters.append(kf)
-        self._imm = IMMEstimator(filters, _INITIAL_PROBABILITIES, mode_transition(0.0, self._mode_time_s))
-        self._time_s = self._issued_at_s = observation.capture_time_s
-        self._gate.begin(observation)
+        start = mode_transition(0.0, self._mode_time_s)
+        self._imm: IMMEstimator = IMMEstimator(filters, _INITIAL_PROBABILITIES, start)
+
+    def _predict(self, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        imm = self._imm
+        # The probabilities for this time step. filterpy takes those of its last step, and after a refused
+        # observation would forget that modes may have changed since.
+        changes = mode_transition(dt_s, self._mode_time_s)
+        imm.cbar = imm.mu @ changes
+        imm.omega = imm.mu[:, None] * changes / imm.cbar
+        imm.mu = imm.cbar
+        for kf, rate_rad_s in zip(imm.filters, self._rates_rad_s, strict=True):
+            kf.F, kf.Q = turning_transition(dt_s, rate_rad_s), process_noise(dt_s, self._psd)
+        imm.predict()
+        return imm.x[:3], imm.P[:3, :3]
+
+    def _correct(self, position_m: FloatArray, R: FloatArray) -> None:
+        for kf in self._imm.filters:
+            kf.R = R
+        self._imm.update(position_m)

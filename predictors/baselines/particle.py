@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-from predictors.baselines.arc import arc, turned_per_rate_s
-from predictors.constant_velocity import ConstantVelocity
+from predictors.baselines.coordinated_turn import arc, turned_per_rate_s
+from predictors.constant_velocity import ConstantVelocity, Refinement
 from predictors.predictor import noise_m2
-from predictors.types import FloatArray, Forecast, HeadObservation
+from predictors.types import FloatArray, Forecast, HeadObservation, check_positive
 
 _SEED = 0
 _INITIAL_TURN_RATE_SD_RAD_S = 0.5
@@ -26,7 +26,7 @@ _ROUGHENING = 0.3
 _UNEXPLAINED_D2 = float(chdtri(2, 1.0 - 0.999))
 
 
-class ParticleFilter:
+class ParticleFilter(Refinement):
     """Bootstrap filter (Gordon, Salmond & Smith 1993) whose particles walk like `CoordinatedTurn`.
 
     Refused detections, the height and the start are those of a `ConstantVelocity` filter that runs beside. If no
@@ -53,37 +53,24 @@ class ParticleFilter:
     ) -> None:
         if particles < 2:
             raise ValueError(f"at least 2 particles are needed, got {particles}")
-        densities = (acceleration_psd, heading_psd, turn_psd)
-        if not all(0 < number < np.inf for number in (*densities, turn_time_s, position_noise_m)):
-            raise ValueError("noises, densities and turn_time_s must be positive and finite")
+        check_positive(acceleration_psd=acceleration_psd, heading_psd=heading_psd, turn_psd=turn_psd)
+        check_positive(turn_time_s=turn_time_s)
         self._size = particles
-        self._psd = np.array(densities)
+        self._psd = np.array([acceleration_psd, heading_psd, turn_psd])
         self._turn_time_s = turn_time_s
         self._R = position_noise_m**2 * np.eye(3)
-        self._position = ConstantVelocity(position_noise_m=position_noise_m)
-        self.reset()
+        super().__init__(ConstantVelocity(position_noise_m=position_noise_m))
 
     def reset(self) -> None:
         """Forget the person."""
-        self._position.reset()
         self._random = np.random.default_rng(_SEED)
-        self._place = np.zeros((self._size, 2))
-        self._motion = np.zeros((self._size, 3))  # speed, heading, turn rate
-        self._weights = np.full(self._size, 1.0 / self._size)
-        self._time_s = -np.inf
+        super().reset()
 
-    @property
-    def rejections_in_a_row(self) -> int:
-        """Number of observations refused since the last accepted one."""
-        return self._position.rejections_in_a_row
+    def _forget(self) -> None:
+        self._time_s = -math.inf
 
-    def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
-        started_at_s = self._position.started_at_s
-        self._position.update(observation)
-        if self._position.rejections_in_a_row:
-            return
-        if self._position.started_at_s != started_at_s:
+    def _take_in(self, observation: HeadObservation) -> None:
+        if math.isinf(self._time_s):
             self._draw()
         else:
             self._walk(observation.capture_time_s - self._time_s)

@@ -1,5 +1,1 @@
 """The default predictor: its inputs, its networks and the uncertainty that it states. May import `predictors` only."""
-
-from predictors.walker.predictor import Walker
-
-__all__ = ["Walker"]

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from predictors.geometry import wrap_rad
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker.line import N_ERRORS, Line, LineErrors
 from predictors.walker.memories import MEMORIES_MIRROR, N_MEMORIES, Memories
 from predictors.walker.noise import N_COLOURS, MeasuredColour, without_stated
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
-from predictors.yaw import wrap_rad
 
 # The direction of travel is undefined below the first speed and has full weight from the second.
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5

@@ -15,6 +15,7 @@ from predictors.walker.network import WalkerModel, WalkerModelError
 
 SHIPPED = Path(__file__).with_name("walker.npz")
 _LAYERS = ("weights", "biases", "blind_weights", "blind_biases")
+_WHOLE = ("log_spread", "hidden", "log_spread_hidden", "noise_share", "decision", "degrees_of_freedom")
 
 
 def save_walker_model(model: WalkerModel, path: Path) -> None:
@@ -24,15 +25,7 @@ def save_walker_model(model: WalkerModel, path: Path) -> None:
         model: The model.
         path: The file.
     """
-    arrays: dict[str, Any] = {
-        "log_spread": model.log_spread,
-        "hidden": model.hidden,
-        "log_spread_hidden": model.log_spread_hidden,
-        "noise_share": model.noise_share,
-        "decision": np.array(model.decision),
-        "degrees_of_freedom": np.array(model.degrees_of_freedom),
-        "about": np.array(json.dumps(model.about)),
-    }
+    arrays: dict[str, Any] = {name: getattr(model, name) for name in _WHOLE} | {"about": json.dumps(model.about)}
     for name in _LAYERS:
         arrays |= {f"{name}_{i}": layer.astype(np.float32) for i, layer in enumerate(getattr(model, name))}
     np.savez_compressed(path, **arrays)
@@ -56,22 +49,11 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
             about = json.loads(str(data["about"]))
             if not isinstance(about, dict):
                 raise WalkerModelError("'about' is no mapping")
-            weights, biases, blind_weights, blind_biases = (
-                tuple(data[f"{name}_{i}"] for i in layers) for name in _LAYERS
-            )
-            return WalkerModel(
-                weights,
-                biases,
-                blind_weights,
-                blind_biases,
-                data["log_spread"],
-                data["hidden"],
-                data["log_spread_hidden"],
-                data["noise_share"],
-                (float(data["decision"][0]), float(data["decision"][1])),
-                float(data["degrees_of_freedom"]),
-                about,
-            )
+            stacks: dict[str, Any] = {name: tuple(data[f"{name}_{i}"] for i in layers) for name in _LAYERS}
+            whole = {name: data[name] for name in _WHOLE}
+            slope, threshold = whole.pop("decision").tolist()
+            freedom = float(whole.pop("degrees_of_freedom"))
+            return WalkerModel(**stacks, **whole, decision=(slope, threshold), degrees_of_freedom=freedom, about=about)
     except OSError as error:
         raise WalkerModelError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (KeyError, IndexError, TypeError, ValueError, zipfile.BadZipFile, zlib.error, EOFError) as error:

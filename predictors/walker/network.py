@@ -174,7 +174,6 @@ class WalkerModel:
     about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        n_out = N_OUTPUTS
         if not self.weights or len(self.weights) != len(self.biases):
             raise WalkerModelError("a network needs one bias a layer")
         ensemble = self.weights[0].shape[0] if self.weights[0].ndim else 0
@@ -183,23 +182,27 @@ class WalkerModel:
             if w.ndim != 3 or w.shape[:2] != (ensemble, n) or b.shape != (ensemble, 1, w.shape[2]):
                 raise WalkerModelError(f"layer of shape {w.shape} with bias {b.shape} does not take {n} inputs")
             n = w.shape[2]
-        for seeing, blind in ((self.weights, self.blind_weights), (self.biases, self.blind_biases)):
-            if [a.shape for a in blind] != [a.shape for a in seeing]:
-                raise WalkerModelError("networks with and without orientation have layers of different shapes")
-        parts = self.log_spread, self.hidden, self.log_spread_hidden, self.noise_share
-        spreads = tuple(part.shape for part in parts)
-        units = self.hidden.shape[-1]
-        sizes = (N_DOUBT, KNOTS_S.size, 3), (N_DOUBT, units), (units, KNOTS_S.size, 3), (KNOTS_S.size,)
-        if n != n_out or spreads != sizes:
-            raise WalkerModelError(f"{n} outputs and spread {spreads} do not fit {KNOTS_S.size} knots")
-        layers = (*self.weights, *self.biases, *self.blind_weights, *self.blind_biases)
-        finite = [bool(np.isfinite(a).all()) for a in layers]
-        if not (all(finite) and all(np.isfinite(part).all() for part in parts)):
+        if [a.shape for a in self._layers(blind=True)] != [a.shape for a in self._layers(blind=False)]:
+            raise WalkerModelError("networks with and without orientation have layers of different shapes")
+        knots, units = KNOTS_S.size, self.hidden.shape[-1]
+        sizes = {
+            "log_spread": (N_DOUBT, knots, 3),
+            "hidden": (N_DOUBT, units),
+            "log_spread_hidden": (units, knots, 3),
+            "noise_share": (knots,),
+        }
+        parts = {name: getattr(self, name) for name in sizes}
+        if n != N_OUTPUTS or {name: part.shape for name, part in parts.items()} != sizes:
+            raise WalkerModelError(f"{n} outputs or the shapes of {', '.join(sizes)} do not fit {knots} knots")
+        if not all(np.isfinite(a).all() for a in (*self._layers(False), *self._layers(True), *parts.values())):
             raise WalkerModelError("a number is not finite")
         if not (len(self.decision) == 2 and 0.0 < self.decision[0] < math.inf and math.isfinite(self.decision[1])):
             raise WalkerModelError(f"decision is {self.decision}, expected a positive slope and a threshold")
         if not self.degrees_of_freedom > 2.0:  # below, a t distribution has no covariance
             raise WalkerModelError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
+
+    def _layers(self, blind: bool) -> tuple[Float32Array, ...]:
+        return (*self.blind_weights, *self.blind_biases) if blind else (*self.weights, *self.biases)
 
     @cached_property
     def _seeing(self) -> _Networks:

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from scipy.linalg.lapack import dpbsv
 
-from predictors.symmetric import inverse
+from predictors.geometry import inverse
 from predictors.types import FloatArray
 
 # Acceleration of the path, m^2/s^3: passes gait (1.2 m/s^2 of sway at 1 Hz). Forecasts are the same with 5.

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from predictors.geometry import wrap_rad, yaw_rad
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker.path import information_of, smooth_path
-from predictors.yaw import wrap_rad, yaw_rad
 
 STEP_S = 1.0 / 30.0
 # Slightly more than a stride (two steps, about 1 s): full periods of sway and bob.

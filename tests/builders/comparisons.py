@@ -19,7 +19,7 @@ TIMING = {
 def settings(out, **changes):
     values = {
         "recordings": ("subject01_R1", "subject01_R4", "subject02_R6"),
-        "controllers": ("reactive", "lookahead", "perfect"),
+        "controllers": ("reactive", "lookahead", "mpc+perfect"),
         "jobs": 2,
         "out": out,
         "figures": False,

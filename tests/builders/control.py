@@ -56,7 +56,7 @@ def run(
         observer.update(now, measured, following.held)
         state = observer.estimate
         if k % neck.servo_ticks_per_plan == 0:
-            situation = Situation.of(
+            situation = Situation(
                 settled_joints(model, 0),
                 start_s=now,
                 forecast=forecast(

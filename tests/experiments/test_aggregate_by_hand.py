@@ -44,17 +44,17 @@ def test_gap_closed_summary_and_differences_by_hand():
         row("a", "reactive", 10.0, "x"),
         row("a", "lookahead", 4.0, "x"),
         row("a", "mpc", 3.0, "x"),
-        row("a", "perfect", 1.0, "x", predictor="perfect"),
+        row("a", "mpc+perfect", 1.0, "x", predictor="perfect"),
         row("b", "reactive", 20.0, "y"),
         row("b", "lookahead", 5.0, "y"),
         row("b", "mpc", 7.0, "y"),
-        row("b", "perfect", 0.0, "y", predictor="perfect"),
+        row("b", "mpc+perfect", 0.0, "y", predictor="perfect"),
     ]
     add_gap_closed(rows)
     gaps = {(r["recording"], r["controller"]): r["gap_closed"] for r in rows}
     assert gaps["a", "mpc"] == pytest.approx(7 / 9)
     assert gaps["b", "mpc"] == pytest.approx(13 / 20)
-    assert gaps["a", "perfect"] == 1.0
+    assert gaps["a", "mpc+perfect"] == 1.0
     table = {(r["group"], r["controller"]): r for r in summarise(rows)}
     assert table["turn", "mpc"]["gaze_error_rms_deg"] == 5.0
     assert table["all", "mpc"]["n_people"] == 2

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from predictors import HeadObservation, bearing_covariance
-from predictors.bearing import bearing_covariance as defined
+from predictors.geometry import bearing_covariance as defined
 
 metres = st.floats(-5.0, 5.0)
 

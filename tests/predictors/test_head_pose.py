@@ -10,7 +10,7 @@ from predictors import (
     HeadObservation,
     HeadPose,
 )
-from predictors.yaw import wrap_rad
+from predictors.geometry import wrap_rad
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.5, 1.0])

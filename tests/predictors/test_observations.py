@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import predictors
 from predictors import Forecast, HeadObservation
-from predictors.yaw import wrap_rad, yaw_rad
+from predictors.geometry import wrap_rad, yaw_rad
 
 GOOD = np.array([1.0, 2.0, 3.0])
 QUAT = np.array([1.0, 0.0, 0.0, 0.0])

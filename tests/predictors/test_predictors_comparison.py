@@ -23,8 +23,8 @@ from predictors import (
     Predictor,
 )
 from predictors.baselines import coordinated_turn
-from predictors.baselines.arc import arc
-from predictors.yaw import wrap_rad
+from predictors.baselines.coordinated_turn import arc
+from predictors.geometry import wrap_rad
 
 Array = NDArray[np.float64]
 FRAME_S = 1.0 / 30.0
@@ -316,11 +316,7 @@ def test_pursuit_without_pelvis_or_gain_is_constant_velocity() -> None:
     ("name", "made"),
     [
         ("constant_velocity", ConstantVelocity),
-        ("constant_acceleration", ConstantAcceleration),
         ("coordinated_turn", CoordinatedTurn),
-        ("interacting_models", InteractingModels),
-        ("particle", ParticleFilter),
-        ("pelvis_pursuit", PelvisPursuit),
     ],
 )
 def test_settings_are_the_constructors_and_have_its_defaults(name: str, made: type) -> None:

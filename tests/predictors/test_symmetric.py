@@ -8,7 +8,7 @@ from builders.walkers import random_covariance
 from hypothesis import given
 from hypothesis import strategies as st
 
-from predictors.symmetric import inverse, mahalanobis2
+from predictors.geometry import inverse, mahalanobis2
 
 seeds = st.integers(0, 10_000)
 sizes_m = st.tuples(*[st.floats(-3.0, 1.0)] * 3).map(lambda exponents: 10.0 ** np.array(exponents))

@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
-from gazempc.live.process import real_time_priority
+from gazempc.live.process import before_other_programs
 from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
 
@@ -148,5 +148,5 @@ def main():
 
 if __name__ == "__main__":
     # Where the system allows it: tests run on busy computers, robots and cameras do not wait.
-    with real_time_priority():
-        main()
+    before_other_programs()
+    main()

@@ -80,12 +80,13 @@ def test_tracker_and_controller_that_go_and_come_back(stage):
     tracker = stage.tracker("--passes", "20")
     watch.until_used()
     stage.client().listen(JointState, "/joint_states")
-    # The controller dies, and comes back where the neck stands.
+    # The controller dies, and comes back; meanwhile the neck was turned by 0.3 rad.
     controller.stop(signal.SIGINT)
     first = stage.rows()
     watch.until("event robot_not_answering")
     stage.client().heard["/joint_states"].clear()
-    position = [f"{angle:.6f}" for angle in first[2][-1]]
+    turned_rad = first[2][-1] - np.copysign([0.3, 0.0], first[2][-1])
+    position = [f"{angle:.6f}" for angle in turned_rad]
     controller = stage.controller("--position", *position)
     states = stage.client().heard["/joint_states"]
     stage.client().wait(lambda: len(states) > 100)  # a second of commands
@@ -95,6 +96,7 @@ def test_tracker_and_controller_that_go_and_come_back(stage):
     assert controller.stop() == 0, controller.text()
     within_limits(stage)
     assert stage.rows()[-1]["accepted"] > 50
+    assert gz.measure(gz.load_log(stage.gaze_file)).limit_violations == 0
 
 
 def test_bad_numbers_and_frames(stage):

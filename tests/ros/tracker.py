@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from tf2_msgs.msg import TFMessage
 
 from gazempc.live.clock import RealClock
-from gazempc.live.process import real_time_priority
+from gazempc.live.process import before_other_programs
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.truth import TrueHead
@@ -113,5 +113,5 @@ def main():
 
 if __name__ == "__main__":
     # Where the system allows it: tests run on busy computers, robots and cameras do not wait.
-    with real_time_priority():
-        main()
+    before_other_programs()
+    main()

@@ -174,15 +174,8 @@ class Mpc:
         offset_rad, command = float(situation.joint_offset_rad[axis]), situation.command
         joint_rad = float(situation.settled_position_rad[axis]) - offset_rad
         joint_rad_s = float(situation.settled_velocity_rad_s[axis])
-        state = np.array(
-            (
-                joint_rad,
-                joint_rad_s,
-                command.position_rad[axis],
-                command.velocity_rad_s[axis],
-                command.acceleration_rad_s2[axis],
-            )
-        )
+        motion = command.position_rad[axis], command.velocity_rad_s[axis], command.acceleration_rad_s2[axis]
+        state = np.array((joint_rad, joint_rad_s, *motion))
         # Without its offset, the joint follows the command by the model.
         reference_rad = reference_rad - offset_rad
         if self.picture is not None:
@@ -215,12 +208,10 @@ class Mpc:
 
     def _followed(self, situation: Situation, axis: int, solution: Solution) -> JointPlan:
         # From the command before the plan on.
-        command, planned = situation.command, solution.command
-        return JointPlan(
-            np.concatenate((command.position_rad[axis : axis + 1], planned[0])),
-            np.concatenate((command.velocity_rad_s[axis : axis + 1], planned[1])),
-            np.concatenate((command.acceleration_rad_s2[axis : axis + 1], planned[2])),
-        )
+        now = situation.command
+        before = now.position_rad, now.velocity_rad_s, now.acceleration_rad_s2
+        pairs = zip(before, solution.command, strict=True)
+        return JointPlan(*(np.append(each[axis], planned) for each, planned in pairs))
 
     def _led(self, position_rad: FloatArray) -> JointPlan:
         # Eyes and body begin on the way that they follow. From where the command stands, slow eyes would chase

@@ -156,13 +156,7 @@ def _checked_term(term: Own, o: Trajectory) -> Any:
     value, y = _expression(term, o), _motion(o)
     if value.shape != (1, 1):
         raise SettingsError(f"{term.label} has shape {value.shape}; needed is a scalar, such as casadi.sumsqr(o.du)")
-    gradient = ca.gradient(value, y)
-    hessian = ca.jacobian(gradient, y)
-    if left := ca.symvar(hessian):
-        raise SettingsError(f"{term.label} is not quadratic: its second derivative depends on {_listed(left)}")
-    curvature, slope, constant = (array_of(each) for each in (hessian, *_at_zero([gradient, value], y)))
-    if not all(np.all(np.isfinite(each)) for each in (curvature, slope, constant)):
-        raise SettingsError(f"{term.label} is not finite: its coefficients have a NaN or infinity")
+    curvature, slope, constant = _coefficients(term, "quadratic", ca.quadratic_coeff, value, y)
     _compare(term, "quadratic", value, y, lambda x: 0.5 * x @ curvature @ x + slope[:, 0] @ x + constant[0])
     # The reference is given: only the motion can be chosen.
     given = o.r.shape[0]
@@ -179,21 +173,21 @@ def _checked_row(row: Own, o: Trajectory) -> Any:
     value, y = _expression(row, o), _motion(o)
     if value.shape[1] != 1 or not value.shape[0]:
         raise SettingsError(f"{row.label} has shape {value.shape}; needed is a column, such as (o.u - o.q) / 0.05")
-    slopes = ca.jacobian(value, y)
-    if left := ca.symvar(slopes):
-        raise SettingsError(f"{row.label} is not linear: its derivative depends on {_listed(left)}")
-    matrix, constant = array_of(slopes), array_of(_at_zero([value], y)[0])[:, 0]
-    if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(constant))):
-        raise SettingsError(f"{row.label} is not finite: its coefficients have a NaN or infinity")
-    _compare(row, "linear", value, y, lambda x: matrix @ x + constant)
+    matrix, constants = _coefficients(row, "linear", ca.linear_coeff, value, y)
+    _compare(row, "linear", value, y, lambda x: matrix @ x + constants[:, 0])
     still = ~matrix[:, : -o.r.shape[0]].any(axis=1)
     if still.any():
         raise SettingsError(f"{row.label} does not depend on the motion in element {int(np.flatnonzero(still)[0])}")
     return value
 
 
-def _at_zero(expressions: list[Any], y: Any) -> list[Any]:
-    found: list[Any] = ca.Function("at_zero", [y], expressions).call([ca.DM.zeros(*y.shape)])
+def _coefficients(part: Own, what: str, find: Callable[[Any, Any, bool], Any], value: Any, y: Any) -> list[FloatArray]:
+    try:
+        found = [array_of(each) for each in find(value, y, True)]
+    except RuntimeError:
+        raise SettingsError(f"{part.label} is not {what}: its coefficients depend on the symbols of o") from None
+    if not all(np.isfinite(each).all() for each in found):
+        raise SettingsError(f"{part.label} is not finite: its coefficients have a NaN or infinity")
     return found
 
 
@@ -215,8 +209,3 @@ def array_of(constants: Any) -> FloatArray:
     array = np.zeros(matrix.shape)
     array[matrix.sparsity().get_triplet()] = matrix.nonzeros()
     return array
-
-
-def _listed(symbols: list[Any]) -> str:
-    names = sorted({str(symbol).split("_")[0] for symbol in symbols})
-    return ", ".join(f"o.{name}" for name in names)

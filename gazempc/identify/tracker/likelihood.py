@@ -9,37 +9,31 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 
 from gazempc.types import BoolArray, FloatArray, IntArray
 
-Groups = tuple[tuple[int, ...], ...]
 # Initial variance of the position in each stretch: (1 rad)^2, or the square of a share of 1; and initial speed.
 _START_VARIANCE = 1.0
 _START_SPEED_M_S = 1.0
 # After a longer gap, position and velocity have their initial variance again.
 _RESTART_S = 1.0
-# Weak priors, as centre and s.d. of the logarithm. They bound parameters that the data do not determine; ten seconds of
-# data outweigh them. A person who stands sways with about 0.02 m s^-1.5, one who walks moves with 1.
-_PRIORS = {
-    "acceleration": (np.log(0.2), 1.5),
-    "wander": (np.log(1.0), 1.5),  # of its ratio to the white error
-    "correlation": (np.log(1.0), 1.0),
-}
-_BOUNDS = {
-    "acceleration": (1e-3, 30.0),
-    "white": (1e-6, 1.0),
-    "wander": (1e-6, 1.0),
-    "correlation": (0.03, 20.0),
-}
+# Parameters of a group of axes, in this order: root spectral density of the person's acceleration, m s^-1.5; standard
+# deviations of white error and wander, in the unit of the values; correlation time of the wander, seconds.
+_WHITE, _WANDER, _CORRELATION = 1, 2, 3
+_LOW, _HIGH = np.log([1e-3, 1e-6, 1e-6, 0.03]), np.log([30.0, 1.0, 1.0, 20.0])
+# Of a group without wander.
+_NO_WANDER = (1e-9, 1.0)
+# Weak priors of the logarithms: they bound parameters that the data do not determine; ten seconds of data outweigh
+# them. A person who stands sways with about 0.02 m s^-1.5, one who walks moves with 1. That of the wander is of its
+# ratio to the white error, which has none.
+_PRIOR_CENTRE, _PRIOR_SD = np.log([0.2, 1.0, 1.0, 1.0]), np.array([1.5, np.inf, 1.5, 1.0])
 # A wander has two parameters and must raise the log-likelihood by half of the 99 % quantile of χ² with 2 degrees of
 # freedom: in 1 % of tracks without wander it does so by chance.
 _WANDER_GAIN = 4.6
 _STEP, _CURVATURE_STEP = 1e-3, 0.03  # of finite differences of the logarithms
-_ITERATIONS = 200
 # A normal innovation is larger once in 150,000 frames and axes.
 _GATE = 4.5
 _ROUNDS = 3
@@ -114,58 +108,30 @@ class Stretches:
         return float(self.intervals_s[self.used].sum())
 
 
-@dataclass(frozen=True)
-class ErrorModel:
-    """Parameters of the process for G trials and A axes, each of shape (G, A).
-
-    Attributes:
-        acceleration: Root spectral density of the person's acceleration, m s^-1.5.
-        white: Standard deviation of the white error, in the unit of the values.
-        wander: Standard deviation of the wander, in the unit of the values.
-        correlation_s: Correlation time of the wander, seconds.
-    """
-
-    acceleration: FloatArray
-    white: FloatArray
-    wander: FloatArray
-    correlation_s: FloatArray
-
-
-@dataclass(frozen=True)
-class Likelihood:
-    """Output of the filter.
-
-    Attributes:
-        log: Log-likelihood of each trial, axis and stretch, shape (G, A, B).
-        normalised: Innovation over its standard deviation, shape (F, A, B), of the last trial; NaN in frames that do
-            not count.
-    """
-
-    log: FloatArray
-    normalised: FloatArray
-
-
 def measure_errors(
-    data: Stretches, groups: Groups, one_person: bool, tell: Callable[[float], None]
+    data: Stretches, groups: tuple[int, ...], one_person: bool, tell: Callable[[float], None]
 ) -> tuple[tuple[GroupFit, ...], TrackJumps]:
     """Fit errors, leave jumps out, and fit again.
 
     Args:
         data: Stretches of the track.
-        groups: Axes that share their errors, such as ``((0,), (1, 2))`` for along and across.
-        one_person: True where the person's acceleration is one for all groups (who stands still sways alike in all
+        groups: Group of each axis, shape (A,); the axes of a group share their errors, such as ``(0, 1, 1)`` for along
+            and across.
+        one_person: True where the person's acceleration is one for all groups (a standing person sways alike in all
             directions); False where each group has its own.
         tell: Called with the share that is done, 0 to 1.
 
     Returns:
         One fit a group, and the jumps that the fits leave out.
     """
-    rough = np.array([_third_differences(data, group) for group in groups])
+    of_axis = np.array(groups)
+    rough = np.array([_third_differences(data, of_axis == g) for g in range(max(groups) + 1)])
     start, used = rough, data.used
     for k in range(_ROUNDS):
         tell(k / _ROUNDS)
-        fits, model = _fit(replace(data, used=used), groups, one_person, start)
-        sizes = np.abs(np.nan_to_num(likelihood(data, model, _GATE).normalised)).max(axis=1)
+        fits, parameters = _fit(replace(data, used=used), of_axis, one_person, start)
+        _, normalised = likelihood(data, parameters, _GATE)
+        sizes = np.abs(np.nan_to_num(normalised)).max(axis=1)
         calm = data.used & ~_jumps_in(data, data.used & (sizes > _GATE))
         start = np.maximum([fit.white.value for fit in fits], _LEAST)
         if (calm == used).all():
@@ -180,73 +146,66 @@ def measure_errors(
     return bounded, _jumps(data, used)
 
 
-def likelihood(data: Stretches, model: ErrorModel, gate: float = np.inf) -> Likelihood:
+def likelihood(data: Stretches, parameters: FloatArray, gate: float = np.inf) -> tuple[FloatArray, FloatArray]:
     """Filter all stretches with all trials at once.
 
     After a second without a frame that was used, the filter starts anew at the next one.
 
     Args:
         data: F frames of B stretches on A axes.
-        model: G trials.
+        parameters: Of G trials: acceleration, white error, wander and correlation time, shape (G, 4, A).
         gate: A frame whose innovation is larger than so many standard deviations on any axis is not used.
 
     Returns:
-        Likelihood and innovations.
+        Log-likelihood of each trial, axis and stretch, shape (G, A, B); and innovation over its standard deviation of
+        the last trial, shape (F, A, B), NaN in frames that do not count.
     """
     frames, axes, count = data.values.shape
-    trials = model.white.shape[0]
-    shape = (trials, axes, count)
-    q = (model.acceleration[..., None] / data.scales_m) ** 2
-    r, w2 = model.white[..., None] ** 2, model.wander[..., None] ** 2
-    # Transitions and process noise depend on the intervals only: one array operation for all frames.
+    shape = (len(parameters), axes, count)
+    acceleration, white, wander, correlation_s = np.moveaxis(parameters, 1, 0)[..., None]
+    q, r, w2 = (acceleration / data.scales_m) ** 2, white**2, wander**2
     steps_s = data.intervals_s[:, None, None, :]
-    decays = np.exp(-steps_s / model.correlation_s[..., None])
-    squares = decays**2
-    added_xx, added_xv, added_vv = q * steps_s**3 / 3.0, q * steps_s**2 / 2.0, q * steps_s
-    added_ww = w2 * (1.0 - squares)
-    start_v = np.broadcast_to((_START_SPEED_M_S / data.scales_m) ** 2, shape)
-    x = np.broadcast_to(data.values[0], shape).copy()
-    v, w = np.zeros(shape), np.zeros(shape)
-    pxx, pxv, pxw = np.full(shape, _START_VARIANCE), np.zeros(shape), np.zeros(shape)
-    pvv, pvw, pww = start_v.copy(), np.zeros(shape), np.broadcast_to(w2, shape).copy()
+    decays = np.exp(-steps_s / correlation_s)
+    # Process noise depends on the intervals only: one array operation for all frames.
+    noise = np.zeros((frames, 3, 3, *shape))
+    noise[:, 0, 0], noise[:, 1, 1], noise[:, 2, 2] = q * steps_s**3 / 3.0, q * steps_s, w2 * (1.0 - decays**2)
+    noise[:, 0, 1] = noise[:, 1, 0] = q * steps_s**2 / 2.0
+    # State: position, velocity and wander, shape (3, G, A, B), and its covariance, shape (3, 3, G, A, B).
+    x, p = np.zeros((3, *shape)), np.zeros((3, 3, *shape))
+    start_p = np.zeros((2, 2, *shape))
+    start_p[0, 0], start_p[1, 1] = _START_VARIANCE, (_START_SPEED_M_S / data.scales_m) ** 2
+    x[0], p[:2, :2], p[2, 2] = data.values[0], start_p, w2
     innovations, variances = np.zeros((frames, *shape)), np.ones((frames, *shape))
     uses = np.zeros((frames, count), dtype=bool)
     unseen_s = np.zeros(count)
     for k in range(frames):
         dt, decay = data.intervals_s[k], decays[k]
         unseen_s = unseen_s + dt
-        x = x + v * dt
-        w = w * decay
-        pxx = pxx + dt * (2.0 * pxv + dt * pvv) + added_xx[k]
-        pxv = pxv + dt * pvv + added_xv[k]
-        pxw = (pxw + dt * pvw) * decay
-        pvv = pvv + added_vv[k]
-        pvw = pvw * decay
-        pww = pww * squares[k] + added_ww[k]
+        x[0] += dt * x[1]
+        x[2] *= decay
+        p[0] += dt * p[1]
+        p[:, 0] += dt * p[:, 1]
+        p[2] *= decay
+        p[:, 2] *= decay
+        p += noise[k]
         lost = unseen_s > _RESTART_S
         if lost.any():
-            x = np.where(lost, data.values[k], x)
-            v = np.where(lost, 0.0, v)
-            pxx = np.where(lost, _START_VARIANCE, pxx)
-            pxv, pvv = np.where(lost, 0.0, pxv), np.where(lost, start_v, pvv)
-        innovation = data.values[k] - x - w
-        gx, gv, gw = pxx + pxw, pxv + pvw, pxw + pww
-        s = gx + gw + r
+            x[0, ..., lost], x[1, ..., lost] = data.values[k][:, lost].T[:, None], 0.0
+            p[:2, :2, ..., lost] = start_p[..., lost]
+        innovation = data.values[k] - x[0] - x[2]
+        g = p[0] + p[2]
+        s = g[0] + g[2] + r
         use = data.used[k]
         if gate < np.inf:
             use = use & (np.abs(innovation[-1] / np.sqrt(s[-1])).max(axis=0) <= gate)
         innovations[k], variances[k], uses[k] = innovation, s, use
         unseen_s[use] = 0.0
-        share = use / s
-        kx, kv, kw = gx * share, gv * share, gw * share
-        x, v, w = x + kx * innovation, v + kv * innovation, w + kw * innovation
-        pxx, pxv, pxw = pxx - kx * gx, pxv - kx * gv, pxw - kx * gw
-        pvv, pvw, pww = pvv - kv * gv, pvw - kv * gw, pww - kw * gw
+        gain = g * (use / s)
+        x += gain * innovation
+        p -= gain[:, None] * g
     terms = -0.5 * (np.log(2.0 * np.pi * variances) + innovations**2 / variances)
-    normalised = innovations[:, -1] / np.sqrt(variances[:, -1])
-    return Likelihood(
-        np.where(uses[:, None, None], terms, 0.0).sum(axis=0), np.where(data.used[:, None], normalised, np.nan)
-    )
+    normalised = np.where(data.used[:, None], innovations[:, -1] / np.sqrt(variances[:, -1]), np.nan)
+    return np.where(uses[:, None, None], terms, 0.0).sum(axis=0), normalised
 
 
 def runs(flags: BoolArray) -> IntArray:
@@ -262,112 +221,102 @@ def runs(flags: BoolArray) -> IntArray:
 
 
 @dataclass(frozen=True)
-class _Layout:
-    """Place of each parameter in the vector of logarithms, for each group of axes."""
+class _Posterior:
+    """Density of the logarithms of the free parameters, shape (P,); trials have shape (T, P).
 
-    groups: Groups
-    wanders: tuple[bool, ...]
+    Attributes:
+        data: The stretches.
+        of_axis: Group of each axis, shape (A,).
+        free: Which parameters of each group are fitted, shape (4, groups).
+        one_person: Whether the acceleration of the first group is that of all.
+    """
+
+    data: Stretches
+    of_axis: IntArray
+    free: BoolArray
     one_person: bool
 
-    @property
-    def at(self) -> dict[tuple[str, int], int]:
-        names = [("acceleration", g) for g in range(1 if self.one_person else len(self.groups))]
-        for g, wanders in enumerate(self.wanders):
-            names.append(("white", g))
-            if wanders:
-                names += [("wander", g), ("correlation", g)]
-        return {name: k for k, name in enumerate(names)}
+    def _logarithms(self, trials: FloatArray) -> FloatArray:
+        all_of_them = np.zeros((len(trials), *self.free.shape))
+        all_of_them[:, _WANDER:] = np.log(_NO_WANDER)[:, None]
+        all_of_them[:, self.free] = trials
+        if self.one_person:
+            all_of_them[:, 0] = all_of_them[:, 0, :1]
+        return all_of_them
 
-    def model(self, theta: FloatArray) -> ErrorModel:
-        """Parameters of G trials, `theta` of shape (G, P)."""
-        at = self.at
-        axes = sum(len(group) for group in self.groups)
-        parts = {name: np.full((len(theta), axes), 1e-9) for name in _BOUNDS}
-        parts["correlation"][:] = 1.0
-        for g, group in enumerate(self.groups):
-            for name, part in parts.items():
-                key = (name, 0 if name == "acceleration" and self.one_person else g)
-                if key in at:
-                    part[:, list(group)] = np.exp(theta[:, at[key]])[:, None]
-        return ErrorModel(parts["acceleration"], parts["white"], parts["wander"], parts["correlation"])
+    def parameters(self, trials: FloatArray) -> FloatArray:
+        """Parameters on each axis, shape (T, 4, A)."""
+        return np.exp(self._logarithms(trials))[..., self.of_axis]
 
-    def log_prior(self, theta: FloatArray) -> FloatArray:
-        """Logarithm of the weak priors without its constant, shape (G,), of `theta` of shape (G, P)."""
-        at = self.at
-        total = np.zeros(len(theta))
-        for (name, g), k in at.items():
-            if name in _PRIORS:
-                centre, sd = _PRIORS[name]
-                value = theta[:, k] - theta[:, at["white", g]] if name == "wander" else theta[:, k]
-                total -= 0.5 * ((value - centre) / sd) ** 2
-        return total
+    def log(self, trials: FloatArray) -> FloatArray:
+        """Log-likelihood of each stretch and, last, logarithm of the prior without its constant, shape (T, B + 1)."""
+        off = self._logarithms(trials)
+        off[:, _WANDER] -= off[:, _WHITE]
+        off = (off - _PRIOR_CENTRE[:, None]) / _PRIOR_SD[:, None]
+        each, _ = likelihood(self.data, self.parameters(trials))
+        return np.column_stack([each.sum(axis=1), -0.5 * (off[:, self.free] ** 2).sum(axis=1)])
+
+    def slopes(self, theta: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+        """`log` at one place, shape (B + 1,), and its derivatives by central differences, shape (P, B + 1)."""
+        steps = step * np.eye(theta.size)
+        here, *around = self.log(theta + np.vstack([np.zeros(theta.size), steps, -steps]))
+        return here, (np.array(around[: theta.size]) - around[theta.size :]) / (2.0 * step)
+
+    def maximum(self, white_start: FloatArray) -> tuple[FloatArray, float]:
+        """The place of the maximum, shape (P,), and the logarithm of the density there."""
+        start: FloatArray = np.repeat(np.log([[0.3], [1.0], [1.0], [0.5]]), white_start.size, axis=1)
+        start[_WHITE : _WANDER + 1] = np.log(white_start)
+        low, high = (np.broadcast_to(end[:, None], start.shape)[self.free] for end in (_LOW, _HIGH))
+
+        def cost(theta: FloatArray) -> tuple[float, FloatArray]:
+            log, slopes = self.slopes(theta, _STEP)
+            return -float(log.sum()), -slopes.sum(axis=1)
+
+        found = minimize(
+            cost, start[self.free], jac=True, method="L-BFGS-B", bounds=Bounds(low, high), options={"maxiter": 200}
+        )
+        return np.asarray(found.x), -float(found.fun)
+
+    def sds(self, theta: FloatArray) -> FloatArray:
+        """Standard deviations, shape (P,): the larger of two estimates, by curvature and by stretches."""
+        each = _CURVATURE_STEP * np.eye(theta.size)
+        curvature = np.array([self._slope(theta + e) - self._slope(theta - e) for e in each]) / (2 * _CURVATURE_STEP)
+        inverse = np.linalg.pinv(-0.5 * (curvature + curvature.T), hermitian=True)
+        slopes = self.slopes(theta, _CURVATURE_STEP)[1][:, :-1]
+        slopes = slopes - slopes.mean(axis=1, keepdims=True)
+        between = inverse @ (slopes @ slopes.T) @ inverse
+        return np.asarray(np.sqrt(np.maximum(np.clip(np.diag(inverse), 0.0, None), np.diag(between))))
+
+    def _slope(self, theta: FloatArray) -> FloatArray:
+        return np.asarray(self.slopes(theta, _STEP)[1].sum(axis=1))
 
 
 def _fit(
-    data: Stretches, groups: Groups, one_person: bool, white_start: FloatArray
-) -> tuple[tuple[GroupFit, ...], ErrorModel]:
+    data: Stretches, of_axis: IntArray, one_person: bool, white_start: FloatArray
+) -> tuple[tuple[GroupFit, ...], FloatArray]:
     """Fit person, white error and, where it raises the likelihood enough, wander; `white_start` of shape (groups,)."""
-    layout = _Layout(groups, (True,) * len(groups), one_person)
-    theta, log = _maximum(data, layout, white_start)
-    for g in range(len(groups)):
-        less = _Layout(groups, tuple(w and k != g for k, w in enumerate(layout.wanders)), one_person)
-        theta_less, log_less = _maximum(data, less, white_start)
-        if log - log_less < _WANDER_GAIN:
-            layout, theta, log = less, theta_less, log_less
-    values = np.exp(theta)
-    sds = values * _log_sds(data, layout, theta)
-    found = {name: Known(float(values[k]), float(sds[k])) for name, k in layout.at.items()}
-    fits = tuple(
-        GroupFit(found["white", g], found.get(("wander", g)), found.get(("correlation", g))) for g in range(len(groups))
-    )
-    return fits, layout.model(theta[None])
+    free = np.ones((4, white_start.size), dtype=np.bool_)
+    free[0, 1:] = not one_person
+    posterior = _Posterior(data, of_axis, free, one_person)
+    theta, log = posterior.maximum(white_start)
+    for g in range(white_start.size):
+        fewer = posterior.free.copy()
+        fewer[_WANDER:, g] = False
+        simpler = replace(posterior, free=fewer)
+        theta_simpler, log_simpler = simpler.maximum(white_start)
+        if log - log_simpler < _WANDER_GAIN:
+            posterior, theta, log = simpler, theta_simpler, log_simpler
+    free = posterior.free
+    known = np.full(free.shape, None)
+    known[free] = [Known(float(v), float(v * sd)) for v, sd in zip(np.exp(theta), posterior.sds(theta), strict=True)]
+    return tuple(GroupFit(*known[_WHITE:, g]) for g in range(white_start.size)), posterior.parameters(theta[None])
 
 
-def _maximum(data: Stretches, layout: _Layout, white_start: FloatArray) -> tuple[FloatArray, float]:
-    """Maximum of the posterior: logarithms of the parameters, shape (P,), and the logarithm of its density."""
-    names = list(layout.at)
-    n = len(names)
-    bounds = [tuple(np.log(_BOUNDS[name])) for name, _ in names]
-    starts = {"acceleration": np.log(0.3), "correlation": np.log(0.5)}
-    start = np.array([starts.get(name, np.log(white_start[g])) for name, g in names])
-    steps = _STEP * np.vstack([np.zeros(n), np.eye(n), -np.eye(n)])
-
-    def cost(theta: FloatArray) -> tuple[float, FloatArray]:
-        trials = theta + steps
-        values = likelihood(data, layout.model(trials)).log.sum(axis=(1, 2)) + layout.log_prior(trials)
-        return -values[0], -(values[1 : n + 1] - values[n + 1 :]) / (2.0 * _STEP)
-
-    found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": _ITERATIONS})
-    return np.asarray(found.x), -float(found.fun)
-
-
-def _log_sds(data: Stretches, layout: _Layout, theta: FloatArray) -> FloatArray:
-    """Standard deviations of the logarithms, shape (P,): the larger of two estimates, by curvature and by stretches."""
-    n, h = len(theta), _CURVATURE_STEP
-    e = h * np.eye(n)
-    points = [np.zeros(n), *e, *-e]
-    pairs = list(combinations(range(n), 2))
-    for i, j in pairs:
-        points += [e[i] + e[j], e[i] - e[j], -e[i] + e[j], -e[i] - e[j]]
-    trials = theta + np.array(points)
-    each = likelihood(data, layout.model(trials)).log.sum(axis=1)
-    log = each.sum(axis=1) + layout.log_prior(trials)
-    curvature = np.diag((log[1 : n + 1] - 2.0 * log[0] + log[n + 1 : 2 * n + 1]) / h**2)
-    for k, (i, j) in enumerate(pairs):
-        a, b, c, d = log[2 * n + 1 + 4 * k : 2 * n + 5 + 4 * k]
-        curvature[i, j] = curvature[j, i] = (a - b - c + d) / (4.0 * h**2)
-    inverse = np.linalg.pinv(-curvature, hermitian=True)
-    slopes = (each[1 : n + 1] - each[n + 1 : 2 * n + 1]) / (2.0 * h)
-    slopes = slopes - slopes.mean(axis=1, keepdims=True)
-    between = inverse @ (slopes @ slopes.T) @ inverse
-    return np.asarray(np.sqrt(np.maximum(np.clip(np.diag(inverse), 0.0, None), np.diag(between))))
-
-
-def _third_differences(data: Stretches, group: tuple[int, ...]) -> float:
+def _third_differences(data: Stretches, axes: BoolArray) -> float:
     """White error plus the fast part of the person's motion. The median ignores jumps."""
     found = []
     for b in range(data.used.shape[1]):
-        values = data.values[data.used[:, b]][:, list(group), b]
+        values = data.values[data.used[:, b]][:, axes, b]
         found.append(np.abs(np.diff(values, 3, axis=0)).ravel())
     return max(_LEAST, _NORMAL * float(np.median(np.concatenate(found))) / math.sqrt(_THIRD_DIFFERENCES))
 

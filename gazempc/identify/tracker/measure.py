@@ -136,7 +136,7 @@ def measure_tracker(track: HeadTrack, tell: Callable[[float], None]) -> TrackerE
     still_s = data.duration_s
     if moved := still_s < _STILL_MIN_S:
         data = cut(times_s, values, range_m, np.ones(times_s.size, dtype=np.bool_))
-    fits, jumps = measure_errors(data, ((0,), (1, 2)), not moved, lambda share: tell(0.6 * share))
+    fits, jumps = measure_errors(data, (0, 1, 1), not moved, lambda share: tell(0.6 * share))
     used_s, middle_m = data.duration_s, float(np.median(range_m))
     along, across = (_direction(fit, used_s, moved, _SWAY_M / middle_m) for fit in fits)
     head = _yaw(times_s, track.head_yaw_rad, stands, lambda share: tell(0.6 + 0.2 * share))
@@ -262,6 +262,6 @@ def _yaw(
         data = cut(at_s, values, ones, ones > 0)
     if not data.used.any():
         return None
-    (fit,), _ = measure_errors(data, ((0,),), True, tell)
+    (fit,), _ = measure_errors(data, (0,), True, tell)
     used_s = data.duration_s
     return YawErrors(_direction(fit, used_s, moved, 0.0), float(known.mean()), int(turns.sum()), used_s)

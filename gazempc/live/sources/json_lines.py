@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Callable, Mapping
-from typing import Any, get_args
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from gazempc.errors import suggest
+from gazempc.errors import shown, suggest
 from gazempc.people.company import Cue, Glance, Rhythm, Sound, Speech, Thinking
-from gazempc.settings import LookAwayMode
 from predictors import HeadObservation
 
-_QUATERNIONS = ("head_quat_wxyz", "pelvis_quat_wxyz")
-_NUMBERS = ("head_yaw_sd_rad", "pelvis_yaw_sd_rad", "confidence")
-FIELDS = (
-    *("capture_time_s", "age_s", "head_position_m"),
-    *_QUATERNIONS,
-    *("position_covariance_m2", *_NUMBERS, "person_id"),
-)
-_AXES = 3
-# Older observations are of no use for control.
-_OLDEST_S = 10.0
 _SHOWN = 80
+_Vector = tuple[float, float, float]
+_Quaternion = tuple[float, float, float, float]
 
 
 class LineError(ValueError):
     """A line is not an observation; names the field and what is accepted."""
+
+
+class _Fields(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+
+
+class _Observation(_Fields):
+    head_position_m: _Vector
+    capture_time_s: float | None = None
+    # Older observations are of no use for control; larger numbers are mostly milliseconds.
+    age_s: Annotated[float, Field(ge=0, le=10)] | None = None
+    head_quat_wxyz: _Quaternion | None = None
+    pelvis_quat_wxyz: _Quaternion | None = None
+    position_covariance_m2: tuple[_Vector, _Vector, _Vector] | None = None
+    head_yaw_sd_rad: float | None = None
+    pelvis_yaw_sd_rad: float | None = None
+    confidence: float | None = None
+    person_id: str | int | None = None
+
+
+FIELDS = tuple(_Observation.model_fields)
+_OPTIONAL = FIELDS[3:-1]
 
 
 def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float]) -> HeadObservation:
@@ -51,106 +63,65 @@ def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float])
         LineError: If it is not one.
     """
     try:
-        data: Any = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise LineError(f"not JSON ({error}): {short(text)}") from None
-    if not isinstance(data, dict):
-        raise LineError(f"expected an object with {', '.join(FIELDS)}, got {short(text)}")
-    if unknown := [name for name in data if name not in FIELDS]:
-        raise LineError(f"unknown field {unknown[0]!r}: {suggest(unknown[0], FIELDS)}")
-    if data.get("head_position_m") is None:
-        raise LineError("head_position_m is missing: needed are three metres, x forward, y left, z up")
-    has_time, has_age = data.get("capture_time_s") is not None, data.get("age_s") is not None
-    if has_time == has_age:
-        raise LineError("needed is one of capture_time_s (Unix time) and age_s (seconds since capture)")
-    if has_age:
-        age_s = number("age_s", data["age_s"])
-        if age_s < 0:
-            raise LineError(f"age_s is {age_s:g}: needed are 0 or more seconds")
-        if age_s > _OLDEST_S:
-            raise LineError(
-                f"age_s is {age_s:g}: looks like milliseconds, or is no age; needed are seconds since capture"
-            )
-        capture_s = arrival_s - age_s
+        line = _Observation.model_validate_json(text)
+    except ValidationError as error:
+        raise LineError(_complaint(error, FIELDS)) from None
+    if line.capture_time_s is not None and line.age_s is None:
+        capture_s = to_loop_s(line.capture_time_s)
+    elif line.age_s is not None and line.capture_time_s is None:
+        capture_s = arrival_s - line.age_s
     else:
-        capture_s = to_loop_s(number("capture_time_s", data["capture_time_s"]))
-    position_m = numbers("head_position_m", data["head_position_m"], 3)
-    stated = {name: _stated(name, data[name]) for name in FIELDS[3:] if data.get(name) is not None}
+        raise LineError("needed is one of capture_time_s (Unix time) and age_s (seconds since capture)")
+    stated: dict[str, Any] = {name: getattr(line, name) for name in _OPTIONAL}
+    person_id = None if line.person_id is None else str(line.person_id)
     try:
-        return HeadObservation(capture_s, np.array(position_m), **stated)
+        return HeadObservation(capture_s, np.array(line.head_position_m), **stated, person_id=person_id)
     except ValueError as error:  # a quaternion that is not of unit length, a covariance that is none
         raise LineError(str(error)) from None
 
 
-def _stated(name: str, value: Any) -> Any:
-    if name in _QUATERNIONS:
-        return np.array(numbers(name, value, 4))
-    if name == "position_covariance_m2":
-        if not isinstance(value, list) or len(value) != _AXES:
-            raise LineError(f"{name} is {short(repr(value))}: needed are 3 lists of 3 numbers")
-        return np.array([numbers(name, row, _AXES) for row in value])
-    if name in _NUMBERS:
-        return number(name, value)
-    if isinstance(value, bool) or not isinstance(value, int | str):
-        raise LineError(f"{name} is {short(repr(value))}: needed is a text or a whole number")
-    return str(value)
+def _complaint(error: ValidationError, fields: tuple[str, ...]) -> str:
+    """The first problem: field, what is accepted, what was given."""
+    found = error.errors(include_url=False)[0]
+    field = ".".join(map(str, found["loc"]))[:_SHOWN]
+    if found["type"] == "extra_forbidden":
+        return f"unknown field {field!r}: {suggest(field, fields)}"
+    return f"{field + ': ' if field else ''}{found['msg']} (given: {shown(found['input'], _SHOWN)})"
 
 
-def number(name: str, value: Any) -> float:
-    """A finite number.
-
-    Args:
-        name: Name of the field, for the message.
-        value: Its value.
-
-    Returns:
-        The number.
-
-    Raises:
-        LineError: If it is none.
-    """
-    if not isinstance(value, bool) and isinstance(value, int | float):
-        try:
-            found = float(value)
-        except OverflowError:
-            found = math.inf
-        if math.isfinite(found):
-            return found
-    raise LineError(f"{name} has {short(repr(value))}: needed is a finite number")
+class _Sound(_Fields):
+    cue: Literal["sound"]
+    azimuth_rad: float
 
 
-def numbers(name: str, values: Any, size: int) -> list[float]:
-    """Finite numbers.
-
-    Args:
-        name: Name of the field, for the message.
-        values: Its value.
-        size: How many are needed.
-
-    Returns:
-        The numbers.
-
-    Raises:
-        LineError: If it is no list of so many.
-    """
-    if not isinstance(values, list) or len(values) != size:
-        raise LineError(f"{name} is {short(repr(values))}: needed is a list of {size} numbers")
-    return [number(name, value) for value in values]
+class _Thinking(_Fields):
+    cue: Literal["thinking"]
+    lasts_s: float
 
 
-def short(text: str) -> str:
-    """The beginning of a text, for a message."""
-    text = text.strip()
-    return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
+class _Speech(_Fields):
+    cue: Literal["speech"]
+    in_s: float
 
 
-_MARK = "cue"
-_MODES = [mode for mode in get_args(LookAwayMode) if mode != "no"]
+class _Glance(_Fields):
+    cue: Literal["glance"]
+    target_base_m: _Vector
+    lasts_s: float
+
+
+class _Rhythm(_Fields):
+    cue: Literal["rhythm"]
+    mode: Literal["listening", "speaking", "told"]
+
+
+_Cue = Annotated[_Sound | _Thinking | _Speech | _Glance | _Rhythm, Field(discriminator="cue")]
+_CUE: TypeAdapter[_Cue] = TypeAdapter(_Cue)
 
 
 def is_cue(text: str) -> bool:
     """Whether a line is a cue, and not an observation: it names one, and no head."""
-    return f'"{_MARK}"' in text and "head_position_m" not in text
+    return '"cue"' in text and "head_position_m" not in text
 
 
 def parse_cue(text: str, arrival_s: float) -> Cue:
@@ -170,34 +141,17 @@ def parse_cue(text: str, arrival_s: float) -> Cue:
         LineError: If it is none; names the field and what is accepted.
     """
     try:
-        data: Any = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise LineError(f"not JSON ({error}): {short(text)}") from None
-    if not isinstance(data, dict):
-        raise LineError(f"expected an object with a cue, got {short(text)}")
-    makers: Mapping[str, tuple[tuple[str, ...], Callable[[], Cue]]] = {
-        "sound": (("azimuth_rad",), lambda: Sound(arrival_s, number("azimuth_rad", data["azimuth_rad"]))),
-        "thinking": (("lasts_s",), lambda: Thinking(number("lasts_s", data["lasts_s"]))),
-        "speech": (("in_s",), lambda: Speech(number("in_s", data["in_s"]))),
-        "glance": (
-            ("target_base_m", "lasts_s"),
-            lambda: Glance(
-                np.array(numbers("target_base_m", data["target_base_m"], 3)), number("lasts_s", data["lasts_s"])
-            ),
-        ),
-        "rhythm": (("mode",), lambda: Rhythm(_mode(data["mode"]))),
-    }
-    kind = str(data.get(_MARK))
-    if kind not in makers:
-        raise LineError(f"no cue {kind!r}: {suggest(kind, makers)}")
-    fields, make = makers[kind]
-    if set(data) != {_MARK, *fields}:
-        raise LineError(f"a cue {kind!r} needs the fields {', '.join(fields)} and no others, got {', '.join(data)}")
-    return make()
-
-
-def _mode(value: Any) -> LookAwayMode:
-    if value in _MODES:
-        mode: LookAwayMode = value
-        return mode
-    raise LineError(f"mode is {value!r}: {suggest(str(value), _MODES)}")
+        line = _CUE.validate_json(text)
+    except ValidationError as error:
+        raise LineError(_complaint(error, ())) from None
+    match line:
+        case _Sound():
+            return Sound(arrival_s, line.azimuth_rad)
+        case _Thinking():
+            return Thinking(line.lasts_s)
+        case _Speech():
+            return Speech(line.in_s)
+        case _Glance():
+            return Glance(np.array(line.target_base_m), line.lasts_s)
+        case _:
+            return Rhythm(line.mode)

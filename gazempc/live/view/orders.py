@@ -1,4 +1,4 @@
-"""Orders to the process for viewers, and its answers."""
+"""Orders to the process for viewers."""
 
 from __future__ import annotations
 
@@ -53,27 +53,3 @@ class LogKept(NamedTuple):
 
     path: Path
     lost: int
-
-
-class Ended(NamedTuple):
-    """The run is over."""
-
-
-class ViewReady(NamedTuple):
-    """The process for viewers is ready.
-
-    Attributes:
-        said: Lines for the user.
-    """
-
-    said: tuple[str, ...]
-
-
-class ViewFailed(NamedTuple):
-    """Something cannot go on.
-
-    Attributes:
-        why: Why.
-    """
-
-    why: str

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-import pickle
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.util import find_spec
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +17,7 @@ from gazempc.errors import SettingsError
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.camera.source import CameraSource
-from gazempc.live.view.orders import Ended, LogKept, ViewFailed, ViewOrders, ViewReady
+from gazempc.live.view.orders import LogKept, ViewOrders
 from gazempc.live.view.serving import serve
 from gazempc.results.moments import CutMoment, Moment, StatusMoment, TickMoment
 from gazempc.types import FloatArray
@@ -28,86 +26,6 @@ from gazempc.types import FloatArray
 _READY_WITHIN_S = 60.0
 _ENDS_WITHIN_S = 20.0
 LAYOUT = "foxglove_layout.json"
-
-
-class ViewProcess:
-    """Starts the process, sends it what happens, and ends it.
-
-    Args:
-        orders: What it does.
-
-    Attributes:
-        problem: Why something of it does not go on; empty while all is well.
-    """
-
-    def __init__(self, orders: ViewOrders) -> None:
-        self._orders = orders
-        self._process: SpawnProcess | None = None
-        self._pipe: Connection | None = None
-        self.problem = ""
-
-    def start(self) -> tuple[str, ...]:
-        """Start it, and wait until it is ready.
-
-        Returns:
-            Lines for the user.
-
-        Raises:
-            SettingsError: If an order cannot be carried out.
-        """
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(self._orders, theirs), name="view", daemon=True)
-        self._process.start()
-        theirs.close()
-        answer: object = None
-        try:
-            if self._pipe.poll(_READY_WITHIN_S):
-                answer = self._pipe.recv()
-        except (EOFError, OSError):
-            pass
-        if isinstance(answer, ViewReady):
-            return answer.said
-        self._process.kill()
-        self._process.join()
-        raise SettingsError(answer.why if isinstance(answer, ViewFailed) else "the process for viewers did not start")
-
-    def send(self, batch: list[object]) -> None:
-        """Send a batch; if the process has gone it is dropped, and `problem` gives the reason.
-
-        Args:
-            batch: Moments and orders.
-        """
-        if self._pipe is None or self._process is None:
-            return
-        try:
-            self._pipe.send_bytes(pickle.dumps(batch, protocol=pickle.HIGHEST_PROTOCOL))
-        except OSError:
-            self._hear()
-            self.problem = self.problem or "the process for viewers has gone"
-
-    def close(self) -> None:
-        """Wait until it has finished its files, and end it."""
-        if self._process is None:
-            return
-        self.send([Ended()])
-        self._process.join(_ENDS_WITHIN_S)
-        self._hear()
-        if self._process.is_alive():
-            self.problem = self.problem or "the process for viewers did not end: its files may not be complete"
-            self._process.kill()
-            self._process.join()
-
-    def _hear(self) -> None:
-        try:
-            while self._pipe is not None and self._pipe.poll():
-                answer = self._pipe.recv()
-                if isinstance(answer, ViewFailed):
-                    self.problem = self.problem or answer.why
-        except (EOFError, OSError):
-            return
-
-
 # Some ten seconds of a run at 200 Hz; beyond them the oldest moments are dropped.
 _MOST = 8192
 # A viewer sees this as at once.
@@ -119,36 +37,50 @@ _AT_ONCE = 8
 
 
 class Feed:
-    """Takes moments in the thread of the run; a thread of its own sends them.
+    """Takes moments in the thread of the run; a thread of its own sends them to the process for viewers.
 
     Args:
-        process: Where they go; started.
+        orders: What the process does.
         true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; None if not known.
         waits: Let the run wait for the process, and drop nothing: for a simulated clock.
-        notes: Lines for the user.
-        files: Names of the files that are written beside MCAP files.
 
     Attributes:
+        notes: Lines for the user.
+        files: Names of the files that are written beside MCAP files.
         lost: How many moments did not reach the process.
+        process: The process.
+
+    Raises:
+        SettingsError: If an order cannot be carried out.
     """
 
     def __init__(
         self,
-        process: ViewProcess,
+        orders: ViewOrders,
         true_head_base_m: Callable[[FloatArray], FloatArray] | None = None,
         waits: bool = False,
-        notes: tuple[str, ...] = (),
-        files: tuple[str, ...] = (),
     ) -> None:
-        self.notes, self.files = notes, files
-        self._process, self._true_head_base_m, self._waits = process, true_head_base_m, waits
+        self._true_head_base_m, self._waits = true_head_base_m, waits
+        self.files = () if orders.layout is None else (orders.layout.name,)
         self._waiting: deque[Moment | LogKept] = deque()
-        self.lost = 0
-        self._stop = False
-        self._due = threading.Event()
-        self._due_s = -math.inf
+        self.lost, self._problem = 0, ""
+        self._stop, self._due, self._due_s = False, threading.Event(), -math.inf
         # Held while sending: a run on a simulated clock sends, too.
         self._sending = threading.Lock()
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self.process = context.Process(target=serve, args=(orders, theirs), name="view", daemon=True)
+        self.process.start()
+        theirs.close()
+        answer: object = "the process for viewers did not start"
+        with suppress(EOFError, OSError):
+            if self._pipe.poll(_READY_WITHIN_S):
+                answer = self._pipe.recv()
+        if not isinstance(answer, tuple):
+            self.process.kill()
+            self.process.join()
+            raise SettingsError(str(answer))
+        self.notes: tuple[str, ...] = answer
         self._thread = threading.Thread(target=self._pump, name="feed", daemon=True)
         self._thread.start()
 
@@ -172,7 +104,7 @@ class Feed:
                 self._drop()
 
     def kept(self, path: Path) -> None:
-        """Say that a log is complete.
+        """Take note that a log is complete.
 
         Args:
             path: The ``.npz`` file.
@@ -183,26 +115,30 @@ class Feed:
     def problems(self) -> list[str]:
         """Faults of the viewers, one line each; for after the run."""
         lost = f"{self.lost} moments did not reach viewers and MCAP files, as these were too slow" if self.lost else ""
-        return [line for line in (lost, self._process.problem) if line]
+        return [line for line in (lost, self._problem) if line]
 
     def close(self) -> None:
-        """Send what is left, and end the process."""
+        """Send what is left, wait until the process has finished its files, and end it."""
         self._stop = True
         self._due.set()
         self._thread.join(_ENDS_WITHIN_S)
         if not self._thread.is_alive():
             self._send()
-        self._process.close()
+            self._pass_on([])
+        self.process.join(_ENDS_WITHIN_S)
+        self._hear()
+        if self.process.is_alive():
+            self._problem = self._problem or "the process for viewers did not end: its files may not be complete"
+            self.process.kill()
+            self.process.join()
 
     def _drop(self) -> None:
         # The newest counts. Where a log ends and where it is must not be lost.
         kept: list[Moment | LogKept] = []
-        try:
+        with suppress(IndexError):  # all has been sent meanwhile
             while isinstance(oldest := self._waiting.popleft(), (CutMoment, LogKept)):
                 kept.append(oldest)
             self.lost += 1
-        except IndexError:
-            pass  # all has been sent meanwhile
         self._waiting.extendleft(reversed(kept))
 
     def _pump(self) -> None:
@@ -214,23 +150,35 @@ class Feed:
     def _send(self) -> None:
         with self._sending:
             for _ in range(len(self._waiting) // _AT_ONCE + 1):
-                batch: list[Moment | LogKept] = []
-                try:
-                    while len(batch) < _AT_ONCE:
-                        batch.append(self._waiting.popleft())
-                except IndexError:
-                    pass
-                if batch:
-                    self._process.send(self._with_true_heads(batch))
+                moments: list[Moment | LogKept] = []
+                with suppress(IndexError):
+                    while len(moments) < _AT_ONCE:
+                        moments.append(self._waiting.popleft())
+                if moments:
+                    self._pass_on(self._with_true_heads(moments))
 
-    def _with_true_heads(self, batch: list[Moment | LogKept]) -> list[object]:
-        ticks = [moment.time_s for moment in batch if isinstance(moment, TickMoment)]
-        if self._true_head_base_m is None or not ticks:
-            return list(batch)
-        heads = iter(self._true_head_base_m(np.array(ticks)))
+    def _pass_on(self, moments: list[object]) -> None:
+        """Send moments; an empty list ends the process. If it has gone they are dropped, which is a problem."""
+        try:
+            self._pipe.send(moments)
+        except OSError:
+            self._hear()
+            self._problem = self._problem or "the process for viewers has gone"
+
+    def _hear(self) -> None:
+        with suppress(EOFError, OSError):
+            while self._pipe.poll():
+                problem = self._pipe.recv()
+                self._problem = self._problem or str(problem)
+
+    def _with_true_heads(self, moments: list[Moment | LogKept]) -> list[object]:
+        times_s = [moment.time_s for moment in moments if isinstance(moment, TickMoment)]
+        if self._true_head_base_m is None or not times_s:
+            return list(moments)
+        heads = iter(self._true_head_base_m(np.array(times_s)))
         return [
             moment._replace(head_true_base_m=next(heads)) if isinstance(moment, TickMoment) else moment
-            for moment in batch
+            for moment in moments
         ]
 
 
@@ -252,12 +200,10 @@ def start_viewers(settings: LiveSettings, setup: LiveSetup) -> Feed | None:
     if not mcap and settings.view is None:
         return None
     camera = setup.source if isinstance(setup.source, CameraSource) else None
-    host, port = settings.view_address
     layout = settings.out / LAYOUT if settings.view == "foxglove" else None
     folder = settings.out if mcap else None
-    process = ViewProcess(ViewOrders(setup.about, folder, settings.view, host, port, layout, camera is not None))
-    notes = process.start()
-    feed = Feed(process, setup.true_head_base_m, not setup.clock.is_real, notes, () if layout is None else (LAYOUT,))
+    orders = ViewOrders(setup.about, folder, settings.view, *settings.view_address, layout, camera is not None)
+    feed = Feed(orders, setup.true_head_base_m, not setup.clock.is_real)
     if camera is not None:
         camera.show_to(feed.take)
     return feed

@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import math
 import threading
+import time
 from collections import deque
+from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.live.view.orders import LOOPBACK, named
-from gazempc.loop.events import Event
+from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.moments import (
     AttendedMoment,
@@ -39,7 +41,6 @@ _EVENTS = 20
 _SDS = 2.0
 # An observation older than this no longer gives the person's position.
 _LOST_S = 1.0
-_MEANINGS = {str(event): event.meaning for event in Event}
 
 
 class Snapshots:
@@ -153,7 +154,7 @@ class Snapshots:
 def _in_words(event: EventMoment | AttendedMoment) -> str:
     if isinstance(event, AttendedMoment):
         return f"looks at person {event.person} ({event.why})" if event.person else f"looks at no person ({event.why})"
-    meaning = _MEANINGS.get(event.name) if event.text == event.name else None
+    meaning = MEANINGS.get(event.name) if event.text == event.name else None
     return event.text if meaning is None else f"{event.name}: {meaning}"
 
 
@@ -196,8 +197,6 @@ _STATIC = {
 }
 # Nothing from another host, and no frames of other pages. Its icon is empty.
 _POLICY = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
-# A connection that has heard nothing for so long may be dead; a comment finds out.
-_STILL_THERE_S = 5.0
 
 
 class WebPage:
@@ -210,16 +209,19 @@ class WebPage:
 
     Attributes:
         url: Where the page is.
+        host: Address at which it is served.
+        state: The newest state, JSON; empty before the first one.
+        over: Whether the run has ended.
 
     Raises:
         SettingsError: If the address cannot be used.
     """
 
     def __init__(self, run: RunInfo, host: str, port: int) -> None:
-        self._snapshots = Snapshots(run)
-        self.news = _News()
+        self._snapshots, self.host = Snapshots(run), host
+        self.state, self.over = "", False
         try:
-            self._server = _Server((host, port), self)
+            self._server = ThreadingHTTPServer((host, port), partial(_Handler, self))
         except OSError as error:
             why = error.strerror or error
             raise SettingsError(f"--view-at {host}:{port}: {why}; another port: --view-at {host}:PORT") from None
@@ -233,7 +235,7 @@ class WebPage:
             moment: What.
         """
         if self._snapshots.take(moment):
-            self.news.tell(json.dumps(self._snapshots.state()))
+            self.state = json.dumps(self._snapshots.state())
 
     def hello(self) -> str:
         """What a page that has just opened needs: what the run is, and its last half minute."""
@@ -246,50 +248,22 @@ class WebPage:
 
     def close(self) -> None:
         """Tell pages that the run is over, and stop."""
-        self.news.end()
+        self.over = True
+        time.sleep(2 * PERIOD_S)  # until all pages have heard of it
         self._server.shutdown()
         self._server.server_close()
-
-
-class _News:
-    """The newest text. Who is slow misses those between."""
-
-    def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._text, self._number, self._over = "", 0, False
-
-    def tell(self, text: str) -> None:
-        with self._changed:
-            self._text, self._number = text, self._number + 1
-            self._changed.notify_all()
-
-    def end(self) -> None:
-        with self._changed:
-            self._over = True
-            self._changed.notify_all()
-
-    def wait(self, after: int) -> tuple[int, str, bool]:
-        """Number and text of the newest one after a number (or of the same one, after a while); whether it is over."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._number > after or self._over, _STILL_THERE_S)
-            return self._number, self._text, self._over
-
-
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-    block_on_close = False
-
-    def __init__(self, address: tuple[str, int], page: WebPage) -> None:
-        self.page = page
-        super().__init__(address, _Handler)
 
 
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     timeout = 30.0
 
+    def __init__(self, page: WebPage, *connection: Any) -> None:
+        self._page = page
+        super().__init__(*connection)
+
     def do_GET(self) -> None:
-        page, path = cast(_Server, self.server).page, self.path.partition("?")[0]
+        page, path = self._page, self.path.partition("?")[0]
         if not self._asked_rightly():
             self.send_error(HTTPStatus.FORBIDDEN, "ask by the address that the run prints")
         elif path == "/state":
@@ -304,7 +278,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _asked_rightly(self) -> bool:
         # DNS rebinding: a foreign page may resolve its own name to this computer, and then read what is served here.
-        bound = cast(_Server, self.server).server_address[0]
+        bound = self._page.host
         host = self.headers.get("Host", "").rpartition(":")[0].strip("[]")
         return bound not in LOOPBACK or host in LOOPBACK
 
@@ -324,14 +298,14 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             # After a connection is lost, a page asks again in half a second.
             self._event("hello", page.hello(), "retry: 500\n")
-            number, over = 0, False
-            while not over:
-                newest, text, over = page.news.wait(number)
-                if newest > number:
-                    self._event("state", text)
+            shown = ""
+            while not page.over:
+                if page.state != shown:
+                    shown = page.state
+                    self._event("state", shown)
                 else:
-                    self.wfile.write(b": still there\n\n")
-                number = newest
+                    self.wfile.write(b": still there\n\n")  # raises if the page is closed
+                time.sleep(PERIOD_S)
             self._event("end", "{}")
         except OSError:
             return  # the page was closed

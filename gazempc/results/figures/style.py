@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from gazempc.parts import TRUE_FUTURE
 from gazempc.recordings.load import MARK
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
@@ -84,7 +85,7 @@ _STYLES = {
     "reactive": Style(LABELS["reactive"], "#D55E00", 2.0),
     "lookahead": Style(LABELS["lookahead"], "#56B4E9", 2.8),
     "mpc": Style(LABELS["mpc"], "#0072B2", 1.6),
-    "perfect": Style(LABELS["perfect"], "#CC79A7", 1.6),
+    TRUE_FUTURE: Style(LABELS[TRUE_FUTURE], "#CC79A7", 1.6),
 }
 
 
@@ -147,7 +148,7 @@ def recording_title(logs: Logs) -> str:
 def setup_title(logs: Logs) -> str:
     """Predictor, neck, sensor and seed of the runs; the perfect forecast is named by its controller's label."""
     runs = [log.run for log in logs.values()]
-    predictors = dict.fromkeys(run.predictor for run in runs if run.controller != "perfect")
+    predictors = dict.fromkeys(run.predictor for run in runs if run.controller != TRUE_FUTURE)
     neck, sensor, seed = runs[0].neck.name, runs[0].sensor["name"], runs[0].seed
     return f"predictor {', '.join(predictors) or 'perfect'}; neck {neck}; sensor {sensor}; seed {seed}"
 

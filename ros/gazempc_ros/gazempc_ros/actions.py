@@ -11,7 +11,6 @@ import numpy as np
 from control_msgs.action import PointHead
 from geometry_msgs.msg import PointStamped
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -80,6 +79,18 @@ class _Active:
     still_since_s: float | None = None
 
 
+class _GoalServer(ActionServer):  # type: ignore[misc]
+    """An action server whose goals are carried out elsewhere: `execute` of a goal marks it as executing, no more.
+
+    An execution callback that awaits its end keeps the executor of rclpy spinning.
+    """
+
+    def notify_execute(self, goal_handle: Any, execute_callback: Callable[[Any], Any] | None) -> None:
+        """Run a callback that ends the goal; nothing without one."""
+        if execute_callback is not None:
+            super().notify_execute(goal_handle, execute_callback)
+
+
 class HeadActions:
     """Action servers of a node.
 
@@ -114,7 +125,7 @@ class HeadActions:
         self._timer = node.create_timer(_PERIOD_S, self._step)
 
     def _serve(self, kind: Any, name: str) -> ActionServer:
-        server = ActionServer(
+        server = _GoalServer(
             self._node,
             kind,
             name,
@@ -150,10 +161,9 @@ class HeadActions:
         return GoalResponse.REJECT if why else GoalResponse.ACCEPT
 
     def _begin(self, handle: Any, server: ActionServer) -> None:
-        """A goal is carried out by the timer: an execution that awaits keeps the executor of rclpy spinning."""
+        """A goal is carried out by the timer, and replaces the one before."""
         self._end("abort", "a newer goal replaces it")
-        # What `execute` does before it calls back.
-        handle._update_state(_rclpy.GoalEvent.EXECUTE)
+        handle.execute()
         request = handle.request
         active = _Active(handle, server, _target(request), self._now_s())
         if isinstance(request, PointHead.Goal):
@@ -164,6 +174,7 @@ class HeadActions:
             active.max_velocity_rad_s = request.max_velocity if request.max_velocity > 0.0 else math.inf
         # The timer takes it up: at a hundred goals a second the queue of the service must not run over.
         self._active = active
+        self._timer.reset()
 
     def _now_s(self) -> float:
         return 1e-9 * self._node.get_clock().now().nanoseconds
@@ -186,6 +197,7 @@ class HeadActions:
     def _step(self) -> None:
         active, gaze = self._active, self._gaze()
         if active is None or gaze is None:
+            self._timer.cancel()
             return
         if active.handle.is_cancel_requested:
             self._end("canceled")

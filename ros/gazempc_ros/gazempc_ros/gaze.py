@@ -1,13 +1,34 @@
 """The node `gaze`: people in, joint commands out.
 
-It is a lifecycle node, as the controllers of ros2_control are: parameters can be set while it is unconfigured,
+It is a lifecycle node, as the controllers of ros2_control are: parameters are set while it is unconfigured,
 `configure` checks them, `activate` connects the robot and begins to send commands, and `deactivate` brakes the neck
 within its limits. With the parameter `autostart` (the default) it does both by itself, and tries again until the robot
-is there.
+is there. `ros2 param describe /gaze NAME` explains each parameter.
+
+Subscribed topics:
+
+- that of `source`: `PoseStamped`, `PoseWithCovarianceStamped`, `PointStamped`, `PoseArray` of geometry_msgs or
+  `vision_msgs/Detection3DArray`, in any tf frame, at their stamps; or the topics of ROS4HRI
+- `/joint_states`, `/tf`, `/tf_static`; with `use_sim_time` also `/clock`, the clock of all stamps. The loop runs in
+  real time, so the simulation must run at factor 1.
+- `~/attend` (`std_msgs/String`): id of the person to look at; empty for the policy of `attend` again
+- `~/look_away` (`std_msgs/String`): `thinking` at once, or the rhythm `listening`, `speaking` or `told`
+
+Published topics:
+
+- `options.ros2.command_topic` as `JointTrajectory`: the command one servo period ahead with velocity and acceleration,
+  then a stop within the limits. A controller with `allow_nonzero_velocity_at_trajectory_end: false` accepts it, and
+  brakes by itself when commands end. `time_from_start_s` acts as further dead time: identify the neck with the same
+  value. Or as `Float64MultiArray`: positions, or velocities with `command_values: velocity`.
+- `~/markers`: gaze ray, attended head, forecast with 2-sigma ellipsoids; `/diagnostics`: the status line's facts
+
+Actions: `~/point_head` (`control_msgs/PointHead`: frame and axis that point, `min_duration`, `max_velocity`, feedback)
+and `~/look_at` (`hri_actions_msgs/LookAt`). A goal outranks people until it ends; a newer one aborts it.
 """
 
 from __future__ import annotations
 
+import gc
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -29,7 +50,7 @@ from visualization_msgs.msg import MarkerArray
 
 from gazempc.errors import GazempcError
 from gazempc.live.gaze import Gaze
-from gazempc.live.process import stopped_by_signals
+from gazempc.live.process import before_other_programs, stopped_by_signals
 from gazempc.live.sources.ros2 import TfListener
 from gazempc.ros2.node import Ros2Node
 from gazempc.types import FloatArray
@@ -115,6 +136,7 @@ class GazeNode(Node):
         self.gaze = gaze
         self._open(gaze)
         self._state = "active"
+        gc.freeze()  # what lives until the end is left out of the collections, which stop all threads
         self.get_logger().info(f"active: neck {gaze.neck.name}, robot {self.get_parameter('robot').value}")
         return super().on_activate(state)
 
@@ -209,6 +231,7 @@ class GazeNode(Node):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; then brake the neck."""
+    before_other_programs()
     # Handlers of rclpy would end the middleware before the neck is braked.
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     stop = threading.Event()

@@ -40,20 +40,11 @@ def test_the_neck_file_has_the_measured_table(tmp_path, sign):
     assert f"sign {sign:+d}" in table(axes, np.radians(60.0))
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [(["--source", "camera:emulator"], "--robot"), (["--source", "udp:5005", "--robot", "visca:emulator"], "--source")],
-)
-def test_bad_input_ends_with_a_message(words, named, capsys):
-    assert main(words) == 2
-    assert named in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys):
     pytest.importorskip("mujoco")
     out = tmp_path / "found.toml"
-    few = {"positive_rad_s": [0.1, 0.4, 0.9], "negative_rad_s": [0.08, 0.35, 0.9]}
+    few = {"positive_rad_s": [0.1, 0.9], "negative_rad_s": [0.08, 0.9]}
     axes = {
         name: getattr(PTZ, name).model_copy(update={"speed_steps": SpeedSteps(**few), "velocity_max_rad_s": 0.9})
         for name in ("pan", "tilt")

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from gazempc.errors import RobotError
 from gazempc.identify.excitation import brake, excite
-from gazempc.identify.record import load_record, record
 from gazempc.live.clock import SimulatedClock
 from gazempc.sim.simulated import SimulatedNeck
 
@@ -46,15 +45,6 @@ def test_braking_keeps_acceleration_and_jerk(seconds):
     assert np.abs(u[-1] - u[-2]).max() < 1e-9
 
 
-def test_record_survives_its_file(clean, tmp_path):
-    clean.save(tmp_path / "r.npz")
-    again = load_record(tmp_path / "r.npz")
-    assert again.about == clean.about
-    for field in ("command_time_s", "command_rad", "joint_time_s", "joint_rad"):
-        np.testing.assert_array_equal(getattr(again, field), getattr(clean, field))
-    assert again.neck() == REFERENCE
-
-
 class HeldUp(SimulatedClock):
     """Wakes up late once."""
 
@@ -77,20 +67,5 @@ def test_a_computer_that_is_held_up_makes_no_jump():
     robot = SimulatedNeck(REFERENCE, REFERENCE.rest_rad, clock.now_s)
     with pytest.raises(RobotError, match="held up for 500 ms"):
         drive(robot, clock)
-    clock.sleep_until_s(clock.now_s() + 2.0)
-    assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3
-
-
-def test_whatever_ends_an_identification_the_neck_is_braked_first():
-    clock = SimulatedClock()
-    robot = SimulatedNeck(REFERENCE, REFERENCE.rest_rad, clock.now_s)
-    robot.connect()
-
-    def on_tick(share):
-        if share > 0.4:
-            raise BrokenPipeError
-
-    with pytest.raises(BrokenPipeError):
-        record(robot, clock, excite(REFERENCE, REFERENCE.rest_rad, SHORT), REFERENCE, {"from": "test"}, on_tick)
     clock.sleep_until_s(clock.now_s() + 2.0)
     assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3

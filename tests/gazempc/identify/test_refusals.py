@@ -1,4 +1,4 @@
-"""What data cannot tell is refused; play and noise are told apart."""
+"""Data that do not determine the result are refused; play and noise are told apart."""
 
 import math
 
@@ -18,10 +18,6 @@ def refusal(taken, axis=0, **options):
         return str(error)
 
 
-def moving(clean, command):
-    return altered(clean, command_rad=np.column_stack([command, command]))
-
-
 def with_noise(taken, sigma_deg):
     return taken.joint_rad + np.random.default_rng(2).normal(0, math.radians(sigma_deg), taken.joint_rad.shape)
 
@@ -33,15 +29,9 @@ def friction(taken):
 
 SPOILT = {
     "were not reported once": lambda t: altered(t, joint_time_s=np.zeros(0), joint_rad=np.zeros((0, 2))),
-    "1 different time stamps": lambda t: altered(t, joint_time_s=np.full_like(t.joint_time_s, 3.0)),
     "50 different time stamps": lambda t: altered(t, joint_time_s=t.joint_time_s[:50], joint_rad=t.joint_rad[:50]),
-    "share 2.0 s": lambda t: altered(t, joint_time_s=t.joint_time_s[:400], joint_rad=t.joint_rad[:400]),
     "share 0.0 s": lambda t: altered(t, joint_time_s=t.joint_time_s + 1e9),
-    "never changes": lambda t: moving(t, np.zeros(len(t.command_rad))),
-    "moves over 0.40 deg": lambda t: moving(t, t.command_rad[:, 0] / 100),
-    "at a limit of the neck": lambda t: moving(
-        t, np.where(np.arange(len(t.command_rad)) % 200 < 190, math.radians(80), math.radians(60))
-    ),
+    "moves over 0.40 deg": lambda t: altered(t, command_rad=t.command_rad / 100),
     "the joint over 0.0 deg": lambda t: altered(t, joint_rad=np.zeros_like(t.joint_rad)),
     "jump as no joint can": lambda t: altered(
         t, joint_rad=np.where(np.arange(len(t.joint_rad))[:, None] % 10 == 0, -math.pi, t.joint_rad)
@@ -56,7 +46,7 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("problem", SPOILT)
-def test_refuses_what_the_data_cannot_tell(clean, problem):
+def test_data_that_do_not_determine_the_servo_are_refused(clean, problem):
     text = refusal(SPOILT[problem](clean))
     assert problem in text
     assert text.startswith("pan: ")

@@ -12,7 +12,7 @@ from gazempc.identify.excitation import ExcitationSettings, excite
 from gazempc.identify.servo_fit import Z_95, ServoModel, robust_covariance
 
 
-@pytest.mark.parametrize(("wn", "zeta"), [(6.0, 1.2), (12.0, 0.9), (25.0, 0.5), (10.0, 1.0)])
+@pytest.mark.parametrize(("wn", "zeta"), [(6.0, 1.2), (25.0, 0.5), (10.0, 1.0)])
 def test_model_is_the_transfer_function_that_scipy_simulates(wn, zeta):
     """lsim on a finer grid with its own delay, a whole number of that grid's steps."""
     motion = excite(REFERENCE, REFERENCE.rest_rad, ExcitationSettings(duration_s=8.0)).position_rad[:, 0]
@@ -35,16 +35,15 @@ def test_free_motion_is_that_of_the_undriven_servo():
         np.testing.assert_allclose(column, q, atol=1e-6)
 
 
-@pytest.mark.parametrize(("wn", "zeta"), [(6.0, 0.5), (12.0, 0.9), (20.0, 3.0)])
+@pytest.mark.parametrize(("wn", "zeta"), [(6.0, 0.5), (20.0, 3.0)])
 def test_bandwidth_is_where_the_answer_is_3_db_down(wn, zeta):
     _, answer = signal.freqs([wn**2], [1, 2 * zeta * wn, wn**2], [2 * math.pi * bandwidth_hz(wn, zeta)])
     assert abs(answer[0]) == pytest.approx(1 / math.sqrt(2))
 
 
-@pytest.mark.parametrize("channels", [1, 3])
-def test_95_percent_intervals_hold_the_truth_where_errors_are_correlated_in_time(channels):
+def test_95_percent_intervals_hold_the_truth_where_errors_are_correlated_in_time():
     """Of a smooth regression with autoregressive errors; errors of channels that share a time are correlated, too."""
-    rng, times, draws, rhos = np.random.default_rng(0), 400, 400, (0.0, 0.5, 0.8, 0.95)
+    rng, times, draws, rhos, channels = np.random.default_rng(0), 400, 300, (0.0, 0.5, 0.8, 0.95), 3
     t = np.arange(times) / 30.0
     jacobian = np.repeat(np.column_stack([np.sin(3.0 * t), np.cos(5.0 * t + 1.0)]), channels, axis=0)
     solve = np.linalg.pinv(jacobian)

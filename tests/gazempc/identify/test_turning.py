@@ -37,11 +37,8 @@ def picture(room, pan, tilt=0.0, person=None, share=1.0, blur=0.0, seed=0):
     return np.clip(share * seen + rng.normal(0.0, 1.0, seen.shape), 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("turn_deg", [0.05, 0.7, -3.0, 9.0, -15.0])
-@pytest.mark.parametrize("axis", ["pan", "tilt"])
+@pytest.mark.parametrize(("axis", "turn_deg"), [("pan", 0.05), ("pan", -15.0), ("tilt", -3.0), ("tilt", 9.0)])
 def test_the_rotation_between_two_pictures(room, axis, turn_deg):
-    if axis == "tilt" and abs(turn_deg) > 10:
-        return  # more than the height of the picture allows
     turning, turn = Turning(axis, FOV, WIDTH, HEIGHT), np.radians(turn_deg)
     angles = {"pan": turn} if axis == "pan" else {"pan": 0.0, "tilt": turn}
     before, after = turning.flat(picture(room, 0.0)), turning.flat(picture(room, **angles, seed=1))
@@ -89,18 +86,18 @@ def pulses(delay_s=0.5, wn=15.0, sign=1.0, noise_deg=0.01, seed=0):
     return made
 
 
-@pytest.mark.parametrize("delay_s", [0.15, 0.6, 1.2])
-def test_delay_lag_and_speeds(delay_s):
-    found = estimate_turns(pulses(delay_s=delay_s), 1.5)
-    if delay_s > 1.0:
-        # The pictures end before the motion does: the rest is not invented, the interval is honest.
-        assert found.delay_s.value == pytest.approx(delay_s, abs=0.03)
-        return
+def test_pictures_that_end_before_the_motion_still_determine_the_delay():
+    assert estimate_turns(pulses(delay_s=1.2), 1.5).delay_s.value == pytest.approx(1.2, abs=0.03)
+
+
+@pytest.mark.parametrize(("delay_s", "sign"), [(0.15, 1), (0.6, -1)])
+def test_delay_lag_sign_and_speeds(delay_s, sign):
+    found = estimate_turns(pulses(delay_s=delay_s, sign=sign), 1.5)
     assert found.delay_s.value == pytest.approx(delay_s, abs=0.004)
     assert found.natural_frequency_rad_s.value == pytest.approx(15.0, rel=0.05)
-    assert found.sign == 1
+    assert found.sign == sign
     for step, deg_s in ((1, 2.0), (2, 9.0), (3, 30.0), (-1, -1.8), (-2, -8.0), (-3, -26.0)):
-        assert np.degrees(found.speeds_rad_s[step].value) == pytest.approx(deg_s, rel=0.03)
+        assert np.degrees(found.speeds_rad_s[step].value) == pytest.approx(sign * deg_s, rel=0.03)
 
 
 @pytest.mark.slow
@@ -122,13 +119,9 @@ def test_motion_blur_and_dim_light_are_survived(room, share, exposure_s):
         assert np.degrees(found.speeds_rad_s[step].value) == pytest.approx(deg_s, rel=0.03)
 
 
-def test_a_wrong_sign_is_found():
-    assert estimate_turns(pulses(sign=-1.0), 1.5).sign == -1
-
-
 def test_the_delays_interval_covers_the_truth():
-    found = [estimate_turns(pulses(noise_deg=0.1, seed=seed), 1.5).delay_s for seed in range(12)]
-    assert sum(each.low <= 0.5 <= each.high for each in found) >= 9
+    found = [estimate_turns(pulses(noise_deg=0.1, seed=seed), 1.0).delay_s for seed in range(8)]
+    assert sum(each.low <= 0.5 <= each.high for each in found) >= 6
 
 
 def test_a_scene_that_does_not_follow_is_refused():
@@ -142,6 +135,6 @@ def test_a_scene_that_does_not_follow_is_refused():
 
 def test_an_odometer_adds_up_a_turn_wider_than_the_picture(room):
     odometer = Odometer(Turning("pan", FOV, WIDTH, HEIGHT), np.radians(12.0))
-    for turn_deg in np.arange(0.0, 90.0, 4.0):
+    for turn_deg in np.arange(0.0, 90.0, 8.0):
         found = odometer.add(picture(room, np.radians(turn_deg), seed=int(turn_deg)))
     assert np.degrees(found) == pytest.approx(88.0, abs=0.5)

@@ -1,7 +1,6 @@
 """Live runs of necks that take speeds: the gaze follows, and the end is a stop, whatever ends the run."""
 
 import json
-import math
 import os
 import re
 import signal
@@ -54,8 +53,7 @@ def run_speeds(neck, robot_class=SimulatedNeck, on_poll=None, on_send=None, keep
     return logs, robot, failure
 
 
-@pytest.mark.parametrize("robot_class", [SimulatedNeck, MujocoNeck])
-@pytest.mark.parametrize("neck", [PTZ, COARSE], ids=["any speed", "steps"])
+@pytest.mark.parametrize(("neck", "robot_class"), [(PTZ, MujocoNeck), (COARSE, SimulatedNeck)])
 def test_the_gaze_follows_within_limits_and_ends_with_a_stop(neck, robot_class):
     if robot_class is MujocoNeck:
         pytest.importorskip("mujoco")
@@ -70,7 +68,7 @@ def test_the_gaze_follows_within_limits_and_ends_with_a_stop(neck, robot_class):
     sent = np.array([speeds for _, speeds in robot.received])
     assert np.abs(sent).max() > 0.1
     assert np.all(np.abs(sent) <= neck.velocity_max_rad_s * (1 + 1e-6))
-    if neck is COARSE and robot_class is SimulatedNeck:
+    if neck is COARSE:
         levels = np.array(_STEPS.levels_rad_s)
         assert np.abs(sent[:, 0, None] - levels).min(axis=1).max() < 1e-12
     assert np.all(sent[-1] == 0.0)
@@ -95,18 +93,6 @@ def test_whatever_ends_a_run_the_last_speed_is_zero(why):
     assert failure is not None
     assert np.all(robot.received[-1][1] == 0.0)
     assert robot.calls[-1] == "close"
-
-
-def test_a_program_drives_a_neck_that_takes_speeds():
-    with gz.Gaze(COARSE, "simulated") as gaze:
-        start_s = time.time()
-        while (now_s := time.time()) < start_s + 2.5:
-            gaze.see(now_s - 0.05, [2.0, 0.5 * math.sin(now_s - start_s), 0.3])
-            time.sleep(1 / 30)
-    log = gaze.log()
-    assert gz.measure(log).limit_violations == 0
-    assert np.ptp(log.joint_position_rad[:, 0]) > 0.1
-    assert "robot_not_answering" not in gaze.events
 
 
 def test_a_program_drives_a_camera_by_its_address():
@@ -175,8 +161,7 @@ def test_a_probe_on_the_command_line(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
-def test_a_run_that_is_ended_in_a_move_leaves_a_camera_that_stands(ending, tmp_path):
+def test_a_run_that_is_killed_in_a_move_leaves_a_camera_that_stands(tmp_path):
     with camera(PTZ) as (server, _):
         command = [
             *(sys.executable, "-m", "gazempc.live", "--source", "replay", "--neck", "ptz"),
@@ -186,12 +171,11 @@ def test_a_run_that_is_ended_in_a_move_leaves_a_camera_that_stands(ending, tmp_p
         run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
         try:
             wait_until(lambda: bool(server.driven) and abs(server.driven[-1][1]) > 1, 120.0)
-            run.send_signal(ending)
-            status = run.wait(60)
+            run.kill()
+            run.wait(60)
         finally:
             run.kill()
         wait_until(lambda: server.driven[-1][1:] == (0, 0))
-        assert status == (0 if ending == signal.SIGTERM else -signal.SIGKILL)
         time.sleep(0.5)
         assert server.driven[-1][1:] == (0, 0)
 

@@ -11,22 +11,17 @@ from gazempc.neck.spec import load_neck
 
 NOW = 100  # servo periods
 REFERENCE = load_neck("reference")
-TICK_S = REFERENCE.servo_period_s
 DEAD_TIMES_S = [0.4, 0.4012, 0.003, 0.0375, 0.0, 0.005, 0.1, 0.0049999, 0.0050001]
 
 
-def with_joints(pan_s, tilt_s=None, rate_hz=None, zeta=0.9):
+def with_joints(dead_times_s, rate_hz, zeta):
     """The reference neck with other dead times and rates."""
-    changes = [
-        {"dead_time_s": dead_s, "damping_ratio": zeta} for dead_s in (pan_s, pan_s if tilt_s is None else tilt_s)
-    ]
-    joints = {
-        name: getattr(REFERENCE, name).model_copy(update=each)
-        for name, each in zip(("pan", "tilt"), changes, strict=True)
+    axes = {
+        name: axis.model_copy(update={"dead_time_s": dead_s, "damping_ratio": zeta})
+        for name, axis, dead_s in zip(("pan", "tilt"), REFERENCE.axes, dead_times_s, strict=True)
     }
     control_hz = rate_hz if rate_hz != 200.0 else 50.0
-    rates = {} if rate_hz is None else {"servo_rate_hz": rate_hz, "control_rate_hz": control_hz}
-    return REFERENCE.model_copy(update=joints | rates)
+    return REFERENCE.with_axes(axes).model_copy(update={"servo_rate_hz": rate_hz, "control_rate_hz": control_hz})
 
 
 def executed(axis, commands, period_s):
@@ -39,8 +34,7 @@ def executed(axis, commands, period_s):
     return states
 
 
-@pytest.mark.parametrize("neck", ["reference", "reachy_mini", "fetch"])
-@pytest.mark.parametrize("dead_time_s", [None, 0.0, 0.0613])
+@pytest.mark.parametrize(("neck", "dead_time_s"), [("reference", None), ("reachy_mini", 0.0), ("fetch", 0.0613)])
 def test_it_is_where_the_simulated_joint_will_be(neck, dead_time_s):
     spec = load_neck(neck)
     axis = spec.pan if dead_time_s is None else spec.pan.model_copy(update={"dead_time_s": dead_time_s})
@@ -71,7 +65,7 @@ def test_the_settled_state_is_where_the_joints_will_be(dead_times_s, rate_hz, ze
     Pan and tilt have dead times of their own. The tolerance is that of times, 1 ns: by so much the last command may
     act early.
     """
-    neck = with_joints(*dead_times_s, rate_hz, zeta)
+    neck = with_joints(dead_times_s, rate_hz, zeta)
     period_s, count = neck.servo_period_s, len(committed)
     servos = [DelayedServo(axis, 0.1) for axis in neck.axes]
     sent = [0.1] * (int(max(dead_times_s) / period_s) + 2) + commands
@@ -89,18 +83,3 @@ def test_the_settled_state_is_where_the_joints_will_be(dead_times_s, rate_hz, ze
         servo.send(5.0)
         servo.advance_to((len(commands) + count) * period_s + dead_s)
         np.testing.assert_allclose(servo.state, foreseen, atol=1e-6)
-
-
-@pytest.mark.parametrize(("dead_time_s", "needed"), [(0.4, 81), (0.4012, 81), (0.003, 1), (0.0375, 8), (0.0, 1)])
-@pytest.mark.parametrize("committed", [0, 3])
-def test_the_commands_needed_cover_the_dead_time(dead_time_s, needed, committed):
-    axis = with_joints(dead_time_s).pan
-    ahead = JointAhead(axis, TICK_S, np.array([committed * TICK_S + dead_time_s]))
-    assert (ahead.sent_needed, ahead.future_needed) == (needed, committed)
-
-
-def test_without_a_dead_time_the_settled_state_is_the_present():
-    settled = SettledJoints(with_joints(0.0), 0)(
-        np.array([0.3, 0.1]), np.array([-0.2, 0.0]), np.full((1, 2), 9.0), np.zeros((0, 2))
-    )
-    np.testing.assert_array_equal(settled, [[0.3, 0.1], [-0.2, 0.0]])

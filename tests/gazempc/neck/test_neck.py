@@ -62,58 +62,28 @@ def test_reference_necks_have_the_figures_of_the_design(name: str, limits: tuple
 
 
 @pytest.mark.parametrize("name", neck_names())
-def test_every_shipped_neck_loads_and_says_where_its_figures_are_from(name: str) -> None:
+def test_every_shipped_neck_has_a_source_and_command_limits_inside_its_own(name: str) -> None:
     neck = load_neck(name)
     assert neck.name == name
     assert len(neck.source) > 20
     limits = neck.command_limits
     assert np.all((limits.position_min_rad <= neck.rest_rad) & (neck.rest_rad <= limits.position_max_rad))
-
-
-def test_a_neck_loads_from_a_path(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(REFERENCE_TOML, encoding="utf-8")
-    assert load_neck(path) == load_neck(str(path)) == load_neck("reference")
+    assert np.all(
+        (neck.position_min_rad <= limits.position_min_rad) & (limits.position_max_rad <= neck.position_max_rad)
+    )
+    for field in ("velocity_max_rad_s", "acceleration_max_rad_s2", "jerk_max_rad_s3"):
+        assert np.all(getattr(limits, field) <= getattr(neck, field))
 
 
 # ---------------------------------------------------------------- servo gain and command limits
 
 
-@pytest.mark.parametrize("zeta", [0.2, 0.35, 0.5, 0.7, 0.9, 0.99, 1.0, 1.2, 1.5])
-@pytest.mark.parametrize("wn", [3.0, 12.0])
+@pytest.mark.parametrize(("zeta", "wn"), [(0.2, 3.0), (0.7, 12.0), (1.0, 12.0), (1.5, 12.0)])
 def test_servo_gain_is_the_integral_of_the_absolute_impulse_response(zeta: float, wn: float) -> None:
-    times_s = np.linspace(0.0, 40.0 / wn / min(zeta, 0.4), 100_001)
+    times_s = np.linspace(0.0, 40.0 / wn / min(zeta, 0.4), 30_001)
     _, response = signal.impulse(([wn**2], [1.0, 2 * zeta * wn, wn**2]), T=times_s)
     integral = np.trapezoid(np.abs(response), times_s)
-    assert axis(natural_frequency_rad_s=wn, damping_ratio=zeta).servo_gain == pytest.approx(integral, rel=1e-5)
-
-
-@pytest.mark.parametrize("name", neck_names())
-def test_command_limits_are_inside_those_of_the_joint(name: str) -> None:
-    neck = load_neck(name)
-    limits = neck.command_limits
-    assert np.all(limits.position_min_rad >= neck.position_min_rad)
-    assert np.all(limits.position_max_rad <= neck.position_max_rad)
-    assert np.all(limits.position_min_rad < limits.position_max_rad)
-    assert np.all(limits.velocity_max_rad_s <= neck.velocity_max_rad_s)
-    assert np.all(limits.acceleration_max_rad_s2 <= neck.acceleration_max_rad_s2)
-    assert np.all(limits.jerk_max_rad_s3 <= neck.jerk_max_rad_s3)
-
-
-def test_an_overdamped_joint_needs_no_margin() -> None:
-    neck = neck_of(axis(damping_ratio=1.3))
-    limits = neck.command_limits
-    np.testing.assert_allclose(limits.position_min_rad, neck.position_min_rad)
-    np.testing.assert_allclose(limits.position_max_rad, neck.position_max_rad)
-    np.testing.assert_array_equal(limits.jerk_max_rad_s3, neck.jerk_max_rad_s3)
-
-
-def test_clip_position_moves_to_the_nearest_allowed_one() -> None:
-    limits = load_neck("reference").command_limits
-    low, high = limits.position_min_rad, limits.position_max_rad
-    np.testing.assert_array_equal(
-        limits.clip_position(np.array([[-9.0, 9.0], [0.1, -0.2]])), [[low[0], high[1]], [0.1, -0.2]]
-    )
+    assert axis(natural_frequency_rad_s=wn, damping_ratio=zeta).servo_gain == pytest.approx(integral, rel=1e-4)
 
 
 def smooth(raw: Array, neck: NeckSpec) -> Array:
@@ -212,11 +182,9 @@ def changed(*changes: tuple[str, str]) -> str:
     return text
 
 
-@pytest.mark.parametrize("field", Axis.model_fields)
+@pytest.mark.parametrize("field", [name for name, field in Axis.model_fields.items() if field.is_required()])
 def test_a_missing_figure_names_a_rule_of_thumb(tmp_path: Path, field: str) -> None:
     text = re.sub(rf"^{field} = .*\n", "", REFERENCE_TOML, count=1, flags=re.MULTILINE)
-    if not Axis.model_fields[field].is_required():
-        return
     (line,) = refusal(tmp_path, text)
     assert re.match(rf"pan\.{field}: Field required; rule of thumb: \S", line)
 
@@ -227,12 +195,9 @@ def test_a_missing_figure_names_a_rule_of_thumb(tmp_path: Path, field: str) -> N
         (("dead_time_s = 0.4", 'dead_time_s = "long"'), r"pan\.dead_time_s: .*valid number.*\(given: 'long'\)"),
         (("dead_time_s = 0.4", "dead_time_s = -0.1"), r"pan\.dead_time_s: .*equal to 0 \(given: -0.1\)"),
         (("dead_time_s = 0.4", "dead_time_s = nan"), r"pan\.dead_time_s: "),
-        (("damping_ratio = 0.9", "damping_ratio = 0.0"), r"pan\.damping_ratio: .*greater than 0\.1"),
-        (("velocity_max_rad_s = 2.5", "velocity_max_rad_s = 0"), r"pan\.velocity_max_rad_s: .*or equal to 0.01"),
         (("position_max_deg = 80.0", "position_max_deg = -80.0"), r"pan: .*\(-80\.0\) must be less than"),
         (("position_max_deg = 45.0", "position_max_deg = 4500"), r"tilt\.position_max_deg: .*360.*\(given: 4500\)"),
         (("[geometry]", "control_rate_hz = 60\n[geometry]"), r"\(whole file\): .*whole multiple of control_rate_hz"),
-        (("[geometry]", "control_rate_hz = 400\n[geometry]"), r"\(whole file\): .*whole multiple of control_rate_hz"),
         (("[0.0, 0.0, 0.0]", "[0.0, 0.0]"), r"geometry\.tilt_axis_in_pan_m\.2: Field required"),
         (("[geometry]", "colour = 1\n[geometry]"), r"colour: unknown field; accepted: .*pan"),
         (("[tilt]", "[roll]"), r"roll: unknown field; .*accepted: .*tilt"),
@@ -240,26 +205,6 @@ def test_a_missing_figure_names_a_rule_of_thumb(tmp_path: Path, field: str) -> N
 )  # fmt: skip
 def test_a_wrong_field_is_named_with_what_is_wrong(tmp_path: Path, change: tuple[str, str], line: str) -> None:
     assert any(re.match(line, found) for found in refusal(tmp_path, changed(change)))
-
-
-def test_all_errors_are_told_at_once(tmp_path: Path) -> None:
-    lines = refusal(
-        tmp_path,
-        changed(
-            ("dead_time_s = 0.4", 'dead_time_s = "long"'),
-            ("damping_ratio = 0.9", "damping_ratio = 99"),
-            ("jerk_max_rad_s3 = 300.0", "jerk = 300.0"),
-            ("position_min_deg = -35.0", "position_min_deg = 50.0"),
-        ),
-    )
-    fields = [line.split(":")[0] for line in lines]
-    assert sorted(fields) == ["pan.damping_ratio", "pan.dead_time_s", "pan.jerk", "pan.jerk_max_rad_s3", "tilt"]
-
-
-def test_text_that_is_not_toml_is_refused_with_the_place(tmp_path: Path) -> None:
-    (line,) = refusal(tmp_path, "name = \npan: 3\n")
-    assert line.startswith("not valid TOML: ")
-    assert "line 1" in line
 
 
 def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
@@ -273,14 +218,6 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "none.toml", tmp_path):
         with pytest.raises(SettingsError, match=r"accepted: .*reference"):
             load_neck(path)
-
-
-def test_a_neck_cannot_be_changed() -> None:
-    neck = load_neck("reference")
-    with pytest.raises(ValidationError):
-        neck.name = "other"  # type: ignore[misc]
-    with pytest.raises(ValidationError):
-        neck.pan.dead_time_s = 0.0  # type: ignore[misc]
 
 
 def test_necks_are_equal_by_their_fields_whatever_was_computed_of_them():
@@ -300,3 +237,13 @@ def test_a_copy_with_other_limits_forgets_arrays_of_the_old_ones():
     assert narrow.command_limits.position_max_rad[0] < neck.command_limits.position_max_rad[0]
     with pytest.raises(ValidationError):
         neck.model_copy(update={"servo_rate_hz": 70.0})
+
+
+def test_joints_are_named_in_the_order_of_the_arrays():
+    neck = load_neck("reference_eyes")
+    both = neck.model_copy(update={"body": neck.pan})
+    assert both.joint_names == ("pan", "tilt", "eye_pan", "eye_tilt", "body_yaw")
+    assert both.dead_time_s.tolist() == [0.4, 0.4, 0.06, 0.06, 0.4]
+    slow = both.with_axes({"eye_tilt": both.eyes.tilt.model_copy(update={"dead_time_s": 0.1, "rest_deg": 10.0})})
+    assert slow.dead_time_s.tolist() == [0.4, 0.4, 0.06, 0.1, 0.4]
+    assert slow.rest_rad.tolist() == pytest.approx([0.0, 0.0, 0.0, np.deg2rad(10.0), 0.0])

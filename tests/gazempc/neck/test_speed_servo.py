@@ -5,7 +5,6 @@ import pytest
 from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
-from gazempc.errors import SettingsError
 from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import Axis, load_neck
 
@@ -74,9 +73,3 @@ def test_the_joint_ends_at_its_stops_and_leaves_them_at_once() -> None:
 def test_a_load_that_a_speed_cannot_have_is_refused() -> None:
     with pytest.raises(ValidationError, match="load_offset_deg"):
         Axis.model_validate(speed_axis(0.1).model_dump() | {"load_offset_deg": 1.0})
-
-
-def test_who_sends_angles_refuses_a_neck_that_takes_speeds() -> None:
-    load_neck("reference").check_takes_angles("a live run")
-    with pytest.raises(SettingsError, match=r"'ptz': pan has command = \"velocity\", and a live run sends angles"):
-        load_neck("ptz").check_takes_angles("a live run")

@@ -31,7 +31,7 @@ from gazempc.results.figures.overview import draw_contact_bars, draw_gaze_error,
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
 
-CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
+CONTROLLERS = ("reactive", "lookahead", "mpc", "mpc+perfect")
 Logs = dict[str, Log]
 Draw = Callable[[Logs, Path], None]
 

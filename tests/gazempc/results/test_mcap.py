@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 import gazempc as gz
 from gazempc.live.mount import Mount
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray, head_angles_rad
-from gazempc.results.log import Log
+from gazempc.results.log import Log, has_log
 from gazempc.results.mcap import write_mcap
-from gazempc.results.mcap_read import has_log
 from gazempc.results.metrics import gaze_error_deg, measure
 from gazempc.run import main as run_main
 from predictors import HeadObservation

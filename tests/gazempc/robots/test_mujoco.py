@@ -7,8 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from builders.recordings import synthetic
-from builders.replays import replayed
 from scipy import signal
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError
@@ -16,8 +14,6 @@ from gazempc.identify.identify import main as identify
 from gazempc.live.session import main as live
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, load_neck
-from gazempc.results.metrics import measure
-from gazempc.results.motion import limit_violations
 from gazempc.robots import mujoco_model
 from gazempc.robots.mujoco import MujocoNeck
 from gazempc.sim.simulated import SimulatedNeck
@@ -93,32 +89,18 @@ def servo_delay_s(axis, rate_rad_s):
     return np.arctan2(2 * axis.damping_ratio * wn * rate_rad_s, wn**2 - rate_rad_s**2) / rate_rad_s
 
 
-@pytest.mark.parametrize("dead_time_s", [0.0, 0.1, 0.4])
-def test_a_slow_sine_comes_out_dead_time_and_servo_lag_later(dead_time_s):
-    """Half a tick more, because commands are held; an integrator of first order takes half of its step off."""
-    rate = 2 * np.pi * 0.1
-    neck = changed(dead_time_s=dead_time_s)
-    times, positions = drive(mujoco_neck, neck, lambda t: (0.5 * np.sin(rate * t), 0.3 * np.sin(rate * t)), 20.0)
-    for axis, position_rad in zip(neck.axes, positions.T, strict=True):
-        expected_s = dead_time_s + servo_delay_s(axis, rate) + TS / 2
-        assert sine_lag_s(times, position_rad, rate) == pytest.approx(expected_s, abs=5e-6)
-
-
-def test_pan_and_tilt_have_dead_times_of_their_own_also_fractions_of_a_step():
+def test_a_slow_sine_comes_out_dead_time_and_servo_lag_later():
     rate = 2 * np.pi * 0.1
     neck = changed(pan={"dead_time_s": 0.2503}, tilt={"dead_time_s": 0.0137})
     times, positions = drive(mujoco_neck, neck, lambda t: (0.5 * np.sin(rate * t), 0.3 * np.sin(rate * t)), 20.0)
-    whole = changed(pan={"dead_time_s": 0.25}, tilt={"dead_time_s": 0.013})
-    _, of_whole = drive(mujoco_neck, whole, lambda t: (0.5 * np.sin(rate * t), 0.3 * np.sin(rate * t)), 20.0)
-    for i, extra_s in enumerate((0.0003, 0.0007)):
+    for i, axis in enumerate(neck.axes):
         lag_s = sine_lag_s(times, positions[:, i], rate)
-        assert lag_s - sine_lag_s(times, of_whole[:, i], rate) == pytest.approx(extra_s, abs=1e-6)
-        expected_s = neck.dead_time_s[i] + servo_delay_s(neck.axes[i], rate) + TS / 2
+        # Half a tick more, because commands are held.
+        expected_s = axis.dead_time_s + servo_delay_s(axis, rate) + TS / 2
         assert lag_s == pytest.approx(expected_s, abs=5e-6)
 
 
-@pytest.mark.parametrize("damping_ratio", [0.4, 0.9, 3.0])
-@pytest.mark.parametrize("dead_time_s", [0.0, 0.4])
+@pytest.mark.parametrize(("damping_ratio", "dead_time_s"), [(0.4, 0.4), (0.9, 0.0), (3.0, 0.4)])
 def test_a_step_is_answered_by_the_second_order_response_after_the_dead_time(damping_ratio, dead_time_s):
     neck = changed(damping_ratio=damping_ratio, dead_time_s=dead_time_s)
     step_rad = np.deg2rad([30.0, -20.0])
@@ -173,7 +155,7 @@ def test_commands_are_clamped_and_what_was_sent_is_returned():
     clock.time_s = 3.0
     assert robot.true_state().position_rad == pytest.approx(np.deg2rad([80.0, -35.0]), abs=1e-3)
     for bad in (np.nan, np.inf):
-        with pytest.raises(RobotError, match="not finite"):
+        with pytest.raises(RobotError, match="refused"):
             robot.send_command(np.array([0.0, bad]))
 
 
@@ -212,12 +194,6 @@ def test_without_mujoco_it_says_what_to_install(monkeypatch):
         MujocoNeck(NECK, Clock()).connect()
 
 
-def test_a_version_that_knows_no_delay_is_named(monkeypatch):
-    monkeypatch.setattr("gazempc.robots.mujoco.neck_mjcf", lambda neck: "<mujoco><worldbody delay='1'/></mujoco>")
-    with pytest.raises(RobotError, match=r"'reference' \(at least 3\.5 is needed"):
-        MujocoNeck(NECK, Clock()).connect()
-
-
 @pytest.mark.parametrize(
     "neck", [chain(e, b, True) for e in (False, True) for b in (False, True)], ids=lambda n: n.joints
 )
@@ -252,28 +228,6 @@ def test_eyes_and_body_answer_as_on_our_own_simulation():
     assert np.ptp(own, axis=0).min() > 0.3
     for i in range(neck.joints):
         assert rms_deg(own[:, i], other[:, i]) < 0.06, neck.joint_names[i]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("neck", ["reference_eyes", "reachy_mini_body"])
-def test_a_live_run_on_mujoco_with_eyes_or_body_looks_at_a_walker(tmp_path, neck):
-    words = ["--source", "replay", "--simulated-clock", "--no-figures", "--robot", "mujoco", "--neck", neck]
-    assert live(["--out", str(tmp_path), *words]) == 0
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["limit_violations"] == 0
-    assert summary["metrics_of_last_log"]["gaze_error_rms_deg"] < 1.0
-
-
-def test_the_whole_loop_looks_at_a_walker_as_well_as_on_our_own_simulation(monkeypatch):
-    logs = []
-    for robot in (SimulatedNeck, lambda neck, start, clock, seed: MujocoNeck(neck, clock, start, seed)):
-        monkeypatch.setattr("gazempc.sim.replay.SimulatedNeck", robot)
-        log = replayed(synthetic("subject03_R4"))
-        logs.append(log)
-        assert limit_violations(log, NECK) == 0
-    own, other = (measure(log).gaze_error_rms_deg for log in logs)
-    assert other == pytest.approx(own, rel=0.02)
-    assert not np.array_equal(logs[0].joint_position_rad, logs[1].joint_position_rad)
 
 
 @pytest.mark.slow

@@ -11,24 +11,25 @@ import time
 
 import numpy as np
 import pytest
+from builders.ports import free_port
 from hypothesis import given
 from hypothesis import strategies as st
 from reachy_mini_server import daemon, recorded
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RobotError, SettingsError
-from gazempc.neck.spec import NeckSpec, load_neck
+from gazempc.neck.spec import load_neck
 from gazempc.robots.options import ReachyMiniOptions
 from gazempc.robots.reachy_mini import ReachyMiniNeck, clamp_to_head, head_angles, head_matrix
 
 NECK, BODY = load_neck("reachy_mini"), load_neck("reachy_mini_body")
-WIDE = NeckSpec.model_validate(
-    NECK.model_dump()
-    | {
-        axis: getattr(NECK, axis).model_dump() | {"position_min_deg": -170, "position_max_deg": 170}
-        for axis in ("pan", "tilt")
+WIDE = NECK.with_axes(
+    {
+        name: axis.model_copy(update={"position_min_deg": -170, "position_max_deg": 170})
+        for name, axis in zip(("pan", "tilt"), NECK.axes, strict=True)
     }
 )
+SIDEWAYS = NECK.with_axes({"pan": NECK.pan.model_copy(update={"position_min_deg": 10.0})})
 AT_ONCE = {"approach_speed_rad_s": 1e9}
 angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5)).map(np.array)
 
@@ -110,21 +111,15 @@ def test_poses_are_those_of_scipy_and_give_their_angles_back(position, roll_rad)
     np.testing.assert_allclose(head_angles(rolled), position, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "matrix", [np.eye(3), np.zeros((4, 4)), np.full((4, 4), np.nan), np.diag([1.0, 1, -1, 1]), 2 * np.eye(4)]
-)
+@pytest.mark.parametrize("matrix", [np.eye(3), np.full((4, 4), np.nan), np.diag([1.0, 1, -1, 1]), 2 * np.eye(4)])
 def test_what_is_no_pose_is_refused(matrix):
     with pytest.raises(ValueError, match="not a pose"):
         head_angles(matrix)
 
 
-# fmt: off
 # What the daemon's inverse kinematics (reachy-mini 1.13.0) reaches with all motors within the limits of its model:
-# tilt and the largest pan to both sides, degrees, in steps of 0.25.
-MEASURED = [(-40, 38.5), (-38, 43.25), (-36, 47.5), (-34, 51.25), (-32, 55), (-30, 58.25), (-28, 61.5),
-            (-26, 64.5), (-24, 67.5), (0, 102.25), (30, 67.25), (32, 64.75), (34, 62), (36, 59.5),
-            (38, 56.75), (40, 54)]
-# fmt: on
+# tilt and the largest pan to both sides, degrees.
+MEASURED = [(-40, 38.5), (-36, 47.5), (-28, 61.5), (0, 102.25), (32, 64.75), (40, 54)]
 
 
 @pytest.mark.parametrize(("tilt_deg", "pan_deg"), MEASURED)
@@ -154,8 +149,6 @@ def test_the_message_is_the_one_that_the_daemon_followed(server, make):
     [
         (NECK, (100, 0), (60, 0)),
         (NECK, (-100, 90), (-60, 35)),
-        (NECK, (5, -90), (5, -28)),
-        (WIDE, (100, 0), (65, 0)),
         (WIDE, (-100, -40), (-38, -40)),
         (WIDE, (10, 80), (10, 40)),
     ],
@@ -168,7 +161,7 @@ def test_commands_are_clamped_to_the_neck_and_to_the_head(server, make, neck, as
     np.testing.assert_allclose(head[:3, :3], expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("command", [[np.nan, 0], [0, np.inf], [0.0], [0.0, 0.0, 0.0]])
+@pytest.mark.parametrize("command", [[np.nan, 0], [0.0, 0.0, 0.0]])
 def test_a_command_that_is_not_two_finite_angles_is_refused(server, make, command):
     neck = make()
     with pytest.raises(RobotError, match="refused"):
@@ -201,19 +194,14 @@ def test_the_body_turns_and_takes_the_head_along(server, make):
     )
 
 
-def test_eyes_that_do_not_turn_are_refused():
-    with pytest.raises(SettingsError, match="those of Reachy Mini do not turn"):
-        ReachyMiniNeck(load_neck("reference_eyes"), time.monotonic)
-
-
 # ---------------------------------------------------------------- state
 
 
 def test_the_state_is_where_the_recorded_head_looked(server, make):
     """Played back in time; yaw and pitch by scipy, velocity by a parabola through the recording."""
     poses = recorded("received", "head_pose")
-    angles_deg = np.array([Rotation.from_matrix(np.array(m["head_pose"])[:3, :3]).as_euler("ZYX", degrees=True)
-                           for _, m in poses])  # fmt: skip
+    matrices = np.array([message["head_pose"] for _, message in poses])
+    angles_deg = Rotation.from_matrix(matrices[:, :3, :3]).as_euler("ZYX", degrees=True)
     assert angles_deg[-1, 0] > 15.0
     assert angles_deg[-1, 1] < -7.0
     neck = make()
@@ -272,12 +260,6 @@ def test_unreadable_messages_are_passed_over(server, make):
 
 
 # ---------------------------------------------------------------- faults
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def test_nobody_at_the_port_is_said_with_the_address_and_what_to_start():
@@ -352,7 +334,6 @@ def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make, mon
     ("change", "what"),
     [
         ({"backend_status": {"motor_control_mode": "disabled", "error": None}}, "motors are 'disabled'.*wake"),
-        ({"backend_status": None}, "motors are None"),
         ({"backend_status": {"motor_control_mode": "enabled", "error": "No response"}}, "reports: No response"),
         ({"state": "error", "error": "no serial port"}, "'error', not 'running': no serial port"),
     ],
@@ -384,10 +365,12 @@ def test_a_sleeping_head_and_a_turned_body_are_not_made_to_jump(server, make):
     assert server.commands() == []
 
 
-def test_a_range_without_straight_ahead_is_refused():
-    neck = NeckSpec.model_validate(NECK.model_dump() | {"pan": NECK.pan.model_dump() | {"position_min_deg": 10.0}})
-    with pytest.raises(SettingsError, match="must contain 0 of all joints"):
-        ReachyMiniNeck(neck, time.monotonic)
+@pytest.mark.parametrize(
+    ("neck", "match"), [(load_neck("reference_eyes"), "do not turn"), (SIDEWAYS, "must contain 0")]
+)
+def test_a_neck_with_eyes_or_without_straight_ahead_is_refused(neck, match):
+    with pytest.raises(SettingsError, match=match):
+        ReachyMiniNeck(neck, time.monotonic, ReachyMiniOptions())
 
 
 def no_threads_left():

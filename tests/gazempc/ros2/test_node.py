@@ -1,5 +1,6 @@
 """The node and the robot `ros2` against nodes of the real rclpy in this process."""
 
+import contextlib
 import threading
 import time
 
@@ -10,7 +11,6 @@ from scipy.interpolate import BPoly
 
 from gazempc.controllers.controller import Plan
 from gazempc.errors import RobotError, SettingsError
-from gazempc.live.outlet import make_sink
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import load_neck
 from gazempc.robots.options import Ros2Options
@@ -211,30 +211,46 @@ def test_a_robot_that_is_not_there_is_named(node, made):
         robot.read_state()
 
 
-def test_a_controller_that_goes_and_comes_back(node, made):
+@pytest.mark.parametrize("kind", [TRAJECTORY, NUMBERS])
+def test_a_controller_that_comes_back_leads_the_joints_to_the_command_within_the_limits(node, made, kind):
+    """The joints were moved meanwhile."""
     away = Ros2Node("controller")
-    driver = Driver(away)
-    robot = connected(made, driver)
-    robot.send_command(np.zeros(2))
+    robot = connected(made, Driver(away, kind), command_type=kind, silent_after_s=0.2)
+    command_rad, stands_rad = np.array([0.1, 0.0]), np.array([0.3, -0.1])
+    robot.send_command(command_rad)
     away.close()
 
-    def refused():
+    def refusal():
         try:
-            robot.send_command(np.zeros(2))
+            robot.send_command(command_rad)
         except RobotError as error:
-            return "has the controller stopped" in str(error)
+            return str(error)
+        return ""
 
-    wait_for(refused)
-    back = Driver(node)
+    wait_for(lambda: "has the controller stopped" in refusal())
+    time.sleep(0.3)
+    back = Driver(node, kind)
+    wait_for(lambda: "no joint state yet" in refusal())
 
-    def accepted():
-        try:
-            return robot.send_command(np.array([0.2, 0.0]))[0] == 0.2
-        except RobotError:
-            return False
+    def returns():
+        back.say(stands_rad)
+        with contextlib.suppress(RobotError):
+            robot.read_state()
+        return "return to the command" in refusal()
 
-    wait_for(accepted)
-    wait_for(back.commands.take)
+    wait_for(returns)
+    found = wait_for(back.commands.take)
+    until = time.monotonic() + 30.0
+    while refusal():
+        assert time.monotonic() < until
+        found += wait_for(back.commands.take)
+    found += wait_for(back.commands.take)
+    sent_rad = np.array([each.data if kind == NUMBERS else each.points[0].positions for each in found])
+    np.testing.assert_allclose(sent_rad[-1], command_rad)
+    np.testing.assert_allclose(sent_rad[0], stands_rad, atol=1e-3)
+    for order, limit in enumerate((NECK.velocity_max_rad_s, NECK.acceleration_max_rad_s2, NECK.jerk_max_rad_s3), 1):
+        moved = np.diff(np.vstack([np.tile(stands_rad, (order, 1)), sent_rad]), order, axis=0)
+        assert (abs(moved) * NECK.servo_rate_hz**order <= limit * (1 + 1e-6)).all()
 
 
 def test_a_quality_of_service_that_does_not_fit_is_described(node):
@@ -268,11 +284,3 @@ def test_a_clock_of_a_simulation_that_jumps_back(node):
             wait_for(placed)
     finally:
         simulated.close()
-
-
-def test_a_topic_whose_last_line_a_later_subscriber_gets(node):
-    with make_sink("ros2:attention") as send:
-        send("first")
-        send("last")
-        late = node.subscription("/attention", STRING, latched=True)
-        assert [each.data for each in wait_for(late.take)] == ["last"]

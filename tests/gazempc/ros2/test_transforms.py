@@ -87,10 +87,3 @@ def test_time_that_begins_again_and_frames_that_nobody_tells_any_more():
     np.testing.assert_allclose(tree.pose("head", "base", UNIX_START_S + 5.5)[:3, 3], [5.5, 0.0, 0.0], atol=1e-6)
     take(tree, "base", "head", [1.0, 0.0, 0.0], [0.0] * 3, 90.0)
     assert (tree.knows("head"), tree.knows("gone")) == (True, False)
-
-
-def test_what_is_old_is_not_kept():
-    tree = Transforms()
-    moved, _ = tree.take([transform("head", [1.0, 0.0, 0.0], at_s=5.0 + 0.01 * k) for k in range(1000)])
-    assert len(moved) == 1000
-    assert len(tree._moving["head"]) == pytest.approx(500, abs=2)

@@ -15,7 +15,7 @@ from gazempc.run import main
 pytestmark = pytest.mark.slow
 
 # The whole folder takes minutes.
-CONTROLLERS = ("reactive", "lookahead", "mpc", "perfect")
+CONTROLLERS = ("reactive", "lookahead", "mpc", "mpc+perfect")
 
 
 def clips(walks_dir):
@@ -57,7 +57,7 @@ MEASURED_DEG = {
     ("mpc", "straight"): 1.14,
     ("mpc", "turn"): 0.98,
     ("mpc", "sharp"): 2.04,
-    ("perfect", None): 0.17,
+    ("mpc+perfect", None): 0.17,
 }
 
 

@@ -8,11 +8,12 @@ import zlib
 
 import numpy as np
 import pytest
+from builders.walkers import turn_head
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
 from experiments.engine.choices import find_recordings
-from experiments.forecast.errors import forecast_errors, turn_head
+from experiments.forecast.errors import forecast_errors
 from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadObservation, LastPosition, Walker, bearing_covariance

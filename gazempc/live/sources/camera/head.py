@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from gazempc.types import FloatArray
-from predictors.bearing import bearing_covariance
+from predictors.geometry import bearing_covariance
 
 # Mean adult, metres from the point between the eyes: x to the front, y to the person's left, z up. Pupils: 63 mm apart
 # (Dodgson 2004). Ears (tragion): 140 mm apart (ANSUR II, mean of women and men). The others are round figures.

@@ -1,4 +1,4 @@
-"""Known errors are recovered; what the person's motion hides is said to be unknown."""
+"""Known errors are recovered; an error that the person's motion hides is a bound."""
 
 import numpy as np
 import pytest
@@ -6,45 +6,25 @@ from builders.trackers import person_m, seen_m, track_of, wander
 
 from gazempc.identify.tracker.measure import measure_tracker
 
-SEEDS = (1, 2)
 # Long enough to know a wander of a second; half of that where none is to be known.
-TIMES_S = np.arange(0.0, 40.0, 1.0 / 15.0)
-SHORT_S = np.arange(0.0, 20.0, 1.0 / 25.0)
+TIMES_S = np.arange(0.0, 30.0, 1.0 / 12.0)
+SHORT_S = np.arange(0.0, 16.0, 1.0 / 20.0)
 
 
 def quiet(share):
     """No progress."""
 
 
-def mean_of(found, pick):
-    return float(np.mean([pick(one) for one in found]))
-
-
-def measured(seed, walks=False, times_s=TIMES_S, **errors):
+def measured(seed, times_s, **errors):
     rng = np.random.default_rng(seed)
-    return measure_tracker(track_of(times_s, seen_m(rng, person_m(rng, times_s, walks), times_s, **errors)), quiet)
-
-
-@pytest.mark.slow
-def test_a_face_camera_with_a_person_who_stands():
-    found = [measured(seed, along=(0.035, 0.04, 1.0), across_deg=(0.08, 0.0, 1.0)) for seed in SEEDS]
-    for one in found:
-        assert not one.moved
-        assert one.still_s > 39.0
-        assert one.along.fit.white.value == pytest.approx(0.035, rel=0.07)
-        assert one.across.fit.white.value == pytest.approx(np.deg2rad(0.08), rel=0.07)
-        assert (one.along.wander, one.across.wander) == ("known", "none")
-        assert one.along.fit.wander.value == pytest.approx(0.04, rel=0.35)
-        assert one.jumps.durations_s.size == 0
-    assert mean_of(found, lambda one: one.along.fit.wander.value) == pytest.approx(0.04, rel=0.2)
-    assert mean_of(found, lambda one: one.along.fit.correlation_s.value) == pytest.approx(1.0, rel=0.4)
+    return measure_tracker(track_of(times_s, seen_m(rng, person_m(rng, times_s), times_s, **errors)), quiet)
 
 
 @pytest.mark.slow
 def test_stated_spread_is_that_over_recordings():
     times_s = np.arange(0.0, 12.0, 1.0 / 12.0)
     errors = {"along": (0.035, 0.0, 1.0), "across_deg": (0.08, 0.0, 1.0)}
-    found = [measured(seed, times_s=times_s, **errors) for seed in range(6)]
+    found = [measured(seed, times_s, **errors) for seed in range(6)]
     for pick in (lambda one: one.along.fit.white, lambda one: one.across.fit.white):
         stated = np.median([pick(one).sd for one in found])
         happens = np.std([pick(one).value for one in found])
@@ -54,7 +34,7 @@ def test_stated_spread_is_that_over_recordings():
 
 @pytest.mark.slow
 def test_a_body_tracker_wanders_alike_on_all_axes():
-    times_s = np.arange(0.0, 40.0, 1.0 / 25.0)
+    times_s = np.arange(0.0, 20.0, 1.0 / 25.0)
     range_m = np.linalg.norm([2.0, 0.3, 0.2])
     rng = np.random.default_rng(1)
     error_m = 0.006 * rng.standard_normal((times_s.size, 3)) + wander(rng, times_s, 0.025, 0.4, 3)
@@ -67,23 +47,13 @@ def test_a_body_tracker_wanders_alike_on_all_axes():
 
 
 @pytest.mark.slow
-def test_wander_is_unknown_while_the_person_walks():
-    one = measured(1, walks=True, times_s=SHORT_S, along=(0.035, 0.04, 1.0), across_deg=(0.08, 0.0, 1.0))
-    assert one.moved
-    assert (one.along.wander, one.across.wander) == ("unknown", "unknown")
-    # Of the wander, what is as fast as the frames counts as white.
-    assert one.along.fit.white.value == pytest.approx(0.035, rel=0.2)
-    assert one.across.fit.white.value == pytest.approx(np.deg2rad(0.08), rel=0.1)
-
-
-@pytest.mark.slow
 def test_jumps_are_found_and_leave_the_rest_as_it_is():
     rng = np.random.default_rng(4)
     position_m = seen_m(rng, person_m(rng, SHORT_S), SHORT_S, along=(0.01, 0.0, 1.0), across_deg=(0.1, 0.0, 1.0))
-    for start in range(60, 460, 100):
+    for start in range(40, 300, 80):
         position_m[start : start + 6, 1] += 0.15
     one = measure_tracker(track_of(SHORT_S, position_m), quiet)
-    assert one.jumps.durations_s == pytest.approx(np.full(4, 5.0 / 25.0), abs=0.05)
+    assert one.jumps.durations_s == pytest.approx(np.full(4, 5.0 / 20.0), abs=0.06)
     _, across_m = one.jump_sizes_m
     assert across_m == pytest.approx(np.full(4, 0.15), rel=0.15)
     assert one.jumps_across
@@ -98,7 +68,7 @@ def test_a_start_to_walk_is_no_jump():
     position_m = seen_m(rng, true_m, SHORT_S, along=(0.01, 0.0, 1.0), across_deg=(0.1, 0.0, 1.0))
     one = measure_tracker(track_of(SHORT_S, position_m), quiet)
     assert one.jumps.durations_s.size == 0
-    assert 9.0 < one.still_s < 19.0
+    assert 9.0 < one.still_s < 15.0
 
 
 @pytest.mark.slow
@@ -114,7 +84,7 @@ def test_yaws_are_measured_and_half_turns_counted():
     rng = np.random.default_rng(1)
     yaw_rad = 3.0 + np.deg2rad(4.0) * rng.standard_normal(TIMES_S.size)
     yaw_rad += np.deg2rad(wander(rng, TIMES_S, 8.0, 0.8)[:, 0])
-    yaw_rad[200:260] += np.pi
+    yaw_rad[100:150] += np.pi
     position_m = seen_m(rng, person_m(rng, TIMES_S), TIMES_S, across_deg=(0.1, 0.0, 1.0), along=(0.01, 0.0, 1.0))
     wrapped_rad = np.angle(np.exp(1j * yaw_rad))
     one = measure_tracker(track_of(TIMES_S, position_m, wrapped_rad), quiet)

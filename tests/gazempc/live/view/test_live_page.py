@@ -11,11 +11,11 @@ from builders.ports import free_port
 
 import gazempc as gz
 from gazempc.live.view.orders import ViewOrders
-from gazempc.live.view.viewers import ViewProcess
+from gazempc.live.view.viewers import Feed
 from gazempc.live.view.web import Snapshots
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.results.mcap import moments_of
-from gazempc.results.moments import EventMoment, LateMoment, PictureMoment, PlanMoment, TickMoment
+from gazempc.results.moments import EventMoment, LateMoment, PictureMoment, PlanMoment, SeenMoment, TickMoment
 
 # The smallest JPEG that browsers show: one grey pixel.
 JPEG = bytes.fromhex(
@@ -38,9 +38,11 @@ def log():
 
 @pytest.fixture(scope="module")
 def moments(log):
-    """What a live run would send: with plans, lateness and pictures."""
+    """What a live run would send in two seconds: with plans, lateness and pictures."""
     found = [PictureMoment(0.0, JPEG), PlanMoment(0.0, 0.0, 0.02, log.command_position_rad[:3], 87.0)]
     for moment in moments_of(log):
+        if isinstance(moment, TickMoment) and moment.time_s > log.time_s[0] + 2.0:
+            break
         if isinstance(moment, TickMoment):
             found.append(LateMoment(0.25, 0))
         found.append(moment)
@@ -53,14 +55,19 @@ def started(log):
     running = []
 
     def start(port):
-        process = ViewProcess(ViewOrders(log.run, view="web", port=port))
-        assert process.start() == (f"view: open http://127.0.0.1:{port}/ in a browser",)
-        running.append(process)
-        return process
+        feed = Feed(ViewOrders(log.run, view="web", port=port))
+        assert feed.notes == (f"view: open http://127.0.0.1:{port}/ in a browser",)
+        running.append(feed)
+        return feed
 
     yield start
-    for process in running:
-        process.close()
+    for feed in running:
+        feed.close()
+
+
+def send(feed, moments):
+    for moment in moments:
+        feed.take(moment)
 
 
 def wait_for(driver, element, words):
@@ -101,12 +108,12 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
         driver.get(f"http://127.0.0.1:{port}/")
         wait_for(driver, "connection", "waiting for the run")
         half = len(moments) // 2
-        run.send(moments[:half])
+        send(run, moments[:half])
         wait_for(driver, "time", shown_at(log, moments[:half]))
         assert driver.find_element("id", "connection").text == "live"
         first = {name: driver.find_element("id", name).text for name in ("person", "error", "time", "joints")}
-        run.send([*moments[half:], EventMoment(float(log.time_s[-1]), "limit_guard", "limit_guard")])
-        run.send([TickMoment(float(log.time_s[-1]) + 0.1, moments[-1].joints, *moments[-1][2:])])
+        send(run, [*moments[half:], EventMoment(moments[-1].time_s, "limit_guard", "limit_guard")])
+        send(run, [TickMoment(moments[-1].time_s + 0.1, moments[-1].joints, *moments[-1][2:])])
         wait_for(driver, "events", "limit_guard: the smoother refused")
         for name, before in first.items():
             assert driver.find_element("id", name).text != before, name
@@ -122,11 +129,11 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
         # It fits a phone.
         assert driver.execute_script("return document.documentElement.scrollWidth") <= 400
 
-        run._process.kill()
+        run.process.kill()
         wait_for(driver, "connection", "connection lost")
         again = started(port)
         wait_for(driver, "connection", "waiting for the run")
-        again.send(moments[:half])
+        send(again, moments[:half])
         wait_for(driver, "time", first["time"])
         assert driver.find_element("id", "connection").text == "live"
         again.close()
@@ -162,27 +169,21 @@ def test_a_port_that_is_taken_is_said(started, log):
     port = free_port()
     started(port)
     with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}: Address already in use"):
-        ViewProcess(ViewOrders(log.run, view="web", port=port)).start()
+        Feed(ViewOrders(log.run, view="web", port=port))
 
 
-@pytest.mark.parametrize("kind", ["live", "synthetic"])
-def test_the_error_is_against_what_is_known(kind):
-    """Of a person who is there now the observed head, while it is new; in a replay only the true one."""
-    log = gz.replay("subject03_R1", controller="reactive", predictor="last_position", sensor="reference")
-    snapshots, states = Snapshots(log.run.model_copy(update={"kind": kind})), []
-    lost_from_s = log.time_s[-1] - 1.5
-    for moment in moments_of(log):
-        if moment[0] > lost_from_s and not isinstance(moment, TickMoment):
+def test_the_error_is_against_the_observed_head_while_it_is_new(moments, log):
+    snapshots, states = Snapshots(log.run.model_copy(update={"kind": "live"})), []
+    lost_from_s = moments[-1].time_s - 1.5
+    for moment in moments:
+        if moment[0] > lost_from_s and isinstance(moment, SeenMoment):
             continue
-        unknown = moment._replace(head_true_base_m=None) if isinstance(moment, TickMoment) else moment
-        if snapshots.take(unknown):
+        if snapshots.take(moment):
             states.append(snapshots.state())
     json.dumps(states, allow_nan=False)
     assert states[0]["observed_m"] is None
     errors = [state["error_deg"] for state in states]
-    seen = [state["age_s"] is not None and state["age_s"] < 1.0 for state in states]
-    assert [error is not None for error in errors] == (seen if kind == "live" else [False] * len(states))
-    assert not seen[-1]
-    k = len(states) // 2
-    if kind == "live":
-        assert errors[k] == pytest.approx(np.hypot(*states[k]["in_view_deg"]))
+    assert [error is not None for error in errors] == [(state["age_s"] or 9.0) < 1.0 for state in states]
+    assert errors[-1] is None
+    k = next(k for k, error in enumerate(errors) if error is not None)
+    assert errors[k] == pytest.approx(np.hypot(*states[k]["in_view_deg"]))

@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+import os
+import signal
 import threading
 import time
 
@@ -18,7 +20,7 @@ import gazempc as gz
 from gazempc.errors import SettingsError
 from gazempc.live.session import main, parse
 from gazempc.live.view.orders import ViewOrders
-from gazempc.live.view.viewers import Feed, ViewProcess
+from gazempc.live.view.viewers import Feed
 from gazempc.recordings.load import load
 from gazempc.results.mcap import moments_of
 from gazempc.results.metrics import gaze_error_deg
@@ -32,11 +34,11 @@ def live(out, *more):
     return gz.load_log(out / "log_000.npz"), out / "log_000.mcap"
 
 
-@pytest.fixture(scope="module", params=["reference_eyes", "reachy_mini_body"])
-def simulated(request, tmp_path_factory):
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
     """A run on a simulated clock: nothing is lost, whatever else the computer does."""
     out = tmp_path_factory.mktemp("simulated")
-    return live(out, "--simulated-clock", "--neck", request.param, "--log-s", "2.5")
+    return live(out, "--simulated-clock", "--neck", "reference_eyes", "--log-s", "2.5")
 
 
 @pytest.mark.slow
@@ -131,55 +133,43 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
     assert np.isfinite(column(path, "/metrics", "late_ms")).all()
 
 
-class Stuck:
-    """A process for viewers that reads nothing."""
-
-    def __init__(self):
-        self.go_on, self.got = threading.Event(), []
-
-    def send(self, batch):
-        self.go_on.wait(240.0)
-        self.got += batch
-
-    def close(self):
-        pass
+@pytest.fixture
+def feed(tmp_path):
+    """A feed that writes MCAP files."""
+    made = Feed(ViewOrders(run_info(NECK), mcap_folder=tmp_path))
+    yield made
+    made.close()
 
 
-def test_a_viewer_that_is_stuck_holds_nothing_up_and_the_newest_is_kept():
-    stuck = Stuck()
-    feed = Feed(stuck)
-    started = time.perf_counter()
-    feed.take(EventMoment(-1.0, "first", ""))
-    time.sleep(0.1)  # this one is on its way
-    for k in range(20_000):
-        feed.take(CutMoment() if k == 3 else EventMoment(float(k), "event", ""))
-    assert time.perf_counter() - started < 60.0
+def test_a_viewer_that_hangs_delays_no_tick_and_gets_the_newest_moments(feed, tmp_path):
+    feed.take(EventMoment(0.0, "event", ""))
+    time.sleep(1.0)  # sent by now
+    os.kill(feed.process.pid, signal.SIGSTOP)
+    for k in range(1, 40_000):
+        feed.take(CutMoment() if k == 1 else EventMoment(float(k), "event", ""))
     assert feed.lost > 10_000
-    stuck.go_on.set()
+    os.kill(feed.process.pid, signal.SIGCONT)
     feed.close()
-    assert stuck.got[-1] == EventMoment(19_999.0, "event", "")
-    assert [m for m in stuck.got if isinstance(m, CutMoment)] == [CutMoment()]
-    assert len(stuck.got) + feed.lost == 20_001
+    events = [decoded(tmp_path / f"log_00{k}.mcap", "/events") for k in range(2)]
+    assert events[1][-1][0] == 39_999 * 10**9
+    assert sum(map(len, events)) + feed.lost == 39_999
+    assert "moments did not reach viewers" in feed.problems[0]
 
 
-def test_a_process_that_dies_is_said_and_the_run_goes_on(tmp_path):
-    process = ViewProcess(ViewOrders(run_info(NECK), mcap_folder=tmp_path))
-    process.start()
-    feed = Feed(process)
-    process._process.kill()
-    process._process.join()
+def test_a_process_that_dies_is_a_problem_and_the_run_goes_on(feed):
+    feed.process.kill()
+    feed.process.join()
     for k in range(100):
         feed.take(EventMoment(float(k), "event", ""))
     feed.close()
-    assert process.problem == "the process for viewers has gone"
+    assert feed.problems == ["the process for viewers has gone"]
 
 
-def test_what_a_killed_run_leaves_can_be_read(simulated, tmp_path):
-    """All but the last two seconds."""
+def test_a_killed_run_leaves_all_but_its_last_two_seconds(simulated, tmp_path):
     log, _ = simulated
-    process = ViewProcess(ViewOrders(log.run, mcap_folder=tmp_path))
-    process.start()
-    process.send(list(moments_of(log)))
+    feed = Feed(ViewOrders(log.run, mcap_folder=tmp_path))
+    for moment in moments_of(log):
+        feed.take(moment)
     path, until = tmp_path / "log_000.mcap", time.monotonic() + 20.0
     # Three flushes: at the first tick, two seconds later, and what is left of 2.5 s stays in memory.
     found = []
@@ -187,8 +177,8 @@ def test_what_a_killed_run_leaves_can_be_read(simulated, tmp_path):
         assert time.monotonic() < until
         time.sleep(0.05)
         found = times_of_what_is_there(path)
-    process._process.kill()
-    process.close()
+    feed.process.kill()
+    feed.close()
     assert times_of_what_is_there(path)[: len(found)] == found
     np.testing.assert_array_equal(found, log.time_s[: len(found)])
 
@@ -206,25 +196,10 @@ def times_of_what_is_there(path):
     return found
 
 
-def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
+def test_a_folder_that_cannot_be_written_ends_the_start(tmp_path):
     (tmp_path / "log_000.mcap").mkdir()
     with pytest.raises(SettingsError, match=r"log_000\.mcap: cannot be written"):
-        ViewProcess(ViewOrders(run_info(NECK), mcap_folder=tmp_path)).start()
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--view", "--simulated-clock"], "--view: accepted without --simulated-clock"),
-        (["--view-at", "nowhere:x"], "--view-at nowhere:x: accepted: HOST or HOST:PORT"),
-        (["--passes", "2", "--source", "udp:5005"], "--passes: source 'udp:5005' does not use it"),
-        (["--sensor", "perfect", "--source", "udp:5005"], "--sensor: source 'udp:5005' does not use it"),
-        (["--distance-m", "9", "--source", "stdin"], "--distance-m: source 'stdin' does not use it"),
-    ],
-)
-def test_what_does_not_go_together_is_refused(words, message):
-    with pytest.raises(SettingsError, match=message):
-        parse([*QUICK, *words])
+        Feed(ViewOrders(run_info(NECK), mcap_folder=tmp_path))
 
 
 def test_view_alone_is_foxglove_at_its_port():
@@ -233,18 +208,14 @@ def test_view_alone_is_foxglove_at_its_port():
     assert parse([*QUICK, "--view", "--no-figures"]).view == "foxglove"
 
 
-def test_the_person_passes_again_after_two_seconds(tmp_path):
+def test_the_jump_of_the_person_between_two_passes_is_not_scored(tmp_path):
     log, _ = live(tmp_path, "--simulated-clock", "--passes", "2", "--log", "npz")
-    walk = load("subject03_R4")
     known = np.isfinite(log.head_true_base_m[:, 0])
     (again_s,) = log.time_s[1:][known[1:] & ~known[:-1]]
-    start_s = log.time_s[known][0]
-    # Two more seconds are not scored, in which the neck turns back.
-    assert again_s - start_s == pytest.approx(walk.times_s[-1] + 4.0, abs=0.01)
-    # The same way as before: of the same times of the recording.
-    own_s = log.time_s - np.where(log.time_s < again_s, start_s, again_s - 2.0)
-    first, second = known & (log.time_s < again_s), known & (log.time_s >= again_s)
-    for axis in range(3):
-        expected = np.interp(own_s[second], own_s[first], log.head_true_base_m[first, axis])
-        np.testing.assert_allclose(log.head_true_base_m[second, axis], expected, atol=0.02)
+    # Two seconds between the passes, and two more in which the neck turns back.
+    assert again_s - log.time_s[known][0] == pytest.approx(load("subject03_R4").times_s[-1] + 4.0, abs=0.01)
+    second = log.time_s >= again_s
+    error_deg = gaze_error_deg(log)
+    first_deg, second_deg = (np.sqrt(np.nanmean(error_deg[each] ** 2)) for each in (known & ~second, second))
+    assert second_deg < first_deg + 1.0  # with the jump 28 deg
     assert "target_lost" in log.event_name

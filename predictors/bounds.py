@@ -1,12 +1,14 @@
-"""Zero-order hold of the last observed position: the forecast behind a reactive gaze."""
+"""Two bounds: the last position, behind a reactive gaze, and the true future, which no forecast can surpass."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
-from predictors.types import Forecast, HeadObservation
+from predictors.types import FloatArray, Forecast, HeadObservation, check_positive
 
 
 class LastPosition:
@@ -19,8 +21,7 @@ class LastPosition:
     """
 
     def __init__(self, position_noise_m: float = 0.01, walking_speed_m_s: float = 0.7) -> None:
-        if not (position_noise_m > 0 and walking_speed_m_s > 0):
-            raise ValueError("position_noise_m and walking_speed_m_s must be positive")
+        check_positive(position_noise_m=position_noise_m, walking_speed_m_s=walking_speed_m_s)
         self._R = position_noise_m**2 * np.eye(3)
         self._walking_speed_m_s = walking_speed_m_s
         self.reset()
@@ -46,4 +47,38 @@ class LastPosition:
             means_base_m=np.tile(self._last.head_position_base_m, (times.size, 1)),
             covariances_m2=noise_m2(self._last, self._R) + walked_m2[:, None, None] * np.eye(3),
             issued_at_s=self._last.capture_time_s,
+        )
+
+
+class Perfect:
+    """Forecast of the true positions, with zero covariance.
+
+    Args:
+        true_position_base_m: Function from times, shape (H,), in seconds, to the true head positions,
+            shape (H, 3), in metres.
+    """
+
+    def __init__(self, true_position_base_m: Callable[[FloatArray], FloatArray]) -> None:
+        self._true_position_base_m = true_position_base_m
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget that the person has been seen."""
+        self._issued_at_s: float | None = None
+
+    def update(self, observation: HeadObservation) -> None:
+        """Note that the person is in sight; see `predictors.predictor.Predictor.update`."""
+        check_newer(observation, self._issued_at_s)
+        self._issued_at_s = observation.capture_time_s
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """Give the true positions; see `predictors.predictor.Predictor.forecast`."""
+        if self._issued_at_s is None:
+            raise NotReadyError("no observation yet")
+        times = as_times(times_s)
+        return Forecast(
+            times_s=times,
+            means_base_m=self._true_position_base_m(times),
+            covariances_m2=np.zeros((times.size, 3, 3)),
+            issued_at_s=self._issued_at_s,
         )
