@@ -1,6 +1,7 @@
 """Live runs of necks that take speeds: the gaze follows, and the end is a stop, whatever ends the run."""
 
 import json
+import math
 import os
 import re
 import signal
