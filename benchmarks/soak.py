@@ -107,7 +107,7 @@ def soak(minutes: float, neck: NeckSpec, log_s: float) -> dict[str, Any]:
         "core_percent": core_percent,
         "rss_mib": {"after_first_minute": warm[0, 1], "end": used[-1][1], "max": warm[:, 1].max()},
         # By least squares, of a run that is long enough.
-        "growth_mib_per_min": 60.0 * float(np.polyfit(*warm.T, 1)[0]) if minutes > 1.5 else None,
+        "growth_mib_per_min": 60.0 * float(np.polyfit(warm[:, 0], warm[:, 1], 1)[0]) if minutes > 1.5 else None,
         "limit_violations": sum(violations),
     }
 

@@ -35,7 +35,7 @@ GAZEMPC = (
     ("__init__",),
 )
 EXPERIMENTS = (
-    ("pages",),
+    ("pages", "plots"),
     ("engine", "aggregate"),
     ("least_error",),
     ("compare_page",),
@@ -49,11 +49,11 @@ EXPERIMENTS = (
         "rivals",
         "paper",
         "plan_example",
-        "sensor_example",
         "people",
         "eyes",
         "swing",
     ),
+    ("sensor_example",),
     ("__init__", "console"),
 )
 

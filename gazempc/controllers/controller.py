@@ -16,13 +16,18 @@ from predictors import Forecast
 
 
 class ControllerError(RuntimeError):
-    """A controller has no plan this time; the loop goes on with the last one.
+    """A controller has no plan this time, and the loop goes on with the last one; or a fault of a plan.
 
-    Attributes:
-        event: Name of the event in the log.
+    Args:
+        text: What went wrong.
+        event: Name of the event in the log; default: that of the class.
     """
 
     event = "controller_failed"
+
+    def __init__(self, text: str = "", event: str = "") -> None:
+        super().__init__(text)
+        self.event = event or self.event
 
 
 class SolverFailed(ControllerError):  # noqa: N818  (named as its event)
@@ -92,12 +97,14 @@ class Situation:
 
         Until then no plan changes the motion.
         """
-        return self._settled[0] + self.joint_offset_rad
+        settled_rad: FloatArray = self._settled[0] + self.joint_offset_rad
+        return settled_rad
 
     @property
     def settled_velocity_rad_s(self) -> FloatArray:
         """Joint velocities then, shape (N,), rad/s."""
-        return self._settled[1]
+        settled_rad_s: FloatArray = self._settled[1]
+        return settled_rad_s
 
 
 class JointPlan(NamedTuple):

@@ -186,14 +186,6 @@ def checked_forecast(forecast: object, times: int) -> Forecast:
     return forecast
 
 
-class _PlanNotFiniteError(ControllerError):
-    event = Event.PLAN_NOT_FINITE
-
-
-class _PlanOutOfRangeError(ControllerError):
-    event = Event.PLAN_OUT_OF_RANGE
-
-
 def checked_plan(plan: object, joints: int) -> Plan:
     """Check a plan.
 
@@ -217,10 +209,9 @@ def checked_plan(plan: object, joints: int) -> Plan:
     if not all(isinstance(each, tuple | list) for each in (plan.events, plan.faults)):
         raise ValueError(f"events and faults are {plan.events!r} and {plan.faults!r}, needed are tuples")
     if not plan.is_finite():
-        raise _PlanNotFiniteError("plan() returned numbers that are not finite")
+        raise ControllerError("plan() returned numbers that are not finite", Event.PLAN_NOT_FINITE)
     angle_rad, speed_rad_s = (float(np.abs(each).max()) for each in (plan.position_rad, plan.velocity_rad_s))
     if angle_rad > _ANY_ANGLE_RAD or speed_rad_s > _ANY_SPEED_RAD_S:
-        raise _PlanOutOfRangeError(
-            f"plan() returned angles up to {angle_rad:.3g} rad and velocities up to {speed_rad_s:.3g} rad/s"
-        )
+        reached = f"angles up to {angle_rad:.3g} rad and velocities up to {speed_rad_s:.3g} rad/s"
+        raise ControllerError(f"plan() returned {reached}", Event.PLAN_OUT_OF_RANGE)
     return plan

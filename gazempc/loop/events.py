@@ -20,18 +20,9 @@ class Event(StrEnum):
     NO_OBSERVATION_YET = "no_observation_yet", "no person has been observed yet; the neck holds still"
     OUT_OF_ORDER = "out_of_order", "an observation was not newer than the last one; dropped"
     STALE_OBSERVATION = "stale_observation", "an observation was older than `stale_after_s` on arrival; dropped"
-    FUTURE_OBSERVATION = (
-        "future_observation",
-        "the capture time of an observation is in the future, so a clock is wrong; dropped",
-    )
-    TRACKER_FROZEN = (
-        "tracker_frozen",
-        "the position of a walking person stayed exactly equal for 0.5 s; these frames are not used",
-    )
-    ORIENTATION_JUMPED = (
-        "orientation_jumped",
-        "the yaw of head or pelvis changed by more than 90 degrees from one frame to the next; it is not used",
-    )
+    FUTURE_OBSERVATION = "future_observation", "a capture time is in the future, so a clock is wrong; dropped"
+    TRACKER_FROZEN = "tracker_frozen", "a walking person's position stayed exactly equal for 0.5 s; not used"
+    ORIENTATION_JUMPED = "orientation_jumped", "yaw of head or pelvis changed by over 90 degrees in a frame; not used"
     FORECAST_FAILED = (
         "forecast_failed",
         "the predictor raised an exception, or its forecast has a NaN, a wrong shape or a head over 1 km away; "
@@ -52,10 +43,7 @@ class Event(StrEnum):
         "plan_out_of_range",
         "the plan has an angle beyond two turns or a velocity over 1000 rad/s; the last plan is used further",
     )
-    PART_SLOW = (
-        "part_slow",
-        "a call of a part takes longer than 0.1 s; the rest of the last plan is followed, then the neck brakes",
-    )
+    PART_SLOW = "part_slow", "a call of a part takes over 0.1 s; the last plan is followed, then the neck brakes"
     LATE_PLAN = (
         "late_plan",
         "a plan came after its first tick (its remaining part is used), or the planner was still busy (no new plan "
@@ -96,26 +84,17 @@ class Event(StrEnum):
         "the neck brakes and returns slowly to the last acknowledged one)",
     )
     BAD_OBSERVATION = "bad_observation", "a source received data that are not an observation; dropped"
-    SENDER_REFUSED = (
-        "sender_refused",
-        "a line comes from a sender that is not allowed, or while another sender holds the place; dropped",
-    )
+    SENDER_REFUSED = "sender_refused", "a line of a sender that is not allowed or not the current one; dropped"
     OPEN_TO_ALL = "open_to_all", "the source listens beyond the loopback: who reaches the port may send"
     NO_SENDER = "no_sender", "a subscribed ROS 2 topic has no sender"
-    STREAM_FROZEN = (
-        "stream_frozen",
-        "a network camera sends no picture for 2 s, or one picture for 1 s, which is not used",
-    )
+    STREAM_FROZEN = "stream_frozen", "no picture of a network camera for 2 s, or an equal one for 1 s; not used"
     STREAM_LAGS = (
         "stream_lags",
         "the pictures of a network camera come more and more late by their time stamps; the stream is opened again",
     )
     SEVERAL_SENDERS = "several_senders", "several nodes send on one ROS 2 topic"
     SOURCE_FAILED = "source_failed", "the source of observations raised an exception; it is read again at the next tick"
-    OBSERVATIONS_DROPPED = (
-        "observations_dropped",
-        "too many observations came at once; the oldest are dropped",
-    )
+    OBSERVATIONS_DROPPED = "observations_dropped", "too many observations came at once; the oldest are dropped"
     WRONG_CLOCK = "wrong_clock", "capture times seem to be of another clock, or in another unit"
     WRONG_UNIT = "wrong_unit", "positions seem to be in another unit than metres"
     WRONG_AXES = "wrong_axes", "positions seem to have other axes than x forward, y left, z up"
@@ -125,18 +104,12 @@ class Event(StrEnum):
     )
     LOW_FRAME_RATE = "low_frame_rate", "fewer than six frames a second arrive"
     NEW_ID_EACH_FRAME = "new_id_each_frame", "the tracker gives the person a new name in every frame"
-    CLOCK_SHIFTED = (
-        "clock_shifted",
-        "the tracker's clock is ahead, far behind or fast; the capture times are corrected",
-    )
+    CLOCK_SHIFTED = "clock_shifted", "the tracker's clock is ahead, far behind or fast; corrected"
     GATE_REFUSED = "gate_refused", "the predictor's gate refused an observation as a false detection or another person"
     PERSON_ENTERED = "person_entered", "a new person was detected three times, and is tracked from now on"
     PERSON_RETURNED = "person_returned", "a person is back, with the same name or at the expected place"
     PERSON_RENAMED = "person_renamed", "the tracker gave a person another name; gazempc keeps the person"
-    ANOTHER_PERSON = (
-        "another_person",
-        "an observation of a person who is not attended; used for their track",
-    )
+    ANOTHER_PERSON = "another_person", "an observation of a person who is not attended; used for their track"
     SEEN_TWICE = "seen_twice", "a second detection of a person in one frame; dropped"
     ATTENTION_SWITCHED = "attention_switched", "the robot now looks at another person"
     NOBODY_ATTENDED = "nobody_attended", "no person is tracked, or the policy chooses none"

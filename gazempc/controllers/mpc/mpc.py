@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from gazempc.controllers.chain import Chain, head_time_s, slopes
-from gazempc.controllers.controller import JointPlan, Plan, Situation
+from gazempc.controllers.controller import ControllerError, JointPlan, Plan, Situation
 from gazempc.controllers.mpc.acquisition import ACQUISITION_DAMPING, Acquisition
 from gazempc.controllers.mpc.condense import axis_model, growing_steps
 from gazempc.controllers.mpc.ocp import AxisOcp, Solution
-from gazempc.controllers.mpc.own import OwnChoice, OwnPartFault, own_parts
+from gazempc.controllers.mpc.own import OwnChoice, own_parts
 from gazempc.controllers.mpc.problem import PLAIN_DAMPING
 from gazempc.controllers.mpc.qp import iterations_within
 from gazempc.errors import SettingsError
@@ -153,7 +153,7 @@ class Mpc:
             references["pan"] -= self._chain.body.angles_rad(situation, body_rad, self._pan_ahead_s)
             plans[BODY_AXIS] = self._led(body_rad)
         quick = self._chain.eyes_held(situation).tolist() if situation.held else [False] * len(AXES)
-        events, faults = list[str](), list[OwnPartFault]()
+        events, faults = list[str](), list[ControllerError]()
         for i, name in enumerate(AXES):
             solution = self._solve(i, situation, references[name], quick[i])
             plans[name] = self._followed(situation, i, solution)
@@ -220,13 +220,14 @@ class Mpc:
         velocity_rad_s = slopes(position_rad[:, None], self.neck.control_period_s)[:, 0]
         return JointPlan(position_rad, velocity_rad_s, np.zeros_like(position_rad))
 
-    def _note(self, axis: int, solution: Solution, events: list[str], faults: list[OwnPartFault]) -> None:
+    def _note(self, axis: int, solution: Solution, events: list[str], faults: list[ControllerError]) -> None:
         gave_up, own = solution.solver == "none", self.ocps[axis].own
         event = "solver_gave_up" if gave_up else "limits_softened" if solution.softened else ""
         if event and own:
-            faults.append(OwnPartFault(event, f"{AXES[axis]}, with own parts: {own.labels}"))
+            faults.append(ControllerError(f"{AXES[axis]}, with own parts: {own.labels}", event))
         elif event:
             events.append(event)
         if solution.own_softened:
             labels = ", ".join(solution.own_softened)
-            faults.append(OwnPartFault("own_row_softened", f"{AXES[axis]}: {labels}: no motion keeps it within +-1"))
+            text = f"{AXES[axis]}: {labels}: no motion keeps it within +-1"
+            faults.append(ControllerError(text, "own_row_softened"))

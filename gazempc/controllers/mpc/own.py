@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from gazempc.controllers.controller import ControllerError
 from gazempc.controllers.mpc.problem import Trajectory
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import AXES
@@ -47,19 +46,6 @@ class OwnRow(NamedTuple):
 
     label: str
     values: Any
-
-
-class OwnPartFault(ControllerError):  # noqa: N818  (an event with a text, not raised)
-    """A plan that own parts keep from its limits or rows.
-
-    Args:
-        event: Name of the event in the log.
-        text: The joint and the own parts.
-    """
-
-    def __init__(self, event: str, text: str) -> None:
-        super().__init__(text)
-        self.event = event
 
 
 @dataclass(frozen=True)

@@ -216,7 +216,7 @@ def test_terms_that_press_a_limit_open_are_named():
     mpc = Mpc(NECK, terms={"pan": [far_away]})
     log = replayed(mpc)
     assert {"limits_softened", "solver_gave_up"} & set(log.event_name.tolist())
-    assert any("far_away" in fault.error and fault.error.startswith("OwnPartFault: pan") for fault in log.faults)
+    assert any("far_away" in fault.error and fault.error.startswith("ControllerError: pan") for fault in log.faults)
     assert log.command_position_rad[:, 0].max() <= NECK.command_limits.position_max_rad[0] + 1e-9
 
 

@@ -1,6 +1,7 @@
 """Whatever people and policies do, commands stay within limits: the loop with people and policies drawn at random."""
 
 import numpy as np
+import pytest
 from builders.loop import NECK, TS, make_recorder
 from builders.replays import run_info
 from hypothesis import given, settings
@@ -60,7 +61,8 @@ def seen_at(rng, time_s, places_m, names):
         yield Sighting(time_s, HeadObservation(time_s - 0.066 - late_s, place_m + leap_m, person_id=name))
 
 
-@settings(max_examples=4)
+@pytest.mark.slow
+@settings(max_examples=5)
 @given(st.integers(0, 2**20), st.integers(0, 8), st.booleans())
 def test_commands_stay_within_limits(seed, people, plans_ahead):
     rng, clock, recorder, cues = np.random.default_rng(seed), SimulatedClock(), make_recorder(), Cues()

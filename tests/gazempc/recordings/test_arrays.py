@@ -47,8 +47,6 @@ def spoilt(array, row, value):
             "head_position_m: its shape is (120, 3). Expected: an array of numbers of shape (119, 3)",
         ),
         ({"times_s": TIMES_S[:, None]}, "times_s: its shape is (120, 1). Expected: an array of numbers of shape (N,)"),
-        ({"times_s": TIMES_S[:2], "head_position_m": HEAD_M[:2]}, "only 2 frame(s)"),
-        ({"times_s": 1e3 * TIMES_S}, "looks like milliseconds"),
         ({"times_s": spoilt(TIMES_S, 7, 0.0)}, "row 7: the time stamp 0.0 follows"),
         ({"times_s": "now"}, "times_s: these are no numbers"),
         ({"head_position_m": HEAD_M[:, :2]}, "head_position_m: its shape is (120, 2)"),
@@ -56,7 +54,6 @@ def spoilt(array, row, value):
         ({"head_position_m": 1e3 * HEAD_M}, "looks like millimetres"),
         ({"head_quat_wxyz": [1.0, 1.0, 0.0, 0.0]}, "head_quat_wxyz: not a unit quaternion"),
         ({"pelvis_quat_wxyz": np.zeros((3, 4))}, "pelvis_quat_wxyz: its shape is (3, 4)"),
-        ({"pelvis_position_m": HEAD_M[1:]}, "pelvis_position_m: its shape is (119, 3)"),
     ],
 )
 def test_what_is_wrong_is_named(arguments, named):

@@ -61,10 +61,7 @@ def test_bodies_of_which_any_may_be_the_head_are_asked_for(tmp_path):
         load(path, ReadOptions(person="Bib"))
 
 
-def test_rows_where_markers_were_hidden_are_dropped_and_counted(tmp_path):
-    recording = load(exports.motive(tmp_path / "a.csv", blank=[4, 5, 40]))
-    assert recording.times_s.size == exports.FRAMES - 3
-    assert any("3 of 90 rows have no time or no head position (first row 12): dropped" in n for n in recording.notes)
+def test_rows_with_hidden_markers_are_refused_from_half_on(tmp_path):
     with pytest.raises(RecordingError, match=r"50 of 90 rows.*at least 50%"):
         load(exports.motive(tmp_path / "b.csv", blank=range(50)))
 

@@ -1,19 +1,26 @@
-"""Replays: the same arguments give the same log, and a compute delay costs nothing with the true future."""
+"""Replays: reproducible, with several seeds of the noise, and independent of what ran before."""
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from builders.recordings import reordered, synthetic
 from builders.replays import replayed
 
+from gazempc.controllers.mpc.condense import axis_model, condense
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import LeftOutError
+from gazempc.loop.observer import observer_gain
+from gazempc.neck import servo
+from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import load_neck
 from gazempc.parts import TRUE_FUTURE, check_gaze
+from gazempc.progress import Progress
 from gazempc.results.log import load_log
 from gazempc.results.metrics import measure
 from gazempc.settings import LoopSettings
+from gazempc.sim import repeat
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
 
@@ -64,3 +71,89 @@ def test_the_former_name_of_the_true_future_warns():
         assert check_gaze("perfect") == TRUE_FUTURE
     with pytest.raises(ValueError, match="no predictor 'perfekt'"):
         check_gaze("mpc+perfekt")
+
+
+SETTINGS = ReplaySettings(predictor="constant_velocity", seed=3)
+CONTROLLERS = ("lookahead",)
+
+
+def repeated(count, settings=SETTINGS, controllers=CONTROLLERS):
+    scene = make_scene("subject02_R1", settings)
+    return scene, repeat.replay_repeatedly(scene, settings, controllers, count, Progress())
+
+
+def test_each_seed_gives_the_figures_of_a_replay_with_that_seed():
+    scene, done = repeated(2)
+    for seed, row in zip((3, 4), done.repeats[0].rows, strict=True):
+        again = make_scene("subject02_R1", SETTINGS.model_copy(update={"seed": seed}))
+        log = replay_scene(again, "lookahead", "constant_velocity", SETTINGS).log
+        np.testing.assert_equal(row.metrics.as_dict(), measure(log).as_dict())
+        if seed == 3:
+            np.testing.assert_array_equal(done.first["lookahead"].log.joint_position_rad, log.joint_position_rad)
+    assert done.repeats[0].seeds == (3, 4)
+    assert "over 2 seeds of the noise, 3 to 4; " in done.said
+    assert scene.seed == 3
+
+
+def test_without_a_number_as_many_seeds_as_one_can_wait_for(monkeypatch):
+    monkeypatch.setattr(repeat, "PATIENCE_S", 0.0)
+    _, done = repeated(None, controllers=("reactive",))
+    assert len(done.repeats[0].seeds) == 1
+    assert "fit into 0 s" in done.said
+
+
+def test_without_noise_one_seed_is_enough(monkeypatch):
+    monkeypatch.setattr(repeat, "PATIENCE_S", 1e9)
+    _, done = repeated(None, SETTINGS.model_copy(update={"sensor": "perfect"}), ("reactive",))
+    assert done.repeats[0].seeds == (3,)
+    assert done.said == "one seed of the noise, 3 (another one makes no difference)"
+
+
+REFERENCE, SLOW = load_neck("reference"), load_neck("slow")
+CACHES = (axis_model, condense, observer_gain, servo._transition, settled_joints)
+
+
+@pytest.fixture(autouse=True)
+def nothing_shared_yet() -> Iterator[None]:
+    forget()
+    yield
+    forget()
+
+
+def forget() -> None:
+    for cached in CACHES:
+        cached.cache_clear()
+
+
+def test_necks_and_settings_do_not_share() -> None:
+    """Every number that a program depends on is in its key."""
+
+    def gain(mpc: Mpc) -> bytes:
+        return mpc.ocps[0].program.gain.tobytes()
+
+    limit = REFERENCE.model_copy(update={"pan": REFERENCE.pan.model_copy(update={"jerk_max_rad_s3": 200.0})})
+    rate = REFERENCE.model_copy(update={"servo_rate_hz": 400.0})
+    gains = [
+        gain(mpc)
+        for mpc in (
+            Mpc(REFERENCE),
+            Mpc(SLOW),
+            Mpc(limit),
+            Mpc(rate),
+            Mpc(REFERENCE, horizon_s=0.6),
+            Mpc(REFERENCE, smoothing_time_s=0.1),
+        )
+    ]
+    assert len(set(gains)) == len(gains)
+    assert gain(Mpc(REFERENCE)) == gains[0]
+
+
+def test_the_same_neck_shares_but_cannot_be_written_to() -> None:
+    """Two controllers have their matrices in common, and solvers of their own; a change is an error."""
+    first, second = Mpc(REFERENCE).ocps[0], Mpc(REFERENCE).ocps[0]
+    assert first.program is second.program
+    assert first is not second
+    program = first.program
+    for array in (program.data.h, program.data.a, program.rows_map, program.gain, program.cost_map):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
