@@ -18,7 +18,7 @@ from gazempc.neck.human import MOTION_MEANS, Motion
 from gazempc.part_options import check_options
 from gazempc.parts import ADDRESSED, CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own, split_address
 from gazempc.robots.options import RobotChoice, RobotOptions
-from gazempc.robots.ptz_emulator import EMULATOR, FOV_DEG, LATENCY_S
+from gazempc.robots.ptz_emulator import EMULATOR, FOV_DEG, LATENCY_S, VIEW_DEG
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
 from gazempc.sim.scene import SceneSettings, StageSettings
 
@@ -143,6 +143,8 @@ def for_turning_camera(settings: LiveSettings) -> LiveSettings:
     emulated = address.partition(":")[0] == EMULATOR
     if settings.neck is None and (emulated or settings.probe):
         found["neck"] = "ptz"
+        if emulated and settings.framing.view_deg is None:
+            found["framing"] = settings.framing.model_copy(update={"view_deg": VIEW_DEG})
     if settings.source_kind == "camera" and settings.mount == Mount():
         # Its picture is that of the camera that turns.
         found["mount"] = Mount(on="head")

@@ -26,6 +26,8 @@ EMULATOR = "emulator"
 FOV_DEG = 60.0
 LATENCY_S = 0.2
 _SIZE = (480, 270)
+# Width and height of its picture.
+VIEW_DEG = FOV_DEG, math.degrees(2.0 * math.atan(_SIZE[1] / _SIZE[0] * math.tan(math.radians(0.5 * FOV_DEG))))
 _FPS = 10.0
 _STARTS_WITHIN_S = 60.0
 # The person walks a sine across the view.

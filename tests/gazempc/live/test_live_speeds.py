@@ -138,6 +138,7 @@ def test_a_camera_keeps_a_walker_in_its_zone_in_real_time_and_rests_before_one_w
 def test_settings_that_follow_from_the_emulated_camera():
     settings = parse(["--robot", "visca:emulator", "--source", "camera:emulator"])
     assert (settings.neck, settings.mount.on) == ("ptz", "head")
+    assert settings.framing.view_deg == pytest.approx((60.0, 36.0), abs=0.1)
     assert (settings.loop.stale_after_s, settings.loop.lost_after_s) == (1.5, 2.0)
     assert (settings.camera.fov_deg, settings.camera.latency_ms) == (60.0, 200.0)
     settings = parse(["--robot", "visca:192.168.0.8", "--source", "camera:rtsp://192.168.0.8/1", "--neck", "ptz"])
@@ -187,7 +188,7 @@ def test_the_loop_closes_through_the_picture_of_the_emulated_camera(tmp_path):
         pytest.importorskip(package)
     # A busy machine renders and searches late: the run ends when the camera has followed the person to both sides.
     words = "--robot visca:emulator --source camera:emulator --loop.stale-after-s 5 --loop.lost-after-s 8"
-    words += f" --framing.subject one --loop.rest-after-s 20 --duration-s 240 --no-figures --out {tmp_path}"
+    words += f" --loop.rest-after-s 20 --duration-s 240 --no-figures --out {tmp_path}"
     command = [sys.executable, "-m", "gazempc.live", *words.split()]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as run:
