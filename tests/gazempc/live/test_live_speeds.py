@@ -15,7 +15,6 @@ from builders.live import WALK, Faulty, make_live_run
 from builders.robots import Spied
 from builders.visca import camera, wait_until
 
-import gazempc as gz
 from gazempc.errors import SettingsError
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.session import main, parse
@@ -89,18 +88,6 @@ def test_whatever_ends_a_run_the_last_speed_is_zero(why):
     assert failure is not None
     assert np.all(robot.received[-1][1] == 0.0)
     assert robot.calls[-1] == "close"
-
-
-def test_a_program_drives_a_camera_by_its_address():
-    with camera() as (server, plant):
-        with gz.Gaze(COARSE, f"visca:127.0.0.1:{server.address[1]}") as gaze:
-            start_s = time.time()
-            while np.abs(plant.true_state().position_rad[0]) < 0.05:
-                gaze.see(time.time() - 0.05, [2.0, 0.8, 0.3])
-                time.sleep(1 / 30)
-                assert time.time() < start_s + 30.0
-        assert server.driven[-1][1:] == (0, 0)
-        assert gaze.joints.position_rad[0] != 0.0
 
 
 def test_settings_that_follow_from_the_emulated_camera():
