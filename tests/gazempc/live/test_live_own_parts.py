@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from builders.own_modules import write_own_parts
 
+from benchmarks.faults.wrongs import FAMILIES
 from gazempc.live.session import main
 from gazempc.results.log import load_log
 
@@ -99,6 +100,46 @@ def test_what_fails_under_way_is_an_event_with_its_text_and_traceback(
     said = capsys.readouterr().out
     assert f"  {event} ({fault['count']} x): {error}" in said
     assert f"{event} {summary['events'][event]} x" not in said.partition("stopped by")[2]
+
+
+SPOILT = """
+from benchmarks.faults.wrongs import FAMILIES
+from {module} import {base}
+KINDS = [change for name, change in FAMILIES["{family}"].items() if name not in ("blocks for 1 s", "15 ms each")]
+
+class Spoilt({base}):
+    calls = 0
+
+    def spoilt(self, *args):
+        self.calls += 1
+        answer = super().{method}(*args) if "{method}" != "finished" else super().finished
+        spoils = self.calls > {good_calls}
+        return KINDS[self.calls // 3 % len(KINDS)](answer) if spoils else answer
+
+    {method} = {wrap}(spoilt)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", [name for name in FAMILIES if "." in name and "," not in name])
+def test_the_summary_is_written_whatever_a_part_does(own, family, tmp_path, monkeypatch):
+    """Each kind of the benchmark of faults, one after the other, in a run by the command."""
+    part, method = family.split(".")
+    base = {"Robot": "Head", "Source": "Walker", "Controller": "Reactive", "Predictor": "ConstantVelocity"}[part]
+    module, wrap = own if part in ("Robot", "Source") else "gazempc", "property" if method == "finished" else ""
+    # Closed once; the others are tried out when they are made.
+    good_calls = 0 if method == "close" else 60
+    name = family.replace(".", "_").lower()
+    text = SPOILT.format(module=module, base=base, family=family, method=method, wrap=wrap, good_calls=good_calls)
+    (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    parts = {"--source": "replay", "--controller": "lookahead", f"--{part.lower()}": f"{name}:Spoilt"}
+    words = [word for pair in parts.items() for word in pair]
+    assert main([*words, "--simulated-clock", "--no-figures", "--duration-s", "4", "--out", str(tmp_path)]) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert sum(load_log(tmp_path / log).time_s.size for log in summary["logs"]) == summary["ticks"] > 100
+    assert summary["limit_violations"] == 0
+    assert any("Spoilt" in fault["error"] for fault in summary["faults"])
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Live runs of necks that take speeds: the gaze follows, and the end is a stop, whatever ends the run."""
 
 import json
+import math
 import os
 import re
 import signal
@@ -15,6 +16,7 @@ from builders.live import WALK, Faulty, make_live_run
 from builders.robots import Spied
 from builders.visca import camera, wait_until
 
+import gazempc as gz
 from gazempc.errors import SettingsError
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.session import main, parse
@@ -90,6 +92,33 @@ def test_whatever_ends_a_run_the_last_speed_is_zero(why):
     assert robot.calls[-1] == "close"
 
 
+@pytest.mark.slow
+def test_a_camera_keeps_a_walker_in_its_zone_in_real_time_and_rests_before_one_who_sways():
+    framing = gz.Framing(view_deg=(60.0, 34.0), headroom=0.5, lead_room=0.0)  # the zone: 9.9 deg to each side
+    seen_deg = []
+    with (
+        camera(PTZ) as (server, plant),
+        gz.Gaze(PTZ, f"visca:127.0.0.1:{server.address[1]}", framing=framing.model_dump()) as gaze,
+    ):
+        start_s = time.time()
+
+        def aside_m(time_s):
+            # From side to side by 55 deg in 6 s and there 4 deg of sway.
+            since_s = time_s - start_s
+            return 0.35 * min(since_s, 6.0) - 1.05 + (0.14 * math.sin(3.0 * since_s) if since_s > 6.0 else 0.0)
+
+        while (now_s := time.time()) < start_s + 14.0:
+            gaze.see(now_s - 0.1, [2.0, aside_m(now_s - 0.1), 0.0])
+            pan_deg = math.degrees(float(plant.true_state().position_rad[0]))
+            seen_deg.append((now_s - start_s, pan_deg, math.degrees(math.atan2(aside_m(now_s), 2.0))))
+            time.sleep(1 / 30)
+    since_s, pan_deg, person_deg = np.array(seen_deg).T
+    assert np.ptp(person_deg) > 55.0
+    in_zone = np.abs(pan_deg - person_deg) <= 9.9
+    assert in_zone[since_s > 1.0].mean() > 0.85
+    assert np.ptp(pan_deg[since_s > 10.0]) < 1.0 < np.ptp(person_deg[since_s > 10.0])
+
+
 def test_settings_that_follow_from_the_emulated_camera():
     settings = parse(["--robot", "visca:emulator", "--source", "camera:emulator"])
     assert (settings.neck, settings.mount.on) == ("ptz", "head")
@@ -142,7 +171,7 @@ def test_the_loop_closes_through_the_picture_of_the_emulated_camera(tmp_path):
         pytest.importorskip(package)
     # A busy machine renders and searches late: the run ends when the camera has followed the person to both sides.
     words = "--robot visca:emulator --source camera:emulator --loop.stale-after-s 5 --loop.lost-after-s 8"
-    words += f" --loop.rest-after-s 20 --duration-s 240 --no-figures --out {tmp_path}"
+    words += f" --framing.subject one --loop.rest-after-s 20 --duration-s 240 --no-figures --out {tmp_path}"
     command = [sys.executable, "-m", "gazempc.live", *words.split()]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as run:
