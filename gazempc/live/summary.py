@@ -90,10 +90,9 @@ class KeptLogs:
         Returns:
             What stands in it.
         """
-        report, latency = run.report, self._latency
-        late = report.lateness
-        known = latency.count > 0
+        report, late, latency = run.report, run.report.lateness, self._latency
         metrics, compute = self._metrics()
+        ages_s = report.least_age_s, report.greatest_age_s
         kind = "" if self._last is None else self._last[0].run.kind
         summary = {
             "stopped_by": report.stopped_by,
@@ -102,13 +101,12 @@ class KeptLogs:
             "lateness_ms": {"p50": late.percentile_ms(50), "p99": late.percentile_ms(99), "max": late.max_ms},
             "late_ticks": late.beyond(_LATE_MS),
             "end_to_end_latency_ms": {
-                "p50": latency.percentile_ms(50) if known else None,
-                "p99": latency.percentile_ms(99) if known else None,
+                f"p{share}": latency.percentile_ms(share) if latency.count else None for share in (50, 99)
             },
             "observations": report.observations,
             "used": run.logs.used,
             "refused": run.logs.refused,
-            "soonest_age_s": [_known(report.least_age_s), _known(report.greatest_age_s)],
+            "soonest_age_s": [age_s if math.isfinite(age_s) else None for age_s in ages_s],
             "warnings": report.warnings,
             "problems": report.problems,
             "events": run.logs.events,
@@ -121,8 +119,7 @@ class KeptLogs:
             "settings": self._settings.model_dump(mode="json"),
             "versions": versions(),
         }
-        text = json.dumps(summary, indent=2) + "\n"
-        write_whole(self._settings.out / "summary.json", text)
+        write_whole(self._settings.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         return summary
 
     def draw(self) -> list[str]:
@@ -235,10 +232,6 @@ def _clock_hint(name: str, summary: dict[str, Any]) -> str:
         return " (another clock, or another unit?)"
     off = f"{abs(off_s):.1g}" if abs(off_s) < 1 else shown(abs(off_s))
     return (f" (clock {off} s ahead?)" if off_s > 0 else f" (clock {off} s behind, or slow?)") if off_s else ""
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _without_nan(metrics: dict[str, Any]) -> dict[str, Any]:

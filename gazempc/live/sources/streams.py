@@ -15,7 +15,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 from gazempc.live.clock import Clock
@@ -312,7 +311,6 @@ LINE_MAX = 4096
 _LINES_MAX = 64
 # After so many, as much time is left to others as the parsing took.
 _MANY_LINES = 16
-_TEXTS_KEPT = 20
 
 
 class LineSource:
@@ -332,22 +330,19 @@ class LineSource:
         stamps: StampReader | None = None,
         senders: Senders | None = None,
     ) -> None:
-        self._wire = wire
-        self._clock = clock
+        self._wire, self._clock = wire, clock
         self._stamps = stamps or StampReader(Stamps(), clock)
         self._senders = senders or Senders()
-        self._lines = 0
-        self._rest = b""
-        self._too_long = False
-        self._ended = threading.Event()
-        self._closing = threading.Event()
+        self._lines, self._rest, self._too_long = 0, b"", False
+        self._ended, self._closing = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="source", daemon=True)
         # Guards all below; held for a few microseconds at most.
         self._lock = threading.Lock()
         self._arrived: deque[Sighting] = deque()
         self._cues: deque[Cue] = deque(maxlen=_WAITING_MAX)
-        self._problems: list[str] = []
-        self._notices: dict[Event, Notice] = {}
+        self._problems: deque[str] = deque(maxlen=_WAITING_MAX)
+        # First text and number of observations.
+        self._notices: dict[Event, tuple[str, int]] = {}
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`."""
@@ -368,13 +363,13 @@ class LineSource:
         """See `gazempc.live.sources.source.Source.poll`."""
         with self._lock:
             sightings, self._arrived = self._arrived, deque()
-            problems, self._problems = self._problems, []
             notices, self._notices = self._notices, {}
-            cues = tuple(self._cues)
+            problems, cues = tuple(self._problems), tuple(self._cues)
+            self._problems.clear()
             self._cues.clear()
         # Datagrams may be swapped on their way.
         in_order = sorted(sightings, key=lambda each: each.observation.capture_time_s)
-        return Arrived(tuple(in_order), tuple(problems), tuple(notices.values()), cues)
+        return Arrived(tuple(in_order), problems, tuple(Notice(event, *each) for event, each in notices.items()), cues)
 
     @property
     def finished(self) -> bool:
@@ -474,17 +469,10 @@ class LineSource:
         return parse_line(text, arrival_s, lambda stamp: self._stamps.loop_s(stamp, arrival_s))
 
     def _problem(self, why: str) -> None:
-        text = f"{self._wire.name}, line {self._lines}: {why}"
         with self._lock:
-            kept = len(self._problems) < _TEXTS_KEPT
-            if kept:
-                self._problems.append(text)
-        if not kept:
-            self._note(Event.BAD_OBSERVATION, text)
+            self._problems.append(f"{self._wire.name}, line {self._lines}: {why}")
 
     def _note(self, event: Event, text: str, count: int = 1) -> None:
         with self._lock:
-            known = self._notices.get(event)
-            self._notices[event] = (
-                Notice(event, text, count) if known is None else replace(known, count=known.count + count)
-            )
+            first, before = self._notices.get(event, (text, 0))
+            self._notices[event] = first, before + count

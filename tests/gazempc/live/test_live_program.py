@@ -86,12 +86,7 @@ def check_output(out, said):
     assert log.time_s.size == summary["ticks"] > 10
     assert np.all(np.abs(log.command_velocity_rad_s[-1]) < 1e-9)
     assert np.all(np.isfinite(log.command_position_rad))
-    neck = log.neck
-    assert np.all(np.abs(log.command_velocity_rad_s) <= neck.velocity_max_rad_s * (1 + 1e-9))
-    assert np.all(np.abs(log.command_acceleration_rad_s2) <= neck.acceleration_max_rad_s2 * (1 + 1e-9))
-    jerk = np.diff(log.command_acceleration_rad_s2, axis=0) / neck.servo_period_s
-    assert np.all(np.abs(jerk) <= neck.jerk_max_rad_s3 * (1 + 1e-6))
-    assert summary["limit_violations"] == limit_violations(log, neck) == 0
+    assert summary["limit_violations"] == limit_violations(log, log.neck) == 0
     assert (out / "compute_000.npz").is_file()
     assert f"stopped by: {summary['stopped_by']}" in said
     report = BeautifulSoup((out / "report.html").read_text(encoding="utf-8"), "html.parser")

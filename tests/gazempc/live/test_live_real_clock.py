@@ -1,9 +1,7 @@
 """On the real clock with the planner in the background: a slow solver holds up no command."""
 
 import threading
-import time
 
-import numpy as np
 import pytest
 from builders.checks import assert_sound
 from builders.live import NECK, run_live
@@ -25,20 +23,6 @@ class Hampered(Mpc):
         if self.plans > 3:
             self.hamper()
         return super().plan(situation)
-
-
-@pytest.mark.slow
-def test_on_the_real_clock_a_slow_solver_holds_up_no_command():
-    controller = Hampered(lambda: time.sleep(0.1))
-    result = run_live(clock=RealClock(), controller=controller, planner=BackgroundPlanner, duration_s=1.5)
-    assert_sound(result)
-    assert "late_plan" in result.events
-    assert not result.events & {"controller_failed", "solver_failed", "robot_not_answering", "forecast_failed"}
-    assert controller.plans > 5
-    # Asked within the tick, there would be one tick a plan.
-    assert result.report.ticks > 2 * controller.plans
-    assert result.report.lateness.count == result.report.ticks
-    assert np.ptp(result.joined("command_position_rad")[:, 0]) > 0.01
 
 
 @pytest.mark.slow

@@ -86,3 +86,9 @@ def test_what_cannot_be_opened_is_closed_all_the_same(part, error, monkeypatch):
 def test_a_real_robot_needs_its_own_neck_file(tmp_path, capsys):
     assert main(["--source", "udp:5005", "--robot", "dynamixel", "--out", str(tmp_path)]) == 2
     assert "--neck" in capsys.readouterr().err
+
+
+def test_a_key_is_refused_with_what_replaces_it(tmp_path, capsys):
+    """Ignored, it would leave a run open that was protected before."""
+    assert main(["--source", "udp:5005", "--key-file", str(tmp_path / "key"), "--out", str(tmp_path)]) == 2
+    assert "ssh -N -L" in capsys.readouterr().err

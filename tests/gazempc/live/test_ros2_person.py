@@ -19,7 +19,6 @@ from builders.ros2_graph import (
 from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.ros2 import Ros2Person
-from gazempc.loop.events import Event
 from gazempc.robots.options import Ros2Options
 
 TOPIC, POSE = "/person/head", "geometry_msgs/msg/PoseStamped"
@@ -165,15 +164,3 @@ def test_a_pose_whose_frame_is_not_known_in_time_is_a_problem(stage, told, why):
     stage.now_s += 0.25
     _, (problem,) = polled(person, 1)
     assert why in problem
-
-
-def test_two_nodes_that_send_poses_are_named_once(stage):
-    person = opened(stage)
-    stage.announced(TOPIC, POSE, "/tracker")
-    stage.announced(TOPIC, POSE, "/old_tracker")
-    stage.now_s += 3.1
-    (notice,) = person.poll().notices
-    assert notice.event == Event.SEVERAL_SENDERS
-    assert "/person/head (/old_tracker and /tracker)" in notice.text
-    stage.now_s += 3.1
-    assert person.poll().notices == ()

@@ -96,20 +96,6 @@ def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_that_says_where(
     assert problem == f"/tf, face_a: {why}"
 
 
-def test_what_was_said_before_is_asked_for(stage):
-    """Static frames, lists and matches are sent once, by nodes that may have begun long before."""
-    stage.tf_static(transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=None))
-    stage.put(PERSONS, IDS, tracked("anna"), latched=True)
-    stage.put("/humans/persons/anna/face_id", TEXT, text("a"), latched=True)
-    source = opened(stage, "base_link")
-    wait_for(lambda: source.poll() is not None and source._ids.person("face", "a") == "anna")
-    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("camera_link"))
-    stage.tf(transform("face_a", [1.0, 0.0, 0.0]))
-    (seen,), problems = polled(source, 1)
-    assert (seen.person_id, problems) == ("anna", [])
-    np.testing.assert_allclose(seen.head_position_base_m, [1.0, 0.0, 1.0])
-
-
 def test_a_person_has_one_name_whatever_face_they_have(stage):
     source, ids = opened(stage), lambda face: source._ids.person("face", face)
     heard(source, stage, PERSONS, IDS, tracked("anna"), lambda: not source._ids._is_listed("person", "bob"))

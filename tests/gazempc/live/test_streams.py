@@ -77,8 +77,7 @@ class Scripted:
         self.closed += 1
 
 
-@pytest.mark.parametrize("end", [None, OSError("gone")])
-@pytest.mark.parametrize("size", [1, 64])
+@pytest.mark.parametrize(("size", "end"), [(1, None), (64, OSError("gone"))])
 def test_lines_are_put_together_however_they_are_cut(size, end):
     clock = RealClock()
     text = b"".join(line(k) for k in range(50)) + b"\n\n  \r\nrubbish\n" + line(50) + line(51).strip()
@@ -113,16 +112,6 @@ def test_no_line_ends_the_reading(wrong):
     found = read([line(1), wrong, line(2)])
     assert numbers(found.sightings) == [1, 2]
     assert len(found.problems) == 1
-
-
-def test_if_nobody_polls_the_oldest_are_lost():
-    source = LineSource(Scripted([line(k) for k in range(3000)]), RealClock())
-    source.open()
-    source._thread.join(FOREVER_S)
-    found = numbers(source.poll().sightings)
-    assert found == list(range(3000 - len(found), 3000))
-    assert 100 < len(found) < 3000
-    source.close()
 
 
 def test_of_lines_that_come_at_once_the_newest_are_read_and_the_others_counted():
