@@ -292,7 +292,6 @@ def _attention(settings: RunSettings, logs: dict[str, Log]) -> dict[str, Any]:
 
 def _events(log: Log) -> list[str]:
     from gazempc.results.attention import attention_lines, measure_attention  # noqa: PLC0415
-    from gazempc.results.run_summary import fault_lines  # noqa: PLC0415
 
     with_text = {fault.event for fault in log.faults}
     lines = [
@@ -301,7 +300,7 @@ def _events(log: Log) -> list[str]:
         # Every run begins with no_observation_yet; the rate is a note of the whole.
         if event not in ("no_observation_yet", "low_frame_rate", *with_text)
     ]
-    return [*attention_lines(measure_attention(log)), *lines, *fault_lines(log)]
+    return [*attention_lines(measure_attention(log)), *lines, *(fault.line for fault in log.faults)]
 
 
 def _draw(logs: dict[str, Log], out: Path) -> list[str]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from gazempc.results.contact import CONTACT_DEG, overshoot_deg
+from gazempc.results.contact import CONTACT_DEG, of_known, overshoot_deg, p95
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.types import BoolArray, FloatArray
@@ -84,18 +84,18 @@ def measure_attention(log: Log) -> AttentionMetrics:
     late_s = realised[:, 1] - planned_s[:, 1]
     chosen = bool(log.attended_time_s.size)
     return AttentionMetrics(
-        contact_attended=_mean(contact[scored & ~away]),
+        contact_attended=of_known(contact[scored & ~away]),
         switches_per_minute=max(to_contact_s.size - 1, 0) / minutes if minutes > 0 else float("nan"),
-        time_to_contact_after_switch_s=_median(to_contact_s[1:][np.isfinite(to_contact_s[1:])]),
+        time_to_contact_after_switch_s=of_known(to_contact_s[1:], np.median),
         switches_without_contact=float(np.isnan(to_contact_s[1:]).sum()) if known else float("nan"),
-        switch_overshoot_deg=_most([overshoot_deg(log, ticks) for ticks in _turns(log)[1:]]),
+        switch_overshoot_deg=of_known(np.array([overshoot_deg(log, ticks) for ticks in _turns(log)[1:]]), np.max),
         identity_swaps=float(log.identity_swap_time_s.size) if known and chosen else float("nan"),
-        away_share=_mean((away & ~contact)[scored]),
-        away_share_planned=_mean(away[scored]),
+        away_share=of_known((away & ~contact)[scored]),
+        away_share_planned=of_known(away[scored]),
         away_duration_ratio=_ratio(np.ptp(realised, axis=1), np.ptp(planned_s, axis=1)),
         away_interval_ratio=_ratio(np.diff(realised[:, 0]), np.diff(planned_s[:, 0])),
-        return_late_s=_median(late_s),
-        return_late_p95_s=float(np.percentile(late_s, 95)) if late_s.size else float("nan"),
+        return_late_s=of_known(late_s, np.median),
+        return_late_p95_s=of_known(late_s, p95),
     )
 
 
@@ -162,16 +162,3 @@ def _realised(log: Log, contact: BoolArray) -> tuple[FloatArray, FloatArray]:
 
 def _ratio(realised_s: FloatArray, planned_s: FloatArray) -> float:
     return float(np.mean(realised_s) / np.mean(planned_s)) if realised_s.size else float("nan")
-
-
-def _mean(values: BoolArray | FloatArray) -> float:
-    return float(np.mean(values)) if values.size else float("nan")
-
-
-def _most(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return max(known, default=float("nan"))
-
-
-def _median(values: FloatArray) -> float:
-    return float(np.median(values)) if values.size else float("nan")

@@ -1,6 +1,9 @@
-"""Eye contact in a log: cones, breaks, first contact, overshoot."""
+"""Eye contact in a log: cones, breaks, first contact, overshoot; and statistics of the values that are known."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +21,22 @@ STABLE_S = 0.5
 _KEPT_S = 1.0
 # The gaze overshoots within this time after it first comes into contact, or not at all.
 OVERSHOOT_S = 1.0
+
+
+def of_known(values: FloatArray | BoolArray, statistic: Callable[[Any], Any] = np.mean) -> float:
+    """A statistic of the finite values, such as the mean; NaN if there is none.
+
+    Args:
+        values: Any shape.
+        statistic: Function of the finite values, shape (K,).
+    """
+    known = values[np.isfinite(values)]
+    return float(statistic(known)) if known.size else float("nan")
+
+
+def p95(values: FloatArray) -> float:
+    """95th percentile."""
+    return float(np.percentile(values, 95))
 
 
 def share_within(error_deg: FloatArray, limit_deg: float) -> float:

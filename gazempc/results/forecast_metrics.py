@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri, fdtri  # quantiles; `scipy.stats` has them, too, and takes half a second to import
 
+from gazempc.results.contact import of_known
 from gazempc.results.log import FORECAST_HORIZONS_S, Log
 from gazempc.types import BoolArray, FloatArray
 
@@ -67,10 +68,7 @@ def forecast_metrics(log: Log) -> dict[str, float]:
     """
     difference_m = log.forecast_mean_base_m - log.forecast_true_base_m
     error_mm = 1e3 * np.linalg.norm(difference_m, axis=-1)
-    found = {
-        f"forecast_error_{round(1e3 * h)}_mm": _mean_of_known(error_mm[:, i])
-        for i, h in enumerate(log.forecast_horizon_s)
-    }
+    found = {f"forecast_error_{round(1e3 * h)}_mm": of_known(error_mm[:, i]) for i, h in enumerate(FORECAST_HORIZONS_S)}
     known = np.isfinite(error_mm[:, _HALF_SECOND])
     covariances = log.forecast_covariance_m2[known, _HALF_SECOND]
     differences = difference_m[known, _HALF_SECOND]
@@ -103,8 +101,3 @@ def false_starts_per_min(log: Log) -> float:
     off_s = np.sort(log.capture_time_s[off_m > _FALSE_START_M])
     episodes = off_s.size and 1 + int((np.diff(off_s) >= FORECAST_HORIZONS_S[_HALF_SECOND]).sum())
     return float(60.0 * episodes / (capture_s[-1] - capture_s[0]))
-
-
-def _mean_of_known(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.mean(known)) if known.size else float("nan")

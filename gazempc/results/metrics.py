@@ -10,20 +10,13 @@ import numpy as np
 from gazempc.errors import LeftOutError
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.recordings.readers.labels import travel
-from gazempc.results.contact import (
-    CONTACT_DEG,
-    longest_break_s,
-    overshoot_deg,
-    share_within,
-    time_from_start_to_contact,
-    time_to,
-    time_to_stable,
-)
+from gazempc.results import contact
+from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.forecast_metrics import false_starts_per_min, forecast_metrics
 from gazempc.results.framing import framing_metrics
 from gazempc.results.log import Log
 from gazempc.results.motion import limit_violations, motion_metrics
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
 SCORED_FROM_S = 1.0
 # With less than this, a mean over the scored window would be one glance.
@@ -90,6 +83,20 @@ def gaze_error_deg(log: Log) -> FloatArray:
     return np.rad2deg(error)
 
 
+def scored_ticks(log: Log, known: FloatArray) -> BoolArray:
+    """Ticks that are scored: from 1.0 s on, where contact is due.
+
+    Args:
+        log: The run.
+        known: What is scored, shape (M,); NaN where it is not known.
+
+    Returns:
+        Shape (M,).
+    """
+    scored: BoolArray = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(known)
+    return scored & ~log.looks_away
+
+
 def measure(log: Log) -> Metrics:
     """Compute all metrics of a run.
 
@@ -107,35 +114,32 @@ def measure(log: Log) -> Metrics:
     # Nothing is scored where the true head or the joints are unknown. A live run is scored by what needs no true head.
     knows_head = log.run.knows_true_head
     judged = error if knows_head else log.joint_position_rad.sum(axis=1)
-    # Nor is contact that is not due.
-    scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(judged) & ~log.looks_away
-    long_enough = log.time_s[-1] - log.time_s[0] >= MIN_DURATION_S
-    if scored.sum() < _FEWEST_SCORED and knows_head and long_enough:
-        raise LeftOutError(
-            f"{log.run.recording}: the true head and the joints are known at {scored.sum()} ticks from "
-            f"{SCORED_FROM_S} s on, at least {_FEWEST_SCORED} are needed; the true head is not known in gaps of more "
-            "than 0.2 s between frames"
-        )
+    scored = scored_ticks(log, judged)
     if scored.sum() < _FEWEST_SCORED:
-        raise LeftOutError(
-            f"{log.run.recording}: {log.time_s[-1] - log.time_s[0]:.2f} s is too short: gaze is "
-            f"scored from {SCORED_FROM_S} s to the end, and at least {MIN_DURATION_S} s are needed"
+        lasts_s = log.time_s[-1] - log.time_s[0]
+        why = (
+            f"the true head and the joints are known at {scored.sum()} ticks from {SCORED_FROM_S} s on, at least "
+            f"{_FEWEST_SCORED} are needed; the true head is not known in gaps of more than 0.2 s between frames"
+            if knows_head and lasts_s >= MIN_DURATION_S
+            else f"{lasts_s:.2f} s is too short: gaze is scored from {SCORED_FROM_S} s to the end, and at least "
+            f"{MIN_DURATION_S} s are needed"
         )
-    dt_s = neck.servo_period_s
+        raise LeftOutError(f"{log.run.recording}: {why}")
+    reached = error <= CONTACT_DEG[0]
     moved = travel(log.time_s, log.head_true_base_m)
     error_scored = error[scored]
     return Metrics(
         gaze_error_rms_deg=float(np.sqrt(np.mean(error_scored**2))),
         gaze_error_median_deg=float(np.median(error_scored)),
         gaze_error_p95_deg=float(np.percentile(error_scored, 95)),
-        eye_contact_2p6=share_within(error_scored, CONTACT_DEG[0]),
-        eye_contact_4=share_within(error_scored, CONTACT_DEG[1]),
-        eye_contact_9=share_within(error_scored, CONTACT_DEG[2]),
-        longest_break_s=longest_break_s(log, error, scored) if knows_head else float("nan"),
-        time_to_contact_s=time_to(error <= CONTACT_DEG[0], log.time_s),
-        time_to_stable_contact_s=time_to_stable(error <= CONTACT_DEG[0], log.time_s, dt_s),
-        time_from_start_to_contact_s=time_from_start_to_contact(log, error, moved.start_s),
-        overshoot_deg=overshoot_deg(log),
+        eye_contact_2p6=contact.share_within(error_scored, CONTACT_DEG[0]),
+        eye_contact_4=contact.share_within(error_scored, CONTACT_DEG[1]),
+        eye_contact_9=contact.share_within(error_scored, CONTACT_DEG[2]),
+        longest_break_s=contact.longest_break_s(log, error, scored) if knows_head else float("nan"),
+        time_to_contact_s=contact.time_to(reached, log.time_s),
+        time_to_stable_contact_s=contact.time_to_stable(reached, log.time_s, neck.servo_period_s),
+        time_from_start_to_contact_s=contact.time_from_start_to_contact(log, error, moved.start_s),
+        overshoot_deg=contact.overshoot_deg(log),
         limit_violations=limit_violations(log, neck),
         **motion_metrics(log, scored),
         **framing_metrics(log, scored),

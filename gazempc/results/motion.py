@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from gazempc.neck.kinematics import gaze_ray, head_angles_rad
 from gazempc.neck.spec import EYE_AXES, NeckSpec
+from gazempc.results.contact import of_known, p95
 from gazempc.results.log import Log
 from gazempc.types import BoolArray, FloatArray, IntArray
 
@@ -179,9 +180,7 @@ def motion_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
     turned = sum(reversals(angle_deg) for angle_deg in head_deg.T) if minutes else 0
     found["reversals_per_min"] = turned / minutes if minutes else float("nan")
     found["travel_deg_per_min"] = float(np.abs(np.diff(head_deg, axis=0)).sum()) / minutes if minutes else float("nan")
-    off_deg = eye_eccentricity_deg(log)[scored]
-    off_deg = off_deg[np.isfinite(off_deg)]
-    found["eye_eccentricity_p95_deg"] = float(np.percentile(off_deg, 95)) if off_deg.size else float("nan")
+    found["eye_eccentricity_p95_deg"] = of_known(eye_eccentricity_deg(log)[scored], p95)
     return found
 
 
@@ -245,33 +244,21 @@ def limit_violations(log: Log, neck: NeckSpec) -> int:
     Returns:
         The number of violations.
     """
-    dt_s = neck.servo_period_s
-    count = 0
+    dt_s, command_rad, count = neck.servo_period_s, log.command_position_rad, 0
+    limits = (neck.velocity_max_rad_s, neck.acceleration_max_rad_s2, neck.jerk_max_rad_s3)
     if log.run.joints == "measured":
-        # Readings of a robot come when they come, and it may round commands to steps of its own: what was meant counts.
-        return _violations_of_motion(log, neck)
-    for position in (log.command_position_rad, log.joint_position_rad):
-        count += int(np.sum(position > neck.position_max_rad + _TOLERANCE))
-        count += int(np.sum(position < neck.position_min_rad - _TOLERANCE))
-        limits = (neck.velocity_max_rad_s, neck.acceleration_max_rad_s2, neck.jerk_max_rad_s3)
-        for order, limit in enumerate(limits, start=1):
-            motion = np.abs(np.diff(position, order, axis=0)) / dt_s**order
-            count += int(np.sum(motion > limit * (1.0 + _TOLERANCE)))
-    return count
-
-
-def _violations_of_motion(log: Log, neck: NeckSpec) -> int:
-    position = log.command_position_rad
-    count = int(np.sum(position > neck.position_max_rad + _TOLERANCE))
-    count += int(np.sum(position < neck.position_min_rad - _TOLERANCE))
-    # A robot may round to steps of its own, and reach its first command at a speed of its own; a jump it must not get.
-    step_rad = neck.velocity_max_rad_s * neck.servo_period_s + _ROBOT_STEP_RAD
-    count += int(np.sum(np.abs(np.diff(position, axis=0)) > step_rad))
-    jerk = np.diff(log.command_acceleration_rad_s2, axis=0) / neck.servo_period_s
-    for motion, limit in (
-        (log.command_velocity_rad_s, neck.velocity_max_rad_s),
-        (log.command_acceleration_rad_s2, neck.acceleration_max_rad_s2),
-        (jerk, neck.jerk_max_rad_s3),
-    ):
-        count += int(np.sum(np.abs(motion) > limit * (1.0 + _TOLERANCE)))
-    return count
+        # Readings come at uneven times, and a robot may round commands to steps of its own: the planned motion counts.
+        positions = [command_rad]
+        jerk = np.diff(log.command_acceleration_rad_s2, axis=0) / dt_s
+        planned = (log.command_velocity_rad_s, log.command_acceleration_rad_s2, jerk)
+        motions = list(zip(planned, limits, strict=True))
+        # A robot reaches its first command at a speed of its own, but it must not get a jump.
+        step_rad = neck.velocity_max_rad_s * dt_s + _ROBOT_STEP_RAD
+        count = int(np.sum(np.abs(np.diff(command_rad, axis=0)) > step_rad))
+    else:
+        positions = [command_rad, log.joint_position_rad]
+        orders = list(enumerate(limits, start=1))
+        motions = [(np.diff(q, order, axis=0) / dt_s**order, limit) for q in positions for order, limit in orders]
+    outside = [(q > neck.position_max_rad + _TOLERANCE) | (q < neck.position_min_rad - _TOLERANCE) for q in positions]
+    beyond = [np.abs(motion) > limit * (1.0 + _TOLERANCE) for motion, limit in motions]
+    return count + sum(int(np.sum(each)) for each in (*outside, *beyond))

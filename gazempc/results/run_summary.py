@@ -6,6 +6,7 @@ import json
 import math
 import platform
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,9 @@ import numpy as np
 
 from gazempc.files.whole import write_whole
 from gazempc.parts import TRUE_FUTURE
+from gazempc.results.contact import of_known
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import Metrics, gap_closed
-from gazempc.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -56,19 +57,12 @@ def measure_compute(times: ComputeTimes, control_period_s: float) -> ComputeMetr
     Returns:
         The metrics; NaN where nothing was measured.
     """
-
-    def percentile(values: FloatArray, q: float) -> float:
-        return float(np.percentile(values, q)) if values.size else float("nan")
-
-    return ComputeMetrics(
-        update_ms_p50=percentile(times.update_ms, 50),
-        update_ms_p99=percentile(times.update_ms, 99),
-        update_ms_max=percentile(times.update_ms, 100),
-        step_ms_p50=percentile(times.step_ms, 50),
-        step_ms_p99=percentile(times.step_ms, 99),
-        step_ms_max=percentile(times.step_ms, 100),
-        missed_deadlines=int(np.sum(times.step_ms > 1e3 * control_period_s)),
-    )
+    figures = {
+        f"{name}_ms_{quantile}": of_known(values_ms, partial(np.percentile, q=q))
+        for name, values_ms in (("update", times.update_ms), ("step", times.step_ms))
+        for quantile, q in (("p50", 50), ("p99", 99), ("max", 100))
+    }
+    return ComputeMetrics(**figures, missed_deadlines=int(np.sum(times.step_ms > 1e3 * control_period_s)))
 
 
 LABELS = {
@@ -133,11 +127,6 @@ def faults(log: Log) -> list[dict[str, Any]]:
         For each event its name, how often it came, the first exception and its traceback.
     """
     return [asdict(fault) for fault in log.faults]
-
-
-def fault_lines(log: Log) -> list[str]:
-    """The same for people, one line each, such as ``forecast_failed (412 x): TypeError: ...``."""
-    return [fault.line for fault in log.faults]
 
 
 def versions() -> dict[str, str]:

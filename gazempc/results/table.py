@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.parts import TRUE_FUTURE
+from gazempc.results.contact import of_known
 from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.metrics import measure
 from gazempc.results.run_summary import Row, label, make_rows, measure_compute
@@ -45,8 +46,7 @@ class Repeats:
 
     def mean(self, name: str) -> float:
         """Mean over the seeds that have the figure; NaN if none has."""
-        known = [value for value in self.values(name) if math.isfinite(value)]
-        return float(np.mean(known)) if known else math.nan
+        return of_known(np.array(self.values(name)))
 
     def most(self, name: str) -> float:
         """Largest over the seeds."""
@@ -54,8 +54,8 @@ class Repeats:
 
     def sd(self, name: str) -> float:
         """Standard deviation over the seeds that have the figure; NaN with fewer than two."""
-        known = [value for value in self.values(name) if math.isfinite(value)]
-        return float(np.std(known, ddof=1)) if len(known) > 1 else math.nan
+        values = np.array(self.values(name))
+        return of_known(values, partial(np.std, ddof=1)) if np.isfinite(values).sum() > 1 else math.nan
 
     def as_dict(self) -> dict[str, Any]:
         """Content of `summary.json`: mean, s.d. and the values under each seed, by figure."""
@@ -123,12 +123,17 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
         factor = 100.0 if unit == " %" else 1.0
         return [_spread(factor * r.mean(name), factor * r.sd(name), digits, unit) for r in repeats]
 
-    def peak(name: str, digits: int) -> list[str]:
-        return [f"{r.most(name):.{digits}f}" for r in repeats]
+    def peak(what: str, suffix: str, unit: str, digits: int) -> tuple[str, list[str]]:
+        limits = getattr(neck, f"{what}_max_{suffix}")
+        span = f"{limits.min():g}" if limits.min() == limits.max() else f"{limits.min():g}/{limits.max():g}"
+        return f"peak {what} [{unit}], limit {span}", [f"{r.most(f'peak_{what}_{suffix}'):.{digits}f}" for r in repeats]
 
     def time(name: str) -> list[str]:
         return [_spread(r.mean(name), math.nan, 2, "") for r in repeats]
 
+    of_head = [("           of the head [rad/s^2]", spread("head_rms_acceleration_rad_s2"))]
+    of_head = of_head if neck.joints > len(AXES) else []
+    of_eyes = [("eyes aside of the head, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1))] if neck.eyes else []
     lines: list[tuple[str, list[str]]] = [
         ("", [label(r.first.controller) for r in repeats]),
         ("filter and forecast", [r.first.predictor for r in repeats]),
@@ -140,22 +145,11 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
         ("            within 9 deg", spread("eye_contact_9", 1, " %")),
         ("gap to perfect closed", spread("gap_closed", 1, " %")),
         ("RMS acceleration [rad/s^2]", spread("rms_acceleration_rad_s2")),
-        *(
-            [("           of the head [rad/s^2]", spread("head_rms_acceleration_rad_s2"))]
-            if neck.joints > len(AXES)
-            else []
-        ),
-        *(
-            [("eyes aside of the head, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1))]
-            if neck.eyes is not None
-            else []
-        ),
-        (f"peak velocity [rad/s], limit {_limit(neck.velocity_max_rad_s.tolist())}", peak("peak_velocity_rad_s", 2)),
-        (
-            f"peak acceleration [rad/s^2], limit {_limit(neck.acceleration_max_rad_s2.tolist())}",
-            peak("peak_acceleration_rad_s2", 1),
-        ),
-        (f"peak jerk [rad/s^3], limit {_limit(neck.jerk_max_rad_s3.tolist())}", peak("peak_jerk_rad_s3", 0)),
+        *of_head,
+        *of_eyes,
+        peak("velocity", "rad_s", "rad/s", 2),
+        peak("acceleration", "rad_s2", "rad/s^2", 1),
+        peak("jerk", "rad_s3", "rad/s^3", 0),
         ("limit violations", [f"{sum(r.values('limit_violations')):.0f}" for r in repeats]),
         ("step time, median [ms]", time("step_ms_p50")),
         ("           99 % below [ms]", time("step_ms_p99")),
@@ -256,8 +250,3 @@ def _spread(mean: float, sd: float, digits: int, unit: str) -> str:
     if math.isnan(mean):
         return "-"
     return f"{mean:.{digits}f}{'' if math.isnan(sd) else f' ± {sd:.{digits}f}'}{unit}"
-
-
-def _limit(values: list[float]) -> str:
-    low, high = min(values), max(values)
-    return f"{high:g}" if low == high else f"{low:g}/{high:g}"

@@ -1,6 +1,9 @@
 """Replays of recordings on the reference neck with the reference sensor, unless a test says otherwise."""
 
+import dataclasses
+
 from gazempc.neck.spec import load_neck
+from gazempc.results.log import SHAPES
 from gazempc.results.run_info import RunInfo
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
@@ -25,3 +28,15 @@ def run_info(neck=None, **fields):
     about = {"recording": "made by hand", "kind": "synthetic", "subject": "nobody", "controller": "mpc"}
     about |= {"predictor": "walker", "neck": neck or load_neck("reference"), "sensor": {"name": "reference"}}
     return RunInfo(**about | fields)
+
+
+QUICK = ReplaySettings(predictor="constant_velocity")
+
+
+def cut(log, from_s, to_s):
+    """The part of a log between two times."""
+    parts = {}
+    for times, axis in (("time_s", "M"), ("capture_time_s", "F"), ("event_time_s", "E")):
+        kept = (getattr(log, times) >= from_s) & (getattr(log, times) < to_s)
+        parts |= {name: getattr(log, name)[kept] for name, axes in SHAPES.items() if axes[0] == axis}
+    return dataclasses.replace(log, **parts)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from builders.people import FRAME_S, WALK_M_S, seen, walk
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -94,6 +94,7 @@ def test_old_observations_are_refused_and_change_nothing(make: Callable[[], Pred
 
 
 @every_predictor
+@settings(max_examples=10)
 @given(
     steps_s=st.lists(st.floats(1e-3, 2.0), min_size=1, max_size=15),
     places=arrays(np.float64, (15, 3), elements=st.floats(-5, 5)),

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from predictors import (
     ConstantVelocity,
     HeadObservation,
-    HeadPose,
 )
 from predictors.types import FloatArray
 
@@ -78,26 +77,6 @@ def test_after_0_75_s_of_refusals_the_track_is_that_of_what_was_refused() -> Non
     assert cv.started_at_s == pytest.approx(end_s - 23 * FRAME_S)
     assert len(cv.taken_in) == 24
     assert cv.rejections_in_a_row == 0
-
-
-def test_an_accepted_observation_ends_the_count_of_refusals() -> None:
-    cv = ConstantVelocity()
-    end_s, _ = show_jumps(cv, 9)
-    cv.update(seen(end_s + FRAME_S, cv.forecast(end_s + FRAME_S).means_base_m[0]))
-    jump = cv.forecast(end_s + 2 * FRAME_S).means_base_m[0] + [0.0, 0.5, 0.0]
-    cv.update(seen(end_s + 2 * FRAME_S, jump))
-    assert cv.rejections_in_a_row == 1
-
-
-def test_the_head_of_a_refused_detection_does_not_bend_the_forecast():
-    """Another person, 3 m away and turned, is detected once: position and yaw both stay as they were."""
-    predictor = HeadPose(weight=1.0)
-    turned = np.array([np.cos(1.0), 0.0, 0.0, np.sin(1.0)])
-    straight = np.array([1.0, 0.0, 0.0, 0.0])
-    for k in range(30):
-        predictor.update(HeadObservation(k / 30, np.array([k / 30, 0.0, 0.4]), straight, straight))
-    predictor.update(HeadObservation(1.0, np.array([1.0, 3.0, 0.4]), turned, straight))
-    assert predictor.relative_yaw_rad() == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_person_in_a_sharp_turn_is_not_taken_for_somebody_else():

@@ -44,17 +44,6 @@ def test_the_edge_is_the_quantile_with_an_allowance_that_grows_with_the_gap(sinc
     assert not is_near(np.array([np.nan, 0.0, 0.0]), np.eye(3), since_s)
 
 
-def test_a_spike_within_a_frame_is_refused_and_the_same_step_after_a_gap_is_not() -> None:
-    def aside(time_s: float) -> FloatArray:
-        return person(time_s) + 0.2 * ASIDE_M
-
-    for gap_s, refused in ((0.0, 1), (0.4, 0)):
-        cv = ConstantVelocity()
-        show(cv, person, 0.0, 2.0)
-        show(cv, aside, 2.0 + gap_s, 2.0 + gap_s + 1 / 30)
-        assert cv.rejections_in_a_row == refused
-
-
 def test_spikes_are_refused_and_nothing_else() -> None:
     """10 % of the frames of a minute, 0.2 to 0.5 m."""
     rng, cv, wrong, good = np.random.default_rng(1), ConstantVelocity(), [], []

@@ -1,4 +1,4 @@
-"""Head pose: the paper's equations by hand, and what becomes of the yaw where it is not known."""
+"""Head pose: the paper's equations by hand; the yaw from waist or travel, and with its mean removed."""
 
 import numpy as np
 import pytest
@@ -67,20 +67,11 @@ def test_the_last_yaw_is_good_for_half_a_second_only() -> None:
     assert head.relative_yaw_rad() == pytest.approx(-0.2)  # the old yaw is not in it
 
 
-def test_relative_yaw_is_filtered_across_pi() -> None:
-    """Measured at 180 deg +- 3 deg to either side; an average of the bare numbers would be near 0."""
-    head = HeadPose()
-    for i in range(40):
-        head.update(seen(i * FRAME_S, np.ones(3), head_yaw=np.pi + 0.05 * (-1) ** i))
-    estimate = head.relative_yaw_rad()
-    assert estimate is not None
-    assert abs(wrap_rad(estimate - np.pi)) < 0.05
-
-
-def test_relative_yaw_is_the_scalar_kalman_filter_of_a_random_walk() -> None:
-    """Head and waist both past pi, so that only the wrapped difference is small; psd 1 rad^2/s."""
+@pytest.mark.parametrize("centre", [0.3, np.pi])
+def test_relative_yaw_is_the_scalar_kalman_filter_of_a_random_walk(centre: float) -> None:
+    """Head and waist past pi, and a difference about pi; psd 1 rad^2/s."""
     rng = np.random.default_rng(5)
-    measured = 0.3 + 0.05 * rng.standard_normal(20)
+    measured = centre + 0.05 * rng.standard_normal(20)
     head = HeadPose(yaw_noise_rad=0.05)
     estimate, variance = measured[0], 0.05**2
     for i, angle in enumerate(measured):
@@ -89,7 +80,9 @@ def test_relative_yaw_is_the_scalar_kalman_filter_of_a_random_walk() -> None:
             variance += FRAME_S
             gain = variance / (variance + 0.05**2)
             estimate, variance = estimate + gain * (angle - estimate), (1 - gain) * variance
-        assert head.relative_yaw_rad() == pytest.approx(estimate, abs=1e-12)
+        relative = head.relative_yaw_rad()
+        assert relative is not None
+        assert wrap_rad(relative - estimate) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier() -> None:
@@ -104,3 +97,44 @@ def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier() -> None:
         _, x, _ = kalman.state()
         bent = x[3:] + Rotation.from_euler("z", yaw).apply(x[3:])
         np.testing.assert_allclose(head.forecast(1.5).means_base_m[0], x[:3] + 0.25 * bent, atol=1e-12)
+
+
+@pytest.mark.parametrize("waist_yaw", [None, -2.0])
+def test_yaw_from_travel_is_the_heads_turn_from_the_path(waist_yaw: float | None) -> None:
+    """Where the waist points, or whether it is known, does not matter."""
+    head, kalman = HeadPose(weight=1.0, yaw_from="travel"), ConstantVelocity()
+    end_s = turned_walk(head, 60, waist_yaw=waist_yaw)
+    turned_walk(kalman, 60)
+    assert head.relative_yaw_rad() == pytest.approx(np.radians(20.0), abs=1e-9)
+    now, ahead = kalman.forecast([end_s, end_s + 0.5]).means_base_m
+    expected = now + Rotation.from_euler("z", 20.0, degrees=True).apply(ahead - now)
+    np.testing.assert_allclose(head.forecast(end_s + 0.5).means_base_m[0], expected, atol=1e-9)
+
+
+def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed() -> None:
+    """The offset is that of the filtered yaw, frame by frame."""
+    with_offset, without = (HeadPose(offset_removed=removed) for removed in (False, True))
+    total = 0.0
+    for i in range(90):
+        angle = 0.3 + 0.2 * np.sin(i / 5)
+        for predictor in (with_offset, without):
+            predictor.update(seen(i * FRAME_S, np.array([2.0, 0.01 * i, 0.4]), 1.0 + angle, 1.0))
+        filtered, time_s = with_offset.relative_yaw_rad(), i * FRAME_S
+        total += filtered or 0.0
+        expected = (filtered or 0.0) - total / (i + 1) * time_s / (time_s + 0.5)
+        assert without.relative_yaw_rad() == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_new_track_forgets_the_offset_of_the_old_one() -> None:
+    """Refusals for 0.75 s, then a track 5 m away whose head is turned the other way: its own mean alone is removed."""
+    head = HeadPose(yaw_from="travel", offset_removed=True)
+    end_s = turned_walk(head, 90)
+    start_s = end_s + FRAME_S
+    last_s = turned_walk(head, 100, np.radians(-10.0), start_s=start_s, start_m=(2.0, 6.0, 0.4))
+    expected = np.radians(-10.0) * 0.5 / (last_s - start_s + 0.5)  # the new track has what was refused
+    assert head.relative_yaw_rad() == pytest.approx(expected, abs=np.radians(0.1))
+    head.reset()
+    turned_walk(head, 30)
+    fresh = HeadPose(yaw_from="travel", offset_removed=True)
+    turned_walk(fresh, 30)
+    assert head.relative_yaw_rad() == fresh.relative_yaw_rad()

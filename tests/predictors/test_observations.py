@@ -1,20 +1,11 @@
 """Observations and orientations: what is refused, and headings."""
 
-import ast
-import subprocess
-import sys
 from dataclasses import FrozenInstanceError
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
-import predictors
 from predictors import Forecast, HeadObservation
-from predictors.geometry import wrap_rad, yaw_rad
 
 GOOD = np.array([1.0, 2.0, 3.0])
 QUAT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -47,39 +38,6 @@ def test_observation_takes_plain_lists_and_is_frozen() -> None:
     assert observation.pelvis_quat_wxyz is None
     with pytest.raises(FrozenInstanceError):
         observation.capture_time_s = 1.0  # type: ignore[misc]
-
-
-@given(yaw=st.floats(-np.pi, np.pi), pitch=st.floats(-1.5, 1.5), roll=st.floats(-np.pi, np.pi))
-def test_yaw_is_the_heading_of_the_forward_axis(yaw: float, pitch: float, roll: float) -> None:
-    rotation = Rotation.from_euler("ZYX", [yaw, pitch, roll])
-    x, y, _ = rotation.apply([1.0, 0.0, 0.0])
-    quat = rotation.as_quat(scalar_first=True)
-    assert abs(wrap_rad(yaw_rad(quat) - np.arctan2(y, x))) < 1e-9
-    assert abs(wrap_rad(yaw_rad(-quat) - yaw)) < 1e-9
-
-
-@given(angle=st.floats(-50, 50))
-def test_wrapped_angle_is_the_same_direction_within_half_a_turn(angle: float) -> None:
-    wrapped = wrap_rad(angle)
-    assert -np.pi < wrapped <= np.pi
-    assert np.exp(1j * wrapped) == pytest.approx(np.exp(1j * angle), abs=1e-12)
-
-
-def test_wrap_keeps_plus_pi() -> None:
-    assert wrap_rad(np.pi) == wrap_rad(-np.pi) == np.pi
-
-
-def test_predictors_know_nothing_of_gaze() -> None:
-    """Neither in an import statement anywhere in the package, nor by what an import pulls in."""
-    folder = Path(predictors.__file__).parent
-    for file in folder.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert not {"gazempc", "experiments"} & {name.split(".")[0] for name in names}, file.name
-    code = "import sys, predictors; print([m for m in sys.modules if m.split('.')[0] in ('gazempc', 'filterpy')])"
-    done = subprocess.run([sys.executable, "-c", code], cwd=folder.parent, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_a_forecast_may_be_made_of_lists():

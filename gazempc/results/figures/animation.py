@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Ellipse
@@ -17,11 +15,10 @@ from PIL import Image
 
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.contact import CONTACT_DEG
-from gazempc.results.figures.known import parts, shown_head
-from gazempc.results.figures.people import draw_turns, has_attention, looks_away, person_colour, turns
+from gazempc.results.figures.known import running_contact, shown_head
 from gazempc.results.figures.style import CONTACT_COLOUR, Logs, Style, recording_title, styles
 from gazempc.results.log import Log
-from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
+from gazempc.results.metrics import gaze_error_deg
 from gazempc.types import FloatArray
 
 # GIF counts time in hundredths of a second, so only a frame period of whole hundredths plays in real time.
@@ -29,15 +26,11 @@ FRAME_MS = 100
 # Time to read the final figures before the animation starts again.
 LAST_FRAME_MS = 1500
 _HEAD_WIDTH_M, _HEAD_HEIGHT_M = 0.16, 0.23
-_FIELD_DEG, _PART_FIELD_DEG = 20.0, 18.5
+_FIELD_DEG = 20.0
 _DPI = 100
 _PANEL_PX, _SIDE_PX, _BELOW_PX, _HEIGHT_PX = 225, 9, 46, 300
-# Among several people a time line stands below each view.
-_TIME_LINE_PX, _TIME_LINE_ROOM_PX = 9, 18
 _COLOURS = 96
 _NO_CONTACT_COLOUR = "0.6"
-# Where head and body point.
-_SHAPES = {"s": "Square", "^": "Triangle"}
 
 
 def head_offset_deg(log: Log) -> FloatArray:
@@ -63,34 +56,6 @@ def head_offset_deg(log: Log) -> FloatArray:
     return offset
 
 
-def part_offsets_deg(log: Log) -> dict[str, tuple[str, FloatArray]]:
-    """Where head and body point, as the robot's eye sees it: label -> marker and offset as of `head_offset_deg`."""
-    eye, _ = gaze_ray(log.neck.geometry, log.joint_position_rad)
-    found = {}
-    for part in parts(log):
-        there = replace(log, head_true_base_m=eye + part.direction)
-        found[part.label] = part.marker, head_offset_deg(there)
-    return found
-
-
-def running_contact(log: Log) -> FloatArray:
-    """Share of the scored window up to each tick in which there was eye contact.
-
-    Args:
-        log: The run.
-
-    Returns:
-        Shares, shape (M,); NaN before the window begins. The last one is the eye contact of `measure`.
-    """
-    error_deg = gaze_error_deg(log)
-    scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(error_deg) & ~log.looks_away
-    if not scored.any():
-        scored[-1] = True
-    contact = scored & (error_deg <= CONTACT_DEG[0])
-    ticks = np.cumsum(scored)
-    return np.where(ticks > 0, np.cumsum(contact) / np.maximum(ticks, 1), np.nan)
-
-
 def frame_times(length_s: float) -> FloatArray:
     """Times that are shown: every `FRAME_MS`, and the end.
 
@@ -105,41 +70,14 @@ def frame_times(length_s: float) -> FloatArray:
     return np.append(np.arange(0.0, length_s - 0.5 * period_s, period_s), length_s)
 
 
-class _TimeLine:
-    """The attended person, in the view and below it."""
-
-    def __init__(self, view: Axes, line: Axes, log: Log) -> None:
-        length_s = float(log.time_s[-1] - log.time_s[0])
-        draw_turns(line, log, 0.0, 1.0, letters=0)
-        line.set(xlim=(0.0, length_s), ylim=(-0.5, 0.5), xticks=[], yticks=[])
-        line.spines[:].set_visible(False)
-        self._now = line.axvline(0.0, color="k", lw=1.5)
-        self._turns, self._away = turns(log), looks_away(log)
-        self._text = view.text(0.03, 0.97, "", transform=view.transAxes, ha="left", va="top", fontsize=8.5, zorder=10)
-
-    def show(self, at_s: float) -> None:
-        """Move to a time, seconds from the start."""
-        self._now.set_xdata([at_s, at_s])
-        turn = next((turn for turn in reversed(self._turns) if turn.from_s <= at_s), None)
-        away = next((why for from_s, to_s, why in self._away if from_s <= at_s <= to_s), "")
-        number, text = (turn.number, turn.texts[0]) if turn else (0, "no person")
-        self._text.set_text(f"person {number}, looks away: {away}" if away and number else text)
-        self._text.set_bbox({"fc": person_colour(number), "ec": "none", "pad": 1.5})
-
-
 class _Panel:
     """One controller's view. Artists are made once and moved, which is much faster than drawing anew."""
 
-    def __init__(self, figure: Figure, left_px: float, look: Style, log: Log, with_people: bool) -> None:
+    def __init__(self, figure: Figure, left_px: float, look: Style, log: Log) -> None:
         width_px, height_px = figure.get_size_inches() * _DPI
         side_px, left = _PANEL_PX - 2 * _SIDE_PX, (left_px + _SIDE_PX) / width_px
-        below_px = _BELOW_PX + with_people * _TIME_LINE_ROOM_PX
-        box = (left, below_px / height_px, side_px / width_px, side_px / height_px)
+        box = (left, _BELOW_PX / height_px, side_px / width_px, side_px / height_px)
         self._ax = ax = figure.add_axes(box, facecolor="#F4F6F8")
-        self._people: _TimeLine | None = None
-        if with_people:
-            box = (left, (_BELOW_PX - 4) / height_px, side_px / width_px, _TIME_LINE_PX / height_px)
-            self._people = _TimeLine(ax, figure.add_axes(box), log)
         ax.set(xlim=(-_FIELD_DEG, _FIELD_DEG), ylim=(-_FIELD_DEG, _FIELD_DEG), xticks=[], yticks=[])
         label_box = {"fc": look.colour, "alpha": 0.4, "ec": "none", "pad": 1.5}
         ax.set_title(look.label, fontsize=9.5, pad=6, bbox=label_box)
@@ -163,15 +101,10 @@ class _Panel:
         for zorder, patch in enumerate(features, start=2):
             patch.set(transform=to_field, zorder=zorder)
             ax.add_artist(patch)
-        self._parts = [
-            (ax.plot([], [], marker, mfc="none", mec=look.colour, mew=1.6, ms=8, zorder=9)[0], offset_deg)
-            for marker, offset_deg in part_offsets_deg(log).values()
-        ]
         self._pointer = ax.plot([], [], color="#B0603A", lw=4, solid_capstyle="butt")[0]
         self._cone = ax.add_patch(Circle((0, 0), CONTACT_DEG[0], fill=False, lw=1.6, zorder=8))
         ax.plot(0, 0, "+", color="0.35", ms=6, mew=0.8, zorder=1)
-        lower = _TIME_LINE_ROOM_PX / side_px if with_people else 0.0
-        self._text = ax.text(0.5, -0.05 - lower, "", transform=ax.transAxes, ha="center", va="top", fontsize=9)
+        self._text = ax.text(0.5, -0.05, "", transform=ax.transAxes, ha="center", va="top", fontsize=9)
 
     def show(self, at_s: float) -> None:
         """Move everything to a time, seconds from the start."""
@@ -183,14 +116,8 @@ class _Panel:
         beyond = max(abs(x), abs(y)) / _FIELD_DEG
         ends = np.array([0.86, 0.97]) / beyond if beyond > 1.0 else np.array([])
         self._pointer.set_data(x * ends, y * ends)
-        for marker, offset_deg in self._parts:
-            # What points out of view is shown at the edge.
-            edge = max(1.0, float(np.max(np.abs(offset_deg[tick]))) / _PART_FIELD_DEG)
-            marker.set_data(*(offset_deg[tick, :, None] / edge))
         share = self._share[tick]
         self._text.set_text("not scored yet" if np.isnan(share) else f"eye contact {100 * share:.0f} %")
-        if self._people is not None:
-            self._people.show(at_s)
         self.frame(bool(self._contact[tick]))
 
     def frame(self, contact: bool) -> None:
@@ -210,33 +137,18 @@ def animate(logs: Logs, path: Path) -> None:
     """
     # At least two panels wide, so that the title has room.
     width_px = _PANEL_PX * max(len(logs), 2)
-    with_people = has_attention(logs)
-    height_px = _HEIGHT_PX + with_people * _TIME_LINE_ROOM_PX
-    figure = Figure(figsize=(width_px / _DPI, height_px / _DPI), dpi=_DPI)
+    figure = Figure(figsize=(width_px / _DPI, _HEIGHT_PX / _DPI), dpi=_DPI)
     canvas = FigureCanvasAgg(figure)
     left_px = (width_px - _PANEL_PX * len(logs)) / 2
     looks = styles(logs)
-    panels = [
-        _Panel(figure, left_px + i * _PANEL_PX, looks[name], log, with_people)
-        for i, (name, log) in enumerate(logs.items())
-    ]
+    panels = [_Panel(figure, left_px + i * _PANEL_PX, looks[name], log) for i, (name, log) in enumerate(logs.items())]
     edge = _SIDE_PX / width_px
     figure.text(edge, 0.975, recording_title(logs), va="top", fontsize=9.5)
     clock = figure.text(1 - edge, 0.975, "", va="top", ha="right", fontsize=9.5)
     view = f"The robot's view, ±{_FIELD_DEG:g}°. Circle: eye contact, ±{CONTACT_DEG[0]:g}°."
     if any(shown_head(log).rare for log in logs.values()):
         view = f"View ±{_FIELD_DEG:g}°, circle ±{CONTACT_DEG[0]:g}°. Between the rare frames the head is on a line."
-    shapes = {part.label: part.marker for log in logs.values() for part in parts(log)}
-    view += "".join(f" {_SHAPES[marker]}: {label}." for label, marker in shapes.items())
-    figure.text(
-        0.5,
-        0.015,
-        view,
-        ha="center",
-        va="bottom",
-        fontsize=8.5,
-        color="0.35",
-    )
+    figure.text(0.5, 0.015, view, ha="center", va="bottom", fontsize=8.5, color="0.35")
 
     def picture() -> Image.Image:
         canvas.draw()  # type: ignore[no-untyped-call]

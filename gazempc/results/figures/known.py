@@ -10,12 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gazempc.errors import LeftOutError
 from gazempc.neck.kinematics import gaze_ray, head_angles_rad
 from gazempc.recordings.recording import truth_of
+from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures.style import DPI, Logs, recording_title, setup_title
 from gazempc.results.log import Log
-from gazempc.results.metrics import gaze_error_deg, measure
+from gazempc.results.metrics import gaze_error_deg, scored_ticks
 from gazempc.types import BoolArray, FloatArray
 
 # Of what points elsewhere than the gaze; its colour is that of its controller.
@@ -32,7 +32,6 @@ class Part:
         direction: Where it points in the base frame at each tick, shape (M, 3), unit; NaN where it is not known.
         line: Line style, as matplotlib takes it.
         line_name: Name of the line style.
-        marker: Marker, as matplotlib takes it.
         level: Whether it turns about the vertical only.
     """
 
@@ -40,7 +39,6 @@ class Part:
     direction: FloatArray
     line: Any
     line_name: str
-    marker: str
     level: bool
 
 
@@ -57,35 +55,21 @@ def parts(log: Log) -> tuple[Part, ...]:
     found = []
     if neck.eyes is not None:
         _, direction = gaze_ray(neck.geometry, head_angles_rad(joints))
-        found.append(Part("robot's head", direction, HEAD_LINE, "dashed", "s", level=False))
+        found.append(Part("robot's head", direction, HEAD_LINE, "dashed", level=False))
     if neck.body is not None:
         yaw = joints[:, neck.joint_names.index("body_yaw")]
         forward = np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=-1)
-        found.append(Part("robot's body", forward, _BODY_LINE, "dotted", "^", level=True))
+        found.append(Part("robot's body", forward, _BODY_LINE, "dotted", level=True))
     return tuple(found)
 
 
 def head_alone(log: Log) -> Log | None:
-    """The run as if the eyes looked where the head points; None for a neck without eyes."""
-    neck = log.neck
-    if neck.eyes is None:
+    """The run as if the eyes looked where the head points, for its gaze error; None for a neck without eyes."""
+    if log.neck.eyes is None:
         return None
-    plain = neck.model_copy(update={"eyes": None, "body": None})
-    return replace(
-        log,
-        run=log.run.model_copy(update={"neck": plain}),
-        joint_position_rad=head_angles_rad(log.joint_position_rad),
-        joint_velocity_rad_s=head_angles_rad(log.joint_velocity_rad_s),
-        command_position_rad=head_angles_rad(log.command_position_rad),
-        command_velocity_rad_s=head_angles_rad(log.command_velocity_rad_s),
-        command_acceleration_rad_s2=head_angles_rad(log.command_acceleration_rad_s2),
-    )
-
-
-def head_error_deg(log: Log) -> FloatArray | None:
-    """Angle between where the head points and the true head, shape (M,), degrees; None for a neck without eyes."""
-    alone = head_alone(log)
-    return None if alone is None else gaze_error_deg(alone)
+    plain = log.neck.model_copy(update={"eyes": None, "body": None})
+    run = log.run.model_copy(update={"neck": plain})
+    return replace(log, run=run, joint_position_rad=head_angles_rad(log.joint_position_rad))
 
 
 # So large is a point that stands alone, points.
@@ -151,12 +135,19 @@ def draw_known(ax: Axes, x: FloatArray, y: FloatArray, head: ShownHead, **look: 
     ax.plot(x[alone], y[alone], **(look | {"ls": "", "marker": "o", "ms": _POINT}))
 
 
-def contact_share(log: Log) -> float:
-    """Share of the scored window with eye contact; NaN where nothing can be scored."""
-    try:
-        return measure(log).eye_contact_2p6
-    except LeftOutError:
-        return np.nan
+def running_contact(log: Log) -> FloatArray:
+    """Share of the scored window up to each tick with eye contact.
+
+    Args:
+        log: The run.
+
+    Returns:
+        Shares, shape (M,); NaN before the window begins. The last one is the eye contact of `measure`.
+    """
+    error_deg = gaze_error_deg(log)
+    scored = scored_ticks(log, error_deg)
+    ticks = np.cumsum(scored)
+    return np.where(ticks > 0, np.cumsum(scored & (error_deg <= CONTACT_DEG[0])) / np.maximum(ticks, 1), np.nan)
 
 
 def known_title(logs: Logs) -> str:

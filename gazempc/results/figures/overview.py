@@ -12,38 +12,9 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 
 from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.figures import known, people, style
 from gazempc.results.figures.birds_eye import draw_birds_eye
-from gazempc.results.figures.known import (
-    HEAD_LINE,
-    Part,
-    contact_share,
-    draw_known,
-    finish,
-    head_alone,
-    head_error_deg,
-    known_title,
-    shown_head,
-)
-from gazempc.results.figures.people import (
-    are_alike,
-    away_in_all,
-    draw_turns,
-    has_attention,
-    person_colour,
-    question,
-    turns,
-)
-from gazempc.results.figures.style import (
-    CONTACT_COLOUR,
-    DPI,
-    Logs,
-    readable,
-    recording_title,
-    say,
-    setup_title,
-    shade_unscored,
-    styles,
-)
+from gazempc.results.figures.style import Logs
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg
 
@@ -59,36 +30,28 @@ def draw_gaze_error(ax: Axes, logs: Logs) -> bool:
         Whether the error of the robot's head alone is drawn, too, as of a neck with eyes.
     """
     cone_deg = CONTACT_DEG[0]
-    ax.axhspan(0.0, cone_deg, color=CONTACT_COLOUR, alpha=0.28, lw=0)
+    ax.axhspan(0.0, cone_deg, color=style.CONTACT_COLOUR, alpha=0.28, lw=0)
     ax.text(1.01, cone_deg, f"{cone_deg:g}°", transform=ax.get_yaxis_transform(), va="center", color="#00664B")
     top, end_s = 0.0, 0.0
-    looks, heads_alone = styles(logs), False
+    looks, heads_alone = style.styles(logs), False
     for name, log in logs.items():
-        look, head = looks[name], shown_head(log)
+        look, head = looks[name], known.shown_head(log)
         shown = head.log if head.rare else log
-        error, alone = gaze_error_deg(shown), head_error_deg(shown)
+        error, alone = gaze_error_deg(shown), known.head_alone(shown)
         time_s = log.time_s - log.time_s[0]
-        if alone is not None and np.isfinite(alone).any():
-            ax.plot(time_s, alone, color=look.colour, lw=1.1, ls=HEAD_LINE)
-            top, heads_alone = max(top, float(np.nanmax(alone))), True
+        of_head = np.empty(0) if alone is None else gaze_error_deg(alone)
+        if np.isfinite(of_head).any():
+            ax.plot(time_s, of_head, color=look.colour, lw=1.1, ls=known.HEAD_LINE)
+            top, heads_alone = max(top, float(np.nanmax(of_head))), True
         if np.isfinite(error).any():
-            draw_known(ax, time_s, error, head, color=look.colour, lw=look.width)
+            known.draw_known(ax, time_s, error, head, color=look.colour, lw=look.width)
         top, end_s = max(top, float(np.nanmax(error, initial=0.0))), max(end_s, float(time_s[-1]))
-    _say_if_unknown(ax, logs)
-    shade_unscored(ax, end_s, away_in_all(logs))
+    if not top:
+        unknown = not any(np.isfinite(log.head_true_base_m).any() for log in logs.values())
+        style.say(ax, f"no gaze error: {'the true head is unknown' if unknown else 'the joints were not read'}")
+    style.shade_unscored(ax, end_s, people.away_in_all(logs))
     ax.set(xlim=(0.0, end_s), ylim=(0.0, max(1.05 * top, 8.0)), xlabel="time (s)", ylabel="gaze error (deg)")
     return heads_alone
-
-
-def _say_if_unknown(ax: Axes, logs: Logs) -> None:
-    """Say in the place of gaze errors why there are none."""
-    if not any(np.isfinite(log.head_true_base_m).any() for log in logs.values()):
-        why = "no gaze error: the true head is unknown"
-    elif not any(np.isfinite(gaze_error_deg(log)).any() for log in logs.values()):
-        why = "no gaze error: the joints were not read"
-    else:
-        return
-    say(ax, why)
 
 
 _ATTENDED_WIDTH = 8.0
@@ -104,23 +67,23 @@ def attended(logs: Logs, path: Path) -> None:
         logs: The runs.
         path: Picture to write.
     """
-    with readable(_ATTENDED_WIDTH):
-        figure = Figure(figsize=(_ATTENDED_WIDTH, 1.6 + 0.8 * len(logs)), dpi=DPI, layout="constrained")
+    with style.readable(_ATTENDED_WIDTH):
+        figure = Figure(figsize=(_ATTENDED_WIDTH, 1.6 + 0.8 * len(logs)), dpi=style.DPI, layout="constrained")
         ax = figure.subplots()
-        looks, end_s = styles(logs), 0.0
+        looks, end_s = style.styles(logs), 0.0
         for row, (_, log) in enumerate(logs.items()):
-            draw_turns(ax, log, -float(row), _WHO, _ATTENDED_LETTERS)
+            people.draw_turns(ax, log, -float(row), _WHO, _ATTENDED_LETTERS)
             _draw_contact(ax, log, -row - 0.5 * _WHO - _CONTACT)
             end_s = max(end_s, float(log.time_s[-1] - log.time_s[0]))
         ax.set_yticks([-float(row) for row in range(len(logs))], [looks[name].label for name in logs])
         ax.set(xlim=(0.0, end_s), ylim=(0.45 - len(logs), 0.4), xlabel="time (s)")
-        numbers = sorted({turn.number for log in logs.values() for turn in turns(log)} - {0})
-        legend = [Patch(color=person_colour(number), label=f"person {number}") for number in numbers]
+        numbers = sorted({turn.number for log in logs.values() for turn in people.turns(log)} - {0})
+        legend = [Patch(color=people.person_colour(number), label=f"person {number}") for number in numbers]
         legend.append(Patch(facecolor="w", edgecolor="k", hatch="////", label="looks away"))
         if any(np.isfinite(gaze_error_deg(log)).any() for log in logs.values()):
-            legend.append(Patch(color=CONTACT_COLOUR, label=f"contact (within {CONTACT_DEG[0]:g} deg)"))
+            legend.append(Patch(color=style.CONTACT_COLOUR, label=f"contact (within {CONTACT_DEG[0]:g} deg)"))
         figure.legend(handles=legend, loc="outside lower center", ncols=4, frameon=False)
-        finish(figure, logs, path)
+        known.finish(figure, logs, path)
 
 
 def _draw_contact(ax: Axes, log: Log, at: float) -> None:
@@ -129,7 +92,7 @@ def _draw_contact(ax: Axes, log: Log, at: float) -> None:
     edges = np.flatnonzero(np.diff(contact, prepend=False, append=False))
     times_s = np.append(log.time_s, end_s) - start_s
     spans = [(times_s[a], times_s[b] - times_s[a]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    ax.broken_barh(spans, (at, _CONTACT), color=CONTACT_COLOUR, lw=0)
+    ax.broken_barh(spans, (at, _CONTACT), color=style.CONTACT_COLOUR, lw=0)
 
 
 _OVERVIEW_WIDTH = 32 / 3
@@ -150,19 +113,20 @@ def draw_contact_bars(ax: Axes, logs: Logs) -> None:
         ax: Axes to draw on.
         logs: The runs.
     """
-    looks = styles(logs)
+    looks = style.styles(logs)
     for row, (name, log) in enumerate(logs.items()):
-        alone, colour = head_alone(log), looks[name].colour
+        alone, colour, share = known.head_alone(log), looks[name].colour, known.running_contact(log)[-1]
         # Below the gaze of eyes and head together that of the head, if the eyes looked where it points.
         height, at = (0.72, float(row)) if alone is None else (0.44, row - 0.14)
-        _bar(ax, at, height, contact_share(log), {"color": colour}, {"fontsize": "large", "fontweight": "bold"})
+        _bar(ax, at, height, share, {"color": colour}, {"fontsize": "large", "fontweight": "bold"})
         if alone is not None:
             hatched = {"facecolor": "none", "edgecolor": colour, "hatch": "////"}
-            text = _bar(ax, row + 0.24, 0.24, contact_share(alone), hatched, {"fontsize": "small"})
+            share = known.running_contact(alone)[-1]
+            text = _bar(ax, row + 0.24, 0.24, share, hatched, {"fontsize": "small"})
             text.set_text(f"{text.get_text()}, the head alone")
-            if contact_share(alone) > _LONG_BAR:
+            if share > _LONG_BAR:
                 # Inside, as there is no room beside it.
-                text.set(x=98.0 * contact_share(alone), ha="right", bbox={"fc": "w", "ec": "none", "pad": 0.5})
+                text.set(x=98.0 * share, ha="right", bbox={"fc": "w", "ec": "none", "pad": 0.5})
     ax.set_yticks(range(len(logs)), [look.label.replace(" with ", "\nwith ") for look in looks.values()])
     ax.set_ylim(len(logs) - 0.4, -0.6)
     # Room for the figure beside a full bar.
@@ -178,12 +142,12 @@ def overview(logs: Logs, path: Path) -> None:
         path: Picture to write, 1600 x 900 pixels.
     """
     # Few inches and many dots make letters that still read at half size.
-    with readable(_OVERVIEW_WIDTH):
-        figure = Figure(figsize=(_OVERVIEW_WIDTH, 6.0), dpi=DPI, layout="constrained")
+    with style.readable(_OVERVIEW_WIDTH):
+        figure = Figure(figsize=(_OVERVIEW_WIDTH, 6.0), dpi=style.DPI, layout="constrained")
         rows, heights = ["error", "bars"], [1.0, 0.25 + 0.13 * len(logs)]
-        people = _time_lines(logs) if has_attention(logs) else {}
-        if people:
-            rows, heights = ["people", *rows], [0.06 + 0.09 * len(people), *heights]
+        lines = _time_lines(logs) if people.has_attention(logs) else {}
+        if lines:
+            rows, heights = ["people", *rows], [0.06 + 0.09 * len(lines), *heights]
         # The right half has the names of the controllers.
         halves = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.3])
         column = halves[1].subgridspec(len(rows), 1, height_ratios=heights)
@@ -196,35 +160,35 @@ def overview(logs: Logs, path: Path) -> None:
             "; dashed: error of the head alone" if heads_alone else f" (within {CONTACT_DEG[0]:g}°); grey: not scored"
         )
         axes["error"].set_title(f"green: eye contact{legend}", fontsize="medium")
-        if people:
-            _draw_people(axes["people"], people, axes["error"].get_xlim())
+        if lines:
+            _draw_people(axes["people"], lines, axes["error"].get_xlim())
         draw_contact_bars(axes["bars"], logs)
-        about = f"{recording_title(logs)}; {setup_title(logs)}"
+        about = f"{style.recording_title(logs)}; {style.setup_title(logs)}"
         if len(about) > _LONGEST_TITLE:
-            about = f"{recording_title(logs)}\n{setup_title(logs)}"
-        lines = filter(None, (question(logs), about, known_title(logs)))
-        figure.suptitle("\n".join(lines))
-        figure.savefig(path, dpi=DPI)
+            about = f"{style.recording_title(logs)}\n{style.setup_title(logs)}"
+        titles = filter(None, (people.question(logs), about, known.known_title(logs)))
+        figure.suptitle("\n".join(titles))
+        figure.savefig(path, dpi=style.DPI)
 
 
 def _time_lines(logs: Logs) -> dict[str, Log]:
     """Whose time lines are drawn: one of all gazes where these are alike."""
-    if are_alike(logs):
+    if people.are_alike(logs):
         return {"": next(iter(logs.values()))}
-    return {look.label.split(" with ")[0]: logs[name] for name, look in styles(logs).items()}
+    return {look.label.split(" with ")[0]: logs[name] for name, look in style.styles(logs).items()}
 
 
-def _draw_people(ax: Axes, people: dict[str, Log], shown_s: tuple[float, float]) -> None:
-    for row, log in enumerate(people.values()):
-        draw_turns(ax, log, float(row), 0.9, _LETTERS)
+def _draw_people(ax: Axes, lines: dict[str, Log], shown_s: tuple[float, float]) -> None:
+    for row, log in enumerate(lines.values()):
+        people.draw_turns(ax, log, float(row), 0.9, _LETTERS)
     ax.set_title("attended person; hatched: looks away", fontsize="medium")
-    ax.set_yticks(range(len(people)), list(people) if len(people) > 1 else [""] * len(people))
+    ax.set_yticks(range(len(lines)), list(lines) if len(lines) > 1 else [""] * len(lines))
     ax.tick_params(left=False)
-    ax.set(xticks=[], xlim=shown_s, ylim=(len(people) - 0.5, -0.5))
+    ax.set(xticks=[], xlim=shown_s, ylim=(len(lines) - 0.5, -0.5))
     ax.spines[:].set_visible(False)
 
 
-def _walk_title(beside: tuple[Part, ...]) -> str:
+def _walk_title(beside: tuple[known.Part, ...]) -> str:
     if not beside:
         return "the walk from above, and where the robot looks"
     lines = (f"{part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)

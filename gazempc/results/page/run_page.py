@@ -13,17 +13,9 @@ from gazempc.neck.spec import Axis, NeckSpec
 from gazempc.recordings.recording import truth_of
 from gazempc.results.attention import WORDS, measure_attention
 from gazempc.results.contact import CONTACT_DEG
-from gazempc.results.figures.people import (
-    are_alike,
-    away_in_all,
-    has_attention,
-    looks_away,
-    person_colour,
-    question,
-    turns,
-)
+from gazempc.results.figures import people
 from gazempc.results.figures.style import COLOURS, styles
-from gazempc.results.log import Log
+from gazempc.results.log import Fault, Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.results.page.content import Chart, Curve, Page, PageTable, Span, Unusual
 from gazempc.results.run_summary import label
@@ -51,10 +43,10 @@ def error_chart(logs: Mapping[str, Log]) -> Chart:
 
 def _people(logs: Mapping[str, Log]) -> Iterator[Span]:
     """Times without contact due, and the attended people, where these are alike."""
-    yield from (Span(from_s, to_s, "looks away") for from_s, to_s in away_in_all(logs))
-    if any(log.attended_time_s.size for log in logs.values()) and are_alike(logs):
-        for turn in turns(next(iter(logs.values()))):
-            yield Span(turn.from_s, turn.to_s, turn.texts[0], person_colour(turn.number))
+    yield from (Span(from_s, to_s, "looks away") for from_s, to_s in people.away_in_all(logs))
+    if any(log.attended_time_s.size for log in logs.values()) and people.are_alike(logs):
+        for turn in people.turns(next(iter(logs.values()))):
+            yield Span(turn.from_s, turn.to_s, turn.texts[0], people.person_colour(turn.number))
 
 
 def joints_chart(log: Log) -> Chart:
@@ -88,15 +80,15 @@ def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
     Returns:
         The metrics, and the time line of the last run; nothing where the gaze was for one person all the time.
     """
-    if not has_attention(logs):
+    if not people.has_attention(logs):
         return ()
     found = [asdict(measure_attention(log)) for log in logs.values()]
     known = [name for name in WORDS if any(np.isfinite(each[name]) for each in found)]
     rows = tuple((WORDS[name][0], *(_cell(WORDS[name][1] * each[name]) for each in found)) for name in known)
     of_each = PageTable("People and looks away", ("", *map(label, logs)), rows)
     name, log = list(logs.items())[-1]
-    attended = [(turn.from_s, turn.to_s, turn.texts[0]) for turn in turns(log)]
-    away = [(from_s, to_s, f"looks away: {why}") for from_s, to_s, why in looks_away(log)]
+    attended = [(turn.from_s, turn.to_s, turn.texts[0]) for turn in people.turns(log)]
+    away = [(from_s, to_s, f"looks away: {why}") for from_s, to_s, why in people.looks_away(log)]
     lines = tuple((f"{from_s:.2f}", f"{to_s:.2f}", what) for from_s, to_s, what in sorted(attended + away))
     note = f"The first {_MOST_ROWS} of {len(lines)}; all are in the log." if len(lines) > _MOST_ROWS else ""
     heading = f"Whom the gaze was for: {label(name)}"
@@ -153,7 +145,7 @@ def run_page(
         unusual += unusual_of(log, meanings, f"{label(name)}: " if len(logs) > 1 else "")
     return Page(
         title=f"Gaze on {first.run.recording}",
-        question=question(logs),
+        question=people.question(logs),
         answer=(sentence(repeats),),
         setup=setup_of(first) | {"noise": _noise(seeds)},
         tables=(PageTable("", ("", *names), rows), *people_tables(logs)),
@@ -206,21 +198,27 @@ def unusual_of(log: Log, meanings: Mapping[str, str], whose: str = "") -> list[U
         if event in _USUAL:
             continue
         times_s = log.event_time_s[log.event_name == event] - log.time_s[0]
-        fault = faults.get(event)
-        times = f"{fault.count if fault else times_s.size} x"
         each = ", ".join(f"{time_s:.2f}" for time_s in times_s[:_TIMES_TOLD])
         when = f" at {each}{', ...' if times_s.size > _TIMES_TOLD else ''} s" if times_s.size else ""
-        text = ": ".join(filter(None, (meanings.get(event, ""), fault.error if fault else "")))
-        found.append(Unusual(f"{whose}{event}, {times}{when}", text, fault.traceback if fault else ""))
+        found.append(_of_event(event, times_s.size, meanings, faults.get(event), whose, when))
     return found
+
+
+def _of_event(
+    event: str, count: int, meanings: Mapping[str, str], fault: Fault | None, whose: str = "", when: str = ""
+) -> Unusual:
+    """An event, with the first exception behind it where there was one."""
+    if fault is None:
+        return Unusual(f"{whose}{event}, {count} x{when}", meanings.get(event, ""))
+    text = ": ".join(filter(None, (meanings.get(event, ""), fault.error)))
+    return Unusual(f"{whose}{event}, {fault.count} x{when}", text, fault.traceback)
 
 
 def captions(pictures: Iterable[Path]) -> dict[Path, str]:
     """Pictures of a run in reading order, with what each shows; others come last, with their file's name."""
     by_name = {path.name: path for path in pictures}
-    about = {name: _ABOUT[name] for name in _ABOUT if name in by_name}
-    about |= {name: path.stem.replace("_", " ") for name, path in by_name.items() if name not in _ABOUT}
-    return {by_name[name]: words for name, words in about.items()}
+    others = {name: path.stem.replace("_", " ") for name, path in by_name.items()}
+    return {by_name[name]: words for name, words in (_ABOUT | others | _ABOUT).items() if name in by_name}
 
 
 def _noise(seeds: Sequence[int]) -> str:
@@ -278,7 +276,7 @@ def live_page(
     chart = error_chart({log.run.controller: log}) if known else joints_chart(log)
     return Page(
         title=f"Live gaze from {log.run.recording}",
-        question=question({log.run.controller: log}),
+        question=people.question({log.run.controller: log}),
         answer=(answer,),
         setup=setup_of(log) | {"gaze": f"{log.run.controller}, predictor {log.run.predictor}", "log": of_log},
         tables=(*_live_tables(summary, of_log), *people_tables({log.run.controller: log})),
@@ -299,12 +297,10 @@ def _live_tables(summary: Mapping[str, Any], of_log: str) -> tuple[PageTable, ..
 
 def _live_rows(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     late, latency = summary["lateness_ms"], summary["end_to_end_latency_ms"]
-    yield "stopped by", summary["stopped_by"]
-    yield "ticks", str(summary["ticks"])
+    yield from (("stopped by", summary["stopped_by"]), ("ticks", str(summary["ticks"])))
     yield " skipped", str(summary["skipped_ticks"])
     yield from ((f" later than due, {name} [ms]", f"{late[name]:.2f}") for name in ("p50", "p99", "max"))
-    yield "observations", str(summary["observations"])
-    yield " used", str(summary["used"])
+    yield from (("observations", str(summary["observations"])), (" used", str(summary["used"])))
     yield from ((f" refused: {name}", str(count)) for name, count in summary["refused"].items())
     if latency["p50"] is not None:
         yield from ((f"from capture to command, {name} [ms]", f"{latency[name]:.0f}") for name in ("p50", "p99"))
@@ -315,10 +311,7 @@ def _live_unusual(summary: Mapping[str, Any], meanings: Mapping[str, str]) -> It
     if summary["limit_violations"]:
         yield Unusual(f"{summary['limit_violations']} violations of the neck's limits")
     yield from (Unusual(f"warning: {warning}") for warning in summary["warnings"])
-    faults = {fault["event"]: fault for fault in summary["faults"]}
+    faults = {fault["event"]: Fault(**fault) for fault in summary["faults"]}
     for event in dict.fromkeys([*summary["events"], *faults]):
-        fault = faults.get(event)
-        count = fault["count"] if fault else summary["events"][event]
-        text = ": ".join(filter(None, (meanings.get(event, ""), fault["error"] if fault else "")))
-        yield Unusual(f"{event}, {count} x", text, fault["traceback"] if fault else "")
+        yield _of_event(event, summary["events"].get(event, 0), meanings, faults.get(event))
     yield from (Unusual(f"not used: {problem}") for problem in summary["problems"])

@@ -5,10 +5,11 @@ from __future__ import annotations
 import base64
 import io
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -23,49 +24,29 @@ MAX_PAGE_BYTES = 3_000_000
 _TYPES = {".png": "image/png", ".gif": "image/gif"}
 
 
-@dataclass(frozen=True)
-class Embedded:
-    """A picture for a page.
-
-    Attributes:
-        name: Name of its file.
-        uri: The picture itself, as a data URI; empty where there was no room.
-        width: Pixels.
-        height: Pixels.
-    """
-
-    name: str
-    uri: str
-    width: int
-    height: int
-
-    @property
-    def moves(self) -> bool:
-        """Whether it is an animation."""
-        return self.name.endswith(".gif")
-
-
-def embed(paths: Iterable[Path], room_bytes: int) -> list[Embedded]:
+def embed(pictures: Mapping[Path, str], room_bytes: int) -> list[dict[str, Any]]:
     """Read pictures, the first ones first, as long as there is room.
 
     Args:
-        paths: PNG and GIF files.
+        pictures: PNG and GIF files, with what each shows.
         room_bytes: For all of them, encoded.
 
     Returns:
-        The pictures in the same order. Where the files are too large together, PNG files are taken in 256 colours.
+        Values of the template, in the same order; without data where there was no room. Where the files are too large
+        together, PNG files are taken in 256 colours.
     """
-    pictures = {path: path.read_bytes() for path in paths}
-    if sum(map(_encoded_bytes, pictures.values())) > room_bytes:
-        pictures = {path: _smaller(data) if path.suffix == ".png" else data for path, data in pictures.items()}
+    files = {path: path.read_bytes() for path in pictures}
+    if sum(map(_encoded_bytes, files.values())) > room_bytes:
+        files = {path: _smaller(data) if path.suffix == ".png" else data for path, data in files.items()}
     found = []
-    for path, data in pictures.items():
+    for path, data in files.items():
         with Image.open(io.BytesIO(data)) as image:
             width, height = image.size
         fits = _encoded_bytes(data) <= room_bytes
         room_bytes -= _encoded_bytes(data) if fits else 0
         uri = f"data:{_TYPES[path.suffix]};base64,{base64.b64encode(data).decode()}" if fits else ""
-        found.append(Embedded(path.name, uri, width, height))
+        size = {"width": width, "height": height}
+        found.append({"name": path.name, "about": pictures[path], "uri": uri, "moves": path.suffix == ".gif", **size})
     return found
 
 
@@ -115,8 +96,7 @@ def write_page(page: Page, out: Path) -> str:
     bare = template.render(**values, pictures=[])
     # Room for the pictures' captions.
     room_bytes = MAX_PAGE_BYTES - len(bare.encode()) - 500 * (len(page.pictures) + 1)
-    pictures = list(zip(embed(page.pictures, room_bytes), page.pictures.values(), strict=True))
-    text = template.render(**values, pictures=pictures)
+    text = template.render(**values, pictures=embed(page.pictures, room_bytes))
     write_whole(out / NAME, _PASSWORD.sub(r"\1***@", text))
     return NAME
 

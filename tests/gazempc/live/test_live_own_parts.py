@@ -45,33 +45,14 @@ def test_all_parts_may_be_one_s_own_and_have_options(own, tmp_path, capsys):
     assert f"robot {own}:Head" in capsys.readouterr().out
 
 
-@pytest.mark.slow
-def test_an_own_robot_is_given_what_a_shipped_one_is_and_does_the_same(own, tmp_path):
-    (tmp_path / "a").mkdir()
-    (tmp_path / "b").mkdir()
-    _, mine = run(tmp_path / "a", "--robot", f"{own}:Head")
-    _, shipped = run(tmp_path / "b", "--robot", "simulated")
-    np.testing.assert_array_equal(mine.command_position_rad, shipped.command_position_rad)
-    np.testing.assert_array_equal(mine.joint_position_rad, shipped.joint_position_rad)
-
-
 REFUSED = [
     (["--robot", "{own}:LackingRobot"], ["robot {own}:LackingRobot lacks the method send_command(position_rad"]),
     (["--source", "{own}:LackingSource"], ["source {own}:LackingSource lacks the method poll() -> Arrived"]),
-    (["--source", "{own}:Endless"], ["lacks the attribute finished"]),
-    (["--predictor", "{own}:Lacking"], ["lacks the method forecast(times_s"]),
-    (["--controller", "{own}:LackingController"], ["lacks the method forecast_times_s"]),
     (["--controller", "{own}:WrongPlan"], ["plan() returned NoneType", "Plan"]),
-    (["--predictor", "{own}:WrongShape"], ["forecast() of 3 times returned times of shape (2,)"]),
-    (["--predictor", "{own}:Raising"], ["its constructor raised OSError: no such model"]),
     (["--robot", "{own}:RaisingRobot"], ["needs 'port'", "--options.port VALUE", "neck, clock_s, clock, position_rad"]),
-    (["--robot", "{own}:RaisingRobot", "--options.port", "tty9"], ["raised OSError: no device at tty9"]),
     (["--robot", "{own}:Head", "--options.zero", "1"], ["options.zero: no chosen part takes it", "zero_deg"]),
     (["--robot", "{own}:Head", "--options.zero_deg", "far"], ["options.zero_deg", "'far'"]),
-    (["--options.port", "tty9"], ["options.port", "none is chosen"]),
-    (["--options.port"], ["--options.port: needs a value"]),
     (["--robot", "{own}:Hed"], ["has no 'Hed'", "'Head'"]),
-    (["--robot", "no_such_module:Head"], ["there is no module 'no_such_module'", "working directory"]),
     (["--robot", "{own}:RealHead"], ["--simulated-clock", "keeps_any_clock = True"]),
     (["--predictor", "perfect"], ["--predictor perfect"]),
 ]
@@ -87,11 +68,6 @@ def test_what_is_wrong_with_a_part_is_said_before_anything_moves(own, words, nam
         assert word.format(own=own) in complained
     assert "Traceback" not in complained
     assert not list(tmp_path.glob("out/*"))
-
-
-def test_an_own_real_robot_needs_a_neck_file(own, capsys):
-    assert main(["--source", "replay", "--robot", f"{own}:RealHead", "--no-figures"]) == 2
-    assert f"--neck: a real robot ({own}:RealHead) needs its own neck file" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -112,9 +88,7 @@ def test_a_robot_that_reads_wrong_shapes_is_not_moved(own, tmp_path, capsys):
             "robot_not_answering",
             "ValueError: read_state() returned position_rad",
         ),
-        ("--predictor", "Later", "forecast_failed", "TypeError: under way"),
         ("--source", "Failing", "source_failed", "ConnectionError: the tracker is gone"),
-        ("--source", "Nothing", "source_failed", "TypeError: poll() returned NoneType, needed is an Arrived"),
     ],
 )
 def test_what_fails_under_way_is_an_event_with_its_text_and_traceback(
@@ -190,15 +164,3 @@ def test_a_failure_before_the_first_tick_does_not_end_the_run(call, tmp_path, mo
     words = ["--source", "replay", f"--{part}", f"once_{call}:Once", "--duration-s", "1", "--simulated-clock"]
     assert main([*words, "--no-figures", "--out", str(tmp_path)]) == 0
     assert json.loads((tmp_path / "summary.json").read_text())["faults"] == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("option", "call"), [("--robot", "connect"), ("--source", "open")])
-def test_what_cannot_be_opened_is_said(own, option, call, tmp_path, monkeypatch, capsys):
-    base = "Head" if option == "--robot" else "Walker"
-    text = f"from {own} import {base}\nclass Shut({base}):\n    def {call}(self):\n        raise ValueError('no bus')\n"
-    (tmp_path / f"shut_{call}.py").write_text(text)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    words = [word for pair in ({"--source": "replay"} | {option: f"shut_{call}:Shut"}).items() for word in pair]
-    assert main([*words, "--simulated-clock", "--no-figures", "--out", str(tmp_path)]) == 2
-    assert f"{option[2:]}: {call}() raised ValueError: no bus" in capsys.readouterr().err

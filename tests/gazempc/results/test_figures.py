@@ -8,14 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders.replays import replayed
+from builders.attention import attention_log, error_in
+from builders.recordings import synthetic
+from builders.replays import QUICK, cut, replayed
+from matplotlib import colors
 from matplotlib.figure import Figure
-from PIL import Image
+from matplotlib.patches import Rectangle
+from PIL import Image, ImageSequence
+from scipy.spatial.transform import Rotation
 
+from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import gaze_ray
-from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
-from gazempc.recordings.recording import Recording, Track
+from gazempc.neck.spec import load_neck
 from gazempc.results.figures.angles import angles
 from gazempc.results.figures.animation import (
     FRAME_MS,
@@ -23,110 +27,36 @@ from gazempc.results.figures.animation import (
     animate,
     frame_times,
     head_offset_deg,
-    running_contact,
 )
 from gazempc.results.figures.birds_eye import draw_birds_eye
-from gazempc.results.figures.known import known_title, shown_head
-from gazempc.results.figures.overview import draw_contact_bars, draw_gaze_error, overview
+from gazempc.results.figures.known import known_title, parts, running_contact, shown_head
+from gazempc.results.figures.overview import attended, draw_contact_bars, draw_gaze_error, overview
+from gazempc.results.figures.people import are_alike, draw_turns, person_colour
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
+from gazempc.results.page.run_page import run_page
+from gazempc.results.table import measured_again
 
+EYES = load_neck("reference_eyes")
+ALL = EYES.model_copy(update={"name": "all", "body": load_neck("reachy_mini_body").body})
+ATTENDED = ((0.5, 1, "policy"), (4.0, 2, "left"), (8.0, 0, "nobody"))
+AWAY = ((5.0, 6.5, "thinking"),)
 CONTROLLERS = ("reactive", "lookahead", "mpc", "mpc+perfect")
 Logs = dict[str, Log]
 Draw = Callable[[Logs, Path], None]
 
 
-def _first_frames(recording: Recording, count: int, *, behind: bool = False) -> Recording:
-    turn = np.diag([-1.0, -1.0, 1.0]) if behind else np.eye(3)
-    track = recording.truth
-    cut = Track(
-        head_position_m=track.head_position_m[:count] @ turn,
-        head_quat_wxyz=track.head_quat_wxyz[:count],
-        pelvis_position_m=track.pelvis_position_m[:count] @ turn,
-        pelvis_quat_wxyz=track.pelvis_quat_wxyz[:count],
-        valid=track.valid[:count],
-    )
-    return replace(recording, times_s=recording.times_s[:count], truth=cut, measured=None)
-
-
-def _replay(recording: Recording, controllers: tuple[str, ...]) -> Logs:
-    placed = place(recording, "recorded", 2.5, 1.2)
-    return {name: replayed(placed, name) for name in controllers}
-
-
 @pytest.fixture(scope="module")
 def logs() -> Logs:
-    # 2.4 s: long enough to lose and regain eye contact in the scored window.
-    return _replay(_first_frames(load("subject03_R1"), 73), CONTROLLERS)
+    log = replayed(synthetic("subject03_R1"), "reactive", settings=QUICK)
+    short = cut(log, 0.0, 2.4)  # contact is lost and regained in the scored window
+    others = {name: replace(short, run=short.run.model_copy(update={"controller": name})) for name in CONTROLLERS}
+    return {**others, "mpc": replace(others["mpc"], joint_position_rad=0.9 * short.joint_position_rad)}
 
 
 def _pixels(path: Path) -> np.ndarray:
     with Image.open(path) as image:
         return np.asarray(image.convert("RGB"), dtype=float)
-
-
-@pytest.mark.parametrize("count", [1, 4])
-@pytest.mark.parametrize(
-    ("draw", "smallest"),
-    [(angles, (900, 700)), (overview, (1600, 900))],
-)
-def test_figure_is_a_picture_that_is_not_blank(
-    logs: Logs, draw: Draw, smallest: tuple[int, int], count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    figures: list[Figure] = []
-    save = Figure.savefig
-
-    def remember(figure: Figure, *args: object, **kwargs: object) -> None:
-        figures.append(figure)
-        save(figure, *args, **kwargs)
-
-    monkeypatch.setattr(Figure, "savefig", remember)
-    path = tmp_path / "figure.png"
-    draw(dict(list(logs.items())[-count:]), path)
-
-    pixels = _pixels(path)
-    height, width = pixels.shape[:2]
-    assert width >= smallest[0]
-    assert height >= smallest[1]
-    assert path.stat().st_size < 300_000
-    (figure,) = figures
-    assert figure.axes
-    for ax in figure.axes:
-        box = ax.get_position()
-        rows = slice(int((1 - box.y1) * height) + 5, int((1 - box.y0) * height) - 5)
-        columns = slice(int(box.x0 * width) + 5, int(box.x1 * width) - 5)
-        assert pixels[rows, columns].var() > 50
-
-
-def test_birds_eye_is_to_scale_and_left_is_left(logs: Logs) -> None:
-    ax = Figure().subplots()
-    draw_birds_eye(ax, logs)
-    assert ax.get_aspect() == 1.0
-    left, right = ax.get_xlim()
-    assert left > right
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 4])
-def test_animation_runs_in_real_time(logs: Logs, count: int, tmp_path: Path) -> None:
-    path = tmp_path / "gaze.gif"
-    animate(dict(list(logs.items())[:count]), path)
-    log = logs["reactive"]
-    times_s = frame_times(float(log.time_s[-1]))
-    with Image.open(path) as gif:
-        assert gif.n_frames == len(times_s)
-        durations_ms, frames = [], []
-        for index in range(gif.n_frames):
-            gif.seek(index)
-            durations_ms.append(gif.info["duration"])
-            frames.append(np.asarray(gif.convert("RGB"), dtype=float))
-    assert durations_ms == [FRAME_MS] * (len(times_s) - 1) + [LAST_FRAME_MS]
-    assert FRAME_MS % 10 == 0
-    assert frames[0].shape == (300, 900 if count == 4 else 450, 3)
-    assert path.stat().st_size < 1_500_000
-    assert np.abs(frames[-1] - frames[0]).max() > 50
-    # Compression keeps the unchanged: the corner is the background in the last frame, too.
-    assert (frames[-1][-2:, -2:] == 255).all()
 
 
 def test_head_offset_points_right_and_up(logs: Logs) -> None:
@@ -139,11 +69,34 @@ def test_head_offset_points_right_and_up(logs: Logs) -> None:
     np.testing.assert_allclose(offset, np.broadcast_to([3.0, 2.0], offset.shape), atol=0.15)
 
 
-def test_running_contact_ends_at_the_eye_contact(logs: Logs) -> None:
-    for log in logs.values():
-        share = running_contact(log)
-        assert np.isnan(share[log.time_s < 0.99]).all()
-        assert share[-1] == pytest.approx(measure(log).eye_contact_2p6)
+@pytest.mark.parametrize(("draw", "count", "size"), [(angles, 4, (960, 900)), (overview, 1, (1600, 900))])
+def test_figure_is_a_picture_that_is_not_blank(
+    logs: Logs, draw: Draw, count: int, size: tuple[int, int], tmp_path: Path
+) -> None:
+    draw(dict(list(logs.items())[-count:]), tmp_path / "figure.png")
+    pixels = _pixels(tmp_path / "figure.png")
+    assert pixels.shape[1] >= size[0]
+    assert pixels.shape[0] == size[1]
+    for quarter in (pixels[:, : size[0] // 2], pixels[:, size[0] // 2 :]):
+        assert quarter[: size[1] // 2].var() > 50
+        assert quarter[size[1] // 2 :].var() > 50
+
+
+@pytest.mark.slow
+def test_animation_runs_in_real_time(logs: Logs, tmp_path: Path) -> None:
+    path = tmp_path / "gaze.gif"
+    animate(dict(list(logs.items())[:2]), path)
+    times_s = frame_times(float(logs["reactive"].time_s[-1]))
+    durations_ms, frames = [], []
+    with Image.open(path) as gif:
+        for frame in ImageSequence.Iterator(gif):
+            durations_ms.append(frame.info["duration"])
+            frames.append(np.asarray(frame.convert("RGB"), dtype=float))
+    assert durations_ms == [FRAME_MS] * (len(times_s) - 1) + [LAST_FRAME_MS]
+    assert frames[0].shape == (300, 450, 3)
+    assert np.abs(frames[-1] - frames[0]).max() > 50
+    # Compression keeps the unchanged: the corner is the background in the last frame, too.
+    assert (frames[-1][-2:, -2:] == 255).all()
 
 
 def _known_at(logs: Logs, every: int) -> Logs:
@@ -195,3 +148,77 @@ def test_a_head_that_nobody_knows_is_drawn_as_it_was_observed_and_said(logs: Log
     for draw in (angles, overview):
         draw(unknown, tmp_path / "live.png")
         assert np.ptp(_pixels(tmp_path / "live.png")) > 0
+
+
+def test_head_and_body_point_along_their_rotations() -> None:
+    log = replayed(synthetic("subject03_R1"), "reactive", settings=QUICK, neck=ALL)
+    np.testing.assert_allclose(np.linalg.norm(head_offset_deg(log), axis=1), gaze_error_deg(log), atol=1e-6)
+    k = log.time_s.size // 2
+    joints = dict(zip(log.neck.joint_names, log.joint_position_rad[k], strict=True))
+    body = Rotation.from_euler("z", joints["body_yaw"])
+    head = body * Rotation.from_euler("z", joints["pan"]) * Rotation.from_euler("y", -joints["tilt"])
+    wanted = {"robot's head": head.apply([1, 0, 0])}
+    wanted["robot's body"] = body.apply([1, 0, 0])
+    found = {part.label: part.direction[k] for part in parts(log)}
+    assert found.keys() == wanted.keys()
+    for label, direction in wanted.items():
+        np.testing.assert_allclose(found[label], direction, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def attention():
+    made = attention_log(error_in(10.0, 15.0, (1.0, 5.0), (6.5, 8.0)), ATTENDED, AWAY)
+    heads_m = made.head_true_base_m.copy()
+    heads_m[made.time_s >= 4.0, 1] = 1.0
+    heads_m[made.time_s >= 8.0] = np.nan
+    return replace(made, head_true_base_m=heads_m)
+
+
+def test_each_turn_is_a_bar_in_the_colour_of_its_person_and_says_why(attention):
+    ax = Figure().subplots()
+    draw_turns(ax, attention, 0.0, 1.0, letters=200)
+    bars = [patch for patch in ax.patches if isinstance(patch, Rectangle)]
+    spans = [(bar.get_x(), bar.get_x() + bar.get_width()) for bar in bars]
+    assert spans == [pytest.approx(span) for span in ((0.5, 4.0), (4.0, 8.0), (8.0, 10.0), (5.0, 6.5))]
+    assert [colors.to_hex(bar.get_facecolor()) for bar in bars[:3]] == [
+        colors.to_hex(person_colour(number)) for number in (1, 2, 0)
+    ]
+    assert bars[3].get_hatch()
+    said = [text.get_text() for text in ax.texts]
+    assert said == ["person 1: chosen", "person 2: the one before left", "no person", "thinking"]
+
+
+def test_runs_with_the_same_turns_are_alike(attention):
+    other = replace(attention, attended_time_s=attention.attended_time_s + np.array([0.0, 0.1, 0.0]))
+    assert are_alike({"a": attention, "b": replace(attention, attended_time_s=attention.attended_time_s + 1e-6)})
+    assert not are_alike({"a": attention, "b": other})
+
+
+def test_the_time_lines_have_the_colours_of_the_people_and_the_share_is_the_metric(attention, tmp_path):
+    attended({"reactive": attention, "mpc": attention}, tmp_path / "attended.png")
+    with Image.open(tmp_path / "attended.png") as image:
+        hues = {colors.to_hex(np.array(pixel[:3]) / 255) for _, pixel in image.convert("RGB").getcolors(1 << 20)}
+    assert {colors.to_hex(person_colour(number)) for number in (1, 2)} <= hues
+    share = running_contact(attention)
+    assert np.isnan(share[attention.time_s < 0.99]).all()
+    assert share[-1] == pytest.approx(measure(attention).eye_contact_2p6)
+
+
+def test_the_report_says_whom_the_gaze_was_for(attention):
+    page = run_page({"mpc": attention}, [measured_again(attention)], [], MEANINGS, [], "command", {})
+    _, metrics, line = page.tables
+    [chart] = page.charts
+    assert [(span.start, span.end, span.name) for span in chart.spans] == [
+        (0.0, 1.0, "not scored"),
+        (pytest.approx(5.0, abs=0.006), pytest.approx(6.5, abs=0.006), "looks away"),
+        (0.5, 4.0, "person 1: chosen"),
+        (4.0, 8.0, "person 2: the one before left"),
+        (8.0, 10.0, "no person"),
+    ]
+    assert dict(metrics.rows)["switches a minute"] == "6"
+    assert line.rows == (
+        ("0.50", "4.00", "person 1: chosen"),
+        ("4.00", "8.00", "person 2: the one before left"),
+        ("5.00", "6.50", "looks away: thinking"),
+        ("8.00", "10.00", "no person"),
+    )

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from builders.recordings import synthetic
-from builders.replays import replayed
+from builders.replays import QUICK, replayed
 
 import gazempc as gz
 from gazempc.neck.picture import Framing
@@ -16,7 +16,7 @@ TICKS = 1200
 
 @pytest.fixture(scope="module")
 def replay_log():
-    return replayed(synthetic("subject02_R4"), "lookahead", neck=NECK)
+    return replayed(synthetic("subject03_R1"), "reactive", settings=QUICK, neck=NECK)
 
 
 def log_of(replay_log, pan_deg, framing, capture_time_s=None):

@@ -4,8 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from builders.recordings import synthetic
-from builders.replays import replayed
+from builders.attention import attention_log
 
 from gazempc.neck.spec import load_neck
 from gazempc.results.metrics import measure
@@ -24,7 +23,7 @@ PEAKS = {
 
 @pytest.fixture(scope="module")
 def replay():
-    return replayed(synthetic("subject02_R4"), "reactive", neck=REFERENCE)
+    return attention_log(np.zeros(10))
 
 
 def swing_rad(time_s):

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from bs4 import BeautifulSoup
 from builders.browser import browser
-from builders.replays import replayed
+from builders.recordings import synthetic
+from builders.replays import QUICK, cut, replayed
 from PIL import Image
 
 from gazempc.loop.events import MEANINGS
-from gazempc.recordings.load import load
-from gazempc.recordings.placement import place
 from gazempc.results.log import Fault
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.page.content import Chart, Curve, Page, PageTable, Unusual
@@ -27,8 +26,8 @@ EVIL = '</script><script>throw 1</script><img src="https://outside.example/x.png
 
 @pytest.fixture(scope="module")
 def logs():
-    placed = place(load("subject03_R1"), "recorded", 2.5, 1.2)
-    return {name: replayed(placed, name) for name in ("reactive", "lookahead")}
+    placed = synthetic("subject03_R1")
+    return {name: cut(replayed(placed, name, settings=QUICK), 0.0, 2.0) for name in ("reactive", "lookahead")}
 
 
 def page_of(logs, **changes):

