@@ -12,6 +12,7 @@ from builders.live import NECK
 
 import gazempc as gz
 from gazempc.errors import RobotError, SettingsError
+from gazempc.results.motion import limit_violations
 from gazempc.sim.simulated import SimulatedNeck
 
 FOREVER_S = 240.0
@@ -95,7 +96,7 @@ def test_it_looks_at_the_person_that_is_seen():
     assert log.head_observed_base_m[:, 0] == pytest.approx(2.0)
     assert (log.run.robot, log.run.predictor, log.run.mode) == ("spied", "constant_velocity", "live")
     assert opened.faults == ()
-    assert gz.measure(log).limit_violations == 0
+    assert limit_violations(log, NECK) == 0
 
 
 @pytest.mark.parametrize("error", [ValueError, SystemExit])
