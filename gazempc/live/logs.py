@@ -143,6 +143,8 @@ class LiveLogs:
         self._used = 0
         self._refused: Counter[str] = Counter()
         self._faults: tuple[Fault, ...] = ()
+        # Cut, and not written yet.
+        self._cut: list[LoopRecorder] = []
 
     def _new_recorder(self) -> LoopRecorder:
         return LoopRecorder(self._setup.neck.control_period_s, self._listen)
@@ -182,7 +184,7 @@ class LiveLogs:
             self._events.update(recorder.events)
             self._used += recorder.used
             self._refused.update(recorder.refusals)
-            self._faults = merge_faults((*self._faults, *recorder.faults))
+            self._cut += [recorder] * bool(recorder.ticks or recorder.events)
         if recorder.ticks:
             if self._listen is not None:
                 self._listen(CutMoment())
@@ -230,7 +232,8 @@ class LiveLogs:
     def faults(self) -> tuple[Fault, ...]:
         """The exceptions that were survived, over all logs."""
         with self._lock:
-            return merge_faults((*self._faults, *self.recorder.faults))
+            known, recorders = self._faults, (*self._cut, self.recorder)
+        return merge_faults((*known, *(fault for each in recorders for fault in each.faults)))
 
     def check(self) -> None:
         """Raise what came up while a log was kept, such as a full disk."""
@@ -245,4 +248,8 @@ class LiveLogs:
         self._writer.shutdown()
 
     def _write(self, recorder: LoopRecorder, true_joints: JointColumns) -> None:
+        faults = recorder.faults
+        with self._lock:
+            self._faults = merge_faults((*self._faults, *faults))
+            self._cut.remove(recorder)
         self._sink(*recorder.finish(self._setup.about, self._setup.true_head_base_m, true_joints))

@@ -52,6 +52,7 @@ class LoopRecorder:
         self._away: list[tuple[float, float, str]] = []
         self._event_last_s: dict[str, float] = {}
         self._faults: dict[str, Fault] = {}
+        self._tracebacks: dict[str, traceback.TracebackException] = {}
         self._used = 0
         self._refused: Counter[str] = Counter()
         self._update_ms, self._step_ms, self._latency_ms = array("d"), array("d"), array("d")
@@ -68,8 +69,12 @@ class LoopRecorder:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """The exceptions that were survived so far; may be read while another thread records."""
-        return tuple(self._faults.values())
+        """The exceptions that were survived so far; may be read while another thread records.
+
+        Reading takes time: the lines of the tracebacks are read from their files.
+        """
+        faults = list(self._faults.values())
+        return tuple(replace(each, traceback="".join(self._tracebacks[each.event].format())) for each in faults)
 
     @property
     def used(self) -> int:
@@ -207,7 +212,9 @@ class LoopRecorder:
         line = str(error) if isinstance(error, PartError) else said(error)
         # The traceback ends where the part raised.
         cause = error.error if isinstance(error, PartError) else error
-        self._faults[name] = Fault(name, 1, line, "".join(traceback.format_exception(cause)))
+        # Its source lines are read later: files take many ticks' time.
+        self._tracebacks[name] = traceback.TracebackException.from_exception(cause, lookup_lines=False)
+        self._faults[name] = Fault(name, 1, line, "")
         _LOGGER.warning("%s: %s", name, line, exc_info=cause)
 
     def finish(
