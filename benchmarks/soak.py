@@ -31,9 +31,8 @@ from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.neck.spec import NeckSpec, load_neck
-from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.log import ComputeTimes, Log, RunInfo
 from gazempc.results.motion import limit_violations
-from gazempc.results.run_info import RunInfo
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray, Sighting

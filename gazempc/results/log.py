@@ -7,22 +7,67 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, get_type_hints
+from typing import Annotated, Any, BinaryIO, Literal, get_type_hints
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gazempc.errors import SettingsError, shown
 from gazempc.files.bounds import check_file
 from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.run_info import RunInfo
 from gazempc.results.tables import LogFrames, frames_of
 from gazempc.types import BoolArray, FloatArray, IntArray, StringArray
 
 _REASON_SHOWN = 400
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
+
+
+class RunInfo(BaseModel):
+    """Description of a run; it is kept in the log.
+
+    Attributes:
+        recording: Name of the recording; of a live run its source.
+        kind: Kind of data, such as ``synthetic``; ``live`` for a person who is there now.
+        subject: The person.
+        group: Route group, None where it is not known.
+        controller: Name of the controller.
+        predictor: Name of the predictor.
+        neck: The neck that moved.
+        sensor: The sensor's specification; of a live run its name only.
+        seed: Seed of the simulated noise.
+        mode: ``replay`` in simulated time, ``live`` on a clock.
+        robot: Name of the robot.
+        joints: ``true`` if the log holds where the joints were, known in simulation only; ``measured`` if it holds
+            what a robot reported.
+        settings: All settings of the run.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    recording: str
+    kind: str
+    subject: str
+    group: str | None = None
+    controller: str
+    predictor: str
+    neck: NeckSpec
+    sensor: dict[str, Any]
+    seed: int = 0
+    mode: Literal["replay", "live"] = "replay"
+    robot: str = "simulated"
+    joints: Literal["true", "measured"] = "true"
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+    @property
+    def knows_true_head(self) -> bool:
+        """Whether the true head is known, as in replays; in a live run it is not."""
+        return self.kind != "live"
+
+    def as_json(self) -> str:
+        """JSON text, keys sorted: equal runs give equal texts."""
+        return json.dumps(self.model_dump(), sort_keys=True)
 
 
 @dataclass(frozen=True)
