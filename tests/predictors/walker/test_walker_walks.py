@@ -45,7 +45,7 @@ SYNTHETIC_RATIOS = {
 # Goals on people left out are .53 .53 .60 and .70 .62 .65.
 REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.82, 0.74, 0.72)}
 # Points by which 68 and 95 % may be missed on walks that are not those of the fit.
-MISSED = {"reference": (0.21, 0.04), "face_camera": (0.10, 0.04)}
+MISSED = (0.10, 0.04)
 
 
 @pytest.mark.slow
@@ -104,12 +104,11 @@ def test_a_higher_threshold_answers_a_start_later():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("sensor", "missed"), MISSED.items())
-def test_the_stated_ellipsoids_hold_what_they_say(sensor, missed):
+def test_the_stated_ellipsoids_hold_their_shares():
     """68 and 95 % by the t distribution that is stated."""
-    nees = np.concatenate([errors(load(name), Walker(), sensor)[1][:, 0] for name in SYNTHETIC[::3]])
+    nees = np.concatenate([errors(load(name), Walker(), "face_camera")[1][:, 0] for name in SYNTHETIC])
     held = np.mean(nees[np.isfinite(nees)][:, None] <= limits([0.68, 0.95]), axis=0)
-    np.testing.assert_array_less(np.abs(held - [0.68, 0.95]), missed)
+    np.testing.assert_array_less(np.abs(held - [0.68, 0.95]), MISSED)
 
 
 def test_first_range_errors_do_not_lift_the_gaze_off_a_still_face():
