@@ -14,9 +14,11 @@ import os
 # One thread for linear algebra: CPU time counts the waiting of others. Must be set before numpy is imported.
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
+import json
 import platform
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +27,7 @@ import numpy as np
 import tyro
 from pydantic import BaseModel, ConfigDict, Field
 
-from benchmarks.solvers.figures import Figures, read_figures, table
+from benchmarks.solvers.figures import Figures, table
 from benchmarks.solvers.measure import accurate_commands, grow, measure, time_steps
 from benchmarks.solvers.nlp_peers import CasadiSqpmethod, DoMpc, OptiIpopt
 from benchmarks.solvers.ours import DaqpAlways, Gazempc
@@ -38,14 +40,8 @@ from gazempc.errors import SettingsError, suggest
 from gazempc.neck.spec import load_neck
 
 PEERS: Sequence[type[Peer]] = (
-    Gazempc,
-    DaqpAlways,
-    CasadiQrqp,
-    CasadiSqpmethod,
-    PiqpPackage,
-    Osqp,
-    OptiIpopt,
-    DoMpc,
+    *(Gazempc, DaqpAlways, CasadiQrqp, CasadiSqpmethod),
+    *(PiqpPackage, Osqp, OptiIpopt, DoMpc),
 )
 
 
@@ -65,9 +61,6 @@ class MpcSolversSettings(BaseModel):
     )
     json_file: Annotated[Path | None, tyro.conf.arg(name="json", metavar="FILE")] = Field(
         default=None, description="Where to save the figures"
-    )
-    compare: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = Field(
-        default=None, description="Figures saved earlier, to show what has changed"
     )
 
 
@@ -105,7 +98,6 @@ def benchmark(settings: MpcSolversSettings) -> int:
     Raises:
         SettingsError: On bad input, before anything runs.
     """
-    earlier = None if settings.compare is None else read_figures(settings.compare)
     peers, missing = chosen_peers(settings.peers)
     for line in missing:
         print(line)
@@ -133,9 +125,9 @@ def benchmark(settings: MpcSolversSettings) -> int:
             "processors": os.cpu_count() or 1,
         },
     )
-    print(table(figures, earlier))
+    print(table(figures))
     if settings.json_file is not None:
-        settings.json_file.write_text(figures.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        settings.json_file.write_text(json.dumps(asdict(figures), indent=2) + "\n", encoding="utf-8")
     return 0
 
 

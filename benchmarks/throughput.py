@@ -15,7 +15,6 @@ import platform
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,35 +33,16 @@ RECORDINGS = ("subject01_R1", "subject03_R4", "subject05_R2", "subject07_R6", "s
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-@dataclass(frozen=True)
-class Row:
-    """Throughput of one gaze with one forecast.
-
-    Attributes:
-        controller: Name of the controller.
-        predictor: Name of the predictor.
-        simulated_s_per_cpu_s: Mean over the recordings, each in the best of its repetitions.
-        slowest: That of the slowest recording.
-        first_replay_cpu_s: CPU time of the process's first replay.
-    """
-
-    controller: str
-    predictor: str
-    simulated_s_per_cpu_s: float
-    slowest: float
-    first_replay_cpu_s: float
-
-
-def measure(controller: str, predictor: str, repetitions: int) -> Row:
+def measure(controller: str, predictor: str, repetitions: int) -> dict[str, Any]:
     """Replay all recordings in this process.
 
     Args:
         controller: Name of the controller.
         predictor: Name of the predictor.
-        repetitions: Replays of each recording; the fastest counts, as others were held up by other programs.
+        repetitions: Replays of each recording; the fastest counts, as other programs delay the others.
 
     Returns:
-        The throughput.
+        Simulated seconds per CPU second, mean over the recordings and of the slowest; CPU time of the first replay.
     """
     scenes = [make_scene(name, SceneSettings()) for name in RECORDINGS]
 
@@ -76,13 +56,13 @@ def measure(controller: str, predictor: str, repetitions: int) -> Row:
     for k in range(len(scenes)):
         cpu_s, simulated_s = min(replay(k) for _ in range(repetitions))
         rates.append(simulated_s / cpu_s)
-    return Row(controller, predictor, sum(rates) / len(rates), min(rates), first_s)
-
-
-def measure_afresh(controller: str, predictor: str, repetitions: int) -> Row:
-    """The same as `measure`, in a new process."""
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(measure, controller, predictor, repetitions).result()
+    return {
+        "controller": controller,
+        "predictor": predictor,
+        "simulated_s_per_cpu_s": sum(rates) / len(rates),
+        "slowest": min(rates),
+        "first_replay_cpu_s": first_s,
+    }
 
 
 def comparison(workers: int) -> dict[str, float]:
@@ -115,15 +95,22 @@ def main(
         comparison_too: Also time the whole comparison.
     """
     os.environ.update(_ONE_THREAD)
-    found: dict[str, Any] = {"rows": [], "recordings": RECORDINGS, "versions": versions(), "machine": _machine()}
+    found: dict[str, Any] = {
+        "rows": [],
+        "recordings": RECORDINGS,
+        "versions": versions(),
+        "machine": platform.platform(),
+    }
     print(f"{'gaze':<10} {'forecast':<18} simulated s per CPU s (slowest walk), CPU s of the first replay")
     for controller in CONTROLLERS:
         for predictor in PREDICTORS:
-            row = measure_afresh(controller, predictor, repetitions)
-            found["rows"].append(asdict(row))
+            # A process of its own, as of a worker of an experiment.
+            with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+                row = pool.submit(measure, controller, predictor, repetitions).result()
+            found["rows"].append(row)
             print(
-                f"{controller:<10} {predictor:<18} {row.simulated_s_per_cpu_s:5.1f} ({row.slowest:.1f}), "
-                f"{row.first_replay_cpu_s:.2f} s",
+                f"{controller:<10} {predictor:<18} {row['simulated_s_per_cpu_s']:5.1f} ({row['slowest']:.1f}), "
+                f"{row['first_replay_cpu_s']:.2f} s",
                 flush=True,
             )
     if comparison_too:
@@ -134,13 +121,6 @@ def main(
     if json_file is not None:
         json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-
-
-def _machine() -> dict[str, Any]:
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
-    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return {"processor": models[0] if models else platform.processor(), "cores": os.cpu_count()}
 
 
 if __name__ == "__main__":

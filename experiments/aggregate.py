@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,19 +65,10 @@ def sensors_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     return list(dict.fromkeys(row["sensor"] for row in rows))
 
 
-def figure_name(figure: str, sensor: str, sensors: Sequence[str]) -> str:
-    """File name of a figure about one sensor.
-
-    Args:
-        figure: What it shows.
-        sensor: The sensor.
-        sensors: All that are compared; with more than one the name says which.
-
-    Returns:
-        The name of a PNG file.
-    """
-    told = "".join(c if c.isalnum() or c in "-_" else "_" for c in sensor)
-    return f"{figure}_{told}.png" if len(sensors) > 1 else f"{figure}.png"
+def file_name(figure: str, *parts: str) -> str:
+    """Name of a PNG file from what it shows and further parts, such as a sensor."""
+    told = "_".join([figure, *parts])
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in told) + ".png"
 
 
 LABEL_COLUMNS = (
@@ -178,28 +169,31 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         return []
     figures = [name for name in rows[0] if name not in {*LABEL_COLUMNS, "left_out", "failed", "simulated_s", "faults"}]
     table = []
-    names = ("controller", "predictor", "neck")
-    for sensor, clips in [(s, clips) for s in sensors_of(rows) for clips in clips_of(rows)]:
-        of_clips = [r for r in rows if r["sensor"] == sensor and clips.hold(r)]
-        for combination in dict.fromkeys(tuple(r[name] for name in names) for r in rows):
-            chosen = [r for r in of_clips if tuple(r[name] for name in names) == combination]
-            if not chosen:
-                continue
-            people = [str(r["subject"]) for r in chosen]
-            entry: dict[str, Any] = {
-                "sensor": sensor,
-                **clips.labels,
-                **dict(zip(names, combination, strict=True)),
-                "n_clips": len({r["source"] for r in chosen}),
-                "n_people": len(set(people)),
-            }
-            for name in figures:
-                values = [math.nan if r[name] is None else float(r[name]) for r in chosen]
-                mean, low, high = bootstrap_mean(values, people)
-                entry[name] = mean if math.isfinite(mean) else None
-                entry[f"{name}_ci95"] = [low, high] if math.isfinite(low) else None
-            table.append(entry)
+    for labels, chosen in _combinations(rows, ("controller", "predictor", "neck")):
+        people = [str(r["subject"]) for r in chosen]
+        entry = labels | {"n_clips": len({r["source"] for r in chosen}), "n_people": len(set(people))}
+        for name in figures:
+            entry |= with_interval(name, [math.nan if r[name] is None else float(r[name]) for r in chosen], people)
+        table.append(entry)
     return table
+
+
+def _combinations(
+    rows: Sequence[dict[str, Any]], names: Sequence[str]
+) -> Iterator[tuple[dict[str, Any], list[dict[str, Any]]]]:
+    """Labels and runs of each sensor, group or kind, and combination of the named columns."""
+    for sensor, clips in [(s, clips) for s in sensors_of(rows) for clips in clips_of(rows)]:
+        for values in dict.fromkeys(tuple(r[name] for name in names) for r in rows):
+            found = [r for r in rows if tuple(r[name] for name in names) == values]
+            if chosen := [r for r in found if r["sensor"] == sensor and clips.hold(r)]:
+                yield {"sensor": sensor, **clips.labels, **dict(zip(names, values, strict=True))}, chosen
+
+
+def with_interval(name: str, values: Sequence[float], people: Sequence[str]) -> dict[str, Any]:
+    """Mean under a name, and its interval under ``<name>_ci95``, as of `bootstrap_mean`; NaN is None."""
+    mean, low, high = bootstrap_mean(values, people)
+    ends = [low, high] if math.isfinite(low) else None
+    return {name: mean if math.isfinite(mean) else None, f"{name}_ci95": ends}
 
 
 def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, second: str) -> list[dict[str, Any]]:
@@ -221,28 +215,15 @@ def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, 
 
     others = {same(r): r for r in rows if r["controller"] == second}
     pairs = [(r, others[same(r)]) for r in rows if r["controller"] == first and same(r) in others]
+    known = [a | {"difference": a[figure] - b[figure]} for a, b in pairs if None not in (a[figure], b[figure])]
     table = []
-    names = ("predictor", "neck")
-    found = [r for r, _ in pairs]
-    for sensor, clips in [(s, clips) for s in sensors_of(found) for clips in clips_of(found)]:
-        of_clips = [(a, b) for a, b in pairs if a["sensor"] == sensor and clips.hold(a)]
-        for combination in dict.fromkeys(tuple(r[name] for name in names) for r in found):
-            chosen = [(a, b) for a, b in of_clips if tuple(a[name] for name in names) == combination]
-            chosen = [(a, b) for a, b in chosen if a[figure] is not None and b[figure] is not None]
-            if not chosen:
-                continue
-            values = [a[figure] - b[figure] for a, b in chosen]
-            mean, low, high = bootstrap_mean(values, [str(a["subject"]) for a, _ in chosen])
-            table.append(
-                {
-                    "sensor": sensor,
-                    **clips.labels,
-                    **dict(zip(names, combination, strict=True)),
-                    "difference": mean,
-                    "ci95": [low, high] if math.isfinite(low) else None,
-                    "n_clips": len(values),
-                    "n_less": sum(value < -_LEVEL for value in values),
-                    "n_more": sum(value > _LEVEL for value in values),
-                }
-            )
+    for labels, chosen in _combinations(known, ("predictor", "neck")):
+        values = [r["difference"] for r in chosen]
+        found = with_interval("difference", values, [str(r["subject"]) for r in chosen])
+        counts = {
+            "n_clips": len(values),
+            "n_less": sum(value < -_LEVEL for value in values),
+            "n_more": sum(value > _LEVEL for value in values),
+        }
+        table.append(labels | {"difference": found["difference"], "ci95": found["difference_ci95"]} | counts)
     return table

@@ -1,7 +1,7 @@
 """The least gaze error any controller could have on a neck: `python -m experiments.bound --recordings synthetic`.
 
-Beside it stand look-ahead, the MPC and the MPC with the true future in the same place. The assumptions of the bound are
-those of `experiments.least_error`.
+Printed beside look-ahead, the MPC and the MPC with the true future; RMS gaze error in degrees, means over clips. The
+assumptions of the bound are those of `experiments.least_error`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ if __name__ == "__main__":  # before the other imports, which are slow
 
     end_during_imports("bound")
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,19 +25,16 @@ from experiments.engine.command import Command, WorkSettings, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.least_error import CONTROLLERS, BoundJob
-from experiments.pages import failures, left_out, shares, write_csv, write_results
+from experiments.pages import markdown, write_csv
+from gazempc.files.whole import write_whole
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.placement import Placement
-from gazempc.results.figures.style import COLOURS, styles
-from gazempc.results.page.content import Page, PageTable
 from gazempc.results.run_summary import label, versions
 from gazempc.settings import WalkerSettings
 from gazempc.sim.scene import SceneSettings
 from gazempc.sim.sensor import load_sensor
 
 COLUMNS = (*CONTROLLERS, "bound")
-_NAMES = {name: label(name) for name in CONTROLLERS} | {"bound": "least possible"}
-_TITLE = "RMS gaze error in degrees, means over clips"
 
 
 class BoundSettings(WorkSettings, SceneSettings):
@@ -79,14 +77,16 @@ def _bound(settings: BoundSettings) -> list[Row]:
 
 def _run(settings: BoundSettings, command: str) -> int:
     rows = _bound(settings)
-    done = [row for row in rows if not row["left_out"] and not row["failed"]]
-    failed = [row for row in rows if row["failed"]]
-    summary, saved = summarise(done), settings.saved()
+    summary = summarise([row for row in rows if not row["left_out"] and not row["failed"]])
+    saved = {"settings": settings.saved(), "versions": versions(), "rows": summary}
     write_csv(settings.out / "bound.csv", rows)
-    page = _page(rows, done, summary, saved, command)
-    print(write_results(page, settings.out, {"settings": saved, "versions": versions(), "rows": summary}, "bound"))
-    print(f"Written to {settings.out}/: report.html, bound.json, bound.md, bound.csv")
-    return exit_status(False, bool(failed))
+    write_whole(settings.out / "bound.json", json.dumps(saved, indent=2) + "\n")
+    print(_table(summary))
+    for row in rows:
+        if reason := row["left_out"] or row["failed"]:
+            print(f"- {'left out' if row['left_out'] else 'failed'} {row['recording']}: {reason}")
+    print(f"Written to {settings.out}/: bound.json, bound.csv")
+    return exit_status(False, any(row["failed"] for row in rows))
 
 
 def summarise(rows: Sequence[Row]) -> list[Row]:
@@ -108,36 +108,15 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
     return summary
 
 
-def _page(rows: Sequence[Row], done: Sequence[Row], summary: Sequence[Row], saved: Row, command: str) -> Page:
-    cells = tuple(
+def _table(summary: Sequence[Row]) -> str:
+    cells = (
         (
             *(row["group"], str(row["clips"]), *(f"{row[name]:.2f}" for name in COLUMNS)),
             f"{100.0 * (1.0 - row['bound_to_lookahead']):.1f} %",
         )
         for row in summary
     )
-    table = PageTable(_TITLE, ("group", "clips", *_NAMES.values(), "below look-ahead"), cells)
-    colours = {name: look.colour for name, look in styles(CONTROLLERS).items()} | {"bound": COLOURS[-1]}
-    clips = {(_NAMES[name], colours[name]): {row["recording"]: row[name] for row in done} for name in COLUMNS}
-    means = ", ".join(f"{_NAMES[name]} {summary[-1][name]:.2f}" for name in COLUMNS if summary)
-    near = {row["recording"]: row["left_out"] for row in rows if row["left_out"]}
-    return Page(
-        title="Least gaze error",
-        question="How much of the gaze error is due to the neck's limits, and no controller can avoid it?",
-        answer=(f"Mean RMS gaze error in degrees: {means}.",) if means else (),
-        setup={
-            "neck": str(saved["neck"]),
-            "sensor": str(saved["sensor"] or "the one that fits each recording"),
-            "robot": f"{saved['distance_m']:g} m beside the walk",
-            "recordings": ", ".join(saved["recordings"]),
-            "seed": str(saved["seed"]),
-        },
-        tables=(table,),
-        charts=(shares("Clips by gaze error", "RMS gaze error of a clip (deg)", clips),),
-        unusual=(*failures(row for row in rows if row["failed"]), *left_out(near)),
-        command=command,
-        settings=saved,
-    )
+    return markdown(("group", "clips", *map(label, CONTROLLERS), "least possible", "below look-ahead"), cells)
 
 
 main = Command("bound", BoundSettings, __doc__, _run).main

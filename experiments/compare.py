@@ -9,7 +9,6 @@ if __name__ == "__main__":  # before the other imports, which are slow
 
 import itertools
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from pydantic import Field
 
 from experiments.aggregate import COMPARED, DIFFERENCES, add_gap_closed, paired_differences, summarise
 from experiments.engine.choices import ChoiceSettings, each_sensor, find_recordings, in_place, name_parts, options_of
-from experiments.engine.command import Command, call_of, check, exit_status, throughput
+from experiments.engine.command import Command, call_of, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.replays import ReplayJob, all_faults
@@ -57,23 +56,20 @@ def compare(**settings: Any) -> list[Row]:
         GazempcError: On bad input, before anything runs.
     """
     checked = check(CompareSettings, "compare", settings)
-    rows, _ = _replay_all(checked)
+    rows = _replay_all(checked)
     write(checked, rows, call_of("experiments.compare.compare", settings))
     return rows
 
 
 def _run(settings: CompareSettings, command: str) -> int:
-    started_s = time.monotonic()
-    rows, simulated_s = _replay_all(settings)
-    wall_s = time.monotonic() - started_s
+    rows = _replay_all(settings)
     text, written = write(settings, rows, command)
     print(text)
-    print(throughput(simulated_s, wall_s, settings), end="")
     print(f"Written to {settings.out}/: {', '.join(written)}")
     return exit_status(any(row.get("limit_violations") for row in rows), any(row["failed"] for row in rows))
 
 
-def _replay_all(settings: CompareSettings) -> tuple[list[Row], float]:
+def _replay_all(settings: CompareSettings) -> list[Row]:
     labels, jobs = zip(*runs_of(settings), strict=True)
     with Engine(settings.out / "runs", settings.jobs, settings.dask) as engine:
         results = engine.run(jobs)
@@ -81,7 +77,7 @@ def _replay_all(settings: CompareSettings) -> tuple[list[Row], float]:
     for part in ("controller", "predictor"):
         name_parts(rows, part)
     add_gap_closed(rows)
-    return rows, sum(row.get("simulated_s", 0.0) for row in engine.fresh)
+    return rows
 
 
 def runs_of(settings: CompareSettings) -> list[tuple[Row, ReplayJob]]:
@@ -132,13 +128,17 @@ def write(settings: CompareSettings, rows: list[Row], command: str) -> tuple[str
     """
     done = [row for row in rows if not row["left_out"] and not row["failed"]]
     # Slow to import.
-    from experiments.compare_page import compare_page, draw_all  # noqa: PLC0415
+    from experiments.compare_page import compare_page, plots_of  # noqa: PLC0415
     from experiments.pages import write_csv, write_results  # noqa: PLC0415
+    from experiments.plots import draw  # noqa: PLC0415
 
     write_csv(settings.out / "results.csv", rows)
     summary = _summary(settings, rows, done)
-    drawn = draw_all(summary["rows"], done, settings.out) if settings.figures and done else []
-    text = write_results(compare_page(summary, done, drawn, command), settings.out, summary)
+    plots = dict(plots_of(done))
+    drawn = {settings.out / name: plot for name, plot in plots.items() if settings.figures}
+    for path, plot in drawn.items():
+        draw([plot], path, "")
+    text = write_results(compare_page(summary, done, plots.values(), drawn, command), settings.out, summary)
     files = ["report.html", "results.csv", "summary.json", "summary.md"]
     return text, [*files, *(path.name for path in drawn)]
 

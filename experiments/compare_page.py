@@ -1,4 +1,4 @@
-"""The tables, report and figures of a comparison of gazes."""
+"""Tables, plots and report of a comparison of gazes."""
 
 from __future__ import annotations
 
@@ -6,20 +6,18 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-from matplotlib.figure import Figure
-
-from experiments.aggregate import COMPARED, DIFFERENCES, figure_name, groups_of, sensors_of
+from experiments.aggregate import COMPARED, DIFFERENCES, file_name, sensors_of
 from experiments.engine.job import Row
-from experiments.pages import count, failures, left_out, shares, survived
+from experiments.pages import count, failures, left_out, survived
+from experiments.plots import Plot, share_of_clips
 from gazempc.recordings.recording import truth_of
-from gazempc.results.figures.style import SeriesLook, readable, series_look, style, styles
-from gazempc.results.page.content import Chart, Page, PageTable, Unusual
+from gazempc.results.figures.style import styles
+from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.run_summary import label
 
 
 def about(summary: Row, done: Sequence[Row]) -> list[str]:
-    """What a reader must know of the means, in sentences.
+    """How the means were made, in sentences.
 
     Args:
         summary: What is in `summary.json`.
@@ -42,14 +40,17 @@ def about(summary: Row, done: Sequence[Row]) -> list[str]:
     ]
 
 
-def compare_page(summary: Row, done: Sequence[Row], pictures: Iterable[Path], command: str) -> Page:
+def compare_page(
+    summary: Row, done: Sequence[Row], plots: Iterable[Plot], pictures: Iterable[Path], command: str
+) -> Page:
     """The report of a comparison.
 
     Args:
         summary: What is in `summary.json`.
         done: Runs with metrics.
-        pictures: Figures.
-        command: What repeats it.
+        plots: Its plots.
+        pictures: Their files.
+        command: The command that repeats it.
 
     Returns:
         The report.
@@ -69,7 +70,7 @@ def compare_page(summary: Row, done: Sequence[Row], pictures: Iterable[Path], co
             "how": " ".join(about(summary, done)),
         },
         tables=tuple(_tables(summary)),
-        charts=tuple(_charts(done)),
+        charts=tuple(plot.chart() for plot in plots),
         pictures={path: path.stem.replace("_", " ") for path in pictures},
         unusual=tuple(_unusual(summary, done)),
         command=command,
@@ -97,7 +98,15 @@ def _tables(summary: Row) -> Iterator[PageTable]:
                 yield difference_table(of_sensor, digits, f"Sensor {sensor}: MPC minus look-ahead, {what}")
 
 
-def _charts(done: Sequence[Row]) -> Iterator[Chart]:
+def plots_of(done: Sequence[Row]) -> Iterator[tuple[str, Plot]]:
+    """Shares of clips by gaze error, a plot for each sensor and neck.
+
+    Args:
+        done: Runs with metrics.
+
+    Yields:
+        Name of the file without its ending, and the plot.
+    """
     several = len({run["predictor"] for run in done if run["predictor"] != "perfect"}) > 1
     looks = styles(dict.fromkeys(run["controller"] for run in done))
     places = dict.fromkeys((run["sensor"], run["neck"]) for run in done)
@@ -109,7 +118,9 @@ def _charts(done: Sequence[Row]) -> Iterator[Chart]:
             name = label(run["controller"])
             name += f", {run['predictor']}" if several and run["predictor"] != "perfect" else ""
             clips.setdefault((name, looks[run["controller"]].colour), {})[run["recording"]] = run["gaze_error_rms_deg"]
-        yield shares(f"Clips by gaze error: neck {neck}, sensor {sensor}", "RMS gaze error of a clip (deg)", clips)
+        title = f"Clips by gaze error: neck {neck}, sensor {sensor}"
+        plot = share_of_clips(title, "RMS gaze error of a clip (deg)", clips)
+        yield file_name("gaze_error", *([sensor, Path(neck).stem] if len(places) > 1 else [])), plot
 
 
 def _unusual(summary: Row, done: Sequence[Row]) -> Iterator[Unusual]:
@@ -211,92 +222,3 @@ def _clips(d: Row) -> str:
 def _interval(d: Row, digits: int) -> str:
     interval = f" [{d['ci95'][0]:+.{digits}f}, {d['ci95'][1]:+.{digits}f}]" if d["ci95"] else ""
     return f"{d['difference']:+.{digits}f}{interval}"
-
-
-# Figures by file name: metric, label of the axis, factor.
-_BARS = {
-    "gaze_error": ("gaze_error_rms_deg", "RMS gaze error (deg)", 1.0),
-    "eye_contact": ("eye_contact_2p6", "eye contact within 2.6 deg (% of the time)", 100.0),
-    "gap_closed": ("gap_closed", "gap between reactive and perfect closed", 1.0),
-}
-
-
-def draw_all(rows: Sequence[Row], runs: Sequence[Row], out: Path) -> list[Path]:
-    """Draw gaze error, eye contact and gap closed by group, once for each sensor.
-
-    Args:
-        rows: Means, as of `experiments.aggregate.summarise`.
-        runs: The runs behind them.
-        out: Folder to write to.
-
-    Returns:
-        The files.
-    """
-    drawn: list[Path] = []
-    sensors = sensors_of(rows)
-    for sensor in sensors:
-        here = [row for row in rows if row["sensor"] == sensor and row["kind"] == "all"]
-        kinds = Counter({run["source"]: run["data_kind"] for run in runs if run["sensor"] == sensor}.values())
-        data = ", ".join(f"{n} recordings, {kind}" for kind, n in sorted(kinds.items())) + f"; sensor {sensor}"
-        for name, (metric, axis, factor) in _BARS.items():
-            if any(row[metric] is not None for row in here):
-                drawn.append(out / figure_name(name, sensor, sensors))
-                _bars(here, data, metric, axis, factor, drawn[-1])
-    return drawn
-
-
-def _looks(series: Sequence[tuple[str, str, str]]) -> list[tuple[str, SeriesLook]]:
-    """Colour of each by its controller, and what tells it from the others of that controller."""
-    colours = styles(dict.fromkeys(controller for controller, _, _ in series))
-    before: Counter[str] = Counter()
-    looks = []
-    for controller, _, _ in series:
-        looks.append((colours[controller].colour, series_look(before[controller])))
-        before[controller] += 1
-    return looks
-
-
-def _series(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
-    return list(dict.fromkeys((r["controller"], r["predictor"], r["neck"]) for r in rows))
-
-
-def _name(series: tuple[str, str, str], all_series: Sequence[tuple[str, str, str]]) -> str:
-    controller, predictor, neck = series
-    parts = [style(controller).label]
-    # Said only where it tells series apart.
-    if predictor != "perfect" and len({p for _, p, _ in all_series if p != "perfect"}) > 1:
-        parts.append(predictor)
-    if len({n for _, _, n in all_series}) > 1:
-        parts.append(neck)
-    return ", ".join(parts)
-
-
-def _bars(rows: Sequence[Row], data: str, figure: str, label: str, factor: float, path: Path) -> None:
-    groups, series = groups_of(r for r in rows if r["group"] != "all"), _series(rows)
-    width_inches = max(8.5, 3.0 + 0.35 * len(groups) * len(series))
-    with readable(width_inches):
-        plot = Figure(figsize=(width_inches, 4.2), layout="constrained")
-        ax = plot.subplots()
-        width = 0.8 / len(series)
-        for i, (one, (colour, look)) in enumerate(zip(series, _looks(series), strict=True)):
-            chosen = {r["group"]: r for r in rows if (r["controller"], r["predictor"], r["neck"]) == one}
-            present = [g for g in groups if g in chosen and chosen[g][figure] is not None]
-            x = np.array([groups.index(g) for g in present]) + (i - (len(series) - 1) / 2) * width
-            means = np.array([factor * chosen[g][figure] for g in present])
-            intervals = [chosen[g][f"{figure}_ci95"] for g in present]
-            ax.bar(x, means, width * 0.92, color=colour, hatch=look.hatch, label=_name(one, series))
-            for at, mean, interval in zip(x, means, intervals, strict=True):
-                if interval is not None:  # one person alone has no spread over people
-                    ends = np.maximum([[mean - factor * interval[0]], [factor * interval[1] - mean]], 0.0)
-                    ax.errorbar([at], [mean], ends, fmt="none", color="black", capsize=2, linewidth=1)
-        ax.set_xticks(range(len(groups)), [_group_label(rows, g) for g in groups])
-        ax.set_ylabel(label)
-        plot.legend(frameon=False, fontsize="small", loc="outside right upper")
-        ax.set_title("means over clips, 95 % intervals over people", fontsize="medium")
-        plot.supxlabel(data, fontsize="small", color="0.4")
-        plot.savefig(path, dpi=150)
-
-
-def _group_label(rows: Sequence[Row], group: str) -> str:
-    row = next(r for r in rows if r["group"] == group)
-    return f"{group}\n{row['n_clips']} clips, {row['n_people']} people"

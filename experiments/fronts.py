@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from experiments.aggregate import GROUP_ORDER
 from experiments.engine.command import Command
+from experiments.pages import markdown
 from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.types import FloatArray
@@ -29,6 +30,7 @@ from gazempc.types import FloatArray
 SMOOTHNESS = "rms_acceleration_rad_s2"
 HEAD = "head_rms_acceleration_rad_s2"
 ERROR, CONTACT = "gaze_error_rms_deg", "eye_contact_2p6"
+_METRICS = (SMOOTHNESS, ERROR, CONTACT)
 _RESAMPLES, _SEED = 500, 20210603
 Points = list[tuple[float, float]]
 
@@ -154,7 +156,6 @@ def _compared(ours: SweptGaze, rival: SweptGaze, weights: FloatArray) -> tuple[l
     return [a / b for a, b in pairs(1, 1.0)], [a - b for a, b in pairs(2, -1.0)]
 
 
-GROUPS = (*GROUP_ORDER, "all")
 Row = dict[str, Any]
 
 
@@ -190,26 +191,22 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
     for place in sorted({tuple(row[name] for name in by) for row in runs}):
         here = [row for row in runs if tuple(row[name] for name in by) == place]
         of = [[row for row in here if row["case"] == case] for case in (settings.case, settings.rival)]
-        for group in (g for g in GROUPS if g == "all" or any(row["group"] == g for row in here)):
+        for group in (*(g for g in GROUP_ORDER if any(row["group"] == g for row in here)), "all"):
             names = _common([row for row in [*of[0], *of[1]] if group in {"all", row["group"]}])
             gazes = [gaze(rows, names) for rows in of]
             found.append(dict(zip(by, place, strict=True)) | {"group": group} | gaps(*gazes))
     write_whole(settings.sweep / "fronts.json", json.dumps(found, indent=2) + "\n")
     print(f"{settings.case} against {settings.rival} at the same RMS acceleration, mean over the front [95 %, people]:")
-    head = [*by, "group", "points", "RMS error, %", "worst", "eye contact 2.6 deg, points", "worst"]
-    rows = [
-        [
+    head = (*by, "group", "points", "RMS error, %", "worst", "eye contact 2.6 deg, points", "worst")
+    rows = (
+        (
             *(str(m[name]) for name in (*by, "group", "points")),
-            _cell(m, "error_ratio", -1.0),
-            _one(m["error_ratio_worst"], -1.0),
-            _cell(m, "contact_difference", 0.0),
-            _one(m["contact_difference_worst"], 0.0),
-        ]
+            *(_cell(m, "error_ratio", -1.0), _one(m["error_ratio_worst"], -1.0)),
+            *(_cell(m, "contact_difference", 0.0), _one(m["contact_difference_worst"], 0.0)),
+        )
         for m in found
-    ]
-    widths = [max(len(line[i]) for line in [head, *rows]) for i in range(len(head))]
-    for line in [head, *rows]:
-        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
+    )
+    print(markdown(head, rows))
     print(f"Written to {settings.sweep}/: fronts.json")
     return 0
 
@@ -239,23 +236,17 @@ def _read(path: Path) -> list[Row]:
             rows: list[Row] = list(csv.DictReader(file))
     except FileNotFoundError:
         raise SettingsError(f"{path}: no such file; run python -m experiments.sweep first") from None
-    needed = ("case", "point", "recording", "subject", "group", SMOOTHNESS, ERROR, CONTACT)
-    if not rows or (missing := [name for name in needed if name not in rows[0]]):
-        what = f"lacks {', '.join(missing)}" if rows else "is empty"
-        raise SettingsError(f"{path}: {what}; needed are {', '.join(needed)}")
-    # A run that was left out or failed has no figures.
+    if not rows or (missing := {"case", "point", "recording", "subject", "group", *_METRICS} - set(rows[0])):
+        raise SettingsError(f"{path}: {f'lacks {sorted(missing)}' if rows else 'is empty'}")
     done = []
     for number, row in enumerate(rows, start=2):
-        # Eyes are meant to be quick: with them only the head is to be smooth.
+        # With eyes only the head is to be smooth.
         row[SMOOTHNESS] = row.get(HEAD) or row[SMOOTHNESS]
-        if not all(row[name] for name in (SMOOTHNESS, ERROR, CONTACT)):
-            continue
-        for name in (SMOOTHNESS, ERROR, CONTACT):
+        if all(row[name] for name in _METRICS):  # failed runs and those left out have none
             try:
-                row[name] = float(row[name])
-            except ValueError:
-                raise SettingsError(f"{path}, row {number}: {name} is not a number: {row[name]!r}") from None
-        done.append(row)
+                done.append(row | {name: float(row[name]) for name in _METRICS})
+            except ValueError as error:
+                raise SettingsError(f"{path}, row {number}: {error}") from None
     return done
 
 

@@ -1,4 +1,4 @@
-"""What the reports of all experiments share: files and text, curves over clips, and what went wrong."""
+"""Files, text and unusual events of the reports of all experiments."""
 
 from __future__ import annotations
 
@@ -8,49 +8,25 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gazempc.files.whole import whole, write_whole
 from gazempc.loop.events import MEANINGS
-from gazempc.results.page.content import Chart, Curve, Page, Unusual
+from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.page.write import write_page
-
-SHARE_LABEL = "share of clips (%)"
-
-
-def shares(title: str, x_label: str, clips: Mapping[tuple[str, str], Mapping[str, float]]) -> Chart:
-    """For each error the share of clips that have no more than that.
-
-    Args:
-        title: What it is about.
-        x_label: Name and unit of the error.
-        clips: The error by clip, for each label and its CSS colour.
-
-    Returns:
-        The chart; a curve farther left is better.
-    """
-    return Chart(title, x_label, SHARE_LABEL, tuple(_share(*look, of_clip) for look, of_clip in clips.items()))
-
-
-def _share(label: str, colour: str, of_clip: Mapping[str, float]) -> Curve:
-    names = tuple(sorted(of_clip, key=of_clip.__getitem__))
-    percent = 100.0 * np.arange(1, len(names) + 1) / max(len(names), 1)
-    return Curve(label, colour, np.array([of_clip[name] for name in names], dtype=np.float64), percent, names)
 
 
 def left_out(reasons: Mapping[str, str]) -> Iterator[Unusual]:
-    """Recordings that were left out: recording -> reason."""
+    """Recordings left out, by name, with the reason."""
     yield from (Unusual(f"left out {name}", reason) for name, reason in reasons.items())
 
 
 def failures(failed: Iterable[Mapping[str, Any]]) -> Iterator[Unusual]:
-    """Runs that failed, each ``recording`` and its ``failed`` reason once."""
+    """Failed runs, each ``recording`` with its reason ``failed`` once."""
     for name, reason in dict.fromkeys((row["recording"], row["failed"]) for row in failed):
         yield Unusual(f"failed {name}", reason)
 
 
 def survived(faults: Iterable[Mapping[str, Any]]) -> Iterator[Unusual]:
-    """Exceptions that runs survived, as of `experiments.engine.replays.all_faults`."""
+    """Caught exceptions, as of `experiments.engine.replays.all_faults`."""
     for fault in faults:
         parts = ", ".join(str(fault[name]) for name in ("controller", "predictor") if name in fault)
         text = f"{MEANINGS.get(fault['event'], '')}: {fault['error']}".removeprefix(": ")
@@ -61,6 +37,11 @@ def survived(faults: Iterable[Mapping[str, Any]]) -> Iterator[Unusual]:
 def count(n: int, one: str, many: str | None = None) -> str:
     """A number with its noun: ``1 person``, ``2 people``."""
     return f"{n} {one if n == 1 else many or one + 's'}"
+
+
+def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table in Markdown, ending with a blank line."""
+    return "\n".join([*PageTable("", tuple(head), tuple(map(tuple, rows))).markdown(), ""])
 
 
 def text_of(page: Page) -> str:

@@ -1,4 +1,4 @@
-"""Draw what sensors see of a walk: `python -m experiments.sensor_example --replay subject03_R4 --out out/sensors`.
+"""Draw the view of sensors of a walk: `python -m experiments.sensor_example --replay subject03_R4 --out out/sensors`.
 
 A panel for each sensor, seen from above with the robot at the origin: the true path, what the sensor saw, and at one
 instant the forecast from all that had arrived by then. Ellipses should hold 95 % of its errors.
@@ -10,18 +10,15 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
 
 import numpy as np
-import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.patches import Ellipse
 from pydantic import Field
 
 from experiments.engine.choices import each_sensor
 from experiments.engine.command import Command
+from experiments.forecast.errors import in_order
 from gazempc.errors import SettingsError
 from gazempc.loop.build import Person, make_predictor
 from gazempc.parts import PREDICTOR, name_of
@@ -34,8 +31,8 @@ from gazempc.results.forecast_metrics import squared_radius
 from gazempc.results.log import FORECAST_HORIZONS_S
 from gazempc.settings import DEFAULT_PREDICTOR, PredictorChoice, PredictorSettings
 from gazempc.sim.scene import SceneSettings, natural_placement
-from gazempc.sim.sensor import SensorSpec, observe
-from gazempc.types import FloatArray, Sighting
+from gazempc.sim.sensor import SensorSpec
+from gazempc.types import FloatArray
 from predictors import Predictor
 
 SHARE = 0.95
@@ -43,7 +40,7 @@ SHARE = 0.95
 
 @dataclass(frozen=True)
 class SeenWalk:
-    """What one sensor saw of a walk, and what was forecast from it at one instant, seen from above.
+    """Observations of a walk by one sensor, and the forecast from them at one instant, from above.
 
     Attributes:
         sensor: Its name.
@@ -98,11 +95,7 @@ def see(walk: Recording, sensor: SensorSpec, predictor: Predictor, now_s: float,
     """
     predictor.reset()
     truth = TrueHead(walk)
-    sightings: list[Sighting] = []
-    for sighting in observe(walk, sensor, seed):
-        # As in the loop, a frame that was overtaken by a newer one is dropped.
-        if not sightings or sighting.observation.capture_time_s > sightings[-1].observation.capture_time_s:
-            sightings.append(sighting)
+    sightings = in_order(walk, sensor, seed)
     arrived = [each.observation for each in sightings if each.arrival_s <= now_s]
     if not arrived:
         raise SettingsError(f"--at-s {now_s:g}: sensor {sensor.name!r} had no observation yet; use a later instant")
@@ -142,8 +135,7 @@ def draw_overview(all_seen: Sequence[SeenWalk], about: str, path: Path) -> None:
     """
     columns = min(len(all_seen), _PANELS_A_ROW)
     rows = -(-len(all_seen) // columns)
-    clear = ConstrainedLayoutEngine(hspace=0.06)  # titles of a row are clear of the axis above
-    figure = Figure(figsize=(3.9 * columns, 4.2 * rows + 1.1), layout=clear)
+    figure = Figure(figsize=(3.9 * columns, 4.2 * rows + 1.1), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     window = _window(all_seen)
     for ax, seen in zip(axes, all_seen, strict=False):
@@ -180,27 +172,21 @@ def _draw(ax: Axes, seen: SeenWalk, window: tuple[FloatArray, float]) -> None:
     ax.plot(observed[:, 1], observed[:, 0], "o", color=_SEEN, ms=4, mew=0, zorder=3, label="what the sensor saw")
     ax.plot([0.0, head[1]], [0.0, head[0]], ":", color=_FAINT, lw=1.2, zorder=1, label="line of sight")
     ax.plot(head[1], head[0], "D", color=_TRUE, ms=7.8, mec="w", mew=0.5, ls="", zorder=6, label="true head now")
+    circle = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(np.linspace(0.0, 2.0 * np.pi, 73))])
     for covariance, at in zip(seen.covariances_m2, mean, strict=True):
-        ax.add_patch(_ellipse(at, covariance, seen.radius))
+        values, vectors = np.linalg.eigh(covariance)
+        x_m, y_m = at[:, None] + seen.radius * (vectors * np.sqrt(np.maximum(values, 0.0))) @ circle
+        ax.fill(y_m, x_m, fc=(_FORECAST, 0.15), ec=(_FORECAST, 0.8), lw=1.0, zorder=2)
     ax.plot([mean[:, 1], true[:, 1]], [mean[:, 0], true[:, 0]], color=_TRUE, lw=0.8, zorder=5)
     then = "true head 0.25, 0.5 and 1 s later"
     ax.plot(true[:, 1], true[:, 0], "o", mfc="w", mec=_TRUE, mew=1.2, ms=9, ls="", zorder=5, label=then)
     label = f"its forecast, with the stated {100 * SHARE:.0f} %"
     ax.plot(mean[:, 1], mean[:, 0], "o", color=_FORECAST, ms=6, mew=0, ls="", zorder=6, label=label)
-    (x_m, y_m), half_m = window
+    (middle_x_m, middle_y_m), half_m = window
     ax.set(xlabel="to the robot's left, y (m)", ylabel="ahead of the robot, x (m)", aspect="equal")
-    ax.set(xlim=(y_m + half_m, y_m - half_m), ylim=(x_m - half_m, x_m + half_m))
+    ax.set(xlim=(middle_y_m + half_m, middle_y_m - half_m), ylim=(middle_x_m - half_m, middle_x_m + half_m))
     ax.grid(color="0.9", lw=0.6)
     ax.set_axisbelow(True)
-
-
-def _ellipse(mean_m: FloatArray, covariance_m2: FloatArray, radius: float) -> Ellipse:
-    values, vectors = np.linalg.eigh(covariance_m2)
-    short, long = 2.0 * radius * np.sqrt(np.maximum(values, 0.0))
-    # The horizontal axis is y, the vertical one x.
-    angle_deg = float(np.degrees(np.arctan2(vectors[0, 1], vectors[1, 1])))
-    look: dict[str, Any] = {"fc": (_FORECAST, 0.15), "ec": (_FORECAST, 0.8), "lw": 1.0, "zorder": 2}
-    return Ellipse((mean_m[1], mean_m[0]), long, short, angle=angle_deg, **look)
 
 
 # A walk is known by then.
@@ -220,9 +206,6 @@ class SensorExampleSettings(PredictorSettings):
     predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecasts; module:Class for your own")
     at_s: float | None = Field(
         default=None, description="Instant of the forecast, seconds from the first frame; without it in the middle"
-    )
-    options: Annotated[dict[str, Any], tyro.conf.Suppress] = Field(
-        default={}, description="Options of a predictor of your own: --options.KEY VALUE"
     )
     seed: int = Field(default=0, ge=0, description="Seed of the sensors' errors")
     out: Path = Field(default=Path("out/sensors"), description="Folder to write to")
@@ -246,7 +229,7 @@ def sensor_example(settings: SensorExampleSettings) -> list[SeenWalk]:
     sensors = [by_name[str(word)] for word, by_name in each_sensor(settings.sensors).items()]
     now_s = _instant(settings.at_s, float(walk.times_s[-1]))
     person = Person(walk.labels.subject, TrueHead(walk))
-    predictor = make_predictor(settings.predictor, settings, person, settings.options)
+    predictor = make_predictor(settings.predictor, settings, person, {})
     all_seen = [see(walk, sensor, predictor, now_s, settings.seed) for sensor in sensors]
     settings.out.mkdir(parents=True, exist_ok=True)
     about = f"predictor {name_of(PREDICTOR, predictor)}; seed {settings.seed}"

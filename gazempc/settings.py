@@ -107,17 +107,6 @@ class WalkerSettings(Settings):
     )
 
 
-class PelvisPursuitSettings(Settings):
-    """Predictor `pelvis_pursuit`."""
-
-    gain: float = Field(default=0.75, ge=0, le=1, description="Share of the angle to the pelvis")
-    turn_time_s: float = Field(default=0.11, gt=0, description="Time constant of the turn")
-    acceleration_psd: float = Field(
-        default=0.02, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
-    )
-    position_noise_m: NoiseM = _POSITION_NOISE_M
-
-
 class CoordinatedTurnSettings(Settings):
     """Predictor `coordinated_turn`."""
 
@@ -133,7 +122,6 @@ class PredictorSettings(Settings):
     constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
     coordinated_turn: CoordinatedTurnSettings = CoordinatedTurnSettings()
     head_pose: HeadPoseSettings = HeadPoseSettings()
-    pelvis_pursuit: PelvisPursuitSettings = PelvisPursuitSettings()
     walker: WalkerSettings = WalkerSettings()
 
 

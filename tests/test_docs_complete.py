@@ -4,11 +4,9 @@ import contextlib
 import functools
 import importlib
 import re
-import tomllib
 from dataclasses import fields
 
 import pytest
-import yaml
 from builders.pages import DOCS, ROOT, page
 from pydantic import BaseModel
 
@@ -109,15 +107,3 @@ def test_public_modules_are_in_the_api():
     }
     places |= {"gazempc.errors"} | {module for module, _ in gazempc._PLACES.values()} - {"predictors"}
     assert places - set(described) == set()
-
-
-def test_citation_is_valid_and_of_this_version():
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert citation["cff-version"] == "1.2.0"
-    assert citation["title"] == project["name"]
-    assert citation["version"] == project["version"]
-    assert citation["license"] == project["license"]
-    assert {"message", "authors"} <= set(citation)
-    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert f"## {project['version']} - {citation['date-released']}" in changes

@@ -3,7 +3,7 @@
 import ast
 import subprocess
 import sys
-from collections import defaultdict, deque
+from collections import deque
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -159,29 +159,6 @@ def test_inside_a_package_nobody_imports_a_later_part(package, order):
     listed = {part for line in order for part in line}
     assert {part_of(name, package) for name in FILES} - {None} == listed
     assert imports_back_up(package, order, imports_of_all()) == []
-
-
-def test_the_checks_of_this_module_notice_what_they_are_for():
-    assert said_by(ast.parse("def f():\n    from .b import c")).relative
-    late = "if TYPE_CHECKING:\n    from gazempc.live import run\ndef f():\n    import gazempc.errors"
-    assert said_by(ast.parse(late)).imports == {"gazempc.live.run", "gazempc.errors"}
-    assert circle_in({"a": {"b"}, "b": {"c"}, "c": {"a"}}) is not None
-    imports = {"gazempc.neck.spec": {"gazempc.loop.smoother"}, "gazempc.live.run": {"gazempc.neck.spec"}}
-    assert imports_back_up("gazempc", GAZEMPC, imports) == ["gazempc.neck.spec -> gazempc.loop.smoother"]
-
-
-def test_no_two_classes_share_a_name():
-    """One word, one meaning."""
-    places = defaultdict(list)
-    for name, source in sources().items():
-        for found in source.classes:
-            places[found].append(name)
-    assert {name: where for name, where in places.items() if len(where) > 1} == {}
-
-
-def test_the_type_of_arrays_is_defined_once():
-    users = [name for name, path in FILES.items() if "NDArray[np.float64]" in path.read_text(encoding="utf-8")]
-    assert users == ["predictors.types"]
 
 
 def test_importing_has_no_side_effects_and_leaves_heavy_libraries_alone():

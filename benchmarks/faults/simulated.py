@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from threading import Event as StopEvent
 
 import numpy as np
 
+from benchmarks.faults.runs import Count, Wrong
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import build
-from gazempc.live.sources.source import Arrived, Source
+from gazempc.live.sources.source import Arrived
 from gazempc.results.log import Log
 from gazempc.results.metrics import measure
 from gazempc.results.motion import limit_violations
@@ -23,61 +25,10 @@ WALKS = ("subject03_R4", "subject08_R6")
 _FRAME_HZ = 30.0
 
 
-@dataclass(frozen=True)
-class SimulatedCount:
-    """What came of one run.
-
-    Attributes:
-        fault: What was wrong.
-        walk: Who walked.
-        commands: Commands sent.
-        outside_limits: Violations of the neck's limits in the log.
-        observations: How many arrived.
-        used: How many were used.
-        refused: How many were not, by reason.
-        gaze_error_rms_deg: Against the true head.
-        eye_contact_2p6: Share of the time within 2.6 deg.
-    """
-
-    fault: str
-    walk: str
-    commands: int
-    outside_limits: int
-    observations: int
-    used: int
-    refused: dict[str, int]
-    gaze_error_rms_deg: float
-    eye_contact_2p6: float
-
-
-class Spoilt:
-    """A source whose observations are spoilt on their way."""
-
-    def __init__(self, inner: Source, spoil: Spoil) -> None:
-        self._inner, self._spoil = inner, spoil
-        self._frames = 0
-        self._rng = np.random.default_rng(0)
-
-    def open(self) -> None:
-        """See `gazempc.live.sources.source.Source.open`."""
-        self._inner.open()
-
-    def poll(self) -> Arrived:
-        """See `gazempc.live.sources.source.Source.poll`."""
-        found: list[Sighting] = []
-        for sighting in self._inner.poll().sightings:
-            found += self._spoil(sighting, self._frames, self._rng)
-            self._frames += 1
-        return Arrived(tuple(found))
-
-    @property
-    def finished(self) -> bool:
-        """See `gazempc.live.sources.source.Source.finished`."""
-        return self._inner.finished
-
-    def close(self) -> None:
-        """See `gazempc.live.sources.source.Source.close`."""
-        self._inner.close()
+def _poll(spoil: Spoil) -> Callable[[Arrived], Arrived]:
+    """Spoils what a source hands over, sighting by sighting."""
+    frames, rng = itertools.count(), np.random.default_rng(0)
+    return lambda found: Arrived(tuple(each for s in found.sightings for each in spoil(s, next(frames), rng)))
 
 
 def _at(sighting: Sighting, head_m: FloatArray) -> list[Sighting]:
@@ -133,34 +84,30 @@ SIMULATED_FAULTS: dict[str, Spoil] = {
 }
 
 
-def run_simulated(fault: str, walk: str, neck: str = "reference") -> SimulatedCount:
+def run_simulated(fault: str, walk: str) -> Count:
     """One run.
 
     Args:
         fault: One of `SIMULATED_FAULTS`.
         walk: A synthetic recording.
-        neck: The neck.
 
     Returns:
         What came of it; the same each time.
     """
-    settings = LiveSettings(source="replay", replay=walk, neck=neck, simulated_clock=True, out=Path())
-    setup = build(settings)
+    setup = build(LiveSettings(source="replay", replay=walk, simulated_clock=True, out=Path()))
     # The true head is at the source's times: it opens at zero of the simulated clock.
-    setup = replace(setup, source=Spoilt(setup.source, SIMULATED_FAULTS[fault]))
+    setup = replace(setup, source=Wrong(setup.source, "poll", _poll(SIMULATED_FAULTS[fault])))
     logs: list[Log] = []
     run = LiveRun(setup, lambda log, times: logs.append(log))
     run.run(StopEvent())
     (log,) = logs
-    metrics = measure(log)
-    return SimulatedCount(
-        fault=fault,
-        walk=walk,
+    return Count(
+        "simulated",
+        f"{fault}, {walk}",
         commands=run.report.ticks,
         outside_limits=limit_violations(log, setup.neck),
         observations=run.report.observations,
         used=run.logs.used,
         refused=run.logs.refused,
-        gaze_error_rms_deg=round(metrics.gaze_error_rms_deg, 2),
-        eye_contact_2p6=round(metrics.eye_contact_2p6, 3),
+        gaze_error_rms_deg=round(measure(log).gaze_error_rms_deg, 2),
     )

@@ -11,17 +11,31 @@ import select
 import socket
 import sys
 import time
-from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.faults.person import head_m
+from gazempc.types import FloatArray
 
 RATE_HZ, LATENCY_S = 30.0, 0.05
 TCP_FAULTS = ("long_lines", "lines_without_end")
 _LONG_LINE, _LONG_EVERY_S = 950_000, 0.1
 _STRANGER_AFTER_S = 0.3
+# Of the person's way to and fro across the robot's view.
+_RANGE_M, _HALF_WAY_M, _PERIOD_S = 2.5, 1.2, 6.0
 _IMPOSSIBLE_M = ([0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [3.0, 0.0, -9.0])
+
+
+def head_m(times_s: FloatArray) -> FloatArray:
+    """Where the person's head is in the base frame.
+
+    Args:
+        times_s: Times of any clock, shape (H,), seconds.
+
+    Returns:
+        Shape (H, 3), metres.
+    """
+    phase = 2.0 * np.pi * np.asarray(times_s) / _PERIOD_S
+    return np.stack([_RANGE_M + 0.3 * np.sin(0.5 * phase), _HALF_WAY_M * np.sin(phase), 0.4 + 0.0 * phase], axis=-1)
 
 
 def line(captured_s: float, stamp_s: float, place_m: list[float] | None = None) -> bytes:
@@ -93,9 +107,8 @@ def serve(fault: str, port: int, seconds: float) -> None:
 
 def main(fault: str, port: str, seconds: str) -> None:
     """Run the process."""
-    work: Callable[[str, int, float], None] = serve if fault in TCP_FAULTS else send
     with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the run is over
-        work(fault, int(port), float(seconds))
+        (serve if fault in TCP_FAULTS else send)(fault, int(port), float(seconds))
 
 
 if __name__ == "__main__":

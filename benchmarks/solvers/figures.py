@@ -1,12 +1,8 @@
-"""The figures: saved, read and written as a table."""
+"""The figures, and their table."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from pydantic import BaseModel, Field, ValidationError
-
-from gazempc.errors import SettingsError
+from dataclasses import dataclass
 
 # A command this near to the accurate one is the same.
 AGREE_RAD = 1e-4
@@ -14,11 +10,12 @@ AGREE_RAD = 1e-4
 WARM_UP = 5
 
 
-class PeerFigures(BaseModel):
+@dataclass
+class PeerFigures:
     """Figures of one solver; times in CPU milliseconds of a call for both joints."""
 
     name: str
-    median_ms: float = Field(gt=0)
+    median_ms: float
     p95_ms: float
     p99_ms: float
     max_ms: float
@@ -31,7 +28,8 @@ class PeerFigures(BaseModel):
     step_p99_ms: float | None = None
 
 
-class GrowthFigures(BaseModel):
+@dataclass
+class GrowthFigures:
     """Ours with one length of the horizon; the binding median is None if no limit binds."""
 
     horizon_steps: int
@@ -44,8 +42,9 @@ class GrowthFigures(BaseModel):
     failures: int
 
 
-class Figures(BaseModel):
-    """All that is saved."""
+@dataclass
+class Figures:
+    """All figures of a benchmark."""
 
     peers: list[PeerFigures]
     growth: list[GrowthFigures]
@@ -54,41 +53,16 @@ class Figures(BaseModel):
     ticks_by_limit: dict[str, int]
     ticks_softened: int
     solvers: dict[str, int]
-    bare_kalman_ms: float = Field(gt=0)
+    bare_kalman_ms: float
     versions: dict[str, str]
     machine: dict[str, str | int]
 
 
-def read_figures(path: Path) -> Figures:
-    """Read figures saved earlier.
-
-    Args:
-        path: What ``--json`` wrote.
-
-    Returns:
-        The figures.
-
-    Raises:
-        SettingsError: If it cannot be read or holds anything else.
-    """
-    try:
-        return Figures.model_validate_json(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SettingsError(f"--compare: {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise SettingsError(f"--compare: {path}: not a text file. Expected: a file written by --json") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"])) or "file"
-        raise SettingsError(f"--compare: {path}: {place}: {first['msg']}. Expected: a file written by --json") from None
-
-
-def table(figures: Figures, earlier: Figures | None) -> str:
+def table(figures: Figures) -> str:
     """Write the figures for reading.
 
     Args:
         figures: The figures.
-        earlier: Figures to compare with, from another run.
 
     Returns:
         Lines.
@@ -96,27 +70,17 @@ def table(figures: Figures, earlier: Figures | None) -> str:
     ours = figures.peers[0].median_ms
     head = f"{'CPU time of a call [ms]':<24}{'median':>9}{'p95':>9}{'p99':>9}{'max':>9}{'ratio':>8}{'calls':>7}"
     head += f"{'worst diff. [rad]':>19}{'over':>6}{'failed':>8}{'agrees':>8}"
-    lines = [head + (f"{'change':>9}{'to bare':>9}" if earlier else "")]
-    before = {peer.name: peer for peer in earlier.peers} if earlier else {}
+    lines = [head]
     for peer in figures.peers:
         worst = "-" if peer.worst_difference_rad is None else f"{peer.worst_difference_rad:.1e}"
         line = f"{peer.name:<24}{peer.median_ms:>9.3f}{peer.p95_ms:>9.3f}{peer.p99_ms:>9.3f}{peer.max_ms:>9.3f}"
         line += f"{peer.median_ms / ours:>8.1f}{peer.calls:>7}{worst:>19}{peer.ticks_over:>6}{peer.failures:>8}"
         line += f"{'yes' if peer.agrees else 'NO':>8}"
-        if earlier and peer.name in before:
-            change = peer.median_ms / before[peer.name].median_ms
-            to_bare = change * earlier.bare_kalman_ms / figures.bare_kalman_ms
-            line += f"{change - 1.0:>+9.0%}{to_bare - 1.0:>+9.0%}"
         lines.append(line)
     lines.append(
         f"ratio: median to that of gazempc. over: ticks more than {AGREE_RAD:g} rad from the accurate first command, "
         f"of {figures.ticks}; the first {WARM_UP} calls are not timed."
     )
-    if earlier:
-        lines.append(
-            "change: of the median since the earlier figures; to bare: the same as ratio to a bare Kalman step "
-            f"({earlier.bare_kalman_ms:.4f} -> {figures.bare_kalman_ms:.4f} ms), which takes out the machine's speed."
-        )
     reached = ", ".join(f"{name} in {count}" for name, count in figures.ticks_by_limit.items())
     answered = ", ".join(f"{name} {count}" for name, count in figures.solvers.items())
     lines += [

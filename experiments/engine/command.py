@@ -125,18 +125,3 @@ def exit_status(left_limits: bool, failed: bool) -> int:
         1 if a limit was left, else 4 if any failed, else 0.
     """
     return command.VIOLATION if left_limits else command.INCOMPLETE if failed else 0
-
-
-def throughput(simulated_s: float, wall_s: float, settings: WorkSettings) -> str:
-    """A line on how fast replays were done; empty if none was.
-
-    Args:
-        simulated_s: Their length, seconds.
-        wall_s: How long they took, seconds.
-        settings: Who did them.
-    """
-    if not simulated_s:
-        return ""
-    rate = simulated_s / wall_s
-    each = "" if settings.dask else f", {rate / settings.jobs:.1f} a second and worker"
-    return f"{simulated_s:.0f} simulated seconds in {wall_s:.0f} s: {rate:.1f} a second{each}\n"

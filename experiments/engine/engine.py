@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -13,12 +12,9 @@ from tqdm import tqdm
 
 from experiments.engine.cache import Cache
 from experiments.engine.job import Job, Row
-from experiments.engine.workers import Cluster, on_this_machine
+from experiments.engine.workers import Cluster, Results, on_this_machine
 from gazempc.errors import GazempcError
 from gazempc.signals import deferred, raise_if_received
-
-# From so many jobs on their number is printed before, and the time they take once each worker has done some.
-_MANY, _JUDGED = 200, 4
 
 
 class Engine:
@@ -34,9 +30,6 @@ class Engine:
         unit: What the progress bar counts.
         total: Number of jobs over all calls of `run`, as far as known before.
 
-    Attributes:
-        fresh: The results that were not found but made, in the order in which they were made.
-
     Raises:
         MissingOptionalDependencyError: With `dask`, without dask.distributed.
         GazempcError: If no scheduler answers there, or the folder cannot be made.
@@ -48,7 +41,6 @@ class Engine:
         self._jobs, self._unit, self._total = jobs, unit, total
         self._bar: Any = None  # a tqdm
         self._rows: dict[str, Row] = {}
-        self.fresh: list[Row] = []
 
     def __enter__(self) -> Engine:
         return self
@@ -97,22 +89,11 @@ class Engine:
             self._count(len(self._rows))
         self._bar.total = self._total
         failed: dict[str, Row] = {}
-        count = min(self._jobs, len(missing))
-        results = on_this_machine(missing, count) if self._cluster is None else self._cluster(missing)
-        many = len(missing) >= _MANY
-        if many:
-            self._say(f"{len(missing)} {self._unit}s to do; Ctrl-C keeps what is done")
-        first_s = 0.0
+        results = (self._cluster or self._here)(missing)
         try:
-            for done, (key, row) in enumerate(results, 1):
+            for key, row in results:
                 with deferred():
                     self._keep(key, row, failed)
-                if done == count:  # the workers have started, and imported
-                    first_s = time.monotonic()
-                elif many and done == _JUDGED * count:
-                    each_s = (time.monotonic() - first_s) / (done - count)
-                    left_min = each_s * (len(missing) - done) / 60.0
-                    self._say(f"about {left_min:.0f} min for the other {len(missing) - done}, by those done so far")
         except GazempcError as error:
             kept = f"{self._kept()} are kept in {self._cache.folder}"
             raise GazempcError(f"{error}; {kept}: run the same command again to go on") from None
@@ -121,16 +102,15 @@ class Engine:
             raise
         return failed
 
-    def _say(self, text: str) -> None:
-        self._bar.write(text, file=sys.stderr)
-
     def _keep(self, key: str, row: Row, failed: dict[str, Row]) -> None:
         if row["failed"]:
             failed[key] = row
         else:
             self._rows[key] = self._cache.keep(key, row)
-            self.fresh.append(self._rows[key])
         self._count()
+
+    def _here(self, missing: dict[str, Job]) -> Results:
+        return on_this_machine(missing, min(self._jobs, len(missing)))
 
     def _count(self, n: int = 1) -> None:
         if self._bar is not None:

@@ -11,16 +11,17 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from experiments.aggregate import figure_name, sensors_of
+from experiments.aggregate import file_name, sensors_of
 from experiments.engine.choices import ChoiceSettings, each_sensor, find_recordings, in_place, name_parts, options_of
 from experiments.engine.command import Command, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.forecast.errors import RUN_IN_S, ClipView, Cues
 from experiments.forecast.jobs import ForecastJob, clip_result
-from experiments.forecast.page import AT_RATE, FAILED, LEFT_OUT, forecast_page
+from experiments.forecast.page import AT_RATE, FAILED, LEFT_OUT, forecast_page, plots_of
 from experiments.forecast.summary import ClipResult, summarise
 from experiments.pages import write_results
+from experiments.plots import draw
 from gazempc.errors import GazempcError
 from gazempc.results.run_summary import versions
 from gazempc.settings import PredictorChoice, PredictorSettings
@@ -48,13 +49,6 @@ class ForecastSettings(PredictorSettings, ChoiceSettings):
     cues: tuple[Cues, ...] = Field(
         default=("both",), min_length=1, description="Which orientations the predictors are shown"
     )
-    glance: float = Field(
-        default=0.0,
-        ge=-180,
-        le=180,
-        description="Turn the recorded head aside by this angle (deg), as of who looks at something off their way",
-    )
-    glance_from: float = Field(default=0.0, ge=0, description="When the glance begins, seconds into the recording")
     seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
     out: Path = Field(default=Path("out/forecast"), description="Where to write; an interrupted run goes on there")
 
@@ -150,7 +144,7 @@ def _views(settings: ForecastSettings) -> list[ClipView]:
     return [
         ClipView(
             {key: sensor if rate_hz is None else _slowed(sensor, rate_hz) for key, sensor in sensors.items()},
-            *(name, settings.seed, settings.truth_smoothing, settings.glance, settings.glance_from),
+            *(name, settings.seed, settings.truth_smoothing),
         )
         for name, sensors in each_sensor(settings.sensors).items()
         for rate_hz in dict.fromkeys(settings.rates or (None,))
@@ -163,12 +157,10 @@ def _slowed(sensor: SensorSpec, rate_hz: float) -> SensorSpec:
 
 
 def _draw(settings: ForecastSettings, rows: list[Row], data_kinds: str) -> list[Path]:
-    from experiments.forecast.page import draw  # noqa: PLC0415  (slow to import)
-
     sensors, drawn = sensors_of(rows), []
     for sensor in sensors:
-        drawn.append(settings.out / figure_name("forecast_error", sensor, sensors))
-        draw([row for row in rows if row["sensor"] == sensor], f"{data_kinds}; sensor {sensor}", drawn[-1])
+        drawn.append(settings.out / file_name("forecast_error", *([sensor] if len(sensors) > 1 else [])))
+        draw(plots_of(rows, sensor), drawn[-1], f"{data_kinds}; sensor {sensor}", log_y=True)
     return drawn
 
 

@@ -1,9 +1,8 @@
-"""Forecast errors of a predictor on one recording, frame by frame: what it is shown, and what it is compared with."""
+"""Forecast errors of a predictor on one recording, frame by frame: the view of the sensor, and the truth."""
 
 from __future__ import annotations
 
 import time
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
@@ -12,39 +11,12 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from gazempc.recordings.placement import place
-from gazempc.recordings.recording import Recording, Track, turned
+from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.scene import SceneSettings, natural_placement
 from gazempc.sim.sensor import SensorSpec, default_sensor, observe
-from gazempc.types import FloatArray
+from gazempc.types import FloatArray, Sighting
 from predictors import ConstantVelocity, HeadObservation, Predictor
-
-_GLANCE_RISE_S = 0.25
-
-
-def turn_head(recording: Recording, angle_deg: float, from_s: float) -> Recording:
-    """The recording with the head turned aside, by turns to the left and to the right from one name to the next.
-
-    Args:
-        recording: The recording.
-        angle_deg: How far; 0 for not at all.
-        from_s: When it begins, seconds after the first frame.
-
-    Returns:
-        The same walk with other head orientations, where they are known.
-    """
-    if angle_deg == 0.0:
-        return recording
-    side = 1.0 if zlib.crc32(recording.name.encode()) % 2 else -1.0
-    after_s = recording.times_s - recording.times_s[0] - from_s
-    angle = np.radians(angle_deg) * side * np.clip(after_s / _GLANCE_RISE_S if from_s else after_s + 1.0, 0.0, 1.0)
-
-    def looking(track: Track) -> Track:
-        return replace(track, head_quat_wxyz=turned(track.head_quat_wxyz, angle))
-
-    measured = None if recording.measured is None else looking(recording.measured)
-    return replace(recording, truth=looking(recording.truth), measured=measured)
-
 
 _SCENE = SceneSettings()
 
@@ -71,8 +43,8 @@ def placed_for(recording: Recording, sensor: SensorSpec) -> Recording:
     return place(recording, natural_placement(recording), _SCENE.distance_m, _SCENE.height_m)
 
 
-def observations_of(recording: Recording, sensor: SensorSpec, seed: int) -> list[HeadObservation]:
-    """What a predictor gets to see: as in the loop, a frame that was overtaken by a newer one is dropped.
+def in_order(recording: Recording, sensor: SensorSpec, seed: int) -> list[Sighting]:
+    """What a predictor gets: as in the loop, a frame that was overtaken by a newer one is dropped.
 
     Args:
         recording: The recording, as `placed_for` gives it.
@@ -80,12 +52,12 @@ def observations_of(recording: Recording, sensor: SensorSpec, seed: int) -> list
         seed: Seed of its errors.
 
     Returns:
-        The observations in order of capture.
+        The sightings in order of capture.
     """
-    newer: list[HeadObservation] = []
+    newer: list[Sighting] = []
     for sighting in observe(recording, sensor, seed):
-        if not newer or sighting.observation.capture_time_s > newer[-1].capture_time_s:
-            newer.append(sighting.observation)
+        if not newer or sighting.observation.capture_time_s > newer[-1].observation.capture_time_s:
+            newer.append(sighting)
     return newer
 
 
@@ -153,16 +125,12 @@ class ClipView:
         seed: Seed of the sensor's noise.
         truth_smoothing_s: Over what time the truth is smoothed for scoring; the predictors see it as it is. With it,
             the track as it was recorded is the sensor that fits.
-        glance_deg: How far the head is turned aside, see `experiments.forecast.glance.turn_head`.
-        glance_from_s: When that begins, seconds after the first frame.
     """
 
     sensors: Mapping[str, SensorSpec]
     sensor: str | None
     seed: int
     truth_smoothing_s: float
-    glance_deg: float
-    glance_from_s: float
 
     @property
     def sensor_name(self) -> str | None:
@@ -183,9 +151,9 @@ class ClipView:
         """
         fits = "recorded" if self.truth_smoothing_s else default_sensor(recording)
         sensor = self.sensors[self.sensor or fits]
-        looking = placed_for(turn_head(recording, self.glance_deg, self.glance_from_s), sensor)
-        smooth = smooth_truth(looking, self.truth_smoothing_s)
-        return Seen(replace(looking, measured=smooth.measured), sensor, TrueHead(smooth))
+        placed = placed_for(recording, sensor)
+        smooth = smooth_truth(placed, self.truth_smoothing_s)
+        return Seen(replace(placed, measured=smooth.measured), sensor, TrueHead(smooth))
 
 
 Cues = Literal["both", "head", "pelvis", "none"]
@@ -245,7 +213,7 @@ def forecast_errors(
     predictor.reset()
     reference = ConstantVelocity()
     true_head = true_head or TrueHead(recording)
-    observations = [_shown(observation, cues) for observation in observations_of(recording, sensor, seed)]
+    observations = [_shown(each.observation, cues) for each in in_order(recording, sensor, seed)]
     captures, filtered, means, covariances, freedom, update_us = [], [], [], [], [], []
     for observation in observations:
         reference.update(observation)

@@ -79,5 +79,4 @@ def clip_result(row: Row) -> ClipResult:
         The errors.
     """
     errors = ForecastErrors(**{field.name: row[field.name] for field in fields(ForecastErrors)})
-    labels = {field.name: row[field.name] for field in fields(ClipResult) if field.name != "errors"}
-    return ClipResult(**labels, errors=errors)
+    return ClipResult(**{field.name: row[field.name] for field in fields(ClipResult)[:-1]}, errors=errors)

@@ -1,4 +1,4 @@
-"""The report of a comparison of forecasts, and its picture."""
+"""Plots, tables and report of a comparison of forecasts."""
 
 from __future__ import annotations
 
@@ -7,59 +7,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.aggregate import groups_of, sensors_of
 from experiments.forecast.summary import ClipResult, error_m
-from experiments.pages import count, shares
+from experiments.pages import count
+from experiments.plots import Line, Plot, share_of_clips
 from gazempc.recordings.readers.labels import STANDING
 from gazempc.recordings.recording import truth_of
-from gazempc.results.figures.style import COLOURS, readable
+from gazempc.results.figures.style import COLOURS
 from gazempc.results.page.content import Chart, Curve, Page, PageTable, Unusual
 
-_STYLES = ("-", "--", ":", "-.")
-_CUE_LABELS = {"none": "no orientation", "head": "head", "pelvis": "pelvis", "both": "head and pelvis"}
-_NOMINAL = {0.68: "o", 0.95: "^"}
+_Row = Mapping[str, Any]
 
 
-def draw(rows: Sequence[dict[str, Any]], about: str, path: Path) -> None:
-    """Draw mean error against horizon, a panel for each group.
+def plots_of(rows: Sequence[_Row], sensor: str) -> list[Plot]:
+    """Mean error against horizon, a plot for each group; of several cues the first.
 
     Args:
-        rows: As made by `experiments.forecast.summary.summarise`, of one sensor; the first of several cues is drawn.
-        about: What data and sensor they are from.
-        path: PNG file to write.
+        rows: As of `experiments.forecast.summary.summarise`.
+        sensor: The sensor.
     """
-    rows = [r for r in rows if r["cues"] == rows[0]["cues"] and r["kind"] == "all"]
-    groups = groups_of(r for r in rows if r["group"] != "all")
+    rows = [r for r in rows if r["sensor"] == sensor and r["cues"] == rows[0]["cues"] and r["kind"] == "all"]
     predictors = list(dict.fromkeys(r["predictor"] for r in rows))
-    width_inches = 3.0 * len(groups) + 0.6
-    with readable(width_inches):
-        plot = Figure(figsize=(width_inches, 3.6), layout="constrained")
-        axes = np.atleast_1d(plot.subplots(1, len(groups), sharey=True))
-        for ax, group in zip(axes, groups, strict=True):
-            for k, predictor in enumerate(predictors):
-                own = [r for r in rows if (r["group"], r["predictor"]) == (group, predictor) and r["error_true_mm"]]
-                own.sort(key=lambda r: r["horizon_s"])
-                colour = COLOURS[k % len(COLOURS)]
-                x, y = [r["horizon_s"] for r in own], [r["error_true_mm"] for r in own]
-                label = predictor if group == groups[0] else None
-                ax.plot(
-                    x, y, marker="o", linestyle=_STYLES[k // len(COLOURS) % len(_STYLES)], color=colour, label=label
-                )
-                for r in own:
-                    if interval := r["error_true_mm_ci95"]:
-                        ax.plot([r["horizon_s"]] * 2, interval, color=colour, linewidth=1)
-            n = max(r["n_clips"] for r in rows if r["group"] == group)
-            ax.set_title(f"{group} ({n} clips)", fontsize="medium")
-            ax.set_xlabel("horizon from capture (s)")
-            # From the best to the last position is a factor of ten.
-            ax.set_yscale("log")
-            ax.grid(alpha=0.3, which="both")
-        axes[0].set_ylabel("mean forecast error (mm), logarithmic")
-        plot.legend(loc="outside upper center", ncols=min(len(predictors), 5), frameon=False, fontsize="small")
-        plot.supxlabel(about, fontsize="small", color="0.4")
-        plot.savefig(path, dpi=150)
+    plots = []
+    for group in groups_of(r for r in rows if r["group"] != "all"):
+        lines = []
+        for k, predictor in enumerate(predictors):
+            own = [r for r in rows if (r["group"], r["predictor"]) == (group, predictor) and r["error_true_mm"]]
+            own.sort(key=lambda r: float(r["horizon_s"]))
+            x, y = (np.array([row[name] for row in own], float) for name in ("horizon_s", "error_true_mm"))
+            ends = [row["error_true_mm_ci95"] or (np.nan, np.nan) for row in own]
+            lines.append(Line(predictor, COLOURS[k % len(COLOURS)], x, y, np.reshape(ends, (-1, 2))))
+        clips = max(r["n_clips"] for r in rows if r["group"] == group)
+        title = f"{group} ({clips} clips)"
+        plots.append(Plot(title, "horizon from capture (s)", "mean forecast error (mm), logarithmic", tuple(lines)))
+    return plots
 
 
 # What `summary.json` says of a forecast that failed.
@@ -68,7 +50,6 @@ FAILED = ("recording", "predictor", "cues", "sensor", "failed")
 LEFT_OUT = ("recording", "sensor", "left_out")
 # How the name of a sensor that is thinned ends.
 AT_RATE = " at {:g} Hz"
-_Row = Mapping[str, Any]
 
 
 def forecast_page(summary: _Row, results: Sequence[ClipResult], pictures: Iterable[Path], command: str) -> Page:
@@ -142,7 +123,8 @@ def _by_clip(results: Sequence[ClipResult]) -> Iterator[Chart]:
             if np.isfinite(error_mm := 1e3 * error_m(r, middle)):
                 look = _name(r.predictor, r.cues, looks), colours[r.predictor, r.cues]
                 clips.setdefault(look, {})[Path(r.recording).stem] = error_mm
-        yield shares(f"Clips by error: sensor {sensor}", f"mean error {horizons_s[middle]:g} s ahead (mm)", clips)
+        label = f"mean error {horizons_s[middle]:g} s ahead (mm)"
+        yield share_of_clips(f"Clips by error: sensor {sensor}", label, clips).chart()
 
 
 def _name(predictor: str, cues: str, looks: Iterable[tuple[str, str]]) -> str:

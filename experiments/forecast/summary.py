@@ -31,8 +31,8 @@ class ClipResult:
         subject: Who walks.
         group: Route group.
         kind: What the person does, such as ``starting``; None where that is not known.
-        errors: The errors.
         seen: Whether the predictor was fitted on this person.
+        errors: The errors.
     """
 
     recording: str
@@ -43,8 +43,8 @@ class ClipResult:
     subject: str
     group: str
     kind: str | None
-    errors: ForecastErrors
     seen: bool
+    errors: ForecastErrors
 
 
 def summarise(results: Sequence[ClipResult]) -> list[dict[str, Any]]:

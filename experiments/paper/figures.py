@@ -78,7 +78,7 @@ def _draw_room(ax: Axes, room: Room) -> None:
     (x0, x1), (y0, y1) = room.x_m, room.y_m
     ax.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, fill=False, ec=_WALL, lw=2.5, zorder=1))
     for partition in room.partitions:
-        ends = np.array([partition.start_m, partition.end_m])
+        ends = np.array(partition)
         ax.plot(ends[:, 1], ends[:, 0], color=_PARTITION, lw=3, solid_capstyle="butt", zorder=5)
     for landmark in room.landmarks:
         x, y = landmark.position_m

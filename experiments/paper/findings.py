@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from experiments.pages import markdown
 from experiments.paper.published import PUBLISHED, SIGNIFICANCE_LEVEL, VIDEOS_PER_GROUP, PublishedGroup, implied_frames
 
 _RULE_NAMES = {
@@ -17,7 +18,7 @@ _RULE_NAMES = {
 
 
 def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> list[str]:
-    return [f"| {' | '.join(head)} |", "|" + "---|" * len(head), *(f"| {' | '.join(line)} |" for line in lines), ""]
+    return markdown(head, lines).split("\n")
 
 
 def _number(value: float | None, digits: int = 0) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -179,8 +179,7 @@ _BESIDE_M = 6.0
 _SENSOR_HEIGHT_M = 1.2
 
 
-@dataclass(frozen=True)
-class CrowdScore:
+class CrowdScore(NamedTuple):
     """How well the identities of a crowd were kept.
 
     Attributes:

@@ -1,23 +1,23 @@
-"""Are people taken for each other? `python -m experiments.people --out out/people`.
+"""Identities, looks away and switches: `python -m experiments.people --out out/people`.
 
 Two synthetic walkers cross, 0.3 to 1.5 m behind each other, under each sensor. With `--tracks FOLDER` crowds are made
-of recorded head tracks, too. Each is followed by gazempc and by plain nearest neighbour; no sensor tells names. With
-`--bags FOLDER` it is judged who is engaged. `--parts` measures looks away from people who stand and walk (`returns`)
-and switches between two people (`switches`).
+of recorded head tracks. Both are tracked by gazempc and by nearest neighbour, without identities from the sensor. With
+`--bags FOLDER` engagement is estimated. `--parts` measures looks away from people who stand and walk (`returns`) and
+switches between two people (`switches`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from experiments.engine.command import Command
-from experiments.people.identities import TRACKERS, CrowdScore, cross, crowd_of, score
+from experiments.pages import markdown
+from experiments.people.identities import TRACKERS, cross, crowd_of, score
 from experiments.people.standing import switches, talk
 from gazempc.errors import RecordingError
 from gazempc.people.company import Company
@@ -36,14 +36,13 @@ from gazempc.sim.scene import SceneSettings, make_scene
 _ENGAGED, _NOT = "eng", "dis"
 
 
-@dataclass(frozen=True)
-class Decided:
-    """For how long it was decided rightly, wrongly and not at all, seconds.
+class Decided(NamedTuple):
+    """Times over all faces of bags, seconds.
 
     Attributes:
-        faces: Of how many faces.
-        right_s: As the name of the bag says.
-        wrong_s: Otherwise.
+        faces: Number of faces.
+        right_s: Decided as the name of the bag states.
+        wrong_s: Decided otherwise.
         undecided_s: Not decided.
     """
 
@@ -54,10 +53,10 @@ class Decided:
 
 
 def decided(folder: Path) -> Decided:
-    """Watch everybody on the bags of a folder.
+    """Estimate the engagement of all faces on the bags of a folder.
 
     Args:
-        folder: Folder of bags, whose names say what their people do: ``eng`` for engaged, ``dis`` for not.
+        folder: Folder of bags, whose names state the truth: ``eng`` for engaged, ``dis`` for not.
 
     Returns:
         Times over all faces.
@@ -91,7 +90,7 @@ _START_S, _LASTS_S = 1.6, 1.4
 
 
 def return_late_s(controller: str, every: int, neck: str) -> list[float]:
-    """Let each of the synthetic people walk by, and look away once.
+    """One look away from each synthetic person who walks past.
 
     Args:
         controller: Name of the controller.
@@ -99,7 +98,7 @@ def return_late_s(controller: str, every: int, neck: str) -> list[float]:
         neck: Name of the neck.
 
     Returns:
-        How much later than planned contact was back, seconds, a number a walk; infinite where it never was.
+        Delay of the contact behind the plan, seconds, for each walk; infinite without contact.
     """
     found = []
     for seed, name in enumerate(synthetic_names()[::every]):
@@ -112,30 +111,11 @@ def return_late_s(controller: str, every: int, neck: str) -> list[float]:
     return found
 
 
-def row(controller: str, neck: str, late_s: Sequence[float]) -> list[str]:
-    """A row of the table.
-
-    Args:
-        controller: Name of the controller.
-        neck: Name of the neck.
-        late_s: Of each walk.
-
-    Returns:
-        Controller, neck, median, 90 % within, number of walks, and of those after which contact was never back.
-    """
+def _returns(controller: str, neck: str, late_s: Sequence[float]) -> list[str]:
     ms = 1e3 * np.array(late_s)
-    return [
-        controller,
-        neck,
-        _said(float(np.median(ms))),
-        _said(float(np.percentile(ms, 90, method="inverted_cdf"))),
-        str(ms.size),
-        str(int(np.isinf(ms).sum())),
-    ]
-
-
-def _said(ms: float) -> str:
-    return f"{ms:.0f}" if np.isfinite(ms) else "never"
+    quantiles = np.median(ms), np.percentile(ms, 90, method="inverted_cdf")
+    shown = (f"{each:.0f}" if np.isfinite(each) else "never" for each in quantiles)
+    return [controller, neck, *shown, str(ms.size), str(int(np.isinf(ms).sum()))]
 
 
 # Long enough for a dozen looks away.
@@ -144,14 +124,11 @@ _SWITCH_SEEDS = 5
 
 
 def crossing_table(sensors: Sequence[str], seeds: int) -> str:
-    """Let pairs cross.
+    """Pairs who cross: in how many a person has the other's identity afterwards, or a new one.
 
     Args:
         sensors: Names of sensors.
         seeds: Number of pairs.
-
-    Returns:
-        A table: in how many pairs a person has the other's identity afterwards, or a new one.
     """
     rows = []
     for sensor in sensors:
@@ -159,99 +136,73 @@ def crossing_table(sensors: Sequence[str], seeds: int) -> str:
             each = [cross(seed, sensor, tracker) for seed in range(seeds)]
             swapped, renewed = (100.0 * sum(values) / len(each) for values in zip(*each, strict=True))
             rows.append([Path(sensor).stem, tracker, f"{swapped:.0f}", f"{renewed:.0f}"])
-    return f"{seeds} pairs who cross\n\n" + _table(
-        ["sensor", "tracker", "identities swapped [%]", "identities renewed [%]"], rows
-    )
+    head = ["sensor", "tracker", "identities swapped [%]", "identities renewed [%]"]
+    return f"{seeds} pairs who cross\n\n" + markdown(head, rows)
 
 
 def crowd_table(folder: Path, names: Sequence[str], people_per_s: Sequence[float], most: int, sensor: str) -> str:
-    """Follow crowds.
+    """Scores of the trackers in crowds.
 
     Args:
         folder: Folder of the tracks.
-        names: What the names of tracks of each crowd begin with.
-        people_per_s: How many enter in a second.
+        names: Prefix of the names of the tracks of each crowd.
+        people_per_s: People who enter in a second.
         most: People in a crowd, at most.
         sensor: Name of the sensor.
-
-    Returns:
-        A table of their scores.
     """
-    rows: list[list[str]] = []
-    for crowd in names:
-        for rate in people_per_s:
-            walks = crowd_of(folder, crowd, rate, most)
-            rows.extend(_row(found, rate) for found in score(crowd, walks, sensor, 0))
-    return f"Crowds of recorded people, sensor {sensor}\n\n" + _table(
-        ["crowd", "people a second", "people", "at once", "tracker", "MOTA", "IDF1", "switches"], rows
-    )
+    rows = [
+        (
+            *(found.crowd, f"{rate:g}", str(found.people), str(found.at_once), found.tracker),
+            *(f"{found.mota:.3f}", f"{found.idf1:.3f}", str(found.switches)),
+        )
+        for crowd in names
+        for rate in people_per_s
+        for found in score(crowd, crowd_of(folder, crowd, rate, most), sensor, 0)
+    ]
+    head = ["crowd", "people a second", "people", "at once", "tracker", "MOTA", "IDF1", "switches"]
+    return f"Crowds of recorded people, sensor {sensor}\n\n" + markdown(head, rows)
 
 
 def engaged_table(folder: Path) -> str:
-    """Judge who is engaged on bags.
-
-    Args:
-        folder: Folder of bags.
-
-    Returns:
-        A table: for how much of the time it was decided, and how much of that rightly.
-    """
+    """Share of the time for which engagement was decided on the bags of a folder, and share of that decided rightly."""
     found = decided(folder)
     known_s = found.right_s + found.wrong_s
     shares = [f"{100.0 * known_s / (known_s + found.undecided_s):.0f}", f"{100.0 * found.right_s / known_s:.0f}"]
-    return "Engaged or not\n\n" + _table(
-        ["faces", "seconds", "decided [%]", "of that rightly [%]"],
-        [[str(found.faces), f"{known_s + found.undecided_s:.0f}", *shares]],
-    )
+    row = [str(found.faces), f"{known_s + found.undecided_s:.0f}", *shares]
+    return "Engaged or not\n\n" + markdown(["faces", "seconds", "decided [%]", "of that rightly [%]"], [row])
 
 
 def return_table(every: int) -> str:
-    """Look away from a person who stands, and once from each walker.
+    """Delay of the contact after looks away from a standing person, and after one from each walker.
 
     Args:
         every: One of so many synthetic walks.
-
-    Returns:
-        Tables: how late contact is back.
     """
     head = ["controller", "neck", "median after plan [ms]"]
     stand = []
     for controller, neck in (*((name, "reference") for name in GAZES), ("mpc", "slow")):
         found = measure_attention(talk(controller, "listening", _TALK_S, neck))
         stand.append([controller, neck, f"{1e3 * found.return_late_s:.0f}", f"{1e3 * found.return_late_p95_s:.0f}"])
-    walk = [row(name, "reference", return_late_s(name, every, "reference")) for name in GAZES]
+    walk = [_returns(name, "reference", return_late_s(name, every, "reference")) for name in GAZES]
     return (
         f"Contact back after looks away, a person who stands and is listened to for {_TALK_S:.0f} s\n\n"
-        + _table([*head, "95 % within [ms]"], stand)
-        + "\n\nContact back after one look away, people who walk\n\n"
-        + _table([*head, "90 % within [ms]", "walks", "without contact"], walk)
+        + markdown([*head, "95 % within [ms]"], stand)
+        + "\nContact back after one look away, people who walk\n\n"
+        + markdown([*head, "90 % within [ms]", "walks", "without contact"], walk)
     )
 
 
 def switch_table() -> str:
-    """Switch between two people who stand.
-
-    Returns:
-        A table: how early contact comes, and how far the gaze passes the new person.
-    """
+    """Excess time to contact, and overshoot, of switches between two people who stand."""
     rows = []
     for controller in ("reactive", "lookahead", "mpc"):
         found = [(measure_attention(log), least_s) for log, least_s in switches(controller, _SWITCH_SEEDS, "reference")]
         late_ms = [1e3 * (each.time_to_contact_after_switch_s - least_s) for each, least_s in found]
-        past_deg = [each.switch_overshoot_deg for each, _ in found]
-        rows.append([controller, str(len(found)), f"{np.median(late_ms):.0f}", f"{np.max(late_ms):.0f}"])
-        rows[-1].append(f"{np.max(past_deg):.2f}")
+        past_deg = max(each.switch_overshoot_deg for each, _ in found)
+        late = (f"{np.median(late_ms):.0f}", f"{np.max(late_ms):.0f}")
+        rows.append([controller, str(len(found)), *late, f"{past_deg:.2f}"])
     head = ["controller", "switches", "contact after the least time, median [ms]", "longest [ms]"]
-    return "Switches between two people, neck reference\n\n" + _table([*head, "overshoot, at most [deg]"], rows)
-
-
-def _row(found: CrowdScore, people_per_s: float) -> list[str]:
-    scores = [f"{found.mota:.3f}", f"{found.idf1:.3f}", str(found.switches)]
-    return [found.crowd, f"{people_per_s:g}", str(found.people), str(found.at_once), found.tracker, *scores]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join(["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)])
+    return "Switches between two people, neck reference\n\n" + markdown([*head, "overshoot, at most [deg]"], rows)
 
 
 Part = Literal["crossing", "returns", "switches"]
@@ -288,7 +239,7 @@ def _run(settings: PeopleStudySettings, _: str) -> int:
         tables.append(crowd_table(settings.tracks, crowds, rates, settings.most, sensor))
     if settings.bags is not None:
         tables.append(engaged_table(settings.bags))
-    text = "\n\n".join(tables)
+    text = "\n".join(tables)
     settings.out.mkdir(parents=True, exist_ok=True)
     path = settings.out / "report.md"
     path.write_text(f"{text}\n", encoding="utf-8")

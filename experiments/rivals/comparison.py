@@ -19,7 +19,6 @@ from experiments.engine.choices import check_fitted, find_recordings, in_place
 from experiments.engine.command import Command, WorkSettings, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.pages import text_of
 from experiments.rivals.jobs import NAMES, RivalJob
 from experiments.rivals.plan import (
     ALL_WALKS,
@@ -33,13 +32,13 @@ from experiments.rivals.plan import (
     summarise,
     wrong_jobs,
 )
-from experiments.rivals.presentation import Shown, draw_contact, of_errors, of_gazes, rivals_page
+from experiments.rivals.presentation import draw_contact, error_tables, page_tables
 from experiments.rivals.simulate import on_the_head
 from experiments.rivals.trials import TRIALS, TURNS
 from gazempc.errors import SettingsError, suggest
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import load_neck
-from gazempc.results.page.write import write_page
+from gazempc.results.page.content import PageTable
 from gazempc.results.run_summary import versions
 from gazempc.settings import WalkerSettings
 from gazempc.sim.sensor import load_sensor
@@ -126,35 +125,36 @@ def _done(settings: RivalsSettings) -> tuple[list[Row], list[Row], int]:
 
 def _run(settings: RivalsSettings, command: str) -> int:
     done, failed, left_out = _done(settings)
-    rows, shown, pictures = _wrong_model(done) if settings.wrong_model else _gazes(settings, done)
-    saved = settings.saved("rows")
+    rows, tables, pictures = _wrong_model(done) if settings.wrong_model else _gazes(settings, done)
     path = settings.rows or settings.out / "rows.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, json.dumps({"settings": saved, "versions": versions(), "rows": rows}, indent=2) + "\n")
-    page = rivals_page(shown, pictures, saved, failed, left_out, command)
-    text = text_of(page)
+    saved = {"settings": settings.saved("rows"), "versions": versions(), "rows": rows}
+    write_whole(path, json.dumps(saved, indent=2) + "\n")
+    lines = ["Means over clips, in brackets 95 % bootstrap intervals over people; the best first.", ""]
+    for table in tables:
+        lines += [f"## {table.title}", "", *table.markdown(), ""]
+    lines += [f"- failed: {run['rival']}, {run['trial']}, {run['recording']}: {run['failed']}" for run in failed]
+    text = "\n".join([*lines, f"{left_out} runs left out: the walk is too near, or too short.", f"`{command}`", ""])
     write_whole(settings.out / "tables.md", text)
-    write_page(page, settings.out)
     print(text)
-    print(f"Written to {settings.out}/ (report.html, tables and pictures) and {path}")
+    print(f"Written to {settings.out}/: tables.md{''.join(f', {picture.name}' for picture in pictures)}; and {path}")
     return exit_status(False, bool(failed))
 
 
-def _gazes(settings: RivalsSettings, runs: Sequence[Row]) -> tuple[list[Row], Shown, list[Path]]:
-    best = at_their_best(runs)
-    rows, drawn = summarise(best), []
+def _gazes(settings: RivalsSettings, runs: Sequence[Row]) -> tuple[list[Row], list[PageTable], list[Path]]:
+    rows, drawn = summarise(at_their_best(runs)), []
     for sensor in dict.fromkeys(row["sensor"] for row in rows if row["trial"] == ALL_WALKS):
         drawn.append(settings.out / f"contact_{sensor}.png")
         draw_contact([row for row in rows if row["sensor"] == sensor], ALL_WALKS, drawn[-1])
-    return rows, of_gazes(rows, best), drawn
+    return rows, page_tables(rows), drawn
 
 
-def _wrong_model(runs: Sequence[Row]) -> tuple[list[Row], Shown, list[Path]]:
+def _wrong_model(runs: Sequence[Row]) -> tuple[list[Row], list[PageTable], list[Path]]:
     found = by_error([run for run in runs if run["rival"] in WITH_MODEL])
     level = summarise(at_their_best([run for run in runs if run["rival"] in WITHOUT_MODEL]))
     shown = {LABELS[name]: [row for row in rows if row["trial"] == ALL_WALKS] for name, rows in found.items()}
     rows = [*(row for rows in found.values() for row in rows), *level]
-    return rows, of_errors(shown, [row for row in level if row["trial"] == ALL_WALKS]), []
+    return rows, error_tables(shown, [row for row in level if row["trial"] == ALL_WALKS]), []
 
 
 main = Command("rivals", RivalsSettings, __doc__, _run).main

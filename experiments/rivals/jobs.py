@@ -13,7 +13,6 @@ import numpy as np
 from experiments.engine.job import Row, key_of, models_hash, recording_hash
 from experiments.rivals.laws import RIVALS
 from experiments.rivals.laws.frigate import Frigate, FrigateCalibration, MoveTime
-from experiments.rivals.laws.reachy_mini import ReachyMini, ReachyMiniCaptureRaw
 from experiments.rivals.motor import Motor, driven_by
 from experiments.rivals.response import recontact_s, response
 from experiments.rivals.rival import HeadCamera, Rival, View
@@ -29,11 +28,8 @@ from gazempc.sim.scene import Scene
 from gazempc.sim.sensor import SensorSpec
 
 _RATE_HZ = 200.0
-# A neck that needs longer for its thirty moves is one that Frigate would not accept.
+# Frigate accepts no calibration that takes longer.
 _PATIENCE_S = 600.0
-
-# These leave out small faces. All are to see the same ones, so that laws are compared and not detectors.
-_OWN_DETECTOR = (ReachyMini, ReachyMiniCaptureRaw)
 
 
 def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: HeadCamera, **constants: Any) -> Rival:
@@ -50,8 +46,6 @@ def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: HeadCame
         The rival.
     """
     law: Callable[..., Rival] = RIVALS[name]
-    if law in _OWN_DETECTOR:
-        constants = {"least_share": 0.0} | constants
     if law is Frigate:
         constants = {"move_time": calibrate(robot_neck, camera)} | constants
     return law(neck, camera, **constants)

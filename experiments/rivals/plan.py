@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from experiments.aggregate import bootstrap_mean
+from experiments.aggregate import with_interval
 from experiments.engine.job import Row
 from experiments.rivals.jobs import FIGURES, NAMES, OURS, ModelError, RivalJob
 from experiments.rivals.laws import RIVALS
@@ -159,9 +159,7 @@ def _row(trial: str, runs: Sequence[Row], our_contact: Mapping[tuple[Any, ...], 
     columns = {name: [math.nan if run[name] is None else run[name] for run in runs] for name in FIGURES}
     columns[BEHIND] = [our_contact.get(_clip(run), math.nan) - run["eye_contact_2p6"] for run in runs]
     for name, values in columns.items():
-        mean, low, high = bootstrap_mean(values, people)
-        row[name] = mean if math.isfinite(mean) else None
-        row[f"{name}_ci95"] = [low, high] if math.isfinite(low) else None
+        row |= with_interval(name, values, people)
     return row
 
 

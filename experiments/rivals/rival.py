@@ -15,7 +15,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from gazempc.neck.kinematics import gaze_ray
-from gazempc.neck.spec import Geometry
+from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.types import FloatArray, JointState
 
 # Between the chin and the hairline of an adult; what face detectors draw their boxes round.
@@ -90,7 +90,11 @@ class View:
 
 
 class Rival(ABC):
-    """A control law of a neck and of the camera on its head, as the law takes them to be.
+    """A control law for its models of a neck and of the camera on the head.
+
+    Args:
+        neck: Model of the neck.
+        camera: Model of the camera.
 
     Attributes:
         name: Its name in tables.
@@ -104,24 +108,30 @@ class Rival(ABC):
     free: ClassVar[tuple[dict[str, float], ...]] = ({},)
     period_s: float = 0.02
 
+    def __init__(self, neck: NeckSpec, camera: HeadCamera) -> None:
+        self._neck, self._camera = neck, camera
+
     @abstractmethod
     def start(self, view: View) -> None:
-        """Begin, with nothing remembered.
+        """Reset the state.
 
         Args:
-            view: What it sees at the start; without detections.
+            view: Measurements at the start, without detections.
         """
 
     @abstractmethod
     def step(self, view: View) -> FloatArray:
-        """Answer what it sees.
+        """One period of the law.
 
         Args:
-            view: What it sees.
+            view: Measurements.
 
         Returns:
-            Pan and tilt, shape (2,): absolute angles in radians, or velocities in rad/s, as `command` says.
+            Pan and tilt, shape (2,): absolute angles in radians, or velocities in rad/s, see `command`.
         """
+
+    def _within_range(self, angles_rad: FloatArray) -> FloatArray:
+        return np.clip(angles_rad, self._neck.position_min_rad, self._neck.position_max_rad)
 
 
 # Frames a tenth of a second apart are ten a second, with stamps that are rounded.

@@ -1,4 +1,4 @@
-"""Dotted names of all that a sweep may set: the check of their values, and the run that they stand for."""
+"""Dotted names of the settings of a sweep: checks of their values, and the run that they describe."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def setting_fields() -> dict[str, FieldInfo]:
 
 
 def check_name(name: str) -> str | None:
-    """Say what is wrong with a dotted name.
+    """Check a dotted name.
 
     Args:
         name: What the user wrote.
@@ -85,52 +85,30 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
     """
     if name.startswith(OPTION):
         return value, None
-    if name in _PARTS:
-        return _check_part(name, value)
     field = setting_fields()[name]
-    # Python takes true for 1; and infinity means something only where it stands for "no limit".
+    # Python takes true for 1; infinity is accepted only where it stands for "no limit".
     if isinstance(value, bool) != (field.annotation is bool) or (
         isinstance(value, float) and not math.isfinite(value) and value != field.default
     ):
-        return value, f"{_said(value)} is not accepted; accepted: {accepted(field)}"
+        return value, f"{value!r} is not accepted; accepted: values of type {field.annotation}"
     try:
+        if name in _PARTS:
+            return check_choice(_PARTS[name], str(value)), None
         checked = _alone(name).model_validate({"value": value}).model_dump()["value"]
-    except ValidationError as error:
-        choices = [c for c in _choices(field) if isinstance(c, str)]
-        wanted = suggest(str(value), choices) if choices else f"accepted: {accepted(field)}"
-        return value, f"{error.errors()[0]['msg']} (given: {_said(value)}); {wanted}"
-    try:
         if name == "neck":
             load_neck(checked)
         elif name == "sensor" and checked is not None:
             load_sensor(checked)
-    except SettingsError as error:
+    except ValidationError as error:
+        return value, f"{error.errors()[0]['msg']} (given: {value!r})"
+    except (SettingsError, ValueError) as error:
         return value, str(error)
     return checked, None
 
 
-def _check_part(name: str, value: Any) -> tuple[Any, str | None]:
-    try:
-        return check_choice(_PARTS[name], str(value)), None
-    except ValueError as error:
-        return value, str(error)
-
-
-def accepted(field: FieldInfo) -> str:
-    """The type and range of a setting, for messages."""
-    signs = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
-    limits = [f"{sign} {getattr(m, key):g}" for m in field.metadata for key, sign in signs.items() if hasattr(m, key)]
-    if choices := _choices(field):
-        return ", ".join("null" if c is None else str(c) for c in choices)
-    if field.annotation is bool:
-        return "true, false"
-    kind = "a whole number" if field.annotation is int else "a number" if is_number(field) else "a value of its type"
-    return " and ".join([f"{kind} {limits[0]}", *limits[1:]]) if limits else kind
-
-
 def is_number(field: FieldInfo) -> bool:
     """True if a setting can be swept between two ends."""
-    return bool({int, float} & {field.annotation, *get_args(field.annotation)}) and not _choices(field)
+    return bool({int, float} & {field.annotation, *get_args(field.annotation)})
 
 
 def check_settings(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -171,18 +149,6 @@ def _alone(name: str) -> type[BaseModel]:
     return create_model("Alone", value=(kind, field))
 
 
-def _choices(field: FieldInfo) -> tuple[Any, ...]:
-    found: list[Any] = []
-    for part in (field.annotation, *get_args(field.annotation)):
-        if getattr(part, "__origin__", None) is not None and "Literal" in repr(part):
-            found += get_args(part)
-    return tuple(found)
-
-
-def _said(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else repr(value)
-
-
 Values = Mapping[str, Any]
 Spec = TypeVar("Spec", bound=BaseModel)
 
@@ -216,7 +182,7 @@ def resolve(values: Values) -> Variant:
     """
     checked, problems = check_settings(values)
     if "controller" not in values:
-        problems.append(f"controller: missing; accepted: {accepted(setting_fields()['controller'])}")
+        problems.append("controller: missing")
     if problems:
         raise SettingsError("\n".join(problems))
 

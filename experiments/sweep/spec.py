@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from experiments.sweep.names import accepted, check_name, check_settings, check_value, is_number, setting_fields
+from experiments.sweep.names import check_name, check_settings, check_value, is_number, setting_fields
 from gazempc.errors import shown, suggest
 from gazempc.results.metrics import Metrics
 from gazempc.results.run_summary import ComputeMetrics
@@ -73,7 +73,7 @@ def _check_vary(vary: dict[str, Any]) -> dict[str, Any]:
 def _range_problems(name: str, ends: Range) -> Iterable[str]:
     field = setting_fields()[name]
     if not is_number(field):
-        yield f"has no numbers between two ends; give a list of values of: {accepted(field)}"
+        yield "has no numbers between two ends; give a list of values"
         return
     for end in ("low", "high"):
         value = getattr(ends, end)

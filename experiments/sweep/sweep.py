@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,12 +11,13 @@ import tyro
 from pydantic import Field
 
 from experiments.engine.choices import name_parts
-from experiments.engine.command import Command, WorkSettings, exit_status, throughput
+from experiments.engine.command import Command, WorkSettings, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.replays import all_faults
 from experiments.pages import write_csv, write_results
-from experiments.sweep.figures import draw_all
+from experiments.plots import draw
+from experiments.sweep.figures import plots_of, recorded_or_synthetic
 from experiments.sweep.names import resolve
 from experiments.sweep.page import sweep_page
 from experiments.sweep.plan import Point, SweepPlan, load_plan, shipped_studies
@@ -28,7 +28,7 @@ from gazempc.results.run_summary import versions
 from gazempc.settings import WalkerSettings
 
 
-def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None) -> tuple[list[Row], float]:
+def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None) -> list[Row]:
     """Do all runs of a sweep; those that have a result in `out` are not done again.
 
     Args:
@@ -38,8 +38,7 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
         dask: Address of the scheduler of a cluster that does the runs instead.
 
     Returns:
-        A row for each run (labels, the settings that vary, ``left_out`` and ``failed``, and all metrics), and the
-        simulated time of the runs that were not there before, seconds.
+        A row for each run: labels, the settings that vary, ``left_out`` and ``failed``, and all metrics.
 
     Raises:
         MissingOptionalDependencyError: If Optuna or dask.distributed is needed and not installed.
@@ -63,7 +62,7 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
             rows += _rows(plan, engine, [(case, i, point) for i, point in enumerate(points)])
     for part in ("controller", "predictor"):
         name_parts(rows, part)
-    return rows, sum(row.get("simulated_s", 0.0) for row in engine.fresh)
+    return rows
 
 
 def _count(plan: SweepPlan) -> int:
@@ -108,27 +107,20 @@ def sweep(settings: SweepSettings, command: str = "") -> int:
     """
     plan = load_plan(settings.sweep, settings.recordings, settings.walker.fitted)
     out = settings.out or Path("out/sweep") / plan.spec.name
-    started_s = time.monotonic()
-    rows, simulated_s = run_sweep(plan, out, settings.jobs, settings.dask)
-    wall_s = time.monotonic() - started_s
-
+    rows = run_sweep(plan, out, settings.jobs, settings.dask)
     table = point_table(plan, rows)
     write_csv(out / "results.csv", rows)
     write_csv(out / "table.csv", table)
     summary = _summary(plan, rows, table)
-    pictures = draw_all(plan, rows, table, out) if settings.figures and table else []
+    plots = list(plots_of(plan, rows, table)) if table else []
+    pictures = [out / f"{name}.png" for name, _ in plots if name and settings.figures]
+    for path, (_, plot) in zip(pictures, plots, strict=False):
+        draw([plot], path, f"{recorded_or_synthetic(plan)}; means over clips, 95 % intervals over people")
     command = command or f"experiments.sweep.sweep.sweep({settings!r})"
-    print(write_results(sweep_page(plan, summary, rows, table, pictures, command), out, summary))
-    print(throughput(simulated_s, wall_s, settings), end="")
-    written = [
-        "report.html",
-        "results.csv",
-        "table.csv",
-        "summary.json",
-        "summary.md",
-        *(path.name for path in pictures),
-    ]
-    print(f"Written to {out}/: {', '.join(written)}")
+    page = sweep_page(plan, summary, rows, table, [plot for _, plot in plots], pictures, command)
+    print(write_results(page, out, summary))
+    written = ("report.html", "results.csv", "table.csv", "summary.json", "summary.md")
+    print(f"Written to {out}/: {', '.join([*written, *(path.name for path in pictures)])}")
     return exit_status(any(row["limit_violations"] for row in rows), bool(summary["failed"]))
 
 

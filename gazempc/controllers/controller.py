@@ -92,12 +92,14 @@ class Situation:
 
         Until then no plan changes the motion.
         """
-        return self._settled[0] + self.joint_offset_rad
+        settled_rad: FloatArray = self._settled[0] + self.joint_offset_rad
+        return settled_rad
 
     @property
     def settled_velocity_rad_s(self) -> FloatArray:
         """Joint velocities then, shape (N,), rad/s."""
-        return self._settled[1]
+        settled_rad_s: FloatArray = self._settled[1]
+        return settled_rad_s
 
 
 class JointPlan(NamedTuple):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,17 +18,7 @@ MOST_SETTINGS_BYTES = 256 * 1024
 MOST_VALUES = 30_000_000
 # Content of a packed file: some megabytes are packed to nearly nothing, larger content rarely to a twelfth.
 _UNPACKED_BYTES, _UNPACKED_PER_BYTE = 250 * MEGABYTE, 12
-_KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISFIFO, "a pipe"),
-    (stat.S_ISSOCK, "a socket"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-)
-_SEPARATOR, _BLANK = 1, 2
-_SEPARATORS = np.zeros(256, dtype=np.uint8)
-_SEPARATORS[list(b",;\t")] = _SEPARATOR
-_SEPARATORS[list(b" \r\n")] = _BLANK
+_IS_BLANK = np.isin(np.arange(256), list(b" \r\n"))
 
 
 def is_there(path: Path) -> bool:
@@ -130,18 +119,17 @@ def check_values(data: bytes) -> None:
     Raises:
         OSError: If there are more than `MOST_VALUES`.
     """
-    kinds = _SEPARATORS[np.frombuffer(data, dtype=np.uint8)]
-    blank = kinds == _BLANK
+    blank = _IS_BLANK[np.frombuffer(data, dtype=np.uint8)]
     # A run of blanks separates once.
-    count = int((kinds == _SEPARATOR).sum()) + int((blank[1:] & ~blank[:-1]).sum())
+    count = sum(map(data.count, (b",", b";", b"\t"))) + int((blank[1:] & ~blank[:-1]).sum())
     if count > MOST_VALUES:
         raise OSError(errno.EFBIG, f"it has {count} values; accepted are {MOST_VALUES} at most")
 
 
 def _checked(path: Path, found: os.stat_result, most_bytes: int | None) -> int:
     if not stat.S_ISREG(found.st_mode):
-        what = next((name for is_kind, name in _KINDS if is_kind(found.st_mode)), "something else")
-        raise OSError(errno.EINVAL, f"this is {what}, not a regular file", str(path))
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe, a socket or a device"
+        raise OSError(errno.EINVAL, f"this is {kind}, not a regular file", str(path))
     if most_bytes is not None and found.st_size > most_bytes:
         raise _too_large(path, most_bytes, found.st_size)
     return found.st_size

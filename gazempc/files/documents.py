@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -22,6 +24,8 @@ _TOML_TOKENS = re.compile(
     r"|'{3}.*?'{3}|#[^\n]*+|" + _TOML_KEY,
     re.DOTALL,
 )
+_LONGEST_REASON = 300
+_Value = TypeVar("_Value")
 _TOO_DEEP = f"nested deeper than {_DEEPEST} levels"
 
 
@@ -58,17 +62,13 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     Raises:
         SettingsError: If it is not TOML, holds a number of thousands of digits or is nested too deeply.
     """
-    try:
+    with _naming(source, "TOML"):
         if len(text) > MOST_SETTINGS_BYTES:
             raise ValueError(f"{len(text)} characters; accepted are {MOST_SETTINGS_BYTES} at most")
         # The parser's time and memory grow with the square of the parts of a key.
         if any(found.lastgroup for found in _TOML_TOKENS.finditer(text)):
             raise ValueError(_TOO_DEEP)
-        found = tomllib.loads(text)
-        _check(found)
-    except (ValueError, RecursionError) as error:
-        raise SettingsError(f"{source}: not valid TOML: {_reason(error)}") from None
-    return found
+        return _checked(tomllib.loads(text))
 
 
 def parse_yaml(text: str, source: str) -> Any:
@@ -84,14 +84,9 @@ def parse_yaml(text: str, source: str) -> Any:
     Raises:
         SettingsError: If it is not YAML, has aliases, holds a number of thousands of digits or is nested too deeply.
     """
-    try:
-        check_yaml(text, source)
-        found = yaml.safe_load(text)
-        _check(found)
-    # Dates that do not exist and keys that are lists make the parser raise other errors than its own.
-    except (yaml.YAMLError, ValueError, TypeError, OverflowError) as error:
-        raise SettingsError(f"{source}: not valid YAML: {_reason(error)}") from None
-    return found
+    check_yaml(text, source)
+    with _naming(source, "YAML"):
+        return _checked(yaml.safe_load(text))
 
 
 def check_yaml(text: str, source: str) -> None:
@@ -105,46 +100,46 @@ def check_yaml(text: str, source: str) -> None:
         SettingsError: If it is not YAML, has aliases or is nested too deeply.
     """
     depth = 0
-    try:
+    with _naming(source, "YAML"):
         for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+            line = "" if event.start_mark is None else f"line {event.start_mark.line + 1}: "
             if isinstance(event, yaml.AliasEvent):
-                raise SettingsError(f"{source}: {_line(event)}: aliases (*{event.anchor}) are not accepted")
+                raise ValueError(f"{line}aliases (*{event.anchor}) are not accepted")
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > _DEEPEST:
-                raise SettingsError(f"{source}: {_line(event)}: {_TOO_DEEP}")
-    except (yaml.YAMLError, ValueError) as error:
-        raise SettingsError(f"{source}: not valid YAML: {_reason(error)}") from None
+                raise ValueError(f"{line}{_TOO_DEEP}")
 
 
-def _line(event: yaml.Event) -> str:
-    return "" if event.start_mark is None else f"line {event.start_mark.line + 1}"
+@contextmanager
+def _naming(source: str, language: str) -> Iterator[None]:
+    try:
+        yield
+    except RecursionError:
+        raise SettingsError(f"{source}: not valid {language}: {_TOO_DEEP}") from None
+    # Dates that do not exist and keys that are lists make the parser of YAML raise other errors than its own.
+    except (yaml.YAMLError, ValueError, TypeError, OverflowError) as error:
+        text = str(error)
+        if "digits" in text and "limit" in text:  # Python's own words advise programmers
+            text = "a whole number of thousands of digits"
+        text = text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]}..."
+        raise SettingsError(f"{source}: not valid {language}: {text}") from None
 
 
-def _check(value: Any, depth: int = 0) -> None:
-    """Refuse values that cannot be computed with, or printed.
+def _checked(value: _Value, depth: int = 0) -> _Value:
+    """The value; refuses parts that cannot be computed with, or printed.
 
     Raises:
-        ValueError: Says what it is.
+        ValueError: Names the part.
     """
     if depth > _DEEPEST:
         raise ValueError(_TOO_DEEP)
+    parts: Iterable[Any] = value if isinstance(value, list | tuple | set) else ()
     if isinstance(value, dict):
-        for key, item in value.items():
-            _check(key, depth + 1)
-            _check(item, depth + 1)
-    elif isinstance(value, list | tuple | set):
-        for item in value:
-            _check(item, depth + 1)
-    elif isinstance(value, int) and abs(value) > 2**63:
+        parts = (*value, *value.values())
+    for part in parts:
+        _checked(part, depth + 1)
+    if isinstance(value, int) and abs(value) > 2**63:
         raise ValueError(f"{shown(value)} is too large a whole number; accepted: 64 bits")
-    elif isinstance(value, str) and any("\ud800" <= character <= "\udfff" for character in value):
+    if isinstance(value, str) and any("\ud800" <= character <= "\udfff" for character in value):
         raise ValueError(f"{shown(value)} is no text: half of a surrogate pair")
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, RecursionError):
-        return _TOO_DEEP
-    text = str(error)
-    if "digits" in text and "limit" in text:  # Python's own words advise programmers
-        return "a whole number of thousands of digits"
-    return text if len(text) <= 300 else f"{text[:300]}..."
+    return value

@@ -36,7 +36,8 @@ def read_npz(file: Path | bytes) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             _check_members(archive, len(data))
-            return {member.filename.removesuffix(".npy"): _array(archive, member) for member in archive.infolist()}
+            names = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+            return {name: _array(archive, member) for name, member in names.items()}
     except (OSError, ValueError):
         raise
     except Exception as error:  # a damaged archive makes the libraries raise errors of many unrelated classes

@@ -64,7 +64,7 @@ def write_whole(path: Path, content: str | bytes | Callable[[IO[bytes]], object]
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Say in errors of the file system what was to be written: a write that fails does not know its file.
+    """Name the file in errors of the file system.
 
     Args:
         path: The file that is written inside.

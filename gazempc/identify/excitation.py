@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import ruckig
 from pydantic import BaseModel, ConfigDict, Field
 
-from gazempc.errors import RobotError, SettingsError
+from gazempc.errors import SettingsError
 from gazempc.neck.spec import NeckSpec
+from gazempc.robots.robot import move_rad, stop_trajectory
 from gazempc.types import FloatArray
 
 ExcitedAxes = tuple[Literal["all", "in_turn", "pan", "tilt", "eye_pan", "eye_tilt", "body_yaw"], ...]
@@ -132,22 +132,11 @@ def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:
     Returns:
         The commands to send next, shape (K, N), radians.
     """
-    period_s, limits = neck.servo_period_s, neck.command_limits
-    velocity = np.diff(last_rad, axis=0)[-1] / period_s
-    acceleration = np.diff(last_rad, 2, axis=0)[-1] / period_s**2
-    columns = []
-    for axis in range(neck.joints):
-        request = ruckig.InputParameter(1)
-        request.control_interface = ruckig.ControlInterface.Velocity
-        request.current_position = [float(last_rad[-1, axis])]
-        request.current_velocity = [float(velocity[axis])]
-        request.current_acceleration = [float(acceleration[axis])]
-        request.target_velocity = request.target_acceleration = [0.0]
-        request.max_acceleration = [float(limits.acceleration_max_rad_s2[axis])]
-        request.max_jerk = [float(limits.jerk_max_rad_s3[axis])]
-        columns.append(_sampled(request, period_s))
-    longest = max(map(len, columns))
-    return np.stack([np.pad(column, (0, longest - len(column)), mode="edge") for column in columns], axis=1)
+    period_s = neck.servo_period_s
+    velocity_rad_s = np.diff(last_rad, axis=0)[-1] / period_s
+    acceleration_rad_s2 = np.diff(last_rad, 2, axis=0)[-1] / period_s**2
+    stop = stop_trajectory(last_rad[-1], velocity_rad_s, acceleration_rad_s2, neck.command_limits, period_s)
+    return np.array([stop.at_time((k + 1) * period_s)[0] for k in range(int(np.ceil(stop.duration / period_s)) + 1)])
 
 
 def _amplitude_rad(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> float:
@@ -224,20 +213,7 @@ def _multisine(
 def _move(neck: NeckSpec, axis: int, start_rad: float, target_rad: float, speed_share: float) -> FloatArray:
     """Rest to rest as fast as the margin allows; shape (K,) from one period after the start, radians."""
     limits = neck.command_limits
-    request = ruckig.InputParameter(1)
-    request.current_position, request.target_position = [start_rad], [target_rad]
-    request.current_velocity = request.current_acceleration = [0.0]
-    request.target_velocity = request.target_acceleration = [0.0]
-    request.max_velocity = [speed_share * _MARGIN * float(limits.velocity_max_rad_s[axis])]
-    request.max_acceleration = [_MARGIN * float(limits.acceleration_max_rad_s2[axis])]
-    request.max_jerk = [_MARGIN * float(limits.jerk_max_rad_s3[axis])]
-    return _sampled(request, neck.servo_period_s)
-
-
-def _sampled(request: ruckig.InputParameter, period_s: float) -> FloatArray:
-    trajectory = ruckig.Trajectory(1)
-    result = ruckig.Ruckig(1, period_s).calculate(request, trajectory)
-    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise RobotError(f"cannot plan a motion within the neck's limits ({result})")
-    count = int(np.ceil(trajectory.duration / period_s - 1e-9)) + 1
-    return np.array([trajectory.at_time((k + 1) * period_s)[0][0] for k in range(count)])
+    bounds = (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3)
+    shares = (speed_share * _MARGIN, _MARGIN, _MARGIN)
+    each = [share * bound[axis : axis + 1] for share, bound in zip(shares, bounds, strict=True)]
+    return move_rad(np.array([start_rad]), np.array([target_rad]), each, neck)[:, 0]

@@ -13,15 +13,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gazempc.live.capture_clock import ClockOffset
 from gazempc.live.hints import Frame
+from gazempc.live.logs import LiveReport
 from gazempc.live.mount import JointHistory
-from gazempc.live.plausibility import Plausibility, out_of_place
-from gazempc.live.run_report import LiveReport
+from gazempc.live.plausibility import Plausibility, Watch, out_of_place
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Arrived, Notice, check_range
-from gazempc.live.stamps import Stamps
-from gazempc.live.watch import FollowedPerson, Watch
+from gazempc.live.stamps import ClockOffset, Stamps
 from gazempc.loop.boundary import PartError, boundary
 from gazempc.loop.events import Event
 from gazempc.loop.looking_away import LookingAway
@@ -58,9 +56,7 @@ class Arrivals:
         people = setup.several.several if isinstance(setup.several, LookingAway) else None
         self._one_person = people is None
         self._newest = _NEWEST if people is None else _NEWEST_OF_SEVERAL
-        self._watch = Watch(setup.clock, setup.stamps, setup.mount, setup.loop, setup.hints)
-        # Of several people in alternate frames one is judged; else each change of person would look like a leap.
-        self._see = self._watch.see if people is None else FollowedPerson(self._watch.see, people).see
+        self._watch = Watch(setup.clock, setup.stamps, setup.mount, setup.loop, setup.hints, people is not None)
         self._joints = JointHistory()
         self._waiting: deque[Sighting] = deque()
         # A simulated clock stands still meanwhile.
@@ -201,7 +197,7 @@ class Arrivals:
         in_base = self._mount.to_base(seen, self._geometry, angles_rad) if known else None
         # Where a wrong stamp does not let it be placed, too: the watch finds out why.
         base_m = None if in_base is None else in_base.head_position_base_m
-        self._see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
+        self._watch.see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
         if in_base is None:
             on = self._mount.on
             raise ValueError(f"the sensor moves with the {on}, and where the {on} was at the capture time is not known")

@@ -74,16 +74,11 @@ class SetupHints:
         """
         if self.own_source:
             known = {"unix": "clock.from_unix_s(SECONDS)", "monotonic": "clock.from_monotonic_s(SECONDS)"}
-            return (
-                f"the source must give the loop's time, {known.get(clock, 'such as clock.now_s() minus the latency')}"
-            )
-        if self.python:
-            seconds = "" if unit == "s" else "give seconds"
-            named = "" if clock == "unix" else f'say clock="{clock}"'
-            return " and ".join(filter(None, (seconds, named)))
-        words = [] if clock == "unix" else [self.setting("stamps", "clock", clock)]
-        words += [] if unit == "s" else [self.setting("stamps", "unit", unit)]
-        return f"say {' '.join(words)}"
+            time_s = known.get(clock, "such as clock.now_s() minus the latency")
+            return f"the source must give the loop's time, {time_s}"
+        named = "" if clock == "unix" else f'clock="{clock}"' if self.python else self.setting("stamps", "clock", clock)
+        in_unit = "" if unit == "s" else "seconds" if self.python else self.setting("stamps", "unit", unit)
+        return f"set {' '.join(filter(None, (named, in_unit)))}"
 
     @property
     def no_ids(self) -> str:

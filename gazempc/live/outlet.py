@@ -15,7 +15,6 @@ from types import TracebackType
 
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
-from gazempc.live.settings import LiveSettings
 from gazempc.people.attention import AttentionState
 from gazempc.ros2.messages import Ros2Error, topic_name
 from gazempc.ros2.node import Ros2Node, message_type
@@ -36,13 +35,8 @@ Sink = AbstractContextManager[Callable[[str], None]]
 @contextmanager
 def _udp(host: str, port: int) -> Iterator[Callable[[str], None]]:
     """A datagram a line; a missing receiver is no error."""
-    try:
-        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        opened = socket.socket(family, socket.SOCK_DGRAM)
-    except (OSError, UnicodeError) as error:  # the last one: a name with an empty part
-        why = getattr(error, "strerror", None) or error
-        raise SettingsError(f"{_OPTION} udp:{host}:{port}: {why}") from None
-    with opened:
+    family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    with socket.socket(family, socket.SOCK_DGRAM) as opened:
 
         def send(line: str) -> None:
             opened.sendto(line.encode() + b"\n", address)
@@ -53,28 +47,15 @@ def _udp(host: str, port: int) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def _ros2(topic: str) -> Iterator[Callable[[str], None]]:
     """A ``std_msgs/msg/String`` a line; a later subscriber gets the last one (transient local)."""
-    with ExitStack() as stack:
-        try:
-            node = stack.enter_context(closing(Ros2Node("gazempc_attention")))
-            publication = node.publication(topic, _TEXT, latched=True)
-        except Ros2Error as error:
-            raise SettingsError(f"{_OPTION} ros2:{topic}: {error}") from None
-        text = message_type(_TEXT)
-
-        def send(line: str) -> None:
-            publication.publish(text(data=line))
-
-        yield send
+    with closing(Ros2Node("gazempc_attention")) as node:
+        publication, text = node.publication(topic, _TEXT, latched=True), message_type(_TEXT)
+        yield lambda line: publication.publish(text(data=line))
 
 
 @contextmanager
 def _file(path: Path) -> Iterator[Callable[[str], None]]:
     """Lines of a file, which begins anew."""
-    try:
-        file = path.open("w", encoding="utf-8")
-    except OSError as error:
-        raise SettingsError(f"{_OPTION} {path}: cannot be written: {error.strerror or error}") from None
-    with file:
+    with path.open("w", encoding="utf-8") as file:
         yield lambda line: print(line, file=file, flush=True)
 
 
@@ -85,46 +66,20 @@ def make_sink(word: str) -> Sink:
         word: ``udp:HOST:PORT``, ``ros2:TOPIC`` or a file's name with the ending ``.jsonl``.
 
     Returns:
-        The sink; opening it raises SettingsError if that is impossible.
+        The sink; opening it raises OSError, UnicodeError or Ros2Error if that is impossible.
 
     Raises:
         SettingsError: If the word names none.
     """
     kind, _, address = word.partition(":")
-    if kind == "udp":
-        host, _, port = address.rpartition(":")
-        if host and port.isdecimal() and 0 < int(port) < 65536:
-            return _udp(host.strip("[]"), int(port))
-    elif kind == "ros2" and address:
+    host, _, port = address.rpartition(":")
+    if kind == "udp" and host and port.isdecimal() and 0 < int(port) < 65536:
+        return _udp(host.strip("[]"), int(port))
+    if kind == "ros2" and address:
         return _ros2(topic_name(address))
-    elif word.endswith(".jsonl"):
+    if word.endswith(".jsonl"):
         return _file(Path(word))
     raise SettingsError(f"{_OPTION} {word}: no such place; accepted: {_ACCEPTED}")
-
-
-def attention_sink(settings: LiveSettings) -> Sink | None:
-    """The sink of ``--attention-out``.
-
-    Args:
-        settings: The settings.
-
-    Returns:
-        The sink, not open yet; None without the option.
-
-    Raises:
-        SettingsError: If settings do not go together, or name no sink.
-    """
-    where = settings.attention_out
-    if where is None:
-        return None
-    if not settings.several:
-        raise SettingsError(
-            "--attention-out: there is one person, who is looked at all the time; accepted with --attend, or "
-            "--look-away.rhythm"
-        )
-    if where.startswith("ros2:") and settings.simulated_clock:
-        raise SettingsError(f"--attention-out {where}: ROS 2 needs real time; with a simulated clock name a file")
-    return make_sink(where)
 
 
 class AttentionOutlet:
@@ -148,7 +103,10 @@ class AttentionOutlet:
         Raises:
             SettingsError: If that is impossible.
         """
-        send = self._open.enter_context(self._sink)
+        try:
+            send = self._open.enter_context(self._sink)
+        except (OSError, UnicodeError, Ros2Error) as error:  # the second one: a name with an empty part
+            raise SettingsError(f"{_OPTION}: cannot be opened: {error}") from None
         self._thread = threading.Thread(target=self._work, args=(send,), name="attention", daemon=True)
         self._thread.start()
         return self

@@ -1,17 +1,21 @@
-"""Whether positions, rate and names can be those of a person, in the unit and axes that they are read in."""
+"""Checks of the tracker's data: positions, speed, rate and names that no person has, each finding once a run."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
+from gazempc.live.clock import Clock
 from gazempc.live.hints import Finding, Frame, SetupHints, shown
-from gazempc.live.mount import Axes, Mount
+from gazempc.live.mount import Mount
+from gazempc.live.stamps import StampReader, judge_stamps, unusable
 from gazempc.loop.events import Event
 from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
+from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray
 
 _LEAST_FRAMES = 3
@@ -28,7 +32,9 @@ _HIGHEST_MEDIAN_M = 2.2
 _FASTEST_MEDIAN_M_S, _SPEED_OVER_S = 4.0, 0.25
 
 
-def judge_place(frames: Sequence[Frame], times_s: FloatArray, mount: Mount, hints: SetupHints) -> list[Finding]:
+def judge_place(
+    frames: Sequence[Frame], times_s: FloatArray, mount: Mount, hints: SetupHints, several: bool = False
+) -> list[Finding]:
     """Find out whether unit, axes and motion can be a person's.
 
     Args:
@@ -36,6 +42,7 @@ def judge_place(frames: Sequence[Frame], times_s: FloatArray, mount: Mount, hint
         times_s: Their times, of capture if these can be believed, shape (F,), seconds.
         mount: Where the sensor is.
         hints: Names of the settings in warnings.
+        several: Whether the frames are of several people; their speed is not judged.
 
     Returns:
         What is wrong; of a wrong unit or axes nothing that follows from it.
@@ -51,7 +58,9 @@ def judge_place(frames: Sequence[Frame], times_s: FloatArray, mount: Mount, hint
     middle_m = np.median(turned_m, axis=0)
     if abs(elevation_deg) > _STEEPEST_DEG or (abs(middle_m[2]) > _HIGHEST_MEDIAN_M and _named_axes(middle_m)):
         return [_of_axes(middle_m, elevation_deg, hints)]
-    text = [*_height(frames, hints), *_speed(frames, times_s, sensor_m, hints)]
+    text = _height(frames, hints)
+    if not several:
+        text += _speed(frames, times_s, sensor_m, hints)
     return [Finding(Event.IMPLAUSIBLE_PERSON, each) for each in text]
 
 
@@ -71,19 +80,17 @@ def _of_unit(range_m: float, mount: Mount, hints: SetupHints) -> Finding:
 def _of_axes(turned_m: FloatArray, elevation_deg: float, hints: SetupHints) -> Finding:
     said = f"the head is {abs(elevation_deg):.0f} deg {'above' if elevation_deg > 0 else 'below'} the sensor's x axis"
     axes = _named_axes(turned_m)
-    named = hints.setting("mount", "axes", axes or "NAME")
-    if axes == "optical":
-        looks = f"looks like a camera's optical axes, x right, y down, z forward ({named})"
+    looks = {
         # A head straight ahead leaves the sign of y open.
-        looks += f"; where y points up {hints.setting('mount', 'axes', 'unity')}"
-    elif axes == "opengl":
-        looks = f"looks like OpenGL's axes, x right, y up, z backward ({named})"
-    else:
-        looks = f"check the tracker's axes ({named}) and how the sensor is turned"
-    return Finding(Event.WRONG_AXES, f"{said}: {looks}")
+        "optical": f"looks like a camera's optical axes; where y points up {hints.setting('mount', 'axes', 'unity')}",
+        "opengl": "looks like OpenGL's axes",
+        None: "check the tracker's axes and how the sensor is turned",
+    }[axes]
+    named = hints.setting("mount", "axes", axes or "NAME")
+    return Finding(Event.WRONG_AXES, f"{said}: {named}, it {looks}" if axes else f"{said}: {looks} ({named})")
 
 
-def _named_axes(turned_m: FloatArray) -> Axes | None:
+def _named_axes(turned_m: FloatArray) -> Literal["optical", "opengl"] | None:
     """The axes in which the head would be about level, if those of its forward axis taken for up are such."""
     x_m, y_m, z_m = turned_m
     if z_m > 0 and _is_level(z_m, -x_m, -y_m):
@@ -259,3 +266,77 @@ def out_of_place(head_base_m: FloatArray) -> str:
         where = "above the pan axis: no head is so high" if up_m > 0 else "below the pan axis: that is under the floor"
         return f"the head is {abs(up_m):.1f} m {where}"
     return ""
+
+
+# A finding comes within a second of the first frame.
+_FIRST_AFTER_S, _AGAIN_AFTER_S = 0.9, 1.0
+_WINDOW_S = 1.0
+# Rates are estimated over a longer time: a tracker may be slower than a frame a second.
+_RATE_WINDOW_S = 4.0
+_FRAMES_MAX = 1000
+
+
+class Watch:
+    """Keeps the frames of the last seconds and judges them.
+
+    Args:
+        clock: The loop's clock.
+        reader: How stamps are read; None if the source gives the loop's times.
+        mount: Where the sensor is, and its unit and axes.
+        settings: When the loop gives up on a frame or person.
+        hints: Names of the settings in warnings.
+        several: Whether the frames are of several people.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        reader: StampReader | None,
+        mount: Mount,
+        settings: LoopSettings,
+        hints: SetupHints,
+        several: bool = False,
+    ) -> None:
+        self._clock, self._reader, self._mount = clock, reader, mount
+        self._settings, self._hints, self._several = settings, hints, several
+        self._frames: deque[Frame] = deque(maxlen=_FRAMES_MAX)
+        self._due_s: float | None = None
+        self._said: set[Event] = set()
+
+    def see(self, frame: Frame) -> None:
+        """Take note of a frame, used or not."""
+        if self._due_s is None:
+            self._due_s = frame.arrival_s + _FIRST_AFTER_S
+        self._frames.append(frame)
+
+    def findings(self, now_s: float) -> list[Finding]:
+        """What is probably wrong; each kind once in a run, and nothing before its time.
+
+        Args:
+            now_s: The time, seconds.
+        """
+        if self._due_s is None or now_s < self._due_s or not self._frames:
+            return []
+        self._due_s = now_s + _AGAIN_AFTER_S
+        while self._frames and self._frames[0].arrival_s < now_s - _RATE_WINDOW_S:
+            self._frames.popleft()
+        found = [each for each in self._judge(now_s) if each.event not in self._said]
+        self._said.update(each.event for each in found)
+        return found
+
+    def _judge(self, now_s: float) -> list[Finding]:
+        lately = [frame for frame in self._frames if frame.arrival_s >= now_s - _WINDOW_S]
+        if not lately:
+            return []
+        stamps = judge_stamps(lately, self._settings.stale_after_s, self._reader, self._clock, self._hints)
+        believed = stamps is None and not unusable(lately, self._settings.stale_after_s)
+        return [
+            *([] if stamps is None else [stamps]),
+            *judge_place(lately, _times_s(lately, believed), self._mount, self._hints, self._several),
+            *judge_rate(_times_s(self._frames, believed), self._settings.lost_after_s, self._hints),
+            *judge_ids(lately, self._hints),
+        ]
+
+
+def _times_s(frames: Sequence[Frame], believed: bool) -> FloatArray:
+    return np.array([frame.capture_s if believed else frame.arrival_s for frame in frames])

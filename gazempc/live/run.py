@@ -11,10 +11,9 @@ import numpy as np
 from gazempc.errors import GazempcError, RobotError
 from gazempc.live.arrivals import Arrivals
 from gazempc.live.aside import ArrivingTarget, ReadAside
-from gazempc.live.logs import LiveLogs, LogSink
+from gazempc.live.logs import LiveLogs, LiveReport, LogSink
 from gazempc.live.process import real_time_priority
 from gazempc.live.robots import first_position_rad, go_in
-from gazempc.live.run_report import LiveReport
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Source, SourceError
 from gazempc.loop.boundary import PartError, boundary, slow_call

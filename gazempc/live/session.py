@@ -93,14 +93,14 @@ def _probe(settings: LiveSettings) -> None:
 
 def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     # Heavy libraries are imported only here, so that --help and bad input answer at once.
-    from gazempc.live.outlet import AttentionOutlet, attention_sink  # noqa: PLC0415
+    from gazempc.live.outlet import AttentionOutlet, make_sink  # noqa: PLC0415
     from gazempc.live.run import LiveRun  # noqa: PLC0415
     from gazempc.live.setup import build  # noqa: PLC0415
     from gazempc.live.status import StatusLine  # noqa: PLC0415
     from gazempc.live.summary import KeptLogs, last_line, text  # noqa: PLC0415
     from gazempc.live.view.viewers import start_viewers  # noqa: PLC0415
 
-    sink = attention_sink(settings)
+    sink = None if settings.attention_out is None else make_sink(settings.attention_out)
     setup = build(settings)
     if stop.is_set():
         print("gazempc.live: stopped before the robot was connected")

@@ -65,7 +65,6 @@ class LiveSettings(MountedSettings, StageSettings):
     allow: tuple[str, ...] = Field(
         default=(), description="Source udp: addresses or networks, the first sender of which is read; default: any"
     )
-    key_file: Path | None = Field(default=None, description="Removed: it is refused; tunnel the lines instead")
     simulated_clock: bool = Field(
         default=False, description="Run as fast as the computer can; only if source and robot do not need real time"
     )
@@ -184,34 +183,39 @@ def check(settings: LiveSettings) -> None:
             f"--simulated-clock: source {settings.source!r} or robot {robot!r} needs real time; accepted with it: "
             f"source replay, robots {simulated}, and own parts whose class has keeps_any_clock = True"
         )
-    if settings.isolate is not None and (settings.several or source == "camera" or settings.simulated_clock):
-        raise SettingsError("--isolate: accepted for one person (no --attend, looks away or camera) on a real clock")
-    _check_view(settings)
-    if settings.neck is None and not settings.simulated_robot:
-        raise SettingsError(
-            f"--neck: a real robot ({robot}) needs its own neck file, with limits that it bears; "
-            "see python -m gazempc.identify"
-        )
-    if settings.predictor == "perfect":
-        raise SettingsError("--predictor perfect: the true future of a live run is unknown")
-    _check_source(settings, source)
-
-
-def _check_view(settings: LiveSettings) -> None:
     host, colon, port = settings.view_at.partition(":")
-    if not host or (colon and not (port.isdecimal() and int(port) < 65536)):
-        raise SettingsError(f"--view-at {settings.view_at}: accepted: HOST or HOST:PORT, such as 0.0.0.0:8080")
-    if settings.view is not None and settings.simulated_clock:
-        raise SettingsError("--view: accepted without --simulated-clock")
+    out, several = settings.attention_out, settings.several
+    wrong = {
+        "--isolate: accepted for one person (no --attend, looks away or camera) on a real clock": (
+            settings.isolate is not None and (several or source == "camera" or settings.simulated_clock)
+        ),
+        f"--view-at {settings.view_at}: accepted: HOST or HOST:PORT, such as 0.0.0.0:8080": (
+            not host or (colon and not (port.isdecimal() and int(port) < 65536))
+        ),
+        "--view: accepted without --simulated-clock": settings.view is not None and settings.simulated_clock,
+        f"--neck: a real robot ({robot}) needs its own neck file, with limits that it bears; see python -m "
+        "gazempc.identify": settings.neck is None and not settings.simulated_robot,
+        "--predictor perfect: the true future of a live run is unknown": settings.predictor == "perfect",
+        "--attention-out: there is one person; accepted with --attend or --look-away.rhythm": (
+            out is not None and not several
+        ),
+        f"--attention-out {out}: ROS 2 needs real time; accepted with a simulated clock: FILE.jsonl": (
+            out is not None and out.startswith("ros2:") and settings.simulated_clock
+        ),
+        f"--source {settings.source}: no bag; accepted: bag:PATH, the folder of a ROS 2 bag": settings.recording == "",
+        f"--sensor {settings.sensor}: the source bag gives what its tracker measured; for another sensor use "
+        f"--source replay --replay {settings.recording}": settings.sensor is not None and source == "bag",
+        f"--mount.on {settings.mount.on}: a replay is seen from the robot's base; accepted with source {source}: "
+        "mount.on base": settings.mount.moves and settings.recording is not None,
+    }
+    for message, applies in wrong.items():
+        if applies:
+            raise SettingsError(message)
+    _check_used(settings, source)
 
 
-def _check_source(settings: LiveSettings, source: str) -> None:
+def _check_used(settings: LiveSettings, source: str) -> None:
     """Refuse settings that the source does not use."""
-    if settings.key_file is not None:
-        raise SettingsError(
-            "--key-file: lines are not signed any more; keep to the loopback, and bring them there through a tunnel: "
-            "--source tcp:127.0.0.1:5005 with `ssh -N -L 5005:127.0.0.1:5005 TRACKER`, or WireGuard for UDP"
-        )
     taken_by = {"stamps": STAMPED, "allow": ("udp",), "camera": ("camera",), "passes": ("replay",)}
     if settings.recording is None:
         # Own robots and sources take the seed, too.
@@ -224,15 +228,3 @@ def _check_source(settings: LiveSettings, source: str) -> None:
                 f"--{name.replace('_', '-')}: source {settings.source!r} does not use it; accepted with --source "
                 f"{', '.join(sources)}"
             )
-    if settings.recording == "":
-        raise SourceError(f"--source {settings.source}: no bag; accepted: bag:PATH, the folder of a ROS 2 bag")
-    if settings.sensor is not None and source == "bag":
-        raise SettingsError(
-            f"--sensor {settings.sensor}: the source bag gives what its tracker measured; for another sensor use "
-            f"--source replay --replay {settings.recording}"
-        )
-    if settings.mount.moves and settings.recording is not None:
-        raise SettingsError(
-            f"--mount.on {settings.mount.on}: a replay is seen from the robot's base; accepted with source {source}: "
-            "mount.on base"
-        )

@@ -26,9 +26,8 @@ from gazempc.live.sources.replay import BagSource, ReplaySource
 from gazempc.live.sources.ros2 import Ros2Person
 from gazempc.live.sources.ros2_cues import Ros2Cues
 from gazempc.live.sources.ros4hri import Ros4HriPeople
-from gazempc.live.sources.senders import Senders
 from gazempc.live.sources.source import Source
-from gazempc.live.sources.streams import LineSource, StandardInput, TcpClient, UdpPort, Wire, parse_address
+from gazempc.live.sources.streams import LineSource, Senders, StandardInput, TcpClient, UdpPort, Wire, parse_address
 from gazempc.live.stamps import StampClock, StampReader, Stamps
 from gazempc.loop.build import Person, make_controller, make_predictor, make_target
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner, Planner
@@ -159,18 +158,16 @@ def build(settings: LiveSettings) -> LiveSetup:
         person = Person() if scene is None else Person(scene.walk.labels.subject)
         make_there = partial(make_predictor, settings.predictor, settings, person, settings.options.own)
         setup = replace(setup, predictor=IsolatedPredictor(make_there))
-    about = setup.about.model_copy(
-        update={
-            "seed": settings.seed,
-            "recording": settings.source if scene is None else scene.name,
-            "settings": settings.model_dump(mode="json", exclude={"out", "figures"}),
-            # At the tick itself; on a real clock a robot is asked a little later.
-            "joints": "true" if settings.simulated_clock and setup.true_state is not None else "measured",
-        }
-    )
+    about = {
+        "seed": settings.seed,
+        "recording": settings.source if scene is None else scene.name,
+        "settings": settings.model_dump(mode="json", exclude={"out", "figures"}),
+        # At the tick itself; on a real clock a robot is asked a little later.
+        "joints": "true" if settings.simulated_clock and setup.true_state is not None else "measured",
+    }
     return replace(
         setup,
-        about=about,
+        about=setup.about.model_copy(update=about),
         make_planner=ImmediatePlanner if settings.simulated_clock else BackgroundPlanner,
         stamps=stamps,
         hints=SetupHints(own_source=stamps is None, judges_rate=settings.source_kind != "camera"),
@@ -249,14 +246,12 @@ def _joined(
     person = Person() if walk is None else Person(walk.labels.subject, true_head)
     predictor = make_predictor(chosen[0], settings, person, own)
     controller = make_controller(chosen[1], neck, settings, own)
-    robot = chosen[2]
+    robot, start_rad = chosen[2], neck.rest_rad if scene is None else _facing(scene)
     if isinstance(robot, str):
-        start_rad = neck.rest_rad if scene is None else _facing(scene)
-        ready = make_robot(robot, settings.options, neck, clock, start_rad, seed)
-        robot_name = name_of(ROBOT, ready)
+        robot = ready = make_robot(robot, settings.options, neck, clock, start_rad, seed)
     else:
         check_members(ROBOT, robot)
-        ready, robot_name = MonotonicRobot(robot, clock), name_of(ROBOT, robot)
+        ready = MonotonicRobot(robot, clock)
     about = RunInfo(
         recording="live",
         kind="live" if walk is None else walk.kind,
@@ -267,7 +262,7 @@ def _joined(
         neck=neck,
         sensor={"name": "live" if scene is None else scene.sensor.name},
         mode="live",
-        robot=robot_name,
+        robot=name_of(ROBOT, robot),
         joints="measured",
     )
     setup = LiveSetup(about, neck, predictor, controller, ready, source, clock, settings.mount, settings.loop)
@@ -293,9 +288,10 @@ def _make_source(
     settings: LiveSettings, neck: NeckSpec, clock: Clock, scene: Scene | None, stamps: StampReader | None
 ) -> Source:
     kind, address = settings.source_kind, settings.source.partition(":")[2]
+    if scene is not None and kind == "bag":
+        return BagSource(scene.walk, clock, scene.others)
     if scene is not None:
-        played = BagSource(scene.walk, clock, scene.others) if kind == "bag" else None
-        return played or ReplaySource(scene.walk, scene.sensor, scene.seed, clock, settings.passes, scene.others)
+        return ReplaySource(scene.walk, scene.sensor, scene.seed, clock, settings.passes, scene.others)
     if kind not in SOURCE.shipped:
         given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
         own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))
@@ -340,19 +336,23 @@ def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mou
     if ros2.point_topic is None and ros2.sound_topic is None:
         return None
     named = "options.ros2.point_topic" if ros2.point_topic is not None else "options.ros2.sound_topic"
-    if not clock.is_real:
-        raise SettingsError(f"{named}: ROS 2 needs real time; accepted without --simulated-clock")
-    if ros2.point_topic is not None and not settings.several:
-        raise SettingsError(f"{named}: accepted with attend, or with look_away.rhythm told")
-    if ros2.sound_topic is not None and settings.attend is None:
-        raise SettingsError("options.ros2.sound_topic: accepted with attend, such as speaker")
-    if ros2.base_frame is None and (ros2.point_topic is not None or ros2.sound_frame is not None):
-        raise SettingsError(f"{named}: needs options.ros2.base_frame, the frame of tf that is the neck's base frame")
-    if mounted and settings.mount.moves and ros2.base_frame is not None:
-        raise SettingsError(
-            f"mount.on {settings.mount.on}: {named} needs a base_frame that does not move with the neck; accepted: base"
-        )
-
+    points, framed = ros2.point_topic is not None, ros2.base_frame is not None
+    wrong = {
+        f"{named}: ROS 2 needs real time; accepted without --simulated-clock": not clock.is_real,
+        f"{named}: accepted with attend, or with look_away.rhythm told": points and not settings.several,
+        "options.ros2.sound_topic: accepted with attend, such as speaker": (
+            ros2.sound_topic is not None and settings.attend is None
+        ),
+        f"{named}: needs options.ros2.base_frame, the frame of tf that is the neck's base frame": (
+            not framed and (points or ros2.sound_frame is not None)
+        ),
+        f"mount.on {settings.mount.on}: {named} needs a base_frame that does not move with the neck; accepted: base": (
+            mounted and settings.mount.moves and framed
+        ),
+    }
+    for message, applies in wrong.items():
+        if applies:
+            raise SettingsError(message)
     mount = settings.mount if mounted else Mount()
     return Ros2Cues(clock.now_s, clock.from_unix_s, ros2, lambda place_m: placed(mount, neck, place_m))
 

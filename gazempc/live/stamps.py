@@ -1,14 +1,18 @@
-"""Capture times: from the tracker's clock to the clock of the loop."""
+"""Capture times: from the tracker's clock to that of the loop; identification and correction of wrong clocks."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from gazempc.live.clock import Clock
+from gazempc.live.hints import Finding, Frame, SetupHints, shown
+from gazempc.loop.events import Event
+from gazempc.types import FloatArray
 
 # Some frame of each second comes with little delay; so many seconds are remembered.
 _PIECE_S, _PIECES = 1.0, 10
@@ -207,3 +211,172 @@ class StampReader:
         """
         to_loop = self._clock.from_unix_s if self.stamps.clock == "unix" else self._clock.from_monotonic_s
         return (capture_s - to_loop(0.0)) * PER_SECOND[self.stamps.unit]
+
+
+# A clock is identified from frames over at least this time.
+_LEAST_S, _CLOCK_FRAMES = 0.3, 3
+# The loop refuses what is captured later than this after now.
+_AHEAD_S = 0.01
+# So near to a clock is a stamp of this clock: frames are late, by less than this, and clocks differ a little.
+_LATE_S, _EARLY_S = 2.0, 0.2
+# Rates within this factor of a unit's are this unit.
+_SAME_RATE = 1.5
+_STILL_FRAMES = 5
+_UNITS: dict[StampUnit, str] = {"s": "", "ms": " in milliseconds", "us": " in microseconds", "ns": " in nanoseconds"}
+_CLOCKS = {"unix": "Unix time", "monotonic": "this computer's monotonic clock", "loop": "the loop's time"}
+
+
+def unusable(frames: Sequence[Frame], stale_after_s: float) -> bool:
+    """Whether the loop refuses at least half of the frames for their capture times.
+
+    Args:
+        frames: The frames.
+        stale_after_s: Age on arrival from which on an observation is refused, seconds.
+    """
+    bad = sum(not -_AHEAD_S <= frame.arrival_s - frame.capture_s <= stale_after_s for frame in frames)
+    return 2 * bad >= len(frames)
+
+
+def judge_stamps(
+    frames: Sequence[Frame], stale_after_s: float, reader: StampReader | None, clock: Clock, hints: SetupHints
+) -> Finding | None:
+    """Identify clock and unit of capture times.
+
+    Args:
+        frames: The frames of the last second, in the order of arrival.
+        stale_after_s: Age on arrival from which on an observation is refused, seconds.
+        reader: How stamps were read; None if the source gave the loop's times.
+        clock: The loop's clock.
+        hints: Names of the settings in warnings.
+
+    Returns:
+        What is wrong with them; None if nothing is, or too few frames have come.
+    """
+    if len(frames) < _CLOCK_FRAMES or frames[-1].arrival_s - frames[0].arrival_s < _LEAST_S:
+        return None
+    if reader is not None and reader.stamps.clock in ("other", "arrival"):
+        return None
+    unit: StampUnit = "s" if reader is None else reader.stamps.unit
+    captures_s = [frame.capture_s for frame in frames]
+    numbers = np.array(captures_s if reader is None else [reader.stamp(each) for each in captures_s])
+    text = _standing(numbers / PER_SECOND[unit], hints)
+    if not text and unusable(frames, stale_after_s):
+        text = _likely_clock(numbers, unit, frames, _known_clocks(reader, clock), hints)
+    return Finding(Event.WRONG_CLOCK, text) if text else None
+
+
+def _standing(stamps_s: FloatArray, hints: SetupHints) -> str:
+    distinct = np.unique(stamps_s.round(4))
+    if len(stamps_s) < _STILL_FRAMES or 2 * distinct.size > len(stamps_s):
+        return ""
+    if distinct.size == 1:
+        return f"all frames have the same capture time: send each frame's own, or {hints.stamps('arrival')}"
+    if np.allclose(distinct, distinct.round(), atol=2e-4, rtol=0):
+        return f"capture times are whole seconds: send fractions, too, or {hints.stamps('arrival')}"
+    return ""
+
+
+def _known_clocks(reader: StampReader | None, clock: Clock) -> dict[str, float]:
+    """What clocks of this computer show at the zero of the loop's, seconds; first the one that stamps are read by."""
+    known: dict[str, float] = {}
+    if clock.is_real:
+        known = {"unix": -clock.from_unix_s(0.0), "monotonic": -clock.from_monotonic_s(0.0)}
+    if reader is None:
+        return {"loop": 0.0, **known}
+    return {reader.stamps.clock: known[reader.stamps.clock], **known}
+
+
+def _likely_clock(
+    numbers: FloatArray, read_unit: StampUnit, frames: Sequence[Frame], clocks: dict[str, float], hints: SetupHints
+) -> str:
+    arrival_s = frames[-1].arrival_s
+    rate = float(numbers[-1] - numbers[0]) / (arrival_s - frames[0].arrival_s)
+    unit = next((unit for unit, per_s in PER_SECOND.items() if per_s / _SAME_RATE <= rate <= per_s * _SAME_RATE), None)
+    if unit is None:
+        return f"capture times advance by {shown(rate)} in a second: {hints.stamps('arrival')}, or send times"
+    stamp_s = float(numbers[-1]) / PER_SECOND[unit]
+    off_s = {name: stamp_s - (arrival_s + shown_s) for name, shown_s in clocks.items()}
+    read_as = next(iter(clocks))
+    near = [name for name, off in off_s.items() if -_LATE_S <= off <= _EARLY_S]
+    if near and (near[0] != read_as or unit != read_unit):
+        return f"capture times look like {_CLOCKS[near[0]]}{_UNITS[unit]}: {hints.stamps(near[0], unit)}"
+    age_s = float(np.median([frame.arrival_s - frame.capture_s for frame in frames]))
+    if near and age_s > 0:
+        slow = hints.setting("loop", "stale_after_s", round(1.5 * age_s, 1))
+        return (
+            f"frames arrive {age_s:.2f} s after capture by their stamps: if the tracker is so slow set {slow}; if not, "
+            f"its clock is behind: {hints.stamps('other', unit)}"
+        )
+    off = f"{shown(abs(off_s[read_as]))} s {'ahead' if off_s[read_as] > 0 else 'behind'}"
+    return (
+        f"capture times are of another clock, {off}{_UNITS[unit]}: set the clocks of both computers by NTP, or "
+        f"{hints.stamps('other', unit)}"
+    )
+
+
+# Two clocks that agree still differ by this much.
+_AGREE_S = 0.01
+# No tracker is so slow. Between this and what is stale it may be the tracker as well as the clock.
+_SLOWEST_S = 2.0
+
+
+class ClockOffset:
+    """Watches how late frames are by their stamps, and shifts capture times that cannot be.
+
+    Frames from the future, and from more than 2 s ago, are of another clock. So are those that come sooner and sooner.
+    The age that was believed before is kept; without any the soonest frames are taken to be `latency_s` old. A clock
+    that is slow cannot be distinguished from a tracker that falls behind, and is not corrected.
+
+    Args:
+        latency_s: Least time from capture to arrival, seconds.
+        hints: Names of the settings in warnings.
+
+    Attributes:
+        age_s: How old the soonest frames are by their stamps, seconds; negative if they are of the future.
+        finding: The correction in use, and the setting for it; None without one.
+    """
+
+    def __init__(self, latency_s: float, hints: SetupHints) -> None:
+        self.age_s = 0.0
+        self.finding: Finding | None = None
+        self._latency_s, self._hints = latency_s, hints
+        self._envelope = Envelope()
+        self._resets = 0
+        self._usual_s: float | None = None
+        self._believed_s = latency_s
+
+    def shift_s(self, arrival_s: float, capture_s: float) -> float:
+        """Take note of a frame.
+
+        Args:
+            arrival_s: When it arrived, seconds.
+            capture_s: Its time of capture as stated, on the loop's clock, seconds.
+
+        Returns:
+            What to add to the time of capture, seconds; 0 where the clock is believed.
+        """
+        envelope = self._envelope
+        envelope.add(arrival_s, arrival_s - capture_s)
+        self.age_s = envelope.at(arrival_s)
+        if envelope.resets != self._resets:
+            self._resets, self._usual_s, self.finding = envelope.resets, None, None
+        if envelope.steady and self.finding is None:
+            self._judge(envelope.recent_s, envelope.slope)
+        return 0.0 if self.finding is None else self.age_s - self._believed_s
+
+    def _judge(self, recent_s: float, slope: float) -> None:
+        if not -_AGREE_S <= recent_s <= _SLOWEST_S:
+            off_s = self._believed_s - self.age_s
+            self._shift(f"is {shown(abs(off_s))} s {'ahead' if off_s > 0 else 'behind'}")
+        elif self._usual_s is None:
+            self._usual_s = self._believed_s = self.age_s
+        elif slope < 0.0:
+            self._shift(f"runs {-100 * slope:.1f} % fast")
+
+    def _shift(self, how: str) -> None:
+        text = (
+            f"the tracker's clock {how}: capture times are shifted, so that the soonest frames are "
+            f"{max(self._believed_s, 0.0):.2f} s old; set the clocks of both computers by NTP, or "
+            f"{self._hints.stamps('other')}"
+        )
+        self.finding = Finding(Event.CLOCK_SHIFTED, text)

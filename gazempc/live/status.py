@@ -1,18 +1,16 @@
-"""Status lines of a live run: a few lines on a terminal, or one line a second where the output is piped."""
+"""Status lines of a live run: one line a second, and the meaning of each event when it first begins."""
 
 from __future__ import annotations
 
 import math
 import queue
+import sys
 import threading
 from collections import Counter, deque
 from types import TracebackType
-from typing import NamedTuple
+from typing import NamedTuple, TextIO
 
 import numpy as np
-from rich.console import Console
-from rich.live import Live
-from rich.text import Text
 
 from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import gaze_ray
@@ -20,7 +18,7 @@ from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.results.moments import EventMoment, LateMoment, Moment, StatusMoment, TickMoment
 from gazempc.types import FloatArray
 
-# Rates are over this time; piped, a line comes as often.
+# A line comes as often; rates are over this time.
 _LINE_S = 1.0
 # The last lines are waited for at the end; they take milliseconds.
 LAST_DRAWN_S = 2.0
@@ -47,50 +45,43 @@ class Status(NamedTuple):
 
 
 class StatusLine:
-    """Draws the status in a thread of its own, within a with-block.
+    """Prints the status in a thread of its own, within a with-block.
 
     Args:
         neck: The neck.
         lost_after_s: Age of the newest observation from which on the person is lost, seconds.
-        console: Where to draw; default: standard output.
+        file: Where to print; default: standard output.
         wait_s: How long the end of the block waits for a reader, seconds.
     """
 
     def __init__(
-        self, neck: NeckSpec, lost_after_s: float, console: Console | None = None, wait_s: float = LAST_DRAWN_S
+        self, neck: NeckSpec, lost_after_s: float, file: TextIO | None = None, wait_s: float = LAST_DRAWN_S
     ) -> None:
         self._neck, self._lost_after_s, self._wait_s = neck, lost_after_s, wait_s
-        self._console = console or Console(highlight=False)
-        self._live: Live | None = None
-        if self._console.is_terminal and not self._console.is_dumb_terminal:
-            self._live = Live(console=self._console, auto_refresh=False)
+        self._file = file or sys.stdout
         # Of the thread of the run.
         self._start_s: float | None = None
         self._late_ms, self._skipped = 0.0, 0
         self._events: list[EventMoment] = []
         self._queue: queue.SimpleQueue[Status | None] = queue.SimpleQueue()
-        # Of the thread that draws.
+        # Of the thread that prints.
         self._thread = threading.Thread(target=self._work, name="status", daemon=True)
         self._recent: deque[Status] = deque()
-        self._counts: Counter[str] = Counter()
+        self._explained: set[str] = set()
         self._began: Counter[str] = Counter()
         self._next_line_s, self._line_late_ms = _LINE_S, 0.0
 
     def __enter__(self) -> StatusLine:
-        """Begin to draw."""
-        if self._live is not None:
-            self._live.start()
+        """Begin to print."""
         self._thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Draw the rest; a pipe without a reader does not keep the run from ending."""
+        """Print the rest; a pipe without a reader does not keep the run from ending."""
         self._queue.put(None)
         self._thread.join(self._wait_s)
-        if self._live is not None:
-            self._live.stop()
 
     def take(self, moment: Moment) -> None:
         """Take a moment of the run; returns at once. Without a reader later statuses are lost."""
@@ -114,80 +105,56 @@ class StatusLine:
         while (status := self._queue.get()) is not None:
             try:
                 if is_read:
-                    self._draw(status)
+                    self._show(status)
             except OSError:
                 is_read = False  # the pipe is closed; the run goes on
 
-    def _draw(self, status: Status) -> None:
+    def _show(self, status: Status) -> None:
         for time_s, name in status.events:
-            if name not in self._counts:
+            if name not in self._explained:
+                self._explained.add(name)
                 meaning = MEANINGS.get(name)
-                self._print(f"{time_s:6.1f} s  {name}" + (f": {meaning}" if meaning else ""))
-            # The latest one comes last.
-            self._counts[name] = self._counts.pop(name, 0) + 1
-            self._began[name] += 1
+                self._print(time_s, f"{name}: {meaning}" if meaning else name)
+            self._began[name] = self._began.pop(name, 0) + 1  # the latest one is the last
         while len(self._recent) > 1 and status.time_s - self._recent[1].time_s >= _LINE_S:
             self._recent.popleft()
         self._recent.append(status)
         self._line_late_ms = max(self._line_late_ms, status.late_ms)
-        due = status.time_s >= self._next_line_s
-        if self._live is not None:
-            self._live.update(self._block(status), refresh=True)
-        elif due:
-            self._print(self._line(status))
-        if due:
+        if status.time_s >= self._next_line_s:
+            self._print(status.time_s, self._line(status))
             self._next_line_s, self._line_late_ms = _LINE_S * (status.time_s // _LINE_S + 1.0), 0.0
             self._began.clear()
 
-    def _print(self, text: str) -> None:
-        if self._live is None:
-            print(text, file=self._console.file, flush=True)
-        else:
-            self._console.print(Text(text))
+    def _print(self, time_s: float, text: str) -> None:
+        print(f"{time_s:6.1f} s  {text}", file=self._file, flush=True)
 
     def _line(self, status: Status) -> str:
-        person, gaze, joints, loop = self._texts(status)
-        parts = [person, gaze, *([f"joints {joints}"] if joints else []), loop]
-        parts += [f"began: {_listed(self._began)}"] if self._began else []
-        return f"{status.time_s:6.1f} s  {'; '.join(parts)}"
-
-    def _block(self, status: Status) -> Text:
-        person, gaze, joints, loop = self._texts(status)
-        rows = [
-            ("person", person, "green" if person.startswith("seen") else "red"),
-            ("gaze", gaze, ""),
-            *([("joints", joints, "")] if joints else []),
-            ("loop", f"{status.time_s:.0f} s; {loop}", ""),
-            *([("events", _listed(self._counts), "yellow")] if self._counts else []),
-        ]
-        text = Text(no_wrap=True, overflow="crop")
-        for row, (name, words, style) in enumerate(rows):
-            text.append(f"{'' if row == 0 else chr(10)}{name:<8}", "bold").append(words, style)
-        return text
-
-    def _texts(self, status: Status) -> tuple[str, str, str, str]:
-        """Person, gaze, joints (empty where these are pan and tilt alone) and loop."""
-        state = status.state
-        eye_m, direction = gaze_ray(self._neck.geometry, state.joints_rad)
-        _, aim = gaze_ray(self._neck.geometry, state.command_rad)
+        state, neck = status.state, self._neck
+        eye_m, direction = gaze_ray(neck.geometry, state.joints_rad)
+        _, aim = gaze_ray(neck.geometry, state.command_rad)
         person = "nobody seen yet"
         if state.capture_time_s is not None and state.head_base_m is not None:
             age_s = state.time_s - state.capture_time_s
-            far_m = float(np.linalg.norm(state.head_base_m - eye_m))
             seen = "lost, last seen" if age_s > self._lost_after_s else "seen"
-            person = f"{seen} {age_s:.2f} s ago, {far_m:.2f} m away"
+            person = f"{seen} {age_s:.2f} s ago, {np.linalg.norm(state.head_base_m - eye_m):.2f} m away"
         (pan, tilt), (aim_pan, aim_tilt) = _pan_tilt_deg(direction), _pan_tilt_deg(aim)
-        gaze = f"looks at pan {pan:+.1f}, tilt {tilt:+.1f} deg; aims at {aim_pan:+.1f}, {aim_tilt:+.1f}"
-        joints = ""
-        if self._neck.joints > len(AXES):
-            angles_deg = zip(self._neck.joint_names, np.rad2deg(state.joints_rad).tolist(), strict=True)
-            joints = ", ".join(f"{name} {deg:+.1f}" for name, deg in angles_deg) + " deg"
-        plan = "no plan"
-        if state.plan_start_s is not None:
-            plan = f"plan {1e3 * (state.time_s - state.plan_start_s):.0f} ms old"
-        loop = f"{plan}; ticks at most {self._line_late_ms:.2f} ms late"
-        loop += f", {status.skipped} left out" if status.skipped else ""
-        return f"{person}; {self._observations(status)}", gaze, joints, loop
+        parts = [
+            person,
+            self._observations(status),
+            f"looks at pan {pan:+.1f}, tilt {tilt:+.1f} deg",
+            f"aims at {aim_pan:+.1f}, {aim_tilt:+.1f}",
+        ]
+        if neck.joints > len(AXES):
+            angles_deg = zip(neck.joint_names, np.rad2deg(state.joints_rad).tolist(), strict=True)
+            parts.append("joints " + ", ".join(f"{name} {deg:+.1f}" for name, deg in angles_deg) + " deg")
+        started_s = state.plan_start_s
+        parts.append("no plan" if started_s is None else f"plan {1e3 * (state.time_s - started_s):.0f} ms old")
+        left_out = f", {status.skipped} left out" if status.skipped else ""
+        parts.append(f"ticks at most {self._line_late_ms:.2f} ms late{left_out}")
+        if self._began:
+            began = ", ".join(f"{name} {count} x" for name, count in reversed(self._began.items()))
+            parts.append(f"began: {began}")
+        return "; ".join(parts)
 
     def _observations(self, status: Status) -> str:
         before = self._recent[0]
@@ -201,8 +168,3 @@ class StatusLine:
 def _pan_tilt_deg(direction: FloatArray) -> tuple[float, float]:
     x, y, z = direction.tolist()
     return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
-
-
-def _listed(events: Counter[str]) -> str:
-    """The latest event first."""
-    return ", ".join(f"{name} {count} x" for name, count in reversed(events.items()))

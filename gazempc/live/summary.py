@@ -14,8 +14,8 @@ import numpy as np
 from gazempc.errors import LeftOutError
 from gazempc.files.whole import write_whole
 from gazempc.live.hints import shown
+from gazempc.live.logs import Lateness
 from gazempc.live.run import LiveRun
-from gazempc.live.run_report import Lateness
 from gazempc.live.settings import LiveSettings
 from gazempc.loop.events import MEANINGS, Event
 from gazempc.neck.spec import NeckSpec

@@ -11,8 +11,7 @@ from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import RECORDED_HORIZONS_S, forecast_of, why_not_usable
 from gazempc.people.attention import Attended, Attention, AttentionState
-from gazempc.people.box import middle_of
-from gazempc.people.people import Became, People, frames_of
+from gazempc.people.people import Became, People, frames_of, middle_of
 from gazempc.people.person import CATCH_UP, TrackedPerson
 from gazempc.people.tracker_faults import FrozenPeople
 from gazempc.settings import LoopSettings

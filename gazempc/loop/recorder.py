@@ -65,10 +65,6 @@ class LoopRecorder:
         """Names of the events so far; may be read while another thread records."""
         return [name for _, name in list(self._events)]
 
-    def events_from(self, index: int) -> tuple[tuple[float, str], ...]:
-        """Beginnings of the events from the index-th on: time, seconds, and name."""
-        return tuple(self._events[index:])
-
     @property
     def faults(self) -> tuple[Fault, ...]:
         """The exceptions that were survived so far; may be read while another thread records."""

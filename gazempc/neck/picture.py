@@ -16,6 +16,8 @@ from gazempc.types import FloatArray
 # Rate of the head's direction at which the lead room is used by three quarters, pictures a second: between sway and
 # a person who crosses the picture in four seconds.
 _LEADS_FROM_PER_S = 0.25
+# Standard deviations of the forecast direction, and more, by which a head is outside before the camera turns back.
+_TURNS_BACK_SDS = 1.5
 # Shares of the zone for plans before a person at rest, and before one who crosses the picture.
 _RESTS_IN, _FOLLOWS_IN = 0.9, 0.5
 _Share = Annotated[float, Field(ge=0, le=1)]
@@ -40,10 +42,17 @@ class Framing(BaseModel):
     )
     headroom: _Share = Field(default=0.4, description="Share of the picture above the head; 0.5: in the middle")
     lead_room: float = Field(default=0.08, ge=0, le=0.4, description="Share by which a walker is behind the middle")
-    smoothing_time_s: float = Field(default=0.3, gt=0, le=1, description="T of the program; larger is calmer")
+    hysteresis_per_s: float = Field(
+        default=0.5,
+        ge=0,
+        le=5,
+        description="Before the camera turns back, the zone is wider by this share for each second of delay; larger: "
+        "fewer reversals, less time in the zone",
+    )
+    smoothing_time_s: float = Field(default=0.2, gt=0, le=1, description="T of the program; larger is calmer")
     horizon_s: float = Field(default=1.2, ge=0.1, le=5, description="Length of the plan after the dead time")
-    acceleration_max: float = Field(default=1.5, gt=0, description="Limit in widths of the picture, 1/s^2")
-    jerk_max: float = Field(default=9.0, gt=0, description="Limit in widths of the picture, 1/s^3")
+    acceleration_max: float = Field(default=3.0, gt=0, description="Limit in widths of the picture, 1/s^2")
+    jerk_max: float = Field(default=20.0, gt=0, description="Limit in widths of the picture, 1/s^3")
 
 
 @dataclass(frozen=True)
@@ -55,6 +64,7 @@ class FramedPicture:
         zone_rad: Half width and half height of the zone, radians.
         above_rad: Angle of the head above the middle.
         lead_rad: Angle of a walker behind the middle, at most.
+        hysteresis_per_s: Share by which the zone is wider against a turn back, for each second of delay.
         acceleration_max_rad_s2: Limit of each joint's acceleration.
         jerk_max_rad_s3: Limit of its jerk.
     """
@@ -63,6 +73,7 @@ class FramedPicture:
     zone_rad: tuple[float, float]
     above_rad: float
     lead_rad: float
+    hysteresis_per_s: float
     acceleration_max_rad_s2: float
     jerk_max_rad_s3: float
 
@@ -87,6 +98,7 @@ class FramedPicture:
             zone_rad=(0.5 * framing.zone[0] * width, 0.5 * framing.zone[1] * height),
             above_rad=(0.5 - framing.headroom) * height,
             lead_rad=framing.lead_room * width,
+            hysteresis_per_s=framing.hysteresis_per_s,
             acceleration_max_rad_s2=framing.acceleration_max * width,
             jerk_max_rad_s3=framing.jerk_max * width,
         )
@@ -116,6 +128,21 @@ class FramedPicture:
         """
         moves = math.tanh(abs(turning_rad_s) / (_LEADS_FROM_PER_S * self.view_rad[axis]))
         return self.zone_rad[axis] * (_RESTS_IN + moves * (_FOLLOWS_IN - _RESTS_IN))
+
+    def turns_back_rad(self, axis: int, delay_s: float, deviation_rad: FloatArray) -> FloatArray:
+        """Angle by which the zone is wider against a turn back; at most to the edge of the picture.
+
+        Args:
+            axis: 0 for pan, 1 for tilt.
+            delay_s: Time from the newest picture to the motion that answers it, seconds.
+            deviation_rad: Standard deviation of the forecast's angle, any shape, radians.
+
+        Returns:
+            Of the same shape, radians.
+        """
+        zone_rad, edge_rad = self.zone_rad[axis], 0.5 * self.view_rad[axis]
+        wider_rad = self.hysteresis_per_s * delay_s * zone_rad + _TURNS_BACK_SDS * deviation_rad
+        return np.minimum(wider_rad, edge_rad - zone_rad)
 
     def calmed(self, neck: NeckSpec) -> NeckSpec:
         """The neck with pan and tilt within the framing's limits of acceleration and jerk."""

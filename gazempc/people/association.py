@@ -1,4 +1,4 @@
-"""Which detection is of whom: constant-velocity filters, a gate around each expected position, optimal assignment."""
+"""Association of detections with tracks: constant-velocity filters, gating, optimal assignment."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from gazempc.types import BoolArray, FloatArray
 from predictors.gate import GATE_D2, allowance_m
 
-# Of people who turn and stop. More than a forecast's own noise: an assignment must not insist on a straight walk.
+# Of people who turn and stop. More than a forecast's own noise: people depart from straight lines.
 _ACCELERATION_PSD = 0.5
 # Of a new track: as fast as people walk.
 _INITIAL_SPEED_SD_M_S = 1.0
@@ -62,11 +62,7 @@ class Motion:
             All their people, in this order.
         """
         return Motion(
-            np.concatenate([part.position_m for part in parts]),
-            np.concatenate([part.velocity_m_s for part in parts]),
-            np.concatenate([part.pp_m2 for part in parts]),
-            np.concatenate([part.pv for part in parts]),
-            np.concatenate([part.vv for part in parts]),
+            *(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True))
         )
 
     def of(self, which: Sequence[int] | slice) -> Motion:
@@ -78,9 +74,7 @@ class Motion:
         Returns:
             Their motion.
         """
-        return Motion(
-            self.position_m[which], self.velocity_m_s[which], self.pp_m2[which], self.pv[which], self.vv[which]
-        )
+        return Motion(*(values[which] for values in vars(self).values()))
 
     def after(self, dt_s: FloatArray) -> Motion:
         """The motion a while later, at constant velocity.

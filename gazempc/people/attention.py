@@ -1,4 +1,4 @@
-"""Whom to look at: one of several people, for how long, and why."""
+"""Attention: choice of one of several people, with dwell time and hysteresis."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gazempc.settings import AttentionSettings
 
 @dataclass(frozen=True)
 class AttentionState:
-    """Whom the robot looks at. Times are on the loop's clock, seconds.
+    """The attended person. Times are on the loop's clock, seconds.
 
     Attributes:
         person: Number of the person, in the order in which they entered; None for no person, or where people are
             not distinguished.
         person_id: The tracker's name; None where it gives none.
-        why: ``policy``, ``left`` or ``nobody``, as in `gazempc.people.attention.Attended`; ``one`` where people are not
-            told apart; ``ended`` at the end of a run.
+        why: ``policy``, ``left`` or ``nobody``, as in `gazempc.people.attention.Attended`; ``one`` where people are
+            not distinguished; ``ended`` at the end of a run.
         since_s: Since when they are looked at; None before the first decision.
         stays_until_s: Earliest time of a switch; None without a person.
         away_why: Why it looks away just now, as in `gazempc.people.aversion.Aversion`; None while it does not.
@@ -44,12 +44,12 @@ _SOUNDS_S = 2.0
 
 @dataclass(frozen=True)
 class Attended:
-    """Who is looked at.
+    """The attended person.
 
     Attributes:
         number: Number of the person; None for no person.
         since_s: Since when, seconds.
-        why: ``policy`` for whom the policy has chosen; ``left`` where the one before was gone; ``nobody`` for none.
+        why: ``policy`` for the policy's choice; ``left`` where the person before had left; ``nobody`` for no person.
     """
 
     number: int | None = None
@@ -58,7 +58,7 @@ class Attended:
 
 
 class Attention:
-    """Decides at whom the robot looks.
+    """Chooses the person at whom the robot looks.
 
     The robot switches to another person under two conditions. This person has been the better choice for `hysteresis_s`
     without a break, and the robot has looked at the present person for `dwell_s`. If the present person has gone, the
@@ -72,7 +72,7 @@ class Attention:
         policy: Scores the people.
         attended: The person at whom the robot looks now.
         candidate: Number of the person who is the better choice now; None if there is none.
-        chosen_id: The tracker's name of a person who outranks all others as long as they are there; None for no one.
+        chosen_id: The tracker's name of a person who outranks all others while present; None for no such person.
     """
 
     def __init__(self, policy: AttentionPolicy, settings: AttentionSettings) -> None:
@@ -111,10 +111,10 @@ class Attention:
             time_s: The time, seconds; not less than the last one.
 
         Returns:
-            Who is looked at from now on.
+            The attended person from now on.
 
         Raises:
-            Exception: Whatever the policy raises; who is looked at stays the same then.
+            Exception: Any exception of the policy; the attended person stays the same.
         """
         self._sounds = [sound for sound in self._sounds if time_s - sound.time_s <= _SOUNDS_S]
         near = self._within_limits(people)
@@ -154,7 +154,7 @@ class Attention:
         return company.attended if company.attended in best else min(best, default=None)
 
     def _within_limits(self, people: Sequence[PersonState]) -> tuple[PersonState, ...]:
-        """Who has come near enough and has not left again; at most so many, the nearest."""
+        """People inside the limits of distance, with hysteresis; the nearest ones, up to the largest number."""
         enter_m = math.inf if self._settings.enter_m is None else self._settings.enter_m
         leave_m = enter_m if self._settings.leave_m is None else self._settings.leave_m
         self._inside = {

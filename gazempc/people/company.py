@@ -1,4 +1,4 @@
-"""Whom a policy chooses among, and what a program tells the gaze: sounds, thinking, speech, glances."""
+"""Input of attention policies, and cues of a program: sounds, thinking, speech, glances."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gazempc.people.person import PersonState
 from gazempc.settings import LookAwayMode
 from gazempc.types import FloatArray
 
-# Score of a person who is not to be looked at.
+# Score of a person who is excluded.
 NOT_AT_ALL = math.nan
 
 
@@ -39,7 +39,7 @@ class Company:
 
     Attributes:
         time_s: The time, seconds.
-        people: Who may be looked at, in the order in which they entered.
+        people: Candidates, in the order in which they entered.
         attended: Number of the person who is looked at; None for no person.
         sounds: Speech of the last seconds, oldest first.
     """
@@ -51,7 +51,7 @@ class Company:
 
 
 class AttentionPolicy(Protocol):
-    """Says who is worth looking at. How long and how often to switch is not its business."""
+    """Scores people; `gazempc.people.attention.Attention` decides on switches."""
 
     def reset(self) -> None:
         """Forget all people."""
@@ -61,7 +61,7 @@ class AttentionPolicy(Protocol):
         """Score all people.
 
         Args:
-            company: Who is there.
+            company: The people.
 
         Returns:
             One number a person, in the order of `company.people`: the largest is looked at; NaN for not at all.
@@ -75,7 +75,7 @@ _WAITING_MAX = 256
 
 @dataclass(frozen=True)
 class Thinking:
-    """Look away as people do who think, for so long: seconds."""
+    """A look away as while thinking; duration in seconds."""
 
     lasts_s: float
 
@@ -127,5 +127,5 @@ class Cues:
         self._waiting.append(cue)
 
     def take(self) -> list[Cue]:
-        """All that were told since the last call."""
+        """All cues since the last call."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]

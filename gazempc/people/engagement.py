@@ -1,4 +1,4 @@
-"""Who is engaged with the robot: by distance, gaze and time.
+"""Engagement of people with the robot, by distance, gaze and time.
 
 After the visual social engagement of Webb & Lemaignan ("Measuring Visual Social Engagement from Proxemics and Gaze"),
 as the ROS4HRI node hri_engagement computes it. How near the robot is to the axis of the person's gaze is multiplied by
@@ -53,7 +53,7 @@ def visual_engagement(person: PersonState) -> float | None:
 
 
 class Engagement:
-    """Watches all people, and decides who is engaged."""
+    """Engagement of all people."""
 
     def __init__(self) -> None:
         self.reset()
@@ -67,7 +67,7 @@ class Engagement:
         """Update the engagement of all people.
 
         Args:
-            company: Who is there.
+            company: The people.
 
         Returns:
             By their number, whether they are engaged; None while it is not decided.

@@ -1,9 +1,10 @@
-"""All people around: detections in, one track a person out, whatever the tracker calls them."""
+"""All people around: detections in, one track a person out."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from gazempc.people.association import Motion, assign
 from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson, noise_of
 from gazempc.types import FloatArray, Sighting
-from predictors import HeadObservation, Predictor
+from predictors import Forecast, HeadObservation, Predictor
 
 # Birth of a track: false detections rarely last for three frames.
 _CONFIRMED_BY = 3
@@ -21,7 +22,7 @@ _TENTATIVE_S = 0.3
 _ONE_PERSON_M = 0.25
 # A person who comes back under the same name cannot have gone farther: this fast, and with this error.
 _RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
-# Without a name, who was hidden for not longer than this is where they would have walked to, give or take.
+# Without a name, a person hidden for at most this time is near the extrapolated position.
 _WALKED_ON_S, _STRAYED_M_S = 3.0, 0.2
 # End of a lost track: names that trackers give again after that are another person's.
 _FORGOTTEN_AFTER_S = 30.0
@@ -103,7 +104,7 @@ class People:
         self._let_go(self._newest_s, frame_before_s)
         found: list[tuple[int, Became]] = [(0, Became.DUPLICATE)] * len(observations)
         left = list(range(len(observations)))
-        # Who is there comes first: what may be a false detection takes nothing from them.
+        # Confirmed tracks come first: a tentative one takes no detection from them.
         for confirmed in (True, False):
             tracks = [t for t in self._tracks if t.confirmed is confirmed and t.seen_s < capture_s]
             pairs = self._assigned(tracks, [observations[k] for k in left], capture_s)
@@ -192,7 +193,7 @@ class People:
             self._count += 1
             track.number = self._count
             return Became.ENTERED
-        # Who was gone, or jumped, is the same person as before.
+        # The person of a lost track, or of one that jumped.
         self._tracks = [t for t in self._tracks if t is not track and t is not earlier]
         self._gone = [t for t in self._gone if t is not earlier]
         track.number, track.since_s = earlier.number, earlier.since_s
@@ -223,7 +224,7 @@ class People:
         return any(math.dist(t.motion.position_m[0], track.motion.position_m[0]) < _ONE_PERSON_M for t in others)
 
     def _earlier(self, track: TrackedPerson) -> TrackedPerson | None:
-        """Who this was before: the last one of the same name, or the one who was to be here by now."""
+        """The earlier track of this person: the last one of the same name, or the one extrapolated to this place."""
         before = [t for t in (*self._gone, *self.confirmed) if t is not track and t.seen_s < track.since_s]
         for earlier in sorted(before, key=lambda t: -t.seen_s):
             named = None not in (earlier.tracker_id, track.tracker_id)
@@ -238,3 +239,26 @@ class People:
             if math.dist(expected_m, track.motion.position_m[0]) <= _RETURN_ERROR_M + error_m_s * away_s:
                 return earlier
         return None
+
+
+def middle_of(forecasts: Sequence[Forecast]) -> Forecast:
+    """The middle of the box of several people, by directions from the base.
+
+    Args:
+        forecasts: One a person, for the same times.
+
+    Returns:
+        Halfway between the outermost pans and between the outermost tilts, at the mean distance; all else as the first.
+    """
+    means_m = np.array([forecast.means_base_m for forecast in forecasts])
+    x, y, z = np.moveaxis(means_m, -1, 0)
+    # From the first person's pan, so that people on both sides of straight behind are one group.
+    first_rad = np.arctan2(y[0], x[0])
+    aside_rad = (np.arctan2(y, x) - first_rad + np.pi) % (2.0 * np.pi) - np.pi
+    pan_rad = first_rad + 0.5 * (aside_rad.min(axis=0) + aside_rad.max(axis=0))
+    tilts_rad = np.arctan2(z, np.hypot(x, y))
+    tilt_rad = 0.5 * (tilts_rad.min(axis=0) + tilts_rad.max(axis=0))
+    level = np.cos(tilt_rad)
+    directions = np.stack([level * np.cos(pan_rad), level * np.sin(pan_rad), np.sin(tilt_rad)], axis=-1)
+    ranges_m = np.linalg.norm(means_m, axis=-1).mean(axis=0)
+    return replace(forecasts[0], means_base_m=ranges_m[:, None] * directions)

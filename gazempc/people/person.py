@@ -1,4 +1,4 @@
-"""One person of several: who they are, where they are, and their predictor."""
+"""One person of several: identity, motion and predictor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When to look away: by published figures, seeded and repeatable, or when told."""
+"""When to look away: by published figures, seeded and repeatable, or on request."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ RHYTHMS: Mapping[LookAwayMode, AversionRhythm] = {
     "speaking": AversionRhythm((1.14, 0.27), (7.21, 1.88), _ASIDE_UP_DOWN),
     "listening": AversionRhythm((1.96, 0.32), (4.75, 1.39), _ASIDE_UP_DOWN),
 }
-# Who thinks looks up more often than aside (the same authors).
+# Thinking people look up more often than aside (the same authors).
 _THINKING_TO = (0.1, 0.7, 0.2)
 # Before an utterance the floor is held by a look away that starts so early; it ends as the utterance begins.
 _BEFORE_SPEECH_S = 1.03
@@ -57,7 +57,7 @@ class LookAways:
 
     Args:
         neck: The neck.
-        mode: Whose rhythm; ``told`` for none but those that are told.
+        mode: The rhythm; ``told`` for requests only.
         seed: Seed of times and directions: the same seed and the same times of calls give the same plan.
 
     Attributes:
@@ -112,7 +112,7 @@ class LookAways:
         """Go on by another rhythm; what has not begun is planned anew.
 
         Args:
-            mode: Whose rhythm.
+            mode: The rhythm.
             now_s: The time, seconds.
         """
         self._mode = mode
@@ -147,7 +147,7 @@ class LookAways:
 
         Args:
             now_s: The time, seconds.
-            at_s: When the utterance starts, seconds; told early enough, the look away starts 1.03 s before.
+            at_s: Start of the utterance, seconds; the look away starts 1.03 s before, if that is still possible.
 
         Returns:
             False if it cannot be done.

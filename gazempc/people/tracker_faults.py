@@ -14,14 +14,14 @@ from predictors.geometry import wrap_rad, yaw_rad
 
 _FROZEN_AFTER_S = 0.5
 # A person who walked so fast over the last quarter of a second cannot stand still to the last bit at once: braking
-# takes a person half a second. Who slows down first, as simulated people without noise do, is believed to stand.
+# takes a person half a second. A person who slows down first, as simulated people without noise do, counts as standing.
 _WALKED_M_S = 0.5
 _WALKED_OVER_S = 0.25
 _LONGEST_STEP_S = 1.0
-# Heads turn at up to some 600 degrees a second. At lower frame rates nothing can be told.
+# Heads turn at up to some 600 degrees a second. At lower frame rates a jump is no fault.
 _JUMP_RAD = math.radians(90.0)
 _JUMP_WITHIN_S = 0.15
-# Below this rate frames are farther apart than a jump can be told, and a walking head moves by 0.2 m between them.
+# Below this rate frames are too far apart for a jump, and a walking head moves by 0.2 m between them.
 LOW_RATE_HZ = 6.0
 _RATE_INTERVALS, _ROUNDING = 2, 1e-6
 _JUMPS_ARE_ONE_WITHIN_S = 1.0
@@ -66,7 +66,7 @@ class FrozenTracker:
         observation = sighting.observation
         time_s = observation.capture_time_s
         if time_s <= self._newest_s:
-            return False  # out of order, which the predictor tells
+            return False  # the predictor refuses observations out of order
         position = _position_of(sighting)
         if position == self._position:
             self._newest_s = time_s
@@ -157,7 +157,7 @@ class OrientationJumps:
         """
         time_s = observation.capture_time_s
         if time_s <= self._time_s:
-            return observation, False  # out of order, which the predictor tells
+            return observation, False  # the predictor refuses observations out of order
         seen = {"head_quat_wxyz": observation.head_quat_wxyz, "pelvis_quat_wxyz": observation.pelvis_quat_wxyz}
         yaws_rad = {name: yaw_rad(quat) for name, quat in seen.items() if quat is not None}
         jumped: list[str] = []

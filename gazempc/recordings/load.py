@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 from gazempc.errors import RecordingError, suggest
 from gazempc.files.bounds import check_file, check_folder
-from gazempc.recordings.readers.bag import open_bag, read_bag
+from gazempc.recordings.readers.bag import read_bag, read_bag_people
 from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
 from gazempc.recordings.readers.bvh import read_bvh
 from gazempc.recordings.readers.kinect import is_kinect, read_kinect
@@ -76,12 +75,9 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     if name in everyday:
         return generate_everyday(name)
     try:
-        name.encode()
         is_directory, exists = path.is_dir(), path.exists()
-    except UnicodeEncodeError:
-        raise RecordingError(ascii(name), "", "the name is not text in UTF-8", "a file with another name") from None
     except (OSError, ValueError) as error:  # such as a name longer than the system allows, or with a zero in it
-        raise RecordingError(name, "", f"cannot be opened: {error}", accepted) from None
+        raise RecordingError(ascii(name), "", f"cannot be opened: {error}", accepted) from None
     reader = _READERS.get(path.suffix.lower())
     if not exists:
         near = f"{suggest(name, (*walks, *everyday))}, each person with {', '.join((*ROUTES, *ACTIVITIES))}"
@@ -133,7 +129,7 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
             raise RecordingError(str(path), "", "no recordings in this folder", "recordings, one a person")
         return tuple(load(file, given) for file in files)
     if path.exists() and given.person is None and (path.is_dir() or path.suffix in FILE_ENDINGS):
-        return _everybody(path, given)
+        return read_bag_people(path, given)
     if path.exists():
         return (load(path, given),)
     parts = str(words).split(MARK)
@@ -143,15 +139,3 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
 def _one_or_more(part: str, options: ReadOptions, parts: int) -> tuple[Recording, ...]:
     # A word that is not a path names one recording, and the message of what is wrong with it.
     return load_together(part, options) if parts > 1 and Path(part).exists() else (load(part, options),)
-
-
-def _everybody(path: Path, options: ReadOptions) -> tuple[Recording, ...]:
-    """All faces (or heads, or persons) of a bag, with their own starts."""
-    people = open_bag(path).people
-    alike = [seen for seen in people if seen.rank[0] == people[0].rank[0] and seen.poses.times_s.size > 1]
-    starts_s = [float(seen.poses.times_s[0]) for seen in alike]
-    recordings = [load(path, options.model_copy(update={"person": seen.name})) for seen in alike]
-    return tuple(
-        replace(recording, times_s=recording.times_s + start_s - min(starts_s))
-        for recording, start_s in zip(recordings, starts_s, strict=True)
-    )

@@ -108,15 +108,13 @@ def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArra
 
 
 def _facing(track: Track) -> FloatArray:
-    """Horizontal direction of the first face; of the pelvis where that looks up or down; +x where none is known."""
-    for quats in (track.head_quat_wxyz, track.pelvis_quat_wxyz):
-        known = np.isfinite(quats).all(axis=1)
-        if not known.any():
-            continue
-        forward = Rotation.from_quat(quats[known][0], scalar_first=True).apply([1.0, 0.0, 0.0])
-        length = float(np.linalg.norm(forward[:2]))
+    """Horizontal direction of the first face; +x where it is unknown or vertical."""
+    known = np.isfinite(track.head_quat_wxyz).all(axis=1)
+    if known.any():
+        forward = Rotation.from_quat(track.head_quat_wxyz[known][0], scalar_first=True).apply([1.0, 0.0, 0.0])[:2]
+        length = float(np.linalg.norm(forward))
         if length > 1e-3:
-            return np.asarray(forward[:2] / length, dtype=np.float64)
+            return np.asarray(forward / length, dtype=np.float64)
     return np.array([1.0, 0.0])
 
 

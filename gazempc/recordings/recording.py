@@ -1,7 +1,8 @@
-"""A person's track with labels, and how to load one by name or path."""
+"""The values of a recording: tracks of head and pelvis, labels, and turns of their orientations."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.types import BoolArray, FloatArray
 
+_NO_TURN = Rotation.identity()
 DataKind = Literal["synthetic", "motion capture", "body tracking", "tracked"]
 
 
@@ -36,28 +38,66 @@ class Track:
     pelvis_quat_wxyz: FloatArray
     valid: BoolArray
 
+    def rows(self, chosen: BoolArray) -> Track:
+        """The rows that a mask of shape (N,) chooses."""
+        return Track(*(values[chosen] for values in vars(self).values()))
+
     @property
     def positions_only(self) -> bool:
         """Whether no frame has an orientation of head or pelvis."""
         return not any(np.isfinite(quats).any() for quats in (self.head_quat_wxyz, self.pelvis_quat_wxyz))
 
 
-def turned(quats_wxyz: FloatArray, yaws_rad: ArrayLike) -> FloatArray:
-    """Turn orientations about the vertical.
+def quats_of(values: FloatArray, rotation: Callable[[FloatArray], Rotation]) -> FloatArray:
+    """Orientations made of the rows of an array.
 
     Args:
-        quats_wxyz: Unit quaternions, shape (N, 4); rows of NaN are not known.
+        values: Shape (N, C).
+        rotation: Makes M rotations of M rows.
+
+    Returns:
+        Quaternions w, x, y, z, shape (N, 4); NaN where a row holds a number that is not finite.
+    """
+    known = np.isfinite(values).all(axis=1)
+    result = np.full((len(values), 4), np.nan)
+    if known.any():
+        result[known] = rotation(values[known]).as_quat(scalar_first=True)
+    return result
+
+
+def composed(quats_wxyz: FloatArray, last: Rotation | None = None, first: Rotation = _NO_TURN) -> FloatArray:
+    """Orientations with a turn of the frame before and a turn of the body behind each.
+
+    Args:
+        quats_wxyz: Unit quaternions, shape (N, 4); NaN where unknown.
+        last: Turn of the body's own axes; None for no turn.
+        first: Turn of the frame, one or N.
+
+    Returns:
+        Shape (N, 4); NaN where unknown.
+    """
+    known = np.isfinite(quats_wxyz).all(axis=1)
+    before = first if first.single else first[np.flatnonzero(known)]
+
+    def turn(quats: FloatArray) -> Rotation:
+        own = before * Rotation.from_quat(quats, scalar_first=True)
+        return own if last is None else own * last
+
+    return quats_of(quats_wxyz, turn)
+
+
+def turned(quats_wxyz: FloatArray, yaws_rad: ArrayLike) -> FloatArray:
+    """Orientations turned about the vertical.
+
+    Args:
+        quats_wxyz: Unit quaternions, shape (N, 4); NaN where unknown.
         yaws_rad: Angles, positive from +x to +y, one for all or shape (N,), radians.
 
     Returns:
-        The turned ones, shape (N, 4); what was not known stays so.
+        Shape (N, 4); NaN where unknown.
     """
-    known = np.isfinite(quats_wxyz).all(axis=1)
-    yaws = np.broadcast_to(np.asarray(yaws_rad, dtype=np.float64), known.shape)[known]
-    result = np.full(quats_wxyz.shape, np.nan)
-    turn = Rotation.from_euler("z", yaws[:, None])
-    result[known] = (turn * Rotation.from_quat(quats_wxyz[known], scalar_first=True)).as_quat(scalar_first=True)
-    return result
+    yaws = np.broadcast_to(np.asarray(yaws_rad, dtype=np.float64), len(quats_wxyz))
+    return composed(quats_wxyz, first=Rotation.from_euler("z", yaws[:, None]))
 
 
 @dataclass(frozen=True)
@@ -65,7 +105,7 @@ class Labels:
     """Facts about a recording besides the motion.
 
     Attributes:
-        subject: Who walks; by default the name up to the first underscore.
+        subject: The person; by default the name up to the first underscore.
         group: Route group such as ``straight``, ``turn``, ``sharp``, or None where unknown.
         description: Free text for people.
         activity: What the person does, such as ``moving``, ``starting``, ``stopping``, ``waiting``; None where unknown.
@@ -117,5 +157,5 @@ def truth_of(kind: str) -> str:
     Returns:
         Words to follow "against"; empty where the true motion itself is known, or no person is recorded.
     """
-    # Who is tracked and not measured otherwise has no other truth.
+    # The track is the only measurement.
     return "the tracker's own track, smoothed without lag" if kind in ("tracked", "body tracking") else ""

@@ -15,6 +15,7 @@ from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.dynamixel_bus import DynamixelBus
 from gazempc.robots.options import DynamixelOptions
+from gazempc.robots.robot import check_command
 from gazempc.types import FloatArray, JointState
 
 _T = TypeVar("_T")
@@ -61,7 +62,7 @@ class DynamixelNeck:
         options: Port, motors and how they are driven.
 
     Raises:
-        SettingsError: If ids, zero ticks or directions cannot be right, or are not one for each joint of the neck.
+        SettingsError: If ids, zero ticks or directions are not one for each joint of the neck, or two ids are equal.
     """
 
     def __init__(self, neck: NeckSpec, clock_s: Callable[[], float], options: DynamixelOptions) -> None:
@@ -70,13 +71,8 @@ class DynamixelNeck:
             if len(values) != neck.joints:
                 joints = ", ".join(neck.joint_names)
                 raise SettingsError(f"{name} {values}: neck {neck.name!r} needs {neck.joints} numbers, of {joints}")
-        if not all(0 <= i <= 252 for i in motor_ids) or len(set(motor_ids)) < neck.joints:
-            raise SettingsError(f"motor_ids {motor_ids}: must be different numbers from 0 to 252")
-        if any(direction not in (1, -1) for direction in directions):
-            raise SettingsError(f"directions {directions}: each must be 1 or -1")
-        # Also keeps clear of -131,073, whose bytes look like the header of a packet; the library does not mask it.
-        if any(abs(zero) > 65_536 for zero in zero_ticks):
-            raise SettingsError(f"zero_ticks {zero_ticks}: each must be from -65536 to 65536")
+        if len(set(motor_ids)) < neck.joints:
+            raise SettingsError(f"motor_ids {motor_ids}: must be different numbers")
         self._clock_s = clock_s
         self._ids = motor_ids
         self._zero = np.array(zero_ticks, dtype=np.float64)
@@ -151,10 +147,8 @@ class DynamixelNeck:
         Raises:
             RobotError: If the command is not finite, or the robot does not answer.
         """
-        position = np.asarray(position_rad, dtype=np.float64)
-        if position.shape != self._zero.shape or not np.all(np.isfinite(position)):
-            raise RobotError(f"refused a command that is not {self._zero.size} finite angles: {position_rad}")
-        ticks = np.rint(self._zero + self._direction * position * _TICKS_PER_RAD)
+        check_command(position_rad, self._zero.size)
+        ticks = np.rint(self._zero + self._direction * position_rad * _TICKS_PER_RAD)
         return self._perform(lambda: self._send(np.clip(ticks, self._tick_min, self._tick_max)))
 
     def close(self) -> None:
@@ -169,24 +163,18 @@ class DynamixelNeck:
     def _perform(self, exchange: Callable[[], _T]) -> _T:
         # One exchange at a time on one bus: a live run reads and sends in two threads.
         with self._line:
-            return self._perform_alone(exchange)
-
-    def _perform_alone(self, exchange: Callable[[], _T]) -> _T:
-        if not self._connected:
-            raise RobotError(f"the Dynamixel neck at {self._bus.port_name} is not connected: call connect() first")
-        if self._clock_s() < self._retry_at_s:
-            raise RobotError(self._trouble)
-        try:
-            if self._ready or self._recover():
-                return exchange()
-        except RobotError as error:
-            self._failed(error)
-            raise
-        except Exception as error:
-            fault = self._port_error(error)
-            self._failed(fault)
-            raise fault from error
-        raise RobotError(f"{self._trouble} (it is being set up again)")
+            if not self._connected:
+                raise RobotError(f"the Dynamixel neck at {self._bus.port_name} is not connected: call connect() first")
+            if self._clock_s() < self._retry_at_s:
+                raise RobotError(self._trouble)
+            try:
+                if self._ready or self._recover():
+                    return exchange()
+            except Exception as error:
+                fault = error if isinstance(error, RobotError) else self._port_error(error)
+                self._failed(fault)
+                raise fault from error.__cause__ if fault is error else error
+            raise RobotError(f"{self._trouble} (it is being set up again)")
 
     def _failed(self, error: RobotError) -> None:
         if self._steps is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from gazempc.errors import MissingOptionalDependencyError, RobotError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.mujoco_model import neck_mjcf, timestep_s
+from gazempc.robots.robot import check_command
 from gazempc.types import FloatArray, JointState
 
 # Rounding of a clock, in steps: far below a step, far above what sums of times accumulate.
@@ -123,8 +124,7 @@ class MujocoNeck:
 
     def send_command(self, command: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`."""
-        if not np.all(np.isfinite(command)):
-            raise RobotError(f"refused a command that is not finite: {command}")
+        check_command(command, self._neck.joints)
         self._advance()
         sent: FloatArray = np.clip(command, *self._sendable)
         self._data.ctrl[:] = sent

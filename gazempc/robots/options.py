@@ -16,14 +16,21 @@ from gazempc.settings import Settings, on_command_line
 RobotChoice = Annotated[str, AfterValidator(partial(check_choice, ROBOT)), on_command_line(ROBOT)]
 
 
+_MotorId = Annotated[int, Field(ge=0, le=252)]
+# Within these, no position has bytes like the header of a packet, which the library does not mask (-131,073).
+_Ticks = Annotated[int, Field(ge=-65_536, le=65_536)]
+
+
 class DynamixelOptions(Settings):
     """Robot `dynamixel`; see `gazempc.robots.dynamixel.DynamixelNeck`."""
 
     port: str = Field(default="/dev/ttyUSB0", description="Serial port")
     baud_rate_bps: int = Field(default=1_000_000, gt=0, description="As set in the motors")
-    motor_ids: tuple[int, ...] = Field(default=(1, 2), description="Of pan and tilt, then of eyes and body if any")
-    zero_ticks: tuple[int, ...] = Field(default=(2048, 2048), description="Position of angle 0, 4096 ticks a turn")
-    directions: tuple[int, ...] = Field(default=(1, 1), description="1 if more ticks turn left or up, else -1")
+    motor_ids: tuple[_MotorId, ...] = Field(default=(1, 2), description="Of pan and tilt, then of eyes and body if any")
+    zero_ticks: tuple[_Ticks, ...] = Field(default=(2048, 2048), description="Position of angle 0, 4096 ticks a turn")
+    directions: tuple[Literal[-1, 1], ...] = Field(
+        default=(1, 1), description="1 if more ticks turn left or up, else -1"
+    )
     reply_timeout_ms: float = Field(default=4.0, gt=0, le=5000, description="Time that one call waits for an answer")
     approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed of the motion to the first command")
     torque_off_on_close: bool = Field(default=False, description="Switch the torque off at the end")

@@ -18,6 +18,7 @@ from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsE
 from gazempc.neck.kinematics import head_angles_rad
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.robots.options import ReachyMiniOptions
+from gazempc.robots.robot import check_command
 from gazempc.types import FloatArray, JointState
 
 # How far the head turns without the body: the daemon's inverse kinematics (reachy-mini 1.13.0) with all motors within
@@ -138,7 +139,7 @@ class ReachyMiniNeck:
         self,
         neck: NeckSpec,
         clock_s: Callable[[], float],
-        options: ReachyMiniOptions = ReachyMiniOptions(),  # noqa: B008  (frozen)
+        options: ReachyMiniOptions,
     ) -> None:
         if np.any(neck.position_min_rad > 0.0) or np.any(neck.position_max_rad < 0.0):
             # Only then what is clamped to the head's reach, towards the middle, stays in the neck's range.
@@ -147,8 +148,7 @@ class ReachyMiniNeck:
             raise SettingsError(f"neck {neck.name!r} has eyes, and those of Reachy Mini do not turn")
         self._neck = neck
         self._clock_s = clock_s
-        host, port = options.host, options.port
-        self._host, self._port = host, port
+        self._host, self._port = host, port = options.host, options.port
         self._uri = f"ws://{f'[{host}]' if ':' in host else host}:{port}/ws/sdk"
         self._step_rad = options.approach_speed_rad_s * neck.servo_period_s
         self._threads: list[threading.Thread] = []
@@ -234,10 +234,8 @@ class ReachyMiniNeck:
         Raises:
             RobotError: If the command is not finite, or the robot does not answer or cannot move.
         """
-        position = np.asarray(position_rad, dtype=np.float64)
-        if position.shape != (self._neck.joints,) or not np.all(np.isfinite(position)):
-            raise RobotError(f"refused a command that is not {self._neck.joints} finite angles: {position_rad}")
-        target = self._within_reach(position)
+        check_command(position_rad, self._neck.joints)
+        target = self._within_reach(position_rad)
         with self._changed:
             self._require_connection()
             if refusal := self._refusal():

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 import ruckig
 
 from gazempc.errors import RobotError
-from gazempc.neck.spec import NeckSpec
+from gazempc.neck.spec import CommandLimits, NeckSpec
 from gazempc.types import FloatArray, JointState
 
 
@@ -47,6 +48,20 @@ class Robot(Protocol):
     def close(self) -> None:
         """Close the connection; never raises, and may be called at any time."""
         ...
+
+
+def check_command(command: FloatArray, joints: int) -> None:
+    """Refuse a command that is no finite number for each joint.
+
+    Args:
+        command: Angles, or speeds of joints that take these.
+        joints: N.
+
+    Raises:
+        RobotError: If it is not.
+    """
+    if np.shape(command) != (joints,) or not np.all(np.isfinite(command)):
+        raise RobotError(f"refused a command that is not {joints} finite numbers: {command}")
 
 
 # Outside the joints' range by more than this is no rounding: file and robot do not agree.
@@ -108,12 +123,62 @@ def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:
     start, target = np.clip(position_rad, low, high), limits.clip_position(position_rad)
     if np.array_equal(start, target):
         return np.empty((0, neck.joints))
-    request = ruckig.InputParameter(neck.joints)
-    request.current_position, request.target_position = start.tolist(), target.tolist()
-    request.max_velocity = np.minimum(limits.velocity_max_rad_s, _SLOWLY_RAD_S).tolist()
+    slow_rad_s = np.minimum(limits.velocity_max_rad_s, _SLOWLY_RAD_S)
+    return move_rad(start, target, (slow_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3), neck)
+
+
+def move_rad(start_rad: FloatArray, target_rad: FloatArray, limits: Sequence[FloatArray], neck: NeckSpec) -> FloatArray:
+    """Fastest motion from rest to rest.
+
+    Args:
+        start_rad: Begin, shape (J,), radians.
+        target_rad: End, shape (J,), radians.
+        limits: Of velocity, acceleration and jerk, each of shape (J,).
+        neck: Its servo rate.
+
+    Returns:
+        Commands from one servo period after the start, shape (K, J), radians.
+    """
+    request = ruckig.InputParameter(start_rad.size)
+    request.current_position, request.target_position = start_rad.tolist(), target_rad.tolist()
+    request.max_velocity, request.max_acceleration, request.max_jerk = (limit.tolist() for limit in limits)
+    trajectory = _planned(request)
+    steps = int(np.ceil(trajectory.duration / neck.servo_period_s - 1e-9)) + 1
+    return np.array([trajectory.at_time((k + 1) * neck.servo_period_s)[0] for k in range(steps)])
+
+
+def stop_trajectory(
+    position_rad: FloatArray,
+    velocity_rad_s: FloatArray,
+    acceleration_rad_s2: FloatArray,
+    limits: NeckSpec | CommandLimits,
+    least_s: float,
+) -> ruckig.Trajectory:
+    """Fastest stop within limits of acceleration and jerk.
+
+    Args:
+        position_rad: Present command, shape (N,), radians.
+        velocity_rad_s: Its velocity, shape (N,).
+        acceleration_rad_s2: Its acceleration, shape (N,).
+        limits: Those of the neck, or of its commands.
+        least_s: Least duration, seconds.
+
+    Returns:
+        The motion.
+    """
+    request = ruckig.InputParameter(position_rad.size)
+    request.control_interface = ruckig.ControlInterface.Velocity
+    request.current_position, request.current_velocity = position_rad.tolist(), velocity_rad_s.tolist()
+    request.current_acceleration = acceleration_rad_s2.tolist()
     request.max_acceleration = limits.acceleration_max_rad_s2.tolist()
     request.max_jerk = limits.jerk_max_rad_s3.tolist()
-    trajectory = ruckig.Trajectory(neck.joints)
-    ruckig.Ruckig(neck.joints, neck.servo_period_s).calculate(request, trajectory)
-    steps = int(np.ceil(trajectory.duration / neck.servo_period_s))
-    return np.array([trajectory.at_time((k + 1) * neck.servo_period_s)[0] for k in range(steps)])
+    request.minimum_duration = least_s
+    return _planned(request)
+
+
+def _planned(request: ruckig.InputParameter) -> ruckig.Trajectory:
+    trajectory = ruckig.Trajectory(request.degrees_of_freedom)
+    result = ruckig.Ruckig(request.degrees_of_freedom).calculate(request, trajectory)
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise RobotError(f"no motion within the neck's limits ({result})")
+    return trajectory

@@ -15,6 +15,7 @@ import ruckig
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import Ros2Options
+from gazempc.robots.robot import check_command, stop_trajectory
 from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
 from gazempc.ros2.node import MakeNode, Publication, Ros2Node, Subscription, message_type
 from gazempc.types import FloatArray, JointState
@@ -92,7 +93,6 @@ class Ros2Neck:
         self._silent_after_s = options.silent_after_s
         self._connect_timeout_s = connect_timeout_s
         self._make_node = make_node
-        self._braking = ruckig.Ruckig(neck.joints)
         self._lost_s = math.inf
         self._returning: tuple[ruckig.InputParameter, ruckig.OutputParameter] | None = None
         self._return_steps = ruckig.Ruckig(neck.joints, neck.servo_period_s)
@@ -147,8 +147,7 @@ class Ros2Neck:
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`; without a further one the controller brakes the neck."""
-        if np.shape(position_rad) != self._signs.shape or not np.all(np.isfinite(position_rad)):
-            raise RobotError(f"refused a command that is not {self._signs.size} finite angles: {position_rad}")
+        check_command(position_rad, self._signs.size)
         commands = self._connected()
         now_s = self._clock_s()
         if not commands.has_listeners:
@@ -283,27 +282,11 @@ class Ros2Neck:
         # A stamp of zero means: from now on. Then the two computers' clocks do not matter.
         message.joint_names = self._names
         message.points = [self._point(0.0, position_rad, velocity_rad_s, acceleration_rad_s2)]
-        stop = self._stop(position_rad, velocity_rad_s, acceleration_rad_s2)
+        stop = stop_trajectory(position_rad, velocity_rad_s, acceleration_rad_s2, self._neck, self._neck.servo_period_s)
         for k in range(1, _STOP_POINTS + 1):
             later_s = stop.duration * k / _STOP_POINTS
             message.points.append(self._point(later_s, *map(np.asarray, stop.at_time(later_s))))
         return message
-
-    def _stop(
-        self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
-    ) -> ruckig.Trajectory:
-        """The fastest stop within the neck's limits of acceleration and jerk; at least a servo period."""
-        about = ruckig.InputParameter(len(position_rad))
-        about.control_interface = ruckig.ControlInterface.Velocity
-        about.current_position, about.current_velocity = position_rad.tolist(), velocity_rad_s.tolist()
-        about.current_acceleration = acceleration_rad_s2.tolist()
-        about.target_velocity = about.target_acceleration = [0.0] * len(position_rad)
-        about.max_acceleration = self._neck.acceleration_max_rad_s2.tolist()
-        about.max_jerk = self._neck.jerk_max_rad_s3.tolist()
-        about.minimum_duration = self._neck.servo_period_s
-        stop = ruckig.Trajectory(len(position_rad))
-        self._braking.calculate(about, stop)
-        return stop
 
     def _point(
         self, later_s: float, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray

@@ -13,6 +13,7 @@ import numpy as np
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.neck.speed_steps import SpeedDither, SpeedSteps
+from gazempc.robots.robot import check_command
 from gazempc.types import FloatArray, JointState
 
 Pair = tuple[float, float]
@@ -149,8 +150,7 @@ class SpeedCamera:
         Returns:
             The speeds of the device that are in force, shape (2,), rad/s; or the angles within the range.
         """
-        if not np.all(np.isfinite(command)):
-            raise RobotError(f"refused a command that is not finite: {command}")
+        check_command(command, 2)
         wanted: list[float] = command.tolist()
         now_s = self._clock_s()
         with self._wake:

@@ -15,28 +15,10 @@ from collections.abc import Callable
 
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
+from gazempc.robots import visca_packets as wire
 from gazempc.robots.options import ViscaOptions
 from gazempc.robots.ptz_emulator import EMULATOR, PtzEmulator
 from gazempc.robots.speed_camera import Pair, SpeedCamera
-from gazempc.robots.visca_packets import (
-    COMMAND,
-    CONTROL,
-    CONTROL_REPLY,
-    INQUIRY,
-    MAX_SPEED,
-    POSITION,
-    POWER,
-    REPLY,
-    RESET,
-    SEQUENCE_ERROR,
-    VERSION,
-    ZOOM,
-    drive_payload,
-    pack,
-    position_of,
-    unpack,
-    visca_steps,
-)
 
 PORT = 52381
 # The answer to a packet is waited for this long at least and at most; in between by the times that answers took.
@@ -52,11 +34,11 @@ _ERRORS = {
 }
 # What `--probe` asks.
 _QUESTIONS: tuple[tuple[str, bytes, Callable[[bytes], str]], ...] = (
-    ("model", VERSION, lambda a: f"vendor {a[:2].hex()}, model {a[2:4].hex()}, firmware {a[4:6].hex()}"),
-    ("power", POWER, lambda a: {b"\x02": "on", b"\x03": "standby"}.get(a, a.hex())),
-    ("position", POSITION, lambda a: "{} and {} counts".format(*(position_of(a) or ("?", "?")))),
-    ("fastest speeds", MAX_SPEED, lambda a: " and ".join(str(speed) for speed in a)),
-    ("zoom", ZOOM, lambda a: a.hex()[1::2]),
+    ("model", wire.VERSION, lambda a: f"vendor {a[:2].hex()}, model {a[2:4].hex()}, firmware {a[4:6].hex()}"),
+    ("power", wire.POWER, lambda a: {b"\x02": "on", b"\x03": "standby"}.get(a, a.hex())),
+    ("position", wire.POSITION, lambda a: "{} and {} counts".format(*(wire.position_of(a) or ("?", "?")))),
+    ("fastest speeds", wire.MAX_SPEED, lambda a: " and ".join(str(speed) for speed in a)),
+    ("zoom", wire.ZOOM, lambda a: a.hex()[1::2]),
 )
 # Ends with the run, whatever ends that: when the pipe breaks without a word, the camera is stopped.
 _GUARD = """
@@ -111,7 +93,7 @@ class ViscaLink:
         """Start the count of packets anew. Some cameras do not answer to this, and do not count either."""
         self._sequence = 0
         with contextlib.suppress(RobotError):
-            self._exchange(CONTROL, RESET, attempts=1)
+            self._exchange(wire.CONTROL, wire.RESET, attempts=1)
 
     def command(self, payload: bytes) -> None:
         """Send a command, and wait until it is accepted.
@@ -122,7 +104,7 @@ class ViscaLink:
         Raises:
             RobotError: If it is refused, or not answered in three attempts.
         """
-        self._exchange(COMMAND, payload)
+        self._exchange(wire.COMMAND, payload)
 
     def inquire(self, payload: bytes) -> bytes:
         """Ask the camera.
@@ -136,7 +118,7 @@ class ViscaLink:
         Raises:
             RobotError: As `command`.
         """
-        return self._exchange(INQUIRY, payload)[2:-1]
+        return self._exchange(wire.INQUIRY, payload)[2:-1]
 
     def close(self) -> None:
         """Close the socket."""
@@ -147,8 +129,9 @@ class ViscaLink:
     def _exchange(self, kind: int, payload: bytes, attempts: int = _ATTEMPTS) -> bytes:
         if self._socket is None:
             raise RobotError(f"{self.name}: not connected")
-        self._sequence = (self._sequence + 1) % 2**32 if kind != CONTROL else 0
-        packet, reply = pack(kind, self._sequence, payload), CONTROL_REPLY if kind == CONTROL else REPLY
+        self._sequence = (self._sequence + 1) % 2**32 if kind != wire.CONTROL else 0
+        packet = wire.pack(kind, self._sequence, payload)
+        reply = wire.CONTROL_REPLY if kind == wire.CONTROL else wire.REPLY
         why = "no answer"
         for attempt in range(attempts):
             self.retries += attempt > 0
@@ -165,8 +148,8 @@ class ViscaLink:
             if answer is None:
                 continue
             self._answered_s += 0.25 * (time.monotonic() - started_s - self._answered_s)
-            if answer == SEQUENCE_ERROR:
-                if attempt == 0 and kind != CONTROL:
+            if answer == wire.SEQUENCE_ERROR:
+                if attempt == 0 and kind != wire.CONTROL:
                     # It has another count, such as after it was switched off and on.
                     self.reset()
                     return self._exchange(kind, payload, 1)
@@ -186,16 +169,16 @@ class ViscaLink:
         while (left_s := until_s - time.monotonic()) > 0.0:
             self._socket.settimeout(left_s)
             try:
-                found = unpack(self._socket.recv(64))
+                found = wire.unpack(self._socket.recv(64))
             except TimeoutError:
                 return None
             if found is None:
                 continue
             kind, sequence, payload = found
-            if reply == CONTROL_REPLY:
-                if kind == CONTROL_REPLY:
+            if reply == wire.CONTROL_REPLY:
+                if kind == wire.CONTROL_REPLY:
                     return payload
-            elif sequence == self._sequence and (kind == reply or payload == SEQUENCE_ERROR):
+            elif sequence == self._sequence and (kind == reply or payload == wire.SEQUENCE_ERROR):
                 return payload
         return None
 
@@ -218,7 +201,7 @@ class ViscaDevice:
         if not host or (self._emulator is None and port and not (port.isdecimal() and int(port) < 65536)):
             raise SettingsError(f"robot visca:{address}: accepted: visca:HOST, visca:HOST:PORT, visca:emulator")
         self._host, self._port = host, PORT if self._emulator or not port else int(port)
-        self.steps = visca_steps(neck)
+        self.steps = wire.visca_steps(neck)
         self._options, self._rad = options, math.radians(1.0 / options.counts_per_deg)
         self._link: ViscaLink | None = None
         self._guard: subprocess.Popen[bytes] | None = None
@@ -233,9 +216,9 @@ class ViscaDevice:
         self._link = ViscaLink(self._host, self._port)
         self._link.open()
         with contextlib.suppress(RobotError):
-            self._link.inquire(VERSION)
+            self._link.inquire(wire.VERSION)
             return
-        self._link.inquire(POSITION)
+        self._link.inquire(wire.POSITION)
 
     def drive(self, speeds_rad_s: Pair) -> None:
         """See `SpeedDevice.drive`."""
@@ -245,7 +228,7 @@ class ViscaDevice:
             steps.step(speed * direction)
             for steps, speed, direction in zip(self.steps, speeds_rad_s, self._options.directions, strict=True)
         )
-        self._opened.command(drive_payload(one, other))
+        self._opened.command(wire.drive_payload(one, other))
 
     def go_to(self, angles_rad: Pair) -> None:
         """See `SpeedDevice.go_to`; never called."""
@@ -253,7 +236,7 @@ class ViscaDevice:
 
     def angles_rad(self) -> Pair | None:
         """See `SpeedDevice.angles_rad`."""
-        found = position_of(self._opened.inquire(POSITION))
+        found = wire.position_of(self._opened.inquire(wire.POSITION))
         if found is None:
             return None
         # VISCA counts pan to the right.
@@ -296,7 +279,10 @@ class ViscaDevice:
 
     def _start_guard(self) -> None:
         # VISCA moves have no end: a run that is killed leaves its camera turning.
-        packets = pack(CONTROL, 0, RESET).hex(), pack(COMMAND, 1, drive_payload(0, 0)).hex()
+        packets = (
+            wire.pack(wire.CONTROL, 0, wire.RESET).hex(),
+            wire.pack(wire.COMMAND, 1, wire.drive_payload(0, 0)).hex(),
+        )
         words = [sys.executable, "-I", "-S", "-c", _GUARD, self._host, str(self._port), *packets]
         self._guard = subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True)
 

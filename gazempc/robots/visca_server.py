@@ -12,27 +12,8 @@ import time
 import numpy as np
 
 from gazempc.neck.spec import NeckSpec
+from gazempc.robots import visca_packets as wire
 from gazempc.robots.robot import Robot
-from gazempc.robots.visca_packets import (
-    COMMAND,
-    CONTROL,
-    CONTROL_REPLY,
-    INQUIRY,
-    MAX_SPEED,
-    POSITION,
-    POWER,
-    REPLY,
-    RESET,
-    SEQUENCE_ERROR,
-    SPEEDS,
-    VERSION,
-    ZOOM,
-    drive_of,
-    pack,
-    position_payload,
-    unpack,
-    visca_steps,
-)
 
 # Of pan and tilt, as most cameras count.
 COUNTS_PER_DEG = 14.4
@@ -41,10 +22,10 @@ _TYPE_ERROR = b"\x0f\x02"
 _SYNTAX_ERROR = bytes.fromhex("906002ff")
 # Not a maker's: vendor and model 0.
 _ANSWERS = {
-    VERSION: bytes.fromhex("905000000000010002ff"),
-    POWER: bytes.fromhex("905002ff"),
-    MAX_SPEED: bytes([0x90, 0x50, *SPEEDS, 0xFF]),
-    ZOOM: bytes.fromhex("905000000000ff"),
+    wire.VERSION: bytes.fromhex("905000000000010002ff"),
+    wire.POWER: bytes.fromhex("905002ff"),
+    wire.MAX_SPEED: bytes([0x90, 0x50, *wire.SPEEDS, 0xFF]),
+    wire.ZOOM: bytes.fromhex("905000000000ff"),
 }
 
 
@@ -67,7 +48,7 @@ class ViscaServer:
         self, plant: Robot, neck: NeckSpec, plant_lock: threading.Lock | None = None, answer_delay_s: float = 0.0
     ) -> None:
         self._plant, self._lock, self._delay_s = plant, plant_lock or threading.Lock(), answer_delay_s
-        self._steps = visca_steps(neck)
+        self._steps = wire.visca_steps(neck)
         self._sequence = 0
         self.driven: list[tuple[float, int, int]] = []
         self.silent = False
@@ -107,36 +88,38 @@ class ViscaServer:
                 heapq.heappush(waiting, (time.monotonic() + self._delay_s, next(number), answer, sender))
 
     def _answers(self, packet: bytes) -> list[bytes]:
-        found = unpack(packet)
+        found = wire.unpack(packet)
         if found is None:
             return []
         kind, sequence, payload = found
-        if kind == CONTROL:
-            if payload == RESET:
+        if kind == wire.CONTROL:
+            if payload == wire.RESET:
                 self._sequence = 0
-            return [pack(CONTROL_REPLY, sequence, RESET)]
-        if kind == INQUIRY:
+            return [wire.pack(wire.CONTROL_REPLY, sequence, wire.RESET)]
+        if kind == wire.INQUIRY:
             self._sequence = max(sequence, self._sequence)
-            return [pack(REPLY, sequence, self._answer(payload))]
-        if kind != COMMAND or sequence <= self._sequence:
+            return [wire.pack(wire.REPLY, sequence, self._answer(payload))]
+        if kind != wire.COMMAND or sequence <= self._sequence:
             # Sent again or overtaken: it is not carried out twice.
-            return [pack(CONTROL_REPLY, sequence, SEQUENCE_ERROR if kind == COMMAND else _TYPE_ERROR)]
+            return [
+                wire.pack(wire.CONTROL_REPLY, sequence, wire.SEQUENCE_ERROR if kind == wire.COMMAND else _TYPE_ERROR)
+            ]
         self._sequence = sequence
-        steps = drive_of(payload)
+        steps = wire.drive_of(payload)
         if steps is None:
-            return [pack(REPLY, sequence, _SYNTAX_ERROR)]
+            return [wire.pack(wire.REPLY, sequence, _SYNTAX_ERROR)]
         self.driven.append((time.monotonic(), *steps))
         speeds = [table.speed_rad_s(step) for table, step in zip(self._steps, steps, strict=True)]
         with self._lock:
             self._plant.send_command(np.array(speeds))
-        return [pack(REPLY, sequence, _ACK), pack(REPLY, sequence, _DONE)]
+        return [wire.pack(wire.REPLY, sequence, _ACK), wire.pack(wire.REPLY, sequence, _DONE)]
 
     def _answer(self, payload: bytes) -> bytes:
-        if payload != POSITION:
+        if payload != wire.POSITION:
             return _ANSWERS.get(payload, _SYNTAX_ERROR)
         with self._lock:
             state = self._plant.read_state()
         if state is None:
             return _SYNTAX_ERROR
         pan, tilt = (math.degrees(angle) * COUNTS_PER_DEG for angle in state.position_rad)
-        return position_payload(round(-pan), round(tilt))
+        return wire.position_payload(round(-pan), round(tilt))

@@ -19,7 +19,7 @@ from gazempc.sim.scene import Scene
 
 DEFAULT_SEEDS = 8
 # Longest wait for repetitions that were not requested.
-_PATIENCE_S = 10.0
+PATIENCE_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ def replay_repeatedly(
                 del rounds[1]
                 reason = "another one makes no difference"
                 break
-            if count is None and done and (time.monotonic() - started_s) * (done + 1) / done > _PATIENCE_S:
-                reason = f"as many as fit into {_PATIENCE_S:.0f} s: --noise-seeds N for more"
+            if count is None and done and (time.monotonic() - started_s) * (done + 1) / done > PATIENCE_S:
+                reason = f"as many as fit into {PATIENCE_S:.0f} s: --noise-seeds N for more"
                 break
             progress.say(f"replaying {scene.walk.name}, noise seed {seed}")
             replayed, planned = {}, []

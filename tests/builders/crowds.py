@@ -18,7 +18,7 @@ def straight(start_m, velocity_m_s, at_s):
 
 
 def frame(time_s, positions_m, names=None, noise_m=0.0, rng=None):
-    """Detections of one instant; None is somebody who is not seen."""
+    """Detections of one instant; None is a person out of sight."""
     names = names or [None] * len(positions_m)
     noise = np.zeros(3) if rng is None else noise_m * rng.standard_normal(3)
     return [

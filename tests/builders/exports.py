@@ -15,7 +15,7 @@ FILE_FROM_OURS = {
 
 
 class Walk:
-    """Somebody who walks a curve and looks 0.3 rad to the left of where they go; metres, z up, floor at 0."""
+    """A person who walks a curve and looks 0.3 rad to the left of the direction of travel; metres, z up, floor at 0."""
 
     times_s = np.arange(FRAMES) / RATE_HZ
     _turn = 0.3 * times_s
@@ -181,13 +181,13 @@ def mediapipe(path, names="{name}_{axis}", in_image=False):
     return _write(path, [header, *(numbers(row) for row in np.hstack(columns))])
 
 
-def mediapipe_long(path, by="name"):
+def mediapipe_long(path):
     """The same with a row for each landmark in each frame."""
     lines = [["timestamp_s", "landmark", "x_m", "y_m", "z_m", "visibility"]]
     for k, t in enumerate(Walk.times_s):
-        for name, (number, part, offset) in LANDMARKS.items():
+        for name, (_, part, offset) in LANDMARKS.items():
             point = in_axes("optical", Walk.point_m(part, offset) - Walk.pelvis_m)[k]
-            lines.append([f"{t:.6f}", name if by == "name" else str(number), *numbers(point), "0.9"])
+            lines.append([f"{t:.6f}", name, *numbers(point), "0.9"])
     return _write(path, lines)
 
 

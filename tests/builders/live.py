@@ -8,7 +8,7 @@ import numpy as np
 from builders.recordings import to_and_fro
 from builders.replays import run_info
 from builders.robots import Spied
-from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.controllers.lookahead import LookAhead
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.run import LiveRun
 from gazempc.live.setup import LiveSetup
@@ -113,7 +113,7 @@ def make_live_run(
         run_info(neck, mode="live"),
         neck,
         predictor or ConstantVelocity(),
-        controller or Mpc(neck, horizon_s=0.3),
+        controller or LookAhead(neck),
         robot,
         source,
         clock,

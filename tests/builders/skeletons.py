@@ -163,13 +163,6 @@ XSENS = body(
     sides("Left{}", "Right{}", ("Hip", "Knee", "Ankle", "Toe")),
     sides("Left{}", "Right{}", ("Collar", "Shoulder", "Elbow", "Wrist")),
 )
-XSENS_SEGMENTS = body(
-    "Pelvis",
-    ["L5", "L3", "T12", "T8", "Neck"],
-    "Head",
-    sides("Left{}", "Right{}", ("UpperLeg", "LowerLeg", "Foot", "Toe")),
-    sides("Left{}", "Right{}", ("Shoulder", "UpperArm", "ForeArm", "Hand")),
-)
 ROKOKO = body(
     "Hips",
     ["Spine1", "Spine2", "Spine3", "Spine4", "Neck"],

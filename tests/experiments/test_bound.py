@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from bs4 import BeautifulSoup
 from builders.replays import replayed
 
 from experiments.bound import COLUMNS, main, summarise
@@ -34,13 +33,11 @@ def test_a_neck_that_can_keep_up_need_not_err():
     assert least_error_deg(log, told_s) < 0.02
 
 
-@pytest.mark.parametrize("recording", ["subject01_R1", "subject03_R4"])
-@pytest.mark.parametrize("start_offset_deg", [60.0, -30.0])
+@pytest.mark.parametrize(("recording", "start_offset_deg"), [("subject01_R1", -30.0), ("subject03_R4", 60.0)])
 def test_where_limits_bind_perfect_foresight_is_little_above_the_least_error(recording, start_offset_deg):
     """The MPC with the true future is another program by another solver: near, and never below."""
     log, told_s = perfect("slow", recording, start_offset_deg)
     error_deg, least_deg = measure(log).gaze_error_rms_deg, least_error_deg(log, told_s)
-    print(recording, error_deg, least_deg)
     assert error_deg > 1.0
     assert 0.95 * error_deg < least_deg < error_deg
 
@@ -50,6 +47,7 @@ def test_who_is_told_later_errs_more():
     assert least_error_deg(log, told_s + 0.2) > least_error_deg(log, told_s) + 0.5
 
 
+@pytest.mark.slow
 def test_command_prints_and_saves_all(tmp_path, capsys):
     recordings = ["subject01_R1", "subject03_R4"]
     status = main(["--recordings", *recordings, "--distance-m", "1.5", "--out", str(tmp_path)])
@@ -59,8 +57,6 @@ def test_command_prints_and_saves_all(tmp_path, capsys):
     assert saved["settings"]["neck"] == "slow"
     assert "gazempc" in saved["versions"]
     rows = {row["group"]: row for row in saved["rows"]}
-    report = BeautifulSoup((tmp_path / "report.html").read_text(encoding="utf-8"), "html.parser")
-    assert f"least possible {rows['all']['bound']:.2f}." in report.find(class_="answer").text
     assert rows["all"]["clips"] == 2
     assert rows["all"]["bound"] < min(rows["all"][name] for name in COLUMNS[:-1])
     assert f"{rows['all']['bound']:.2f}" in printed

@@ -4,7 +4,6 @@ import dataclasses
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from bs4 import BeautifulSoup
 from builders.comparisons import rows_of, runs, settings
@@ -42,37 +41,6 @@ def test_a_comparison_writes_a_report_with_its_numbers(tmp_path):
         assert curve["ys"] == [50.0, 100.0]
     assert len(report.find_all("img")) == len(list(out.glob("*.png"))) > 0
     assert report.find(class_="command").text.endswith(f"--jobs 1 --out '{out}'")
-
-
-@pytest.mark.slow
-def test_several_sensors_and_kinds_have_tables_and_figures_of_their_own(tmp_path, capsys):
-    tracks = tmp_path / "tracks"
-    tracks.mkdir()
-    times_s = np.arange(0, 2.0, 0.04)
-    for name, speed_m_s in {"anna": 1.0, "bert": 0.4}.items():
-        rows = np.stack([times_s, speed_m_s * times_s, 0 * times_s + 3.0, 0 * times_s + 1.6], axis=1)
-        np.savetxt(tracks / f"{name}.csv", rows, "%.4f", ",", header="t,head_x,head_y,head_z", comments="")
-    (tracks / "index.csv").write_text("clip,subject,group,kind\nanna,anna,straight,starting\nbert,bert,straight,\n")
-    out = tmp_path / "out"
-    words = ["--recordings", str(tracks), "--controllers", "reactive", "lookahead", "--sensors", "reference", "perfect"]
-    assert main([*words, "--predictors", "constant_velocity", "--jobs", "1", "--out", str(out)]) == 0
-    rows = json.loads((out / "summary.json").read_text())["rows"]
-    assert [(r["sensor"], r["group"], r["kind"], r["controller"], r["n_clips"]) for r in rows] == [
-        (sensor, group, kind, controller, clips)
-        for sensor in ("reference", "perfect")
-        for group, kind, clips in (("straight", "all", 2), ("all", "starting", 1), ("all", "all", 2))
-        for controller in ("reactive", "lookahead")
-    ]
-    errors = {(r["sensor"], r["kind"]): r["gaze_error_rms_deg"] for r in rows if r["controller"] == "lookahead"}
-    assert errors["perfect", "all"] < errors["reference", "all"]
-    assert {r["data_kind"] for r in rows_of(out)} == {"motion capture"}
-    assert {r["notes"] for r in rows_of(out)} == {""}
-    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("Written to "))
-    assert set(line.partition("/: ")[2].split(", ")) == {path.name for path in out.iterdir() if path.is_file()}
-    text = (out / "summary.md").read_text()
-    assert text.index("## Sensor reference") < text.index("## Sensor perfect")
-    assert "| all | starting | 1 | 1 | reference | reactive |" in text
-    assert {"gaze_error_reference.png", "gaze_error_perfect.png"} < {path.name for path in out.glob("*.png")}
 
 
 def test_a_gaze_that_starts_aside_is_compared_by_contact_and_overshoot(tmp_path):

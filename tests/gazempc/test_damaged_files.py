@@ -11,7 +11,7 @@ from gazempc.errors import GazempcError
 from gazempc.recordings.readers.checks import MOST_DURATION_S, MOST_EXTENT_M
 from gazempc.recordings.recording import Recording
 
-INPUTS = 2000
+INPUTS = 600
 # A refusal is to come within 2 s; nothing here is so large that it takes a tenth of it.
 MOST_S = 2.0
 MOST_CHARACTERS = 3000

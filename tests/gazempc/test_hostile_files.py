@@ -1,25 +1,18 @@
 """Files made to hang or to fill the memory: each is refused by name, at once, and nothing in them is done."""
 
 import io
-import json
 import os
 import resource
 import sqlite3
-import stat
 import struct
-import threading
 import time
 import zipfile
 from contextlib import closing
-from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from backports import zstd
-from builders import bags, exports
+from builders import bags
 
 from experiments.engine.cache import read_result
 from experiments.engine.choices import find_recordings
@@ -32,7 +25,7 @@ from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.tables.mapping import read_mapping
-from gazempc.results.log import SHAPES, Log, load_log
+from gazempc.results.log import load_log
 from gazempc.run_settings import load_settings
 from gazempc.sim.sensor import load_sensor
 
@@ -78,24 +71,6 @@ def test_files_of_gigabytes_are_not_read(name, tmp_path):
     assert "too large" in refused(READERS[name], path)
 
 
-@pytest.mark.parametrize("inside", ["index.csv", "walk.csv.columns.toml"])
-def test_what_stands_beside_a_table_may_be_a_pipe(inside, tmp_path):
-    table = tmp_path / "walk.csv"
-    rows = (f"{t},{t},0,1.6" for t in np.arange(60) / 30.0)
-    table.write_text("t,head_x,head_y,head_z\n" + "\n".join(rows) + "\n")
-    os.mkfifo(tmp_path / inside)
-    assert load(table).labels.subject == "walk"
-
-
-def test_a_folder_with_a_pipe_in_it_is_no_recording(tmp_path):
-    folder = exports.openpose(tmp_path / "walk")
-    os.mkfifo(folder / "walk_000000000900_keypoints.json")
-    assert "a pipe" in refused(load, folder)
-    bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
-    os.mkfifo(bag / "more.db3")
-    assert "a pipe" in refused(load, bag)
-
-
 ALIASES = "a: &a [x, x, x, x, x, x, x, x]\n"
 for before, after in zip("abcdefgh", "bcdefghi", strict=True):
     ALIASES += f"{after}: &{after} [{', '.join([f'*{before}'] * 8)}]\n"
@@ -107,7 +82,6 @@ for before, after in zip("abcdefgh", "bcdefghi", strict=True):
     [
         (ALIASES, "aliases"),
         ("seed: " + "9" * 5000, "digits"),
-        ("seed: 0x" + "f" * 5000, "digits"),
         ("seed: " + "[" * 20000, "nested"),
         ("seed: !!python/object/apply:os.system ['touch harmed']", "could not determine a constructor"),
         ('replay: "\\ud800"', "YAML"),
@@ -120,12 +94,6 @@ def test_yaml_is_bounded_and_never_executed(read, text, said, tmp_path, monkeypa
     path.write_text(text)
     assert said in refused(read, path)
     assert [p.name for p in tmp_path.iterdir()] == ["run.yaml"]
-
-
-def test_aliases_in_the_description_of_a_bag_are_refused(tmp_path):
-    bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
-    (bag / "metadata.yaml").write_text(ALIASES)
-    assert "aliases" in refused(load, bag)
 
 
 def test_a_database_that_computes_is_no_bag(tmp_path):
@@ -144,7 +112,6 @@ def test_a_database_that_computes_is_no_bag(tmp_path):
     ("text", "said"),
     [
         ("name = " + "9" * 5000, "digits"),
-        ("name = 0x" + "f" * 5000, "digits"),
         ("name = " + "[" * 20000, "nested"),
         ("x" * 3000 + " = 1", "unknown field"),
         ("".join(f"x{k} = 1\n" for k in range(5000)), "errors more"),
@@ -187,7 +154,6 @@ def npz(members):
     ("member", "said"),
     [
         (((10**12,), "<f8", b""), "its shape"),
-        (((2**40, 2**40), "<f8", b""), "its shape"),
         (((1,), "|O", b"\x80\x04."), "accepted: numbers and text"),
         (((3,), "<f8", bytes(8)), "its shape"),
     ],
@@ -197,43 +163,6 @@ def test_arrays_are_what_they_say(member, said, tmp_path):
     path.write_bytes(npz({"time_s": member}))
     assert said in refused(load_log, path)
     assert said in refused(load_record, path)
-
-
-def test_the_shape_of_every_array_of_a_log_is_checked():
-    assert set(SHAPES) == {field.name for field in fields(Log)} - {"run", "faults"}
-
-
-def test_an_encrypted_archive_is_said(tmp_path):
-    path = tmp_path / "log.npz"
-    data = bytearray(npz({"time_s": ((1,), "<f8", bytes(8))}))
-    data[6] |= 1
-    data[data.index(b"PK\x01\x02") + 8] |= 1
-    path.write_bytes(data)
-    assert "encrypted" in refused(load_log, path)
-
-
-@pytest.mark.slow
-def test_half_a_packed_gigabyte_is_not_unpacked(tmp_path):
-    path, size = tmp_path / "log.npz", 2**29
-    path.write_bytes(npz({"time_s": ((size // 8,), "<f8", bytes(size))}))
-    assert path.stat().st_size < 2**21
-    assert "far more memory" in refused(load_log, path)
-
-
-def test_a_text_that_a_table_repeats_stands_once_in_memory(tmp_path):
-    rows = 5000
-    note = pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, dtype=np.int32)), ["x" * 2**20])
-    path = tmp_path / "walk.parquet"
-    columns = {"t": np.arange(rows) / 30.0, "head_x": np.zeros(rows), "head_y": np.zeros(rows)}
-    pq.write_table(pa.table({**columns, "note": note}), path)
-    assert "head_z" in refused(load, path)
-
-
-def test_a_name_that_is_no_text_is_refused(tmp_path):
-    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/walk_\xff.csv"))
-    path.write_text("t\n1\n")
-    with pytest.raises(GazempcError, match="not text"):
-        load(path)
 
 
 @pytest.mark.parametrize("word", ["x" * 5000, "a\0b", "subject01_R\0"])
@@ -267,57 +196,17 @@ def test_what_cannot_be_a_walk_is_refused_with_the_reason(times_s, head_m, said,
     assert said in refused(load, path)
 
 
-def process_limits():
-    return {name: resource.getrlimit(getattr(resource, name)) for name in dir(resource) if name.startswith("RLIMIT_")}
-
-
-@pytest.mark.slow
-def test_limits_of_the_process_stay_and_other_threads_allocate(tmp_path):
-    path = tmp_path / "walk.csv"
-    times_s = np.arange(60_000) / 100.0
-    path.write_text(head_track(times_s, np.column_stack([np.sin(times_s), 0.0 * times_s, 1.6 + 0.0 * times_s])))
-    before, seen, done = process_limits(), [], threading.Event()
-
-    def other_thread():
-        while not done.is_set():
-            seen.append(process_limits() == before and len(bytearray(2**30)) == 2**30)
-
-    other = threading.Thread(target=other_thread)
-    other.start()
-    try:
-        assert len(load(path).times_s) == len(times_s)
-    finally:
-        done.set()
-        other.join()
-    assert seen
-    assert all(seen)
-
-
-@pytest.mark.parametrize("size", [20_000, 80_000])
-@pytest.mark.parametrize("key", ["a{}", "[a{}]\nx", "x = {{ a{}", "'a'{}", '"a"{}'])
-def test_a_key_of_thousands_of_parts_is_refused_at_once(key, size):
+@pytest.mark.parametrize("key", ["a{}", "[a{}]\nx", "'a'{}"])
+def test_a_key_of_thousands_of_parts_is_refused_at_once(key):
     started_s = time.process_time()
     with pytest.raises(SettingsError, match="nested deeper"):
-        parse_toml(key.format(".a" * (size // 2)) + " = 1", "neck.toml")
+        parse_toml(key.format(".a" * 40_000) + " = 1", "neck.toml")
     assert time.process_time() - started_s < 0.1
-
-
-@pytest.mark.parametrize("quotes", ['"', "'", '"""', "'''"])
-def test_dots_in_text_and_comments_are_no_key(quotes):
-    dots = "a" + ".a" * 1000
-    assert parse_toml(f"# {dots}\nx = {quotes}{dots}{quotes}", "neck.toml") == {"x": dots}
-
-
-@pytest.mark.parametrize("line", ["a" * 90_000_000, "," * 90_000_000, "t,head_x,head_y,head_z," + "b" * 90_000_000])
-def test_a_header_of_90_megabytes_is_refused(line, tmp_path):
-    path = tmp_path / "walk.csv"
-    path.write_text(line + "\n1\n")
-    assert "at most" in refused(load, path)
 
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("walk.json", "[[]," * 12_000_000), ("walk.mvnx", "<a/>" * 3_000_000), ("walk.bvh", "1 " * 31_000_000)],
+    [("walk.json", "[[]," * 12_000_000), ("walk.mvnx", "<a/>" * 3_000_000)],
 )
 def test_a_text_of_millions_of_values_is_not_parsed(name, text, tmp_path):
     path = tmp_path / name
@@ -336,26 +225,6 @@ def test_a_bag_that_unpacks_to_gigabytes_is_refused(compression, tmp_path):
         chunk = struct.pack("<QQQIIQ", 0, 1, 2**31, 0, 0, 0)
         (bag / "more.mcap").write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(chunk)) + chunk)
     assert "far more memory" in refused(load, bag)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("cell", ["", ",anna"])
-def test_a_table_of_a_million_rows_is_read_in_seconds(cell, tmp_path):
-    rows = 1_700_000
-    path = tmp_path / "walk.csv"
-    with path.open("w") as file:
-        file.write("t,head_x,head_y,head_z" + (",note" if cell else "") + "\n")
-        file.writelines(f"{k / 500:.3f},{np.sin(k / 1000):.5f},0.50000,1.60000{cell}\n" for k in range(rows))
-    started_s = time.process_time()
-    assert len(load(path).times_s) == rows
-    assert time.process_time() - started_s < (10.0 if not cell else 40.0)
-
-
-def test_a_long_text_in_a_file_is_cut_in_the_message(tmp_path):
-    path = tmp_path / "run.yaml"
-    path.write_text(json.dumps({"neck": ["x" * 100_000], "seed": "y" * 100_000}))
-    assert "..." in refused(load_settings, path)
-    assert stat.S_ISREG(path.stat().st_mode)
 
 
 @pytest.mark.parametrize(

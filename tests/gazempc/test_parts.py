@@ -16,7 +16,6 @@ from gazempc.parts import (
     find,
     is_own,
     name_of,
-    said,
 )
 from gazempc.sim.simulated import SimulatedNeck
 
@@ -30,8 +29,6 @@ KINDS = (PREDICTOR, CONTROLLER, ROBOT, SOURCE)
         ("a.b.c:D.e", True),
         ("mpc", False),
         ("udp:5005", False),
-        ("tcp:192.168.0.7:5005", False),
-        ("ros2:/person/pose", False),
         (":Mine", False),
         ("my-parts:Mine", False),
         ("", False),
@@ -51,15 +48,6 @@ def test_every_shipped_part_is_there_and_has_all_methods(kind):
         assert check_choice(kind, name) == name
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_a_misspelt_name_is_refused_with_what_is_accepted(kind):
-    name = next(iter(kind.shipped))
-    with pytest.raises(ValueError, match=f"no {kind.name} '{name}x'") as raised:
-        check_choice(kind, f"{name}x")
-    for word in (*kind.shipped, f"perhaps you meant '{name}'", "module:Class"):
-        assert word in str(raised.value)
-
-
 def test_modules_of_the_working_directory_are_found(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
     monkeypatch.chdir(tmp_path)
@@ -69,14 +57,11 @@ def test_modules_of_the_working_directory_are_found(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "choice", "named"),
     [
-        ("", "mine:Part", ["mine has no 'Part'"]),
         ("class Parts: pass", "mine:Part", ["mine has no 'Part'", "perhaps you meant 'Parts'"]),
         ("Part = 3", "mine:Part", ["Part is no class and no function, but int"]),
         ("import no_such_thing", "mine:Part", ["mine needs the module 'no_such_thing'"]),
         ("1 / 0", "mine:Part", ["importing mine raised ZeroDivisionError: division by zero"]),
-        ("def broken(:", "mine:Part", ["importing mine raised SyntaxError"]),
         ("", "nowhere:Part", ["there is no module 'nowhere'", "working directory"]),
-        ("", "mine.inner:Part", ["there is no module 'mine.inner'"]),
     ],
 )
 def test_why_a_part_cannot_be_found_is_said(text, choice, named, tmp_path, monkeypatch):
@@ -100,19 +85,13 @@ class Robot:
     def close(self): ...
 
 
-@pytest.mark.parametrize("method", sorted(ROBOT.members))
-def test_a_method_that_is_missing_or_no_method_is_named_with_what_it_does(method):
+def test_a_method_that_is_missing_or_no_method_is_named_with_what_it_does():
     check_members(ROBOT, Robot())
     lacking = Robot()
-    setattr(lacking, method, None)
+    lacking.read_state = None
     with pytest.raises(SettingsError) as raised:
         check_members(ROBOT, lacking)
-    assert str(raised.value) == f"robot Robot lacks the method {ROBOT.members[method]}"
-
-
-def test_a_class_in_place_of_an_object_is_refused():
-    with pytest.raises(SettingsError, match=r"robot Robot is a class: give an object, Robot\(\.\.\.\)"):
-        check_members(ROBOT, Robot)
+    assert str(raised.value) == f"robot Robot lacks the method {ROBOT.members['read_state']}"
 
 
 def test_what_a_part_is_called():
@@ -130,8 +109,3 @@ def test_a_shipped_name_is_the_shipped_part_s_alone():
         name = "simulated"
 
     assert name_of(ROBOT, Perfect()) == f"{__name__}.simulated"
-
-
-def test_an_exception_in_one_line():
-    assert said(ValueError("two\n  lines")) == "ValueError: two lines"
-    assert said(TimeoutError()) == "TimeoutError"

@@ -2,7 +2,6 @@
 # ruff: noqa: PTH208, PT012
 
 import os
-import resource
 import subprocess
 import sys
 
@@ -10,25 +9,11 @@ import pytest
 
 from gazempc import command
 from gazempc.errors import LimitViolationError, SettingsError
-from gazempc.files.whole import begin_folder, whole, write_whole
+from gazempc.files.whole import begin_folder, whole
 from gazempc.results.log import load_log
 from gazempc.run import main
 
 MOST_BYTES = 20_000
-
-
-def test_a_file_that_does_not_fit_leaves_the_old_one(tmp_path):
-    path = tmp_path / "summary.json"
-    path.write_text("old")
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (MOST_BYTES, limits[1]))
-    try:
-        with pytest.raises(OSError, match=f"cannot be written: .*{path}"):
-            write_whole(path, "x" * 2 * MOST_BYTES)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["summary.json"]
 
 
 def test_whatever_interrupts_leaves_the_old_one(tmp_path):
@@ -39,16 +24,6 @@ def test_whatever_interrupts_leaves_the_old_one(tmp_path):
         raise KeyboardInterrupt
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["summary.json"]
-
-
-def test_a_link_is_replaced_and_not_followed(tmp_path):
-    target = tmp_path / "elsewhere.txt"
-    target.write_text("precious")
-    link = tmp_path / "summary.json"
-    link.symlink_to(target)
-    write_whole(link, "new")
-    assert target.read_text() == "precious"
-    assert not link.is_symlink()
 
 
 def test_an_earlier_run_is_taken_away_and_nothing_else(tmp_path):

@@ -303,7 +303,6 @@ def test_pursuit_without_pelvis_or_gain_is_constant_velocity() -> None:
     [
         ("constant_velocity", ConstantVelocity),
         ("coordinated_turn", CoordinatedTurn),
-        ("pelvis_pursuit", PelvisPursuit),
     ],
 )
 def test_settings_are_the_constructors_and_have_its_defaults(name: str, made: type) -> None:

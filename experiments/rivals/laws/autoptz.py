@@ -26,6 +26,7 @@ _DEAD_ZONE = 0.35 * _ZONE
 _RAMP = 0.05
 _EDGE = 0.9
 _LEAD_S, _LONGEST_LEAD_S = 0.15, 0.8
+_PROCESSING_S = 0.05  # delay of ingest and inference, which the program measures; assumed here
 _KP, _KD, _KV = 0.6, 0.05, 0.1
 _EXPONENT = 1.2
 _RISE_PER_S = 3.0
@@ -36,23 +37,19 @@ class AutoPtz(Rival):
     """Drives the camera with a speed for each frame.
 
     Args:
-        neck: Whose top speed the command 1 is.
-        camera: The camera on the head.
+        neck: Model of the neck: the command 1 is its top speed.
+        camera: Model of the camera.
         speed_scale: The command 1 as a share of the neck's top speed; free in the program.
-        processing_s: Delay of ingest and inference, which the program measures; assumed here, seconds.
     """
 
     name = "autoptz"
     free = tuple({"speed_scale": scale} for scale in SPEED_SCALES)
     command = "velocity"
 
-    def __init__(
-        self, neck: NeckSpec, camera: HeadCamera, *, speed_scale: float = 1.0, processing_s: float = 0.05
-    ) -> None:
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, speed_scale: float = 1.0) -> None:
+        super().__init__(neck, camera)
         self.period_s = 1.0 / camera.rate_hz
         self._top_rad_s = speed_scale * neck.velocity_max_rad_s
-        self._half_sizes = half_sizes(camera)
-        self._processing_s = processing_s
         self._filter = OneEuro(least_cutoff_hz=1.1, beta=0.03, speed_cutoff_hz=1.0)
 
     def start(self, view: View) -> None:
@@ -66,7 +63,7 @@ class AutoPtz(Rival):
         """See `Rival.step`."""
         for detection in view.detections:
             self._see(view, detection)
-        # A frame later than one and a half periods is a frame without a face.
+        # A frame later than one and a half periods counts as one without a face.
         if view.time_s - self._arrival_s > 1.5 * self.period_s:
             self._command = np.zeros(2)
             self._forget()
@@ -102,14 +99,14 @@ class AutoPtz(Rival):
         if self._anchor is not None:
             before_s, error, before_rad = self._anchor
             dt_s = detection.capture_time_s - before_s
-            own = -(head_rad - before_rad) / self._half_sizes / dt_s
+            own = -(head_rad - before_rad) / half_sizes(self._camera) / dt_s
             fresh = (self._error - error) / dt_s - own
             self._velocity = _VELOCITY_GAIN * fresh + (1.0 - _VELOCITY_GAIN) * self._velocity
         self._anchor = (detection.capture_time_s, self._error, head_rad)
 
     def _outside_the_zone(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Error and velocity that count, the error with its lead: none while the face is in the middle."""
-        lead_s = min(_LEAD_S + self._processing_s, _LONGEST_LEAD_S)
+        """Error, with its lead, and velocity; zero while the camera rests with the face in the middle."""
+        lead_s = min(_LEAD_S + _PROCESSING_S, _LONGEST_LEAD_S)
         if np.abs(error).max() >= _EDGE:
             self._resting = False
             return error + lead_s * self._velocity, self._velocity
@@ -129,11 +126,11 @@ class AutoPtz(Rival):
         boost = max(
             min(1.0, float(np.linalg.norm(filtered)) / 0.6),
             0.65 * min(1.0, float(np.linalg.norm(velocity)) / 1.5),
-            0.55 * min(1.0, self._processing_s / 0.3),
+            0.55 * min(1.0, _PROCESSING_S / 0.3),
         )
         u = np.clip(0.7 * (1.0 + 0.9 * boost) * u, -1.0, 1.0)
         u = np.sign(u) * np.abs(u) ** _EXPONENT
-        # A camera that swings to and fro is slowed down.
+        # Oscillation lowers the speed.
         flips = np.count_nonzero(np.sign(u) * self._sign < 0.0)
         self._sign = np.where(u == 0.0, self._sign, np.sign(u))
         self._swings = min(4.0, 0.6 * self._swings + flips)

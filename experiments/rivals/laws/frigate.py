@@ -1,8 +1,8 @@
 """Frigate's autotracking: one relative move at a time, aimed at where the person will be when it ends.
 
-No frame counts that was received before the last move had ended. So the person is followed by stop and go. How long a
-move takes is fitted to thirty moves (`experiments.rivals.laws.frigate`). The delay of the stream is not
-known to the law: a frame received after the end may show the scene before it.
+Only frames received after the end of the last move count: the camera follows by stop and go. The
+duration of a move is fitted to thirty moves. The law has no model of the stream's delay: a frame received after the end
+may show the scene before it.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from gazempc.types import FloatArray
 # Constants of Frigate, `ptz/autotrack.py`.
 _DEAD_ZONE, _DEAD_ZONE_UNSURE = 0.08, 0.03
 _RETURN_S = 10.0
+_FPS = 5.0  # frames a second that the detector takes
 # A person is about seven faces tall. Frigate tracks persons; here its box is centred on the face.
 _FACES_TALL = 7.0
 
 
 @dataclass(frozen=True)
 class MoveTime:
-    """How long a move takes: ``offset_s * zero_move_s + slope_s * size``, as the program has it.
+    """Duration of a move: ``offset_s * zero_move_s + slope_s * size``, as in the program.
 
     Attributes:
         offset_s: The line's value at 0, seconds; the program multiplies it by the time of a move by nothing.
@@ -47,15 +48,13 @@ class Frigate(Rival):
     """Moves once, waits for the end, looks again.
 
     Args:
-        neck: The neck, whose range bounds the moves.
-        camera: The camera on the head.
-        move_time: The fit of the calibration; None for a camera that was not calibrated.
-        fps: Frames a second that it looks at.
+        neck: Model of the neck: its range bounds the moves.
+        camera: Model of the camera.
+        move_time: The fit of the calibration; None without one.
         faces_tall: Height of the tracked box in heights of the face.
     """
 
     name = "frigate"
-    # How often the camera's status is asked for; not stated, so often enough not to matter.
 
     def __init__(
         self,
@@ -63,15 +62,14 @@ class Frigate(Rival):
         camera: HeadCamera,
         *,
         move_time: MoveTime | None = None,
-        fps: float = 5.0,
         faces_tall: float = _FACES_TALL,
     ) -> None:
-        self._low_rad, self._high_rad = neck.position_min_rad, neck.position_max_rad
+        super().__init__(neck, camera)
         self._half_view_rad = np.array([camera.half_width_rad, camera.half_height_rad])
         self._image_px = np.array([camera.width_px, camera.height_px], dtype=np.float64)
         self._px_per_rad = 0.5 * self._image_px / np.tan(self._half_view_rad)
-        self._move_time, self._fps, self._faces_tall = move_time, fps, faces_tall
-        self._detector = FrameRate(1.0 / fps)
+        self._move_time, self._faces_tall = move_time, faces_tall
+        self._detector = FrameRate(1.0 / _FPS)
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
@@ -98,7 +96,7 @@ class Frigate(Rival):
         return self._goal_rad
 
     def _follow(self, view: View, detection: Detection) -> FloatArray | None:
-        """The face's velocity in an image that does not move, if it is believed, shape (2,), pixels a frame."""
+        """The face's valid velocity in the image of a camera at rest, shape (2,), pixels a frame."""
         head_rad = view.joints_at(detection.capture_time_s)
         if head_rad is None:
             return None
@@ -109,7 +107,7 @@ class Frigate(Rival):
         if self._filter is None:
             self._filter = CornerFilter(corners_px)
             return None
-        return believed_velocity(self._filter.update(corners_px), self._image_px, self._fps)
+        return believed_velocity(self._filter.update(corners_px), self._image_px, _FPS)
 
     def _decide(self, view: View, detection: Detection, velocity: FloatArray | None) -> None:
         known = self._move_time is not None and velocity is not None
@@ -117,7 +115,7 @@ class Frigate(Rival):
             return
         move = detection.offset
         if self._move_time is not None and velocity is not None:
-            frames = self._fps * self._move_time.predict_s(np.clip(move, -1.0, 1.0))
+            frames = _FPS * self._move_time.predict_s(np.clip(move, -1.0, 1.0))
             move = move + frames * velocity / (0.5 * self._image_px)
         # To the left and up, in halves of the field of view; that a tangent is no angle is left out of account.
         self._go(view.joints.position_rad - np.clip(move, -1.0, 1.0) * self._half_view_rad)
@@ -131,7 +129,7 @@ class Frigate(Rival):
         return away_px >= float(share * size_px * (1.0 - math.log(box_px[side] / size_px)))
 
     def _go(self, goal_rad: FloatArray) -> None:
-        self._goal_rad = np.clip(goal_rad, self._low_rad, self._high_rad)
+        self._goal_rad = self._within_range(goal_rad)
         self._moving, self._started_s, self._stopped_s = True, self._frame_s, math.inf
 
 
@@ -141,7 +139,7 @@ _LARGEST_DIFFERENCE_PX = 20.0
 _LARGEST_DEVIATION_PX = 10.0
 _LIKE_DIFFERENCE_PX = 10.0
 _LEAST_COSINE, _LEAST_COSINE_ALIKE = 0.93, 0.6
-# Of a velocity that is not yet known (norfair's default).
+# Initial variance of the velocity (norfair's default).
 _START_P = 10.0
 
 
@@ -196,25 +194,20 @@ def believed_velocity(corners_px: FloatArray, image_px: FloatArray, fps: float) 
 
 
 _MOVES = 30
-# What the program accepts for the line's value at 0 and for its slope, seconds.
+# Bounds of the line's value at 0 and of its slope, seconds.
 _OFFSET_S = (0.1, 10.0)
 _LARGEST_SLOPE_S = 2.0
 
 
 class FrigateCalibration(Rival):
-    """Pans by more and more, back after each move, and takes the times.
-
-    Args:
-        neck: The neck, whose range bounds the moves.
-        camera: The camera on the head; moves are in halves of its width.
-    """
+    """Pans by growing angles, back after each, and measures the durations; arguments as of `Rival`."""
 
     name = "frigate_calibration"
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera) -> None:
+        super().__init__(neck, camera)
         most = float(neck.position_max_rad[0]) / camera.half_width_rad
         self._sizes = np.minimum(np.linspace(0.0, 1.0, _MOVES), most)
-        self._half_width_rad = camera.half_width_rad
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
@@ -237,11 +230,11 @@ class FrigateCalibration(Rival):
             self._goal_rad = np.zeros(2)
         else:
             self._started_s = view.time_s
-            self._goal_rad = np.array([self._sizes[len(self._times_s)] * self._half_width_rad, 0.0])
+            self._goal_rad = np.array([self._sizes[len(self._times_s)] * self._camera.half_width_rad, 0.0])
         return self._goal_rad
 
     def move_time(self) -> MoveTime | None:
-        """The line through the times by least squares; None if the program would not accept it."""
+        """Line of least squares through the durations; None outside the program's bounds."""
         made = len(self._times_s)
         slope_s, offset_s = np.polyfit(self._sizes[:made], self._times_s, 1)
         if not (_OFFSET_S[0] <= offset_s <= _OFFSET_S[1] and 0.0 < slope_s <= _LARGEST_SLOPE_S):

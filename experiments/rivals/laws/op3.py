@@ -1,7 +1,7 @@
-"""ROBOTIS OP3: at each detection the goal moves by 0.6 of the error, and a minimum-jerk motion goes there.
+"""ROBOTIS OP3: each detection moves the goal by 0.6 of the error; the head follows with minimum jerk.
 
-The error is that in the image when the frame arrives. It is added to the last goal, though the head has not arrived
-there, so at a high rate of detections the same error is added several times.
+The error in the image at the arrival of the frame is added to the last goal, before the head has reached it. At a high
+rate of detections the same error is integrated several times.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from experiments.rivals.rival import FrameRate, HeadCamera, Rival, View, left_an
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
+_GAIN, _DERIVATIVE_GAIN = 0.6, 0.25
+_SPEED_RAD_S = math.radians(52.5)  # mean speed of a motion
 _SMALL_RAD = math.radians(1.0)
 _SHORTEST_S = 0.1
 
@@ -23,32 +25,17 @@ class Op3(Rival):
     """Adds to the goal, and goes there with minimum jerk.
 
     Args:
-        neck: The neck, whose range bounds the goal.
-        camera: The camera on the head.
-        gain: Share of the error that is added to the goal.
-        derivative_gain: Share of the error's change since the last detection that is added.
-        speed_deg_s: Mean speed of a motion, degrees a second.
-        detection_period_s: Time between two images that the detector looks at, seconds.
+        neck: Model of the neck: its range bounds the goal.
+        camera: Model of the camera.
+        detection_period_s: Period of the detector, seconds.
     """
 
     name = "op3"
     free = tuple({"detection_period_s": period_s} for period_s in (1.0 / 30.0, 0.1, 0.2, 0.4))
     period_s = 0.008
 
-    def __init__(
-        self,
-        neck: NeckSpec,
-        camera: HeadCamera,
-        *,
-        gain: float = 0.6,
-        derivative_gain: float = 0.25,
-        speed_deg_s: float = 52.5,
-        detection_period_s: float = 1.0 / 30.0,
-    ) -> None:
-        self._camera = camera
-        self._low_rad, self._high_rad = neck.position_min_rad, neck.position_max_rad
-        self._gain, self._derivative_gain = gain, derivative_gain
-        self._speed_rad_s = math.radians(speed_deg_s)
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, detection_period_s: float = 1.0 / 30.0) -> None:
+        super().__init__(neck, camera)
         self._detector = FrameRate(detection_period_s)
 
     def start(self, view: View) -> None:
@@ -66,13 +53,13 @@ class Op3(Rival):
             change_rad = np.zeros(2) if self._error_rad is None else error_rad - self._error_rad
             self._error_rad = error_rad
             if (np.abs(error_rad) >= _SMALL_RAD).any():
-                self._go(view.time_s, self._gain * error_rad + self._derivative_gain * change_rad)
+                self._go(view.time_s, _GAIN * error_rad + _DERIVATIVE_GAIN * change_rad)
         return self._at(view.time_s)[0]
 
     def _go(self, now_s: float, by_rad: FloatArray) -> None:
-        goal_rad = np.clip(self._goal_rad + by_rad, self._low_rad, self._high_rad)
-        duration_s = max(_SHORTEST_S, float(np.abs(by_rad).max()) / self._speed_rad_s)
-        # Fifth order between two states of position, velocity and acceleration has minimum jerk.
+        goal_rad = self._within_range(self._goal_rad + by_rad)
+        duration_s = max(_SHORTEST_S, float(np.abs(by_rad).max()) / _SPEED_RAD_S)
+        # The polynomial of fifth order between two states of position, velocity and acceleration has minimum jerk.
         states = [list(self._at(now_s)), [goal_rad, np.zeros(2), np.zeros(2)]]
         self._motion = BPoly.from_derivatives([0.0, duration_s], states)
         self._goal_rad, self._started_s = goal_rad, now_s

@@ -1,11 +1,10 @@
 """PIDs on pixels: obs-face-tracker, and the pan-tilt face tracker of the OpenCV tutorials.
 
-obs-face-tracker answers with one of a PTZ camera's few speeds. Its gain scales with the time between two frames, so a
-camera of 60 frames a second gets half the speed of one of 30.
+The output of obs-face-tracker is one of a PTZ camera's few speeds. Its gain scales with the frame period, so a camera
+of 60 frames a second gets half the speed of one of 30.
 
-The tutorials' output is the servo's angle: five times a second the distance of the face from the image's middle, in
-pixels of a small image, becomes an absolute angle in whole degrees. There are no encoders, no limit of the integral and
-none of the rate.
+The output of the tutorials' law is the servo's angle: five times a second the PID turns the distance from the image
+centre, in pixels of a small image, into whole degrees, without encoders, anti-windup or rate limit.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _MOST_SPEEDS = np.array([24.0, 20.0])
 
 
 def visca_speed(u: FloatArray) -> FloatArray:
-    """Speed of a VISCA camera for an output.
+    """Speed step of a VISCA camera for an output.
 
     Args:
         u: Output of pan and tilt, shape (2,).
@@ -48,8 +47,8 @@ class ObsFaceTracker(Rival):
     """Drives the camera with one of its speeds.
 
     Args:
-        neck: Whose top speed is that of the camera's fastest step.
-        camera: The camera on the head.
+        neck: Model of the neck: its top speed is that of the camera's fastest step.
+        camera: Model of the camera.
         speed_scale: Speed of the camera's step 24 as a share of the neck's top speed; depends on the camera.
     """
 
@@ -58,10 +57,9 @@ class ObsFaceTracker(Rival):
     command = "velocity"
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, speed_scale: float = 1.0) -> None:
+        super().__init__(neck, camera)
         self.period_s = 1.0 / camera.rate_hz
         self._rad_s_per_step = speed_scale * neck.velocity_max_rad_s / _MOST_SPEEDS[0]
-        self._halves_px = 0.5 * np.array([camera.width_px, camera.height_px])
-        self._size_px = math.sqrt(camera.width_px * camera.height_px)
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
@@ -72,7 +70,7 @@ class ObsFaceTracker(Rival):
         """See `Rival.step`."""
         for detection in view.detections:
             self._see(detection)
-        # A frame later than one and a half periods is a frame without a face.
+        # A frame later than one and a half periods counts as one without a face.
         if view.time_s - self._arrival_s > 1.5 * self.period_s:
             self._u = np.zeros(2)
             self._integral_px = self._integral_px * math.exp(-self.period_s / _DECAY_S)
@@ -80,9 +78,9 @@ class ObsFaceTracker(Rival):
         return speeds_rad_s
 
     def _see(self, detection: Detection) -> None:
-        dt_s = self.period_s
+        dt_s, size_px = self.period_s, np.array([self._camera.width_px, self._camera.height_px])
         self._arrival_s = detection.arrival_time_s
-        error_px = -detection.offset * self._halves_px
+        error_px = -detection.offset * 0.5 * size_px
         step_px = _KI_PER_S * error_px * dt_s
         opposed = self._integral_px * step_px < 0.0
         step_px = np.where(opposed, np.sign(step_px) * np.minimum(np.abs(step_px), np.abs(self._integral_px)), step_px)
@@ -90,7 +88,8 @@ class ObsFaceTracker(Rival):
         low_pass_px = (self._low_pass_px * _TL_S + error_px * dt_s) / (_TL_S + dt_s)
         derivative_px_s = _TD_S * (low_pass_px - self._low_pass_px)
         self._low_pass_px = low_pass_px
-        self._u = _KP / self._size_px * ((error_px + self._integral_px) * dt_s + derivative_px_s)
+        gain = _KP / math.sqrt(float(size_px.prod()))
+        self._u = gain * ((error_px + self._integral_px) * dt_s + derivative_px_s)
 
 
 # Gains of pan and tilt: degrees for a pixel, for a pixel held one second, for a pixel a second.
@@ -98,26 +97,19 @@ _P = np.array([0.09, 0.11])
 _I = np.array([0.08, 0.10])
 _D = np.array([0.002, 0.002])
 _LARGEST_DEG = 90.0
+_IMAGE_WIDTH_PX = 320.0
 
 
 class PixelPid(Rival):
-    """Commands the PID's output as an angle.
-
-    Args:
-        neck: The neck; the law uses none of its limits.
-        camera: The camera on the head.
-        image_width_px: Width of the image in which pixels are counted.
-    """
+    """Commands the PID's output as an angle; arguments as of `Rival`. The law uses none of the neck's limits."""
 
     name = "pixel_pid"
     period_s = 0.2
 
-    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, image_width_px: float = 320.0) -> None:
-        height_px = image_width_px * camera.height_px / camera.width_px
-        self._halves_px = 0.5 * np.array([image_width_px, height_px])
-
     def start(self, view: View) -> None:
-        """See `Rival.start`; the head's angle at the start is in the integral."""
+        """See `Rival.start`; the integral begins at the head's angles."""
+        height_px = _IMAGE_WIDTH_PX * self._camera.height_px / self._camera.width_px
+        self._halves_px = 0.5 * np.array([_IMAGE_WIDTH_PX, height_px])
         self._command_deg = np.rad2deg(view.joints.position_rad)
         self._integral_px_s = self._command_deg / _I
         self._error_px = np.zeros(2)

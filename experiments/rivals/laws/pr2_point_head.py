@@ -1,8 +1,7 @@
-"""PR2's point_head action, a new goal for each detection: a cubic to the face's angles, at rest there.
+"""PR2's point_head action with a goal for each detection: a cubic to the angles of the face, at rest at its end.
 
-The goal is a point in space, with the head's pose when the frame was *captured* (if the goal is stamped so). Each goal
-starts a new two-point trajectory from the present state. It ends at rest, so a walking person is followed in starts
-that never come to their ends.
+The goal is a point in space, by the head's pose at the *capture* of the frame (of a goal with that stamp). Each goal
+starts a two-point trajectory from the present state, so the head follows a walking person in starts without ends.
 """
 
 from __future__ import annotations
@@ -15,29 +14,28 @@ from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# A trajectory starts so much later than its goal is handled, and is at least so long.
+# Delay from a goal to the start of its trajectory, and the shortest duration.
 _START_S = 0.01
+# Mean speed of a motion; free in the goal, this in the robot's tutorial.
+_SPEED_RAD_S = 1.0
 
 
 class Pr2PointHead(Rival):
     """Sends a two-point trajectory for each detection.
 
     Args:
-        neck: Its geometry and its range.
-        camera: The camera on the head.
+        neck: Model of the neck: geometry and range.
+        camera: Model of the camera.
         min_duration_s: Least duration of a motion; free in the goal, 0.5 in the robot's tutorial, seconds.
-        max_velocity_rad_s: Mean speed of a motion; free in the goal, 1.0 in the robot's tutorial, rad/s.
     """
 
     name = "pr2_point_head"
     free = tuple({"min_duration_s": duration_s} for duration_s in (0.1, 0.2, 0.5, 1.0))
     period_s = 0.01
 
-    def __init__(
-        self, neck: NeckSpec, camera: HeadCamera, *, min_duration_s: float = 0.5, max_velocity_rad_s: float = 1.0
-    ) -> None:
-        self._neck, self._camera = neck, camera
-        self._min_duration_s, self._max_velocity_rad_s = min_duration_s, max_velocity_rad_s
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, min_duration_s: float = 0.5) -> None:
+        super().__init__(neck, camera)
+        self._min_duration_s = min_duration_s
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
@@ -54,12 +52,12 @@ class Pr2PointHead(Rival):
         return self._at(view.time_s)[0]
 
     def _go(self, now_s: float, goal_rad: FloatArray) -> None:
-        goal_rad = np.clip(goal_rad, self._neck.position_min_rad, self._neck.position_max_rad)
+        goal_rad = self._within_range(goal_rad)
         present = self._at(now_s)
         way_rad = float(np.abs(goal_rad - present[0]).max())
-        duration_s = max(_START_S, self._min_duration_s, way_rad / self._max_velocity_rad_s)
+        duration_s = max(_START_S, self._min_duration_s, way_rad / _SPEED_RAD_S)
         start_s = now_s + _START_S
-        # Until it starts, the state that it starts from is held: position and velocity at the ends make a cubic.
+        # The initial state is held until the start: position and velocity at both ends make a cubic.
         states = [list(present), [goal_rad, np.zeros(2)]]
         self._motion = BPoly.from_derivatives([start_s, start_s + duration_s], states)
         self._goal_rad = goal_rad

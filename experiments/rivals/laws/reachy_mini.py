@@ -1,12 +1,12 @@
 """Reachy Mini: its daemon (reachy_mini 1.10, August 2026), the same with times of capture (#1396), and an app.
 
 A detected face becomes a direction in space, and the head's orientation eases towards it 50 times a second. The daemon
-turns the face's place in the image by the head's pose when the frame was *processed*. A head that moved meanwhile adds
-its own motion to the target. With #1396 the pose is that of the frame's *capture*.
+turns the place in the image by the head's pose at *processing*, so the head's motion since the capture is added to the
+target. With #1396 the pose is that of the *capture*. The daemon also ignores faces below 0.3 % of the image; here all
+laws get the same detections.
 
-The conversation app as it was early in 2026 (0.2.2) goes 0.6 of the way to the face, at once: the daemon's look-at pose
-of the newest frame, with the head's pose when it was processed, is scaled by 0.6 and becomes the head's offset from its
-neutral pose. Nothing is filtered or limited. Today the app uses the daemon's own law.
+The conversation app of early 2026 (0.2.2) scales the look-at pose of the newest frame, by the head's pose at
+processing, by 0.6, and commands it at once, without filter or limit. Today the app uses the daemon's law.
 """
 
 from __future__ import annotations
@@ -21,89 +21,74 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
 _FORWARD = np.array([1.0, 0.0, 0.0])
+# Constants of reachy_mini, `vision/face_tracking.py`; lengths in halves of the image.
+_DETECTION_PERIOD_S = 0.1
+_EASE = 0.15  # share of the way to the target at each step
+_LOSS_S = 2.0
+_LONGEST_JUMP, _MISSES = 0.5, 20
+_STILL, _FAST_CHANGE, _FAST_GAIN, _SLOW_GAIN = 0.02, 0.15, 0.6, 0.3
 
 
 class ReachyMini(Rival):
-    """Eases the head towards the face's direction, by the head's pose when the frame was processed.
+    """Eases the head towards the face's direction, by the head's pose at processing.
 
     Args:
-        neck: The neck; the law uses none of its limits, and no offset of the camera.
-        camera: The camera on the head.
-        detection_period_s: Time between two images that the detector looks at, seconds.
-        least_share: Area of the smallest face that counts, as a share of the image's.
-        ease: Share of the way to the target at each step.
-        loss_s: How long the target is held after the last face, seconds; then it is straight ahead.
+        neck: Model of the neck; the law uses none of its limits.
+        camera: Model of the camera; the law uses no offset of it.
         filtered: Whether the face's place in the image is filtered.
     """
 
     name = "reachy_mini"
 
-    def __init__(
-        self,
-        neck: NeckSpec,
-        camera: HeadCamera,
-        *,
-        detection_period_s: float = 0.1,
-        least_share: float = 0.003,
-        ease: float = 0.15,
-        loss_s: float = 2.0,
-        filtered: bool = True,
-    ) -> None:
-        self._camera = camera
-        self._ease, self._loss_s = ease, loss_s
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, filtered: bool = True) -> None:
+        super().__init__(neck, camera)
         self._filtered = filtered
-        self._detector = FrameRate(detection_period_s)
-        self._association = Association(camera, detection_period_s, least_share)
-        self._filter = ImageFilter()
+        self._detector = FrameRate(_DETECTION_PERIOD_S)
+        self._gate, self._filter = Gate(), ImageFilter()
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
         self._detector.reset()
-        self._association.reset()
+        self._gate.reset()
         self._filter.reset()
         self._seen_s = -math.inf
         self._command_rad = view.joints.position_rad
         self._aim = self._target = _orientation(view.joints.position_rad)
 
     def step(self, view: View) -> FloatArray:
-        """See `Rival.step`; what is computed now is sent at the next step."""
+        """See `Rival.step`; a command is sent one step after its computation."""
         for detection in self._detector.take(view.detections):
             head_rad = self._head_rad(view, detection)
-            if head_rad is None or not self._association.takes(detection):
+            if head_rad is None or not self._gate.takes(detection):
                 continue
             offset = self._filter.update(detection.offset) if self._filtered else detection.offset
             self._target = _look_along(_orientation(head_rad).apply(ray(self._camera, offset)))
             self._seen_s = view.time_s
-        if view.time_s - self._seen_s >= self._loss_s and self._seen_s > -math.inf:
+        if view.time_s - self._seen_s >= _LOSS_S and self._seen_s > -math.inf:
             self._filter.reset()
             self._target = Rotation.identity()
         sent_rad = self._command_rad
         left = self._aim.inv() * self._target
-        self._aim = self._aim * Rotation.from_rotvec(self._ease * left.as_rotvec())
+        self._aim = self._aim * Rotation.from_rotvec(_EASE * left.as_rotvec())
         forward, to_left, up = self._aim.apply(_FORWARD)
         self._command_rad = np.array([np.arctan2(to_left, forward), np.arctan2(up, np.hypot(forward, to_left))])
         return sent_rad
 
     def _head_rad(self, view: View, detection: Detection) -> FloatArray | None:
-        """Pan and tilt by which the detection is turned into space; None if it is not to be used."""
+        """Pan and tilt that turn the detection into the base frame; None drops it."""
         return view.joints.position_rad
 
 
 class ReachyMiniCaptureRaw(ReachyMini):
-    """The same with the head's pose when the frame was captured, and without the filter in the image.
+    """With the head's pose at capture, and without the filter in the image; arguments as of `Rival`.
 
     A frame of an unknown pose is dropped.
-
-    Args:
-        neck: The neck; the law uses none of its limits, and no offset of the camera.
-        camera: The camera on the head.
-        constants: As of `ReachyMini`.
     """
 
     name = "reachy_mini_capture_raw"
 
-    def __init__(self, neck: NeckSpec, camera: HeadCamera, **constants: float) -> None:
-        super().__init__(neck, camera, filtered=False, **constants)
+    def __init__(self, neck: NeckSpec, camera: HeadCamera) -> None:
+        super().__init__(neck, camera, filtered=False)
 
     def _head_rad(self, view: View, detection: Detection) -> FloatArray | None:
         return view.joints_at(detection.capture_time_s)
@@ -111,7 +96,7 @@ class ReachyMiniCaptureRaw(ReachyMini):
 
 def _orientation(head_rad: FloatArray) -> Rotation:
     pan_rad, tilt_rad = head_rad
-    # Tilting up turns about the axis that points to the right.
+    # Tilt up turns about the axis that points to the right.
     return Rotation.from_euler("ZY", [pan_rad, -tilt_rad])
 
 
@@ -125,27 +110,10 @@ def _look_along(direction: FloatArray) -> Rotation:
     return Rotation.from_rotvec(angle_rad / across * np.array([0.0, -up, left]))
 
 
-# Constants of reachy_mini, `vision/face_tracking.py`; lengths in halves of the image.
-_LONGEST_JUMP = 0.5
-_MISSES = 20
-_STILL = 0.02
-_FAST_CHANGE = 0.15
-_FAST_GAIN = 0.6
-_SLOW_GAIN = 0.3
+class Gate:
+    """Takes faces near the last one; after 20 missed detections, here their time, any face."""
 
-
-class Association:
-    """Takes faces that are large enough, and near the last one.
-
-    Args:
-        camera: Whose images.
-        detection_period_s: Time between two images that the detector looks at, seconds.
-        least_share: Of the image's area; smaller faces are ignored.
-    """
-
-    def __init__(self, camera: HeadCamera, detection_period_s: float, least_share: float) -> None:
-        self._least_px2 = least_share * camera.width_px * camera.height_px
-        self._patience_s = _MISSES * detection_period_s
+    def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
@@ -154,10 +122,8 @@ class Association:
         self._seen_s = -math.inf
 
     def takes(self, detection: Detection) -> bool:
-        """Whether this is the person; the daemon counts misses, here their time."""
-        if detection.box_px.prod() < self._least_px2:
-            return False
-        if detection.capture_time_s - self._seen_s > self._patience_s:
+        """Whether this is the tracked face."""
+        if detection.capture_time_s - self._seen_s > _MISSES * _DETECTION_PERIOD_S:
             self.reset()
         if self._offset is not None and np.linalg.norm(detection.offset - self._offset) > _LONGEST_JUMP:
             return False
@@ -166,13 +132,13 @@ class Association:
 
 
 class ImageFilter:
-    """Keeps the face's place where it hardly changes, and follows it faster where it changes fast."""
+    """Low-pass with a dead zone and a higher gain for fast changes."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Take the next place as it is."""
+        """Start at the next place."""
         self._filtered: FloatArray | None = None
         self._raw: FloatArray | None = None
 
@@ -187,45 +153,26 @@ class ImageFilter:
         return self._filtered
 
 
-class ConversationApp(Rival):
-    """Commands a share of the face's angles.
+# Constants of the app: share of the angles, period of its detector, hold and return after the last face.
+_APP_GAIN, _APP_DETECTION_PERIOD_S, _HOLD_S, _RETURN_S = 0.6, 0.04, 2.0, 1.0
 
-    Args:
-        neck: The neck; the law uses none of its limits, and no offset of the camera.
-        camera: The camera on the head.
-        gain: Share of the angles that is commanded.
-        detection_period_s: Time between two images that the detector looks at, seconds.
-        loss_s: How long the offset is held after the last face, seconds.
-        return_s: In which time it then goes to neutral, seconds.
-    """
+
+class ConversationApp(Rival):
+    """Commands a share of the face's angles; arguments as of `Rival`."""
 
     name = "conversation_app"
     period_s = 0.01
 
-    def __init__(
-        self,
-        neck: NeckSpec,
-        camera: HeadCamera,
-        *,
-        gain: float = 0.6,
-        detection_period_s: float = 0.04,
-        loss_s: float = 2.0,
-        return_s: float = 1.0,
-    ) -> None:
-        self._camera = camera
-        self._gain, self._loss_s, self._return_s = gain, loss_s, return_s
-        self._detector = FrameRate(detection_period_s)
-
     def start(self, view: View) -> None:
         """See `Rival.start`."""
-        self._detector.reset()
+        self._detector = FrameRate(_APP_DETECTION_PERIOD_S)
         self._seen_s = math.inf
         self._offset_rad = view.joints.position_rad
 
     def step(self, view: View) -> FloatArray:
         """See `Rival.step`."""
         for detection in self._detector.take(view.detections):
-            self._offset_rad = self._gain * bearing_rad(self._camera, detection.offset, view.joints.position_rad)
+            self._offset_rad = _APP_GAIN * bearing_rad(self._camera, detection.offset, view.joints.position_rad)
             self._seen_s = view.time_s
-        returned = (view.time_s - self._seen_s - self._loss_s) / self._return_s
+        returned = (view.time_s - self._seen_s - _HOLD_S) / _RETURN_S
         return self._offset_rad * (1.0 - min(max(returned, 0.0), 1.0))

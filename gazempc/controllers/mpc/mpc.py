@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from gazempc.controllers.mpc.own import OwnChoice, OwnPartFault, own_parts
 from gazempc.controllers.mpc.problem import PLAIN_DAMPING
 from gazempc.controllers.mpc.qp import iterations_within
 from gazempc.errors import SettingsError
+from gazempc.neck.kinematics import angle_deviations_rad
 from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.neck.spec import AXES, BODY_AXIS, EYE_AXES, NeckSpec
 from gazempc.settings import MpcSettings
@@ -26,6 +28,8 @@ _PLAN_S = 0.4
 _HEAD_TIME_S = 0.35
 # Share of a control period that the solvers of both joints together may take.
 _SOLVERS_SHARE = 0.5
+# A slower joint of a camera rests.
+_MOVES_RAD_S = 0.01
 _DEFAULTS, _NO_FRAMING = MpcSettings(), Framing(subject="no")
 
 
@@ -102,6 +106,8 @@ class Mpc:
         else:
             self.ocps = programs(smoothing_time_s, PLAIN_DAMPING, False)
             self.acquisition_ocps = programs(quick_s, ACQUISITION_DAMPING, True)
+        # Signs of the last motion of pan and tilt.
+        self._ways = [0.0] * len(AXES)
         # The first knot is the command before the plan starts.
         self._knots_s: FloatArray = period_s * np.arange(1.0, knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)
@@ -117,7 +123,8 @@ class Mpc:
         self._forecasts_of = {"pan": slice(0, n), "tilt": slice(self._head_ahead_s.size - n, self._head_ahead_s.size)}
 
     def reset(self) -> None:
-        """Drop the warm start of the solvers and the state of acquisition; all else is in the situation."""
+        """Drop warm starts, the state of acquisition and the ways of the last motion; all else is in the situation."""
+        self._ways = [0.0] * len(AXES)
         for acquisition in self._acquisitions:
             acquisition.reset()
         for ocp in self.ocps + self.acquisition_ocps:
@@ -172,14 +179,29 @@ class Mpc:
         # Without its offset, the joint follows the command by the model.
         reference_rad = reference_rad - offset_rad
         if self.picture is not None:
-            half_rad = self.picture.planned_zone_rad(axis, self._mean_rate(reference_rad))
-            return self.ocps[axis].solve(state, reference_rad, (reference_rad - half_rad, reference_rad + half_rad))
+            zone_rad = self._zone_rad(self.picture, axis, situation, reference_rad, joint_rad_s)
+            return self.ocps[axis].solve(state, reference_rad, zone_rad)
         turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._between_s
         bounds_rad = self._acquisitions[axis].bounds_rad(joint_rad, joint_rad_s, reference_rad, turning_rad_s)
         # Without the eye, the smoothing of the head is not made up for.
         if bounds_rad is None and not quick:
             return self.ocps[axis].solve(state, reference_rad)
         return self.acquisition_ocps[axis].solve(state, reference_rad, bounds_rad)
+
+    def _zone_rad(
+        self, picture: FramedPicture, axis: int, situation: Situation, reference_rad: FloatArray, joint_rad_s: float
+    ) -> tuple[FloatArray, FloatArray]:
+        # Hysteresis: the side that a turn back would lead away from is wider.
+        if abs(joint_rad_s) > _MOVES_RAD_S:
+            self._ways[axis] = math.copysign(1.0, joint_rad_s)
+        forecast, of_axis = situation.forecast, self._forecasts_of[AXES[axis]]
+        pairs = zip(forecast.means_base_m[of_axis], forecast.covariances_m2[of_axis], strict=True)
+        deviation_rad = np.array([angle_deviations_rad(mean, covariance)[axis] for mean, covariance in pairs])
+        delay_s = situation.start_s + float(self.neck.dead_time_s[axis]) - forecast.issued_at_s
+        half_rad = picture.planned_zone_rad(axis, self._mean_rate(reference_rad))
+        wider_rad = self._ways[axis] * picture.turns_back_rad(axis, delay_s, deviation_rad)
+        low_rad, high_rad = np.minimum(wider_rad, 0.0) - half_rad, np.maximum(wider_rad, 0.0) + half_rad
+        return reference_rad + low_rad, reference_rad + high_rad
 
     def _mean_rate(self, angles_rad: FloatArray) -> float:
         return float(angles_rad[-1] - angles_rad[0]) / float(self._times_s[-1] - self._times_s[0])

@@ -14,8 +14,7 @@ from gazempc.errors import RecordingError, SettingsError, suggest
 from gazempc.files.text import read_text
 from gazempc.live.sources.json_lines import LineError, parse_line
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.bag import read_bag_tracks
-from gazempc.recordings.readers.bag_people import Sighted
+from gazempc.recordings.readers.bag import Sighted, read_bag_tracks
 from gazempc.recordings.readers.checks import check_plausible
 from gazempc.recordings.readers.table import TABLES
 from gazempc.types import FloatArray
@@ -52,10 +51,8 @@ def of_bag(seen: Sighted, optical: bool) -> HeadTrack:
     """The track of a person's frame in a bag, with the yaw of the face's axis that points to the camera."""
     poses, count = seen.poses, seen.poses.times_s.size
     notes = [f"frame {seen.frame}" + (", optical axes turned to x forward, y left, z up" if optical else "")]
-    if seen.repeated:
-        notes.append(f"{seen.repeated} messages repeat an earlier stamp: left out")
-    if seen.unusable:
-        notes.append(f"{seen.unusable} messages without finite numbers: left out")
+    if seen.left_out:
+        notes.append(f"{seen.left_out} messages repeat an earlier stamp or hold no finite numbers: left out")
     yaw_rad = _facing_yaw_rad(poses.position_m, poses.quat_wxyz)
     unknown = np.full(count, np.nan)
     return HeadTrack(seen.name, poses.times_s, poses.position_m, yaw_rad, unknown, poses.delays_s, tuple(notes))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from gazempc.errors import suggest
+from gazempc.errors import shown, suggest
 from gazempc.people.company import Cue, Glance, Rhythm, Sound, Speech, Thinking
-from gazempc.specfiles import shown
 from predictors import HeadObservation
 
 _SHOWN = 80
@@ -41,8 +40,7 @@ class _Observation(_Fields):
 
 
 FIELDS = tuple(_Observation.model_fields)
-_ARRAYS = ("head_quat_wxyz", "pelvis_quat_wxyz", "position_covariance_m2")
-_NUMBERS = ("head_yaw_sd_rad", "pelvis_yaw_sd_rad", "confidence")
+_OPTIONAL = FIELDS[3:-1]
 
 
 def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float]) -> HeadObservation:
@@ -74,11 +72,10 @@ def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float])
         capture_s = arrival_s - line.age_s
     else:
         raise LineError("needed is one of capture_time_s (Unix time) and age_s (seconds since capture)")
-    arrays = {name: np.array(value) for name in _ARRAYS if (value := getattr(line, name)) is not None}
-    numbers = {name: getattr(line, name) for name in _NUMBERS}
+    stated: dict[str, Any] = {name: getattr(line, name) for name in _OPTIONAL}
     person_id = None if line.person_id is None else str(line.person_id)
     try:
-        return HeadObservation(capture_s, np.array(line.head_position_m), **arrays, **numbers, person_id=person_id)
+        return HeadObservation(capture_s, np.array(line.head_position_m), **stated, person_id=person_id)
     except ValueError as error:  # a quaternion that is not of unit length, a covariance that is none
         raise LineError(str(error)) from None
 

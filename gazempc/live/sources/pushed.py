@@ -20,7 +20,6 @@ from predictors import HeadObservation
 _WAITING_MAX = 1024
 # A stamp this far from now is of another clock or in another unit.
 _OTHER_CLOCK_S = 3600.0
-_UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _QUATERNION = (4,), "a unit quaternion w, x, y, z"
 _SHAPES: dict[str, tuple[tuple[int, ...], str]] = {
     "head_quat_wxyz": _QUATERNION,
@@ -103,22 +102,14 @@ class PushedSource:
         self._arrived.clear()
 
     def _capture_s(self, time_s: Any, arrival_s: float) -> float:
-        stamp_s = float(checked("time_s", time_s, (), "a time in seconds"))
-        known = {"unix": time.time, "monotonic": time.monotonic}.get(self._stamps.stamps.clock)
-        if known is not None and abs(stamp_s - (now_s := known())) > _OTHER_CLOCK_S:
-            raise ValueError(f"time_s is {stamp_s:.6g}{_likely_unit(stamp_s)}, {self._needed(now_s)}")
-        return self._stamps.loop_s(stamp_s, arrival_s)
-
-    def _needed(self, now_s: float) -> str:
-        if self._stamps.stamps.clock == "unix":
-            return (
-                f"needed is the capture time in seconds of Unix time, as time.time() gives it (now {now_s:.1f}); "
-                'for times of time.monotonic() say clock="monotonic"'
+        stamp_s, clock = float(checked("time_s", time_s, (), "a time in seconds")), self._stamps.stamps.clock
+        known = {"unix": ("time.time", time.time), "monotonic": ("time.monotonic", time.monotonic)}.get(clock)
+        if known is not None and abs(stamp_s - (now_s := known[1]())) > _OTHER_CLOCK_S:
+            raise ValueError(
+                f"time_s is {stamp_s:.6g}: needed is the capture time in seconds as {known[0]}() gives it (now "
+                f'{now_s:.1f}), or another clock: clock="unix", "monotonic", "other"'
             )
-        return (
-            f"needed is the capture time in seconds of time.monotonic() (now {now_s:.1f}); "
-            'for Unix time say clock="unix"'
-        )
+        return self._stamps.loop_s(stamp_s, arrival_s)
 
 
 def checked(name: str, value: Any, shape: tuple[int, ...], what: str) -> FloatArray:
@@ -156,12 +147,3 @@ def _value(name: str, value: Any) -> Any:
             raise ValueError(f"person_id is {value!r}: needed is a whole number or a text")
         return str(value)
     return float(checked(name, value, (), "a number"))
-
-
-def _likely_unit(stamp: float) -> str:
-    """Which unit a stamp looks like, if it is near some clock of the computer in that unit; else nothing."""
-    for unit, per_second in _UNITS.items():
-        for now_s in (time.time(), time.monotonic()):
-            if abs(stamp / per_second - now_s) < _OTHER_CLOCK_S:
-                return f", which looks like {unit}"
-    return ""

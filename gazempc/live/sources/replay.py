@@ -35,7 +35,6 @@ class ReplaySource:
     """
 
     keeps_any_clock = True
-    _passes, _pass_s = 1, 1.0
 
     def __init__(
         self,
@@ -54,14 +53,15 @@ class ReplaySource:
                 return observe(placed, sensor, seed)
             return [sighting for _, sighting in observe_together(everybody, sensor, seed)]
 
-        self._pass_s = last_s + _PAUSE_S
-        self._passes = passes
-        self._sightings = deque(
-            _later(sighting, k * self._pass_s) for k in range(passes) for sighting in seen(seed + k)
-        )
-        self._end_s = (passes - 1) * self._pass_s + last_s
-        self._clock = clock
-        self.start_s = 0.0
+        pass_s = last_s + _PAUSE_S
+        found = [_later(sighting, k * pass_s) for k in range(passes) for sighting in seen(seed + k)]
+        self._play(found, clock, (passes - 1) * pass_s + last_s, passes, pass_s)
+
+    def _play(
+        self, sightings: Iterable[Sighting], clock: Clock, end_s: float, passes: int = 1, pass_s: float = 1.0
+    ) -> None:
+        self._sightings, self._clock, self._end_s = deque(sightings), clock, end_s
+        self._passes, self._pass_s, self.start_s = passes, pass_s, 0.0
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`."""
@@ -116,10 +116,8 @@ class BagSource(ReplaySource):
 
     def __init__(self, placed: Recording, clock: Clock, others: Sequence[Recording] = ()) -> None:
         found = [sighting for walk in (placed, *others) for sighting in bag_sightings(walk)]
-        self._sightings = deque(sorted(found, key=lambda sighting: sighting.arrival_s))
-        self._end_s = self._sightings[-1].arrival_s
-        self._clock = clock
-        self.start_s = 0.0
+        found.sort(key=lambda sighting: sighting.arrival_s)
+        self._play(found, clock, found[-1].arrival_s)
 
     @property
     def finished(self) -> bool:
@@ -138,16 +136,10 @@ def bag_sightings(placed: Recording) -> list[Sighting]:
     """
     track = placed.truth if placed.measured is None else placed.measured
     delays_s = np.zeros_like(placed.times_s) if placed.delays_s is None else placed.delays_s
+    captures_s, arrivals_s = placed.times_s.tolist(), (placed.times_s + delays_s).tolist()
+    heads_m, quats, pelvises = track.head_position_m, track.head_quat_wxyz, track.pelvis_quat_wxyz
     found = [
-        Sighting(
-            float(placed.times_s[k] + delays_s[k]),
-            HeadObservation(
-                capture_time_s=float(placed.times_s[k]),
-                head_position_base_m=track.head_position_m[k],
-                head_quat_wxyz=_known(track.head_quat_wxyz[k]),
-                pelvis_quat_wxyz=_known(track.pelvis_quat_wxyz[k]),
-            ),
-        )
+        Sighting(arrivals_s[k], HeadObservation(captures_s[k], heads_m[k], _known(quats[k]), _known(pelvises[k])))
         for k in np.flatnonzero(track.valid)
     ]
     return sorted(found, key=lambda sighting: sighting.arrival_s)

@@ -6,7 +6,9 @@ with x out of the face and z up; ``person_<id>`` at the face or the head; ``body
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,22 +20,32 @@ from gazempc.recordings.readers.bag_frames import (
     Axes,
     FrameTree,
     Poses,
-    composed,
     forward,
     person_axes,
+    poses_of,
+    usable,
 )
 from gazempc.recordings.readers.bag_messages import (
     FACES,
     POSE_TYPES,
     TF,
+    BagMessage,
+    person_of_topic,
     read_messages,
+    stamp_ns,
 )
-from gazempc.recordings.readers.bag_people import PREFIXES, Sighted, is_person, people
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.recording import Recording, Track
+from gazempc.recordings.recording import Recording, Track, composed
 from gazempc.types import FloatArray
 
+# In the order of preference: a face is measured, a person is derived from faces and bodies.
+PREFIXES = ("face_", "head_", "person_", "body_")
+# Robots have heads and bodies, too: head_1_link, head_tilt, body_base, face_camera.
+_PERSON = re.compile(r"(?:(?:face|person)_\w+|(?:head|body)_[A-Za-z0-9]+)")
+_ROBOT_WORDS = {"link", "frame", "joint", "camera", "optical", "base", "pan", "tilt", "yaw", "pitch", "roll", "center"}
+# Topics of poses that are likely a person's come before others, such as a robot's goal.
+_PERSON_TOPIC = re.compile(r"head|face|person|people|human|user|pedestrian")
 _EXPECTED = (
     f"frames named {', '.join(f'{prefix}<id>' for prefix in PREFIXES)} in {TF}, as in ROS4HRI, or a topic of poses or "
     "points"
@@ -41,20 +53,42 @@ _EXPECTED = (
 
 
 @dataclass(frozen=True)
-class Bag:
-    """Content of a bag.
+class Sighted:
+    """One thing over time that may be a person's head.
 
     Attributes:
-        path: Its folder.
-        topics: Type of each topic.
-        frames: FrameTree over time.
-        people: Possible heads of people, the likeliest and longest first; at least one.
+        name: Name of its frame, or its topic.
+        topic: Where it is from.
+        person: ROS4HRI's name of the person, the frame's id where there is none, or the topic.
+        frame: Frame that the poses are in; the nearest one that is no person's.
+        poses: In the order of their stamps, each stamp once.
+        left_out: Messages that repeat a stamp, hold no finite pose, or came while the tracker did not list the face.
     """
 
-    path: Path
-    topics: Mapping[str, str]
-    frames: FrameTree
-    people: list[Sighted]
+    name: str
+    topic: str
+    person: str
+    frame: str
+    poses: Poses
+    left_out: int = 0
+
+    @property
+    def rank(self) -> tuple[int, int]:
+        """The likelier a head and the longer, the smaller."""
+        if self.topic == TF:
+            kind = next(k for k, prefix in enumerate(PREFIXES) if self.name.startswith(prefix))
+        else:
+            kind = len(PREFIXES) + (not _PERSON_TOPIC.search(self.topic.lower()))
+        return kind, -self.poses.times_s.size
+
+    def answers_to(self, name: str) -> bool:
+        """Whether a name is that of its frame, id, person or topic."""
+        return name in (self.name, self.person, self.name.partition("_")[2])
+
+
+def is_person(frame: str) -> bool:
+    """Whether a frame is a person's."""
+    return bool(_PERSON.fullmatch(frame)) and frame.lower().rpartition("_")[2] not in _ROBOT_WORDS
 
 
 def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: None) -> list[tuple[Sighted, bool]]:
@@ -73,40 +107,14 @@ def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: No
         RecordingError: If the folder is no bag, or has no person in it.
         MissingOptionalDependencyError: If rosbags is not installed.
     """
-    bag = open_bag(path, tell)
-    sensed = [seen for seen in bag.people if seen.frame not in FIXED_FRAMES]
+    _, found = _open(path, tell)
+    sensed = [seen for seen in found if seen.frame not in FIXED_FRAMES]
     if not sensed:
-        found = ", ".join(f"{seen.name} in {seen.frame}" for seen in bag.people)
-        problem = f"no person is given in the frame of a sensor; found {found}"
+        names = ", ".join(f"{seen.name} in {seen.frame}" for seen in found)
+        problem = f"no person is given in the frame of a sensor; found {names}"
         raise RecordingError(path, f"topic {TF}", problem, "face_<id> in a camera's frame")
     turned = [(seen, *forward(seen.frame, seen.poses)) for seen in sensed if seen.rank[0] == sensed[0].rank[0]]
     return [(replace(seen, poses=poses), optical) for seen, poses, optical in turned]
-
-
-def open_bag(path: Path, tell: Callable[[float], None] = lambda share: None) -> Bag:
-    """Read a bag.
-
-    Args:
-        path: Folder of the bag, or a file of it.
-        tell: Called with the share that is read, 0 to 1.
-
-    Returns:
-        Its content.
-
-    Raises:
-        RecordingError: If this is no bag, or has no person in it.
-        MissingOptionalDependencyError: If rosbags is not installed.
-    """
-    topics, messages = read_messages(path, tell)
-    frames = FrameTree(messages)
-    bag = Bag(path, topics, frames, people(frames, topics, messages))
-    if bag.people:
-        return bag
-    tracked = sorted({name for message in messages if message.topic == FACES for name in message.content.ids})
-    problem = f"no frame of a person; the bag's topics are {', '.join(topics) or 'none'}"
-    if tracked and not any(name in frames.names for name in (f"face_{face}" for face in tracked)):
-        problem += f". {FACES} lists {', '.join(tracked)}, but where they are was not recorded"
-    raise RecordingError(path, f"topic {TF}", problem, _EXPECTED)
 
 
 def read_bag(path: Path, options: ReadOptions) -> Recording:
@@ -128,115 +136,239 @@ def read_bag(path: Path, options: ReadOptions) -> Recording:
         SettingsError: If the bag has no such topic, person or frame.
         MissingOptionalDependencyError: If rosbags is not installed.
     """
-    bag = open_bag(path)
-    seen = _chosen(bag, options)
-    frame, axes, poses, notes = _in_frame(bag, seen, options)
+    frames, found = _open(path)
+    return _recording(path, frames, found, _chosen(path, found, options), options)
+
+
+def read_bag_people(path: Path, options: ReadOptions) -> tuple[Recording, ...]:
+    """Read all people of a bag, those of the likeliest kind of frame: faces, heads, persons or topics.
+
+    Args:
+        path: As of `read_bag`.
+        options: As of `read_bag`; the person is not chosen.
+
+    Returns:
+        A recording a person, on one clock.
+
+    Raises:
+        GazempcError: As of `read_bag`.
+    """
+    frames, found = _open(path)
+    alike = [seen for seen in found if seen.rank[0] == found[0].rank[0] and seen.poses.times_s.size > 1]
+    start_s = min(float(seen.poses.times_s[0]) for seen in alike)
+    recordings = []
+    for seen in alike:
+        recording = _recording(path, frames, found, seen, options.model_copy(update={"person": seen.name}))
+        recordings.append(replace(recording, times_s=recording.times_s + seen.poses.times_s[0] - start_s))
+    return tuple(recordings)
+
+
+def _open(path: Path, tell: Callable[[float], None] = lambda share: None) -> tuple[FrameTree, list[Sighted]]:
+    """The frames of a bag, and possible heads of people, the likeliest and longest first; at least one."""
+    topics, messages = read_messages(path, tell)
+    frames = FrameTree(messages)
+    if found := _people(frames, topics, messages):
+        return frames, found
+    problem = f"no frame of a person; the bag's topics are {', '.join(topics) or 'none'}"
+    raise RecordingError(path, f"topic {TF}", problem, _EXPECTED)
+
+
+def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sighted, options: ReadOptions) -> Recording:
+    frame, axes, poses, notes = _in_frame(path, frames, seen, options)
     if not poses.times_s.size:
         raise RecordingError(f"{path}: {seen.name} in {frame}", "", "no frame", "at least one in that frame")
-    pelvis = _pelvis(bag, seen, frame, axes, poses.times_s)
     every = np.ones(poses.times_s.size, dtype=np.bool_)
-    track = Track(poses.position_m, poses.quat_wxyz, pelvis.position_m, pelvis.quat_wxyz, every)
-    times_s, has_robot = poses.times_s - poses.times_s[0], frame not in FIXED_FRAMES
-    found = recording_of(path, times_s, track, "tracked", has_robot, notes=(*notes, *_listing(bag, seen)))
-    name, labels = path.stem, found.labels
-    if options.person is not None:
-        name = f"{name}_{seen.person.strip('/').replace('/', '_')}"
-    # ROS4HRI's persons are the same people in all bags of a robot; an index beside the bag wins.
-    is_person_id = seen.topic == TF and seen.person != seen.name.partition("_")[2]
-    if is_person_id and labels.subject == path.stem.partition("_")[0]:
-        labels = replace(labels, subject=seen.person)
-    return replace(found, name=name, labels=labels, delays_s=np.maximum(poses.delays_s, 0.0))
+    track = Track(poses.position_m, poses.quat_wxyz, *_pelvis(frames, seen, frame, axes, poses.times_s), every)
+    others = [f"{other.name} ({other.poses.times_s.size} in {other.frame})" for other in people if other is not seen]
+    if others:
+        notes.append(f"also in the bag: {', '.join(others)}; the options person and bag_topic choose")
+    times_s = poses.times_s - poses.times_s[0]
+    found = recording_of(path, times_s, track, "tracked", frame not in FIXED_FRAMES, notes=notes)
+    name = path.stem if options.person is None else f"{path.stem}_{seen.person.strip('/').replace('/', '_')}"
+    return replace(found, name=name, delays_s=np.maximum(poses.delays_s, 0.0))
 
 
-def _chosen(bag: Bag, options: ReadOptions) -> Sighted:
-    found = bag.people
+def _chosen(path: Path, people: list[Sighted], options: ReadOptions) -> Sighted:
+    found = people
     if options.bag_topic is not None:
-        found = [seen for seen in found if seen.topic == options.bag_topic]
+        found = [seen for seen in people if seen.topic == options.bag_topic]
         if not found:
-            topics = sorted({seen.topic for seen in bag.people})
-            near = suggest(options.bag_topic, topics)
-            raise SettingsError(f"bag_topic: no person on {options.bag_topic} in {bag.path}; {near}")
+            near = suggest(options.bag_topic, {seen.topic for seen in people})
+            raise SettingsError(f"bag_topic: no person on {options.bag_topic} in {path}; {near}")
     if options.person is not None:
         named = [seen for seen in found if seen.answers_to(options.person)]
         if not named:
-            names = {name for seen in found for name in (seen.name, seen.person)}
-            raise SettingsError(f"person: no {options.person!r} in {bag.path}; {suggest(options.person, names)}")
+            near = suggest(options.person, {name for seen in found for name in (seen.name, seen.person)})
+            raise SettingsError(f"person: no {options.person!r} in {path}; {near}")
         return named[0]
     # Eyes are not between the hips.
     heads = [seen for seen in found if not seen.name.startswith("body_")]
     if not heads:
         problem = f"only bodies: {', '.join(s.name for s in found)}"
-        raise RecordingError(bag.path, f"topic {TF}", problem, "a head; or the option person")
+        raise RecordingError(path, f"topic {TF}", problem, "a head; or the option person")
     return heads[0]
 
 
-def _in_frame(bag: Bag, seen: Sighted, options: ReadOptions) -> tuple[str, Axes, Poses, list[str]]:
+def _in_frame(path: Path, frames: FrameTree, seen: Sighted, options: ReadOptions) -> tuple[str, Axes, Poses, list[str]]:
     """The frame that is wanted, its axes, poses in it (x forward, z up; people's x out of the face), and notes."""
     goal = options.bag_frame or seen.frame
-    moved, lost = (seen.poses, 0) if goal == seen.frame else _moved(bag, seen, goal)
+    moved, lost = (seen.poses, 0) if goal == seen.frame else _moved(path, frames, seen.poses, seen.frame, goal)
     # People face the sensor, wherever the robot shall stand.
     own, _ = forward(seen.frame, seen.poses, options.bag_axes if goal == seen.frame else None)
-    turn, note = person_axes(own, seen.frame not in FIXED_FRAMES, seen.name.startswith("face_"))
+    is_sensor, is_face = seen.frame not in FIXED_FRAMES, seen.name.startswith("face_")
+    turn, note = person_axes(own.position_m, own.quat_wxyz, is_sensor, is_face)
     poses, was_optical = forward(goal, moved, options.bag_axes)
     about = f"{seen.name}, {poses.times_s.size} frames in {goal}"
     about += ", optical axes turned to x forward, y left, z up" if was_optical else ", x forward, y left, z up"
-    counted = [
-        (seen.repeated, "repeat a stamp"),
-        (seen.unusable, "have no finite pose"),
-        (seen.unlisted, f"came while {FACES} did not list the face"),
-        (lost, f"came while {goal} was not known"),
-    ]
-    notes = [
-        f"{about} (the options bag_frame and bag_axes change it)",
-        *([note] if note else []),
-        *(f"{count} messages {what}: left out" for count, what in counted if count),
-    ]
+    notes = [f"{about} (the options bag_frame and bag_axes change it)", *([note] if note else [])]
+    if left_out := seen.left_out + lost:
+        notes.append(
+            f"{left_out} messages repeat a stamp, hold no finite pose, or came while {FACES} did not list the face or "
+            f"{goal} was not known: left out"
+        )
     if poses.times_s.size:
         notes.append(f"messages arrived {1e3 * np.median(poses.delays_s):.0f} ms after their stamp (median)")
     axes: Axes = "optical" if was_optical else "forward"
-    return goal, axes, replace(poses, quat_wxyz=composed(poses.quat_wxyz, turn)), notes
+    return goal, axes, replace(poses, quat_wxyz=turn(poses.quat_wxyz)), notes
 
 
-def _moved(bag: Bag, seen: Sighted, goal: str) -> tuple[Poses, int]:
+def _moved(path: Path, frames: FrameTree, poses: Poses, start: str, goal: str) -> tuple[Poses, int]:
     """Poses in another frame of the bag, and how many are lost."""
-    way = bag.frames.way(seen.frame, goal)
+    way = frames.way(start, goal)
     if way is None:
-        joined = [name for name in bag.frames.names if bag.frames.way(seen.frame, name) is not None]
+        joined = [name for name in frames.names if frames.way(start, name) is not None]
         others = [name for name in joined if not (is_person(name) or name.startswith("gaze_"))]
-        raise SettingsError(f"bag_frame: no way from {seen.frame} to {goal!r} in {bag.path}; {suggest(goal, others)}")
-    old = seen.poses
-    shift_m, turn, known = bag.frames.along(way, old.times_s)
-    quats = composed(old.quat_wxyz, first=turn)
-    moved = Poses(old.times_s, old.delays_s, shift_m + turn.apply(old.position_m), quats)
+        raise SettingsError(f"bag_frame: no way from {start} to {goal!r} in {path}; {suggest(goal, others)}")
+    shift_m, turn, known = frames.along(way, poses.times_s)
+    quats = composed(poses.quat_wxyz, first=turn)
+    moved = replace(poses, position_m=shift_m + turn.apply(poses.position_m), quat_wxyz=quats)
     return moved.chosen(known), int((~known).sum())
 
 
-def _pelvis(bag: Bag, seen: Sighted, frame: str, axes: Axes, times_s: FloatArray) -> Poses:
-    """Poses between the hips where the skeleton of the head is known, else NaN."""
-    count = times_s.size
-    unknown = Poses(times_s, np.zeros(count), np.full((count, 3), np.nan), np.full((count, 4), np.nan))
-    own_id = seen.name.removeprefix("head_")
-    way = bag.frames.way(f"body_{own_id}", frame) if seen.name.startswith("head_") else None
+def _pelvis(
+    frames: FrameTree, seen: Sighted, frame: str, axes: Axes, times_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions, shape (N, 3), and quaternions, (N, 4), of the hips of the head's skeleton; NaN where unknown."""
+    way = None
+    if seen.name.startswith("head_"):
+        way = frames.way(f"body_{seen.name.removeprefix('head_')}", frame)
     if way is None:
-        return unknown
-    position_m, turn, known = bag.frames.along(way, times_s)
-    poses, _ = forward(frame, replace(unknown, position_m=position_m, quat_wxyz=turn.as_quat(scalar_first=True)), axes)
-    poses.position_m[~known] = np.nan
-    poses.quat_wxyz[~known] = np.nan
-    return poses
+        return np.full((times_s.size, 3), np.nan), np.full((times_s.size, 4), np.nan)
+    position_m, turn, known = frames.along(way, times_s)
+    quats = turn.as_quat(scalar_first=True)
+    poses, _ = forward(frame, Poses(times_s, np.zeros_like(times_s), position_m, quats), axes)
+    return np.where(known[:, None], poses.position_m, np.nan), np.where(known[:, None], poses.quat_wxyz, np.nan)
 
 
-def _listing(bag: Bag, seen: Sighted) -> Sequence[str]:
-    """Notes on the rest of the bag."""
+def _people(frames: FrameTree, topics: Mapping[str, str], messages: Sequence[BagMessage]) -> list[Sighted]:
+    """All that may be a person's head, the likeliest and longest first.
 
-    def described(other: Sighted) -> str:
-        person = "" if other.person in other.name else f" of {other.person}"
-        return f"{other.name}{person} ({other.poses.times_s.size} in {other.frame})"
+    Args:
+        frames: The frames of the bag.
+        topics: Type of each topic.
+        messages: Those of the bag.
 
-    others = [described(other) for other in bag.people if other is not seen]
-    topics = [name for name, kind in bag.topics.items() if kind in POSE_TYPES or name in (TF, FACES)]
-    rest = len(bag.topics) - len(topics)
-    return [
-        *([f"also in the bag: {', '.join(others)}; the options person and bag_topic choose"] if others else []),
-        f"topics: {', '.join(topics)}{f' and {rest} others' if rest else ''}",
+    Returns:
+        Frames and topics with at least one usable pose. Faces that a tracker gave to one person are joined.
+    """
+    persons = _persons(messages)
+    found = [
+        _listed(seen, messages)
+        for name in frames.names
+        if is_person(name) and (seen := _of_frame(frames, name, persons.get(name.partition("_")[2])))
     ]
+    found = [*_joined(found), *(_of_topic(topic, messages) for topic, kind in topics.items() if kind in POSE_TYPES)]
+    return sorted((seen for seen in found if seen.poses.times_s.size), key=lambda seen: seen.rank)
+
+
+def _listed(seen: Sighted, messages: Iterable[BagMessage]) -> Sighted:
+    """A face without the poses at which neither the list before nor the one after has it as tracked.
+
+    Some trackers go on sending the last pose of a face that they lost.
+    """
+    face = seen.name.removeprefix("face_")
+    lists = [message for message in messages if message.topic == FACES]
+    has = np.array([face in message.content.ids for message in lists], dtype=np.bool_)
+    if not (seen.name.startswith("face_") and has.any()):
+        return seen
+    received_s = np.array([1e-9 * message.received_ns for message in lists])
+    after = np.searchsorted(received_s, seen.poses.times_s + seen.poses.delays_s)
+    listed = has[np.clip(after - 1, 0, has.size - 1)] | has[np.clip(after, 0, has.size - 1)]
+    return replace(seen, poses=seen.poses.chosen(listed), left_out=seen.left_out + int((~listed).sum()))
+
+
+def _persons(messages: Iterable[BagMessage]) -> dict[str, str]:
+    """Person by face."""
+    found: dict[str, str] = {}
+    for message in messages:
+        person = person_of_topic(message.topic)
+        if person is not None and message.content.data:
+            found[message.content.data] = person
+    return found
+
+
+def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | None:
+    """A person's frame in the nearest frame of no person; None where it never moves, or has no such frame."""
+    own_id = name.partition("_")[2]
+    way: list[tuple[tuple[str, str], bool]] = []
+    here, been = name, {name}
+    while here == name or is_person(here) or here.endswith(f"_{own_id}"):
+        edges = [edge for edge in (*frames.moving, *frames.fixed) if edge[1] == here and edge[0] not in been]
+        if not edges:
+            return None
+        # A frame has one parent; of two, the more frequent one.
+        edge = max(edges, key=lambda edge: len(frames.moving[edge].times_s) if edge in frames.moving else 0)
+        way.append((edge, True))
+        here = edge[0]
+        been.add(here)
+    moving = [edge for edge, _ in way if edge in frames.moving]
+    if not moving:
+        return None
+    given = frames.moving[moving[0]]
+    poses = usable(given)
+    # A single transform stays as it is.
+    if len(way) > 1:
+        position_m, turn, known = frames.along(way, poses.times_s)
+        quats = turn.as_quat(scalar_first=True)
+        poses = Poses(poses.times_s, poses.delays_s, position_m, quats).chosen(known)
+    return Sighted(name, TF, person or own_id, here, poses, given.times_s.size - poses.times_s.size)
+
+
+def _joined(found: Sequence[Sighted]) -> list[Sighted]:
+    """Faces of one person in one frame as one: a tracker that loses a face gives it a new id."""
+    groups: dict[tuple[str, str, str], list[Sighted]] = defaultdict(list)
+    for seen in found:
+        groups[seen.person, seen.frame, seen.name.partition("_")[0]].append(seen)
+    return [_join(group) if len(group) > 1 else group[0] for group in groups.values()]
+
+
+def _join(group: Sequence[Sighted]) -> Sighted:
+    fields = zip(*(vars(seen.poses).values() for seen in group), strict=True)
+    every = Poses(*(np.concatenate(field) for field in fields))
+    poses, first = usable(every), group[0]
+    left_out = sum(seen.left_out for seen in group) + every.times_s.size - poses.times_s.size
+    return replace(first, name=f"{first.name.partition('_')[0]}_{first.person}", poses=poses, left_out=left_out)
+
+
+def _of_topic(topic: str, messages: Iterable[BagMessage]) -> Sighted:
+    rows: list[tuple[float, ...]] = []
+    frames: list[str] = []
+    for message in messages:
+        if message.topic != topic:
+            continue
+        content = message.content
+        point, quat = getattr(content, "point", None), (np.nan,) * 4
+        if point is None:
+            pose = getattr(content.pose, "pose", content.pose)
+            point, q = pose.position, pose.orientation
+            # In ROS all zeros mean no orientation.
+            quat = (q.w, q.x, q.y, q.z) if any((q.w, q.x, q.y, q.z)) else quat
+        at_ns = stamp_ns(content.header)
+        rows.append((1e-9 * at_ns, 1e-9 * (message.received_ns - at_ns), point.x, point.y, point.z, *quat))
+        frames.append(content.header.frame_id.lstrip("/"))
+    frame = max(dict.fromkeys(frames), key=frames.count) if frames else ""
+    poses = usable(poses_of(rows).chosen(np.array([name == frame for name in frames], dtype=np.bool_)))
+    # The identity in every message means no orientation.
+    if (poses.quat_wxyz == (1.0, 0.0, 0.0, 0.0)).all():
+        poses = replace(poses, quat_wxyz=np.full_like(poses.quat_wxyz, np.nan))
+    return Sighted(topic, topic, topic, frame, poses, len(rows) - poses.times_s.size)

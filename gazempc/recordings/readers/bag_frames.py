@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from gazempc.recordings.readers.bag_messages import TF, TF_STATIC, BagMessage, stamp_ns
+from gazempc.recordings.recording import composed
 from gazempc.types import BoolArray, FloatArray, IntArray
 
 # Between a frame's messages it is interpolated. Farther from the nearest one its place is unknown.
@@ -127,37 +129,29 @@ class FrameTree:
             shift_m, step = self.fixed[edge]
             every = np.ones(times_s.size, dtype=np.bool_)
             return np.tile(shift_m, (times_s.size, 1)), Rotation.concatenate([step] * times_s.size), every
-        poses = usable(self.moving[edge])[0]
-        poses = poses.chosen(np.asarray(np.isfinite(poses.quat_wxyz).all(axis=1)))
+        poses = usable(self.moving[edge])
+        poses = poses.chosen(np.isfinite(poses.quat_wxyz[:, 0]))
         if not poses.times_s.size:
             nowhere = np.zeros(times_s.size, dtype=np.bool_)
             return np.zeros((times_s.size, 3)), Rotation.identity(times_s.size), nowhere
-        knots_s, turns = poses.times_s, Rotation.from_quat(poses.quat_wxyz, scalar_first=True)
+        knots_s = poses.times_s
         inside_s = np.clip(times_s, knots_s[0], knots_s[-1])
         shift_m = np.column_stack([np.interp(inside_s, knots_s, axis_m) for axis_m in poses.position_m.T])
         after = np.clip(np.searchsorted(knots_s, times_s), 0, knots_s.size - 1)
-        before = np.maximum(after - 1, 0)
+        turns = Rotation.from_quat(poses.quat_wxyz, scalar_first=True)
         step = turns[after] if knots_s.size == 1 else Slerp(knots_s, turns)(inside_s)
-        near_s = np.minimum(np.abs(times_s - knots_s[after]), np.abs(times_s - knots_s[before]))
+        near_s = np.minimum(np.abs(times_s - knots_s[after]), np.abs(times_s - knots_s[np.maximum(after - 1, 0)]))
         return shift_m, step, near_s <= _LONGEST_GAP_S
 
 
-def usable(poses: Poses) -> tuple[Poses, int, int]:
-    """Poses in the order of their stamps, each stamp once.
-
-    Args:
-        poses: In any order.
-
-    Returns:
-        Those with finite numbers and an orientation or none; how many repeat a stamp; how many cannot be used.
-    """
+def usable(poses: Poses) -> Poses:
+    """Poses with finite numbers and with an orientation or none, in the order of their stamps, each stamp once."""
     unknown = np.isnan(poses.quat_wxyz).all(axis=1)
+    norms = np.linalg.norm(poses.quat_wxyz, axis=1)
+    oriented = np.isfinite(norms) & (norms > 0.5)
     finite = np.isfinite(poses.position_m).all(axis=1) & np.isfinite(poses.times_s)
-    oriented = np.isfinite(poses.quat_wxyz).all(axis=1)
-    oriented &= np.linalg.norm(np.nan_to_num(poses.quat_wxyz, posinf=0.0, neginf=0.0), axis=1) > 0.5
     good = poses.chosen(finite & (oriented | unknown))
-    _, first = np.unique(good.times_s, return_index=True)
-    return good.chosen(first), good.times_s.size - first.size, poses.times_s.size - good.times_s.size
+    return good.chosen(np.unique(good.times_s, return_index=True)[1])
 
 
 def poses_of(rows: Sequence[Sequence[float]]) -> Poses:
@@ -178,7 +172,6 @@ def poses_of(rows: Sequence[Sequence[float]]) -> Poses:
 
 Axes = Literal["optical", "forward"]
 
-_NO_TURN = Rotation.identity()
 # Optical axes (x right, y down, z forward) to x forward, y left, z up.
 _FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 # FrameTree that REP 103 and REP 105 give x forward, z up.
@@ -225,55 +218,38 @@ def forward(frame: str, poses: Poses, wanted: Axes | None = None) -> tuple[Poses
     return replace(poses, position_m=_FROM_OPTICAL.apply(poses.position_m), quat_wxyz=quats), True
 
 
-def composed(quats_wxyz: FloatArray, last: Rotation | None = _NO_TURN, first: Rotation = _NO_TURN) -> FloatArray:
-    """Orientations with a turn before and behind each.
+def person_axes(
+    position_m: FloatArray, quats_wxyz: FloatArray, from_sensor: bool, is_face: bool
+) -> tuple[Callable[[FloatArray], FloatArray], str]:
+    """How orientations with a tracker's axes of a person become those of x out of the face, z up.
 
     Args:
-        quats_wxyz: Shape (N, 4); NaN where unknown.
-        last: Turn of the body's own axes; None makes all unknown.
-        first: Turn of the frame, one or N.
-
-    Returns:
-        Shape (N, 4); NaN where unknown.
-    """
-    turned, known = np.full_like(quats_wxyz, np.nan), np.isfinite(quats_wxyz).all(axis=1)
-    if last is not None and known.any():
-        before = first if first.single else first[np.flatnonzero(known)]
-        turns = before * Rotation.from_quat(quats_wxyz[known], scalar_first=True) * last
-        turned[known] = turns.as_quat(scalar_first=True)
-    return turned
-
-
-def person_axes(poses: Poses, from_sensor: bool, is_face: bool) -> tuple[Rotation | None, str]:
-    """The turn from the axes that a tracker gives a person to x out of the face, z up.
-
-    Args:
-        poses: In a frame with x forward, z up.
-        from_sensor: Whether its origin is the sensor, to which people turn their faces more often than not.
+        position_m: Of one person, in a frame with x forward and z up, shape (N, 3), metres.
+        quats_wxyz: Orientations in this frame, shape (N, 4); NaN where unknown.
+        from_sensor: Whether the frame's origin is the sensor, to which people turn their faces more often than not.
         is_face: Whether faces alone are seen: these are turned to the sensor.
 
     Returns:
-        The turn, to be put behind each orientation; None where no orientation is known. And a note for people, empty
-        where the axes are those of ROS4HRI.
+        A function from orientations to orientations, NaN where the axes are undetermined; and a note, empty where the
+        axes are those of ROS4HRI.
     """
-    known = np.isfinite(poses.quat_wxyz).all(axis=1)
+    known = np.isfinite(quats_wxyz).all(axis=1)
     if not known.any():
-        return None, "positions only"
-    axes = Rotation.from_quat(poses.quat_wxyz[known], scalar_first=True).as_matrix()
+        return np.copy, "positions only"
+    axes = Rotation.from_quat(quats_wxyz[known], scalar_first=True).as_matrix()
     up = np.median(axes[:, 2, :], axis=0)
-    sight = -poses.position_m[known] / np.linalg.norm(poses.position_m[known], axis=1, keepdims=True)
+    sight = -position_m[known] / np.linalg.norm(position_m[known], axis=1, keepdims=True)
     ahead = np.median(np.einsum("nik,ni->nk", axes, sight), axis=0)
     # People may walk away from a sensor; but no detector of faces sees one from behind.
     if up[2] > _POINTS and not (from_sensor and is_face and ahead[0] < -_POINTS):
-        return Rotation.identity(), ""
+        return np.copy, ""
     front, top = int(np.argmax(np.abs(ahead))), int(np.argmax(np.abs(up)))
     if not from_sensor or front == top or min(abs(ahead[front]), abs(up[top])) < _POINTS:
-        return None, "orientations left out: no axis points up and another to the sensor"
-    x, z = np.zeros(3), np.zeros(3)
-    x[front], z[top] = np.sign(ahead[front]), np.sign(up[top])
+        return partial(
+            np.full_like, fill_value=np.nan
+        ), "orientations left out: no axis points up and another to the sensor"
+    x, z = np.sign(ahead[front]) * np.eye(3)[front], np.sign(up[top]) * np.eye(3)[top]
     turn = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
-    return turn, f"{_name(front, x)} is taken for the axis out of the face, {_name(top, z)} for up"
-
-
-def _name(axis: int, direction: FloatArray) -> str:
-    return f"{'-' if direction[axis] < 0 else '+'}{'xyz'[axis]}"
+    names = [f"{'-' if axis.sum() < 0 else '+'}{'xyz'[k]}" for k, axis in ((front, x), (top, z))]
+    note = f"{names[0]} is taken for the axis out of the face, {names[1]} for up"
+    return partial(composed, last=turn), note

@@ -22,7 +22,7 @@ from gazempc.recordings.readers.bvh_skeleton import (
     rest_positions,
     stands_at_rest,
 )
-from gazempc.recordings.readers.checks import Prescribed, recording_of
+from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording, Track
 from gazempc.types import FloatArray
@@ -88,9 +88,10 @@ def read_bvh(path: Path, options: ReadOptions) -> Recording:
         valid=np.ones(len(bvh.motion), dtype=np.bool_),
     )
     times_s = frame_s * np.arange(len(bvh.motion), dtype=np.float64)
-    prescribed = Prescribed(options=f"the options {_OPTIONS} change the reading")
     notes = [inferred, *left_out]
-    return recording_of(path, times_s, track, "motion capture", has_robot=False, prescribed=prescribed, notes=notes)
+    return recording_of(
+        path, times_s, track, "motion capture", has_robot=False, note=f"; the options {_OPTIONS} change it", notes=notes
+    )
 
 
 def _without_rest_frame(bvh: Bvh) -> tuple[Bvh, list[str]]:

@@ -15,17 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, shown
 from gazempc.files.text import read_text
-from gazempc.recordings.readers.checks import check_finite
+from gazempc.recordings.readers.checks import MAX_MAGNITUDE, check_finite
 from gazempc.types import FloatArray
 
 Pose = tuple[Rotation, FloatArray]
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
 _CHANNEL_OF_LOWER = {name.lower(): name for name in _CHANNELS}
-_MAX_OFFSET = 1e9
 _PIECES = re.compile(r"[{}]|[^{}]+")
 _END_SITE = -1
-_FRAMES = re.compile(r"frames: 0*[1-9][0-9]{0,8}", re.IGNORECASE)
-_HIERARCHY = "one ROOT with JOINT, End Site, OFFSET, CHANNELS and braces in it, then MOTION"
+_HIERARCHY = "one ROOT with JOINT, End Site, OFFSET, CHANNELS, names and braces in their places, then MOTION"
 
 
 @dataclass
@@ -77,20 +75,12 @@ def parse_bvh(path: Path) -> Bvh:
         RecordingError: If the file is cut off or is not BVH; names the line.
     """
     lines = _Lines(path, read_text(path, "a BVH file"))
-    words = lines.next("HIERARCHY")
-    if words[0].upper() != "HIERARCHY":
-        raise lines.error(f"the file begins with {shown(' '.join(words))}", "HIERARCHY, as in a BVH file")
+    lines.match("HIERARCHY", "HIERARCHY, as in a BVH file")
     joints = _hierarchy(lines)
-    words = lines.next("Frames: and their number")
-    if not _FRAMES.fullmatch(" ".join(words)):
-        raise lines.error(f"{shown(' '.join(words))} after MOTION", "Frames: and their number, at least 1")
-    count = int(words[1])
-    words = lines.next("Frame Time: and seconds")
-    if [word.lower() for word in words[:2]] != ["frame", "time:"] or len(words) != 3:
-        raise lines.error(f"{shown(' '.join(words))} after Frames:", "Frame Time: and seconds")
-    (frame_time_s,) = lines.numbers(words[2:])
+    count = int(lines.match("Frames: 0*([1-9][0-9]{0,8})", "Frames: and their number, at least 1")[1])
+    (frame_time_s,) = lines.numbers([lines.match(r"Frame Time: (\S+)", "Frame Time: and seconds")[1]])
     if not 0.0 < frame_time_s < np.inf:
-        raise lines.error(f"the frame time is {words[2]}", "a frame time above 0, in seconds")
+        raise lines.error(f"the frame time is {frame_time_s:g}", "a frame time above 0, in seconds")
     labels = [f"{joint.name} {channel}" for joint in joints for channel in joint.channels]
     rows: list[list[float]] = []
     numbers: list[int] = []
@@ -165,6 +155,12 @@ class _Lines:
         self._next += 1
         return words
 
+    def match(self, pattern: str, expected: str) -> re.Match[str]:
+        text = " ".join(self.next(expected))
+        if (found := re.fullmatch(pattern, text, re.IGNORECASE)) is None:
+            raise self.error(shown(text), expected)
+        return found
+
     def numbers(self, words: list[str]) -> list[float]:
         try:
             return [float(word) for word in words]
@@ -176,7 +172,7 @@ class _Lines:
         return RecordingError(self._path, f"line {self.number}", problem, expected)
 
 
-def _hierarchy(lines: _Lines) -> list[Joint]:
+def _hierarchy(lines: _Lines) -> list[Joint]:  # noqa: PLR0912 - one branch a keyword
     """All joints; reads up to and with the line MOTION."""
     joints: list[Joint] = []
     opened: list[int] = []  # indices of the joints whose braces are open, `_END_SITE` for an end site
@@ -188,41 +184,33 @@ def _hierarchy(lines: _Lines) -> list[Joint]:
         words = lines.next(f"the rest of the hierarchy{inside}, then MOTION")
         keyword = words[0].upper()
         joint = joints[opened[-1]] if opened and opened[-1] != _END_SITE else None
-        if waiting is not None:
-            if keyword != "{":
-                raise lines.error(f"{shown(' '.join(words))} in the place of an opening brace", "an opening brace")
+        if keyword == "{" and waiting is not None:
             opened.append(waiting)
             waiting = None
+        elif waiting is not None:
+            raise lines.error(shown(" ".join(words)), "an opening brace")
         elif keyword == "MOTION" and joints and not opened:
             return joints
-        elif (keyword == "ROOT" and not joints) or (keyword == "JOINT" and joint is not None):
-            if len(words) == 1:
-                raise lines.error(f"{words[0]} without a name", f"{words[0]} and a joint's name")
+        elif ((keyword == "ROOT" and not joints) or (keyword == "JOINT" and joint is not None)) and len(words) > 1:
             joints.append(Joint(" ".join(words[1:]), opened[-1] if opened else -1))
             waiting = len(joints) - 1
         elif keyword == "END" and joint is not None:
             waiting = _END_SITE
         elif keyword == "}" and opened:
             opened.pop()
-        elif keyword == "OFFSET" and joint is not None:
-            joint.offset = _offset(lines, words)
-        elif keyword == "OFFSET" and opened:
-            ends = joints[within[-1]]
-            ends.end_offset = _offset(lines, words) if ends.end_offset is None else ends.end_offset
+        elif keyword == "OFFSET" and opened and len(words) == 4:
+            offset = np.array(lines.numbers(words[1:]))
+            if not (np.abs(offset) <= MAX_MAGNITUDE).all():
+                raise lines.error(" ".join(words), "three finite numbers")
+            if joint is not None:
+                joint.offset = offset
+            elif joints[within[-1]].end_offset is None:
+                joints[within[-1]].end_offset = offset
         elif keyword == "CHANNELS" and joint is not None and not joint.channels:
             joint.channels, joint.first_channel = _channels(lines, words), channels
             channels += len(joint.channels)
         else:
-            raise lines.error(f"{shown(' '.join(words))} is out of place here{inside}", _HIERARCHY)
-
-
-def _offset(lines: _Lines, words: list[str]) -> FloatArray:
-    if len(words) != 4:
-        raise lines.error(f"OFFSET with {len(words) - 1} values", "OFFSET and three numbers")
-    offset = np.array(lines.numbers(words[1:]))
-    if not (np.abs(offset) <= _MAX_OFFSET).all():
-        raise lines.error(f"OFFSET {' '.join(words[1:])}", "three finite numbers")
-    return offset
+            raise lines.error(f"{shown(' '.join(words), 80)} is out of place here{inside}", _HIERARCHY)
 
 
 def _channels(lines: _Lines, words: list[str]) -> tuple[str, ...]:

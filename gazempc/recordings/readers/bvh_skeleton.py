@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from gazempc.errors import RecordingError
 from gazempc.recordings.readers.bvh_parse import Joint
@@ -21,10 +21,10 @@ _TIP_WORDS = {"end", "top", "tip", "nub"}
 # Exporters lay the rest pose along the file's axes; a direction nearer than 30 degrees to one is meant to be
 # that axis (a neck leans forward, measured hips are not quite level).
 _SNAP_COSINE = np.cos(np.radians(30.0))
-# Mirrored bones differ by less; ends of one head (jaw and crown) are nearer to each other.
+# Ends of one head (jaw and crown) are nearer to each other than this share of the way from the root.
 _ALIKE = 0.15
-# Mirrored branches are farther apart than this share of their length; twist bones beside a bone are not.
-_APART = 0.05
+# Share of the size of a figure: sides are farther apart, and a joint is nearer to the mirror image of its twin.
+_APART = 0.02
 # A leg that stands is longer than this share of the distance from hips to head.
 _LEGS = 0.5
 # Share of the hips in the height of a skeleton that stands; people's is 0.5 to 0.6.
@@ -224,38 +224,15 @@ def _to_root(joints: list[Joint], index: int) -> list[int]:
 
 
 def _mirrored(joints: list[Joint]) -> Pairs:
-    """Pairs of joints of mirrored branches that grow on one joint; left and right are undetermined."""
-    children, rest = _children(joints), rest_positions(joints)
-    lengths = np.array([float(np.linalg.norm(joint.offset)) for joint in joints])
-    # Branches of one shape have the same number.
-    numbers: dict[tuple[int, ...], int] = {}
-    shapes = [0] * len(joints)
-    for index in reversed(range(len(joints))):
-        shapes[index] = numbers.setdefault(tuple(shapes[child] for child in children[index]), len(numbers))
-    pairs: Pairs = []
-    of_sides: set[int] = set()
-    for index, grown in enumerate(children):
-        if index in of_sides:  # fingers of one hand are alike, too
-            continue
-        for one, other in combinations(grown, 2):
-            if shapes[one] != shapes[other]:
-                continue
-            both = _together(children, one, other)
-            a, b = np.array(both).T
-            alike = np.abs(lengths[a] - lengths[b]) <= _ALIKE * np.maximum(lengths[a], lengths[b]) + 1e-9
-            apart = np.linalg.norm(rest[a] - rest[b], axis=1).max()
-            if alike.all() and apart > _APART * (lengths[a] + lengths[b]).sum() / 2.0:
-                pairs += both
-        of_sides = {index for pair in pairs for index in pair}
-    return pairs
-
-
-def _together(children: list[list[int]], one: int, other: int) -> Pairs:
-    """Joints of two branches of one shape, side by side."""
-    pairs = [(one, other)]
-    for a, b in pairs:
-        pairs += zip(children[a], children[b], strict=True)
-    return pairs
+    """Pairs of joints at mirrored places of the rest pose, left and right undetermined; of the best of three planes."""
+    rest = rest_positions(joints)
+    near = _APART * float(np.ptp(rest, axis=0).max())
+    found: list[Pairs] = []
+    for axis in range(3):
+        distances, twins = map(np.asarray, KDTree(rest * np.where(np.arange(3) == axis, -1.0, 1.0)).query(rest))
+        of_side = np.flatnonzero((rest[:, axis] > near) & (distances <= near))
+        found.append([(int(joint), int(twins[joint])) for joint in of_side])
+    return max(found, key=len)
 
 
 def _children(joints: list[Joint]) -> list[list[int]]:

@@ -7,7 +7,7 @@ frame into its place in the file, such as ``row 17`` (a line of a table) or ``fr
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,17 +39,8 @@ _TYPICAL_FRAME_INTERVAL_S, _TYPICAL_HEAD_TO_PELVIS_M, _TYPICAL_SPEED_M_S = 1.0 /
 _TRAVEL_S = 1.0
 _FASTEST_M_S = 12.5  # the best sprinters' highest speed
 _MOST_CLIMB_M = 1.0  # getting up from a chair, or a few steps of a staircase
-_TIMES_S = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0}
-_LENGTHS_M = {"metres": 1.0, "millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "feet": 0.3048}
-
-
-@dataclass(frozen=True)
-class Prescribed:
-    """Units that a format prescribes, and the options that change how it is read; named in messages."""
-
-    time: str = "seconds"
-    length: str = "metres"
-    options: str = ""
+_TIMES_S = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0}
+_LENGTHS_M = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "feet": 0.3048}
 
 
 def recording_of(
@@ -59,7 +50,7 @@ def recording_of(
     kind: DataKind,
     has_robot: bool,
     place: Place = "frame {}".format,
-    prescribed: Prescribed = Prescribed(),
+    note: str = "",
     notes: Sequence[str] = (),
 ) -> Recording:
     """Check a track that was read from a file, and make the recording.
@@ -73,7 +64,7 @@ def recording_of(
         kind: Kind of data.
         has_robot: Whether the frame's origin is the robot's sensor.
         place: Place of a frame in the file.
-        prescribed: The format's units, and the options of its reader.
+        note: The format's units, and options that change the reading, for messages.
         notes: What was inferred and left out.
 
     Returns:
@@ -83,7 +74,7 @@ def recording_of(
         RecordingError: If a check fails.
     """
     measured = bool(truth_of(kind))
-    check_motion(path, times_s, track, has_robot, place, prescribed, MIN_SEEN_FRAMES if measured else MIN_FRAMES)
+    check_motion(path, times_s, track, has_robot, place, note, MIN_SEEN_FRAMES if measured else MIN_FRAMES)
     truth = _smoothed(path, times_s - times_s[0], track) if measured else track
     path_m = truth.pelvis_position_m if np.isfinite(truth.pelvis_position_m).any() else truth.head_position_m
     return Recording(
@@ -105,7 +96,7 @@ def check_motion(
     track: Track,
     has_robot: bool,
     place: Place,
-    prescribed: Prescribed = Prescribed(),
+    note: str = "",
     fewest: int = MIN_FRAMES,
 ) -> None:
     """Refuse a track that is too short, has damaged times or another unit or axis, or cannot be of one walk.
@@ -116,7 +107,7 @@ def check_motion(
         track: The track; finite where the person was seen.
         has_robot: Whether the frame's origin is the robot's sensor.
         place: Place of a frame in the file.
-        prescribed: The format's units, and the options of its reader.
+        note: The format's units, and options that change the reading, for messages.
         fewest: Fewest frames with the person in view.
 
     Raises:
@@ -126,11 +117,11 @@ def check_motion(
     if seen.sum() < fewest:
         raise RecordingError(source, "", f"only {seen.sum()} frame(s)", f"at least {fewest} frames")
     check_times_increase(source, times_s, place)
-    _check_frame_interval(source, times_s, prescribed.time)
+    _check_frame_interval(source, times_s, note)
     head_m, pelvis_m = track.head_position_m, track.pelvis_position_m
     both = seen & np.isfinite(pelvis_m).all(axis=1)
     if both.any():
-        _check_body(source, head_m[both] - pelvis_m[both], prescribed)
+        _check_body(source, head_m[both] - pelvis_m[both], note)
     else:
         _check_head_travel(source, times_s[seen], head_m[seen])
     check_plausible(source, times_s[seen], head_m[seen], has_robot)
@@ -175,9 +166,7 @@ def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
         return
     index = int(np.argmax(steps <= 0.0)) + 1
     before, now = float(times[index - 1]), float(times[index])
-    problem = f"time goes backwards, from {before!r} in {place(index - 1)} to {now!r}"
-    if now == before:
-        problem = f"duplicate time stamp {now!r} (the same in {place(index - 1)})"
+    problem = f"the time stamp {now!r} follows {before!r} in {place(index - 1)}"
     raise RecordingError(source, place(index), problem, expected)
 
 
@@ -222,11 +211,10 @@ def check_plausible(source: Path, times_s: FloatArray, head_position_m: FloatArr
         expected = f"frames at most {MOST_GAP_S:g} s apart; a walk after a longer gap is another recording"
         raise RecordingError(source, "time stamps", problem, expected)
     if since_s[-1] > MOST_DURATION_S:
-        problem, expected = (
-            f"the recording lasts {since_s[-1] / 3600.0:.4g} h",
-            f"{MOST_DURATION_S / 3600.0:g} h at most",
+        problem = f"the recording lasts {since_s[-1] / 3600.0:.4g} h"
+        raise RecordingError(
+            source, "time stamps", problem, f"{MOST_DURATION_S / 3600.0:g} h at most: cut it into walks"
         )
-        raise RecordingError(source, "time stamps", problem, f"{expected}: cut it into walks")
     away_m = head_position_m if at_sensor else head_position_m - np.median(head_position_m, axis=0)
     ranges_m = np.linalg.norm(away_m, axis=1)
     far, most_m = int(np.argmax(ranges_m)), MOST_RANGE_M if at_sensor else MOST_EXTENT_M
@@ -236,31 +224,29 @@ def check_plausible(source: Path, times_s: FloatArray, head_position_m: FloatArr
         raise RecordingError(source, "positions", problem, f"{most_m:g} m at most, in metres")
 
 
-def _check_frame_interval(source: Path, times_s: FloatArray, unit: str) -> None:
+def _check_frame_interval(source: Path, times_s: FloatArray, note: str) -> None:
     interval_s = float(np.median(np.diff(times_s)))
     low_s, high_s = _FRAME_INTERVAL_RANGE_S
     # Time stamps are rounded in files: a 1000 Hz recording must not fail by the last digit.
     if not low_s * (1.0 - 1e-6) <= interval_s <= high_s * (1.0 + 1e-6):
-        hint = _likely_unit(interval_s, unit, _TIMES_S, _FRAME_INTERVAL_RANGE_S, _TYPICAL_FRAME_INTERVAL_S)
-        problem = f"the median interval between frames is {interval_s:.4g} s when read as {unit}{hint}"
-        expected = f"time stamps in {unit}, {low_s:g} to {high_s:g} s apart (median)"
+        hint = _likely_unit(interval_s, "seconds", _TIMES_S, _FRAME_INTERVAL_RANGE_S, _TYPICAL_FRAME_INTERVAL_S)
+        problem = f"the median interval between frames is {interval_s:.4g} s when read as seconds{hint}"
+        expected = f"time stamps in seconds, {low_s:g} to {high_s:g} s apart (median){note}"
         raise RecordingError(source, "time stamps", problem, expected)
 
 
-def _check_body(source: Path, from_pelvis_m: FloatArray, prescribed: Prescribed) -> None:
+def _check_body(source: Path, from_pelvis_m: FloatArray, note: str) -> None:
     """Refuse a wrong unit by the distance from pelvis to head, and a person who is not upright; shape (N, 3)."""
-    distance_m, unit = float(np.median(np.linalg.norm(from_pelvis_m, axis=1))), prescribed.length
-    low_m, high_m = HEAD_TO_PELVIS_RANGE_M
-    options = f"; {prescribed.options}" if prescribed.options else ""
+    distance_m, (low_m, high_m) = float(np.median(np.linalg.norm(from_pelvis_m, axis=1))), HEAD_TO_PELVIS_RANGE_M
     if not low_m <= distance_m <= high_m:
-        hint = _likely_unit(distance_m, unit, _LENGTHS_M, HEAD_TO_PELVIS_RANGE_M, _TYPICAL_HEAD_TO_PELVIS_M)
-        problem = f"the head is {distance_m:.4g} m from the pelvis (median) when read as {unit}{hint}"
-        expected = f"positions in {unit}, with {low_m:g} to {high_m:g} m from pelvis to head{options}"
+        hint = _likely_unit(distance_m, "metres", _LENGTHS_M, HEAD_TO_PELVIS_RANGE_M, _TYPICAL_HEAD_TO_PELVIS_M)
+        problem = f"the head is {distance_m:.4g} m from the pelvis (median) when read as metres{hint}"
+        expected = f"positions in metres, with {low_m:g} to {high_m:g} m from pelvis to head{note}"
         raise RecordingError(source, "positions", problem, expected)
     x_m, y_m, z_m = np.median(from_pelvis_m, axis=0)
     if z_m < 0.5 * np.linalg.norm((x_m, y_m, z_m)):
         problem = f"z does not point up: from pelvis to head is ({x_m:.2f}, {y_m:.2f}, {z_m:.2f}) m (median)"
-        raise RecordingError(source, "positions", problem, f"metres with z up and the person upright{options}")
+        raise RecordingError(source, "positions", problem, f"metres with z up and the person upright{note}")
 
 
 def _check_head_travel(source: Path, times_s: FloatArray, head_position_m: FloatArray) -> None:
@@ -284,14 +270,13 @@ def _likely_unit(
     value: float, unit: str, sizes: Mapping[str, float], accepted: tuple[float, float], typical: float
 ) -> str:
     """The unit that makes a value plausible, and its factor, as the end of a message; empty if none does."""
-    found = {name: value / sizes[unit] * size for name, size in sizes.items() if name != unit}
-    fitting = [name for name, converted in found.items() if accepted[0] <= converted <= accepted[1]]
-    if not fitting:
+    found = {name: value * size for name, size in sizes.items() if accepted[0] <= value * size <= accepted[1]}
+    if not found:
         return ""
-    likely = min(fitting, key=lambda name: abs(np.log(found[name] / typical)))
-    factor = sizes[unit] / sizes[likely]
-    shown = f"{factor:.4g}" if factor >= 1.0 else f"1/{1.0 / factor:.4g}"
-    return f": looks like {likely} where {unit} belong, a factor of {shown}"
+    likely = min(found, key=lambda name: abs(np.log(found[name] / typical)))
+    size = sizes[likely]
+    factor = f"{1.0 / size:.4g}" if size <= 1.0 else f"1/{size:.4g}"
+    return f": looks like {likely} where {unit} belong, a factor of {factor}"
 
 
 def _smoothed(path: Path, times_s: FloatArray, track: Track) -> Track:

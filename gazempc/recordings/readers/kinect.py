@@ -21,7 +21,6 @@ from gazempc.errors import RecordingError
 from gazempc.files.text import read_text
 from gazempc.recordings.readers.checks import (
     Place,
-    Prescribed,
     check_finite,
     check_times_increase,
     check_unit_quaternions,
@@ -40,6 +39,7 @@ _MOST_LISTS = 10_000_000
 # The tool writes the names of bones and joints first; they have 1 kB.
 _BEGINNING_BYTES = 65_536
 _FORMAT = "Azure Kinect body tracking JSON (offline_processor)"
+_NOTE = "; the format has microseconds and millimetres; the option kinect_camera_pitch_deg turns the axes"
 _Number = float | None  # the tool writes null for NaN
 
 
@@ -125,8 +125,7 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
         valid=seen,
     )
     times_s = (times_usec[first : last + 1] - times_usec[first]) * 1e-6
-    prescribed = Prescribed("microseconds", "millimetres", "the option kinect_camera_pitch_deg turns the axes")
-    return recording_of(path, times_s, track, "body tracking", has_robot=True, prescribed=prescribed)
+    return recording_of(path, times_s, track, "body tracking", has_robot=True, note=_NOTE)
 
 
 def _parse(path: Path) -> _File:

@@ -49,7 +49,7 @@ class Travel(NamedTuple):
 
 
 def travel(times_s: FloatArray, position_m: FloatArray) -> Travel:
-    """Tell whether a person leaves the spot, and when the motion starts.
+    """Whether a person leaves the spot, and the start of motion.
 
     The person moves while the horizontal speed is over 0.3 m/s for 0.5 s or longer and takes the position on by more
     than a step (0.7 m): a lean or a turn on the spot is no motion in this sense. The start of motion is the beginning
@@ -85,7 +85,7 @@ def travel(times_s: FloatArray, position_m: FloatArray) -> Travel:
 
 
 def route_group(times_s: FloatArray, position_m: FloatArray) -> Group:
-    """Tell the group of a recording by its motion.
+    """Group of a recording by its motion.
 
     A person who does not leave the spot (`travel`) is standing. Otherwise the range of the direction of travel
     decides: under 20 degrees is straight, over 75 sharp, between them a turn. Moments slower than 0.2 m/s have no
@@ -195,13 +195,8 @@ def _index_row(path: Path) -> dict[str, str]:
     """
     try:
         text = read_limited(path.with_name(_INDEX_NAME), MOST_TEXT_BYTES).decode("utf-8-sig", errors="replace")
-        rows = list(csv.reader(text.splitlines()))
+        rows = list(csv.DictReader(text.splitlines()))
     except (OSError, ValueError, csv.Error):
         return {}
-    if not rows or not set(rows[0]) >= _INDEX_COLUMNS:
-        return {}
-    clip = rows[0].index("clip")
-    for row in rows[1:]:
-        if len(row) == len(rows[0]) and row[clip] == path.stem:
-            return {name: cell.strip() for name, cell in zip(rows[0], row, strict=True)}
-    return {}
+    whole = (row for row in rows if row.keys() >= _INDEX_COLUMNS and None not in row and None not in row.values())
+    return next(({name: cell.strip() for name, cell in row.items()} for row in whole if row["clip"] == path.stem), {})

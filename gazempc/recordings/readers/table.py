@@ -11,23 +11,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache, partial
-from itertools import product
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from gazempc.errors import RecordingError, SettingsError, shown
-from gazempc.recordings.readers.bag_frames import FIXED_FRAMES
+from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.body_poses import (
-    Parts,
-    facing,
-    orientations,
-    read_parts,
-    ros_frame,
-)
+from gazempc.recordings.readers.tables.body_poses import read_parts, ros_frame
 from gazempc.recordings.readers.tables.guess import guess
 from gazempc.recordings.readers.tables.mapping import (
     ColumnMapping,
@@ -48,7 +41,7 @@ from gazempc.recordings.readers.tables.people import (
 )
 from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, wide
 from gazempc.recordings.readers.tables.text_table import read_text_table
-from gazempc.recordings.readers.tables.values import Columns, in_metres, seconds
+from gazempc.recordings.readers.tables.values import Columns
 from gazempc.recordings.recording import Recording, Track
 from gazempc.specfiles import load_spec, shipped_names
 from gazempc.types import BoolArray
@@ -59,6 +52,14 @@ _LEAST_USABLE = 0.5
 # Height of hips that the file has at the origin, of a standing person of 1.75 m; and how near the origin they must be.
 HIPS_HEIGHT_M, _HIPS_AT_ORIGIN_M = 0.95, 0.1
 _FEW_ROWS = 20
+_EVERY_ROW = ":30hz"
+# Keys whose values name columns.
+_COLUMN_KEYS = ColumnMapping.model_fields.keys() - {"head", "axes", "head_axes", "pelvis_axes", "origin", "kind"}
+_OPTIONAL_PARTS = {
+    "the head's orientation": "head_quat_wxyz",
+    "the pelvis's position": "pelvis_position_m",
+    "the pelvis's orientation": "pelvis_quat_wxyz",
+}
 # Readers of tables, by the ending of the file.
 TABLES: dict[str, Callable[[Path], RawTable]] = {
     ".csv": read_text_table,
@@ -103,28 +104,30 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     elif person is not None and mapping.person is None:
         raise SettingsError(f"--reading.person {person}: {path} has no column of people; give person=COLUMN")
     columns = Columns(table, who)
-    parts = read_parts(columns, mapping)
-    known = np.isfinite(parts.times_s) & np.isfinite(parts.head_m).all(axis=1)
-    mine = np.ones(len(known), dtype=np.bool_)
+    times_s, track = read_parts(columns, mapping)
+    mine = np.ones(times_s.size, dtype=np.bool_)
     if mapping.person is not None:
-        mine, who, more = rows_of_person(table, columns.one(mapping.person), known, person)
+        mine, who, more = rows_of_person(table, columns.one(mapping.person), track.valid, person)
         notes += more
-    notes += _dropped(table, known, mine)
-    rows, parts, frame = np.flatnonzero(known & mine), parts.rows(known & mine), ros_frame(columns, mapping)
+    notes += _dropped(table, track.valid, mine)
+    rows, frame = np.flatnonzero(track.valid & mine), ros_frame(columns, mapping)
+    times_s, track = times_s[rows], track.rows(track.valid & mine)
     at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
-    if frame is not None and mapping.head_axes is None:
-        parts, more = facing(parts, at_sensor, who.startswith("face_"))
-        notes += more
-    notes += _partly_unknown(parts)
-    every = np.ones(len(rows), dtype=np.bool_)
-    track = Track(parts.head_m, parts.head_quat, parts.pelvis_m, parts.pelvis_quat, every)
+    if frame is not None and mapping.head_axes is None and not track.positions_only:
+        turn, note = person_axes(track.head_position_m, track.head_quat_wxyz, at_sensor, who.startswith("face_"))
+        track = replace(track, head_quat_wxyz=turn(track.head_quat_wxyz))
+        notes += [note] if note else []
+    for what, field in _OPTIONAL_PARTS.items():
+        unknown = int((~np.isfinite(getattr(track, field)).all(axis=1)).sum())
+        if 0 < unknown < rows.size:
+            notes.append(f"{what} is not known in {unknown} of {rows.size} rows")
     if mapping.origin == "hips" and rows.size:
         track = _lifted_from_hips(path, track)
         note = f"positions are relative to the hips, which are put at {HIPS_HEIGHT_M} m"
         notes.append(f"{note}: how the person walks is not in the file")
     kind = mapping.kind or "motion capture"
     found = recording_of(
-        path, parts.times_s, track, kind, at_sensor, lambda index: table.place(int(rows[index])), notes=notes
+        path, times_s, track, kind, at_sensor, lambda index: table.place(int(rows[index])), notes=notes
     )
     return found if person is None else replace(found, name="_".join([path.stem, *re.findall(r"\w+", who)]))
 
@@ -187,17 +190,17 @@ def _found(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[
         guessed = guess(table)
     except RecordingError:  # such as a cell that is no number
         guessed = None
-    if options.guess and guessed is not None:
-        return guessed.mapping, (f'columns guessed: "{guessed.mapping.as_option()}"', *guessed.remarks)
-    proposal = (
-        "no columns that could be the time and one head: give them, such as --reading.columns 't=stamp:ms, "
-        "head=[px,py,pz]:mm'"
-    )
-    if guessed is not None:
-        remarks = f" ({'; '.join(guessed.remarks)})" if guessed.remarks else ""
+    if guessed is None:
+        proposal = "give them, such as --reading.columns 't=stamp:ms, head=[px,py,pz]:mm'"
+        proposal = f"no columns that could be the time and one head: {proposal}"
+    else:
+        proposed, remarks = guessed
+        option = proposed.as_option()
+        if options.guess:
+            return proposed, (f'columns guessed: "{option}"', *remarks)
+        remark = f" ({'; '.join(remarks)})" if remarks else ""
         proposal = (
-            f'a guess: --reading.columns "{guessed.mapping.as_option()}"{remarks}; paste and correct it, or take it as '
-            "it is by --guess"
+            f'a guess: --reading.columns "{option}"{remark}; paste and correct it, or take it as it is by --guess'
         )
     missing = ", ".join(name for name in NEEDED if name not in table.names)
     problem = f"missing column(s) {missing}; found {shown(', '.join(table.names), 200)}"
@@ -228,39 +231,26 @@ def _present(table: RawTable, mapping: ShippedMapping) -> ShippedMapping | None:
         names = people_in_header(table, head) if PERSON in head else [""]
         # Of several, each has the same columns.
         columns = Columns(table.first(_FEW_ROWS), (names or [""])[0])
-        if names and _is_there(partial(in_metres, columns, head, "head")):
+        if names and _is_there(columns, {"head": head}):
             break
     else:
         return None
-    readers: dict[str, Callable[[str], object]] = {
-        "t": partial(seconds, columns),
-        "person": columns.one,
-        "frame_id": columns.one,
-        "pelvis": partial(in_metres, columns, what="pelvis"),
-    }
-    for part, way in product(("head", "pelvis"), ("q", "euler", "yaw", "forward", "left")):
-        readers[f"{part}_{way}"] = partial(_orientations, columns, part, way)
     found: dict[str, str | None] = {"head": head}
-    for key, read in readers.items():
-        if key in given:
-            texts = given[key].split("|")
-            found[key] = next((text for text in texts if _is_there(partial(read, text))), None)
-    needed = ("t", *(key for key in ("person", *mapping.needs) if key in given))
+    for key in given.keys() & _COLUMN_KEYS:
+        texts = given[key].split("|")
+        found[key] = next((text for text in texts if _is_there(columns, {"head": head, key: text})), None)
+    needed = {"t", "person", *mapping.needs} & given.keys()
     return None if any(found[key] is None for key in needed) else mapping.model_copy(update=found)
 
 
-def _orientations(columns: Columns, part: str, way: str, text: str) -> object:
-    """Orientations by one value of a mapping; the axes do not matter for whether its columns are there."""
-    return orientations(columns, ColumnMapping.model_validate({f"{part}_{way}": text}), part, "z-up")
-
-
-def _is_there(read: Callable[[], object]) -> bool:
-    """Whether columns are in the header; errors of their cells are raised when they are read."""
+def _is_there(columns: Columns, values: dict[str, str]) -> bool:
+    """Whether the columns of a mapping are in the header; errors of their cells are raised when they are read."""
+    mapping = ColumnMapping.model_validate({"t": _EVERY_ROW} | values)
     try:
-        read()
+        read_parts(columns, mapping)
+        return mapping.person is None or columns.has(mapping.person)
     except RecordingError as error:
         return error.where != "header"
-    return True
 
 
 def _lifted_from_hips(path: Path, track: Track) -> Track:
@@ -285,14 +275,3 @@ def _dropped(table: RawTable, known: BoolArray, mine: BoolArray) -> list[str]:
     if count - lost.sum() < _LEAST_USABLE * count:
         raise RecordingError(table.path, "", note, f"at least {_LEAST_USABLE:.0%} of the rows, or other columns")
     return [f"{note}: dropped"]
-
-
-def _partly_unknown(parts: Parts) -> list[str]:
-    """Notes on parts that are known in some rows only."""
-    notes = []
-    for name, values in (("head", parts.head_quat), ("pelvis", parts.pelvis_m), ("pelvis", parts.pelvis_quat)):
-        unknown = int((~np.isfinite(values).all(axis=1)).sum())
-        if 0 < unknown < len(values):
-            what = "position" if values.shape[1] == 3 else "orientation"
-            notes.append(f"the {name}'s {what} is not known in {unknown} of {len(values)} rows")
-    return notes

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from gazempc.errors import RecordingError, suggest
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.recordings.synthetic.gait import (
     PELVIS_HEIGHT_RATIO,
@@ -30,8 +29,8 @@ from gazempc.recordings.synthetic.walks import (
     ROLL_WANDER_RAD,
     SENSOR_HEIGHT_M,
     SUBJECTS,
-    measured_track,
     quat_wxyz,
+    synthetic,
 )
 from gazempc.types import FloatArray
 
@@ -114,12 +113,7 @@ def generate_everyday(name: str) -> Recording:
 
     Returns:
         The person with exact truth and with what a body tracker would have measured.
-
-    Raises:
-        RecordingError: There is no recording of this name.
     """
-    if name not in everyday_names():
-        raise RecordingError(name, "", "no synthetic recording of this name", suggest(name, everyday_names()))
     subject, _, activity = name.partition("_")
     number = int(subject.removeprefix("subject"))
     # The routes of the walks are 1 to 6.
@@ -127,16 +121,8 @@ def generate_everyday(name: str) -> Recording:
     walker = draw_walkers(np.random.default_rng(DATASET_SEED), SUBJECTS)[number - 1]
     times_s, truth = _true_track(np.random.default_rng([*stream, 1]), walker, activity)
     about = ACTIVITIES[activity]
-    return Recording(
-        name=name,
-        source="synthetic",
-        kind="synthetic",
-        times_s=times_s,
-        truth=truth,
-        measured=measured_track(np.random.default_rng([*stream, 2]), truth),
-        has_robot=True,
-        labels=Labels(subject, about.group, f"synthetic, {about.description}", about.kind),
-    )
+    labels = Labels(subject, about.group, f"synthetic, {about.description}", about.kind)
+    return synthetic(name, times_s, truth, np.random.default_rng([*stream, 2]), labels)
 
 
 def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -> tuple[FloatArray, Track]:

@@ -159,7 +159,7 @@ def step_rate_hz(walker: WalkerTraits, speed_m_s: FloatArray) -> FloatArray:
     """Steps per second at a speed (the walks; MacDougall & Moore 2005 find 2 +- 0.13 Hz at free speed).
 
     Args:
-        walker: Who walks.
+        walker: Traits of the person.
         speed_m_s: Shape (N,), metres a second.
 
     Returns:
@@ -178,7 +178,7 @@ def walk_motion(
 
     Args:
         rng: Source of the phase at the start and of the variation between strides.
-        walker: Who walks.
+        walker: Traits of the person.
         times_s: Shape (N,), seconds.
         speed_m_s: Shape (N,), smooth speed of travel.
 

@@ -21,19 +21,6 @@ Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Partition:
-    """A thin wall too high to look over.
-
-    Attributes:
-        start_m: One end, x and y.
-        end_m: The other end.
-    """
-
-    start_m: Point
-    end_m: Point
-
-
-@dataclass(frozen=True)
 class Landmark:
     """A desk at which routes begin and end.
 
@@ -56,7 +43,7 @@ class Room:
         x_m: Walls behind and ahead of the sensor.
         y_m: Walls on its right and left.
         landmarks: The desks.
-        partitions: Hide the desks from each other.
+        partitions: Ends of thin walls that hide the desks from each other.
         sensor_range_m: Smallest and largest distance at which the sensor sees people.
         sensor_half_angle_rad: Half of the sensor's horizontal angle of view.
     """
@@ -64,7 +51,7 @@ class Room:
     x_m: tuple[float, float]
     y_m: tuple[float, float]
     landmarks: tuple[Landmark, ...]
-    partitions: tuple[Partition, ...]
+    partitions: tuple[tuple[Point, Point], ...]
     sensor_range_m: tuple[float, float]
     sensor_half_angle_rad: float
 
@@ -80,9 +67,9 @@ PAPER_ROOM = Room(
         Landmark("far", (6.35, 0.0), ((6.1, 2.0), (6.1, -2.0))),
     ),
     partitions=(
-        Partition((1.5, 3.45), (3.2, 3.45)),
-        Partition((1.5, -3.45), (3.2, -3.45)),
-        Partition((5.7, -0.8), (5.7, 0.8)),
+        ((1.5, 3.45), (3.2, 3.45)),
+        ((1.5, -3.45), (3.2, -3.45)),
+        ((5.7, -0.8), (5.7, 0.8)),
     ),
     sensor_range_m=(0.5, 5.46),  # Azure Kinect, NFOV 2x2 binned, as in the paper
     sensor_half_angle_rad=math.radians(37.5),  # its depth camera sees 75 deg x 65 deg in this mode
@@ -97,7 +84,7 @@ ROUTE_LANDMARKS = {
     "R5": ("far", "right"),
     "R6": ("far", "left"),
 }
-"""Desks at which each route starts and ends. Who comes toward the robot and turns left ends on the robot's right."""
+"""Desks at which each route starts and ends. A left turn toward the robot ends on the robot's right."""
 
 
 def way(desk: str, point_m: Point) -> FloatArray:

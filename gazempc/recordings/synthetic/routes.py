@@ -153,7 +153,7 @@ def walk_path(rng: np.random.Generator, walker: WalkerTraits, route: Route) -> T
 
     Args:
         rng: Source of this walk's variations.
-        walker: Who walks.
+        walker: Traits of the person.
         route: Where.
 
     Returns:

@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import RecordingError, suggest
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.recordings.synthetic.gait import (
     PELVIS_HEIGHT_RATIO,
@@ -61,17 +60,7 @@ def generate(name: str) -> Recording:
 
     Returns:
         The walk with exact truth and with what a body tracker would have measured.
-
-    Raises:
-        RecordingError: There is no recording of this name.
     """
-    if name not in synthetic_names():
-        raise RecordingError(
-            source=name,
-            where="",
-            problem="no synthetic recording of this name",
-            expected=suggest(name, synthetic_names()),
-        )
     subject, route_name = name.split("_")
     number, route_number = int(subject.removeprefix("subject")), int(route_name.removeprefix("R"))
     route = ROUTES[route_name]
@@ -83,20 +72,16 @@ def generate(name: str) -> Recording:
     walker = draw_walkers(people_rng, SUBJECTS)[number - 1]
     path = walk_path(motion_rng, walker, route)
     truth = _true_track(motion_rng, walker, path)
-    return Recording(
-        name=name,
-        source="synthetic",
-        kind="synthetic",
-        times_s=path.times_s,
-        truth=truth,
-        measured=measured_track(noise_rng, truth),
-        has_robot=True,
-        labels=Labels(
-            subject=subject,
-            group=route.group,
-            description=f"synthetic walk, route {route_name}: {route.description}",
-        ),
-    )
+    description = f"synthetic walk, route {route_name}: {route.description}"
+    return synthetic(name, path.times_s, truth, noise_rng, Labels(subject, route.group, description))
+
+
+def synthetic(
+    name: str, times_s: FloatArray, truth: Track, noise_rng: np.random.Generator, labels: Labels
+) -> Recording:
+    """A recording of exact truth, with what a body tracker in the origin of the frame would have measured."""
+    measured = measured_track(noise_rng, truth)
+    return Recording(name, "synthetic", "synthetic", times_s, truth, measured, has_robot=True, labels=labels)
 
 
 def _true_track(rng: np.random.Generator, walker: WalkerTraits, path: TravelPath) -> Track:

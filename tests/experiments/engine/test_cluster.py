@@ -10,7 +10,6 @@ import pytest
 from tiny_jobs import Tiny
 
 from experiments.engine.engine import Engine
-from gazempc.errors import GazempcError
 
 ROOT = Path(__file__).resolve().parents[3]
 HANG_S = 240
@@ -59,28 +58,3 @@ def test_a_signal_ends_the_command_and_cancels_its_jobs(cluster, tmp_path):
     assert process.returncode == 130
     assert "tiny: interrupted: 1 of 3 results are kept in" in error
     assert "Traceback" not in error
-
-
-def test_no_scheduler_is_said(tmp_path, monkeypatch):
-    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
-
-    def unreachable(*_, **__):
-        raise OSError("Timed out")
-
-    monkeypatch.setattr(distributed, "Client", unreachable)
-    with pytest.raises(GazempcError, match=r"--dask tcp://127\.0\.0\.1:1: no scheduler answers there"):
-        Engine(tmp_path / "runs", jobs=1, dask="tcp://127.0.0.1:1")
-    assert not (tmp_path / "runs").exists()
-
-
-@pytest.mark.slow
-def test_a_cluster_of_one_core_is_refused_for_jobs_would_run_here(tmp_path):
-    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
-    with (
-        distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
-        ) as one,
-        Engine(tmp_path, jobs=1, dask=one.scheduler_address) as engine,
-        pytest.raises(GazempcError, match="two or more"),
-    ):
-        engine.run([Tiny(1), Tiny(2)])

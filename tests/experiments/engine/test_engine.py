@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from tiny_jobs import Tiny
 
-from experiments.engine import engine as engine_module
 from experiments.engine.engine import Engine
 from experiments.engine.job import carry_out, program_hash
 from gazempc.errors import GazempcError
@@ -24,15 +23,14 @@ def first(tmp_path_factory):
     folder = tmp_path_factory.mktemp("engine")
     jobs = [Tiny(3), Tiny(1), Tiny(3), Tiny(2, "array"), Tiny(1, "leave out"), Tiny(1, "fail"), Tiny(1, "bug")]
     with Engine(folder, jobs=2) as engine:
-        return folder, jobs, engine.run(jobs), len(engine.fresh)
+        return folder, jobs, engine.run(jobs)
 
 
 def test_results_come_in_the_order_of_the_jobs_and_equal_jobs_are_done_once(first):
-    folder, _, rows, fresh = first
+    folder, _, rows = first
     assert [row.get("square") for row in rows[:4]] == [9, 1, 9, 4]
     np.testing.assert_array_equal(rows[3]["array"], np.full((2, 2), 0.1))
-    assert fresh == 4  # without the equal one and the failed ones
-    assert len(list(folder.iterdir())) == 4
+    assert len(list(folder.iterdir())) == 4  # without the equal one and the failed ones
     assert all(row["pid"] != os.getpid() for row in rows[:4])
 
 
@@ -44,11 +42,10 @@ def test_failures_are_rows_with_their_reason(first):
 
 
 def test_a_second_run_does_only_what_failed(first):
-    folder, jobs, rows, _ = first
+    folder, jobs, rows = first
     before = names(folder)
     with Engine(folder, jobs=1) as engine:
         again = engine.run(jobs)
-        assert engine.fresh == []
     assert names(folder) == before
     assert [row.get("pid") for row in again[:4]] == [row["pid"] for row in rows[:4]]
     assert again[6]["failed"] == rows[6]["failed"]
@@ -77,35 +74,3 @@ def test_importing_the_engine_for_a_worker_is_light():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
-
-
-def test_an_exception_between_two_results_ends_the_workers(tmp_path, monkeypatch):
-    ended = []
-
-    def workers(jobs, count):
-        try:
-            for key, job in jobs.items():
-                yield key, {"left_out": None, "failed": None, **job.run()}
-        except BaseException as error:
-            ended.append(error)
-            raise
-
-    def full(*_):
-        raise OSError("disk full")
-
-    monkeypatch.setattr("experiments.engine.engine.on_this_machine", workers)
-    monkeypatch.setattr("experiments.engine.cache.write_whole", full)
-    with pytest.raises(OSError, match="disk full"), Engine(tmp_path, jobs=1) as engine:
-        engine.run([Tiny(1), Tiny(2)])
-    assert [str(error) for error in ended] == ["disk full"]
-
-
-@pytest.mark.usefixtures("in_this_process")
-def test_of_many_jobs_the_number_and_the_time_are_said(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(engine_module, "_MANY", 10)
-    for count, said in ((9, False), (20, True)):
-        with Engine(tmp_path / str(count), 1) as work:
-            work.run([Tiny(k) for k in range(count)])
-        error = capsys.readouterr().err
-        assert (f"{count} runs to do" in error) == said
-        assert ("min for the other 16" in error) == said

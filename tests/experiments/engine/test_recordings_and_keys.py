@@ -1,16 +1,14 @@
 """Which files a command works on, and what a result depends on beside a recording's file."""
 
-import json
 import shutil
 
 import numpy as np
 import pytest
-from builders import bags, exports
+from builders import exports
 
 from experiments.engine.choices import find_recordings
 from experiments.engine.job import recording_hash
 from gazempc.errors import GazempcError
-from gazempc.recordings.load import load
 
 
 def test_folders_that_are_recordings_are_found_as_such(tmp_path):
@@ -43,16 +41,3 @@ def test_a_result_depends_on_the_saved_columns_and_on_all_files_of_a_folder(tmp_
     shutil.copy(next(folder.iterdir()), folder / "walk_000000000500_keypoints.json")
     keys.append(recording_hash(str(folder)))
     assert len({tuple(key) for key in keys}) == len(keys)
-
-
-def test_a_list_of_other_files_in_a_folder_of_bags_is_no_recording(tmp_path):
-    for name in ("bag_1", "bag_2"):
-        bags.write_bag(tmp_path / name, bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
-    (tmp_path / "list_of_bags.json").write_text(json.dumps([{"bag": "bag_1", "person": "anna"}]))
-    assert find_recordings([str(tmp_path)]) == [str(tmp_path / "bag_1"), str(tmp_path / "bag_2")]
-
-
-def test_a_misspelt_number_proposes_the_same_number():
-    for name in ("subject3_R4", "Subject003_r4"):
-        with pytest.raises(GazempcError, match="perhaps you meant 'subject03_R4'"):
-            load(name)

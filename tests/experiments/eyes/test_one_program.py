@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from experiments.eyes.one_program import OneProgram
-from gazempc.controllers.lookahead import LookAhead
 from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import look_at
 from gazempc.neck.spec import load_neck
@@ -38,13 +37,6 @@ def test_a_large_shift_uses_the_eyes_to_their_limit_and_brings_them_back():
     assert error_deg[-1] < 0.5
     speed = np.abs(np.diff(commands, axis=0)) / EYES.servo_period_s
     assert (speed <= EYES.command_limits.velocity_max_rad_s * (1 + 1e-6)).all()
-
-
-def test_it_is_no_better_than_the_cascade_on_a_steady_walk():
-    """What the page says: both are exact where the future is known."""
-    start = np.concatenate([look_at(EYES.geometry, crossing(0.0)).angles_rad, [0.0, 0.0]])
-    errors = [run(make(EYES), EYES, crossing, 400, start_rad=start)[2][200:].max() for make in (OneProgram, LookAhead)]
-    assert errors[1] < errors[0] + 0.05
 
 
 @pytest.mark.parametrize("neck", ["reference", "reachy_mini_body"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from contextlib import redirect_stdout
 
 import numpy as np
@@ -13,7 +12,6 @@ from builders.walkers import NOTHING, straight_model
 
 from experiments.fit.command import fit, main
 from experiments.fit.spread import errors_on_left_out
-from experiments.forecast.command import main as forecast
 from predictors.walker.model_file import load_walker_model
 from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, KNOTS_S, WalkerModel
 
@@ -55,19 +53,6 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
     assert everybody.noise_share.shape == (KNOTS_S.size,)
     assert everybody.degrees_of_freedom >= 5.0
     assert sorted(p.name for p in finished.iterdir()) == ["left_out", "runs", "walker.npz"]
-
-
-@pytest.mark.slow
-def test_forecasts_by_it_say_who_was_seen_in_fitting(finished, tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
-    shown = ["--predictors", "walker", "constant_velocity", "--out", str(tmp_path), "--walker.fitted"]
-    assert forecast(["--recordings", "subject01_R1", "subject03_R1", *shown, str(finished)]) == 0
-    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
-    assert {r["n_people_seen_in_fitting"] for r in rows} == {0}
-    assert forecast(["--recordings", "subject02_R4", *shown, str(finished / "walker.npz")]) == 0
-    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
-    assert {r["n_people_seen_in_fitting"] for r in rows if r["predictor"] == "walker"} == {1}
-    assert "optimistic" in (tmp_path / "summary.md").read_text()
 
 
 def test_one_person_is_not_enough(tmp_path, capsys):

@@ -12,8 +12,7 @@ def profiles(monkeypatch, speed_of):
     monkeypatch.setattr(pace, "_profile", lambda kind, t, rng: speed_of(t))
 
 
-@pytest.mark.parametrize("wanted_m_s", [0.5, 0.9, 1.5, 2.0])
-@pytest.mark.parametrize("own_m_s", [1.0, 1.4])
+@pytest.mark.parametrize(("wanted_m_s", "own_m_s"), [(0.5, 1.4), (0.9, 1.0), (2.0, 1.4)])
 def test_the_walk_has_the_speed_that_is_wanted(monkeypatch, wanted_m_s, own_m_s):
     profiles(monkeypatch, lambda t: np.full(t.size, wanted_m_s))
     walk = straight_walk(12.0, own_m_s, sway_m=0.02)
@@ -25,7 +24,7 @@ def test_the_walk_has_the_speed_that_is_wanted(monkeypatch, wanted_m_s, own_m_s)
     assert found.times_s[-1] - found.times_s[0] <= 5.0
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_a_start_leads_from_the_spot_to_a_usual_speed(seed):
     found = at_pace(straight_walk(12.0), "start", np.random.default_rng(seed))
     along = (found.head_m[:, :2] - found.head_m[0, :2]) @ [np.cos(0.4), np.sin(0.4)]
@@ -34,7 +33,7 @@ def test_a_start_leads_from_the_spot_to_a_usual_speed(seed):
     assert along[-1] > 0.5
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_a_stop_leads_from_a_walk_to_the_spot(seed):
     found = at_pace(straight_walk(12.0), "stop", np.random.default_rng(seed))
     assert speeds(found, 0.3)[:10].mean() > 0.4
@@ -53,7 +52,7 @@ def test_a_stand_stays_on_the_spot_with_leans_and_turns():
     assert np.sum(np.array(turned_rad) > 0.5) > 3
 
 
-@pytest.mark.parametrize("heading_rad", [0.0, 0.4, 2.5])
+@pytest.mark.parametrize("heading_rad", [0.0, 2.5])
 def test_a_prolonged_walk_is_straight_and_keeps_speed_and_gait(heading_rad):
     walk = straight_walk(3.0, heading_rad=heading_rad)
     long = prolong(walk, 9.0)

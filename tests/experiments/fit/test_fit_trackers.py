@@ -26,21 +26,6 @@ def test_every_kind_is_drawn_as_often_as_is_said():
     assert other["street"] == pytest.approx(0.40 * 400, rel=0.25)
 
 
-@pytest.mark.parametrize("kind", ["wander", "camera"])
-def test_covariances_are_stated_if_and_only_if_the_tracker_is_one_that_does(kind):
-    walk, told = straight_walk(1.0), Counter()
-    for seed in range(200):
-        rng = np.random.default_rng(seed)
-        found, sensor = draw_tracker(rng, "plain")
-        if found == kind:
-            seen = seen_through(beside(walk, rng), found, sensor, rng)
-            assert all((o.position_covariance_m2 is not None) == sensor.states_covariance for o in seen)
-            told[sensor.states_covariance] += 1
-    assert min(told[True], told[False]) >= 2
-    # Half of the cameras do, and one body tracker in five.
-    assert (0.3 < told[True] / told.total() < 0.7) == (kind == "camera")
-
-
 def test_the_street_sees_no_heights_and_no_orientations():
     kinds = [draw_tracker(np.random.default_rng(seed), "other") for seed in range(60)]
     streets = [sensor for kind, sensor in kinds if kind == "street"]

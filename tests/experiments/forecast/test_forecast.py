@@ -1,6 +1,5 @@
 """Forecast errors over recordings: known motions give known errors."""
 
-import dataclasses
 import json
 
 import numpy as np
@@ -9,13 +8,12 @@ from bs4 import BeautifulSoup
 from builders.own_parts import own_module
 
 from experiments.forecast.command import forecast, main
-from experiments.forecast.errors import forecast_errors, turn_head
+from experiments.forecast.errors import forecast_errors
 from gazempc.recordings.load import load
 from gazempc.recordings.recording import Recording, Track
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.sensor import load_sensor
 from predictors import ConstantVelocity, Forecast, HeadPose, LastPosition, Perfect
-from predictors.geometry import wrap_rad, yaw_rad
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -66,7 +64,7 @@ def test_perfect_has_no_error_and_constant_velocity_next_to_none_on_a_line():
 
 def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage(tmp_path):
     """Forecasts that are the truth plus noise of the stated covariance."""
-    walk = straight_walk(seconds=150.0)
+    walk = straight_walk(seconds=60.0)
     truth, rng = TrueHead(walk), np.random.default_rng(0)
     spread = np.diag([0.01, 0.04, 0.0025])
 
@@ -82,10 +80,10 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage(tmp_path):
             )
 
     nees = forecast_errors(walk, Honest(truth), load_sensor("perfect"), HORIZONS, 0).nees
-    assert np.nanmean(nees) == pytest.approx(3.0, rel=0.02)
+    assert np.nanmean(nees) == pytest.approx(3.0, rel=0.03)
     known = nees[np.isfinite(nees)]
-    assert np.mean(known <= 3.5059) == pytest.approx(0.68, abs=0.01)
-    assert np.mean(known <= 7.8147) == pytest.approx(0.95, abs=0.005)
+    assert np.mean(known <= 3.5059) == pytest.approx(0.68, abs=0.015)
+    assert np.mean(known <= 7.8147) == pytest.approx(0.95, abs=0.01)
 
 
 def test_the_command_writes_the_table(tmp_path, capsys, monkeypatch):
@@ -120,26 +118,6 @@ def test_hidden_cues_are_not_seen():
         blind = forecast_errors(walk, HeadPose(), sensor, HORIZONS, 0, cues)
         np.testing.assert_array_equal(blind.difference_m, plain.difference_m)
     assert not np.array_equal(forecast_errors(walk, HeadPose(), sensor, HORIZONS, 0).difference_m, plain.difference_m)
-
-
-@pytest.mark.parametrize("from_s", [0.0, 1.0])
-def test_a_glance_turns_the_head_and_nothing_else(from_s):
-    walk = load("subject04_R1")
-    looking = turn_head(walk, 40.0, from_s)
-    np.testing.assert_array_equal(looking.truth.head_position_m, walk.truth.head_position_m)
-    np.testing.assert_array_equal(looking.truth.pelvis_quat_wxyz, walk.truth.pelvis_quat_wxyz)
-    turned = [
-        abs(np.degrees(wrap_rad(yaw_rad(a) - yaw_rad(b))))
-        for a, b in zip(looking.truth.head_quat_wxyz, walk.truth.head_quat_wxyz, strict=True)
-    ]
-    after = walk.times_s - walk.times_s[0] >= (from_s + 0.25 if from_s else 0.0)
-    np.testing.assert_allclose(np.array(turned)[after], 40.0, atol=1e-6)
-    np.testing.assert_allclose(np.array(turned)[walk.times_s - walk.times_s[0] <= from_s - 1e-9], 0.0, atol=1e-6)
-    assert turn_head(walk, 0.0, from_s) is walk
-    unknown = dataclasses.replace(
-        walk, truth=dataclasses.replace(walk.truth, head_quat_wxyz=np.full((walk.times_s.size, 4), np.nan))
-    )
-    assert np.isnan(turn_head(unknown, 40.0, from_s).truth.head_quat_wxyz).all()
 
 
 def test_people_who_stand_are_compared_with_the_last_position_too(tmp_path, monkeypatch):

@@ -1,16 +1,12 @@
 """Where the robot stands in a comparison of forecasts."""
 
 import numpy as np
-import pytest
 
-from experiments.forecast.command import forecast
 from experiments.forecast.errors import placed_for
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording
 from gazempc.sim.sensor import load_sensor
-
-pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 def elsewhere():
@@ -32,14 +28,3 @@ def test_a_sensor_with_a_line_of_sight_stands_beside_the_walk_or_where_one_stood
     np.testing.assert_array_equal(placed_for(walk, camera).truth.head_position_m, expected)
     own = load("subject01_R4")
     np.testing.assert_array_equal(placed_for(own, camera).truth.head_position_m, own.truth.head_position_m)
-
-
-def test_forecasts_of_every_shipped_sensor(tmp_path):
-    """With constant velocity: the worse the sensor, the worse the forecast."""
-    errors = {}
-    for name in ("perfect", "reference", "body_tracker", "face_camera", "street"):
-        words = {"recordings": ["subject01_R4"], "predictors": ["constant_velocity"], "horizons": [0.5], "jobs": 1}
-        (result,) = forecast(**words, sensors=[name], out=tmp_path / name).results
-        errors[name] = np.nanmean(np.linalg.norm(result.errors.difference_m, axis=-1))
-    assert errors["perfect"] < errors["reference"] < min(errors["body_tracker"], errors["face_camera"])
-    assert errors["perfect"] < errors["street"]

@@ -1,4 +1,4 @@
-"""Folders of tracks, several sensors, and tables by kind: by hand."""
+"""Tracks of positions alone: smoothed truth, places, and coverage by hand."""
 
 import json
 
@@ -12,57 +12,15 @@ from gazempc.results.forecast_metrics import inside
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
-SPEEDS_M_S = {"anna_1": 1.0, "anna_2": 2.0, "bert_1": 0.5, "carl_1": 1.5}
-KINDS = {"anna_1": "moving", "anna_2": "starting", "bert_1": "moving"}  # nobody says what carl does
 
-
-@pytest.fixture
-def tracks(tmp_path):
-    """Head positions only, 50 a second, of people who walk straight on; each frame is off by 20 mm, to and fro."""
-    folder = tmp_path / "tracks"
-    folder.mkdir()
+def test_smoothed_truth_scores_what_the_track_hides(tmp_path):
+    """Frames are off by 20 mm across, to and fro: so is the last position against the smooth truth."""
     times_s = np.arange(0, 4.0, 0.02)
-    for name, speed_m_s in SPEEDS_M_S.items():
-        off_m = 0.02 * (-1.0) ** np.arange(times_s.size)
-        rows = np.stack([times_s, speed_m_s * times_s, 3.0 + off_m, np.full_like(times_s, 1.6)], axis=1)
-        np.savetxt(folder / f"{name}.csv", rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
-    index = ["clip,subject,group,kind", *(f"{c},{c.split('_')[0]},straight,{KINDS.get(c, '')}" for c in SPEEDS_M_S)]
-    (folder / "index.csv").write_text("\n".join(index) + "\n")
-    return folder
-
-
-@pytest.mark.slow
-def test_tables_by_sensor_and_kind_in_the_files_and_in_the_text(tracks, tmp_path, capsys):
-    """The last position errs by speed times horizon: means over the clips of each kind are known."""
-    blunt = tmp_path / "blunt.toml"
-    blunt.write_text(
-        'name = "blunt"\nsource = "made here"\nrate_hz = 30.0\nlatency_s = 0.0\n'
-        "position_noise_m = 0.5\nyaw_noise_deg = 0.0\n"
-    )
-    words = ["--recordings", str(tracks), "--predictors", "last_position", "constant_velocity", "--horizons", "1.0"]
-    assert main([*words, "--sensors", "perfect", str(blunt), "--jobs", "1", "--out", str(tmp_path / "out")]) == 0
-    rows = json.loads((tmp_path / "out" / "summary.json").read_text())["rows"]
-    assert [(r["sensor"], r["predictor"], r["group"], r["kind"]) for r in rows] == [
-        (sensor, predictor, group, kind)
-        for sensor in ("perfect", "blunt")
-        for predictor in ("last_position", "constant_velocity")
-        for group, kind in (("straight", "all"), ("all", "moving"), ("all", "starting"), ("all", "all"))
-    ]
-    last = {r["kind"]: r for r in rows if (r["sensor"], r["predictor"]) == ("perfect", "last_position")}
-    for kind, (speed_m_s, clips) in {"moving": (0.75, 2), "starting": (2.0, 1), "all": (1.25, 4)}.items():
-        assert last[kind]["error_along_rms_mm"] >= 990.0 * speed_m_s
-        assert last[kind]["error_true_mm"] == pytest.approx(1000.0 * speed_m_s, rel=0.01)
-        assert last[kind]["n_clips"] == clips
-    text = capsys.readouterr().out
-    assert text.index("## Sensor perfect") < text.index("## Sensor blunt")
-    assert "| last_position | both | all | starting | 1 | 1 | 2000" in text
-    for sensor in ("perfect", "blunt"):
-        assert (tmp_path / "out" / f"forecast_error_{sensor}.png").is_file()
-
-
-def test_smoothed_truth_scores_what_the_track_hides(tracks, tmp_path):
-    """Seen raw, the last position is off by 20 mm across; against the smooth truth that is left, not 0 or 40 mm."""
-    words = {"recordings": [str(tracks / "bert_1.csv")], "predictors": ["last_position"], "jobs": 1}
+    off_m = 0.02 * (-1.0) ** np.arange(times_s.size)
+    rows = np.stack([times_s, 0.5 * times_s, 3.0 + off_m, np.full_like(times_s, 1.6)], axis=1)
+    path = tmp_path / "walk.csv"
+    np.savetxt(path, rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
+    words = {"recordings": [str(path)], "predictors": ["last_position"], "jobs": 1}
 
     def across_mm(**more):
         (found,) = forecast(**words, horizons=[0.02], out=tmp_path / "out", **more).results
@@ -104,7 +62,7 @@ def clip(recording, predictor, error_m, freedom=np.inf, nees=1.0):
         np.array([freedom]),
         np.array([1.0]),
     )
-    return ClipResult(recording, "s", predictor, "both", "synthetic", recording, "turn", None, errors, False)
+    return ClipResult(recording, "s", predictor, "both", "synthetic", recording, "turn", None, False, errors)
 
 
 def test_coverage_in_the_table_is_that_of_the_stated_tails():

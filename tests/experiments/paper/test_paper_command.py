@@ -100,6 +100,7 @@ def test_the_command_writes_what_the_rows_say(validated):
         assert answer["answer"] in text
 
 
+@pytest.mark.slow
 def test_both_data_sets_stand_beside_what_is_published(validated):
     summary = json.loads((validated[1] / "summary.json").read_text(encoding="utf-8"))
     few = summary | {"groups": summary["groups"][:2]}
@@ -138,6 +139,7 @@ def test_the_routes_of_synthetic_walks_are_drawn(tmp_path):
     assert (tmp_path / "routes.png").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_a_broken_recording_is_named_and_the_rest_validated(validated, tmp_path):
     folder, out, _ = validated
     shutil.copytree(out / "runs", tmp_path / "runs")

@@ -31,6 +31,7 @@ def swapped(judged):
     return [dataclasses.replace(j, baseline_mm=j.proposed_mm, proposed_mm=j.baseline_mm) for j in judged]
 
 
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000))
 def test_the_test_over_frames_is_the_rank_sum_by_hand(seed):
     rng = np.random.default_rng(seed)
@@ -74,7 +75,7 @@ def enumerated(gains):
     return statistic, better, worse, min(1.0, 2 * min(better, worse))
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(
     gains=st.lists(st.floats(-50, 50).filter(lambda g: abs(g) > 0.01), min_size=2, max_size=8), seed=st.integers(0, 99)
 )
@@ -99,7 +100,7 @@ def test_the_test_over_people_is_exact(gains, seed):
     assert (other.p_better, other.p_worse) == pytest.approx((test.p_worse, test.p_better))
 
 
-@settings(max_examples=15)
+@settings(max_examples=6)
 @given(gains=st.lists(st.floats(-50, 50), min_size=5, max_size=10))
 def test_intervals_contain_the_mean_and_order_does_not_matter(gains):
     assume(np.ptp(gains) > 1e-3)

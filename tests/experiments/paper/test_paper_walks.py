@@ -24,6 +24,7 @@ def rows_by_time(paths):
     return {t: [execute(FrameJob(str(p), t, tuple(RULES), 0)) for p in paths] for t in (TUNED_TIME_S, SLOW_TIME_S)}
 
 
+@pytest.mark.slow
 def test_somebody_who_stands_does_not_spoil_the_summary(monkeypatch):
     """A standing person is `straight` and has no direction of travel, so never a yaw against it."""
     still_m = np.tile([2.0, 0.5, 0.4], (75, 1))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.paper.frames import (
@@ -28,6 +28,7 @@ def random_videos(seed, count=3, size=40):
     return videos
 
 
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000))
 def test_the_exact_weight_is_the_least_on_a_fine_grid(seed):
     videos = random_videos(seed, count=1)

@@ -5,8 +5,8 @@ import pytest
 from builders.rival_bench import CAMERA, NECK, Plant, camera, ramp, run, standing
 
 from experiments.rivals.laws.reachy_mini import (
-    Association,
     ConversationApp,
+    Gate,
     ImageFilter,
     ReachyMini,
     ReachyMiniCaptureRaw,
@@ -15,8 +15,8 @@ from experiments.rivals.rival import Detection, View
 from gazempc.types import JointState
 
 
-def face(offset=(0.0, 0.0), capture_s=0.0, height_px=120.0):
-    return Detection(capture_s, capture_s + 0.1, np.array(offset), 1.5, np.array([0.75, 1.0]) * height_px)
+def face(offset=(0.0, 0.0), capture_s=0.0):
+    return Detection(capture_s, capture_s + 0.1, np.array(offset), 1.5, np.array([90.0, 120.0]))
 
 
 def first_frame_only(time_s):
@@ -87,15 +87,12 @@ def test_the_image_filter_keeps_small_changes_and_follows_large_ones_faster():
     assert image_filter.update(np.array([0.50, 0.0]))[0] == pytest.approx(0.13 + 0.6 * 0.37)
 
 
-def test_a_face_that_is_too_small_or_jumps_is_ignored_until_the_last_one_is_forgotten():
-    association = Association(CAMERA, 0.1, 0.003)
-    # 0.3 % of the image is 2,765 px^2: a face of 60.7 px.
-    assert not association.takes(face(height_px=60.0))
-    assert association.takes(face(height_px=61.5))
-    assert not association.takes(face((0.6, 0.0), 0.1))
-    assert association.takes(face((0.4, 0.0), 0.2))
-    assert not association.takes(face((-0.2, 0.0), 2.1))
-    assert association.takes(face((-0.2, 0.0), 2.3))
+def test_a_face_that_jumps_is_ignored_until_the_last_one_is_forgotten():
+    gate = Gate()
+    taken = [
+        gate.takes(face((x, 0.0), time_s)) for x, time_s in ((0, 0), (0.6, 0.1), (0.4, 0.2), (-0.2, 2.1), (-0.2, 2.3))
+    ]
+    assert taken == [True, False, True, False, True]
 
 
 @pytest.mark.parametrize("person_deg", [20.0, -7.0])

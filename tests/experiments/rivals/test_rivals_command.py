@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from bs4 import BeautifulSoup
 
 from experiments.rivals.comparison import main
 from experiments.rivals.jobs import FIGURES, ModelError, RivalJob
@@ -31,14 +30,7 @@ def run_of(rival: str, contact: float, constants: str = "", error_deg: float = 9
 @pytest.mark.usefixtures("in_this_process")
 def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> None:
     words = [
-        "--necks",
-        "reachy_mini",
-        "--rivals",
-        "humotion",
-        "reactive",
-        "--recordings",
-        "subject01_R1",
-        "subject02_R1",
+        *["--necks", "reachy_mini", "--rivals", "humotion", "reactive", "--recordings", "subject01_R1", "subject02_R1"]
     ]
     words += ["--trials", "still_seated_left", "pass_1.0m", "pass_2.5m", "--out", str(tmp_path), "--jobs", "1"]
     assert main([*words, "--json", str(tmp_path / "own.json")]) == 0
@@ -60,13 +52,8 @@ def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> Non
     text = capsys.readouterr().out
     assert "## walks, neck reachy_mini, sensor face_camera" in text
     assert "## still, neck reachy_mini, sensor face_camera" in text  # of one trial alone
-    assert f"| {walks['humotion']['rival']} | " in text
-    assert "| reactive | " in text
-    report = BeautifulSoup((tmp_path / "report.html").read_text(encoding="utf-8"), "html.parser")
     for row in walks.values():
-        assert f"{row['rival']} {100 * row['eye_contact_2p6']:.1f} %" in report.find(class_="answer").text
-    (data,) = report.find_all("script", type="application/json")
-    assert {c["label"]: len(c["xs"]) for c in json.loads(data.text)["curves"]} == {"humotion": 4, "reactive": 4}
+        assert f"| {row['rival']} | {100 * row['eye_contact_2p6']:.1f} (" in text
 
 
 def test_unknown_names_are_told(capsys) -> None:

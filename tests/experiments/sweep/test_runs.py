@@ -101,7 +101,7 @@ def test_a_part_of_ones_own_is_swept_with_its_options_and_under_its_name(tmp_pat
     own = own_module(tmp_path, monkeypatch)
     vary = {"controller": [f"{own}:Sluggish", "lookahead"], "options.share": [0.5, 1.0]}
     plan = load_plan(written(tmp_path, SMALL | {"recordings": ["subject01_R1"], "base": {}, "vary": vary}))
-    rows, _ = run_sweep(plan, tmp_path / "out")
+    rows = run_sweep(plan, tmp_path / "out")
     assert [row["failed"] for row in rows] == [None] * 4
     assert [row["controller"] for row in rows] == ["sluggish", "sluggish", "lookahead", "lookahead"]
     errors_deg = [row["gaze_error_rms_deg"] for row in rows]

@@ -3,13 +3,16 @@
 import casadi as ca
 import numpy as np
 import pytest
+from builders.control import run
 from builders.ocp import NECK, even, joint, random_states, shot
+from builders.standing import standing_together
 
 import gazempc as gz
 from gazempc.controllers.mpc import problem
 from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.margins.margins import too_small
 from gazempc.neck.picture import Framing
+from gazempc.results.motion import reversals
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
 
@@ -70,6 +73,48 @@ def test_a_joint_at_rest_in_the_zone_stays_there():
     solution = ocp.solve(np.array([0.0, 0.0, 0.0, 0.0, 0.0]), reference, (reference - 0.05, reference + 0.05))
     assert solution.solver == "gain"
     np.testing.assert_allclose(solution.command, 0.0, atol=1e-12)
+
+
+def pan_deg(*steps):
+    """A head 2 m away at angles that jump: pairs of a time and a pan."""
+
+    def path(times_s):
+        pan = np.radians(np.select([times_s >= at for at, _ in steps[::-1]], [to for _, to in steps[::-1]], 0.0))
+        return 2.0 * np.stack([np.cos(pan), np.sin(pan), np.zeros_like(pan)], axis=-1)
+
+    return path
+
+
+@pytest.mark.parametrize(
+    ("hysteresis_per_s", "sigma_m", "back_to_deg", "turns"),
+    [(0.0, 0.0, 21.0, 1), (0.0, 0.2, 21.0, 0), (0.5, 0.0, 21.0, 0), (0.5, 0.2, -25.0, 1)],
+)
+def test_the_camera_turns_back_only_for_a_head_that_is_outside_for_certain(
+    hysteresis_per_s, sigma_m, back_to_deg, turns
+):
+    """A head at 40 deg is framed from 31 to 35 deg; at 21 it is just outside the zone."""
+    framing = Framing(headroom=0.5, lead_room=0.0, hysteresis_per_s=hysteresis_per_s)
+    axes = {name: getattr(CAMERA, name).model_copy(update={"command": "position"}) for name in ("pan", "tilt")}
+    neck = CAMERA.model_copy(update=axes)
+    joints, *_ = run(
+        gz.Mpc(neck, framing=framing),
+        neck,
+        pan_deg((0.4, 40.0), (2.6, back_to_deg)),
+        250,
+        sigma_m=lambda since_s: np.full_like(since_s, sigma_m),
+    )
+    assert np.degrees(joints).max() > 28.0
+    assert reversals(np.degrees(joints)[:, 0]) == turns
+
+
+@pytest.mark.parametrize("subject", ["one", "all"])
+def test_the_box_of_all_people_is_kept_in_the_middle(subject):
+    """Two who stand 40 deg apart: one of them is nearer, and is framed alone without the other."""
+    scene = standing_together(6.0, (1.4, 0.5, 0.0), (2.0, -0.73, 0.0))
+    framing = Framing(subject=subject, view_deg=VIEW_DEG, zone=(0.05, 0.05), headroom=0.5)
+    log = replay_scene(scene, "mpc", "constant_velocity", ReplaySettings(attend="nearest", framing=framing)).log
+    settled = np.degrees(log.joint_position_rad[log.time_s > 4.0, 0])
+    assert settled.mean() == pytest.approx(20.0 if subject == "one" else 0.0, abs=5.0)
 
 
 def metrics_of(recording, framing):

@@ -35,7 +35,7 @@ def at_rest(controller, path, command_rad=0.0):
 
 
 @pytest.mark.parametrize("name", ["reference", "reachy_mini"])
-@pytest.mark.parametrize("smoothing_time_s", [0.0, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("smoothing_time_s", [0.0, 0.1])
 def test_a_steady_turn_is_followed_without_lag_or_lead(name, smoothing_time_s):
     """Whatever the low-pass and the rates: a lag of 1 ms would be 0.023 deg."""
     neck = load_neck(name)
@@ -56,7 +56,7 @@ def test_the_low_pass_follows_a_small_jump_by_its_time_constant():
     assert plan.at(0.1 - NECK.control_period_s).position_rad[0] == pytest.approx(0.08 * (1.0 - np.exp(-1.0)))
 
 
-@pytest.mark.parametrize("name", ["reference", "slow", "reachy_mini"])
+@pytest.mark.parametrize("name", ["slow", "reachy_mini"])
 def test_somebody_far_off_is_gone_to_as_without_a_low_pass(name):
     """The command is the same one until it is within 5 deg of them, and nobody is passed by more than without."""
     neck, angle_rad = load_neck(name), np.radians(40.0)

@@ -11,8 +11,7 @@ from gazempc.neck.spec import load_neck
 
 
 @pytest.mark.parametrize("name", ["reference", "slow"])
-@pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("towards", [True, False])
+@pytest.mark.parametrize(("side", "towards"), [(1.0, True), (-1.0, False)])
 def test_somebody_who_appears_aside_is_hardly_passed(name, side, towards):
     """60 deg aside, walking towards where the gaze starts or away from there; the forecast is right."""
     neck = load_neck(name)
@@ -82,9 +81,8 @@ def test_who_comes_back_from_out_of_reach_is_followed_as_if_nothing_had_been():
     assert errors[int(3.0 / NECK.servo_period_s) :].max() < 0.1
 
 
-@pytest.mark.parametrize("sigma_m", [np.nan, 1e6])
-def test_a_forecast_without_a_useful_covariance_is_followed(sigma_m):
+def test_a_forecast_without_a_useful_covariance_is_followed():
     joints, _, _ = run(
-        Mpc(NECK), NECK, still(np.radians(50.0)), 800, sigma_m=lambda ahead_s: np.full_like(ahead_s, sigma_m)
+        Mpc(NECK), NECK, still(np.radians(50.0)), 800, sigma_m=lambda ahead_s: np.full_like(ahead_s, np.nan)
     )
     assert np.degrees(joints[-1, 0]) == pytest.approx(50.0, abs=1.0)

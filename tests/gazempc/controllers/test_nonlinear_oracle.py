@@ -232,21 +232,6 @@ def rms(values):
 # ---------------------------------------------------------------- tests
 
 
-@pytest.mark.parametrize("name", ["reference", "fetch", "pr2"])
-def test_worth_is_the_derivative_of_the_gaze_error(name):
-    """The oracle's own weights, by finite differences of its own angle."""
-    neck, step = load_neck(name), 1e-4
-    targets = np.array([[1.5, 0.7, 0.4], [2.5, -1.0, -0.3], [0.9, 0.0, 0.6]])
-    angles = look_at(neck.geometry, targets).angles_rad
-    for k, target in enumerate(targets):
-        for i in range(2):
-            moved = angles[k] + step * np.eye(2)[i]
-            turned = np.sqrt(float(gaze_angle2(neck, *moved, ca.DM(target)))) / step
-            assert turned == pytest.approx(worth(neck, targets)[k, i], rel=1e-3)
-    if name == "reference":
-        assert worth(neck, targets) == pytest.approx(np.stack([np.cos(angles[:, 1]), np.ones(3)], axis=1))
-
-
 @pytest.mark.parametrize(
     ("name", "start_deg", "speed_m_s", "acquired", "tolerance_deg"),
     [

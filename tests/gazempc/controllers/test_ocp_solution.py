@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from builders.ocp import (
     LONG,
-    MODEL,
     MOVING,
     NECK,
     OCP,
-    ZETA,
     H,
     N,
     T,
@@ -161,32 +159,3 @@ def test_growing_steps_plan_what_even_ones_do():
         apart = joint(growing, state, coarse.scaled_jerk) - joint(fine, state, exact.scaled_jerk)[ends]
         assert np.degrees(np.abs(apart[:8])).max() < 0.02
         assert coarse.command[0, 0] == pytest.approx(exact.command[0, 0], abs=1e-4)
-
-
-@pytest.mark.parametrize(("rate_hz", "horizon_s"), [(5.0, 0.1), (50.0, 0.8), (1000.0, 0.8), (1000.0, 5.0)])
-def test_there_are_few_steps_whatever_the_rate(rate_hz, horizon_s):
-    lengths = growing_steps(horizon_s, 1.0 / rate_hz)
-    assert lengths[0] == 1
-    assert sum(lengths) == max(2, round(horizon_s * rate_hz))
-    assert 2 <= len(lengths) <= 24
-
-
-def test_smoothing_times_share_one_model():
-    """They differ in smoothness, not in limits; a longer time moves less."""
-    quick, slow = AxisOcp(MODEL, 0.05, ZETA), AxisOcp(MODEL, 0.4, ZETA)
-    assert quick.model is slow.model is MODEL
-    state, reference = np.zeros(5), 0.01 * np.sin(np.linspace(0, 6, N))
-    swings = [np.ptp(joint(ocp, state, ocp.solve(state, reference).scaled_jerk)) for ocp in (quick, slow)]
-    assert swings[0] > 2 * swings[1]
-    z, _ = ipopt(N, 0.4, soft=False)(state, np.ones(N))
-    assert joint(slow, state, slow.solve(state, np.ones(N)).scaled_jerk) == pytest.approx(z[0], abs=1e-5)
-
-
-def test_a_long_horizon_is_solved():
-    ocp = AxisOcp(even(160), 0.085)
-    for target_rad, name in ((1e-4, "gain"), (1.0, "daqp")):
-        solution = ocp.solve(np.zeros(5), np.full(160, target_rad))
-        assert solution.solver == name
-        assert solution.command.shape == (3, 160)
-        assert solution.softened == 0.0
-        assert solution.command[0, 100:150] == pytest.approx(np.full(50, target_rad), abs=1e-4)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gazempc.controllers.controller import SolverFailed
 from gazempc.controllers.mpc.ocp import AxisOcp
-from gazempc.controllers.mpc.qp import ITERATIONS, Daqp, QpData, iterations_within
+from gazempc.controllers.mpc.qp import Daqp, QpData
 
 
 @pytest.mark.parametrize("ocp", [OCP, LONG], ids=["20", "40"])
@@ -43,20 +43,7 @@ def test_the_residual_of_a_program_solved_by_hand(pull, best, side):
         assert (residual.stationarity < 1e-12) == (x == best)
 
 
-def test_the_residual_of_what_is_not_finite_is_nan():
-    g, lower, upper = OCP.changing(parameters(np.zeros(5), np.zeros(N)))
-    residual = kkt_residual(OCP.program.data, g, lower, upper, np.full(N, np.nan))
-    assert np.isnan(residual.stationarity)
-    assert np.isnan(residual.bound)
-
-
-def test_the_residual_says_by_how_much_a_bound_is_left():
-    g, lower, upper = OCP.changing(parameters(np.zeros(5), np.zeros(N)))
-    assert kkt_residual(OCP.program.data, g, lower, upper, np.full(N, -1.25)).bound == pytest.approx(0.25)
-    assert kkt_residual(OCP.program.data, g, lower, upper, np.full(N, -1.0)).bound == 0.0
-
-
-@settings(max_examples=200)
+@settings(max_examples=50)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-6, 6), st.floats(-4, 4), st.sampled_from([0.3, 1.0, 3.0]))
 def test_any_state_has_a_solution(unit_state, target_rad, slope_rad_s, scale):
     """Also starts far outside every limit and unreachable targets: soft limits always leave a way."""
@@ -78,13 +65,6 @@ def test_where_the_solver_is_stopped_the_motion_is_the_best_without_limits():
     assert AxisOcp(MODEL, T).solve(state, reference).solver == "daqp"
 
 
-def test_iterations_are_bounded_by_the_time_there_is():
-    """By hand: 1 us and 6 ns a squared variable."""
-    assert iterations_within(0.25e-3, 16) == int(0.25e-3 / (1e-6 + 6e-9 * 256))
-    assert iterations_within(0.05, 16) == ITERATIONS
-    assert iterations_within(1e-9, 16) == 1
-
-
 def test_a_solver_that_gave_up_goes_on_as_if_new():
     """What a stopped run leaves behind is no start for the next one."""
     tired = Daqp(OCP.program.data, iteration_limit=32)
@@ -97,12 +77,6 @@ def test_a_solver_that_gave_up_goes_on_as_if_new():
             assert kkt_residual(OCP.program.data, *arguments, answer).stationarity < 1e-6
     assert statuses.count(False) > 10
     assert statuses.count(True) > 10
-
-
-def test_starts_far_outside_the_limits_are_solved():
-    """At three times the limits, over the default horizon."""
-    solvers = [LONG.solve(state, reference).solver for state, reference in random_states(60, 3.0, 40, seed=3)]
-    assert set(solvers) <= {"gain", "daqp"}
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

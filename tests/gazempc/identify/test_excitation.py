@@ -5,27 +5,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gazempc.identify.excitation import ExcitationSettings, excite
-from gazempc.neck.spec import Axis, NeckSpec
+from gazempc.neck.spec import NeckSpec, load_neck
 
-axes = st.builds(
-    lambda low, span, v, a, j, wn, zeta: Axis(
-        position_min_deg=low,
-        position_max_deg=low + span,
-        velocity_max_rad_s=v,
-        acceleration_max_rad_s2=a,
-        jerk_max_rad_s3=j,
-        natural_frequency_rad_s=wn,
-        damping_ratio=zeta,
-        dead_time_s=0.1,
-    ),
-    low=st.floats(-90, 20),
-    span=st.floats(5, 160),
-    v=st.floats(0.05, 8),
-    a=st.floats(0.2, 80),
-    j=st.floats(5, 2000),
-    wn=st.floats(4, 40),
-    zeta=st.floats(0.3, 2),
-)
+PAN = load_neck("reference").pan
+axes = st.fixed_dictionaries(
+    {
+        "position_min_deg": st.floats(-90, 20),
+        "position_max_deg": st.floats(25, 180),
+        "velocity_max_rad_s": st.floats(0.05, 8),
+        "acceleration_max_rad_s2": st.floats(0.2, 80),
+        "jerk_max_rad_s3": st.floats(5, 2000),
+        "natural_frequency_rad_s": st.floats(4, 40),
+        "damping_ratio": st.floats(0.3, 2),
+    }
+).map(lambda values: PAN.model_copy(update=values))
 
 
 @settings(max_examples=12)

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from gazempc.errors import RobotError
 from gazempc.identify.excitation import brake, excite
-from gazempc.identify.record import record
 from gazempc.live.clock import SimulatedClock
 from gazempc.sim.simulated import SimulatedNeck
 
@@ -68,20 +67,5 @@ def test_a_computer_that_is_held_up_makes_no_jump():
     robot = SimulatedNeck(REFERENCE, REFERENCE.rest_rad, clock.now_s)
     with pytest.raises(RobotError, match="held up for 500 ms"):
         drive(robot, clock)
-    clock.sleep_until_s(clock.now_s() + 2.0)
-    assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3
-
-
-def test_a_fault_of_the_caller_brakes_the_neck_first():
-    clock = SimulatedClock()
-    robot = SimulatedNeck(REFERENCE, REFERENCE.rest_rad, clock.now_s)
-    robot.connect()
-
-    def on_tick(share):
-        if share > 0.4:
-            raise BrokenPipeError
-
-    with pytest.raises(BrokenPipeError):
-        record(robot, clock, excite(REFERENCE, REFERENCE.rest_rad, SHORT), REFERENCE, {"from": "test"}, on_tick)
     clock.sleep_until_s(clock.now_s() + 2.0)
     assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3

@@ -100,6 +100,25 @@ def test_delay_lag_sign_and_speeds(delay_s, sign):
         assert np.degrees(found.speeds_rad_s[step].value) == pytest.approx(sign * deg_s, rel=0.03)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "exposure_s"), [(1.0, 1.0 / 15.0), (0.2, 0.0)], ids=["motion blur", "dim light"])
+def test_motion_blur_and_dim_light_are_survived(room, share, exposure_s):
+    """A blurred edge at 20 deg/s is 6 pixels wide; in dim light the noise is a sixth of the contrast."""
+    rng, seen = np.random.default_rng(0), []
+    for step, deg_s in ((1, 6.0), (-1, -6.0), (2, 20.0), (-2, -20.0)):
+        time_s = np.arange(0.0, 1.8, 0.1) + rng.uniform(0.0, 0.1)
+        ends = [servo(time_s + half_s, 0.2, 0.7, np.radians(deg_s), 0.5, 15.0) for half_s in (-0.05, 0.0, 0.05)]
+        blur = exposure_s / 0.1 * np.abs(ends[2] - ends[0]) * FOCAL
+        odometer = Odometer(Turning("pan", FOV, WIDTH, HEIGHT), np.radians(12.0))
+        shots = zip(ends[1], blur, range(time_s.size), strict=True)
+        angle = [odometer.add(picture(room, pan, share=share, blur=px, seed=seed)) for pan, px, seed in shots]
+        seen.append(Pulse(step, 0.2, 0.7, time_s, np.array(angle)))
+    found = estimate_turns(seen, 1.5)
+    assert found.delay_s.value == pytest.approx(0.5, abs=0.015)
+    for step, deg_s in ((1, 6.0), (-1, -6.0), (2, 20.0), (-2, -20.0)):
+        assert np.degrees(found.speeds_rad_s[step].value) == pytest.approx(deg_s, rel=0.03)
+
+
 def test_the_delays_interval_covers_the_truth():
     found = [estimate_turns(pulses(noise_deg=0.1, seed=seed), 1.0).delay_s for seed in range(8)]
     assert sum(each.low <= 0.5 <= each.high for each in found) >= 6

@@ -11,8 +11,8 @@ RIGHT_EYE, LEFT_EYE, NOSE = (203, 101), (246, 103), (226, 127)
 
 @pytest.mark.parametrize(
     ("corner", "side"),
-    [((0, 0), 512), ((80, 0), 260), ((-100, -150), 700), ((150, 30), 150)],
-    ids=["whole", "part", "beyond the edges", "the face alone"],
+    [((0, 0), 512), ((-100, -150), 700), ((150, 30), 150)],
+    ids=["whole", "beyond the edges", "the face alone"],
 )
 def test_a_face_is_found_in_pixels_of_the_picture(corner, side):
     found = BlazeFace().faces(data.astronaut(), corner, side, 0.5)

@@ -35,7 +35,7 @@ def facing_deg(head):
 
 
 @pytest.mark.parametrize("yaw_deg", [-30, 0, 30])
-@pytest.mark.parametrize("eyes_m", [[1.0, 0.0, 0.0], [2.0, 0.8, -0.3], [3.5, -1.2, 0.4]])
+@pytest.mark.parametrize("eyes_m", [[1.0, 0.0, 0.0], [3.5, -1.2, 0.4]])
 def test_an_exact_face_is_found_where_it_is(eyes_m, yaw_deg):
     eyes_m = np.array(eyes_m)
     head = head_from_points(seen(eyes_m, yaw_deg), 1e-4)
@@ -61,7 +61,7 @@ def test_errors_of_the_points_are_as_large_as_stated():
     rng = np.random.default_rng(0)
     eyes_m, sd = np.array([2.5, -0.5, 0.2]), 0.002
     bearings, yaws, stated_yaw = [], [], []
-    for _ in range(150):
+    for _ in range(60):
         head = head_from_points(seen(eyes_m, 15) + rng.normal(0, sd, (6, 2)), sd)
         bearings.append(np.cross(head.position_m, eyes_m) / (eyes_m @ eyes_m))
         yaws.append(facing_deg(head) - (180 + 15 + np.rad2deg(np.arctan2(eyes_m[1], eyes_m[0]))))

@@ -28,8 +28,10 @@ def opencv_file(path, **fields):
     return path
 
 
-@pytest.mark.parametrize("ending", ["yml", "yaml", "xml", "json"])
-@pytest.mark.parametrize("names", [("camera_matrix", "distortion_coefficients"), ("cameraMatrix", "distCoeffs"), "KD"])
+@pytest.mark.parametrize(
+    ("ending", "names"),
+    [("yml", ("camera_matrix", "distortion_coefficients")), ("xml", ("cameraMatrix", "distCoeffs")), ("json", "KD")],
+)
 def test_opencvs_calibration_files(tmp_path, ending, names):
     file = opencv_file(tmp_path / f"camera.{ending}", **{names[0]: MATRIX, names[1]: DISTORTION})
     assert from_calibration(file, 640, 480).rays(projected(MATRIX, DISTORTION)) == pytest.approx(TANGENTS, abs=1e-4)

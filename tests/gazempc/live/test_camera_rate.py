@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gazempc.live.sources.camera.rate import FaceRate
+from gazempc.live.sources.camera.worker import FaceRate
 
 
 def told(rate_hz, found, search_s, seconds=12.0):

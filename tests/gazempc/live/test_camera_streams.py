@@ -1,9 +1,6 @@
 """Streams of network cameras that stand still or fall behind."""
 
-import itertools
-import threading
 import time
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
@@ -37,63 +34,6 @@ def test_the_lag_is_that_behind_the_fastest_picture_of_a_minute() -> None:
     # A camera's clock that is slow by 100 ppm is no lag, however long the run.
     watch = StreamWatch()
     assert max(watch.lag_s(0.9999 * t, t) for t in np.arange(0.0, 3600.0, 0.5)) < 0.01
-
-
-class Serving:
-    """Motion JPEG over HTTP: pictures that differ, then what `then` is: ``same`` or ``silence``."""
-
-    def __init__(self, then: str) -> None:
-        jpegs = [cv2.imencode(".jpg", PICTURE + 12 * k)[1].tobytes() for k in range(10)]
-        ended = self.ended = threading.Event()
-
-        class Handler(BaseHTTPRequestHandler):
-            def log_message(self, *_: object) -> None:
-                pass
-
-            def do_GET(self) -> None:
-                self.send_response(200)
-                self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-                self.end_headers()
-                for k in itertools.count():
-                    if k >= 30 and then == "silence":
-                        ended.wait(60.0)
-                    if ended.wait(0.04):
-                        return
-                    jpeg = jpegs[k % 10 if k < 30 else 0]
-                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-                    try:
-                        self.wfile.write(head.encode() + jpeg + b"\r\n")
-                    except OSError:
-                        return
-
-        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.server.daemon_threads = True
-        self.url = f"http://127.0.0.1:{self.server.server_port}/video.mjpg"
-        threading.Thread(target=self.server.serve_forever, daemon=True).start()
-
-    def close(self) -> None:
-        self.ended.set()
-        self.server.shutdown()
-        self.server.server_close()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("then", ["same", "silence"])
-def test_a_stream_that_freezes_is_named_once_and_its_picture_is_not_used(then: str) -> None:
-    serving = Serving(then)
-    camera = Camera(serving.url, CameraOptions())
-    try:
-        until_s, pictures = time.monotonic() + 60.0, 0
-        while isinstance(found := camera.read(), Picture):
-            pictures += 1
-            assert time.monotonic() < until_s
-        assert pictures
-        assert isinstance(found, Notice)
-        assert found.event is Event.STREAM_FROZEN
-        assert serving.url in found.text
-    finally:
-        serving.close()
-        camera.close()
 
 
 class Falling:
@@ -149,5 +89,22 @@ def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeyp
         while not isinstance(camera.read(), Picture):
             assert time.monotonic() < until_s
         assert falling.opened >= 2
+    finally:
+        camera.close()
+
+
+def test_a_stream_that_freezes_is_an_event_and_its_picture_is_not_used(monkeypatch) -> None:
+    class Frozen(Falling):
+        def retrieve(self) -> tuple[bool, np.ndarray]:
+            return True, PICTURE
+
+    monkeypatch.setattr(cv2, "VideoCapture", Frozen())
+    camera = Camera("http://camera/stream", CameraOptions())
+    try:
+        until_s = time.monotonic() + 60.0
+        while isinstance(found := camera.read(), Picture):
+            assert time.monotonic() < until_s
+        assert isinstance(found, Notice)
+        assert found.event is Event.STREAM_FROZEN
     finally:
         camera.close()

@@ -61,11 +61,10 @@ def assert_braked_and_closed(robot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("clock", ["unix", "monotonic"])
-def test_it_looks_at_who_is_seen(clock):
+def test_it_looks_at_the_person_that_is_seen():
     robot = Robot()
-    with gaze(robot, clock=clock) as opened:
-        see_for(opened, 1.0, time.time if clock == "unix" else time.monotonic)
+    with gaze(robot, clock="monotonic") as opened:
+        see_for(opened, 1.0, time.monotonic)
         assert 0.0 < opened.joints.position_rad[0] < math.radians(60.0)
         so_far = opened.log()
         assert so_far.time_s.size > 100
@@ -86,7 +85,7 @@ def test_it_looks_at_who_is_seen(clock):
     assert gz.measure(log).limit_violations == 0
 
 
-@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+@pytest.mark.parametrize("error", [ValueError, SystemExit])
 def test_whatever_ends_the_block_the_neck_is_braked(error):
     robot = Robot()
 
@@ -140,26 +139,6 @@ def test_an_exception_of_the_servo_thread_is_raised_by_see_after_the_braking():
     with pytest.raises(Bug, match="in the servo thread"), gz.Gaze(NECK, robot, predictor=Broken()) as opened:
         see_for(opened, FOREVER_S)
     assert_braked_and_closed(robot)
-
-
-@pytest.mark.slow
-def test_an_exception_of_the_servo_thread_is_raised_at_the_end_or_noted_on_the_block_s_own():
-    def block(robot, error):
-        with gz.Gaze(NECK, robot, predictor=Broken()) as opened:
-            for _ in range(40):
-                opened._source.push(time.time(), [2.0, 0.5, 0.3], {})
-                time.sleep(0.02)
-            opened._thread.join(FOREVER_S)
-            if error is not None:
-                raise error
-
-    robot = Robot()
-    with pytest.raises(Bug):
-        block(robot, None)
-    assert_braked_and_closed(robot)
-    with pytest.raises(KeyError) as raised:
-        block(Robot(), KeyError("the block's own"))
-    assert "in the servo thread" in raised.value.__notes__[0]
 
 
 def test_a_gaze_is_used_once_and_inside_its_block_only():
@@ -220,14 +199,9 @@ def test_of_a_long_run_the_last_minutes_are_kept():
 @pytest.mark.parametrize(
     ("clock", "time_s", "named"),
     [
-        ("unix", lambda: 1e3 * time.time(), ["milliseconds", "seconds of Unix time"]),
-        ("unix", time.time_ns, ["nanoseconds"]),
-        ("unix", time.monotonic, ["monotonic"]),
+        ("unix", lambda: 1e3 * time.time(), ["time.time()", "seconds"]),
         ("unix", lambda: "now", ["time_s is 'now'"]),
-        ("unix", lambda: math.nan, ["time_s is not finite"]),
-        ("unix", lambda: [1.0], ["time_s has shape (1,)"]),
         ("monotonic", time.time, ['clock="unix"']),
-        ("monotonic", lambda: 1e3 * time.monotonic(), ["time.monotonic()"]),
     ],
 )
 def test_a_wrong_time_is_refused_at_the_call(clock, time_s, named, monkeypatch):
@@ -244,17 +218,10 @@ def test_a_wrong_time_is_refused_at_the_call(clock, time_s, named, monkeypatch):
     ("field", "value", "named"),
     [
         ("head_m", [1.0, 2.0], "head_m has shape (2,)"),
-        ("head_m", [1.0, math.nan, 0.0], "head_m is not finite"),
         ("head_m", "there", "head_m is 'there'"),
-        ("head_m", None, "head_m"),
         ("head_quat_wxyz", [1, 1, 0, 0], "head_quat_wxyz is not of unit length"),
-        ("pelvis_quat_wxyz", [1, 0, 0], "pelvis_quat_wxyz has shape (3,)"),
-        ("covariance_m2", [1, 1, 1], "covariance_m2 has shape (3,)"),
         ("covariance_m2", [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]], "covariance_m2 is not symmetric"),
-        ("covariance_m2", np.diag([1.0, 1.0, -1.0]), "covariance_m2 is not positive definite"),
-        ("covariance_m2", np.diag([1.0, np.inf, 1.0]), "covariance_m2 is not finite"),
         ("head_m", [0.0, 0.0, 0.0], "sensor itself"),
-        ("head_yaw_sd_rad", 0.0, "head_yaw_sd_rad is 0.0"),
         ("pelvis_yaw_sd_rad", "small", "pelvis_yaw_sd_rad is 'small'"),
         ("confidence", 2.0, "confidence is 2.0, expected 0 to 1"),
         ("person_id", 1.5, "person_id is 1.5"),
@@ -303,15 +270,10 @@ def test_all_that_is_stated_reaches_predictor_and_log():
     ("arguments", "named"),
     [
         ({"robot": "simulatd"}, ["simulatd", "simulated", "module:Class"]),
-        ({"robot": object()}, ["robot object lacks the method connect()"]),
         ({"robot": Robot}, ["is a class"]),
-        ({"controller": "mpx"}, ["mpx", "mpc"]),
-        ({"controller": object()}, ["lacks the method"]),
         ({"predictor": "perfect"}, ["perfect"]),
-        ({"neck": "refrence"}, ["refrence", "reference"]),
         ({"horizon": 0.3}, ["horizon"]),
         ({"mount": {"on": "hand"}}, ["mount.on"]),
-        ({"clock": "gps"}, ["clock", "unix", "monotonic"]),
         ({"options": {"prot": 1}}, ["options.prot"]),
     ],
 )

@@ -43,17 +43,3 @@ def test_the_thread_that_sends_commands_goes_first_and_all_is_as_before_afterwar
         "servo after": usual,
         "other after": usual,
     }
-
-
-@pytest.mark.skipif(not may(), reason="real-time priorities are not allowed to this user (limit rtprio)")
-def test_a_servo_thread_of_somebody_else_s_program_touches_its_own_priority_only():
-    found = {}
-
-    def work():
-        with real_time_priority():
-            found.update(servo=policy(0)[0], main=policy(threading.main_thread().native_id)[0])
-
-    servo = threading.Thread(target=work)
-    servo.start()
-    servo.join()
-    assert found == {"servo": os.SCHED_RR, "main": os.SCHED_OTHER}

@@ -41,10 +41,6 @@ def leave(_):
     sys.exit("leaving")
 
 
-def interrupted(_):
-    raise GeneratorExit("made to fail")
-
-
 class Controller(LookAhead):
     def __init__(self, bad, times=None):
         super().__init__(NECK)
@@ -69,33 +65,22 @@ class Predictor(ConstantVelocity):
 
 PLANS = {
     "lists": lambda p: changed(dataclasses.replace(p), position_rad=p.position_rad.tolist()),
-    "three joints": lambda p: type(p)(p.start_s, p.step_s, *np.zeros((3, len(p.position_rad), 3))),
-    "complex": lambda p: dataclasses.replace(p, position_rad=p.position_rad + 0.1j),
-    "objects": lambda p: dataclasses.replace(p, position_rad=p.position_rad.astype(object)),
     "no events": lambda p: changed(dataclasses.replace(p), events=None),
     "infinite": lambda p: dataclasses.replace(p, velocity_rad_s=p.velocity_rad_s * np.inf),
     "far outside": lambda p: dataclasses.replace(p, position_rad=p.position_rad + 50.0),
-    "too fast": lambda p: dataclasses.replace(p, velocity_rad_s=p.velocity_rad_s + 1e9),
     "exits": leave,
-    "generator exit": interrupted,
 }
 TIMES = {
-    "NaN": lambda t: t * np.nan,
     "too many": lambda t: np.linspace(t[0], t[0] + 1.0, 100_000),
     "text": lambda t: "t",
 }
 FORECASTS = {
     "1e200 m": lambda f: dataclasses.replace(f, means_base_m=f.means_base_m * 1e200),
-    "complex": lambda f: dataclasses.replace(f, means_base_m=f.means_base_m + 1j),
     "text": lambda f: "here",
-    "exits": leave,
+    "NaN": lambda f: dataclasses.replace(f, means_base_m=f.means_base_m * np.nan),
 }
 READINGS = {
-    "objects": lambda s: JointState(s.time_s, s.position_rad.astype(object), s.velocity_rad_s),
     "text": lambda s: JointState(s.time_s, np.array(["a", "b"]), s.velocity_rad_s),
-    "complex": lambda s: JointState(s.time_s, s.position_rad + 1j, s.velocity_rad_s),
-    "1e300 rad": lambda s: JointState(s.time_s, s.position_rad + 1e300, s.velocity_rad_s),
-    "in 1e300 s": lambda s: JointState(1e300, s.position_rad, s.velocity_rad_s),
     "1e9 rad/s": lambda s: JointState(s.time_s, s.position_rad, s.velocity_rad_s + 1e9),
     "text as time": lambda s: JointState("now", s.position_rad, s.velocity_rad_s),
     "exits": leave,
@@ -104,14 +89,12 @@ READINGS = {
 }
 ARRIVALS = {
     "None": lambda a: Arrived(None),
-    "no text": lambda a: Arrived((), (b"raw",)),
-    "cues": lambda a: Arrived(a.sightings, cues=("sound",)),
     "exits": leave,
 }
-SENT = {"complex": lambda sent: sent + 1j, "1e9": lambda sent: sent + 1e9, "exits": leave}
+SENT = {"complex": lambda sent: sent + 1j, "1e9": lambda sent: sent + 1e9}
 
 
-def run_bad(part, kind, clock, duration_s=2.5, **more):
+def run_bad(part, kind, clock, duration_s=2.0, **more):
     bad = Bad({"plan": PLANS, "times": {}, "forecast": FORECASTS, "read": READINGS, "poll": ARRIVALS, "send": SENT}[
         part
     ].get(kind, lambda x: x), clock)  # fmt: skip
@@ -142,7 +125,6 @@ EXPECTED = {
 OTHER_EVENTS = {
     ("plan", "infinite"): "plan_not_finite",
     ("plan", "far outside"): "plan_out_of_range",
-    ("plan", "too fast"): "plan_out_of_range",
     ("read", "1e9 rad/s"): "joint_reading_refused",
     ("read", "stands still"): "joint_not_following",
     ("read", "drifts"): "joint_off_command",

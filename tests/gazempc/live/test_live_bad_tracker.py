@@ -9,16 +9,9 @@ from builders.faults import between
 from builders.live import TS, run_live
 
 from gazempc.types import Sighting
-from predictors import CoordinatedTurn, HeadPose, PelvisPursuit, Walker
+from predictors import Walker
 
 ORIENTATIONS = ("head_quat_wxyz", "pelvis_quat_wxyz")
-PREDICTORS = {
-    "walker": Walker,
-    "head_pose": HeadPose,
-    "pelvis_pursuit": PelvisPursuit,
-    "coordinated_turn": lambda: CoordinatedTurn(yaw_cues="both"),
-}
-every_predictor = pytest.mark.parametrize("make", PREDICTORS.values(), ids=PREDICTORS.keys())
 
 
 def changed(sighting, **fields):
@@ -39,11 +32,6 @@ def half_turn(quat_wxyz):
     return np.array([-z, -y, x, w])
 
 
-def rms_deg(result, from_s):
-    now = result.joined("time_s")
-    return np.sqrt(np.mean(result.error_deg[(now > from_s) & (now < result.ended_s)] ** 2))
-
-
 def test_a_person_whose_id_changes_at_every_frame_is_one_person():
     result = run_live(change=lambda now, s: [changed(s, person_id=f"track {now:.3f}")])
     assert_sound(result)
@@ -54,8 +42,7 @@ def test_a_person_whose_id_changes_at_every_frame_is_one_person():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [Walker, HeadPose])
-def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none(make):
+def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none():
     frames = {"flips": 0, "none": 0}
 
     def flips(now_s, sighting):
@@ -68,7 +55,7 @@ def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none(make):
         frames["none"] += 1
         return [sighting if frames["none"] == 1 else changed(sighting, **dict.fromkeys(ORIENTATIONS))]
 
-    flipping, without = run_live(change=flips, predictor=make()), run_live(change=none, predictor=make())
+    flipping, without = run_live(change=flips, predictor=Walker()), run_live(change=none, predictor=Walker())
     assert_sound(flipping)
     assert flipping.events == {"no_observation_yet", "orientation_jumped"}
     assert flipping.event_s("orientation_jumped").size == 1
@@ -77,24 +64,9 @@ def test_a_yaw_that_flips_at_every_frame_is_as_good_as_none(make):
     np.testing.assert_allclose(sent, usual, atol=1e-9)
 
 
-@pytest.mark.slow
-@every_predictor
-def test_orientations_that_are_lost_in_mid_walk_are_done_without(make):
-    def lost(now_s, sighting):
-        return [sighting if now_s < 3.0 else changed(sighting, **dict.fromkeys(ORIENTATIONS))]
-
-    whole, without = run_live(predictor=make()), run_live(change=lost, predictor=make())
-    assert_sound(without)
-    assert without.events == {"no_observation_yet"}
-    assert rms_deg(without, 3.0) < 1.5 * rms_deg(whole, 3.0) + 0.5
-
-
 BAD_COVARIANCES = {
     "not symmetric": [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-    "not positive": np.diag([1.0, 1.0, -1.0]),
     "singular": np.zeros((3, 3)),
-    "not finite": np.diag([1.0, np.nan, 1.0]),
-    "not square": np.ones(3),
 }
 
 
@@ -110,22 +82,9 @@ def test_an_observation_with_a_covariance_that_is_none_is_not_used(bad):
     assert_recovered(result, 2.5 + 1.2)
 
 
-def test_a_head_at_the_sensor_itself_is_nobody():
-    """By zeros some trackers say that they see nobody."""
-    nobody = between(2.0, 4.0)
-    result = run_live(
-        change=lambda now, s: [changed(s, head_position_base_m=np.zeros(3)) if nobody(now) else s], duration_s=7.5
-    )
-    assert_sound(result)
-    assert result.events == {"no_observation_yet", "bad_observation", "target_lost"}
-    assert "at the sensor itself" in result.report.problems[0]
-    assert np.linalg.norm(result.joined("head_observed_base_m"), axis=1).min() > 0.5
-    assert_recovered(result, 4.0 + 2.0, within_deg=1.0)
-
-
-@pytest.mark.parametrize("until_s", [2.4, 5.0])
-def test_a_tracker_that_is_frozen_in_mid_walk_is_not_believed(until_s):
+def test_a_tracker_that_is_frozen_in_mid_walk_is_not_believed():
     """After half a second its frames are not seen any more: one event, the neck brakes, and then a new track."""
+    until_s = 5.0
     frozen, held = between(2.0, until_s), []
 
     def freeze(now_s, sighting):
@@ -136,9 +95,6 @@ def test_a_tracker_that_is_frozen_in_mid_walk_is_not_believed(until_s):
 
     result = run_live(change=freeze, duration_s=8.5)
     assert_sound(result)
-    if until_s == 2.4:  # shorter than people may stand
-        assert result.events == {"no_observation_yet", "gate_refused"}
-        return
     assert result.events - {"gate_refused"} == {"no_observation_yet", "tracker_frozen", "target_lost"}
     (noticed_s,) = result.event_s("tracker_frozen")
     assert noticed_s == pytest.approx(2.0 + 0.5, abs=0.05)

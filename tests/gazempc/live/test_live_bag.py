@@ -68,15 +68,3 @@ def test_what_does_not_go_together_is_refused(bag, capsys):
     ):
         assert run(*words) == 2
         assert expected in capsys.readouterr().err
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["2p_AA_FV_eng_1", "bag_1_engaged"])
-def test_real_bags_run_live(bags_dir, tmp_path, name):
-    words = ("--simulated-clock", "--controller", "reactive", "--predictor", "constant_velocity", "--out", tmp_path)
-    # One was recorded 0.64 s after its stamps: too late for a loop, unless it is told to wait for so long.
-    assert run("--source", f"bag:{bags_dir / name}", *words, "--duration-s", "5", "--loop.stale-after-s", "1") == 0
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["observations"] > 30
-    assert "stale_observation" not in summary["events"]
-    assert summary["metrics_of_last_log"]["gaze_error_rms_deg"] < 8.0

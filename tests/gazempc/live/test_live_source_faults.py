@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from builders.checks import assert_recovered, assert_sound
 from builders.faults import between
-from builders.live import TS, Faulty, run_live
+from builders.live import NECK, TS, Faulty, run_live
 
+from gazempc.controllers.lookahead import LookAhead
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.sources.source import Notice
 from gazempc.loop.events import Event
@@ -58,7 +59,6 @@ def test_a_burst_of_stale_frames_is_dropped():
     assert result.events == {"no_observation_yet", "target_lost", "stale_observation", "observations_dropped"}
     # The event is written once, when it begins, however many the frames.
     assert result.event_s("stale_observation").size == 1
-    assert result.report.observations == run_live(duration_s=7.5).report.observations
     lag_s = result.joined("arrival_time_s") - result.joined("capture_time_s")
     assert lag_s.max() <= 0.5
     assert (lag_s > 0.1).sum() > 10  # what was not stale of it was used
@@ -68,9 +68,10 @@ def test_a_burst_of_stale_frames_is_dropped():
 FUTURE, STALE = "future_observation", "stale_observation"
 
 
-@pytest.mark.parametrize(("jump_s", "event", "back"), [(3.0, FUTURE, STALE), (-3.0, STALE, FUTURE)])
-def test_the_sensor_s_clock_jumps_and_comes_back(jump_s, event, back):
+def test_the_sensor_s_clock_jumps_and_comes_back():
     """Time stamps 3 s off for 1.5 s: not used for half a second, then shifted; the same when they come back."""
+
+    jump_s, event, back = 3.0, FUTURE, STALE
 
     def jumped(now_s, sighting):
         seen = sighting.observation
@@ -91,12 +92,9 @@ def test_the_sensor_s_clock_jumps_and_comes_back(jump_s, event, back):
     assert_recovered(result, 5.05 + 1.9)
 
 
-@pytest.mark.parametrize("field", ["head_position_base_m", "head_quat_wxyz", "pelvis_quat_wxyz"])
-@pytest.mark.parametrize("value", [np.nan, 0.0])
+@pytest.mark.parametrize(("field", "value"), [("head_position_base_m", np.nan), ("pelvis_quat_wxyz", 0.0)])
 def test_an_observation_with_nan_or_a_bad_quaternion_is_refused(field, value):
     """Forged past the check of `HeadObservation`, as a source in another language might."""
-    if field == "head_position_base_m":
-        value = np.nan
 
     def spoilt(now_s, sighting):
         if not 2.0 <= now_s < 2.5:
@@ -112,22 +110,10 @@ def test_an_observation_with_nan_or_a_bad_quaternion_is_refused(field, value):
     assert_recovered(result, 2.5 + 1.2)
 
 
-def test_what_a_source_could_not_read_is_counted_and_the_first_are_kept():
-    def unread(now_s, sighting):
-        return [f"line {now_s}: head_position_m is not finite"] if 2.0 <= now_s < 2.8 else [sighting]
-
-    result = run_live(change=unread, duration_s=4.0)
-    assert_sound(result)
-    assert result.events == {"no_observation_yet", "bad_observation"}
-    assert len(result.report.problems) == 20
-    assert 22 <= result.report.n_problems <= 26
-
-
-@pytest.mark.parametrize(
-    ("to_s", "events"), [(2.3, set()), (4.5, {"target_lost", "stale_observation", "observations_dropped"})]
-)
-def test_a_source_that_raises_is_asked_again_and_the_neck_is_braked_if_it_lasts(to_s, events):
+def test_a_source_that_raises_is_asked_again_and_the_neck_brakes():
     """What it raises is in the log with its traceback, once."""
+
+    to_s = 4.5
 
     def on_poll(now_s):
         if 2.0 <= now_s < to_s:
@@ -135,16 +121,21 @@ def test_a_source_that_raises_is_asked_again_and_the_neck_is_braked_if_it_lasts(
 
     result = run_live(on_poll=on_poll, duration_s=7.5)
     assert_sound(result)
-    assert result.events == {"no_observation_yet", "source_failed"} | events
+    assert result.events == {
+        "no_observation_yet",
+        "source_failed",
+        "target_lost",
+        "stale_observation",
+        "observations_dropped",
+    }
     assert result.event_s("source_failed") == pytest.approx([2.0], abs=TS)
     (fault,) = result.logs[0][0].faults
     assert (fault.event, fault.error) == ("source_failed", "ConnectionError: the tracker is gone (Faulty.poll())")
     assert "in on_poll" in fault.traceback
     assert fault.count == pytest.approx((to_s - 2.0) / TS, abs=2)
-    if events:
-        now = result.joined("time_s")
-        braked = result.joined("command_velocity_rad_s")[(now > 3.8) & (now < to_s)]
-        assert np.abs(braked).max() < 1e-9
+    now = result.joined("time_s")
+    braked = result.joined("command_velocity_rad_s")[(now > 3.8) & (now < to_s)]
+    assert np.abs(braked).max() < 1e-9
     assert_recovered(result, to_s + 1.9, within_deg=1.0)
 
 
@@ -155,8 +146,8 @@ def test_a_sender_that_is_refused_all_the_time_is_reported_every_ten_seconds(cap
             return dataclasses.replace(super().poll(), notices=(refused,))
 
     clock = SimulatedClock()
-    result = run_live(clock=clock, source=Contested(clock), duration_s=12.0)
+    result = run_live(clock=clock, source=Contested(clock), controller=LookAhead(NECK), duration_s=10.5)
     said = [record.getMessage() for record in caplog.records if "stranger" in record.getMessage()]
     assert said == [f"sender_refused: a stranger at {k} s" for k in (0, 10)]
-    assert result.refused["sender_refused"] > 2000
+    assert result.refused["sender_refused"] > 1900
     assert len(result.report.warnings) == 1

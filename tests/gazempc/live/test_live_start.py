@@ -24,7 +24,7 @@ def test_the_first_command_is_where_the_joints_stand():
     assert np.allclose(result.joined("command_position_rad"), START_RAD, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", [RobotError, OSError, TimeoutError, ValueError, "none", "nan", "three joints"])
+@pytest.mark.parametrize("kind", [TimeoutError, "none", "nan", "three joints"])
 @pytest.mark.parametrize("until_s", [0.3, 1.5])
 def test_joints_that_cannot_be_read_at_first_are_waited_for_or_given_up_but_nothing_jumps(kind, until_s):
     """A command at rest straight ahead would be a jump; a robot that never answers may be refused."""
@@ -64,7 +64,7 @@ def test_a_neck_that_stands_outside_its_range_is_not_moved():
 
 
 @pytest.mark.parametrize("part", ["robot", "source"])
-@pytest.mark.parametrize("error", [RobotError, SourceError, RuntimeError])
+@pytest.mark.parametrize("error", [RobotError, RuntimeError])
 def test_what_cannot_be_opened_is_closed_all_the_same(part, error, monkeypatch):
     calls = []
 
@@ -86,9 +86,3 @@ def test_what_cannot_be_opened_is_closed_all_the_same(part, error, monkeypatch):
 def test_a_real_robot_needs_its_own_neck_file(tmp_path, capsys):
     assert main(["--source", "udp:5005", "--robot", "dynamixel", "--out", str(tmp_path)]) == 2
     assert "--neck" in capsys.readouterr().err
-
-
-def test_a_key_is_refused_with_what_replaces_it(tmp_path, capsys):
-    """Ignored, it would leave a run open that was protected before."""
-    assert main(["--source", "udp:5005", "--key-file", str(tmp_path / "key"), "--out", str(tmp_path)]) == 2
-    assert "ssh -N -L" in capsys.readouterr().err

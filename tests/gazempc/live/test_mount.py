@@ -1,25 +1,28 @@
 """Where the sensor is: its observations in the base frame, also while the head that carries it moves."""
 
 import dataclasses
-import threading
 
 import numpy as np
 import pytest
-from builders.live import make_live_run
+from builders.replays import run_info
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.errors import SettingsError
+from gazempc.live.arrivals import Arrivals
 from gazempc.live.clock import SimulatedClock
+from gazempc.live.logs import LiveReport
 from gazempc.live.mount import JointHistory, Mount
+from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Arrived
-from gazempc.neck.kinematics import gaze_ray
+from gazempc.loop.observer import JointEstimate
+from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
-from predictors import HeadObservation
+from predictors import ConstantVelocity, HeadObservation
 
 GEOMETRY = Geometry(tilt_axis_in_pan_m=(0.14, 0.01, 0.06), eye_in_tilt_m=(0.05, 0.0, 0.02))
 metres = st.floats(-3.0, 3.0)
@@ -92,22 +95,6 @@ def test_a_sensor_on_the_base_is_a_fixed_transform(point_m, position_m, roll_pit
         np.testing.assert_allclose(found.head_position_base_m, expected[:3], atol=1e-12)
 
 
-@given(turns, turns, st.sampled_from(["base", "head"]), st.floats(-1.4, 1.4), st.floats(-0.8, 0.8))
-def test_orientations_turn_as_positions_do(face_deg, roll_pitch_yaw_deg, on, pan_rad, tilt_rad):
-    """A point 1 m in front of the face is there after the transform, too."""
-    mount = Mount(on=on, position_m=(0.1, -0.2, 0.3), roll_pitch_yaw_deg=roll_pitch_yaw_deg)
-    angles_rad = np.array([pan_rad, tilt_rad])
-    face = Rotation.from_euler("xyz", face_deg, degrees=True)
-    head_m = np.array([2.0, 0.3, 0.1])
-    found = mount.to_base(seen(head_m, face.as_quat(scalar_first=True)), GEOMETRY, angles_rad)
-    for ahead in np.eye(3):
-        in_front = mount.to_base(seen(head_m + face.apply(ahead)), GEOMETRY, angles_rad).head_position_base_m
-        for quat in (found.head_quat_wxyz, found.pelvis_quat_wxyz):
-            turned = Rotation.from_quat(quat, scalar_first=True).apply(ahead)
-            np.testing.assert_allclose(found.head_position_base_m + turned, in_front, atol=1e-12)
-            assert np.linalg.norm(quat) == pytest.approx(1.0)
-
-
 @given(turns, st.sampled_from(["base", "head"]), st.floats(-1.4, 1.4), st.floats(-0.8, 0.8))
 def test_a_covariance_turns_with_the_sensor(roll_pitch_yaw_deg, on, pan_rad, tilt_rad):
     """Points scattered about the head have it before the transform; the same points have the other one after it."""
@@ -118,14 +105,6 @@ def test_a_covariance_turns_with_the_sensor(roll_pitch_yaw_deg, on, pan_rad, til
     after = [mount.to_base(seen(point), GEOMETRY, angles_rad).head_position_base_m for point in points]
     found = mount.to_base(observation, GEOMETRY, angles_rad)
     np.testing.assert_allclose(found.position_covariance_m2, np.cov(np.transpose(after)), atol=1e-12)
-
-
-def test_what_else_a_sensor_states_stays_as_it_is():
-    stated = {"head_yaw_sd_rad": 0.1, "pelvis_yaw_sd_rad": 0.2, "person_id": "ann", "confidence": 0.5}
-    observation = HeadObservation(1.0, [2.0, 0.3, 0.4], **stated)
-    found = Mount(on="head", roll_pitch_yaw_deg=(10, 20, 30)).to_base(observation, GEOMETRY, np.zeros(2))
-    assert {name: getattr(found, name) for name in stated} == stated
-    assert found.position_covariance_m2 is None
 
 
 @given(
@@ -164,143 +143,47 @@ def test_the_history_of_the_joints_is_interpolated():
     np.testing.assert_allclose(history.at(times[-1] + 0.1), positions[-1] + [0.03, -0.02], atol=1e-12)
 
 
-def test_the_history_reaches_back_two_seconds_and_no_further():
-    history = JointHistory()
-    for k in range(1000):
-        history.add(0.01 * k, np.array([0.001 * k, 0.0]), np.zeros(2))
-    assert history.at(9.99 - 1.99)[0] == pytest.approx(0.8)
-    assert history.at(9.99 - 2.02) is None
+class Once:
+    """Gives one observation, at the first poll."""
 
+    finished = False
 
-# --- a whole live run
-
-NECK, EYES = (load_neck(name).model_copy(update={"geometry": GEOMETRY}) for name in ("reference", "reference_eyes"))
-CAMERA = {"position_m": (0.06, 0.02, 0.08), "roll_pitch_yaw_deg": (2.0, -5.0, 3.0)}
-LATENCY_S = 0.066
-STATIONARY_M = (2.0, 0.0, 0.3)
-
-
-def walker_m(time_s):
-    """To and fro within the pan range, fast enough that the neck has to turn briskly."""
-    return np.array([2.0, 1.5 * np.sin(1.1 * time_s), 0.3 + 0.1 * np.sin(0.7 * time_s)])
-
-
-class Camera:
-    """Sees the person at 30 fps from the robot's base, from its moving head or from its eye, 66 ms late."""
-
-    def __init__(self, clock, mount, joints):
-        self.clock, self.mount, self.joints = clock, mount, joints
-        self.frame, self.under_way = 0, []
-
-    def open(self):
-        pass
+    def __init__(self, sighting):
+        self.left = [sighting]
 
     def poll(self):
-        now_s = self.clock.now_s()
-        while self.frame / 30.0 <= now_s + 1e-9:
-            captured_s = self.frame / 30.0
-            # The true joints at the capture: known to the simulation at its ticks.
-            past = np.array([t for t, _ in self.joints[-50:]])
-            joints = np.array([p for _, p in self.joints[-50:]])
-            angles = np.array([np.interp(captured_s, past, column) for column in joints.T])
-            matrix = sensor_in_base(self.mount, GEOMETRY, angles if self.mount.moves else None)
-            point_m = (np.linalg.inv(matrix) @ [*walker_m(captured_s), 1.0])[:3]
-            self.under_way.append(Sighting(captured_s + LATENCY_S, HeadObservation(captured_s, point_m)))
-            self.frame += 1
-        due = [s for s in self.under_way if s.arrival_s <= now_s]
-        self.under_way = [s for s in self.under_way if s.arrival_s > now_s]
-        return Arrived(tuple(due))
-
-    @property
-    def finished(self):
-        return False
-
-    def close(self):
-        pass
+        left, self.left = self.left, []
+        return Arrived(tuple(left))
 
 
-def run_with(on, at_arrival=False, seconds=8.0, neck=NECK):
-    """A live run with the sensor there; `at_arrival` transforms by where the head is when a frame arrives."""
-    clock = SimulatedClock()
-    mount = Mount(on=on, **CAMERA)
-    joints = []
-
-    class Watched(SimulatedNeck):
-        def true_state(self):
-            state = super().true_state()
-            joints.append((state.time_s, state.position_rad))
-            return state
-
-    robot = Watched(neck, np.zeros(neck.joints), clock.now_s)
-    camera = Camera(clock, mount, joints)
-    logs = []
-    run = make_live_run(
-        neck,
-        robot,
-        camera,
-        clock,
-        lambda log, times: logs.append(log),
-        mount=mount,
-        controller=LookAhead(neck),
-    )
-    with pytest.MonkeyPatch.context() as patch:
-        if at_arrival:
-            patch.setattr(JointHistory, "at", lambda self, time_s: joints[-1][1])
-        report = run.run(threading.Event(), seconds)
-    (log,) = logs
-    eye, direction = gaze_ray(GEOMETRY, log.joint_position_rad)
-    to_head = np.array([walker_m(t) for t in log.time_s]) - eye
-    cosine = np.sum(direction * to_head, axis=1) / np.linalg.norm(to_head, axis=1)
-    error_deg = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
-    return log, report, error_deg[(log.time_s > 2.0) & (log.time_s < seconds)]
+def arrived(captured_s, mount):
+    """What becomes of a frame that arrives at 0.5 s, while pan turns by 1 rad/s from 0.1 s on."""
+    neck, clock = load_neck("reference").model_copy(update={"geometry": GEOMETRY}), SimulatedClock()
+    source = Once(Sighting(0.5, seen(POINT_M, time_s=captured_s)))
+    robot = SimulatedNeck(neck, np.zeros(2), clock.now_s)
+    about, parts = run_info(neck, mode="live"), (ConstantVelocity(), LookAhead(neck), robot, source, clock)
+    report = LiveReport()
+    arrivals = Arrivals(LiveSetup(about, neck, *parts, mount=mount), report)
+    for time_s in 0.1 * np.arange(1, 6):
+        arrivals.note_joints(time_s, JointEstimate(np.array([time_s, 0.0]), np.array([1.0, 0.0]), np.zeros(2)))
+    return list(arrivals.take(0.5, LoopRecorder(neck.control_period_s, None))), report
 
 
-@pytest.mark.slow
-def test_a_sensor_on_the_moving_head_sees_as_well_as_one_on_the_base():
-    base_log, base_report, base_deg = run_with("base")
-    log, report, error_deg = run_with("head")
-    assert report.n_problems == base_report.n_problems == 0
-    assert set(log.event_name) == set(base_log.event_name) == {"no_observation_yet"}
-    np.testing.assert_allclose(
-        log.head_observed_base_m, [walker_m(t) for t in log.capture_time_s], atol=2e-4, err_msg="what it makes of it"
-    )
-    rms = np.sqrt(np.mean(np.square(error_deg)))
-    base_rms = np.sqrt(np.mean(np.square(base_deg)))
-    assert rms == pytest.approx(base_rms, abs=0.05)
-    # With the angles at arrival the head's own motion in 66 ms is taken for the person's.
-    _, _, ignored_deg = run_with("head", at_arrival=True)
-    assert np.sqrt(np.mean(np.square(ignored_deg))) > base_rms + 1.0
+POINT_M = [2.0, 0.1, 0.3]
 
 
-def test_a_frame_from_before_the_first_tick_cannot_be_placed_and_is_named():
-    """Where the head was then, nobody knows."""
-    clock = SimulatedClock()
-    clock.sleep_until_s(5.0)
-    mount = Mount(on="head", **CAMERA)
-    robot = SimulatedNeck(NECK, np.zeros(2), clock.now_s)
+def test_a_sensor_that_moves_is_placed_by_the_joints_at_the_capture():
+    mount = Mount(on="head", position_m=(0.06, 0.02, 0.08), roll_pitch_yaw_deg=(2.0, -5.0, 3.0))
+    (sighting,), _ = arrived(0.25, mount)
+    expected_m = (sensor_in_base(mount, GEOMETRY, np.array([0.25, 0.0])) @ [*POINT_M, 1.0])[:3]
+    np.testing.assert_allclose(sighting.observation.head_position_base_m, expected_m, atol=1e-12)
 
-    class Early(Camera):
-        def poll(self):
-            now_s = self.clock.now_s()
-            frames = [now_s - 0.05] if self.frame == 0 else []
-            self.frame += 1
-            return Arrived(tuple(Sighting(now_s, seen(STATIONARY_M, time_s=t)) for t in frames))
 
-    logs = []
-    run = make_live_run(NECK, robot, Early(clock, mount, []), clock, lambda log, times: logs.append(log), mount=mount)
-    report = run.run(threading.Event(), 0.2)
+def test_a_frame_from_before_the_first_tick_is_not_used():
+    found, report = arrived(0.05, Mount(on="head"))
+    assert found == []
     assert report.n_problems == 1
     assert "not known" in report.problems[0]
-    assert set(logs[0].event_name) == {"bad_observation", "no_observation_yet"}
-    assert np.all(logs[0].command_position_rad == 0)
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"on": "hand"}, {"position_m": (0.0, np.nan, 0.0)}, {"roll_pitch_yaw_deg": (0.0, 0.0)}, {"at": 1}]
-)
-def test_a_wrong_mount_is_refused(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        Mount(**wrong)
 
 
 # The unit vectors of forward, left and up as each kind of axes writes them, from its documentation.

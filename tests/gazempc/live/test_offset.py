@@ -7,10 +7,9 @@ import pytest
 from builders.checks import assert_sound, undisturbed
 from builders.live import SENSOR, WALK, run_live
 
-from gazempc.live.capture_clock import ClockOffset
 from gazempc.live.clock import RealClock
 from gazempc.live.hints import SetupHints
-from gazempc.live.stamps import StampReader, Stamps
+from gazempc.live.stamps import ClockOffset, StampReader, Stamps
 from gazempc.live.summary import last_line
 from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.sim.sensor import observe, sensor_names
@@ -32,8 +31,7 @@ def read(stamps_s, arrivals_s):
     return np.array(used_s), "" if offset.finding is None else offset.finding.text
 
 
-@pytest.mark.parametrize("rate_hz", [10, 30, 100])
-@pytest.mark.parametrize("ahead_s", [0.1, 3.0, 7200.0, -3.0, -1.7e9])
+@pytest.mark.parametrize(("ahead_s", "rate_hz"), [(0.1, 30), (3.0, 10), (7200.0, 30), (-3.0, 100), (-1.7e9, 30)])
 def test_a_clock_that_is_off_is_made_up_for_within_a_second(ahead_s, rate_hz):
     captures_s, arrivals_s = stream(5.0, rate_hz)
     used_s, said = read(captures_s + ahead_s, arrivals_s)
@@ -93,18 +91,16 @@ KINDS = (
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(3))
-def test_what_is_no_wrong_clock_is_left_alone(kind, seed):
-    stamps_s, arrivals_s = hidden(kind, *stream(seed=seed))
+def test_what_is_no_wrong_clock_is_left_alone(kind):
+    stamps_s, arrivals_s = hidden(kind, *stream())
     used_s, said = read(stamps_s, arrivals_s)
     assert said == ""
     assert np.array_equal(used_s, stamps_s)
 
 
 @pytest.mark.parametrize("sensor", sensor_names())
-@pytest.mark.parametrize("walk", ["subject01_R1", "subject08_R6"])
-def test_shipped_sensors_are_left_alone(walk, sensor):
-    scene = make_scene(walk, SceneSettings(sensor=sensor))
+def test_shipped_sensors_are_left_alone(sensor):
+    scene = make_scene("subject01_R1", SceneSettings(sensor=sensor))
     sightings = observe(scene.walk, scene.sensor, 0)
     stamps_s = [each.observation.capture_time_s for each in sightings]
     assert read(stamps_s, [each.arrival_s for each in sightings])[1] == ""
@@ -133,10 +129,8 @@ def rms_deg(result):
     return float(np.sqrt(np.mean(result.error_deg[(now > 2.0) & (now < result.ended_s)] ** 2)))
 
 
-@pytest.mark.parametrize("shift_s", [lambda t: 0.1, lambda t: 0.01 * t + 0.03, lambda t: -5.0])
-def test_the_gaze_stays_on_the_person_of_a_wrong_clock(shift_s):
-    """Without it not one observation of the first was used, and the error was 45 deg."""
-    result = run_live(change=shifted_by(shift_s), duration_s=None)
+def test_the_gaze_stays_on_the_person_of_a_fast_clock():
+    result = run_live(change=shifted_by(lambda t: 0.01 * t + 0.03), duration_s=None)
     assert_sound(result)
     assert "clock_shifted" in result.events
     assert result.used > 0.8 * len(observe(WALK, SENSOR, 0))

@@ -53,14 +53,6 @@ def test_everybody_in_tf_is_seen_with_their_id(stage):
     assert seen[0].capture_time_s == pytest.approx(NOW_S - 0.1)
 
 
-def test_optical_axes_are_turned(stage):
-    source = opened(stage)
-    # Two metres ahead, half a metre to the right, 0.1 m up.
-    stage.tf(transform("face_a", [0.5, -0.1, 2.0], FACING, OPTICAL))
-    (seen,), _ = polled(source, 1)
-    np.testing.assert_allclose(seen.head_position_base_m, [2.0, -0.5, 0.1], atol=1e-12)
-
-
 def test_a_camera_on_a_head_that_turns(stage):
     """From the face to the robot's base by moving and static frames, at the time of capture."""
     source = opened(stage, "base_link")
@@ -91,10 +83,8 @@ def test_a_camera_on_a_head_that_turns(stage):
     [
         ([], "tf has no path from 'face_a' to 'base_link': no transform of 'base_link'"),
         ([-0.35], "where 'camera_link' is in 'base_link' was told last 0.25 s before"),
-        ([0.1], "where 'camera_link' is in 'base_link' was told first 0.20 s after"),
-        ([-1.0, 0.5], "where 'camera_link' is in 'base_link' was not told for 1.50 s"),
     ],
-    ids=["unknown", "silent", "too-late", "gap"],
+    ids=["unknown", "silent"],
 )
 def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_that_says_where(stage, told, why):
     source = opened(stage, "base_link")
@@ -160,25 +150,6 @@ def test_a_body_counts_where_there_is_no_face(stage):
     assert names(polled(source, 1)[0]) == ["b"]
 
 
-def test_a_skeleton_with_a_head_is_where_its_head_is(stage):
-    """The head is fixed to the last joint of a neck, which moves in the torso, which moves in the hips."""
-    source = opened(stage)
-    heard(source, stage, PERSONS, IDS, tracked("anna"), lambda: "person" in source._ids._listed)
-    heard(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"), lambda: source._ids.person("body", "b"))
-    heard(source, stage, BODIES, IDS, tracked("b"), lambda: source._ids.is_tracked("body", "b"))
-    stage.tf_static(transform("head_b", [0.0, 0.0, 0.1], frame_id="p_head_b", at_s=None))
-    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("head_b"))
-    for at_s in (NOW_S - 0.1, NOW_S - 0.05):
-        stage.tf(
-            transform("p_head_b", [0.0, 0.0, 0.2], frame_id="torso_b", at_s=at_s),
-            transform("torso_b", [0.0, 0.0, 0.4], frame_id="body_b", at_s=at_s),
-        )
-        stage.tf(transform("body_b", [2.0, 0.3, -0.4], at_s=at_s))
-    seen, problems = polled(source, 2)
-    assert (names(seen), problems) == (["anna", "anna"], [])
-    np.testing.assert_allclose([each.head_position_base_m for each in seen], [[2.0, 0.3, 0.3]] * 2)
-
-
 def test_what_cannot_be_used_is_a_problem_that_names_the_frame(stage):
     source = opened(stage)
     stage.tf(
@@ -222,3 +193,22 @@ def test_that_nobody_sends_is_said_once_and_again_when_the_sender_has_gone(stage
     assert len(source.poll().notices) == 1
     stage.now_s += 3.1
     assert source.poll().notices == ()
+
+
+def test_a_skeleton_with_a_head_is_where_its_head_is(stage):
+    """The head is fixed to the last joint of a neck, which moves in the torso, which moves in the hips."""
+    source = opened(stage)
+    heard(source, stage, PERSONS, IDS, tracked("anna"), lambda: "person" in source._ids._listed)
+    heard(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"), lambda: source._ids.person("body", "b"))
+    heard(source, stage, BODIES, IDS, tracked("b"), lambda: source._ids.is_tracked("body", "b"))
+    stage.tf_static(transform("head_b", [0.0, 0.0, 0.1], frame_id="p_head_b", at_s=None))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("head_b"))
+    for at_s in (NOW_S - 0.1, NOW_S - 0.05):
+        stage.tf(
+            transform("p_head_b", [0.0, 0.0, 0.2], frame_id="torso_b", at_s=at_s),
+            transform("torso_b", [0.0, 0.0, 0.4], frame_id="body_b", at_s=at_s),
+        )
+        stage.tf(transform("body_b", [2.0, 0.3, -0.4], at_s=at_s))
+    seen, problems = polled(source, 2)
+    assert (names(seen), problems) == (["anna", "anna"], [])
+    np.testing.assert_allclose([each.head_position_base_m for each in seen], [[2.0, 0.3, 0.3]] * 2)

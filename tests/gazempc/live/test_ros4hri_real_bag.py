@@ -55,21 +55,3 @@ def test_faces_are_where_the_recording_has_them(bags_dir):
         error_m = np.linalg.norm(position_m[at] - seen.head_position_base_m, axis=1)
         assert error_m.min() < 1e-9
     assert {seen.person_id for seen in found[len(found) // 2 :]} == PEOPLE
-
-
-def test_in_the_frame_of_the_map_they_are_where_the_person_manager_put_them(bags_dir):
-    messages = first_messages(bags_dir / NAME)
-    found, _, start_s = seen_live(messages, "map")
-    errors_m = []
-    for _, type_name, _, raw in messages:
-        for told in decode(raw, type_name).transforms if type_name == READ[0] else ():
-            person = told.child_frame_id.removeprefix("person_")
-            at_s = told.header.stamp.sec + 1e-9 * told.header.stamp.nanosec - start_s
-            place = told.transform.translation
-            # It tells where a face was a moment ago, with a stamp of now.
-            near = [s for s in found if s.person_id == person and -0.1 < at_s - s.capture_time_s < 0.3]
-            if person in PEOPLE and near:
-                here_m = np.array([place.x, place.y, place.z])
-                errors_m.append(min(np.linalg.norm(s.head_position_base_m - here_m) for s in near))
-    assert len(errors_m) > 15
-    assert np.median(errors_m) < 1e-3

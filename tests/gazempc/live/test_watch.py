@@ -11,8 +11,7 @@ from builders.live import run_live
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.hints import Frame, SetupHints
 from gazempc.live.mount import Mount
-from gazempc.live.plausibility import judge_ids, judge_place, judge_rate
-from gazempc.live.watch import FollowedPerson, Watch
+from gazempc.live.plausibility import Watch, judge_ids, judge_place, judge_rate
 from gazempc.settings import LoopSettings
 from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.sim.sensor import observe, sensor_names
@@ -34,10 +33,6 @@ def judged_place(sent, mount=None, names=None, times_s=TIMES_S):
     return [(str(event), text) for event, text in judge_place(frames, times_s, mount, SetupHints())]
 
 
-def columns(walk, order, signs):
-    return walk[:, order] * signs
-
-
 UNITS = {
     "millimetres": (1e3 * WALK_M, "millimetres", 0.001),
     "centimetres": (1e2 * WALK_M, "centimetres", 0.01),
@@ -57,9 +52,9 @@ def test_a_wrong_unit_is_named_and_the_option_mends_it(sent, looks, unit_m):
 
 # The same walk as trackers with other axes state it: columns and signs written out by hand.
 AXES = {
-    "optical": columns(WALK_M, [1, 2, 0], [-1, -1, 1]),
-    "opengl": columns(WALK_M, [1, 2, 0], [-1, 1, -1]),
-    "unity": columns(WALK_M, [1, 2, 0], [-1, 1, 1]),
+    "optical": WALK_M[:, [1, 2, 0]] * [-1, -1, 1],
+    "opengl": WALK_M[:, [1, 2, 0]] * [-1, 1, -1],
+    "unity": WALK_M[:, [1, 2, 0]] * [-1, 1, 1],
 }
 
 
@@ -72,17 +67,6 @@ def test_wrong_axes_are_named_and_the_option_mends_them(axes, sent):
     assert judged_place(sent, mended) == []
     back = [mended.in_sensor(HeadObservation(0.0, head)).head_position_base_m for head in sent]
     np.testing.assert_allclose(back, WALK_M, atol=1e-12)
-
-
-def test_both_at_once_are_told_one_after_the_other():
-    sent = 1e3 * AXES["optical"]
-    assert [event for event, _ in judged_place(sent)] == ["wrong_unit"]
-    assert [event for event, _ in judged_place(sent, Mount(unit_m=0.001))] == ["wrong_axes"]
-    assert judged_place(sent, Mount(unit_m=0.001, axes="optical")) == []
-
-
-def test_a_sensor_that_is_turned_by_its_mount_is_right():
-    assert judged_place(AXES["optical"], Mount(roll_pitch_yaw_deg=(-90.0, 0.0, -90.0))) == []
 
 
 def test_somebody_too_high_too_far_or_too_fast():
@@ -171,28 +155,6 @@ def test_within_a_second_of_data_it_is_an_event_and_a_warning_and_the_options_gi
     assert_same_commands(mended, within_rad=1e-9)
 
 
-def test_a_slow_tracker_is_told_and_its_frames_are_used():
-    """Every tenth frame of 30 a second."""
-    count = [0]
-
-    def rare(now_s, sighting):
-        count[0] += 1
-        return [sighting] if count[0] % 10 == 0 else []
-
-    result = run_live(change=rare, duration_s=4.0)
-    assert_sound(result)
-    assert "low_frame_rate" in result.events
-    assert result.refused == {}
-    assert "3.0 frames a second" in result.report.warnings[0]
-
-
-class Attends:
-    """Looks at whoever is nearest to a place."""
-
-    def __init__(self, at_m):
-        self.newest = None if at_m is None else HeadObservation(0.0, np.array(at_m))
-
-
 def frames(*people_m, seconds=2.0, name=lambda k, i: None):
     for k in range(int(30 * seconds)):
         for i, at_m in enumerate(people_m):
@@ -200,31 +162,15 @@ def frames(*people_m, seconds=2.0, name=lambda k, i: None):
             yield Frame(k / 30 + 0.05, k / 30, head_m, head_m, name(k, i))
 
 
-def told(given, at_m=None):
-    found = []
-    followed = FollowedPerson(found.append, Attends(at_m))
+def said(given):
+    watch, found = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints(), several=True), []
     for frame in given:
-        followed.see(frame)
-    return found
-
-
-def said(given, at_m=None):
-    watch, found = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints()), []
-    followed = FollowedPerson(watch.see, Attends(at_m))
-    for frame in given:
-        followed.see(frame)
+        watch.see(frame)
         found += [str(finding.event) for finding in watch.findings(frame.arrival_s)]
     return found
 
 
 LEFT, RIGHT = [2.0, 1.5, 0.3], [2.5, -1.5, 0.3]
-
-
-def test_one_frame_an_instant_is_told_of_whoever_is_looked_at():
-    for at_m, i in ((LEFT, 0), (RIGHT, 1)):
-        seen = told(frames(LEFT, RIGHT), at_m)
-        assert len(seen) == 59
-        assert {tuple(frame.sensor_m) for frame in seen} == {tuple((LEFT, RIGHT)[i])}
 
 
 def test_several_people_without_names_are_no_alarm():
@@ -234,10 +180,10 @@ def test_several_people_without_names_are_no_alarm():
 def test_a_wrong_unit_and_new_names_are_noticed_among_several():
     millimetres = [list(1e3 * np.array(at_m)) for at_m in (LEFT, RIGHT)]
     assert said(frames(*millimetres)) == ["wrong_unit"]
-    assert said(frames(LEFT, RIGHT, name=lambda k, i: f"{2 * k + i}"), LEFT) == ["new_id_each_frame"]
+    assert said(frames(LEFT, RIGHT, name=lambda k, i: f"{2 * k + i}")) == ["new_id_each_frame"]
 
 
-WALKS = ("subject01_R1", "subject04_R3", "subject08_R6", "subject12_R4")
+WALKS = ("subject01_R1", "subject08_R6")
 
 
 def found_in(sightings, change=lambda head: head):

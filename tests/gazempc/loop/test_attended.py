@@ -82,11 +82,6 @@ def test_who_was_frozen_is_forecast_from_where_they_go_on():
     np.testing.assert_allclose(forecast.means_base_m[0], [2.0, -1.0 + times_s[0], 0.3], atol=0.15)
 
 
-def test_several_who_stand_still_to_the_last_bit_are_not_frozen():
-    bench = Bench().show(2.0, lambda _: ([2.0, 0.0, 0.3], None, None), lambda _: ([2.0, 1.0, 0.3], None, None))
-    assert "tracker_frozen" not in bench.events
-
-
 def test_the_orientation_of_each_person_is_judged_by_their_own():
     """Two who face each other's back are no jump; one who is turned round within a frame is."""
     quiet = Bench().show(1.0, walker(quat=lambda _: yaw_quat(0.0)), walker(3.0, quat=lambda _: yaw_quat(np.pi)))
@@ -105,26 +100,12 @@ def test_what_the_predictor_refuses_is_counted():
     assert bench.recorder.used == 0
 
 
-def test_a_name_that_is_given_again_is_somebody_else():
-    bench = Bench().show(1.0, stands(2.0, 1.0, "7", until_s=0.8))
-    bench.show(1.5, stands(6.0, -3.0, "7"))
-    assert bench.attended == [(1, "policy"), (2, "left")]
-    assert bench.events.count("person_entered") == 2
-
-
 def test_when_everybody_is_lost_nobody_is_looked_at_until_somebody_is_there():
     bench = Bench().show(0.8, stands(2.0, 1.0), stands(3.0, -1.0)).show(1.2)
     assert bench.events[-1] == "nobody_attended"
     assert bench.target.forecast(np.array([2.5]), bench.time_s, bench.recorder) is None
     bench.show(0.5, stands(5.0, 2.0))
     assert [number for number, _ in bench.attended] == [1, 0, 3]
-
-
-def test_twenty_who_enter_at_once_are_twenty():
-    crowd = [stands(1.5 + 0.6 * k, 0.5 * (-1) ** k) for k in range(20)]
-    bench = Bench().show(0.3, *crowd)
-    assert len(bench.target.people.present(bench.time_s)) == 20
-    assert bench.attended == [(1, "policy")]
 
 
 @pytest.mark.parametrize("answer", [None, "a", [1.0, 2.0, 3.0], float("nan")])

@@ -125,19 +125,19 @@ def failing(method, how):
 @pytest.mark.parametrize(
     ("method", "how", "said"),
     [
-        ("reset", RuntimeError("broken"), r"reset\(\) raised RuntimeError: broken"),
-        ("update", KeyError("x"), r"update\(observation\) raised KeyError"),
-        ("forecast", ZeroDivisionError("0"), r"forecast\(times_s\) of shape \(3,\) raised ZeroDivisionError: 0"),
-        ("forecast", lambda found: None, r"forecast\(\) returned NoneType, needed is a predictors.Forecast"),
+        ("reset", RuntimeError("broken"), r"RuntimeError: broken \(Failing.reset\(\)\)"),
+        ("update", KeyError("x"), r"KeyError: .*Failing.update"),
+        ("forecast", ZeroDivisionError("0"), r"ZeroDivisionError: 0 .*Failing.forecast"),
+        ("forecast", lambda found: None, "TypeError: .*NoneType.*Forecast"),
         (
             "forecast",
             lambda found: gz.Forecast(found.times_s, np.nan * found.means_base_m, found.covariances_m2, 0.0),
-            r"forecast\(\) returned positions that are not finite",
+            "ValueError: .*not finite",
         ),
         (
             "forecast",
             lambda found: gz.Forecast(found.times_s, found.means_base_m, np.nan * found.covariances_m2, 0.0),
-            r"forecast\(\) returned positions that are not finite, or covariances with a NaN",
+            "ValueError: .*covariances with a NaN",
         ),
     ],
 )
@@ -149,10 +149,10 @@ def test_what_a_predictor_does_wrong_is_said(method, how, said):
 @pytest.mark.parametrize(
     ("method", "result", "said"),
     [
-        ("forecast_times_s", np.zeros((2, 2)), r"forecast_times_s\(\) returned an array of shape \(2, 2\)"),
-        ("forecast_times_s", np.array([np.nan]), "needed are finite times"),
-        ("forecast_times_s", np.array([]), r"shape \(0,\)"),
-        ("plan", None, r"plan\(\) returned NoneType, needed is a gazempc.controllers.controller.Plan"),
+        ("forecast_times_s", np.zeros((2, 2)), r"shape \(2, 2\)"),
+        ("forecast_times_s", np.array([np.nan]), "1 times, .* finite"),
+        ("forecast_times_s", np.array([]), "0 times"),
+        ("plan", None, "NoneType, needed is a Plan"),
     ],
 )
 def test_what_a_controller_does_wrong_is_said(method, result, said):

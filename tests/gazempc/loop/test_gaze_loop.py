@@ -1,7 +1,5 @@
 """The loop: order of stages, compute delays, and which frames it takes."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from builders.loop import NECK, TS, LoopBench, error_deg, events
@@ -18,31 +16,9 @@ from predictors import HeadObservation
 
 
 def test_undisturbed_it_tracks_and_names_nothing_but_the_start():
-    log = LoopBench().run(5.0)
+    log = LoopBench().run(4.0)
     assert events(log) == {"no_observation_yet"}
     assert error_deg(log, from_s=1.5).mean() < 1.37  # 1.19 as measured
-
-
-def test_before_anybody_is_seen_the_neck_holds_still():
-    log = LoopBench().run(1.0, seen=lambda t: False)
-    assert events(log) == {"no_observation_yet"}
-    assert np.all(log.command_position_rad == 0)
-
-
-def test_what_a_plan_has_to_say_is_in_the_log():
-    class Speaking(LookAhead):
-        def plan(self, situation):
-            return dataclasses.replace(super().plan(situation), events=("limits_softened",))
-
-    assert "limits_softened" in events(LoopBench(controller=Speaking(NECK)).run(1.0))
-
-
-def test_a_neck_without_encoders_is_driven_open_loop():
-    blind = NECK.model_copy(update={"reports_joints": False})
-    log = LoopBench(controller=Mpc(NECK, horizon_s=0.3), robot_neck=blind).run(4.0)
-    assert events(log) == {"no_observation_yet"}
-    with_encoders = LoopBench(controller=Mpc(NECK, horizon_s=0.3)).run(4.0)
-    assert log.command_position_rad == pytest.approx(with_encoders.command_position_rad, abs=1e-9)
 
 
 def test_a_lost_target_stops_then_returns_to_rest_slowly_then_is_found_again():
@@ -59,12 +35,14 @@ def test_a_lost_target_stops_then_returns_to_rest_slowly_then_is_found_again():
     assert error_deg(log, from_s=8.3).mean() < 0.28  # 0.24 as measured
 
 
-def test_stale_and_out_of_order_frames_are_dropped_and_named():
-    late = Sighting(2.0, HeadObservation(1.0, np.array([2.5, -2.0, 0.4])))
-    disordered = Sighting(2.5, HeadObservation(2.2, np.array([2.5, -2.0, 0.4])))
-    with_faults = LoopBench().run(4.0, extra=(late, disordered))
-    assert events(with_faults) == {"no_observation_yet", "stale_observation", "out_of_order"}
-    assert np.array_equal(with_faults.command_position_rad, LoopBench().run(4.0).command_position_rad)
+def test_stale_future_and_out_of_order_frames_are_dropped_and_named():
+    aside_m = np.array([2.5, -2.0, 0.4])
+    captured_s = {1.5: 1e6, 2.0: 1.0, 2.5: 2.2}
+    extra = [Sighting(arrival_s, HeadObservation(at_s, aside_m)) for arrival_s, at_s in captured_s.items()]
+    with_faults = LoopBench().run(3.0, extra=extra)
+    dropped = {"future_observation", "stale_observation", "out_of_order"}
+    assert events(with_faults) == {"no_observation_yet", *dropped}
+    assert np.array_equal(with_faults.command_position_rad, LoopBench().run(3.0).command_position_rad)
 
 
 def test_a_late_frame_does_not_end_a_frozen_tracker():
@@ -74,19 +52,6 @@ def test_a_late_frame_does_not_end_a_frozen_tracker():
     late = Sighting(1.85, HeadObservation(1.42, np.array([2.5, 0.92, 0.4])))
     log = LoopBench(head_m=walks_then_frozen_m).run(2.5, extra=(late,))
     assert events(log) == {"no_observation_yet", "tracker_frozen", "out_of_order"}
-
-
-def test_a_frame_from_the_future_is_dropped_and_does_not_blind():
-    ahead = Sighting(1.5, HeadObservation(1e6, np.array([2.5, -2.0, 0.4])))
-    log = LoopBench().run(4.0, extra=(ahead,))
-    assert "future_observation" in events(log)
-    assert np.array_equal(log.command_position_rad, LoopBench().run(4.0).command_position_rad)
-
-
-def test_a_position_of_absurd_size_does_not_poison_the_filter():
-    absurd = Sighting(1.5, HeadObservation(1.405, np.array([1e308, 1e308, 1e308])))
-    log = LoopBench().run(4.0, extra=(absurd,))
-    assert error_deg(log, from_s=2.0).mean() < 1.37  # 1.19 as measured, as without it
 
 
 def test_the_controller_sees_what_the_robot_received_and_its_plan_starts_when_said():
@@ -117,8 +82,7 @@ def test_the_controller_sees_what_the_robot_received_and_its_plan_starts_when_sa
     assert commands[first, 0] > 0
 
 
-@pytest.mark.parametrize("delay_s", [0.015, 0.05])
-@pytest.mark.parametrize("controller", [LookAhead, Mpc])
+@pytest.mark.parametrize(("controller", "delay_s"), [(LookAhead, 0.05), (Mpc, 0.015)])
 def test_compute_delay_is_planned_for(controller, delay_s):
     """A plan that takes effect late, by less or more than a control period, is made for that time."""
     prompt = LoopBench(controller=controller(NECK)).run(4.0)
@@ -127,7 +91,8 @@ def test_compute_delay_is_planned_for(controller, delay_s):
     assert not np.array_equal(prompt.command_position_rad, delayed.command_position_rad)
 
 
-@settings(max_examples=8, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=3, deadline=None)
 @given(nearest_m=st.floats(0.4, 2.0), speed_rad_s=st.floats(0.1, 1.0), rate=st.floats(1.0, 4.0))
 def test_while_a_head_is_near_no_joint_is_commanded_faster(nearest_m, speed_rad_s, rate):
     """Somebody sways fast at 2.5 m, comes near and goes; within the distance only braking is faster than the limit."""

@@ -77,13 +77,8 @@ def test_an_old_measurement_is_taken_for_the_time_that_it_is_stamped_with():
     assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() > 0.5
 
 
-def test_a_silence_is_bridged_by_the_commands():
-    estimates, truth, _ = follow(variant(load_offset_deg=2.0), 11.0, seen=lambda t: t < 9.0)
-    assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.011  # 0.0096 as measured
-
-
-@pytest.mark.parametrize("name", ["reference", "fetch", "slow"])
-@pytest.mark.parametrize("age_s", [0.0, 0.04, 0.0825, 0.16, 0.24])
+@pytest.mark.parametrize("name", ["reference", "slow"])
+@pytest.mark.parametrize("age_s", [0.0825, 0.24])
 def test_an_error_is_corrected_once_however_old_the_measurements(name, age_s):
     """Corrected again by each measurement that is as old, it would grow without bound."""
     neck = load_neck(name)
@@ -102,17 +97,6 @@ def test_a_start_away_from_the_command_is_no_load():
         observer.sent(np.full(2, 0.5))
     assert estimate.position_rad == pytest.approx([0.5, 0.5], abs=1e-9)
     assert estimate.offset_rad == pytest.approx([0, 0], abs=1e-9)
-
-
-def test_a_reading_stamped_a_moment_after_the_tick_counts():
-    """A robot is read after the tick began."""
-    observer = JointObserver(NECK, np.zeros(2), 0.0)
-    for k in range(2000):
-        observer.update(k * TS, JointState(k * TS + 1e-4, np.full(2, 0.03), np.zeros(2)))
-        estimate = observer.estimate
-        observer.sent(np.zeros(2))
-        assert not observer.refused
-    assert estimate.offset_rad == pytest.approx([0.03, 0.03], abs=1e-3)
 
 
 def test_a_glitch_is_refused_and_a_push_is_believed_after_a_while():
@@ -172,13 +156,6 @@ def test_the_same_measurement_counts_once():
         observer.update(k * TS, measured)
         again = observer.estimate
     assert np.array_equal(again.offset_rad, once.offset_rad)
-
-
-def test_a_clock_that_runs_backwards_is_taken_for_one_that_stands():
-    observer = JointObserver(NECK, np.zeros(2), 0.0)
-    observer.update(1.0, None)
-    observer.update(0.5, None)
-    assert observer.estimate.position_rad == pytest.approx([0, 0])
 
 
 @settings(max_examples=50)

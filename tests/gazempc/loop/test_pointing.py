@@ -59,19 +59,6 @@ def test_a_place_outranks_a_person_until_it_is_withdrawn():
     assert gz.measure(gaze.log()).limit_violations == 0
 
 
-@pytest.mark.slow
-def test_a_slow_motion_to_a_place_stays_below_its_speed():
-    with gz.Gaze("reference", "simulated", predictor="constant_velocity") as gaze:
-        time.sleep(0.2)
-        gaze.point([1.0, 1.0, 0.0], max_velocity_rad_s=0.5)
-        time.sleep(5.0)
-        error_rad = gaze_error_rad(gaze.neck.geometry, gaze.joints.position_rad, [1.0, 1.0, 0.0])
-    log = gaze.log()
-    fastest_rad_s = abs(log.joint_velocity_rad_s[:, 0]).max()
-    assert 0.3 < fastest_rad_s <= 0.5
-    assert error_rad < 0.01
-
-
 def test_a_person_who_was_chosen_outranks_the_policy():
     class First:
         def reset(self):

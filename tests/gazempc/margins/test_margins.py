@@ -9,9 +9,8 @@ import pytest
 from experiments import swing
 from experiments.console import main as gazempc
 from gazempc.controllers.mpc.mpc import Mpc
-from gazempc.errors import SettingsError
 from gazempc.margins.linear_loop import EXACT, LinearLoop, Mismatch
-from gazempc.margins.margins import LEAST_DISTANCE, margins, sentences, too_small
+from gazempc.margins.margins import LEAST_DISTANCE, margins, too_small
 from gazempc.neck.spec import load_neck, neck_names
 
 START_RAD = math.radians(0.05)
@@ -46,7 +45,7 @@ def predicted(neck, error, ticks):
 @pytest.mark.parametrize(
     # Of a speed that is held the linear loop has the mean over the period.
     ("name", "tolerance_rad"),
-    [("reference", 1e-12), ("reachy_mini", 1e-12), ("fetch", 1e-12), ("ptz", 2e-3 * START_RAD)],
+    [("reachy_mini", 1e-12), ("ptz", 2e-3 * START_RAD)],
 )
 @pytest.mark.parametrize("error", [e for e in ERRORS if e.gain == 1.0])
 def test_the_linear_loop_moves_as_the_simulated_one(name, tolerance_rad, error):
@@ -73,7 +72,7 @@ def test_margins_are_those_measured_by_others(name, gain, at_hz, delay_s, peak):
     assert pan.peak_sensitivity == pytest.approx(peak, abs=0.01)
 
 
-@pytest.mark.parametrize("name", ["reachy_mini", "pr2", "furhat"])
+@pytest.mark.parametrize("name", ["reachy_mini", "pr2"])
 def test_at_the_margins_the_loop_becomes_unstable(name):
     """By the eigenvalues of the periodic loop, which owe nothing to the frequency response."""
     mpc = Mpc(load_neck(name))
@@ -104,7 +103,7 @@ def test_the_disk_margin_is_that_of_python_control():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["reachy_mini", "furhat", "ptz"])
+@pytest.mark.parametrize("name", ["reachy_mini", "ptz"])
 def test_a_simulated_neck_begins_to_swing_there(name):
     """It swings at 1.07 times the margin, and comes to rest at 0.93 times."""
     neck = load_neck(name)
@@ -138,25 +137,6 @@ def test_a_dead_time_that_is_nearly_too_long_is_warned_of():
     quick = neck.model_copy(update={"pan": neck.pan.model_copy(update={"dead_time_s": 0.0, "damping_ratio": 0.2})})
     found = [too_small(Mpc(quick, smoothing_time_s=T)) for T in (0.12, 0.01)]
     assert any(found)
-
-
-def test_joints_with_equal_tolerances_share_a_sentence():
-    neck = load_neck("reachy_mini")
-    found = margins(Mpc(neck))
-    (line,) = sentences(neck, found)
-    assert line.startswith("reachy_mini: pan and tilt stay stable with dead time wrong by -30 to +36")
-    assert line.endswith("natural frequency by a factor of under 0.1 to over 10")
-    differing = neck.model_copy(update={"tilt": neck.tilt.model_copy(update={"dead_time_s": 0.1})})
-    assert len(sentences(differing, margins(Mpc(differing)))) == 2
-
-
-def test_too_many_states_are_refused():
-    neck = load_neck("reference").model_copy(
-        update={"servo_rate_hz": 1000.0, "pan": load_neck("reference").pan.model_copy(update={"dead_time_s": 0.6})}
-    )
-    with pytest.raises(SettingsError, match="servo periods; margins are computed for at most 500"):
-        margins(Mpc(neck))
-    assert too_small(Mpc(neck)) == []
 
 
 def test_the_command_prints_margins_and_draws(tmp_path, capsys):

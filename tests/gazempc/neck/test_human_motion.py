@@ -45,11 +45,6 @@ def peak_rad_s(axis, amplitude_rad):
     return max(speeds)
 
 
-def test_the_laws_are_those_of_the_papers():
-    assert math.degrees(head_velocity_rad_s(math.radians(40.0))) == pytest.approx(4.39 * 40.0 + 106.0)
-    assert math.degrees(eye_velocity_rad_s(math.radians(14.0))) == pytest.approx(551.0 * (1.0 - 1.0 / math.e))
-
-
 def test_a_strong_neck_moves_as_fast_as_people_and_no_faster():
     """Sampled through the servo: the head within a tenth over shifts of 20 to 70 deg, the eyes over 10 to 30 deg."""
     eyes = {"pan": strong(NECKS[0].eyes.pan), "tilt": strong(NECKS[0].eyes.tilt)}

@@ -207,12 +207,6 @@ def test_a_wrong_field_is_named_with_what_is_wrong(tmp_path: Path, change: tuple
     assert any(re.match(line, found) for found in refusal(tmp_path, changed(change)))
 
 
-def test_text_that_is_not_toml_is_refused_with_the_place(tmp_path: Path) -> None:
-    (line,) = refusal(tmp_path, "name = \npan: 3\n")
-    assert line.startswith("not valid TOML: ")
-    assert "line 1" in line
-
-
 def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
     with pytest.raises(
         SettingsError, match=r"no neck file 'referense'.*perhaps you meant 'reference'; accepted: .*slow"

@@ -28,6 +28,12 @@ def test_the_camera_leads_a_walker_and_not_one_who_stands(way):
     assert framed.aim_rad(np.zeros(2), 0.0)[0] == 0.0
 
 
+def test_the_zone_is_wider_against_a_turn_back_by_delay_and_deviation_up_to_the_edge():
+    framed = picture(zone=(0.4, 0.4), hysteresis_per_s=0.5)  # pan: 12 deg of 30, tilt: 6 of 15
+    wider = [framed.turns_back_rad(axis, 1.2, np.radians([0.0, 2.0, 20.0])) for axis in (0, 1)]
+    np.testing.assert_allclose(np.degrees(wider), [[7.2, 10.2, 18.0], [3.6, 6.6, 9.0]])
+
+
 def test_limits_are_of_the_picture_so_that_a_closer_zoom_is_as_calm():
     wide = narrowed(NECK, None, None, Framing(view_deg=(60.0, 34.0), acceleration_max=0.5))
     close = narrowed(NECK, None, None, Framing(view_deg=(6.0, 3.4), acceleration_max=0.5))

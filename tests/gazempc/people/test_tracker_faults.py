@@ -1,4 +1,4 @@
-"""A tracker that is frozen is told from a person who stands, and a jump of the yaw from a turn."""
+"""A frozen tracker against a person who stands, and a jump of the yaw against a turn."""
 
 import numpy as np
 import pytest
@@ -22,14 +22,14 @@ def frozen_at(path_m, rate_hz, sensor_m=None):
 
 
 def walk_then(stops_m_s2, rate_hz, seconds=4.0, speed_m_s=1.2):
-    """Somebody walks for 2 s, then brakes so hard, and stands; without any noise."""
+    """A person walks for 2 s, brakes and stands; without noise."""
     times_s = np.arange(int(seconds * rate_hz)) / rate_hz
     braking_s = np.clip(times_s - 2.0, 0.0, speed_m_s / stops_m_s2)
     way_m = speed_m_s * np.minimum(times_s, 2.0) + speed_m_s * braking_s - 0.5 * stops_m_s2 * braking_s**2
     return np.stack([2.0 + 0.0 * way_m, way_m - 1.5, 0.3 + 0.0 * way_m], axis=1)
 
 
-@pytest.mark.parametrize("rate_hz", [5.0, 16.0, 30.0, 60.0])
+@pytest.mark.parametrize("rate_hz", [5.0, 30.0])
 def test_a_tracker_that_is_frozen_in_mid_walk_is_noticed_after_half_a_second(rate_hz):
     path_m = walk_then(1.0, rate_hz)
     stop = int(1.5 * rate_hz)
@@ -41,16 +41,15 @@ def test_a_tracker_that_is_frozen_in_mid_walk_is_noticed_after_half_a_second(rat
     assert len(found_s) == round((found_s[-1] - found_s[0]) * rate_hz) + 1
 
 
-@pytest.mark.parametrize("rate_hz", [16.0, 30.0, 60.0])
-@pytest.mark.parametrize("stops_m_s2", [0.5, 1.0, 2.0, 3.0])
-def test_who_brakes_and_stands_without_noise_is_not_frozen(rate_hz, stops_m_s2):
+@pytest.mark.parametrize(("rate_hz", "stops_m_s2"), [(16.0, 0.5), (30.0, 3.0), (60.0, 1.0)])
+def test_braking_to_a_stand_without_noise_is_not_frozen(rate_hz, stops_m_s2):
     assert frozen_at(walk_then(stops_m_s2, rate_hz), rate_hz) == []
 
 
-def test_who_stands_from_the_beginning_or_is_seen_again_elsewhere_is_not_frozen():
+def test_standing_from_the_beginning_or_elsewhere_after_a_gap_is_not_frozen():
     stands = np.tile([2.0, 0.5, 0.3], (120, 1))
     assert frozen_at(stands, 30.0) == []
-    # Lost for two seconds, and then somebody stands 3 m away.
+    # Lost for two seconds; then a person stands 3 m away.
     tracker = FrozenTracker()
     for i in range(60):
         assert not tracker.see(sighting(i / 30.0, [2.0, 0.5, 0.3]))
@@ -103,7 +102,7 @@ def test_turns_of_people_and_steps_over_pi_are_used():
     # 500 degrees a second, which is as fast as heads turn, all round.
     observations = [seen(i / 10.0, np.radians(50.0) * i, -np.radians(50.0) * i) for i in range(30)]
     assert known(OrientationJumps(), observations) == ([(True, True)] * 30, 0)
-    # What happened between frames that are far apart, nobody knows; nor where one is without.
+    # A turn between frames that are far apart, or around a frame without orientation, is possible.
     observations = [seen(0.3 * i, np.pi * (i % 2)) for i in range(10)]
     assert known(OrientationJumps(), observations) == ([(True, False)] * 10, 0)
     observations = [seen(0.0, 0.0), seen(0.03), seen(0.06, 3.0)]

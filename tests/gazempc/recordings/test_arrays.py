@@ -49,7 +49,7 @@ def spoilt(array, row, value):
         ({"times_s": TIMES_S[:, None]}, "times_s: its shape is (120, 1). Expected: an array of numbers of shape (N,)"),
         ({"times_s": TIMES_S[:2], "head_position_m": HEAD_M[:2]}, "only 2 frame(s)"),
         ({"times_s": 1e3 * TIMES_S}, "looks like milliseconds"),
-        ({"times_s": spoilt(TIMES_S, 7, 0.0)}, "row 7: time goes backwards"),
+        ({"times_s": spoilt(TIMES_S, 7, 0.0)}, "row 7: the time stamp 0.0 follows"),
         ({"times_s": "now"}, "times_s: these are no numbers"),
         ({"head_position_m": HEAD_M[:, :2]}, "head_position_m: its shape is (120, 2)"),
         ({"head_position_m": spoilt(HEAD_M, 5, np.nan)}, "row 5"),

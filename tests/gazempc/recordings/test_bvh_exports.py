@@ -30,9 +30,7 @@ EXPORTS = {
     "cmu_asf": (sk.CMU_ASF, {"unit_m": sk.CMU_UNIT_M}, ["unit CMU's ASF unit", "y up", "facing z at rest"]),
     "cmu_motion_builder": (sk.CMU_FOR_MOTION_BUILDER, {"unit_m": 0.0254}, ["unit inch", "head Head", "hips Hips"]),
     "mixamo": (sk.MIXAMO, {}, ["unit cm (1.", "head mixamorig:Head (tip of its bone)", "hips mixamorig:Hips"]),
-    "mixamo_z_up": (sk.MIXAMO, {"axes": sk.Z_UP_FACING_MINUS_Y, "unit_m": 1.0}, ["unit m (1.", "z up", "facing -y"]),
     "xsens": (sk.XSENS, {}, ["hips Hips", "by left and right joints", "60 frames a second"]),
-    "xsens_segments": (sk.XSENS_SEGMENTS, {"axes": sk.Z_UP_FACING_X}, ["hips Pelvis", "facing x at rest"]),
     "rokoko": (sk.ROKOKO, {}, ["head Head", "facing z at rest"]),
     "motion_builder": (sk.MOTION_BUILDER, {"above": "BVH:reference"}, ["hips Character1_Hips", "unit cm"]),
     "blender": (sk.BLENDER, {"axes": sk.Z_UP_FACING_MINUS_Y, "unit_m": 1.0}, ["facing -y at rest"]),
@@ -46,11 +44,6 @@ EXPORTS = {
         {"unit_m": 0.001, "head": sk.NUMBERED_HEAD},
         ["unit mm", f"head {sk.NUMBERED_HEAD} (", "facing z at rest (by the feet)"],
     ),
-    "no_names_under_a_root": (
-        sk.NUMBERED,
-        {"head": sk.NUMBERED_HEAD, "above": "Armature", "axes": sk.Z_UP_FACING_X},
-        ["hips Bone_0", "facing x at rest (by the feet)"],
-    ),
 }
 
 
@@ -59,9 +52,8 @@ def test_exports_are_read_and_one_line_states_what_was_inferred(tmp_path, name):
     tree, how, said = EXPORTS[name]
     recording = load(sk.write_bvh(tmp_path / "walk.bvh", tree, **how))
     check(recording)
-    (line,) = recording.notes
-    for words in ["read as: ", *said, "the options bvh_unit_m, bvh_up_axis, bvh_head_joint"]:
-        assert words in line
+    for words in [*said, "the options bvh_unit_m, bvh_up_axis, bvh_head_joint"]:
+        assert words in recording.notes[0]
 
 
 def side_exchanged(name):
@@ -97,18 +89,22 @@ def test_without_feet_a_walk_shows_the_facing_and_a_standing_person_is_asked_abo
         load(stands, ReadOptions(bvh_facing="y"))
 
 
-def test_two_heads_are_asked_about(tmp_path):
-    hips, offset, grown = sk.XSENS
-    second = ("Prop_Head", (0.3, 0.0, 0.5), (0.0, 0.0, 0.1))
-    path = sk.write_bvh(
-        tmp_path / "walk.bvh", (hips, offset, [*grown, ("Held_Head", (0.3, 0, 0), [second])]), head="Head"
-    )
-    check(load(path))  # the one that is named so exactly
-    tree = sk.renamed((hips, offset, [*grown, second]), lambda name: f"A{'12'[name == 'Prop_Head']}_{name}")
-    path = sk.write_bvh(tmp_path / "two.bvh", tree, head="A1_Head")
-    with pytest.raises(RecordingError, match=r"A1_Head, A2_Prop_Head may be the head.*bvh_head_joint"):
+def test_without_a_head_the_message_names_the_option(tmp_path):
+    tree = ("A", (0, 0, 0), [("B", (0, 0, 0.4), (0.0, 0.0, 0.3))])
+    with pytest.raises(RecordingError, match=r"no joint that may be the head.*bvh_head_joint, one of A, B"):
+        load(sk.write_bvh(tmp_path / "walk.bvh", tree, head="B"))
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_two_heads_are_asked_about(tmp_path, named):
+    hips, offset, grown = sk.XSENS if named else sk.NUMBERED
+    head = "Head" if named else sk.NUMBERED_HEAD
+    second = ("Prop", (0.0, 0.0, 0.2), [("Prop_Head" if named else "Bone_91", (0.3, 0.0, 0.4), (0.0, 0.0, 0.1))])
+    tree = sk.renamed((hips, offset, [*grown, second]), lambda name: f"A_{name}")
+    path = sk.write_bvh(tmp_path / "walk.bvh", tree, head=f"A_{head}")
+    with pytest.raises(RecordingError, match=rf"A_{head}, A_\w+ may be the head.*bvh_head_joint"):
         load(path)
-    check(load(path, ReadOptions(bvh_head_joint="A1_Head")))
+    check(load(path, ReadOptions(bvh_head_joint=f"A_{head}")))
 
 
 def test_two_units_are_asked_about(tmp_path):
@@ -117,78 +113,3 @@ def test_two_units_are_asked_about(tmp_path):
     with pytest.raises(RecordingError, match=r"inch by the motion, cm by the rest pose.*bvh_unit_m"):
         load(path)
     assert "unit 0.0254 m by bvh_unit_m (1." in load(path, ReadOptions(bvh_unit_m=0.0254)).notes[0]
-
-
-def test_two_heads_without_names_are_asked_about(tmp_path):
-    hips, offset, grown = sk.NUMBERED
-    second = ("Bone_90", (0.0, 0.0, 0.2), [("Bone_91", (0.3, 0.0, 0.4), (0.0, 0.0, 0.1))])
-    path = sk.write_bvh(tmp_path / "walk.bvh", (hips, offset, [*grown, second]), head=sk.NUMBERED_HEAD)
-    with pytest.raises(RecordingError, match=rf"{sk.NUMBERED_HEAD}, Bone_91 may be the head.*bvh_head_joint"):
-        load(path)
-    check(load(path, ReadOptions(bvh_head_joint=sk.NUMBERED_HEAD)))
-
-
-def test_without_sides_and_without_a_head_the_message_names_the_option(tmp_path):
-    tree = ("A", (0, 0, 0), [("B", (0, 0, 0.4), (0.0, 0.0, 0.3))])
-    with pytest.raises(RecordingError, match=r"no joint that may be the head.*bvh_head_joint, one of A, B"):
-        load(sk.write_bvh(tmp_path / "walk.bvh", tree, head="B"))
-
-
-# As in the data set LaFAN1: without rotations all bones point along x, legs and arms, too.
-FOLDED = """HIERARCHY
-ROOT Hips
-{
-  OFFSET 0 0 0
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
-  LEFT
-  RIGHT
-  JOINT Spine
-  {
-    OFFSET 50 0 0
-    CHANNELS 3 Zrotation Yrotation Xrotation
-    JOINT Head
-    {
-      OFFSET 10 0 0
-      CHANNELS 3 Zrotation Yrotation Xrotation
-      End Site
-      {
-        OFFSET 18 0 0
-      }
-    }
-  }
-}
-"""
-FOLDED_LEG = """JOINT {side}UpLeg
-  {{
-    OFFSET 0 1.9 {z}
-    CHANNELS 3 Zrotation Yrotation Xrotation
-    JOINT {side}Foot
-    {{
-      OFFSET 86 0 0
-      CHANNELS 3 Zrotation Yrotation Xrotation
-      End Site
-      {{
-        OFFSET 17 0 0
-      }}
-    }}
-  }}"""
-
-
-def test_a_rest_pose_with_its_legs_folded_up_has_no_feet_and_no_height(tmp_path):
-    times, yaws, places = sk.walk()
-    text = FOLDED.replace("LEFT", FOLDED_LEG.format(side="Left", z=10.5))
-    lines = text.replace("RIGHT", FOLDED_LEG.format(side="Right", z=-10.5)).splitlines()
-    lines += ["MOTION", f"Frames: {len(times)}", f"Frame Time: {1 / sk.RATE_HZ:.7f}"]
-    # Bones' x is up, y is ahead; in the file y is up and z ahead.
-    upright = Rotation.from_matrix([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])
-    for yaw, (ahead, left) in zip(yaws, places, strict=True):
-        hips = (Rotation.from_euler("y", yaw) * upright).as_euler("ZYX", degrees=True)
-        leg, foot, head = [180, 0, 0], [-90, 0, 0], [0, 0, np.degrees(sk.HEAD_YAW_RAD)]
-        values = [100 * left, 94, 100 * ahead, *hips, *leg, *foot, *leg, *foot, 0, 0, 0, *head]
-        lines.append(" ".join(f"{value:.6f}" for value in values))
-    path = tmp_path / "walk.bvh"
-    path.write_text("\n".join(lines), encoding="utf-8")
-    recording = load(path)
-    check(recording)
-    assert "unit cm" in recording.notes[0]
-    assert "facing y at rest (by left and right joints)" in recording.notes[0]

@@ -24,15 +24,6 @@ def speed_m_s(position_m):
     return np.linalg.norm(position_m[9:, :2] - position_m[:-9, :2], axis=1) / 0.3
 
 
-def test_there_are_14_people_and_5_activities(people):
-    assert len(people) == 70
-    assert {"subject01_stand", "subject03_turn_on_spot", "subject14_stop"} <= set(people)
-    labels = {(p.labels.activity, p.labels.group) for p in people.values()}
-    assert len(labels) == 5
-    assert {p.labels.group for p in of(people, *STANDING)} == {"standing"}
-    assert {p.labels.subject for p in people.values()} == {f"subject{k:02}" for k in range(1, 15)}
-
-
 def test_a_recording_is_the_same_on_every_platform(people):
     person = people["subject09_start"]
     found = [
@@ -48,8 +39,6 @@ def test_truth_is_complete_and_people_are_in_the_sensors_view(people):
     for person in people.values():
         assert 8.0 <= person.times_s[-1] + 1 / 30 <= 10.01
         head_m, pelvis_m = person.truth.head_position_m, person.truth.pelvis_position_m
-        for values in (head_m, pelvis_m, person.truth.head_quat_wxyz, person.truth.pelvis_quat_wxyz):
-            assert np.isfinite(values).all()
         distance_m = np.linalg.norm(head_m, axis=1)
         assert distance_m.min() > 0.9, person.name
         assert distance_m.max() < 5.4, person.name
@@ -57,7 +46,7 @@ def test_truth_is_complete_and_people_are_in_the_sensors_view(people):
         assert np.linalg.norm(head_m - pelvis_m, axis=1).max() < 0.85, person.name
 
 
-def test_who_stands_does_not_leave_the_spot(people):
+def test_standing_people_stay_on_the_spot(people):
     for person in of(people, *STANDING):
         assert not travel(person.times_s, person.truth.head_position_m).leaves, person.name
     for person in of(people, "start", "stop"):

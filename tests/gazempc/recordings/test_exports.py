@@ -37,14 +37,13 @@ def test_motive_rigid_body(tmp_path, unit):
     recording = load(exports.motive(tmp_path / "a.csv", unit=unit))
     check(recording)
     assert not recording.has_robot
-    assert any("OptiTrack Motive" in note for note in recording.notes)
 
 
 def test_motive_skeleton(tmp_path):
     check(load(exports.motive(tmp_path / "a.csv", "Anna", skeleton=True)), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
 
 
-def test_euler_angles_of_motive_are_left_out_and_said(tmp_path):
+def test_euler_angles_of_motive_are_left_out_and_named(tmp_path):
     path = exports.motive(tmp_path / "a.csv")
     text = path.read_text().replace("Rotation Type,Quaternion", "Rotation Type,XYZ").replace(",X,Y,Z,W,", ",X,Y,Z,,")
     path.write_text(text)
@@ -62,7 +61,7 @@ def test_bodies_of_which_any_may_be_the_head_are_asked_for(tmp_path):
         load(path, ReadOptions(person="Bib"))
 
 
-def test_rows_where_markers_were_hidden_are_dropped_counted_and_said(tmp_path):
+def test_rows_where_markers_were_hidden_are_dropped_and_counted(tmp_path):
     recording = load(exports.motive(tmp_path / "a.csv", blank=[4, 5, 40]))
     assert recording.times_s.size == exports.FRAMES - 3
     assert any("3 of 90 rows have no time or no head position (first row 12): dropped" in n for n in recording.notes)
@@ -79,7 +78,6 @@ def test_vicon_markers(tmp_path):
     same_turns(recording.truth.head_quat_wxyz, Walk.head)
     same_turns(recording.truth.pelvis_quat_wxyz[known], Walk.pelvis[known])
     np.testing.assert_allclose(np.diff(recording.times_s), 1 / 30, atol=1e-9)
-    assert any("the pelvis's position is not known in 1 of 90 rows" in note for note in recording.notes)
 
 
 def test_vicon_tracker_object(tmp_path):
@@ -90,8 +88,15 @@ def test_xsens_mvnx(tmp_path):
     check(load(exports.mvnx(tmp_path / "a.mvnx")), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
 
 
-@pytest.mark.parametrize("frame", ["camera_color_optical_frame", "base_link", "map"])
-@pytest.mark.parametrize("kind", ["pose", "point", "transform", "covariance"])
+@pytest.mark.parametrize(
+    ("kind", "frame"),
+    [
+        ("pose", "camera_color_optical_frame"),
+        ("point", "base_link"),
+        ("transform", "map"),
+        ("covariance", "camera_color_optical_frame"),
+    ],
+)
 def test_ros2_topic_echo(tmp_path, kind, frame):
     recording = load(exports.ros2_echo(tmp_path / "a.csv", kind, frame))
     head_m = Walk.head_m - [0.0, 0.0, 1.2] + [1.0, 0.0, 0.0]
@@ -101,9 +106,6 @@ def test_ros2_topic_echo(tmp_path, kind, frame):
         same_turns(recording.measured.head_quat_wxyz, Walk.head * exports.BACK)
     assert recording.has_robot == (frame != "map")
     assert recording.kind == "tracked"
-    if kind == "transform":
-        said = "person face_ab12 of 2 (90 rows, the most); also in the file: gaze_ab12 (30)"
-        assert any(said in note for note in recording.notes)
 
 
 @pytest.mark.parametrize("write", [exports.obsmat, exports.tracks])
@@ -114,14 +116,13 @@ def test_tracks_of_pedestrians(tmp_path, write):
     np.testing.assert_allclose(recording.truth.head_position_m[:, 0], 5.0 + 0.5 * np.arange(24), atol=1e-9)
     np.testing.assert_allclose(recording.truth.head_position_m[:, 1], 0.1 * np.arange(24), atol=1e-9)
     np.testing.assert_allclose(recording.truth.head_position_m[:, 2], 1.6, atol=1e-9)
-    assert any("person 7 of 3 (24 rows, the most)" in note for note in recording.notes)
     other = load(path, ReadOptions(person="3"))
     np.testing.assert_allclose(
         other.times_s - other.times_s[0], 0.4 * np.array([0, 1, 2, 3, *range(4, 24, 2)]), atol=1e-9
     )
 
 
-@pytest.mark.parametrize("names", ["{name}_{axis}", "landmark_{number}_{axis}", "{axis}{number}", "lm_{number}_{axis}"])
+@pytest.mark.parametrize("names", ["{name}_{axis}", "landmark_{number}_{axis}", "{axis}{number}"])
 def test_mediapipe_world_landmarks(tmp_path, names):
     recording = load(exports.mediapipe(tmp_path / "a.csv", names))
     nose_m = Walk.point_m("head", [0.1, 0.0, 0.0]) - Walk.pelvis_m + [0.0, 0.0, 0.95]
@@ -130,17 +131,14 @@ def test_mediapipe_world_landmarks(tmp_path, names):
     np.testing.assert_allclose(recording.measured.pelvis_position_m, np.tile([0.0, 0.0, 0.95], (90, 1)), atol=2e-6)
     same_turns(recording.measured.head_quat_wxyz, Walk.head)
     same_turns(recording.measured.pelvis_quat_wxyz, Walk.pelvis)
-    assert any("how the person walks is not in the file" in note for note in recording.notes)
 
 
-@pytest.mark.parametrize("by", ["name", "number"])
-def test_mediapipe_with_a_row_for_each_landmark(tmp_path, by):
-    recording = load(exports.mediapipe_long(tmp_path / "a.csv", by))
+def test_mediapipe_with_a_row_for_each_landmark(tmp_path):
+    recording = load(exports.mediapipe_long(tmp_path / "a.csv"))
     wide = load(exports.mediapipe(tmp_path / "b.csv"))
     np.testing.assert_allclose(recording.times_s, wide.times_s, atol=2e-6)
     np.testing.assert_array_equal(recording.measured.head_position_m, wide.measured.head_position_m)
     np.testing.assert_array_equal(recording.measured.pelvis_position_m, wide.measured.pelvis_position_m)
-    assert "rows of 5 landmarks are put together, a row a frame" in recording.notes
 
 
 def test_rostopic_of_ros_1(tmp_path):
@@ -166,7 +164,7 @@ def test_openpose(tmp_path, unit_m):
         load(folder)
 
 
-def test_what_ros2_prints_between_messages_is_dropped_and_said(tmp_path):
+def test_lines_of_ros2_between_messages_are_dropped_and_counted(tmp_path):
     path = exports.ros2_echo(tmp_path / "a.csv")
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[:5], "A message was lost!!!", *lines[5:], "1700"]))

@@ -14,7 +14,6 @@ from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
 
 N = 30
-C, S = np.cos, np.sin
 
 # Y up, facing +z, person's left +x, centimetres; the order in the file is that of many exporters.
 Y_UP = """HIERARCHY
@@ -60,50 +59,14 @@ Frames: {count}
 Frame Time: 0.0083333333
 """
 
-# Z up, facing +x, person's left +y, metres; rotations X, Y, Z, head without an end site, other names.
-Z_UP = """HIERARCHY
-ROOT mixamorig:Hips {
-  OFFSET 0 0 0
-  CHANNELS 6 Zposition Yposition Xposition Xrotation Yrotation Zrotation
-  JOINT mixamorig:LeftLeg {
-    OFFSET 0 0.09 -0.05
-    CHANNELS 0
-    End Site {
-      OFFSET 0 0 -0.9
-    } }
-  JOINT mixamorig:RightLeg {
-    OFFSET 0 -0.09 -0.05
-    CHANNELS 0
-    End Site {
-      OFFSET 0 0 -0.9
-    } }
-  JOINT mixamorig:Neck {
-    OFFSET 0 0 0.5
-    CHANNELS 3 Xrotation Yrotation Zrotation
-    JOINT mixamorig:Head {
-      OFFSET 0 0 0.1
-      CHANNELS 3 Xrotation Yrotation Zrotation
-    } }
-}
-MOTION
-Frames: {count}
-Frame Time: 0.0333333333
-"""
 
-
-def rx(deg: float) -> np.ndarray:
-    c, s = C(np.radians(deg)), S(np.radians(deg))
-    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-
-
-def ry(deg: float) -> np.ndarray:
-    c, s = C(np.radians(deg)), S(np.radians(deg))
-    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-
-
-def rz(deg: float) -> np.ndarray:
-    c, s = C(np.radians(deg)), S(np.radians(deg))
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+def turn(axis: str, deg: float) -> np.ndarray:
+    a, b = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    matrix = np.eye(3)
+    matrix[[a, b], [a, b]] = np.cos(np.radians(deg))
+    matrix[b, a] = np.sin(np.radians(deg))
+    matrix[a, b] = -matrix[b, a]
+    return matrix
 
 
 def matrices(quat_wxyz: np.ndarray) -> np.ndarray:
@@ -129,16 +92,11 @@ def y_up_frames() -> list[list[float]]:
     return [[10, 95, 1.0 * k, 5, 3, 40, *legs, 0, 0, -10, 2, -8, 25] for k in range(N)]
 
 
-def z_up_frames() -> list[list[float]]:
-    """Hips x 2, y 4, z (yaw) -70; neck yaw 15; head x 3, y -5, z 20 degrees; walking along x."""
-    return [[0.95, 0.4, 0.04 * k, 2, 4, -70, 0, 0, 15, 3, -5, 20] for k in range(N)]
-
-
 def test_y_up_zxy_by_hand(tmp_path: Path) -> None:
     recording = load(write(tmp_path / "mia_01.bvh", Y_UP, y_up_frames()))
-    hips = rz(5) @ rx(3) @ ry(40)
-    spine = hips @ ry(-10)
-    head = spine @ rz(2) @ rx(-8) @ ry(25)
+    hips = turn("z", 5) @ turn("x", 3) @ turn("y", 40)
+    spine = hips @ turn("y", -10)
+    head = spine @ turn("z", 2) @ turn("x", -8) @ turn("y", 25)
     to_out = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])  # file z is out x, file x is out y, file y is out z
     tip = hips @ [0, 20, 0] + spine @ [0, 30, 0] + head @ [0, 15, 2]
     for k in (0, N - 1):
@@ -149,23 +107,7 @@ def test_y_up_zxy_by_hand(tmp_path: Path) -> None:
     np.testing.assert_allclose(matrices(recording.truth.pelvis_quat_wxyz)[3], to_out @ hips @ to_out.T, atol=1e-12)
     np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[3], to_out @ head @ to_out.T, atol=1e-12)
     np.testing.assert_allclose(recording.times_s, np.arange(N) / 120.0, atol=1e-7)
-    assert recording.kind == "motion capture"
-    assert recording.measured is None
-    assert not recording.has_robot
     assert (recording.name, recording.labels.subject, recording.labels.group) == ("mia_01", "mia", "standing")
-
-
-def test_z_up_xyz_by_hand(tmp_path: Path) -> None:
-    recording = load(write(tmp_path / "a.bvh", Z_UP, z_up_frames()))
-    hips = rx(2) @ ry(4) @ rz(-70)
-    neck = hips @ rz(15)
-    head = neck @ rx(3) @ ry(-5) @ rz(20)
-    place = np.array([0.04 * 7, 0.4, 0.95])
-    np.testing.assert_allclose(recording.truth.pelvis_position_m[7], place, atol=1e-12)
-    joint = place + hips @ [0, 0, 0.5] + neck @ [0, 0, 0.1]
-    np.testing.assert_allclose(recording.truth.head_position_m[7], joint, atol=1e-12)
-    np.testing.assert_allclose(matrices(recording.truth.pelvis_quat_wxyz)[7], hips, atol=1e-12)
-    np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[7], head, atol=1e-12)
 
 
 def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path: Path) -> None:
@@ -176,7 +118,7 @@ def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path
     np.testing.assert_allclose(recording.truth.pelvis_position_m[:, 2], 0.95, atol=1e-12)
     assert (recording.truth.head_position_m[:, 2] > 1.5).all()
     # At rest facing file z, turned to face file -y, then 30 deg to the person's left.
-    expected = rz(-90 + 30)
+    expected = turn("z", -90 + 30)
     np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[0], expected, atol=1e-12)
 
 
@@ -210,7 +152,6 @@ def test_options_override_what_the_file_says(tmp_path: Path) -> None:
         ("Bip01 Pelvis", "Bip01 L Thigh", "Bip01 R Thigh", "Bip01 Head"),
         ("hip", "lThigh", "rThigh", "head"),
         ("Actor:Pelvis", "Actor:leg_L", "Actor:leg_R", "Actor:HEAD"),
-        ("reference", "leftleg", "rightleg", "Character1_Head"),
     ],
 )
 def test_joints_are_found_under_many_names(tmp_path: Path, names: tuple[str, ...]) -> None:
@@ -242,12 +183,9 @@ def test_legs_that_lie_at_rest_are_no_feet_and_no_height(tmp_path: Path) -> None
 
 def test_first_frame_in_the_rest_pose_is_left_out(tmp_path: Path) -> None:
     frames = y_up_frames()
-    rest = [0.0] * len(frames[0])
-    recording = load(write(tmp_path / "a.bvh", Y_UP, [rest, *frames]))
+    recording = load(write(tmp_path / "a.bvh", Y_UP, [[0.0] * len(frames[0]), *frames]))
     plain = load(write(tmp_path / "b.bvh", Y_UP, frames))
     np.testing.assert_array_equal(recording.truth.head_position_m, plain.truth.head_position_m)
-    np.testing.assert_array_equal(recording.times_s, plain.times_s)
-    assert any("rest pose" in note for note in recording.notes)
 
 
 Change = Callable[[list[str]], object]
@@ -280,25 +218,19 @@ def _replace(old: str, new: str) -> Change:
     [
         (_line(1, "MOTION"), ["line 1", "HIERARCHY"]),
         (_cut(20), ["line 20", "RightUpLeg"]),
-        (_cut(FIRST - 2), [f"line {FIRST - 2}", "Frames:"]),
         (_cut(FIRST + 11), [f"line {FIRST + 11}", "11 frames", "30"]),
-        (lambda lines: lines.append(lines[-1]), [f"line {FIRST + 31}", "31 frames"]),
         (lambda lines: lines.remove("MOTION"), ["Frames: 30", "MOTION"]),
         (lambda lines: lines.remove("}"), ["MOTION", "Hips"]),
-        (_line(4, "OFFSET 0 0"), ["line 4", "OFFSET"]),
         (_line(4, "OFFSET 0 0 x"), ["line 4", "'x'"]),
         (_line(4, "OFFSET 0 0 nan"), ["line 4", "finite"]),
         (_line(5, "CHANNELS 1 Wrotation"), ["line 5", "Wrotation", "Xposition, Yposition"]),
-        (_line(6, "JOINT"), ["line 6", "JOINT"]),
         (_line(6, "ROOT Other"), ["line 6", "ROOT Other"]),
         (_line(3, "OFFSET 0 0 0"), ["line 3", "brace"]),
-        (_line(FIRST - 1, "Frames: 0"), [f"line {FIRST - 1}", "Frames: 0", "at least 1"]),
         (_line(FIRST, "Frame Time: -0.1"), [f"line {FIRST}", "-0.1"]),
         (_line(FIRST, "Frame Time: 8.3333"), ["milliseconds", "1000"]),
         (_line(FIRST + 5, "1 2 3"), [f"line {FIRST + 5}", "frame 5", "18 values"]),
         (_line(FIRST + 5, " ".join(["1"] * 17 + ["1,5"])), [f"line {FIRST + 5}", "'1,5'"]),
         (_line(FIRST + 5, " ".join(["1"] * 17 + ["nan"])), [f"line {FIRST + 5}", "Head Yrotation"]),
-        (_replace("JOINT Left", "JOINT Some"), ["LeftUpLeg and RightUpLeg", "bvh_facing"]),
         (_replace("9.0 -5.0", "0.0 -5.0"), ["no pairs of left and right joints", "two sides", "bvh_facing"]),
         (_replace("-90.0", "-900.0"), ["m (1), cm (0.01), mm (0.001)", "bvh_unit_m"]),
     ],
@@ -314,27 +246,7 @@ def test_damage_is_named(tmp_path: Path, change: Change, named: list[str]) -> No
         assert words in str(caught.value)
 
 
-def test_a_person_lying_down_has_no_up_axis_to_be_told(tmp_path: Path) -> None:
+def test_a_person_lying_down_has_no_up_axis(tmp_path: Path) -> None:
     frames = [[0, 95, 0, 0, 45, 0, *[0.0] * 12] for _ in range(N)]
     with pytest.raises(RecordingError, match=r"no axis points up.*bvh_up_axis"):
         load(write(tmp_path / "a.bvh", Y_UP, frames))
-
-
-@pytest.mark.parametrize("head", [Y_UP, Z_UP])
-def test_cut_off_and_damaged_files_raise_nothing_else(tmp_path: Path, head: str) -> None:
-    path = write(tmp_path / "walk.bvh", head, (y_up_frames() if head is Y_UP else z_up_frames())[:6])
-    whole = path.read_bytes()
-    random = np.random.default_rng(1)
-    for size in range(0, len(whole) - 50, 250):
-        path.write_bytes(whole[:size])
-        with pytest.raises(RecordingError):
-            load(path)
-    for _ in range(40):
-        data = bytearray(whole)
-        for place in random.integers(len(data), size=2):
-            data[place] = random.integers(10, 127)
-        path.write_bytes(bytes(data))
-        try:
-            load(path)
-        except RecordingError as error:
-            assert str(path) in str(error)  # noqa: PT017 - reading what is left is allowed too

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.recording import Recording
 
 N = 40
 START_USEC = 5_000_000_000
@@ -69,12 +68,7 @@ def pelvis_path_m() -> np.ndarray:
 
 def document(pitch: float = 0.0, pelvis_yaw: float = 170.0, head_yaw: float = -150.0) -> dict[str, Any]:
     frames = [
-        {
-            "timestamp_usec": START_USEC + k * STEP_USEC,
-            "frame_id": k,
-            "num_bodies": 1,
-            "bodies": [body(7, place, pelvis_yaw, head_yaw, pitch)],
-        }
+        {"timestamp_usec": START_USEC + k * STEP_USEC, "bodies": [body(7, place, pelvis_yaw, head_yaw, pitch)]}
         for k, place in enumerate(pelvis_path_m())
     ]
     return {"k4abt_sdk_version": "1.1.2", "joint_names": NAMES, "bone_list": [], "frames": frames}
@@ -90,13 +84,11 @@ def yaw_deg(quat_wxyz: np.ndarray) -> np.ndarray:
     return np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
-@pytest.mark.parametrize("pitch", [0.0, 12.0, -20.0])
-@pytest.mark.parametrize("joint", ["nose", "head"])
+@pytest.mark.parametrize(("pitch", "joint"), [(12.0, "nose"), (-20.0, "head")])
 def test_a_known_walk_is_read_back_level(tmp_path: Path, pitch: float, joint: str) -> None:
     path = write(tmp_path / "eva_R3.json", document(pitch))
     options = ReadOptions.model_validate({"kinect_camera_pitch_deg": pitch, "kinect_head_joint": joint})
     recording = load(path, options)
-    assert isinstance(recording, Recording)
     assert recording.measured is not None
     np.testing.assert_allclose(recording.times_s, np.arange(N) * STEP_USEC * 1e-6, atol=1e-9)
     nose = Rotation.from_euler("z", -150.0, degrees=True).apply([0.12, 0.0, 0.02]) if joint == "nose" else 0.0
@@ -107,23 +99,9 @@ def test_a_known_walk_is_read_back_level(tmp_path: Path, pitch: float, joint: st
         np.testing.assert_allclose(yaw_deg(track.head_quat_wxyz), -150.0, atol=1e-6)
         upright = np.abs(track.head_quat_wxyz[:, [1, 2]])
         np.testing.assert_allclose(upright, 0.0, atol=1e-6)
-        assert track.valid.all()
     assert recording.has_robot
     assert recording.kind == "body tracking"
     assert (recording.name, recording.labels.subject, recording.labels.group) == ("eva_R3", "eva", "straight")
-
-
-def test_left_and_up_have_their_signs(tmp_path: Path) -> None:
-    """A person to the camera's left and above it, from raw numbers: x right = -500 mm, y down = -300 mm."""
-    content = document()
-    for frame in content["frames"]:
-        for position in frame["bodies"][0]["joint_positions"]:
-            pelvis = frame["bodies"][0]["joint_positions"][NAMES.index("PELVIS")]
-            if position is not pelvis:
-                position[:] = [a - b + c for a, b, c in zip(position, pelvis, [-500, -300, 2000], strict=True)]
-        pelvis[:] = [-500.0, -300.0, 2000.0]
-    recording = load(write(tmp_path / "a.json", content))
-    np.testing.assert_allclose(recording.truth.pelvis_position_m[5], [2.0, 0.5, 0.3], atol=1e-9)
 
 
 def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path: Path) -> None:
@@ -132,18 +110,11 @@ def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path: Path) -> None
         content["frames"][k]["bodies"] = []
     recording = load(write(tmp_path / "a.json", content))
     assert recording.measured is not None
-    assert len(recording.times_s) == N - 3
     np.testing.assert_allclose(recording.times_s, np.arange(N - 3) * STEP_USEC * 1e-6, atol=1e-9)
     unseen = np.flatnonzero(~recording.truth.valid)
     np.testing.assert_array_equal(unseen, [8, 9, 10])
     for track in (recording.truth, recording.measured):
-        for values in (
-            track.head_position_m,
-            track.head_quat_wxyz,
-            track.pelvis_position_m,
-            track.pelvis_quat_wxyz,
-        ):
-            np.testing.assert_array_equal(np.isnan(values).all(axis=1), ~track.valid)
+        for values in (track.head_position_m, track.pelvis_quat_wxyz):
             np.testing.assert_array_equal(np.isnan(values).any(axis=1), ~track.valid)
     np.testing.assert_allclose(recording.truth.pelvis_position_m[-1], pelvis_path_m()[N - 2], atol=1e-6)
 
@@ -168,53 +139,28 @@ def joints(content: dict[str, Any], frame: int, key: str = "joint_positions") ->
     return content["frames"][frame]["bodies"][0][key]
 
 
-def _scale(factor: float) -> Change:
-    def change(content: dict[str, Any]) -> None:
-        for k in range(N):
-            joints(content, k)[:] = [[factor * v for v in xyz] for xyz in joints(content, k)]
-
-    return change
+def _metres(content: dict[str, Any]) -> None:
+    for k in range(N):
+        joints(content, k)[:] = [[1e-3 * v for v in xyz] for xyz in joints(content, k)]
 
 
-def _scale_times(factor: float) -> Change:
-    def change(content: dict[str, Any]) -> None:
-        for frame in content["frames"]:
-            frame["timestamp_usec"] = frame["timestamp_usec"] * factor
-
-    return change
-
-
-def _turn_head_joints(axis: str, angle_deg: float) -> Change:
-    def change(content: dict[str, Any]) -> None:
-        for k in range(N):
-            for name in ("NOSE", "HEAD"):
-                entry = joints(content, k, "joint_orientations")[NAMES.index(name)]
-                w, x, y, z = entry
-                turned = Rotation.from_quat([x, y, z, w]) * Rotation.from_euler(axis, angle_deg, degrees=True)
-                entry[:] = turned.as_quat()[[3, 0, 1, 2]].tolist()
-
-    return change
-
-
-def _drop_bodies(content: dict[str, Any]) -> None:
-    for frame in content["frames"]:
-        frame["bodies"] = []
+def _turn_noses(content: dict[str, Any]) -> None:
+    """The axes of the joint NOSE are turned by 90 degrees about up."""
+    for k in range(N):
+        entry = joints(content, k, "joint_orientations")[NAMES.index("NOSE")]
+        turn = Rotation.from_quat(entry, scalar_first=True) * Rotation.from_euler("x", 90.0, degrees=True)
+        entry[:] = turn.as_quat(scalar_first=True).tolist()
 
 
 def _put(value: Any, *keys: Any) -> Change:
+    """Another value at a place; None takes the key away."""
+
     def change(content: Any) -> None:
         for key in keys[:-1]:
             content = content[key]
         content[keys[-1]] = value
-
-    return change
-
-
-def _delete(*keys: Any) -> Change:
-    def change(content: Any) -> None:
-        for key in keys[:-1]:
-            content = content[key]
-        del content[keys[-1]]
+        if value is None and isinstance(content, dict):
+            del content[keys[-1]]
 
     return change
 
@@ -225,29 +171,20 @@ NOSE = NAMES.index("NOSE")
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (_delete("joint_names"), ["joint_names"]),
-        (_put([], "frames"), ["frames"]),
+        (_put(None, "joint_names"), ["joint_names"]),
         (_put("SPINE", "joint_names", NOSE), ["joint_names", "NOSE"]),
         (_put("frame", "frames", 4), ["frame 4"]),
-        (_put(True, "frames", 4, "timestamp_usec"), ["frame 4", "timestamp_usec"]),
         (_put(10**400, "frames", 4, "timestamp_usec"), ["frame 4", "timestamp_usec"]),
-        (_put(START_USEC, "frames", 4, "timestamp_usec"), ["frame 4", "5000000000.0"]),
         (_put(START_USEC + 3 * STEP_USEC, "frames", 4, "timestamp_usec"), ["frame 4", "frame 3"]),
-        (_delete("frames", 4, "bodies", 0, "joint_orientations"), ["frame 4", "joint_orientations"]),
+        (_put(None, "frames", 4, "bodies", 0, "joint_orientations"), ["frame 4", "joint_orientations"]),
         (lambda content: joints(content, 4).pop(), ["frame 4, body 7", "6 joint_positions for 7"]),
-        (lambda content: joints(content, 4)[NOSE].pop(), ["frame 4", "joint_positions"]),
         (_put("1", "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4", "joint_positions"]),
         (_put(None, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4, body 7", "NOSE", "y", "nan"]),
-        (_put(1e12, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4", "NOSE", "1e+12"]),
         (_put(9.0, "frames", 4, "bodies", 0, "joint_orientations", NOSE, 0), ["frame 4", "NOSE", "norm"]),
         (lambda content: content["frames"][4]["bodies"].append(content["frames"][4]["bodies"][0]), ["frame 4"]),
-        (_drop_bodies, ["40 frames"]),
         (lambda content: content["frames"].__delitem__(slice(4, None)), ["4 frame(s)", "at least 5"]),
-        (_scale(1e-3), ["metres where millimetres", "1/1000"]),
-        (_scale(1 / 25.4), ["inches where millimetres", "1/25.4"]),
-        (_scale_times(1000), ["nanoseconds where microseconds", "1000"]),
-        (_turn_head_joints("x", 90.0), ["NOSE", "90 deg from the face"]),
-        (_turn_head_joints("y", 90.0), ["NOSE", "90 deg from up"]),
+        (_metres, ["0.0006", "the format has microseconds and millimetres"]),
+        (_turn_noses, ["NOSE", "90 deg from the face"]),
     ],
 )
 def test_damage_is_named(tmp_path: Path, change: Change, named: list[str]) -> None:
@@ -258,24 +195,3 @@ def test_damage_is_named(tmp_path: Path, change: Change, named: list[str]) -> No
         load(path)
     for words in [str(path), "Expected: ", *named]:
         assert words in str(caught.value)
-
-
-def test_cut_off_and_damaged_files_raise_nothing_else(tmp_path: Path) -> None:
-    content = document()
-    del content["frames"][6:]
-    path = write(tmp_path / "walk.json", content)
-    whole = path.read_bytes()
-    random = np.random.default_rng(1)
-    for size in range(0, len(whole), 500):
-        path.write_bytes(whole[:size])
-        with pytest.raises(RecordingError):
-            load(path)
-    for _ in range(40):
-        data = bytearray(whole)
-        for place in random.integers(len(data), size=2):
-            data[place] = random.integers(32, 127)
-        path.write_bytes(bytes(data))
-        try:
-            load(path)
-        except RecordingError as error:
-            assert str(path) in str(error)  # noqa: PT017 - reading what is left is allowed too

@@ -11,8 +11,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import GazempcError, RecordingError
@@ -57,64 +55,40 @@ def test_csv_is_read_back(tmp_path: Path) -> None:
     assert recording.measured is None
     assert not recording.has_robot
     assert recording.kind == "motion capture"
-    assert (recording.name, recording.labels.subject, recording.labels.group) == (
-        "anna_walk_1",
-        "anna",
-        "straight",
-    )
-
-
-def test_parquet_equals_csv(tmp_path: Path) -> None:
-    values = walk_values()
-    table = pa.table({name: values[:, k] for k, name in enumerate(COLUMNS)} | {"note": ["x"] * N})
-    pq.write_table(table, tmp_path / "a.parquet")
-    from_parquet, from_csv = (
-        load(tmp_path / "a.parquet"),
-        load(write_rows(tmp_path / "a.csv", table_rows(values))),
-    )
-    np.testing.assert_array_equal(from_parquet.times_s, from_csv.times_s)
-    np.testing.assert_array_equal(from_parquet.truth.head_quat_wxyz, from_csv.truth.head_quat_wxyz)
-    assert from_parquet.labels == from_csv.labels
+    labels = recording.labels
+    assert (recording.name, labels.subject, labels.group) == ("anna_walk_1", "anna", "straight")
 
 
 def test_labels_come_from_the_index_beside_the_file(tmp_path: Path) -> None:
     write_rows(tmp_path / "walk7.csv", table_rows())
-    write_rows(
-        tmp_path / "index.csv",
-        [
-            ["clip", "x", "subject", "group", "source_description"],
-            ["walk7", "", "p3", "sharp", "round a chair"],
-        ],
-    )
+    header = ["clip", "x", "subject", "group", "source_description"]
+    write_rows(tmp_path / "index.csv", [header, ["walk7", "", "p3", "sharp", "round a chair"]])
     labels = load(tmp_path / "walk7.csv").labels
     assert (labels.subject, labels.group, labels.description) == ("p3", "sharp", "round a chair")
     labels = load(write_rows(tmp_path / "other_2.csv", table_rows())).labels
     assert (labels.subject, labels.group, labels.description) == ("other", "straight", "")
 
 
-# ---------------------------------------------------------------- optional parts
-
 PARTS = {"head_quat_wxyz": slice(4, 8), "pelvis_position_m": slice(8, 11), "pelvis_quat_wxyz": slice(11, 15)}
 
 
 @pytest.mark.parametrize(
-    "given", [(), ("head_quat_wxyz",), ("pelvis_position_m",), ("pelvis_quat_wxyz", "head_quat_wxyz")]
+    ("ending", "given"),
+    [("csv", ()), ("csv", ("head_quat_wxyz",)), ("parquet", ("pelvis_position_m",)), ("parquet", tuple(PARTS))],
 )
-@pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_what_a_table_does_not_hold_is_not_known(tmp_path: Path, given: tuple[str, ...], ending: str) -> None:
+def test_columns_that_are_missing_are_unknown_parts(tmp_path: Path, ending: str, given: tuple[str, ...]) -> None:
     values = walk_values()
     kept = [k for k in range(15) if k < 4 or any(k in range(15)[PARTS[name]] for name in given)]
     path = tmp_path / f"walk.{ending}"
     if ending == "csv":
         write_rows(path, [[row[k] for k in kept] for row in table_rows(values)])
     else:
-        pq.write_table(pa.table({COLUMNS[k]: values[:, k] for k in kept}), path)
+        pq.write_table(pa.table({COLUMNS[k]: values[:, k] for k in kept} | {"note": ["x"] * N}), path)
     recording = load(path)
     np.testing.assert_array_equal(recording.truth.head_position_m, values[:, 1:4])
     for name, columns in PARTS.items():
         expected = values[:, columns] if name in given else np.full_like(values[:, columns], np.nan)
         np.testing.assert_allclose(getattr(recording.truth, name), expected, atol=1e-15)
-    assert recording.truth.valid.all()
     assert recording.labels.group == "straight"
 
 
@@ -123,8 +97,7 @@ def heads(times_s: np.ndarray, head_m: np.ndarray) -> Rows:
     return [list(COLUMNS[:4]), *[[repr(float(v)) for v in row] for row in values]]
 
 
-@pytest.mark.parametrize("rate_hz", [5.0, 16.0, 50.0])
-@pytest.mark.parametrize("turn_deg", [0.0, 45.0, 120.0])
+@pytest.mark.parametrize(("rate_hz", "turn_deg"), [(5.0, 0.0), (16.0, 45.0), (50.0, 120.0)])
 def test_the_group_follows_from_the_head_where_no_pelvis_is_known(
     tmp_path: Path, rate_hz: float, turn_deg: float
 ) -> None:
@@ -137,21 +110,20 @@ def test_the_group_follows_from_the_head_where_no_pelvis_is_known(
 
 
 @pytest.mark.parametrize(
-    ("factor", "order", "said"),
+    ("factor", "order", "named"),
     [
         (1000.0, [0, 1, 2], ["1200 m/s", "looks like millimetres", "slower than 12.5 m/s"]),
-        (100.0, [0, 1, 2], ["120 m/s", "centimetres"]),
         (1.0, [2, 1, 0], ["z does not point up", "4.72 m along z", "metres with z up"]),
     ],
 )
 def test_heads_in_another_unit_or_with_another_axis_up_are_refused(
-    tmp_path: Path, factor: float, order: list[int], said: list[str]
+    tmp_path: Path, factor: float, order: list[int], named: list[str]
 ) -> None:
     t = np.arange(60) / 15.0
     head_m = np.column_stack([1.2 * t, 0.02 * np.sin(6.0 * t), np.full(60, 1.7)])
     with pytest.raises(RecordingError) as caught:
         load(write_rows(tmp_path / "a.csv", heads(t, factor * head_m[:, order])))
-    for words in said:
+    for words in named:
         assert words in str(caught.value)
 
 
@@ -162,21 +134,17 @@ def _set(row: int, column: str, text: str) -> Callable[[Rows], None]:
     return change
 
 
-def _scale(columns: range, factor: float) -> Callable[[Rows], None]:
+def _scale(columns: str, factor: float) -> Callable[[Rows], None]:
     def change(rows: Rows) -> None:
         for row in rows[1:]:
-            for k in columns:
-                row[k] = repr(float(row[k]) * factor)
+            for k, name in enumerate(COLUMNS):
+                if name in columns:
+                    row[k] = repr(float(row[k]) * factor)
 
     return change
 
 
-def _scale_positions(factor: float) -> Callable[[Rows], None]:
-    def change(rows: Rows) -> None:
-        _scale(range(1, 4), factor)(rows)
-        _scale(range(8, 11), factor)(rows)
-
-    return change
+POSITIONS = "head_x head_y head_z pelvis_x pelvis_y pelvis_z"
 
 
 def _swap_y_and_z(rows: Rows) -> None:
@@ -190,67 +158,57 @@ def _drop_column(rows: Rows) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "named"),
     [
         (_drop_column, ["header", "missing column(s) head_qw", "the columns t, head_x", "all of its columns or none"]),
         (_set(1, "head_x", "t"), ["header", "missing column(s) head_x"]),
-        (_set(1, "pelvis_y", "pelvisy"), ["header", "missing column(s) pelvis_y", "pelvis_{x,y,z}"]),
         (lambda rows: [row.append(row[3]) for row in rows], ["more than one column head_z", "once"]),
         (_set(17, "head_y", "left"), ["row 17", "head_y", "'left' is not a number", "a number"]),
-        (_set(17, "head_y", "1.500,5"), ["row 17", "head_y", "'1.500,5' is not a number"]),
-        (_set(17, "head_y", "1_5"), ["row 17", "head_y", "'1_5' is not a number"]),
         (_set(9, "head_x", "1e300"), ["row 9", "head_x", "1e+300", "finite"]),
         (lambda rows: rows[20].pop(), ["row 21", "14 cells", "15 cells"]),
-        (lambda rows: rows[20].append("1"), ["row 21", "16 cells", "15 cells"]),
         (lambda rows: rows.__delitem__(slice(1, None)), ["no rows", "a row a frame"]),
         (lambda rows: rows.__delitem__(slice(4, None)), ["only 3 frame(s)", "at least 4"]),
-        (_set(12, "t", repr(9 / 30.0)), ["row 12", "duplicate time stamp 0.3", "row 11", "larger"]),
-        (_set(12, "t", "0.1"), ["row 12", "backwards", "from 0.3 in row 11 to 0.1"]),
+        (_set(12, "t", repr(9 / 30.0)), ["row 12", "0.3 follows 0.3 in row 11", "larger"]),
+        (_set(12, "t", "0.1"), ["row 12", "0.1 follows 0.3 in row 11"]),
         (_set(30, "head_qw", "0.5"), ["row 30", "head_q{w,x,y,z}", "norm is 0.56", "norm of 1"]),
-        (_set(30, "pelvis_qw", "0.1"), ["row 30", "pelvis_q{w,x,y,z}", "norm is 0.1"]),
-        (_scale(range(1), 1e3), ["33.33 s", "milliseconds", "factor of 1000", "seconds"]),
-        (_scale(range(1), 1e6), ["microseconds", "factor of 1e+06"]),
-        (_scale_positions(1000.0), ["600 m", "(median)", "millimetres", "factor of 1000", "metres"]),
-        (_scale_positions(1 / 1000.0), ["0.0006 m", "pelvis"]),
-        (_scale_positions(100.0), ["60 m", "centimetres", "factor of 100"]),
-        (_scale_positions(1 / 0.0254), ["23.62 m", "looks like inches", "factor of 39.37"]),
-        (_scale_positions(1 / 0.3048), ["1.969 m", "looks like feet"]),
+        (_scale("t", 1e3), ["33.33 s", "milliseconds", "factor of 1000", "seconds"]),
+        (_scale(POSITIONS, 1000.0), ["600 m", "(median)", "millimetres", "factor of 1000", "metres"]),
+        (_scale(POSITIONS, 1 / 0.0254), ["23.62 m", "looks like inches", "factor of 39.37"]),
         (_swap_y_and_z, ["z does not point up", "(0.00, 0.60, 0.00) m", "z up"]),
     ],
 )
-def test_damage_is_named(tmp_path: Path, change: Callable[[Rows], object], said: list[str]) -> None:
+def test_damage_is_named(tmp_path: Path, change: Callable[[Rows], object], named: list[str]) -> None:
     rows = table_rows()
     change(rows)
     path = write_rows(tmp_path / "walk.csv", rows)
     with pytest.raises(RecordingError) as caught:
         load(path)
-    for words in [str(path), "Expected: ", *said]:
+    for words in [str(path), "Expected: ", *named]:
         assert words in str(caught.value)
 
 
-@pytest.mark.parametrize("cell", ["", "nan", "NaN", "NA", "null", "-", "inf", "-inf"])
-@pytest.mark.parametrize("column", ["t", "head_x"])
-def test_rows_without_time_or_head_are_dropped_and_said(tmp_path: Path, column: str, cell: str) -> None:
+@pytest.mark.parametrize(("column", "cell"), [("t", ""), ("head_x", "NaN"), ("t", "null"), ("head_x", "-inf")])
+def test_rows_without_time_or_head_are_dropped_and_counted(tmp_path: Path, column: str, cell: str) -> None:
     rows = table_rows()
     for line in (9, 30):
         _set(line, column, cell)(rows)
     recording = load(write_rows(tmp_path / "walk.csv", rows))
     np.testing.assert_array_equal(recording.times_s, np.delete(walk_values()[:, 0], [7, 28]))
-    assert recording.notes == ("2 of 60 rows have no time or no head position (first row 9): dropped",)
+    assert "2 of 60 rows" in recording.notes[0]
 
 
-@pytest.mark.parametrize(("column", "part"), [("pelvis_qz", "pelvis_quat_wxyz"), ("head_qw", "head_quat_wxyz")])
-def test_a_part_that_is_not_known_in_a_row_is_nan_there_and_said(tmp_path: Path, column: str, part: str) -> None:
+def test_a_part_that_is_unknown_in_a_row_is_nan_there(tmp_path: Path) -> None:
+    column, part = "pelvis_qz", "pelvis_quat_wxyz"
     rows = table_rows()
     _set(9, column, "nan")(rows)
     recording = load(write_rows(tmp_path / "walk.csv", rows))
     assert np.isnan(getattr(recording.truth, part)[7]).all()
     assert np.isfinite(np.delete(getattr(recording.truth, part), 7, axis=0)).all()
-    assert recording.notes == (f"the {column.partition('_')[0]}'s orientation is not known in 1 of 60 rows",)
+    assert "orientation is not known in 1 of 60 rows" in recording.notes[0]
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "named"),
     [
         (b"", "empty"),
         (b" \n\n", "empty"),
@@ -259,10 +217,10 @@ def test_a_part_that_is_not_known_in_a_row_is_nan_there_and_said(tmp_path: Path,
         (b't,x\n"' + b"x" * 200_000, "field larger"),
     ],
 )
-def test_files_that_are_no_text_tables(tmp_path: Path, data: bytes, said: str) -> None:
+def test_files_that_are_no_text_tables(tmp_path: Path, data: bytes, named: str) -> None:
     path = tmp_path / "walk.csv"
     path.write_bytes(data)
-    with pytest.raises(RecordingError, match=said):
+    with pytest.raises(RecordingError, match=named):
         load(path)
 
 
@@ -282,62 +240,35 @@ def test_parquet_damage_is_named(tmp_path: Path, column: str) -> None:
         load(path)
 
 
-def test_cut_off_and_damaged_tables_raise_nothing_else(tmp_path: Path) -> None:
-    path = write_rows(tmp_path / "walk.csv", table_rows(walk_values()[:8]))
-    whole = path.read_bytes()
-    random = np.random.default_rng(1)
-    damaged = [whole[:size] for size in range(0, len(whole), 50)]
-    for _ in range(200):
-        data = bytearray(whole)
-        for place in random.integers(len(data), size=2):
-            data[place] = random.integers(256)
-        damaged.append(bytes(data))
-    for data in damaged:
-        path.write_bytes(data)
-        try:
-            load(path)
-        except RecordingError as error:
-            assert str(path) in str(error)  # noqa: PT017 - reading what is left is allowed too
-
-
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(cells=st.lists(st.lists(st.text(max_size=8), min_size=15, max_size=15), max_size=6))
-def test_any_cells_raise_recording_errors_only(tmp_path: Path, cells: Rows) -> None:
-    path = tmp_path / "any.csv"
-    text = "\n".join(",".join(row) for row in [list(COLUMNS), *cells])
-    path.write_bytes(text.encode("utf-8", errors="replace"))
-    with pytest.raises(RecordingError):
-        load(path)
-
-
 def test_groups_of_real_walks_agree_with_their_index(walks_dir: Path) -> None:
     with (walks_dir / "index.csv").open(encoding="utf-8") as stream:
         index = list(csv.DictReader(stream))
-    for row in index:
+    for row in index[::4]:
         recording = load(walks_dir / f"{row['clip']}.csv")
-        assert len(recording.times_s) == int(row["n_frames"])
-        assert recording.labels.subject == row["subject"]
-        assert recording.labels.group == row["group"]
-        assert recording.labels.description == row["source_description"]
+        labels = recording.labels
+        assert (labels.subject, labels.group, labels.description) == (
+            row["subject"],
+            row["group"],
+            row["source_description"],
+        )
         assert route_group(recording.times_s, recording.truth.pelvis_position_m) == row["group"], row["clip"]
 
 
-def test_load_says_what_it_accepts(tmp_path: Path) -> None:
+def test_unknown_recordings_are_refused_with_the_accepted_kinds(tmp_path: Path) -> None:
     assert load("subject03_R2").name == "subject03_R2"
     cases = {
         "subject03_R9": ["no such", "perhaps you meant 'subject03_R", ".csv, .tsv, .txt, .parquet, .mvnx, .json, .bvh"],
         str(tmp_path): ["directory"],
         str(tmp_path / "none.csv"): ["no such file", ".csv, .tsv"],
         "x" * 5000: [""],
-        "\0": ["no such"],
     }
     (tmp_path / "a.xlsx").write_bytes(b"x")
     cases[str(tmp_path / "a.xlsx")] = ["unknown kind of file '.xlsx'", ".csv, .tsv, .txt, .parquet, .mvnx, .json, .bvh"]
     os.mkfifo(tmp_path / "pipe.csv")
     cases[str(tmp_path / "pipe.csv")] = ["not a regular file"]
-    for name, said in cases.items():
+    for name, named in cases.items():
         with pytest.raises(RecordingError) as caught:
             load(name)
-        for words in said:
+        for words in named:
             assert words in str(caught.value)
     assert issubclass(RecordingError, GazempcError)

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
@@ -30,10 +31,16 @@ def robot_of(server: OnvifCameraServer, neck=BLIND, **options) -> OnvifCamera:
     return OnvifCamera(f"127.0.0.1:{server.port}", neck, time.monotonic, OnvifOptions(timeout_s=5.0, **options))
 
 
-def test_the_camera_turns_as_commanded_and_each_move_ends_by_itself() -> None:
-    with onvif_camera(QUICK, USER, PASSWORD) as server:
-        robot = robot_of(server)
+@contextmanager
+def connected(neck=BLIND, **options):
+    """A camera, and a robot that is connected to it."""
+    with onvif_camera(QUICK, USER, PASSWORD) as server, closing(robot_of(server, neck, **options)) as robot:
         robot.connect()
+        yield server, robot
+
+
+def test_the_camera_turns_as_commanded_and_each_move_ends_by_itself() -> None:
+    with connected() as (server, robot):
         feed(robot, (0.5, -0.2), lambda: server.plant.true_state().position_rad[0] > 0.1)
         position = server.plant.true_state().position_rad
         assert position[1] == pytest.approx(-0.4 * position[0], rel=0.3)
@@ -54,19 +61,14 @@ def test_speeds_of_a_table_are_sent_as_shares_between_its_entries() -> None:
     # Shares 0.5 and 1 give 0.2 and 0.3 rad/s to the left, 0.4 and 0.5 to the right.
     table = SpeedSteps(positive_rad_s=(0.2, 0.3), negative_rad_s=(0.4, 0.5))
     pan = BLIND.pan.model_copy(update={"speed_steps": table, "velocity_max_rad_s": 0.3})
-    with onvif_camera(QUICK, USER, PASSWORD) as server:
-        robot = robot_of(server, BLIND.model_copy(update={"pan": pan}))
-        robot.connect()
+    with connected(BLIND.model_copy(update={"pan": pan})) as (server, robot):
         for speed, share in ((0.1, 0.25), (0.2, 0.5), (0.25, 0.75), (-0.2, -0.25), (-0.3, -0.375)):
             feed(robot, (speed, 0.0), lambda share=share: server.moves[-1][1] == pytest.approx(-share, abs=1e-4))
-        robot.close()
 
 
 def test_positions_where_their_range_is_stated() -> None:
     low, high = np.rad2deg(QUICK.position_min_rad), np.rad2deg(QUICK.position_max_rad)
-    with onvif_camera(QUICK, USER, PASSWORD) as server:
-        robot = robot_of(server, QUICK, range_deg=(high[0], low[0], low[1], high[1]))
-        robot.connect()
+    with connected(QUICK, range_deg=(high[0], low[0], low[1], high[1])) as (server, robot):
         feed(robot, (0.5, 0.1), lambda: server.plant.true_state().position_rad[0] > 0.1)
         feed(robot, (0.0, 0.0), lambda: np.abs(server.plant.true_state().velocity_rad_s).max() < 1e-4)
         while robot.read_state() is not None:
@@ -74,7 +76,6 @@ def test_positions_where_their_range_is_stated() -> None:
         seen: list = []
         feed(robot, (0.0, 0.0), lambda: (s := robot.read_state()) is not None and not seen.append(s.position_rad))
         np.testing.assert_allclose(seen[-1], server.plant.true_state().position_rad, atol=1e-3)
-        robot.close()
 
 
 def test_absolute_moves_for_a_neck_that_takes_angles() -> None:
@@ -82,16 +83,13 @@ def test_absolute_moves_for_a_neck_that_takes_angles() -> None:
     neck = BLIND.model_copy(update=joints)
     with pytest.raises(SettingsError, match="velocity"):
         OnvifCamera("127.0.0.1", neck, time.monotonic, OnvifOptions())
-    with onvif_camera(QUICK, USER, PASSWORD) as server:
+    with connected(neck, range_deg=(100.0, -100.0, -25.0, 25.0)) as (server, robot):
         targets: list = []
         server.absolute_move = lambda x, y, _: targets.append((x, y))  # type: ignore[method-assign]
-        robot = robot_of(server, neck, range_deg=(100.0, -100.0, -25.0, 25.0))
-        robot.connect()
         time.sleep(0.6)
         assert not targets  # nothing moves before a command
         feed(robot, tuple(np.deg2rad([20.0, -5.0])), lambda: bool(targets))
         assert targets[0] == pytest.approx((-0.2, -0.2), abs=1e-4)
-        robot.close()
 
 
 def test_a_wrong_password_is_named_and_shown_nowhere(caplog, capfd, monkeypatch) -> None:
@@ -126,10 +124,8 @@ def test_the_login_from_a_file(tmp_path, monkeypatch) -> None:
 
 
 def test_a_camera_that_reports_moving_for_ever_is_driven_all_the_same() -> None:
-    with onvif_camera(QUICK, USER, PASSWORD) as server:
+    with connected(QUICK, range_deg=(100.0, -100.0, -25.0, 25.0)) as (server, robot):
         server.says_moving = True
-        robot = robot_of(server, QUICK, range_deg=(100.0, -100.0, -25.0, 25.0))
-        robot.connect()
         for speed in (0.5, -0.5, 0.5):
             feed(robot, (speed, 0.0), lambda speed=speed: server.moves[-1][1] * speed < 0)
         robot.close()
@@ -137,9 +133,7 @@ def test_a_camera_that_reports_moving_for_ever_is_driven_all_the_same() -> None:
 
 
 def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
-    with onvif_camera(QUICK, USER, PASSWORD) as server:
-        robot = robot_of(server)
-        robot.connect()
+    with connected() as (server, robot):
         feed(robot, (0.5, 0.0), lambda: bool(server.moves and server.moves[-1][1]))
         server.silent = True
         with pytest.raises(RobotError, match=f"onvif 127.0.0.1:{server.port}"):
@@ -150,4 +144,3 @@ def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
         server.silent = False
         wait_until(lambda: len(server.moves) > before)
         assert server.moves[before][1:] == (0.0, 0.0)
-        robot.close()

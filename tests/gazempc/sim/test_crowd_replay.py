@@ -22,13 +22,6 @@ def replayed(attend, controller="mpc", recording=TWO, predictor="constant_veloci
     return replay_scene(scene, controller, predictor, ReplaySettings(attend=attend, **settings)).log
 
 
-def test_two_recordings_are_one_scene():
-    scene = make_scene(TWO, SceneSettings(), everybody=True)
-    assert scene.name == TWO
-    alone = make_scene("subject05_R1", SceneSettings())
-    np.testing.assert_array_equal(scene.others[0].truth.head_position_m, alone.walk.truth.head_position_m)
-
-
 def test_several_people_need_to_be_told_whom_to_look_at():
     with pytest.raises(SettingsError, match="choose one by --attend, such as --attend nearest"):
         replayed(None)
@@ -99,19 +92,6 @@ def test_a_sensor_on_the_head_sees_whom_it_is_turned_to():
         known = np.isfinite(log.head_true_base_m).all(axis=1)
         assert known.mean() > 0.9
         assert np.all((log.head_true_base_m[known, 1] > 0.0) == left)
-
-
-def test_a_policy_that_raises_is_survived(monkeypatch):
-    from gazempc.people.policies import Nearest
-
-    def broken(self, company):
-        raise RuntimeError("no idea")
-
-    monkeypatch.setattr(Nearest, "scores", broken)
-    log = replayed("nearest")
-    assert "policy_failed" in log.event_name
-    assert "RuntimeError: no idea" in log.faults[0].line
-    assert limit_violations(log, log.neck) == 0
 
 
 @pytest.mark.slow

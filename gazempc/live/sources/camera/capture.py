@@ -260,9 +260,8 @@ class Camera:
             return
         watch.frozen = False
         if lag_s > _LAG_S:
-            self._give(
-                Notice(Event.STREAM_LAGS, f"camera {self._address}: {lag_s:.1f} s behind; it is opened again", 0)
-            )
+            text = f"camera {self._address}: {lag_s:.1f} s behind; it is opened again"
+            self._give(Notice(Event.STREAM_LAGS, text, 0))
             self._open_again(0.0)
         else:
             self._give((bgr, arrived_s - lag_s))

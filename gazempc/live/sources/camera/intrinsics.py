@@ -93,8 +93,8 @@ def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
     Raises:
         SettingsError: If the file cannot be read, lacks the camera matrix, or is of pictures of another shape.
     """
-    nodes = _Nodes(path)
-    matrix = nodes.array(_MATRIX_NAMES)
+    values = _values(path)
+    matrix = next((values[name] for name in _MATRIX_NAMES if name in values), None)
     if matrix is None:
         names = ", ".join(_MATRIX_NAMES)
         raise SettingsError(f"--camera.calibration {path}: no camera matrix; accepted names: {names}")
@@ -104,8 +104,9 @@ def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
             "positive focal lengths"
         )
     matrix = np.array(matrix.reshape(3, 3))
-    distortion = nodes.array(_DISTORTION_NAMES)
-    made = next((size for names in _SIZE_NAMES if (size := nodes.size(*names)) is not None), (width, height))
+    distortion = next((values[name] for name in _DISTORTION_NAMES if name in values), np.empty(0))
+    sizes = [(float(values[w]), float(values[h])) for w, h in _SIZE_NAMES if w in values and h in values]
+    made = sizes[0] if sizes else (width, height)
     if abs(made[0] * height - made[1] * width) > _SAME_SHAPE * made[1] * width:
         raise SettingsError(
             f"--camera.calibration {path}: made for pictures of {made[0]:.0f} x {made[1]:.0f} pixels, but the camera "
@@ -115,49 +116,28 @@ def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
     matrix[:2] *= scale
     # Pixels are counted from the middle of the first one, lengths from its edge.
     matrix[:2, 2] += 0.5 * (scale - 1.0)
-    return Intrinsics(matrix, np.empty(0) if distortion is None else distortion.ravel())
+    return Intrinsics(matrix, distortion.ravel())
 
 
-class _Nodes:
-    """Values of a calibration file by name."""
+def _values(path: Path) -> dict[str, FloatArray]:
+    """Matrices and numbers of a calibration file by name."""
+    cv2 = import_opencv()
+    if not path.is_file():
+        raise SettingsError(f"--camera.calibration {path}: there is no such file")
+    if plain := _plain_yaml(path):
+        found = {name: value.get("data") if isinstance(value, dict) else value for name, value in plain.items()}
+        return {name: np.asarray(value, dtype=np.float64) for name, value in found.items() if _is_numbers(value)}
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    except cv2.error as error:
+        raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it ({error.err or error})") from None
+    nodes = {name: storage.getNode(name) for name in list(storage.root().keys())}
+    numbers = {name: np.asarray(node.real()) for name, node in nodes.items() if node.isInt() or node.isReal()}
+    return numbers | {name: np.asarray(node.mat()) for name, node in nodes.items() if node.isMap()}
 
-    def __init__(self, path: Path) -> None:
-        cv2 = import_opencv()
-        if not path.is_file():
-            raise SettingsError(f"--camera.calibration {path}: there is no such file")
-        try:
-            self._plain = _plain_yaml(path)
-            self._storage = None if self._plain else cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        except cv2.error as error:
-            raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it ({error.err or error})") from None
-        if self._storage is not None and not self._storage.isOpened():
-            raise SettingsError(
-                f"--camera.calibration {path}: OpenCV cannot read it; needed is a .yml, .xml or .json file"
-            )
 
-    def array(self, names: tuple[str, ...]) -> FloatArray | None:
-        """The first of these matrices that is there."""
-        for name in names:
-            if self._storage is None:
-                node = self._plain.get(name)
-                node = node.get("data") if isinstance(node, dict) else node
-            else:
-                node = self._storage.getNode(name).mat()
-            if node is not None:
-                return np.asarray(node, dtype=np.float64)
-        return None
-
-    def size(self, width: str, height: str) -> tuple[float, float] | None:
-        """Width and height, if both are there."""
-        found = self._number(width), self._number(height)
-        return (found[0], found[1]) if found[0] and found[1] else None
-
-    def _number(self, name: str) -> float | None:
-        if self._storage is None:
-            value = self._plain.get(name)
-            return float(value) if isinstance(value, int | float) else None
-        node = self._storage.getNode(name)
-        return None if node.empty() else float(node.real())
+def _is_numbers(value: object) -> bool:
+    return isinstance(value, int | float) or (isinstance(value, list) and bool(value))
 
 
 def _plain_yaml(path: Path) -> dict[str, Any]:

@@ -80,18 +80,9 @@ class CameraSource:
             return
         context = multiprocessing.get_context("spawn")
         self._messages, theirs = context.Pipe(duplex=False)
-        self._process = context.Process(
-            target=serve,
-            args=(
-                picture_url() if self._address == EMULATOR else self._address,
-                self._options,
-                theirs,
-                self._watch is not None,
-                self._own,
-            ),
-            name="camera",
-            daemon=True,
-        )
+        address = picture_url() if self._address == EMULATOR else self._address
+        args = (address, self._options, theirs, self._watch is not None, self._own)
+        self._process = context.Process(target=serve, args=args, name="camera", daemon=True)
         self._process.start()
         theirs.close()
         self._ended = False
@@ -103,24 +94,22 @@ class CameraSource:
 
     def poll(self) -> Arrived:
         """See `gazempc.live.sources.source.Source.poll`."""
-        sightings: list[Sighting] = []
-        problems: list[str] = []
-        notices: list[Notice] = []
-        now_s = self._clock.now_s()
+        messages: list[Message] = []
+        now_s, to_loop_s = self._clock.now_s(), self._clock.from_monotonic_s
         while not self._ended and self._messages is not None and self._messages.poll():
-            message = self._next()
-            if isinstance(message, HeadObservation):
-                captured_s = self._clock.from_monotonic_s(message.capture_time_s)
-                sightings.append(Sighting(now_s, replace(message, capture_time_s=captured_s)))
-            elif isinstance(message, Shown) and self._watch is not None:
-                self._watch(PictureMoment(self._clock.from_monotonic_s(message.captured_s), message.jpeg))
-            elif isinstance(message, Notice):
-                notices.append(message)
-            elif isinstance(message, str):
-                problems.append(message)
-            elif isinstance(message, Failed) and message.why:
-                problems.append(message.why)
-        return Arrived(tuple(sightings), tuple(problems), tuple(notices))
+            messages.append(self._next())
+        for message in messages:
+            if isinstance(message, Shown) and self._watch is not None:
+                self._watch(PictureMoment(to_loop_s(message.captured_s), message.jpeg))
+        seen = [each for each in messages if isinstance(each, HeadObservation)]
+        problems = [
+            each.why if isinstance(each, Failed) else each for each in messages if isinstance(each, str | Failed)
+        ]
+        return Arrived(
+            tuple(Sighting(now_s, replace(each, capture_time_s=to_loop_s(each.capture_time_s))) for each in seen),
+            tuple(filter(None, problems)),
+            tuple(each for each in messages if isinstance(each, Notice)),
+        )
 
     @property
     def finished(self) -> bool:
@@ -142,19 +131,16 @@ class CameraSource:
                 process.join(_ENDS_WITHIN_S)
 
     def _wait_for_picture(self) -> None:
-        until_s = time.monotonic() + _OPENS_WITHIN_S
+        until_s, name = time.monotonic() + _OPENS_WITHIN_S, f"source camera:{self._address}".rstrip(":")
         while self._messages is not None and self._messages.poll(max(until_s - time.monotonic(), 0.0)):
             message = self._next()
             if isinstance(message, Opened):
                 self.half_view_rad = message.half_view_rad
-                self._say(f"source camera{':' if self._address else ''}{self._address}: {message.about}")
+                self._say(f"{name}: {message.about}")
                 return
             if isinstance(message, Failed):
-                raise SourceError(message.why or f"source camera:{self._address}: it has no picture")
-        raise SourceError(
-            f"source camera{':' if self._address else ''}{self._address}: no picture within {_OPENS_WITHIN_S:.0f} s; "
-            "is another program using it?"
-        )
+                raise SourceError(message.why or f"{name}: it has no picture")
+        raise SourceError(f"{name}: no picture within {_OPENS_WITHIN_S:.0f} s; is another program using it?")
 
     def _next(self) -> Message:
         assert self._messages is not None

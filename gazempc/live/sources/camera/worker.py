@@ -5,22 +5,76 @@ from __future__ import annotations
 import signal
 import sys
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
+import numpy as np
+
 from gazempc.errors import GazempcError
 from gazempc.live.process import second_to_the_run
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
-from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, Pictures, open_pictures
+from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Pictures, open_pictures
 from gazempc.live.sources.camera.finder import FaceSensor
 from gazempc.live.sources.camera.intrinsics import Intrinsics, from_calibration, from_field_of_view
-from gazempc.live.sources.camera.rate import FaceRate
 from gazempc.live.sources.source import Notice, SourceError
 from gazempc.loop.events import Event
 from gazempc.parts import said
+from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
 from predictors import HeadObservation
+
+_WINDOW_S, _LEAST_PICTURES, _LEAST_FACES = 4.0, 4, 3
+# The search takes nearly all of the time between two pictures.
+_BUSY = 0.8
+
+
+class FaceRate:
+    """Judges the pictures of the last four seconds, once in a run."""
+
+    def __init__(self) -> None:
+        self._pictures: deque[tuple[float, bool, float]] = deque()
+        self._told = False
+        self._first_s: float | None = None
+
+    def judge(self, captured_s: float, found: bool, search_s: float) -> str:
+        """Take note of a picture.
+
+        Args:
+            captured_s: When it was captured, seconds; later than the one before.
+            found: Whether a face was found in it.
+            search_s: Time of the search, seconds.
+
+        Returns:
+            Why fewer than six faces a second are found; empty if that is not so, or was returned before.
+        """
+        self._first_s = captured_s if self._first_s is None else self._first_s
+        self._pictures.append((captured_s, found, search_s))
+        while self._pictures[0][0] < captured_s - _WINDOW_S:
+            self._pictures.popleft()
+        times_s, faces, searches_s = (np.array(column) for column in zip(*self._pictures, strict=True))
+        enough = captured_s - self._first_s >= _WINDOW_S and times_s.size >= _LEAST_PICTURES
+        if self._told or not enough or faces.sum() < _LEAST_FACES or not is_low_rate(times_s[faces]):
+            return ""
+        self._told = True
+        rate_hz, search_s = 1.0 / float(np.median(np.diff(times_s))), float(np.median(searches_s))
+        below = f"below {LOW_RATE_HZ:.0f} faces a second the gaze trails a walking person"
+        if not is_low_rate(times_s):
+            return (
+                f"a face in {100 * faces.mean():.0f} % of {rate_hz:.0f} pictures a second; {below}: more light, a "
+                "nearer person, or a camera that sees faces from the front"
+            )
+        if search_s * rate_hz > _BUSY:
+            return (
+                f"the search takes {1e3 * search_s:.0f} ms a picture, so {rate_hz:.1f} pictures a second are "
+                f"searched; {below}: a faster or less busy computer"
+            )
+        return (
+            f"camera or video give {rate_hz:.1f} pictures a second; {below}: a larger --camera.fps, or more light, "
+            "as many cameras slow down in the dark"
+        )
+
 
 # So many pixels and pictures are enough to see who is there, and cost the run next to nothing.
 _WIDTH_PX = 320
@@ -41,31 +95,12 @@ class Shown:
     jpeg: bytes
 
 
-class Showing:
-    """Makes small pictures, five a second."""
-
-    def __init__(self) -> None:
-        self._cv2 = import_opencv()
-        self._last_s = float("-inf")
-
-    def of(self, picture: Picture, captured_s: float) -> Shown | None:
-        """The small one of a picture.
-
-        Args:
-            picture: The picture.
-            captured_s: When it was captured, seconds.
-
-        Returns:
-            The small one; None if it is too soon after the last one.
-        """
-        if captured_s - self._last_s < _PERIOD_S:
-            return None
-        self._last_s = captured_s
-        height, width = picture.rgb.shape[:2]
-        size = (_WIDTH_PX, max(1, round(height * _WIDTH_PX / width)))
-        small = self._cv2.resize(picture.rgb, size, interpolation=self._cv2.INTER_AREA)
-        _, jpeg = self._cv2.imencode(".jpg", small[:, :, ::-1], [self._cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-        return Shown(captured_s, jpeg.tobytes())
+def _small(cv2: Any, rgb: Any) -> bytes:
+    height, width = rgb.shape[:2]
+    size = (_WIDTH_PX, max(1, round(height * _WIDTH_PX / width)))
+    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    _, jpeg = cv2.imencode(".jpg", small[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return bytes(jpeg)
 
 
 @dataclass(frozen=True)
@@ -117,7 +152,7 @@ def serve(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         try:
-            _work(open_pictures(address, options, own), address, options, parent, Showing() if shows else None)
+            _work(open_pictures(address, options, own), address, options, parent, shows)
             parent.send(Failed())
         except (GazempcError, ValueError) as error:
             parent.send(Failed(str(error)))
@@ -129,12 +164,10 @@ def serve(
         return  # the parent has ended
 
 
-def _work(
-    pictures: Pictures, address: str, options: CameraOptions, parent: Connection, showing: Showing | None
-) -> None:
+def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Connection, shows: bool) -> None:
     try:
-        detector, rate = BlazeFace(), FaceRate()
-        sensor, latest_s = None, float("-inf")
+        detector, rate, cv2 = BlazeFace(), FaceRate(), import_opencv()
+        sensor, latest_s, shown_s = None, float("-inf"), float("-inf")
         while (picture := pictures.read()) is not None:
             if isinstance(picture, str | Notice):
                 parent.send(picture)
@@ -156,8 +189,9 @@ def _work(
                 parent.send(observation)
             if why := rate.judge(captured_s, bool(observations), time.perf_counter() - started_s):
                 parent.send(Notice(Event.LOW_FRAME_RATE, why, 0))
-            if showing is not None and (shown := showing.of(picture, captured_s)) is not None:
-                parent.send(shown)
+            if shows and captured_s - shown_s >= _PERIOD_S:
+                shown_s = captured_s
+                parent.send(Shown(captured_s, _small(cv2, picture.rgb)))
     finally:
         pictures.close()
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, SettingsError
-from gazempc.recordings.readers.bag_frames import Poses, composed, optical_axes, person_axes
+from gazempc.recordings.readers.bag_frames import optical_axes
 from gazempc.recordings.readers.checks import check_unit_quaternions
 from gazempc.recordings.readers.tables.mapping import ColumnMapping
 from gazempc.recordings.readers.tables.values import (
@@ -25,9 +24,10 @@ from gazempc.recordings.readers.tables.values import (
     split_options,
     vector,
 )
-from gazempc.types import BoolArray, FloatArray
+from gazempc.recordings.recording import Track, quats_of
+from gazempc.types import FloatArray
 
-# Of which axes of a file x forward, y left and z up are made.
+# Axes of a file that point forward, left and up.
 AXES = {
     "z-up": "[x,y,z]",
     "y-up": "[z,x,y]",  # x to the left of a person who faces +z: OptiTrack, BVH
@@ -37,33 +37,11 @@ AXES = {
 _AXIS = re.compile(r"([+-]?)([xyz])")
 _ORDERS = ("wxyz", "xyzw")
 _ROTATION_VECTOR = "rotvec"
-_SEQUENCE = re.compile(r"(.*):\s*([xyz]{3}|[XYZ]{3}|rotvec|rad|deg)\s*")
+# Fixed axes in lower case, axes of the body in capitals.
+_SEQUENCES = tuple("".join(axes) for letters in ("xyz", "XYZ") for axes in product(letters, repeat=3))
 
 
-@dataclass(frozen=True)
-class Parts:
-    """Values of N rows; NaN where unknown. Axes are x forward, y left, z up.
-
-    Attributes:
-        times_s: Shape (N,), seconds.
-        head_m: Shape (N, 3), metres.
-        head_quat: Shape (N, 4), w, x, y, z.
-        pelvis_m: As of the head.
-        pelvis_quat: As of the head.
-    """
-
-    times_s: FloatArray
-    head_m: FloatArray
-    head_quat: FloatArray
-    pelvis_m: FloatArray
-    pelvis_quat: FloatArray
-
-    def rows(self, chosen: BoolArray) -> Parts:
-        """Some rows."""
-        return Parts(*(values[chosen] for values in vars(self).values()))
-
-
-def read_parts(columns: Columns, mapping: ColumnMapping) -> Parts:
+def read_parts(columns: Columns, mapping: ColumnMapping) -> tuple[FloatArray, Track]:
     """Read all rows.
 
     Args:
@@ -71,7 +49,7 @@ def read_parts(columns: Columns, mapping: ColumnMapping) -> Parts:
         mapping: Their meaning, with `t` and `head`.
 
     Returns:
-        The parts.
+        Times, shape (N,), seconds; and the track, whose `valid` rows have a time and a head.
 
     Raises:
         RecordingError: If a column is missing, or a cell holds no such value.
@@ -80,41 +58,20 @@ def read_parts(columns: Columns, mapping: ColumnMapping) -> Parts:
     assert mapping.t is not None
     assert mapping.head is not None
     head_m = in_metres(columns, mapping.head, "head")
-    unknown = np.full((len(head_m), 4), np.nan)
     axes = mapping.axes or "z-up"
     frame_id = ros_frame(columns, mapping)
     if mapping.axes is None and frame_id is not None:
-        optical = optical_axes(frame_id, head_m[np.isfinite(head_m).all(axis=1)])
-        axes = "optical" if optical else "z-up"
+        axes = "optical" if optical_axes(frame_id, head_m[np.isfinite(head_m).all(axis=1)]) else "z-up"
     frame = _axes_matrix(axes, "axes")
+    unknown = np.full((len(head_m), 4), np.nan)
     pelvis_m = unknown[:, :3] if mapping.pelvis is None else in_metres(columns, mapping.pelvis, "pelvis") @ frame.T
     # A position that is known in part is unknown.
     pelvis_m = np.where(np.isfinite(pelvis_m).all(axis=1, keepdims=True), pelvis_m, np.nan)
-    quats = []
-    for part in ("head", "pelvis"):
-        found = orientations(columns, mapping, part, axes)
-        quats.append(
-            unknown if found is None else _quats(found, lambda known: Rotation.from_quat(known, scalar_first=True))
-        )
-    return Parts(seconds(columns, mapping.t), head_m @ frame.T, quats[0], pelvis_m, quats[1])
-
-
-def facing(parts: Parts, from_sensor: bool, is_face: bool) -> tuple[Parts, list[str]]:
-    """Orientations of a ROS tracker's person, turned to x out of the face and z up.
-
-    Args:
-        parts: Rows of one person.
-        from_sensor: Whether the frame's origin is the sensor.
-        is_face: Whether faces alone are seen.
-
-    Returns:
-        The parts, orientations NaN where the axes are undetermined; and notes.
-    """
-    if not np.isfinite(parts.head_quat).all(axis=1).any():
-        return parts, []
-    poses = Poses(parts.times_s, np.zeros_like(parts.times_s), parts.head_m, parts.head_quat)
-    turn, note = person_axes(poses, from_sensor, is_face)
-    return replace(parts, head_quat=composed(parts.head_quat, turn)), [note] if note else []
+    found = [orientations(columns, mapping, part, axes) for part in ("head", "pelvis")]
+    head_quat, pelvis_quat = (unknown if quats is None else quats for quats in found)
+    times_s = seconds(columns, mapping.t)
+    valid = np.isfinite(times_s) & np.isfinite(head_m).all(axis=1)
+    return times_s, Track(head_m @ frame.T, head_quat, pelvis_m, pelvis_quat, valid)
 
 
 def ros_frame(columns: Columns, mapping: ColumnMapping) -> str | None:
@@ -144,26 +101,29 @@ def orientations(columns: Columns, mapping: ColumnMapping, part: str, axes: str)
     # The axes that a ROS tracker gives a person are inferred from where they face.
     own = _axes_matrix(given.get(f"{part}_axes", "z-up" if "frame_id" in given else axes), f"{part}_axes")
 
-    def turned(quats: FloatArray) -> Rotation:
-        matrices = frame @ Rotation.from_quat(quats, scalar_first=True).as_matrix() @ own.T
+    def in_our_axes(turns: Rotation) -> Rotation:
+        matrices = frame @ turns.as_matrix() @ own.T
         if np.linalg.det(matrices[0]) < 0:
             raise SettingsError("axes: of the frame's and the head's own axes, only one are left-handed")
         return Rotation.from_matrix(matrices)
 
     if text := given.get(f"{part}_q"):
-        return _quats(_from_quaternions(columns, text, f"{part}_q"), turned)
+        quats = _quaternions(columns, text, f"{part}_q")
+        return quats_of(quats, lambda known: in_our_axes(Rotation.from_quat(known, scalar_first=True)))
     if text := given.get(f"{part}_euler"):
-        return _quats(_from_angles(columns, text, f"{part}_euler"), turned)
+        values, order = _angles_rad(columns, text, f"{part}_euler")
+        if order == _ROTATION_VECTOR:
+            return quats_of(values, lambda known: in_our_axes(Rotation.from_rotvec(known)))
+        return quats_of(values, lambda known: in_our_axes(Rotation.from_euler(order, known)))
     if text := given.get(f"{part}_yaw"):
         body, words = split_options(text, tuple(ANGLES_RAD))
         name = columns.one(body)
         yaw = columns.table.numbers(name) * _radians(columns, words, columns.table.unit(name), f"{part}_yaw")
-        return _quats(yaw[:, None], lambda known: Rotation.from_euler("z", known))
+        return quats_of(yaw[:, None], lambda known: Rotation.from_euler("z", known))
     ways = [given.get(f"{part}_{way}") for way in ("forward", "left")]
     if ways == [None, None]:
         return None
-    forward, left = (None if way is None else direction(columns, way, part) @ frame.T for way in ways)
-    return _from_directions(forward, left)
+    return _from_directions(*(None if way is None else direction(columns, way, part) @ frame.T for way in ways))
 
 
 def _axes_matrix(text: str, source: str) -> FloatArray:
@@ -175,13 +135,12 @@ def _axes_matrix(text: str, source: str) -> FloatArray:
             f"{source}: axes {text!r}: expected one of {', '.join(AXES)}, or the file's axes that point forward, left "
             "and up, such as [z,-x,-y]"
         )
-    matrix = np.zeros((3, 3))
-    for row, match in enumerate(found):
-        matrix[row, "xyz".index(match[2])] = -1.0 if match[1] == "-" else 1.0
-    return matrix
+    return np.array(
+        [[(letter == match[2]) * (-1.0 if match[1] == "-" else 1.0) for letter in "xyz"] for match in found]
+    )
 
 
-def _from_quaternions(columns: Columns, text: str, what: str) -> FloatArray:
+def _quaternions(columns: Columns, text: str, what: str) -> FloatArray:
     body, words = split_options(text, _ORDERS)
     if listed(body) is not None and not words:
         raise RecordingError(columns.table.path, f"mapping of {what}", f"{text!r}", "an order: [...]:wxyz or :xyzw")
@@ -194,19 +153,13 @@ def _from_quaternions(columns: Columns, text: str, what: str) -> FloatArray:
     return values
 
 
-def _from_angles(columns: Columns, text: str, what: str) -> FloatArray:
-    units, order = [], "xyz"
-    while found := _SEQUENCE.fullmatch(text):
-        text = found[1].strip()
-        if found[2] in ANGLES_RAD:
-            units.append(found[2])
-        else:
-            order = found[2]
-    values, unit = vector(columns, text, EULER, what)
-    angles = values * _radians(columns, units, unit, what)
-    if order == _ROTATION_VECTOR:
-        return _quats(angles, Rotation.from_rotvec)
-    return _quats(angles, lambda known: Rotation.from_euler(order, known))
+def _angles_rad(columns: Columns, text: str, what: str) -> tuple[FloatArray, str]:
+    """Three angles a row, shape (N, 3), radians, and their order."""
+    body, words = split_options(text, (*ANGLES_RAD, _ROTATION_VECTOR, *_SEQUENCES))
+    values, unit = vector(columns, body, EULER, what)
+    units = [word for word in words if word in ANGLES_RAD]
+    order = next((word for word in words if word not in ANGLES_RAD), "xyz")
+    return values * _radians(columns, units, unit, what), order
 
 
 def _radians(columns: Columns, words: list[str], of_column: str | None, what: str) -> float:
@@ -222,18 +175,8 @@ def _from_directions(forward: FloatArray | None, left: FloatArray | None) -> Flo
     if forward is None:
         assert left is not None
         forward = np.cross(left, up)
-    x, y = forward, np.cross(up, forward) if left is None else left
+    z = np.cross(forward, np.cross(up, forward) if left is None else left)
     with np.errstate(invalid="ignore", divide="ignore"):
-        z = np.cross(x, y)
-        z /= np.linalg.norm(z, axis=1, keepdims=True)
-        x = x / np.linalg.norm(x, axis=1, keepdims=True)
+        x, z = (axis / np.linalg.norm(axis, axis=1, keepdims=True) for axis in (forward, z))
     matrices = np.stack([x, np.cross(z, x), z], axis=2).reshape(-1, 9)
-    return _quats(matrices, lambda known: Rotation.from_matrix(known.reshape(-1, 3, 3)))
-
-
-def _quats(values: FloatArray, rotation: Callable[[FloatArray], Rotation]) -> FloatArray:
-    """Quaternions of the rows that are known throughout, shape (N, 4), w, x, y, z; NaN in the others."""
-    result, known = np.full((len(values), 4), np.nan), np.isfinite(values).all(axis=1)
-    if known.any():
-        result[known] = rotation(values[known]).as_quat(scalar_first=True)
-    return result
+    return quats_of(matrices, lambda known: Rotation.from_matrix(known.reshape(-1, 3, 3)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Literal, Self
 
@@ -16,7 +17,6 @@ from gazempc.specfiles import explain, parse_spec
 
 SAVED_ENDING = ".columns.toml"
 SAVED_FOR_ALL = "columns.toml"
-_OPENING, _CLOSING = "[(", "])"
 
 
 class ColumnMapping(BaseModel):
@@ -73,7 +73,7 @@ class ColumnMapping(BaseModel):
 
 
 class ShippedMapping(ColumnMapping):
-    """A mapping that ships, and how to know the tables that it is for.
+    """A mapping that ships, and the tables that it fits.
 
     A value may name alternatives, ``a|b``: the first that the table has is taken.
 
@@ -116,13 +116,14 @@ def parse_columns(text: str, source: str = "--reading.columns") -> ColumnMapping
         SettingsError: If an item is not ``key=value``, or with every unknown key.
     """
     values: dict[str, str] = {}
-    for item in _items(text):
+    # Other commas separate columns.
+    for item in re.split(r",(?=\s*\w+\s*=)", text):
         key, equals, value = (part.strip() for part in item.partition("="))
-        if not equals or not key or not value:
+        if item.strip() and not (equals and key and value):
             raise SettingsError(f"{source}: {item.strip()!r} is not key=value; expected t=stamp:ns, head=pos:mm")
         if key in values:
             raise SettingsError(f"{source}: {key} is given twice")
-        values[key] = value
+        values |= {key: value} if key else {}
     try:
         return ColumnMapping.model_validate(values)
     except ValidationError as error:
@@ -162,14 +163,3 @@ def save_mapping(path: Path, mapping: ColumnMapping) -> Path:
     except OSError as error:
         raise RecordingError(saved, "", f"cannot be written: {error.strerror}", "a writable folder") from None
     return saved
-
-
-def _items(text: str) -> list[str]:
-    """Cut at commas that stand in no bracket."""
-    items, depth, start = [], 0, 0
-    for k, character in enumerate(text):
-        depth += (character in _OPENING) - (character in _CLOSING)
-        if character == "," and depth == 0:
-            items.append(text[start:k])
-            start = k + 1
-    return [item for item in (*items, text[start:]) if item.strip()]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from xml.etree import ElementTree
 
 import numpy as np
+from pydantic import BaseModel, Field, ValidationError, field_validator
 
 from gazempc.errors import MissingOptionalDependencyError, RecordingError
 from gazempc.files.text import read_text
@@ -17,6 +17,8 @@ from gazempc.recordings.readers.tables.raw_table import RawTable
 
 # An hour of 50 columns at 60 Hz.
 _MOST_CELLS = 10_000_000
+# Types of pyarrow that it can read as numbers of distinct values.
+_TEXT_TYPES = ("string", "large_string", "binary", "large_binary")
 # Names and dates are shorter.
 _LONGEST_TEXT = 200
 
@@ -49,12 +51,12 @@ def parquet_table(path: Path) -> RawTable:
         cells = file.metadata.num_rows * len(names)
         if cells > _MOST_CELLS:
             raise ValueError(f"it states {cells} cells; accepted are {_MOST_CELLS} at most")
-        kinds = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary)
         # As numbers of distinct values: else one long text, repeated, takes gigabytes.
-        texts = [field.name for field in arrow if any(is_kind(field.type) for is_kind in kinds)]
+        texts = [field.name for field in arrow if str(field.type) in _TEXT_TYPES]
         table = pq.ParquetFile(path, read_dictionary=texts).read(columns=names)
     except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
-        raise RecordingError(path, "", _library_text(error), "a Parquet table") from None
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
+        raise RecordingError(path, "", f"cannot be read ({reason})", "a Parquet table") from None
     if table.num_rows == 0:
         raise RecordingError(path, "", "a header and no rows", "a row a frame")
     columns = []
@@ -78,12 +80,6 @@ def _texts(column: Any) -> list[str]:
     return cells
 
 
-def _library_text(error: Exception) -> str:
-    """First line of a library's message, without its final full stop."""
-    lines = str(error).strip().splitlines()
-    return f"cannot be read ({lines[0].rstrip('.') if lines else type(error).__name__})"
-
-
 # A frame has about 30, and takes 5 kB: a file of the largest size has a million.
 _MOST_TAGS = 2_000_000
 _ACCEPTED = "an .mvnx file of Xsens MVN with positions and orientations of the segments"
@@ -102,8 +98,8 @@ def mvnx_table(path: Path) -> RawTable:
         RecordingError: If the file is no such XML, or a frame has other counts than the segments.
     """
     text = read_text(path, "an .mvnx file")
-    if (found := text.count("<")) > _MOST_TAGS:
-        raise RecordingError(path, "", f"{found} tags", f"{_MOST_TAGS} at most: {_ACCEPTED}")
+    if (tags := text.count("<")) > _MOST_TAGS:
+        raise RecordingError(path, "", f"{tags} tags", f"{_MOST_TAGS} at most: {_ACCEPTED}")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise RecordingError(path, "", "it defines entities, which may stand for gigabytes", _ACCEPTED)
     try:
@@ -114,36 +110,24 @@ def mvnx_table(path: Path) -> RawTable:
     frames = [frame for frame in root.iterfind(".//{*}frame") if frame.get("type", "normal") == "normal"]
     if not segments or not frames:
         raise RecordingError(path, "", f"{len(segments)} segments and {len(frames)} frames", _ACCEPTED)
+    counts = {"time": 1, "position": 3 * len(segments), "orientation": 4 * len(segments)}
     rows = []
     for number, frame in enumerate(frames):
-        try:
-            time_ms = float(frame.get("time") or "nan")
-        except ValueError:
-            time_ms = float("nan")
-        positions = _numbers(path, number, frame, "position", 3 * len(segments))
-        quats = _numbers(path, number, frame, "orientation", 4 * len(segments))
-        rows.append([time_ms, *positions, *quats])
+        row: list[float] = []
+        for what, count in counts.items():
+            element = frame.find(f"{{*}}{what}")
+            words = (frame.get(what) if element is None else element.text) or ""
+            try:
+                found = [float(word) for word in words.split()]
+            except ValueError:
+                found = []
+            if len(found) != count:
+                raise RecordingError(path, f"frame {number}, {what}", f"{len(found)} numbers", f"{count} numbers")
+            row += found
+        rows.append(row)
     names = ["Time_ms", *(f"{s} {c}" for s in segments for c in "xyz")]
     names += [f"{s} q{k}" for s in segments for k in range(4)]
-    return RawTable(
-        path=path,
-        layout="mvnx",
-        names=tuple(names),
-        columns=list(np.array(rows).T),
-        places=[f"frame {k}" for k in range(len(rows))],
-    )
-
-
-def _numbers(path: Path, number: int, frame: ElementTree.Element, what: str, count: int) -> list[float]:
-    element = frame.find(f"{{*}}{what}")
-    text = "" if element is None else element.text or ""
-    try:
-        found = [float(word) for word in text.split()]
-    except ValueError:
-        found = []
-    if len(found) != count:
-        raise RecordingError(path, f"frame {number}, {what}", f"{len(found)} numbers", f"{count} numbers")
-    return found
+    return RawTable(path, "mvnx", tuple(names), list(np.array(rows).T), [f"frame {k}" for k in range(len(rows))])
 
 
 PATTERN = "*_keypoints.json"
@@ -155,10 +139,27 @@ _NAMES = (
 _BODY_25 = 25
 _FRAME = re.compile(r"(\d+)_keypoints$")
 # Ids of people are counted; no place sees more.
-_MOST_PEOPLE = 1e9
+_MOST_PEOPLE = 10**9
 # Nose and hips are so far apart in either unit; see HEAD_TO_PELVIS_RANGE_M.
 _METRES_BELOW = 10.0
 _OPENPOSE = "files of OpenPose --3d --write_json with pose_keypoints_3d of BODY_25: 25 times x, y, z, score"
+
+
+class _Person(BaseModel):
+    person_id: list[Annotated[int, Field(ge=-1, le=_MOST_PEOPLE)]] = []
+    # Empty where no other camera saw the person.
+    pose_keypoints_3d: list[float] | None = None
+
+    @field_validator("pose_keypoints_3d")
+    @classmethod
+    def _of_body_25(cls, points: list[float] | None) -> list[float] | None:
+        if points and len(points) != 4 * _BODY_25:
+            raise ValueError(f"{len(points)} numbers; accepted are {4 * _BODY_25}")
+        return points
+
+
+class _People(BaseModel):
+    people: list[_Person]
 
 
 def is_openpose_folder(path: Path) -> bool:
@@ -181,14 +182,23 @@ def openpose_table(path: Path) -> RawTable:
     """
     rows, places = [], []
     for file in sorted(path.glob(PATTERN)):
-        found = _FRAME.search(file.stem)
-        if found is None:
+        number = _FRAME.search(file.stem)
+        if number is None:
             raise RecordingError(file, "", "no frame number in the file's name", "NAME_000000000012_keypoints.json")
-        for index, person in enumerate(_people(file)):
-            points = person.get("pose_keypoints_3d") or []
-            if not points:
+        try:
+            people = _People.model_validate_json(read_text(file, "a JSON file")).people
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"]))
+            raise RecordingError(file, where, f"no list of people with key points: {first['msg']}", _OPENPOSE) from None
+        for index, person in enumerate(people):
+            if not person.pose_keypoints_3d:
                 continue
-            rows.append([float(found[1]), _id(person, index), *_key_points(file, points)])
+            points = np.array(person.pose_keypoints_3d).reshape(_BODY_25, 4)
+            points[points[:, 3] <= 0.0] = np.nan
+            # OpenPose's id where it tracks people, else the place in the list.
+            tracked = person.person_id[0] if person.person_id and person.person_id[0] >= 0 else index
+            rows.append([float(number[1]), tracked, *points[: len(_NAMES), :3].ravel()])
             places.append(file.name)
     if not rows:
         raise RecordingError(path, "", "no 3-D key points in any frame", _OPENPOSE)
@@ -207,29 +217,3 @@ def openpose_table(path: Path) -> RawTable:
         units=dict.fromkeys(names[2:], unit),
         notes=(f"positions are in {unit}, by the distance from nose to hips",),
     )
-
-
-def _people(file: Path) -> list[dict[str, object]]:
-    try:
-        people = json.loads(read_text(file, "a JSON file"))["people"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise RecordingError(file, "", "no JSON with a list 'people'", _OPENPOSE) from None
-    if not isinstance(people, list) or not all(isinstance(person, dict) for person in people):
-        raise RecordingError(file, "people", "not a list of people", _OPENPOSE)
-    return people
-
-
-def _id(person: dict[str, object], index: int) -> float:
-    """OpenPose's id where it tracks people, else the place in the list."""
-    given = person.get("person_id")
-    number = given[0] if isinstance(given, list) and given else -1
-    return float(number) if isinstance(number, int | float) and 0 <= number < _MOST_PEOPLE else float(index)
-
-
-def _key_points(file: Path, points: object) -> list[float]:
-    try:
-        values = np.array(points, dtype=np.float64).reshape(_BODY_25, 4)
-    except (TypeError, ValueError, OverflowError):
-        raise RecordingError(file, "pose_keypoints_3d", "not 100 numbers", _OPENPOSE) from None
-    values[values[:, 3] <= 0.0] = np.nan
-    return [float(value) for value in values[: len(_NAMES), :3].ravel()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,16 +21,11 @@ _MISSING = {"", "nan", "na", "n/a", "none", "null", "-", "--", "?"}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
 # Units as they stand in headers, by the name that mappings use.
 UNIT_WORDS: Mapping[str, str] = {
-    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
-    "ms": "ms", "msec": "ms", "millis": "ms", "millisecond": "ms", "milliseconds": "ms",
-    "us": "us", "µs": "us", "usec": "us", "micros": "us", "microseconds": "us",
-    "ns": "ns", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns",
-    "m": "m", "meter": "m", "meters": "m", "metre": "m", "metres": "m",
-    "cm": "cm", "centimeters": "cm", "centimetres": "cm",
-    "mm": "mm", "millimeters": "mm", "millimetres": "mm",
-    "in": "in", "inch": "in", "inches": "in", "ft": "ft", "feet": "ft",
-    "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg",
-    "rad": "rad", "radian": "rad", "radians": "rad",
+    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "ms": "ms", "msec": "ms", "milliseconds": "ms",
+    "us": "us", "µs": "us", "usec": "us", "microseconds": "us", "ns": "ns", "nsec": "ns", "nanoseconds": "ns",
+    "m": "m", "meters": "m", "metres": "m", "cm": "cm", "centimeters": "cm", "centimetres": "cm",
+    "mm": "mm", "millimeters": "mm", "millimetres": "mm", "in": "in", "inches": "in", "ft": "ft", "feet": "ft",
+    "deg": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radians": "rad",
 }  # fmt: skip
 _BRACKETED = re.compile(r"^(?P<stem>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]+?)\s*[\])]\s*$")
 _SUFFIXED = re.compile(r"^(?P<stem>.+?),?[_. ](?P<unit>[a-zµ°]+)$", re.IGNORECASE)
@@ -84,13 +80,12 @@ class RawTable:
         cells = self._column(name)
         if isinstance(cells, np.ndarray):
             return cells
-        try:
-            # Python reads 1_0 as 10; in a table it is a damaged cell.
-            if not any("_" in cell for cell in cells):
-                return np.array(list(map(float, cells)), dtype=np.float64)
-        except ValueError:
-            pass
-        return np.array([self._number(name, row, cell) for row, cell in enumerate(cells)], dtype=np.float64)
+        values = [_number(cell) for cell in cells]
+        if None in values:
+            row = values.index(None)
+            where = f"{self.place(row)}, column {name}"
+            raise RecordingError(self.path, where, f"{shown(cells[row])} is not a number", "a number")
+        return np.array(values, dtype=np.float64)
 
     def unit(self, name: str) -> str | None:
         """Unit of a column: the file's, or the one in its name; None where neither has one."""
@@ -101,26 +96,22 @@ class RawTable:
             raise RecordingError(self.path, "header", f"more than one column {name}", "each column once")
         return self.columns[self.names.index(name)]
 
-    def _number(self, name: str, row: int, cell: str) -> float:
-        try:
-            return float(cell if "_" not in cell else "x")
-        except ValueError:
-            if cell.strip().lower() in _MISSING:
-                return float("nan")
-            if _DECIMAL_COMMA.fullmatch(cell):
-                return float(cell.replace(",", "."))
-        raise RecordingError(
-            self.path, f"{self.place(row)}, column {name}", f"{shown(cell)} is not a number", "a number"
-        )
+
+def _number(cell: str) -> float | None:
+    """A cell of text as a number, NaN where it stands for a missing value; None for any other text."""
+    try:
+        # Python reads 1_0 as 10; in a table it is a damaged cell.
+        return float(cell if "_" not in cell else "x")
+    except ValueError:
+        if has_decimal_comma(cell):
+            return float(cell.replace(",", "."))
+        return float("nan") if cell.strip().lower() in _MISSING else None
 
 
 def is_number(cell: str) -> bool:
     """Whether a cell of text is a number, with a decimal point or a decimal comma."""
-    try:
-        float(cell if "_" not in cell else "x")
-    except ValueError:
-        return _DECIMAL_COMMA.fullmatch(cell) is not None
-    return cell.strip().lower() != "nan"
+    value = _number(cell)
+    return value is not None and not math.isnan(value)
 
 
 def has_decimal_comma(cell: str) -> bool:
@@ -165,31 +156,26 @@ def wide(table: RawTable) -> RawTable:
     axes = {m["axis"].lower(): name for name in table.names if (m := _AXIS.fullmatch(split_unit(name)[0]))}
     if not named or set(axes) != {"x", "y", "z"}:
         return table
-    label, places = named[0], table.texts(named[0])
-    about_frame = [
-        n for n in table.names if n not in named and n not in axes.values() and not _OF_LANDMARK.fullmatch(n)
-    ]
-    whose = list(zip(*(table.texts(name) for name in about_frame), strict=True)) or [()] * len(places)
-    # A frame's rows follow each other; without a time or a number, a frame ends where the next one begins.
-    rows: dict[tuple[str, ...], int] = {}
-    for frame in whose:
-        rows.setdefault(frame, len(rows))
-    landmarks = list(dict.fromkeys(places))
-    prefix = "" if not all(mark.isdigit() for mark in landmarks) else f"{label.partition('_')[0].lower()}_"
-    found = {name: [""] * len(rows) for mark in landmarks for name in (f"{prefix}{mark}_{axis}" for axis in "xyz")}
-    cells = {axis: table.texts(name) for axis, name in axes.items()}
-    first = [0] * len(rows)
-    for index in range(len(places) - 1, -1, -1):
-        row = rows[whose[index]]
-        first[row] = index
-        for axis in "xyz":
-            found[f"{prefix}{places[index]}_{axis}"][row] = cells[axis][index]
+    marks = table.texts(named[0])
+    own = [n for n in table.names if n not in (*named, *axes.values()) and not _OF_LANDMARK.fullmatch(n)]
+    frames = list(zip(*(table.texts(name) for name in own), strict=True)) or [()] * len(marks)
+    # For each frame the index of its first row.
+    first: dict[tuple[str, ...], int] = {}
+    for index, frame in enumerate(frames):
+        first.setdefault(frame, index)
+    rows = {frame: row for row, frame in enumerate(first)}
+    prefix = f"{named[0].partition('_')[0].lower()}_" if all(mark.isdigit() for mark in marks) else ""
+    landmarks = dict.fromkeys(marks)
+    found = {f"{prefix}{mark}_{axis}": [""] * len(rows) for mark in landmarks for axis in "xyz"}
+    for axis, name in axes.items():
+        for mark, frame, cell in zip(marks, frames, table.texts(name), strict=True):
+            found[f"{prefix}{mark}_{axis}"][rows[frame]] = cell
     unit = table.unit(axes["x"])
     return replace(
         table,
-        names=(*about_frame, *found),
-        columns=[*([frame[k] for frame in rows] for k in range(len(about_frame))), *found.values()],
-        places=[table.places[index] for index in first],
+        names=(*own, *found),
+        columns=[*([frame[k] for frame in rows] for k in range(len(own))), *found.values()],
+        places=[table.places[index] for index in first.values()],
         units={**table.units, **(dict.fromkeys(found, unit) if unit else {})},
         notes=(*table.notes, f"rows of {len(landmarks)} landmarks are put together, a row a frame"),
     )

@@ -12,6 +12,7 @@ import contextlib
 import csv
 import io
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -52,32 +53,29 @@ def read_text_table(path: Path) -> RawTable:
         return numeric
     rows = _rows(path, text, separator)
     if not rows:
-        raise RecordingError(path, "", "a header and no rows", "a row a frame after the header")
+        raise _no_rows(path)
     if rows[0][1][0].strip() == "Format Version":
         return _motive_table(path, rows)
     return _vicon_table(path, rows) or _plain(path, text, separator, rows)
 
 
 def _text(path: Path) -> str:
-    """The file's text: UTF-8, UTF-16 by its mark, or Windows' letters where they stand in the first line only."""
+    """The file's text: UTF-8, or UTF-16 by its mark."""
     data = read_bytes(path, _FORMAT)
     marks = np.frombuffer(data, dtype=np.uint8)
-    ends = np.flatnonzero((marks == ord("\n")) | (marks == ord("\r")))
-    lengths = np.diff(ends, prepend=-1, append=len(data))
-    if lengths.max() > _LONGEST_LINE_BYTES:
-        line = int(np.argmax(lengths))
-        problem = f"it has {int(lengths[line])} bytes"
+    lengths = np.diff(np.flatnonzero((marks == ord("\n")) | (marks == ord("\r"))), prepend=-1, append=len(data))
+    line = int(np.argmax(lengths))
+    if lengths[line] > _LONGEST_LINE_BYTES:
+        problem = f"it has {lengths[line]} bytes"
         raise RecordingError(path, f"line {line + 1}", problem, f"lines of {_LONGEST_LINE_BYTES} bytes at most")
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         with contextlib.suppress(UnicodeDecodeError):
             return data.decode("utf-16")
-    header, newline, rest = data.partition(b"\n")
-    if newline and rest.isascii():
-        try:
-            header.decode("utf-8")
-        except UnicodeDecodeError:
-            return header.decode("cp1252") + "\n" + rest.decode("ascii")
     return decode(path, data, _FORMAT)
+
+
+def _cut(line: str, separator: str) -> list[str]:
+    return [cell.strip() for cell in (line.split() if separator == _SPACES else line.split(separator))]
 
 
 def _separator_of(text: str) -> str:
@@ -95,7 +93,7 @@ def _separator_of(text: str) -> str:
 def _numeric(path: Path, text: str, separator: str) -> RawTable | None:
     """A table of numbers alone under one header line, a fifth of the time; None if the table has another form."""
     header, _, body = text.partition("\n")
-    names = [name.strip() for name in (header.split() if separator == _SPACES else header.split(separator))]
+    names = _cut(header, separator)
     if '"' in header or header.startswith("#") or any(map(is_number, names)) or not all(names) or not body.strip():
         return None
     # Blank lines and comments shift the numbers of the rows; Python reads 1_0 as 10.
@@ -133,16 +131,17 @@ def _plain(path: Path, text: str, separator: str, rows: list[Row]) -> RawTable:
     if first:
         notes.append(f"the first {first} lines are no part of the table: skipped")
         rows = rows[first:]
-    names, units = _header(text, separator, rows[0]), dict[str, str]()
+    names, units = [name.strip() for name in rows[0][1]], dict[str, str]()
     layout: Layout = "plain"
-    if names is None and not any(is_number(cell) for cell in rows[0][1]):
-        names = [name.strip() for name in rows[0][1]]
+    if not any(map(is_number, names)):
         words = [cell.strip("[]() ").lower() for cell in rows[1][1]] if len(rows) > 1 else []
         # A second line of units only.
         if any(words) and set(words) <= {*UNIT_WORDS, ""}:
             units = {name: UNIT_WORDS[word] for name, word in zip(names, words, strict=False) if word}
         rows = rows[2 if units else 1 :]
-    elif names is None:
+    elif commented := _commented_header(text, separator, rows[0]):
+        names = commented
+    else:
         names, layout = [str(k + 1) for k in range(width)], "no header"
         # Programs print lines for people in between.
         if odd := [line for line, row in rows if len(row) != width]:
@@ -159,15 +158,11 @@ def _plain(path: Path, text: str, separator: str, rows: list[Row]) -> RawTable:
     return _table(path, layout, names, rows, units, notes=notes)
 
 
-def _header(text: str, separator: str, first: Row) -> list[str] | None:
+def _commented_header(text: str, separator: str, first: Row) -> list[str] | None:
     """The header in the last comment before a first row of numbers; None if there is none."""
-    if any(is_number(cell) for cell in first[1]):
-        for line in text.splitlines()[: first[0] - 1][::-1]:
-            inside = line.lstrip("# ")
-            cells = inside.split() if separator == _SPACES else inside.split(separator)
-            if line.startswith("#") and len(cells) == len(first[1]):
-                return [name.strip() for name in cells]
-    return None
+    lines = [line for line in text.splitlines()[: first[0] - 1] if line.startswith("#")]
+    headers = [names for line in lines if len(names := _cut(line.lstrip("# "), separator)) == len(first[1])]
+    return headers[-1] if headers else None
 
 
 def _motive_table(path: Path, rows: list[Row]) -> RawTable:
@@ -190,12 +185,9 @@ def _motive_table(path: Path, rows: list[Row]) -> RawTable:
         names.append(".".join(part for part in (*((name, quantity) if k > 1 else ()), axis.strip()) if part))
     length = UNIT_WORDS.get(facts.get("Length Units", "").strip().lower())
     units = {name: length for name in names if length and (".Position." in name or ".Marker." in name)}
-    notes, rotation = [], facts.get("Rotation Type", "Quaternion").strip()
-    if rotation != "Quaternion":
-        notes.append(
-            f"orientations are Euler angles in the order {rotation}, which is not read by itself: export quaternions, "
-            "or say head_euler=NAME.Rotation:ORDER:deg"
-        )
+    rotation = facts.get("Rotation Type", "Quaternion").strip()
+    note = f"orientations are Euler angles in the order {rotation}: export quaternions, or give "
+    notes = [] if rotation == "Quaternion" else [f"{note}head_euler=NAME.Rotation:ORDER:deg"]
     return _table(path, "motive", names, rows[axes + 1 :], units, facts.get("Export Frame Rate", ""), notes)
 
 
@@ -218,8 +210,11 @@ def _vicon_table(path: Path, rows: list[Row]) -> RawTable | None:
         # Vicon Tracker writes "Global Angle Anna:Anna" over the angles.
         name = name.removeprefix("Global Angle ")
         names.append(f"{name}.{axis.strip()}" if k > 1 else axis.strip())
-    words = {name: unit.strip().lower() for name, unit in zip(names, units, strict=False)}
-    of_columns = {name: UNIT_WORDS[word] for name, word in words.items() if word in UNIT_WORDS}
+    of_columns = {
+        name: UNIT_WORDS[word]
+        for name, unit in zip(names, units, strict=False)
+        if (word := unit.strip().lower()) in UNIT_WORDS
+    }
     body = rows[first + 5 :]
     end = next((k for k, (_, row) in enumerate(body) if not is_number(row[0]) or len(row) == 1), len(body))
     return _table(path, "vicon", names, body[:end], of_columns, rows[first + 1][1][0])
@@ -232,15 +227,17 @@ def _table(
     rows: list[Row],
     units: dict[str, str],
     rate: str = "",
-    notes: list[str] | None = None,
+    notes: Sequence[str] = (),
 ) -> RawTable:
     if not rows:
-        raise RecordingError(path, "", "a header and no rows", "a row a frame after the header")
+        raise _no_rows(path)
     width = len(names)
     # Programs leave out the blank cells of what is not seen at the end of a row.
     padded = ((*row[:width], *[""] * (width - len(row))) for _, row in rows)
+    columns, lines = list(zip(*padded, strict=True)), [line for line, _ in rows]
     rate_hz = float(rate) if is_number(rate) and float(rate) > 0 else None
-    lines = [line for line, _ in rows]
-    return RawTable(
-        path, layout, tuple(names), list(zip(*padded, strict=True)), lines, units, rate_hz, tuple(notes or ())
-    )
+    return RawTable(path, layout, tuple(names), columns, lines, units, rate_hz, tuple(notes))
+
+
+def _no_rows(path: Path) -> RecordingError:
+    return RecordingError(path, "", "a header and no rows", "a row a frame after the header")

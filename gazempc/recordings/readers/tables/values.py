@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from gazempc.errors import RecordingError, shown, suggest
-from gazempc.recordings.readers.checks import MAX_MAGNITUDE
+from gazempc.recordings.readers.checks import check_finite
 from gazempc.recordings.readers.tables.raw_table import RawTable, split_unit
 from gazempc.types import FloatArray
 
@@ -51,8 +51,10 @@ class Columns:
 
     def has(self, text: str) -> bool:
         """Whether there is such a column."""
-        wanted = self._filled(text)
-        return wanted in self.table.names or wanted.casefold() in self._by_name
+        try:
+            return bool(self.one(text))
+        except RecordingError:
+            return False
 
     def group(self, text: str, alphabets: Sequence[Sequence[str]]) -> list[str] | None:
         """Columns of a group such as ``head`` for ``head_x``, ``head_y``, ``head_z``; None if they are not there."""
@@ -139,61 +141,29 @@ def vector(columns: Columns, text: str, alphabets: Sequence[Sequence[str]], what
             raise columns.missing(f"columns {text!r} with {letters} for the {what}", text)
     if len(parts) != count:
         raise RecordingError(columns.table.path, f"mapping of the {what}", f"{text!r}", f"{count} columns")
-    values, units = [], []
-    for part in parts:
-        constant = _CONSTANT.fullmatch(part)
-        if constant:
-            values.append(np.full(len(columns.table.places), float(constant[1])))
-            continue
-        name = columns.one(part)
-        values.append(_in_reason(columns, name))
-        units.append(columns.table.unit(name))
-    unit = units[0] if len(set(units)) == 1 else None
-    if any(_CONSTANT.fullmatch(part) for part in parts) and unit not in (None, "m"):
-        raise RecordingError(
-            columns.table.path, f"mapping of the {what}", f"a constant beside columns in {unit}", "columns in metres"
-        )
+    constants = [_CONSTANT.fullmatch(part) for part in parts]
+    names = [columns.one(part) for part, constant in zip(parts, constants, strict=True) if not constant]
+    units = {columns.table.unit(name) for name in names}
+    unit = units.pop() if len(units) == 1 else None
+    if any(constants) and unit not in (None, "m"):
+        problem = f"a constant beside columns in {unit}"
+        raise RecordingError(columns.table.path, f"mapping of the {what}", problem, "columns in metres")
+    read = iter(names)
+    rows = len(columns.table.places)
+    values = [np.full(rows, float(c[1])) if c else _finite_or_nan(columns, next(read)) for c in constants]
     return np.column_stack(values), unit
 
 
-def _in_reason(columns: Columns, name: str) -> FloatArray:
-    """Numbers of a column, NaN where they are infinite.
-
-    Raises:
-        RecordingError: Names the first one whose square would overflow further on.
-    """
+def _finite_or_nan(columns: Columns, name: str) -> FloatArray:
+    """Numbers of a column, NaN where they are infinite; raises where a square would overflow further on."""
     values = columns.table.numbers(name)
     values = np.where(np.isfinite(values), values, np.nan)
-    if (np.abs(values) > MAX_MAGNITUDE).any():
-        row = int(np.argmax(np.abs(values) > MAX_MAGNITUDE))
-        raise RecordingError(
-            columns.table.path,
-            f"{columns.table.place(row)}, column {name}",
-            f"the value is {values[row]:g}",
-            f"a finite number no larger than {MAX_MAGNITUDE:g}",
-        )
+    check_finite(columns.table.path, np.nan_to_num(values)[:, None], [name], columns.table.place)
     return values
 
 
-def signed_terms(columns: Columns, text: str) -> list[tuple[float, str]]:
-    """Cut ``A+B-C`` into points with signs; a name that is in the table is not cut.
-
-    Args:
-        columns: Columns of the table.
-        text: The value.
-
-    Returns:
-        Sign and name of each.
-    """
-    if listed(text) is not None or columns.group(text, POSITION) is not None:
-        return [(1.0, text)]
-    parts = re.split(r"([+-])", text)
-    signs = [1.0, *(1.0 if sign == "+" else -1.0 for sign in parts[1::2])]
-    return [(sign, part.strip()) for sign, part in zip(signs, parts[0::2], strict=True) if part.strip()]
-
-
 def points(columns: Columns, text: str, what: str) -> tuple[list[tuple[float, FloatArray]], str | None]:
-    """Points with signs.
+    """Points with signs: ``A+B-C``, where a name that is in the table is not cut.
 
     Args:
         columns: Columns of the table.
@@ -203,12 +173,13 @@ def points(columns: Columns, text: str, what: str) -> tuple[list[tuple[float, Fl
     Returns:
         Sign and positions of shape (N, 3) of each, and the unit in the table, or None.
     """
-    found, units = [], []
-    for sign, name in signed_terms(columns, text):
-        values, unit = vector(columns, name, POSITION, what)
-        found.append((sign, values))
-        units.append(unit)
-    return found, units[0] if len(set(units)) == 1 else None
+    whole = listed(text) is not None or columns.group(text, POSITION) is not None
+    parts = [text] if whole else re.split(r"([+-])", text)
+    signs = [1.0, *(1.0 if sign == "+" else -1.0 for sign in parts[1::2])]
+    terms = [(sign, part.strip()) for sign, part in zip(signs, parts[0::2], strict=True) if part.strip()]
+    read = [(sign, *vector(columns, name, POSITION, what)) for sign, name in terms]
+    units = {unit for _, _, unit in read}
+    return [(sign, values) for sign, values, _ in read], units.pop() if len(units) == 1 else None
 
 
 def in_metres(columns: Columns, text: str, what: str) -> FloatArray:
@@ -254,11 +225,6 @@ def direction(columns: Columns, text: str, what: str) -> FloatArray:
 TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 _RATE = re.compile(r"(?P<rate>[\d.]*)\s*hz", re.IGNORECASE)
 _WAYS = (*TIMES_S, "date")
-_DATE_FORMATS = (
-    "%H:%M:%S.%f", "%H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%Y/%m/%d %H:%M:%S.%f",
-    "%Y/%m/%d %H:%M:%S", "%d/%m/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S", "%m/%d/%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S",
-    "%m/%d/%Y %I:%M:%S.%f %p", "%m/%d/%Y %I:%M:%S %p", "%Y-%m-%d %H-%M-%S.%f", "%Y-%m-%d_%H-%M-%S.%f",
-)  # fmt: skip
 
 
 def seconds(columns: Columns, text: str) -> FloatArray:
@@ -294,40 +260,24 @@ def seconds(columns: Columns, text: str) -> FloatArray:
 
 
 def seconds_since_1970(cell: str) -> float | None:
-    """A date or a clock time as seconds; None if the text is neither. Without a time zone it counts as UTC."""
+    """A date or clock time in ISO 8601 as seconds, in UTC where it has no time zone; None for any other text."""
     cell = cell.strip().replace(",", ".")
-    found: datetime | None
     try:
-        found = datetime.fromisoformat(cell)
-    except ValueError:
-        found = next((date for way in _DATE_FORMATS if (date := _parsed(cell, way)) is not None), None)
-    if found is None:
-        return None
-    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
-
-
-def _parsed(cell: str, way: str) -> datetime | None:
-    try:
-        # Years before 1970 have no time stamp everywhere.
-        found = datetime.strptime(cell, way)
-        return found if found.year > 1970 else found.replace(year=1970)
-    except ValueError:
+        found = datetime.fromisoformat(f"1970-01-01T{cell}" if cell[2:3] == ":" else cell)
+        return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError):
         return None
 
 
 def _dates(columns: Columns, name: str) -> FloatArray:
-    table, found = columns.table, []
-    for row, cell in enumerate(table.texts(name)):
-        value = seconds_since_1970(cell) if cell else float("nan")
-        if value is None:
-            raise RecordingError(
-                table.path,
-                f"{table.place(row)}, column {name}",
-                f"{shown(cell)} is no date and no clock time",
-                "such as 2024-05-01T12:00:00.25, 01.05.2024 12:00:00,25 or 12:00:00.25",
-            )
-        found.append(value)
-    return np.array(found)
+    table, cells = columns.table, columns.table.texts(name)
+    found = [seconds_since_1970(cell) if cell else float("nan") for cell in cells]
+    if None in found:
+        row = found.index(None)
+        problem = f"{shown(cells[row])} is no date and no clock time"
+        expected = "ISO 8601, such as 2024-05-01T12:00:00.25 or 12:00:00.25"
+        raise RecordingError(table.path, f"{table.place(row)}, column {name}", problem, expected)
+    return np.array(found, dtype=np.float64)
 
 
 def _frames(columns: Columns, column: str, rate: str) -> FloatArray:
@@ -336,11 +286,7 @@ def _frames(columns: Columns, column: str, rate: str) -> FloatArray:
     numbers = table.numbers(columns.one(column)) if column else np.arange(float(len(table.places)))
     rate_hz = float(rate) if rate else table.rate_hz
     if not rate_hz:
-        raise RecordingError(
-            table.path,
-            "time stamps",
-            "the file has frame numbers and no frame rate",
-            f"the rate, such as --reading.columns 't={column}:60hz'",
-        )
+        expected = f"the rate, such as --reading.columns 't={column}:60hz'"
+        raise RecordingError(table.path, "time stamps", "the file has frame numbers and no frame rate", expected)
     steps = np.diff(np.unique(numbers[np.isfinite(numbers)]))
     return numbers / (float(steps.min()) if steps.size else 1.0) / rate_hz

@@ -63,6 +63,8 @@ def test_lines_of_json(tmp_path, capsys):
     assert as_expected(identify(path, tmp_path))
     said = capsys.readouterr().out
     assert "also in the file: bob (9 frames)" in said
+    assert "9 frames in" in refused(capsys, "--tracker", str(path), "--person", "bob")
+    assert "--person carl: not in" in refused(capsys, "--tracker", str(path), "--person", "carl")
     assert f"1 of {len(TIMES_S) + 10} lines are no observations (line {len(TIMES_S) + 10}: not JSON" in said
 
 
@@ -82,15 +84,6 @@ def test_a_bag_with_its_latency_and_losses(tmp_path, capsys):
     assert (sensor.loss.duration_min_s, sensor.loss.duration_max_s) == pytest.approx((0.5, 1.0), rel=1e-3)
     assert sensor.dropout_probability == pytest.approx(1 / TIMES_S.size, rel=0.01)
     assert "optical axes turned" in capsys.readouterr().out
-
-
-def test_a_person_is_chosen_by_id(tmp_path, capsys):
-    times_s = TIMES_S[:100]
-    rows = face_rows("face_a", TIMES_S, SEEN_M, "lidar") + face_rows("face_b", times_s, 1.5 * SEEN_M[:100], "lidar")
-    bag = write_bag(tmp_path / "bag", rows)
-    assert "face_b" in identify(bag, tmp_path, "--person", "b").source
-    assert main(["--tracker", str(bag), "--person", "c", "--out", str(tmp_path / "m.toml")]) == 2
-    assert "--person c: not in" in capsys.readouterr().err
 
 
 def test_wander_of_a_person_who_walks_is_left_out_with_a_warning(tmp_path, capsys):

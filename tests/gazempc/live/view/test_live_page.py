@@ -15,7 +15,7 @@ from gazempc.live.view.viewers import Feed
 from gazempc.live.view.web import Snapshots
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.results.mcap import moments_of
-from gazempc.results.moments import EventMoment, LateMoment, PictureMoment, PlanMoment, TickMoment
+from gazempc.results.moments import EventMoment, LateMoment, PictureMoment, PlanMoment, SeenMoment, TickMoment
 
 # The smallest JPEG that browsers show: one grey pixel.
 JPEG = bytes.fromhex(
@@ -38,9 +38,11 @@ def log():
 
 @pytest.fixture(scope="module")
 def moments(log):
-    """What a live run would send: with plans, lateness and pictures."""
+    """What a live run would send in two seconds: with plans, lateness and pictures."""
     found = [PictureMoment(0.0, JPEG), PlanMoment(0.0, 0.0, 0.02, log.command_position_rad[:3], 87.0)]
     for moment in moments_of(log):
+        if isinstance(moment, TickMoment) and moment.time_s > log.time_s[0] + 2.0:
+            break
         if isinstance(moment, TickMoment):
             found.append(LateMoment(0.25, 0))
         found.append(moment)
@@ -110,8 +112,8 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
         wait_for(driver, "time", shown_at(log, moments[:half]))
         assert driver.find_element("id", "connection").text == "live"
         first = {name: driver.find_element("id", name).text for name in ("person", "error", "time", "joints")}
-        send(run, [*moments[half:], EventMoment(float(log.time_s[-1]), "limit_guard", "limit_guard")])
-        send(run, [TickMoment(float(log.time_s[-1]) + 0.1, moments[-1].joints, *moments[-1][2:])])
+        send(run, [*moments[half:], EventMoment(moments[-1].time_s, "limit_guard", "limit_guard")])
+        send(run, [TickMoment(moments[-1].time_s + 0.1, moments[-1].joints, *moments[-1][2:])])
         wait_for(driver, "events", "limit_guard: the smoother refused")
         for name, before in first.items():
             assert driver.find_element("id", name).text != before, name
@@ -170,24 +172,18 @@ def test_a_port_that_is_taken_is_said(started, log):
         Feed(ViewOrders(log.run, view="web", port=port))
 
 
-@pytest.mark.parametrize("kind", ["live", "synthetic"])
-def test_the_error_is_against_what_is_known(kind):
-    """Of a person who is there now the observed head, while it is new; in a replay only the true one."""
-    log = gz.replay("subject03_R1", controller="reactive", predictor="last_position", sensor="reference")
-    snapshots, states = Snapshots(log.run.model_copy(update={"kind": kind})), []
-    lost_from_s = log.time_s[-1] - 1.5
-    for moment in moments_of(log):
-        if moment[0] > lost_from_s and not isinstance(moment, TickMoment):
+def test_the_error_is_against_the_observed_head_while_it_is_new(moments, log):
+    snapshots, states = Snapshots(log.run.model_copy(update={"kind": "live"})), []
+    lost_from_s = moments[-1].time_s - 1.5
+    for moment in moments:
+        if moment[0] > lost_from_s and isinstance(moment, SeenMoment):
             continue
-        unknown = moment._replace(head_true_base_m=None) if isinstance(moment, TickMoment) else moment
-        if snapshots.take(unknown):
+        if snapshots.take(moment):
             states.append(snapshots.state())
     json.dumps(states, allow_nan=False)
     assert states[0]["observed_m"] is None
     errors = [state["error_deg"] for state in states]
-    seen = [state["age_s"] is not None and state["age_s"] < 1.0 for state in states]
-    assert [error is not None for error in errors] == (seen if kind == "live" else [False] * len(states))
-    assert not seen[-1]
-    k = len(states) // 2
-    if kind == "live":
-        assert errors[k] == pytest.approx(np.hypot(*states[k]["in_view_deg"]))
+    assert [error is not None for error in errors] == [(state["age_s"] or 9.0) < 1.0 for state in states]
+    assert errors[-1] is None
+    k = next(k for k, error in enumerate(errors) if error is not None)
+    assert errors[k] == pytest.approx(np.hypot(*states[k]["in_view_deg"]))

@@ -6,7 +6,7 @@ from builders.sensing import seen, sensor, standing
 
 from gazempc.sim.sensor import observe
 
-LONG = standing(900.0)
+LONG = standing(300.0)
 
 
 def captures_and_arrivals(recording, seed=1, **fields):
@@ -15,7 +15,7 @@ def captures_and_arrivals(recording, seed=1, **fields):
 
 
 def test_jitter_of_latency_is_uniform_and_stamps_stay_right():
-    walk = standing(600.0)
+    walk = standing(200.0)
     captures, arrivals = captures_and_arrivals(
         walk, latency_s=0.04, timing={"latency_jitter_s": 0.21, "keeps_order": False}
     )
@@ -40,7 +40,7 @@ def test_kept_order_lets_frames_wait_for_those_before():
 
 
 def test_stamps_err_by_a_constant_and_by_noise_and_arrivals_do_not():
-    walk = standing(600.0)
+    walk = standing(200.0)
     stamps, arrivals = captures_and_arrivals(walk, timing={"stamp_offset_s": 0.06, "stamp_noise_s": 0.004})
     np.testing.assert_array_equal(arrivals, walk.times_s)
     error = stamps - walk.times_s
@@ -66,9 +66,9 @@ def test_bursts_of_loss_have_their_durations_and_intervals():
     assert gaps.min() >= 0.3
     # Now and then the next one begins before a frame is taken.
     assert (gaps > 1.0 + 2 / 30).mean() < 1.5 * (1 - np.exp(-1 / 30 / 2.0))
-    assert np.median(gaps) == pytest.approx(0.65 + 1 / 30, abs=0.04)
-    assert captures.size / LONG.times_s.size == pytest.approx(2.0 / 2.65, abs=0.02)
-    assert gaps.size == pytest.approx(900 / 2.65, rel=0.1)
+    assert np.median(gaps) == pytest.approx(0.65 + 1 / 30, abs=0.08)
+    assert captures.size / LONG.times_s.size == pytest.approx(2.0 / 2.65, abs=0.04)
+    assert gaps.size == pytest.approx(300 / 2.65, rel=0.15)
 
 
 @pytest.mark.parametrize(
@@ -76,10 +76,8 @@ def test_bursts_of_loss_have_their_durations_and_intervals():
     [
         ([2.0, 1.5, 0.0], True),  # 36.9 deg
         ([2.0, 1.6, 0.0], False),  # 38.7 deg
-        ([2.0, -1.6, 0.0], False),
         ([2.0, 0.0, 1.2], True),  # 31.0 deg
         ([2.0, 0.0, 1.4], False),  # 35.0 deg
-        ([2.0, 0.0, -1.4], False),
         ([-2.0, 0.0, 0.0], False),
     ],
 )

@@ -1,14 +1,12 @@
 """Errors of the yaws of head and pelvis, and what becomes of them while the person faces away."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from builders.sensing import correlation, position_errors, seen, sensor, standing, yaw_errors
+from builders.sensing import correlation, sensor, standing, yaw_errors
 
 from gazempc.sim.sensor import observe
 
-LONG = standing(900.0)
+LONG = standing(300.0)
 HEAD = {"noise_deg": 2.0, "wander_deg": 8.0, "wander_time_s": 0.8}
 PELVIS = {"noise_deg": 1.0, "wander_deg": 6.0, "wander_time_s": 0.3}
 
@@ -17,22 +15,16 @@ def test_each_yaw_has_its_own_white_error_and_wander():
     for part, error in (("head", HEAD), ("pelvis", PELVIS)):
         found = np.degrees(yaw_errors(LONG, part, head_yaw=HEAD, pelvis_yaw=PELVIS))
         variance = error["noise_deg"] ** 2 + error["wander_deg"] ** 2
-        assert found.std() == pytest.approx(np.sqrt(variance), rel=0.06)
+        assert found.std() == pytest.approx(np.sqrt(variance), rel=0.1)
         for lag in (1, 12):
             expected = error["wander_deg"] ** 2 / variance * np.exp(-lag / 30 / error["wander_time_s"])
-            assert correlation(found, lag) == pytest.approx(expected, abs=0.05)
-
-
-def test_the_noise_of_both_yaws_and_that_of_one_add():
-    assert np.degrees(yaw_errors(LONG, yaw_noise_deg=3.0, head_yaw={"noise_deg": 4.0}).std()) == pytest.approx(
-        5.0, rel=0.02
-    )
+            assert correlation(found, lag) == pytest.approx(expected, abs=0.08)
 
 
 def test_yaw_flips_and_is_lost_only_while_the_person_faces_away():
     """Turning on the spot; of the time facing away a quarter is flipped and an eighth is lost."""
-    angle_deg = np.rad2deg(np.linspace(0.0, 2 * np.pi * 100, 600 * 30))
-    walk = standing(600.0, facing_away_deg=angle_deg)
+    angle_deg = np.rad2deg(np.linspace(0.0, 2 * np.pi * 50, 300 * 30))
+    walk = standing(300.0, facing_away_deg=angle_deg)
     away = np.abs((angle_deg + 180.0) % 360.0 - 180.0) > 120.0
     fate = {"away_deg": 120.0, "lost_share": 0.125, "flipped_share": 0.25, "hold_s": 0.3}
     errors = yaw_errors(walk, pelvis_yaw=fate, part="pelvis")
@@ -45,29 +37,12 @@ def test_yaw_flips_and_is_lost_only_while_the_person_faces_away():
 
 
 def test_a_flip_holds_for_its_mean_time():
-    walk = standing(900.0, facing_away_deg=180.0)
+    walk = standing(300.0, facing_away_deg=180.0)
     flipped = np.abs(yaw_errors(walk, head_yaw={"flipped_share": 0.5, "hold_s": 0.5})) > 3.0
     # Half of the new draws give the other state: a state holds twice the mean time of a draw.
     changes = np.count_nonzero(np.diff(flipped.astype(int)))
     per_frame = 1 - np.exp(-1 / 30 / 0.5)
-    assert changes == pytest.approx(900 * 30 * per_frame / 2, rel=0.1)
-
-
-def test_an_orientation_that_is_not_reported_is_none():
-    for each in seen(standing(1.0), head_yaw={"reported": False}):
-        assert each.head_quat_wxyz is None
-        assert each.pelvis_quat_wxyz is not None
-
-
-def test_a_recording_of_positions_alone_is_seen_without_orientations():
-    walk = standing(2.0)
-    nowhere = np.full_like(walk.truth.head_quat_wxyz, np.nan)
-    walk = replace(walk, truth=replace(walk.truth, head_quat_wxyz=nowhere, pelvis_quat_wxyz=nowhere))
-    fate = {"lost_share": 0.5, "flipped_share": 0.5}
-    observations = seen(walk, head_yaw=fate, pelvis_yaw=fate)
-    assert len(observations) == 60
-    assert all(o.head_quat_wxyz is None and o.pelvis_quat_wxyz is None for o in observations)
-    assert not position_errors(walk).any()
+    assert changes == pytest.approx(300 * 30 * per_frame / 2, rel=0.1)
 
 
 def test_stated_sds_of_yaws_are_those_of_white_error_and_wander_where_there_is_a_yaw():
@@ -87,8 +62,3 @@ def test_stated_sds_of_yaws_are_those_of_white_error_and_wander_where_there_is_a
         else:
             assert np.degrees(each.head_yaw_sd_rad) == pytest.approx(np.sqrt(20.0))
     assert {each.head_quat_wxyz is None for each in observations} == {True, False}
-
-
-def test_shares_of_more_than_all_the_time_are_refused():
-    with pytest.raises(ValueError, match=r"lost_share \(0.6\) and flipped_share \(0.5\) must be 1 or less together"):
-        sensor(head_yaw={"lost_share": 0.6, "flipped_share": 0.5})

@@ -1,4 +1,4 @@
-"""The lock file: everything that an installation needs, each in one version and known by its hash."""
+"""Packaging: the lock file has all that an installation needs, in one version each; the extra `all` has all extras."""
 
 import re
 import tomllib
@@ -49,6 +49,11 @@ def test_all_that_is_needed_is_in_it_and_fits():
                 waiting.append(Requirement(inner.name))
 
 
-def test_it_names_no_host():
-    assert "://" not in TEXT
-    assert not re.search(r"^--|@", TEXT, flags=re.MULTILINE)
+FOR_DEVELOPERS = {"test", "dev", "docs"}
+
+
+def test_all_names_every_extra_of_users():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (everything,) = map(Requirement, extras["all"])
+    assert everything.name == "gazempc"
+    assert everything.extras == set(extras) - FOR_DEVELOPERS - {"all"}

@@ -1,0 +1,163 @@
+"""One run on the real clock with parts that are watched: what is sent and when, and what is logged."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.faults.machine import GapMs
+from gazempc.live.process import fast_switching, without_collection
+from gazempc.live.run import LiveRun
+from gazempc.live.setup import LiveSetup
+from gazempc.neck.spec import NeckSpec
+from gazempc.results.log import Log, load_log
+from gazempc.types import FloatArray
+
+
+class Wrong:
+    """A part whose one method answers something else; a robot's commands are kept.
+
+    Args:
+        inner: The part.
+        method: The method; empty for none.
+        change: Makes of its answer what is returned.
+
+    Attributes:
+        sent: Times and commands.
+    """
+
+    # Joints are read as those of a real robot.
+    keeps_any_clock = False
+
+    def __init__(self, inner: Any, method: str = "", change: Callable[[Any], Any] = lambda answer: answer) -> None:
+        self._inner, self._method, self._change = inner, method, change
+        self.sent: list[tuple[float, Any]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._inner, name)
+        if name != self._method:
+            return found
+        return (lambda *args: self._change(found(*args))) if callable(found) else self._change(found)
+
+    def send_command(self, position_rad: Any) -> Any:
+        """See `gazempc.robots.robot.Robot.send_command`."""
+        self.sent.append((time.monotonic(), position_rad.copy()))
+        return self.__getattr__("send_command")(position_rad)
+
+
+@dataclass(frozen=True)
+class Count:
+    """What came of one run.
+
+    Attributes:
+        family: ``simulated``, ``live``, or part and method.
+        kind: What was wrong.
+        commands: Commands sent.
+        outside_limits: Commands that are not finite, and differences of commands beyond a limit of the neck.
+        observations: How many arrived.
+        used: How many were used.
+        refused: How many were not, by reason.
+        gap_max_ms: Longest time between two commands.
+        machine_gap_ms: Longest gap of an undisturbed process within that time.
+        ended: Whether the fault ended the run.
+        log_lost: Whether a log is missing, does not load or has not a row for each tick.
+        named: The event with the part's class and the method; empty if there is none.
+        gaze_error_rms_deg: Against the true head; None for parts.
+    """
+
+    family: str
+    kind: str
+    commands: int
+    outside_limits: int
+    observations: int
+    used: int
+    refused: dict[str, int]
+    gap_max_ms: float = 0.0
+    machine_gap_ms: float = 0.0
+    ended: bool = False
+    log_lost: bool = False
+    named: str = ""
+    gaze_error_rms_deg: float | None = None
+
+
+def outside_limits(sent_rad: FloatArray, neck: NeckSpec) -> int:
+    """Count commands beyond the limits.
+
+    Args:
+        sent_rad: Commands at the servo rate, shape (M, N), radians.
+        neck: The limits.
+
+    Returns:
+        Numbers that are not finite, or of which a difference is beyond a limit.
+    """
+    count = int(np.sum(~np.isfinite(sent_rad)))
+    count += int(np.sum((sent_rad > neck.position_max_rad + 1e-9) | (sent_rad < neck.position_min_rad - 1e-9)))
+    padded = np.vstack([np.tile(sent_rad[0], (3, 1)), sent_rad])
+    limits = (neck.velocity_max_rad_s, neck.acceleration_max_rad_s2, neck.jerk_max_rad_s3)
+    for order, limit in enumerate(limits, 1):
+        moved = np.abs(np.diff(padded, order, axis=0)) / neck.servo_period_s**order
+        count += int(np.sum(moved > limit * (1 + 1e-6)))
+    return count
+
+
+def watch(
+    setup: LiveSetup, names: tuple[str, str], seconds: float, machine_gap_ms: GapMs, on_ready: Callable[[LiveRun], None]
+) -> tuple[Count, list[Log]]:
+    """Run in real time, as the command does.
+
+    Args:
+        setup: Its parts; the robot is a `Wrong`.
+        names: Family and kind.
+        seconds: How long.
+        machine_gap_ms: See `benchmarks.faults.machine.control`.
+        on_ready: Called before the first tick.
+
+    Returns:
+        What came of it, and its logs.
+    """
+    robot, ended, logs = setup.robot, False, []
+    assert isinstance(robot, Wrong)
+    with tempfile.TemporaryDirectory() as folder:
+        paths: list[Path] = []
+
+        def keep(log: Log, times: object) -> None:
+            paths.append(Path(folder) / f"{len(paths)}.npz")
+            log.save(paths[-1])
+
+        run = LiveRun(setup, keep)
+        with fast_switching(), without_collection():
+            try:
+                run.run(threading.Event(), seconds, lambda: on_ready(run))
+            except BaseException as error:
+                if isinstance(error, KeyboardInterrupt):
+                    raise
+                ended = True
+                print(f"{names}: {type(error).__name__}: {error}", file=sys.stderr)
+        with contextlib.suppress(Exception):
+            logs = [load_log(path) for path in paths]
+    sent_s = [time_s for time_s, _ in robot.sent]
+    longest = int(np.diff(sent_s).argmax())
+    around_s = sent_s[longest : longest + 2]
+    faults = [f"{fault.event}: {fault.error}" for fault in run.logs.faults]
+    return Count(
+        *names,
+        commands=len(sent_s),
+        outside_limits=outside_limits(np.array([command_rad for _, command_rad in robot.sent]), setup.neck),
+        observations=run.report.observations,
+        used=run.logs.used,
+        refused=run.logs.refused,
+        gap_max_ms=round(1e3 * (around_s[1] - around_s[0]), 1),
+        machine_gap_ms=round(machine_gap_ms(*around_s), 1),
+        ended=ended,
+        log_lost=sum(log.time_s.size for log in logs) != run.report.ticks,
+        named=next((fault for fault in faults if "Wrong" in fault), ""),
+    ), logs

@@ -1,0 +1,129 @@
+"""Lines with intervals over people, drawn once: as a PNG file by matplotlib, and as a chart of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gazempc.results.figures.style import DPI, readable, series_look
+from gazempc.results.page.content import Chart, Curve
+from gazempc.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a plot.
+
+    Attributes:
+        label: Its name.
+        colour: CSS colour.
+        x: Shape (N,).
+        y: Shape (N,).
+        ends: Lower and upper ends of the intervals of y, shape (N, 2); NaN or None without.
+        names: Name of each point, shape (N,); empty where the axes suffice.
+        beside: Further points, shape (M, 2), faint and without a line.
+    """
+
+    label: str
+    colour: str
+    x: FloatArray
+    y: FloatArray
+    ends: FloatArray | None = None
+    names: tuple[str, ...] = ()
+    beside: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Lines over one axis.
+
+    Attributes:
+        title: Title.
+        x_label: Name and unit.
+        y_label: Name and unit.
+        lines: The lines.
+        legend: Title of the legend.
+        ticks: Names of the categories at 0, 1, ...; empty for a numeric axis.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    lines: tuple[Line, ...]
+    legend: str = ""
+    ticks: tuple[str, ...] = ()
+
+    def chart(self) -> Chart:
+        """The plot in a report, without intervals."""
+        curves = tuple(Curve(line.label, line.colour, line.x, line.y, line.names) for line in self.lines)
+        return Chart(self.title, self.x_label, self.y_label, curves)
+
+
+def draw(plots: Sequence[Plot], path: Path, about: str, log_y: bool = False) -> None:
+    """Draw plots side by side, with one y axis and one legend.
+
+    Args:
+        plots: One a panel, all with the same lines.
+        path: PNG file to write.
+        about: Data of the plots.
+        log_y: Whether the y axis is logarithmic.
+    """
+    single = len(plots) == 1
+    width_inches = 7.0 if single else 3.0 * len(plots) + 0.6
+    with readable(width_inches):
+        figure = Figure(figsize=(width_inches, 4.4 if single else 3.6), layout="constrained")
+        panels = figure.subplots(1, len(plots), sharey=True, squeeze=False)[0]
+        for ax, plot in zip(panels, plots, strict=True):
+            for i, line in enumerate(plot.lines):
+                _draw_line(ax, line, i, plot)
+            if plot.ticks:
+                ax.set_xticks(range(len(plot.ticks)), plot.ticks)
+            ax.set_title(plot.title, fontsize="medium")
+            ax.set_xlabel(plot.x_label)
+            ax.set_yscale("log" if log_y else "linear")
+            ax.grid(alpha=0.3, which="both")
+        panels[0].set_ylabel(plots[0].y_label)
+        if single:
+            panels[0].legend(framealpha=0.85, edgecolor="none", fontsize="small", title=plots[0].legend)
+        else:
+            handles, labels = panels[0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False, fontsize="small")
+        figure.supxlabel(about, fontsize="small", color="0.4")
+        figure.savefig(path, dpi=DPI)
+
+
+def _draw_line(ax: Axes, line: Line, index: int, plot: Plot) -> None:
+    look = series_look(index)
+    # Categories stand side by side, so that intervals do not hide one another.
+    x = line.x + (0.12 * (index - (len(plot.lines) - 1) / 2) if plot.ticks else 0.0)
+    style, marker = "" if plot.ticks else look.line, "" if line.ends is None and line.beside is None else look.marker
+    ax.plot(x, line.y, ls=style, marker=marker, ms=4, color=line.colour, label=line.label)
+    if line.beside is not None:
+        ax.plot(*line.beside.T, ls="", marker=look.marker, ms=4, color=line.colour, alpha=0.35)
+    if line.ends is not None:
+        ax.vlines(x, *line.ends.T, color=line.colour, lw=1.0)
+
+
+def share_of_clips(title: str, x_label: str, clips: Mapping[tuple[str, str], Mapping[str, float]]) -> Plot:
+    """For each error the share of clips with no larger one.
+
+    Args:
+        title: Title.
+        x_label: Name and unit of the error.
+        clips: Error by clip, for each label and its CSS colour.
+
+    Returns:
+        The plot; a line farther left is better.
+    """
+    lines = []
+    for (label, colour), of_clip in clips.items():
+        names = tuple(sorted(of_clip, key=of_clip.__getitem__))
+        percent = 100.0 * np.arange(1, len(names) + 1) / max(len(names), 1)
+        errors = np.array([of_clip[name] for name in names], dtype=np.float64)
+        lines.append(Line(label, colour, errors, percent, names=names))
+    return Plot(title, x_label, "share of clips (%)", tuple(lines))
