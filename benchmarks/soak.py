@@ -29,7 +29,7 @@ from gazempc.live.session import parse
 from gazempc.live.setup import build
 from gazempc.loop.build import make_controller
 from gazempc.neck.spec import NeckSpec, load_neck
-from gazempc.results.log import ComputeTimes, Log, RunInfo
+from gazempc.results.log import ComputeTimes, Log
 from gazempc.results.motion import limit_violations
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.simulated import SimulatedNeck
