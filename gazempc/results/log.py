@@ -29,7 +29,7 @@ class RunInfo(BaseModel):
 
     Attributes:
         recording: Name of the recording; of a live run its source.
-        kind: Kind of data, such as ``synthetic``; ``live`` for a person who is there now.
+        kind: Kind of data, such as ``synthetic``; ``live`` for a person in front of the robot.
         subject: The person.
         group: Route group, None where it is not known.
         controller: Name of the controller.
@@ -97,8 +97,8 @@ class Log:
     """One run of one controller. Positions are in the base frame; rows of a rate share one time array.
 
     Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it. Each field is annotated with its
-    axes: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at, W looks away, S swaps
-    of identity.
+    axes: M ticks, J joints, F observations, H horizons, E events, A changes of the attended person, W looks away, S
+    swaps of identity.
 
     Attributes:
         run: Description of the run; as JSON text in the file.
