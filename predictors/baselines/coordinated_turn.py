@@ -1,4 +1,4 @@
-"""Extended Kalman filter of a walker at constant speed and turn rate (CTRV), with the yaws of pelvis and head as optional measurements."""
+"""Extended Kalman filter of a walker at constant speed and turn rate (CTRV); yaws of pelvis and head are optional."""
 
 from __future__ import annotations
 
