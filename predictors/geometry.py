@@ -44,7 +44,7 @@ def rotation_about_vertical(angle_rad: float) -> FloatArray:
     Returns:
         R, shape (3, 3).
     """
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 

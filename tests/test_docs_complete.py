@@ -19,9 +19,8 @@ from gazempc.recordings.readers.tables.mapping import ColumnMapping
 from gazempc.recordings.readers.tables.people import COLUMNS
 from gazempc.recordings.readers.tables.values import TIMES_S
 from gazempc.results.attention import AttentionMetrics
-from gazempc.results.log import Fault, Log
+from gazempc.results.log import Fault, Log, RunInfo
 from gazempc.results.metrics import Metrics
-from gazempc.results.run_info import RunInfo
 from gazempc.results.run_summary import ComputeMetrics
 from gazempc.sim.sensor import SensorSpec, sensor_names
 

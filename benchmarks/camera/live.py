@@ -25,8 +25,7 @@ from gazempc.live.sources.source import Arrived
 from gazempc.loop import build
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.neck.spec import load_neck
-from gazempc.results.log import Log
-from gazempc.results.run_info import RunInfo
+from gazempc.results.log import Log, RunInfo
 from gazempc.robots.mujoco import MujocoNeck
 from gazempc.robots.studio import Studio, StudioPerson
 from gazempc.settings import GazeSettings

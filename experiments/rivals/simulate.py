@@ -20,8 +20,7 @@ from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.poses import seen_from_head
 from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.recordings.truth import TrueHead
-from gazempc.results.log import Log
-from gazempc.results.run_info import RunInfo
+from gazempc.results.log import Log, RunInfo
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.sim.sensor import SensorSpec, observe

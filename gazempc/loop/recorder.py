@@ -17,9 +17,8 @@ from gazempc.controllers.controller import AxisMotion, Plan
 from gazempc.loop.boundary import PartError
 from gazempc.loop.columns import Arrays, JointColumns, PackedRows, pack_rows, pack_states
 from gazempc.parts import said
-from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Fault, Log
+from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Fault, Log, RunInfo
 from gazempc.results.moments import AttendedMoment, EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
-from gazempc.results.run_info import RunInfo
 from gazempc.types import FloatArray, JointState
 from predictors import Forecast, HeadObservation
 

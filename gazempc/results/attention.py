@@ -36,7 +36,7 @@ class AttentionMetrics:
     Attributes:
         contact_attended: Share of the scored time with eye contact (2.6 deg) with the attended person, where contact
             is due.
-        switches_per_minute: How often it changed who is looked at, a minute.
+        switches_per_minute: Changes of the attended person a minute.
         time_to_contact_after_switch_s: Median time from a switch to contact, seconds; of switches with contact.
         switches_without_contact: Switches after which there was no contact before the next one.
         switch_overshoot_deg: How far the gaze passes the new person to the side after a switch, at most, degrees; see
@@ -100,7 +100,7 @@ def measure_attention(log: Log) -> AttentionMetrics:
 
 
 def attention_lines(found: AttentionMetrics) -> list[str]:
-    """Say it in words, for people.
+    """The metrics as sentences.
 
     Args:
         found: The metrics.

@@ -1,13 +1,15 @@
-"""Eye contact in a log: cones, breaks, first contact, overshoot; and statistics of the values that are known."""
+"""Eye contact in a log: cones, breaks, first contact, overshoot; the head in the picture of a camera that turns."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.kinematics import gaze_ray, head_angles_rad, look_at_rad
+from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.results.log import Log
 from gazempc.types import BoolArray, FloatArray
 
@@ -37,6 +39,11 @@ def of_known(values: FloatArray | BoolArray, statistic: Callable[[Any], Any] = n
 def p95(values: FloatArray) -> float:
     """95th percentile."""
     return float(np.percentile(values, 95))
+
+
+def wrapped(angle_rad: FloatArray) -> FloatArray:
+    """Angles in [-pi, pi), radians."""
+    return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def share_within(error_deg: FloatArray, limit_deg: float) -> float:
@@ -84,7 +91,7 @@ def overshoot_deg(log: Log, ticks: slice = slice(None)) -> float:
     eye_base_m, direction = gaze_ray(log.neck.geometry, log.joint_position_rad[ticks])
     to_head_m, time_s = log.head_true_base_m[ticks] - eye_base_m, log.time_s[ticks]
     off_rad = np.arctan2(direction[:, 1], direction[:, 0]) - np.arctan2(to_head_m[:, 1], to_head_m[:, 0])
-    off_deg = np.rad2deg((off_rad + np.pi) % (2.0 * np.pi) - np.pi)
+    off_deg = np.rad2deg(wrapped(off_rad))
     if not (off_deg.size and abs(off_deg[0]) > CONTACT_DEG[-1]):
         return float("nan")
     passed_deg = -np.sign(off_deg[0]) * off_deg
@@ -146,3 +153,54 @@ def _lasting(flags: BoolArray, ticks: int) -> BoolArray:
         return np.zeros(flags.size, dtype=np.bool_)
     run = np.convolve(flags, np.ones(ticks), "valid") == ticks
     return np.concatenate([run, np.zeros(flags.size - run.size, dtype=np.bool_)])
+
+
+# The true rate of the head's direction is a central difference over this time, as of its motion (docs/metrics.md).
+_RATE_OVER_S = 0.3
+# Longer without an observation, the head was out of sight.
+_OUT_OF_SIGHT_S = 0.5
+
+
+def framing_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
+    """Metrics of the framing in the log's settings.
+
+    Args:
+        log: The run.
+        scored: Ticks of the scored window, shape (M,).
+
+    Returns:
+        ``time_in_zone`` and ``time_to_reacquire_s``; NaN without a framing of one person, or without a true head.
+    """
+    framing = Framing.model_validate(log.run.settings.get("framing", {"subject": "no"}))
+    picture = FramedPicture.of(framing, log.neck) if framing.subject == "one" else None
+    if picture is None or not log.run.knows_true_head:
+        return {"time_in_zone": math.nan, "time_to_reacquire_s": math.nan}
+    in_zone = np.all(np.abs(aim_error_rad(log, picture)) <= picture.zone_rad, axis=1)  # NaN is outside
+    return {
+        "time_in_zone": float(np.mean(in_zone[scored])),
+        "time_to_reacquire_s": _time_to_reacquire_s(log, in_zone),
+    }
+
+
+def aim_error_rad(log: Log, picture: FramedPicture) -> FloatArray:
+    """How far the camera points beside its aim for the true head, pan and tilt, shape (M, 2), radians."""
+    looks_rad = look_at_rad(log.neck.geometry, log.head_true_base_m)
+    half = max(1, round(0.5 * _RATE_OVER_S / log.neck.servo_period_s))
+    at = np.arange(looks_rad.shape[0])
+    before, after = np.maximum(at - half, 0), np.minimum(at + half, at.size - 1)
+    turned_rad = wrapped(looks_rad[after, 0] - looks_rad[before, 0])
+    aim_rad = picture.aim_rad(looks_rad, turned_rad / np.maximum(log.time_s[after] - log.time_s[before], 1e-9))
+    return wrapped(aim_rad - head_angles_rad(log.joint_position_rad))
+
+
+def _time_to_reacquire_s(log: Log, in_zone: BoolArray) -> float:
+    order = np.argsort(log.capture_time_s, kind="stable")
+    seen_s, arrived_s = log.capture_time_s[order], log.arrival_time_s[order]
+    took_s = []
+    for k in np.flatnonzero(np.diff(seen_s) > _OUT_OF_SIGHT_S) + 1:
+        after = log.time_s >= arrived_s[k] - 1e-9
+        times_s = log.time_s[after]
+        if times_s.size:
+            found_s = time_to_stable(in_zone[after], times_s, log.neck.servo_period_s)
+            took_s.append(found_s if math.isfinite(found_s) else float(times_s[-1] - times_s[0]))
+    return of_known(np.array(took_s))

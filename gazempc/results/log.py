@@ -7,22 +7,67 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, get_type_hints
+from typing import Annotated, Any, BinaryIO, Literal, get_type_hints
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gazempc.errors import SettingsError, shown
 from gazempc.files.bounds import check_file
 from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.run_info import RunInfo
 from gazempc.results.tables import LogFrames, frames_of
 from gazempc.types import BoolArray, FloatArray, IntArray, StringArray
 
 _REASON_SHOWN = 400
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
+
+
+class RunInfo(BaseModel):
+    """Description of a run; it is kept in the log.
+
+    Attributes:
+        recording: Name of the recording; of a live run its source.
+        kind: Kind of data, such as ``synthetic``; ``live`` for a person in front of the robot.
+        subject: The person.
+        group: Route group, None where it is not known.
+        controller: Name of the controller.
+        predictor: Name of the predictor.
+        neck: The neck that moved.
+        sensor: The sensor's specification; of a live run its name only.
+        seed: Seed of the simulated noise.
+        mode: ``replay`` in simulated time, ``live`` on a clock.
+        robot: Name of the robot.
+        joints: ``true`` if the log holds where the joints were, known in simulation only; ``measured`` if it holds
+            what a robot reported.
+        settings: All settings of the run.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    recording: str
+    kind: str
+    subject: str
+    group: str | None = None
+    controller: str
+    predictor: str
+    neck: NeckSpec
+    sensor: dict[str, Any]
+    seed: int = 0
+    mode: Literal["replay", "live"] = "replay"
+    robot: str = "simulated"
+    joints: Literal["true", "measured"] = "true"
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+    @property
+    def knows_true_head(self) -> bool:
+        """Whether the true head is known, as in replays; in a live run it is not."""
+        return self.kind != "live"
+
+    def as_json(self) -> str:
+        """JSON text, keys sorted: equal runs give equal texts."""
+        return json.dumps(self.model_dump(), sort_keys=True)
 
 
 @dataclass(frozen=True)
@@ -52,8 +97,8 @@ class Log:
     """One run of one controller. Positions are in the base frame; rows of a rate share one time array.
 
     Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it. Each field is annotated with its
-    axes: M ticks, J joints, F observations, H horizons, E events, A changes of who is looked at, W looks away, S swaps
-    of identity.
+    axes: M ticks, J joints, F observations, H horizons, E events, A changes of the attended person, W looks away, S
+    swaps of identity.
 
     Attributes:
         run: Description of the run; as JSON text in the file.

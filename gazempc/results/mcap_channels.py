@@ -16,9 +16,8 @@ from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.results import mcap_scene as scene
 from gazempc.results import moments
-from gazempc.results.log import ATTACHMENT, FORECAST_HORIZONS_S
-from gazempc.results.run_info import RunInfo
-from gazempc.results.tables import forecast_columns, observation_columns, tick_columns
+from gazempc.results.log import ATTACHMENT, FORECAST_HORIZONS_S, RunInfo
+from gazempc.results.tables import FORECAST_COLUMNS, OBSERVATION_COLUMNS, tick_columns
 from gazempc.types import FloatArray, JointState
 
 
@@ -97,8 +96,8 @@ class Channels:
         self._neck, self._camera, self._context = run.neck, scene.camera_frame(run), context
         names = run.neck.joint_names
         self._ticks = self._numbers("/ticks", tick_columns(names))
-        self._observations = self._numbers("/observations", observation_columns())
-        self._forecasts = self._numbers("/forecasts", forecast_columns())
+        self._observations = self._numbers("/observations", OBSERVATION_COLUMNS)
+        self._forecasts = self._numbers("/forecasts", FORECAST_COLUMNS)
         self._metrics = self._numbers("/metrics", ("time_s", *METRICS))
         knots = {f"{name}_rad": {"type": "array", "items": {"type": "number"}} for name in names}
         self._attended = self._json("/attended", {"person": {"type": "integer"}, "why": {"type": "string"}})

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, NeckSpec
-from gazempc.results.run_info import RunInfo
+from gazempc.results.log import RunInfo
 from gazempc.types import FloatArray
 
 BASE = "base"

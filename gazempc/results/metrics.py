@@ -13,7 +13,6 @@ from gazempc.recordings.readers.labels import travel
 from gazempc.results import contact
 from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.forecast_metrics import false_starts_per_min, forecast_metrics
-from gazempc.results.framing import framing_metrics
 from gazempc.results.log import Log
 from gazempc.results.motion import limit_violations, motion_metrics
 from gazempc.types import BoolArray, FloatArray
@@ -142,7 +141,7 @@ def measure(log: Log) -> Metrics:
         overshoot_deg=contact.overshoot_deg(log),
         limit_violations=limit_violations(log, neck),
         **motion_metrics(log, scored),
-        **framing_metrics(log, scored),
+        **contact.framing_metrics(log, scored),
         **forecast_metrics(log),
         false_starts_per_min=false_starts_per_min(log) if knows_head and not moved.leaves else float("nan"),
     )

@@ -91,7 +91,7 @@ class EventMoment(NamedTuple):
 
 
 class AttendedMoment(NamedTuple):
-    """Among several people: who is looked at from now on.
+    """Among several people: the attended person from now on.
 
     Attributes:
         time_s: The time, seconds.

@@ -65,8 +65,8 @@ def log_tables(log: Mapping[str, Any]) -> dict[str, Columns]:
     ]
     return {
         "ticks": dict(zip(tick_columns(joints), ticks, strict=True)),
-        "observations": dict(zip(observation_columns(), observations, strict=True)),
-        "forecasts": dict(zip(forecast_columns(), forecasts, strict=True)),
+        "observations": dict(zip(OBSERVATION_COLUMNS, observations, strict=True)),
+        "forecasts": dict(zip(FORECAST_COLUMNS, forecasts, strict=True)),
         "events": {"time_s": log["event_time_s"], "event": log["event_name"]},
     }
 
@@ -88,22 +88,21 @@ def tick_columns(joints: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def observation_columns() -> tuple[str, ...]:
-    """Names of the columns of ``observations``."""
-    return ("capture_time_s", "arrival_time_s", *(f"head_observed_{axis}_base_m" for axis in _AXES), "person_id")
-
-
-def forecast_columns() -> tuple[str, ...]:
-    """Names of the columns of ``forecasts``; of the covariance the upper triangle."""
-    pairs = [_AXES[i] + _AXES[j] for i, j in zip(*np.triu_indices(3), strict=True)]
-    return (
-        "capture_time_s",
-        "horizon_s",
-        *(f"mean_{axis}_base_m" for axis in _AXES),
-        *(f"covariance_{pair}_m2" for pair in pairs),
-        "degrees_of_freedom",
-        *(f"head_true_{axis}_base_m" for axis in _AXES),
-    )
+OBSERVATION_COLUMNS = (
+    "capture_time_s",
+    "arrival_time_s",
+    *(f"head_observed_{axis}_base_m" for axis in _AXES),
+    "person_id",
+)
+# Of the covariance the upper triangle.
+FORECAST_COLUMNS = (
+    "capture_time_s",
+    "horizon_s",
+    *(f"mean_{axis}_base_m" for axis in _AXES),
+    *(f"covariance_{_AXES[i]}{_AXES[j]}_m2" for i, j in zip(*np.triu_indices(3), strict=True)),
+    "degrees_of_freedom",
+    *(f"head_true_{axis}_base_m" for axis in _AXES),
+)
 
 
 def frames_of(log: Mapping[str, Any]) -> LogFrames:

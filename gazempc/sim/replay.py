@@ -27,10 +27,9 @@ from gazempc.parts import CONTROLLER, PREDICTOR, gaze_of, name_of
 from gazempc.people.schedule import LookAways
 from gazempc.people.tracker_faults import is_low_rate
 from gazempc.recordings.truth import TrueHead
-from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.log import ComputeTimes, Log, RunInfo
 from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.moments import Moment
-from gazempc.results.run_info import RunInfo
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
 from gazempc.sim.crowd import PerfectOfCrowd
 from gazempc.sim.crowd_replay import people_of

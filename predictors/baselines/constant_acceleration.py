@@ -56,6 +56,28 @@ def _on_each_axis(blocks: list[list[FloatArray]]) -> FloatArray:
     return np.asarray(np.einsum("hij,kl->hikjl", block, np.eye(3)).reshape(-1, 9, 9))
 
 
+def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[float, ...]) -> KalmanFilter:
+    """A Kalman filter of position and derivatives at a first position.
+
+    Args:
+        position_m: The position, shape (3,), metres.
+        R: Its covariance, shape (3, 3), square metres.
+        derivative_sds: Prior standard deviation of each derivative on each axis, m/s, m/s^2, ...
+
+    Returns:
+        The filter; the derivatives are zero.
+    """
+    from filterpy.kalman import KalmanFilter  # noqa: PLC0415
+
+    size = 3 * (1 + len(derivative_sds))
+    kf = KalmanFilter(dim_x=size, dim_z=3)
+    kf.x = np.concatenate([position_m, np.zeros(size - 3)])
+    kf.P = np.diag(np.repeat(np.square([0.0, *derivative_sds]), 3))
+    kf.P[:3, :3] = R
+    kf.H = np.eye(3, size)
+    return kf
+
+
 class ConstantAcceleration(GatedFilter):
     """Constant-acceleration Kalman filter driven by the time stamps of the observations; see `GatedFilter`.
 
@@ -85,13 +107,8 @@ class ConstantAcceleration(GatedFilter):
         )
 
     def _begin(self, position_m: FloatArray, R: FloatArray) -> None:
-        from filterpy.kalman import KalmanFilter  # noqa: PLC0415
-
-        self._filter: KalmanFilter = KalmanFilter(dim_x=9, dim_z=3)
-        self._filter.x = np.concatenate([position_m, np.zeros(6)])
-        self._filter.P = np.diag(np.repeat([0.0, _INITIAL_SPEED_SD_M_S**2, _INITIAL_ACCELERATION_SD_M_S2**2], 3))
-        self._filter.P[:3, :3] = R
-        self._filter.H = np.eye(3, 9)
+        derivatives = (_INITIAL_SPEED_SD_M_S, _INITIAL_ACCELERATION_SD_M_S2)
+        self._filter = start_filter(position_m, R, derivatives)
 
     def _predict(self, dt_s: float) -> tuple[FloatArray, FloatArray]:
         step_s = np.array([dt_s])

@@ -1,4 +1,4 @@
-"""Extended Kalman filter of a walker at constant speed and turn rate (CTRV), who may show where they face."""
+"""Extended Kalman filter of a walker at constant speed and turn rate (CTRV); yaws of pelvis and head are optional."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NODES: FloatArray = (_nodes + 1.0) / 2.0
 WEIGHTS: FloatArray = _weights / 2.0
 
 _SPEED, _HEADING, _TURN_RATE, _PELVIS_OFFSET, _HEAD_OFFSET = range(2, 7)
-# Who is slower has no heading; who is to have one must be clearly faster, so that it does not come and go.
+# Hysteresis of the speed at which a heading is defined.
 _STANDS_BELOW_M_S = 0.2
 _WALKS_FROM_M_S = 0.3
 _INITIAL_TURN_RATE_SD_RAD_S = 0.5

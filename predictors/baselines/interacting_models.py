@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from predictors.baselines.constant_acceleration import start_filter
 from predictors.constant_velocity import process_noise
 from predictors.gate import GatedFilter
 from predictors.predictor import as_times
@@ -112,16 +113,9 @@ class InteractingModels(GatedFilter):
         return Forecast(times, means, covariances, self._issued_at_s)
 
     def _begin(self, position_m: FloatArray, R: FloatArray) -> None:
-        from filterpy.kalman import IMMEstimator, KalmanFilter  # noqa: PLC0415
+        from filterpy.kalman import IMMEstimator  # noqa: PLC0415
 
-        filters = []
-        for _ in self._rates_rad_s:
-            kf = KalmanFilter(dim_x=6, dim_z=3)
-            kf.x = np.concatenate([position_m, np.zeros(3)])
-            kf.P = np.diag(np.repeat([0.0, _INITIAL_SPEED_SD_M_S**2], 3))
-            kf.P[:3, :3] = R
-            kf.H = np.eye(3, 6)
-            filters.append(kf)
+        filters = [start_filter(position_m, R, (_INITIAL_SPEED_SD_M_S,)) for _ in self._rates_rad_s]
         start = mode_transition(0.0, self._mode_time_s)
         self._imm: IMMEstimator = IMMEstimator(filters, _INITIAL_PROBABILITIES, start)
 

@@ -6,8 +6,7 @@ import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
-import numpy as np
-
+from predictors.geometry import rotation_about_vertical
 from predictors.types import FloatArray
 
 _HORIZONS_S = (0.2, 0.5)
@@ -38,8 +37,7 @@ class Line:
 
     def to_base(self) -> FloatArray:
         """Rotation from the line's frame (along, across, up) to the base frame, shape (3, 3)."""
-        c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return rotation_about_vertical(self.heading_rad)
 
 
 class LineErrors:

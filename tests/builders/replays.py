@@ -3,8 +3,7 @@
 import dataclasses
 
 from gazempc.neck.spec import load_neck
-from gazempc.results.log import SHAPES
-from gazempc.results.run_info import RunInfo
+from gazempc.results.log import SHAPES, RunInfo
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensor import load_sensor

@@ -43,7 +43,7 @@ def test_the_plan_on_the_board_is_that_of_the_mpc(z0, to_rad, solver):
 
 
 @pytest.mark.slow
-@settings(max_examples=15)
+@settings(max_examples=3)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-1, 1), st.floats(-1, 1))
 def test_from_any_start_within_the_limits(unit, at, slope):
     z0 = 0.5 * np.array(unit) * [1.3, 2.4, 1.3, 2.4, 14.0]

@@ -28,9 +28,9 @@ from foxglove.layouts import (
 from gazempc.errors import SettingsError
 from gazempc.live.view.orders import LogKept, named
 from gazempc.neck.spec import NeckSpec
+from gazempc.results.log import RunInfo
 from gazempc.results.mcap_channels import Channels, McapWriter
 from gazempc.results.moments import CutMoment, Moment, TickMoment
-from gazempc.results.run_info import RunInfo
 
 
 class FoxgloveServer:

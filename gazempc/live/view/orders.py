@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from gazempc.results.run_info import RunInfo
+from gazempc.results.log import RunInfo
 
 ViewKind = Literal["foxglove", "web"]
 # The port that Foxglove offers, and one for pages that needs no rights.

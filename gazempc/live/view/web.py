@@ -19,6 +19,7 @@ from gazempc.errors import SettingsError
 from gazempc.live.view.orders import LOOPBACK, named
 from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import gaze_ray
+from gazempc.results.log import RunInfo
 from gazempc.results.moments import (
     AttendedMoment,
     EventMoment,
@@ -30,7 +31,6 @@ from gazempc.results.moments import (
     SeenMoment,
     TickMoment,
 )
-from gazempc.results.run_info import RunInfo
 from gazempc.types import FloatArray, JointState
 
 # People see no faster changes; a phone draws them.

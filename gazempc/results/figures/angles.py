@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from gazempc.neck.kinematics import gaze_ray, look_at, unwrap_pan
 from gazempc.neck.spec import AXES
 from gazempc.results.figures.known import draw_known, finish, parts, shown_head
-from gazempc.results.figures.style import DPI, OBSERVED, Logs, readable, say, shade_unscored, styles
+from gazempc.results.figures.style import DPI, OBSERVED, Logs, note, readable, shade_unscored, styles
 from gazempc.results.log import Log
 from gazempc.types import FloatArray, IntArray
 
@@ -83,7 +83,7 @@ def _draw_column(column: Any, log: Log, colour: str) -> dict[str, dict[str, Any]
             ax.plot(time_s, np.rad2deg(values_rad[:, axis]), color=colour, **look)
             drawn[label] = {"color": "0.3", **look}
         if not np.isfinite(log.joint_position_rad).any():
-            say(ax, "the joints were not read")
+            note(ax, "the joints were not read")
         if neck.joints == len(AXES):
             shown = np.concatenate([np.asarray(line.get_ydata(), dtype=np.float64) for line in ax.lines])
             low, high = float(np.nanmin(shown)), float(np.nanmax(shown))

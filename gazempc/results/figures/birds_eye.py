@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.figures.known import Part, draw_known, parts, shown_head
 from gazempc.results.figures.people import person_colour, turns
-from gazempc.results.figures.style import OBSERVED, Logs, say, styles
+from gazempc.results.figures.style import OBSERVED, Logs, note, styles
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.types import FloatArray
@@ -23,7 +23,7 @@ _RAYS_AT_MOST = 5
 _PART_REACH = 0.45
 # Labels need about this share of the drawing in the overview.
 _LABEL_GAP = 0.1
-# Of the person who is looked at, below their path.
+# Band of the attended person, below the path.
 _BAND: dict[str, Any] = {"lw": 8.0, "solid_capstyle": "round", "zorder": 2}
 
 
@@ -53,7 +53,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
     if shown.known.any():
         draw_known(ax, path_m[:, 1], path_m[:, 0], shown, color="0.25", lw=1.5, zorder=4)
     if not np.isfinite(head).any():
-        say(ax, "no person was seen")
+        note(ax, "no person was seen")
         _finish_plan(ax)
         return ()
     marks_s = np.arange(0.0, end_s + 1e-6)
@@ -83,7 +83,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
         ax.plot(tip[:, 1], tip[:, 0], "D", color=look.colour, ms=5.5, mec="w", mew=0.5, zorder=6)
 
     if not gazes:
-        say(ax, "no gaze: the joints were not read", 0.95)
+        note(ax, "no gaze: the joints were not read", 0.95)
     _label_times(ax, head, at, marks_s)
     _finish_plan(ax)
     return tuple(beside.values())

@@ -48,14 +48,14 @@ def draw_gaze_error(ax: Axes, logs: Logs) -> bool:
         top, end_s = max(top, float(np.nanmax(error, initial=0.0))), max(end_s, float(time_s[-1]))
     if not top:
         unknown = not any(np.isfinite(log.head_true_base_m).any() for log in logs.values())
-        style.say(ax, f"no gaze error: {'the true head is unknown' if unknown else 'the joints were not read'}")
+        style.note(ax, f"no gaze error: {'the true head is unknown' if unknown else 'the joints were not read'}")
     style.shade_unscored(ax, end_s, people.away_in_all(logs))
     ax.set(xlim=(0.0, end_s), ylim=(0.0, max(1.05 * top, 8.0)), xlabel="time (s)", ylabel="gaze error (deg)")
     return heads_alone
 
 
 _ATTENDED_WIDTH = 8.0
-# Letters that have room in the time line, and heights of the bars of a run: who is looked at, and below it contact.
+# Letters that have room in the time line, and heights of the bars of a run: the attended person, and below it contact.
 _ATTENDED_LETTERS = 75
 _WHO, _CONTACT = 0.5, 0.18
 

@@ -166,7 +166,7 @@ def shade_unscored(ax: Axes, end_s: float, away_s: Iterable[tuple[float, float]]
         ax.axvspan(from_s, to_s, color=_UNSCORED, lw=0, zorder=0.5)
 
 
-def say(ax: Axes, why: str, height: float = 0.5) -> None:
-    """Say in a figure, in the place of what there is not, why; `height` is a share of the axes."""
+def note(ax: Axes, why: str, height: float = 0.5) -> None:
+    """Note why data are missing from a figure; `height` is a share of the axes."""
     box = {"fc": "w", "ec": "none", "alpha": 0.85, "pad": 2.0}
     ax.text(0.5, height, why, transform=ax.transAxes, ha="center", va="center", bbox=box, zorder=10)

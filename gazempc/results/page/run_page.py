@@ -104,11 +104,11 @@ _ABOUT = {
     "overview.png": "The walk from above, the gaze error over time, and the time with eye contact",
     "gaze.gif": "Animation: what the robot sees with each gaze",
     "angles.png": "Angles of the joints, and those that they should have",
-    "attended.png": "Who was looked at over time and why, looks away, and contact",
+    "attended.png": "The attended person over time with the reason, looks away, and contact",
 }
 # Every run begins with the first; the second is a note of the whole.
 _USUAL = ("no_observation_yet", "low_frame_rate")
-_TIMES_TOLD = 5
+_TIMES_LISTED = 5
 
 
 def run_page(
@@ -198,8 +198,8 @@ def unusual_of(log: Log, meanings: Mapping[str, str], whose: str = "") -> list[U
         if event in _USUAL:
             continue
         times_s = log.event_time_s[log.event_name == event] - log.time_s[0]
-        each = ", ".join(f"{time_s:.2f}" for time_s in times_s[:_TIMES_TOLD])
-        when = f" at {each}{', ...' if times_s.size > _TIMES_TOLD else ''} s" if times_s.size else ""
+        each = ", ".join(f"{time_s:.2f}" for time_s in times_s[:_TIMES_LISTED])
+        when = f" at {each}{', ...' if times_s.size > _TIMES_LISTED else ''} s" if times_s.size else ""
         found.append(_of_event(event, times_s.size, meanings, faults.get(event), whose, when))
     return found
 
