@@ -56,7 +56,7 @@ class Ros2Options(Settings):
     )
     state_topic: str = Field(default="/joint_states", description="Topic of the joint states")
     time_from_start_s: float | None = Field(
-        default=None, gt=0, description="Time to reach a trajectory's point; default: a servo period"
+        default=None, gt=0, description="Time to reach a trajectory's point; default: half a servo period"
     )
     silent_after_s: float = Field(
         default=0.5, gt=0, description="After this time without a joint state, the robot counts as not answering"

@@ -36,8 +36,9 @@ _DRIFT_GAIN_1_S = 1.0
 class Ros2Neck:
     """Sends joint commands on one topic and takes joint states from another.
 
-    A trajectory begins with the command, one servo period ahead, with its velocity and acceleration. The points after
-    it brake the joints from there to rest within the neck's limits. If no further command comes, the controller thus
+    A trajectory begins with the command, half a servo period ahead, with its velocity and acceleration: the mean of the
+    interpolated motion over a servo period is the command, as with a servo that holds it. The points after it brake the
+    joints from there to rest within the neck's limits. If no further command comes, the controller thus
     stops the neck by itself; and a controller that demands a last point at rest accepts the trajectory.
 
     `read_state` raises `RobotError` if no joint state that can be used has come for `silent_after_s`, and
@@ -76,7 +77,7 @@ class Ros2Neck:
             raise SettingsError(f"joint_names {joint_names!r}: expected the names of {neck.joints} joints, {joints}")
         if tuple(map(abs, joint_signs)) != (1,) * neck.joints:
             raise SettingsError(f"joint_signs {joint_signs!r}: accepted are 1 and -1 for each of {joints}")
-        from_start_s = neck.servo_period_s if options.time_from_start_s is None else options.time_from_start_s
+        from_start_s = 0.5 * neck.servo_period_s if options.time_from_start_s is None else options.time_from_start_s
         self._neck = neck
         self._clock_s = clock_s
         self._to_loop_s = to_loop_s

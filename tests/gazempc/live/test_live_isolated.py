@@ -1,6 +1,7 @@
 """A predictor in a process of its own: the same forecasts, its exceptions here, and its end with the run."""
 
 import json
+import multiprocessing
 
 import numpy as np
 import pytest
@@ -25,6 +26,16 @@ def test_it_forecasts_and_raises_as_it_does_here():
     times_s = np.array([0.3, 0.6])
     np.testing.assert_array_equal(there.forecast(times_s).means_base_m, here.forecast(times_s).means_base_m)
     assert there.rejections_in_a_row == here.rejections_in_a_row
+
+
+@pytest.mark.slow
+def test_its_process_ends_with_it():
+    others = set(multiprocessing.active_children())
+    there = IsolatedPredictor(ConstantVelocity)
+    (process,) = set(multiprocessing.active_children()) - others
+    del there
+    process.join(20.0)
+    assert not process.is_alive()
 
 
 @pytest.mark.slow
