@@ -181,7 +181,7 @@ def run_live(
     result = Result(logs, run.report, robot, source, duration_s)
     try:
         run.run(stop or threading.Event(), duration_s)
-    except Exception as error:
+    except (Exception, KeyboardInterrupt) as error:
         error.result = result
         raise
     finally:

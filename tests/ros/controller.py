@@ -25,7 +25,7 @@ from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
 
 NAMES = ["head_pan_joint", "head_tilt_joint"]
-PERIOD_S, STATES_EVERY = 0.005, 2
+PERIOD_S, STATES_EVERY = 0.002, 5
 
 
 def quintic(first, last, lasts_s, at_s):

@@ -19,8 +19,8 @@ rclpy = rclpy_or_skip()
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PACKAGE = ROOT / "ros" / "gazempc_ros"
-# The controller gets to a command one servo period later, and takes it up to one later still: as `identify` finds it.
-TOWARDS_CONTROLLER_S = 0.0075
+# The controller takes a command up to one of its periods later and holds its own for one: as `identify` finds it.
+TOWARDS_CONTROLLER_S = 0.002
 NECK_PARAMETERS = {
     "options.ros2.base_frame": "base_link",
     "source": "ros2:/person/pose",

@@ -12,10 +12,11 @@ import pytest
 from builders.cameras import film
 from builders.mcap import decoded
 
+from benchmarks.camera.stream import PictureServer
 from benchmarks.camera.walks import across, angle_deg
 from gazempc.errors import GazempcError
 from gazempc.live.clock import RealClock
-from gazempc.live.sources.camera.capture import CameraOptions, open_pictures
+from gazempc.live.sources.camera.capture import Camera, CameraOptions, Picture, open_pictures
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.source import SourceError
 from gazempc.results.log import load_log
@@ -175,6 +176,23 @@ def test_pictures_of_another_shape_are_refused(opened):
 def test_what_is_no_camera_is_refused(address, complaint):
     with pytest.raises(GazempcError, match=complaint):
         open_pictures(address, CameraOptions())
+
+
+@pytest.mark.slow
+def test_a_network_camera_that_was_gone_is_opened_again():
+    server = PictureServer()
+    camera = Camera(server.url, CameraOptions())
+    try:
+        assert isinstance(camera.read(), Picture)
+        server.hang_up()
+        until_s = time.monotonic() + FOREVER_S
+        while isinstance(camera.read(), Picture):
+            assert time.monotonic() < until_s
+        while not isinstance(camera.read(), Picture):
+            assert time.monotonic() < until_s
+    finally:
+        camera.close()
+        server.close()
 
 
 @pytest.mark.slow

@@ -68,3 +68,18 @@ def test_whatever_ends_a_run_the_neck_is_braked_first(part):
     received = np.array([position for _, position in result.robot.received])
     assert_within_limits(received, ends=True)
     assert result.robot.calls[-1] == result.source.calls[-1] == "close"
+
+
+def test_an_interrupt_in_mid_motion_brakes_first():
+    interrupted_s = []
+
+    def on_send(now_s):
+        if now_s >= 2.0 and not interrupted_s:
+            interrupted_s.append(now_s)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as ended:
+        run_live(on_send=on_send)
+    assert interrupted_s
+    received = np.array([position for _, position in ended.value.result.robot.received])
+    assert_within_limits(received, ends=True)
