@@ -185,7 +185,11 @@ def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sight
     times_s = poses.times_s - poses.times_s[0]
     found = recording_of(path, times_s, track, "tracked", frame not in FIXED_FRAMES, notes=notes)
     name = path.stem if options.person is None else f"{path.stem}_{seen.person.strip('/').replace('/', '_')}"
-    return replace(found, name=name, delays_s=np.maximum(poses.delays_s, 0.0))
+    # ROS4HRI's persons are the same people in all bags of a robot; an index beside the bag wins.
+    labels, is_person_id = found.labels, seen.topic == TF and seen.person != seen.name.partition("_")[2]
+    if is_person_id and labels.subject == path.stem.partition("_")[0]:
+        labels = replace(labels, subject=seen.person)
+    return replace(found, name=name, labels=labels, delays_s=np.maximum(poses.delays_s, 0.0))
 
 
 def _chosen(path: Path, people: list[Sighted], options: ReadOptions) -> Sighted:

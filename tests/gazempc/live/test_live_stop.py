@@ -80,6 +80,7 @@ def test_an_interrupt_in_mid_motion_brakes_first():
 
     with pytest.raises(KeyboardInterrupt) as ended:
         run_live(on_send=on_send)
-    assert interrupted_s
-    received = np.array([position for _, position in ended.value.result.robot.received])
-    assert_within_limits(received, ends=True)
+    times_s, received = map(np.array, zip(*ended.value.result.robot.received, strict=True))
+    gap = int(np.searchsorted(times_s, interrupted_s[0]))
+    assert 5 < gap < len(received) - 5
+    assert_within_limits(received, ends=True, breaks=[gap], rests=False)
