@@ -16,8 +16,8 @@ Subscribed topics:
 
 Published topics:
 
-- `options.ros2.command_topic` as `JointTrajectory`: the command half a servo period ahead with velocity and acceleration,
-  then a stop within the limits. A controller with `allow_nonzero_velocity_at_trajectory_end: false` accepts it, and
+- `options.ros2.command_topic` as `JointTrajectory`: the command half a servo period ahead with its derivatives, then a
+  stop within the limits. A controller with `allow_nonzero_velocity_at_trajectory_end: false` accepts it, and
   brakes by itself when commands end. `time_from_start_s` acts as further dead time: identify the neck with the same
   value. Or as `Float64MultiArray`: positions, or velocities with `command_values: velocity`.
 - `~/markers`: gaze ray, attended head, forecast with 2-sigma ellipsoids; `/diagnostics`: the status line's facts
