@@ -143,8 +143,7 @@ class Gaze:
     def see(self, time_s: float, head_m: Any, **stated: Unpack[Stated]) -> None:
         """Give one observation of a person to the loop. Returns at once.
 
-        The capture time matters most. If a stamp is 0.1 s late, there is 0.1 s of dead time that the controller does
-        not know.
+        The capture time matters most: a stamp that is 0.1 s late adds 0.1 s of unmodelled dead time.
 
         Args:
             time_s: Capture time of the frame (not the time of processing), seconds. The default is Unix time, as of

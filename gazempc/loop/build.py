@@ -63,7 +63,7 @@ def make_predictor(
         The predictor.
 
     Raises:
-        SettingsError: If it cannot be made, or does not do what a predictor must.
+        SettingsError: If it cannot be made, or violates the interface of a predictor.
     """
     if not isinstance(choice, str):
         if name_of(PREDICTOR, choice) not in PREDICTOR.shipped:

@@ -47,7 +47,7 @@ class GazeLoop:
         smoother: Makes commands of plans; it holds the last command.
         robot: Executes the commands; connected.
         recorder: Records the run.
-        settings: Times after which observations, plans and persons are given up.
+        settings: Timeouts of observations, plans and tracks.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class GazeLoop:
         wanted_rad = self._next_command(time_s, due_s)
         sent_rad = self._sender.send(wanted_rad, self._observer, time_s, recorder)
         if self._sender.silent:
-            # Plans under way go on from another command.
+            # Pending plans start from a command that was not acknowledged: discard them.
             planning.drop(index)
         self._observer.sent(self._sender.sent)
         self._note_sent(sent_rad)
@@ -198,7 +198,7 @@ class GazeLoop:
         speed_limit_rad_s = math.inf if near is None or time_s > self._near_until_s else near[1]
         rest_speed_rad_s = min(self._settings.rest_speed_rad_s, speed_limit_rad_s)
         if self._sender.silent:
-            # Wherever the robot stood still meanwhile, it gets no jump when it answers again.
+            # Return to the last acknowledged angles at rest speed: no step of the command when the robot answers again.
             back = Plan(0.0, np.inf, self._sender.acknowledged_rad[None], *np.zeros((2, 1, self._neck.joints)))
             return self._smoother.step(due_s, back, rest_speed_rad_s)
         newest_s = self._target.newest_capture_s

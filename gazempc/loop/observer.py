@@ -17,8 +17,8 @@ from gazempc.types import FloatArray, JointState
 # An error of the model's joint is corrected with this time constant; noise of encoders is averaged over it.
 _STATE_TIME_S = 0.05
 # Noise that lets the offset change, in response times (dead time and lag). As the servo pulls the joint back to the
-# command meanwhile, a load is learned in about three response times (1.6 s for the neck `reference`). Faster would
-# mistake a dead time that is modelled wrongly for a load, and the two delays would chase each other.
+# command meanwhile, a load is learned in about three response times (1.6 s for the neck `reference`). A faster
+# estimate attributes an error of the dead time to the load, and may oscillate with it.
 _LOAD_RESPONSES = 0.7
 # A measurement older than this is not used.
 _MEMORY_S = 0.25
@@ -56,7 +56,7 @@ class JointObserver:
     """Steady-state Kalman filter for each joint, with the offset from the command as a state of its own.
 
     Between measurements the joints follow the commands that were sent, through servo and dead time, exactly; without
-    any measurement that is all (open loop). The offset makes the control free of steady errors: Maeder, Borrelli &
+    measurements the estimate is an open-loop prediction. The offset makes the control free of steady errors: Maeder, Borrelli &
     Morari (2009), Linear offset-free model predictive control.
 
     Args:
@@ -95,7 +95,7 @@ class JointObserver:
 
     @property
     def estimate(self) -> JointEstimate:
-        """The estimate for the time of the last update; arrays are made for who asks, which is not every tick."""
+        """The estimate at the time of the last update; its arrays are made on request."""
         return JointEstimate(*np.array(self._estimate))
 
     def sent(self, command: FloatArray) -> None:
@@ -167,8 +167,7 @@ class JointObserver:
         corrections = [
             self._believe(axis, error_rad, first, far or axis in held) for axis, error_rad in enumerate(errors_rad)
         ]
-        # What is now known was so then: an error that has been corrected must not be corrected again by the next
-        # measurement that is as old.
+        # The stored past is corrected, too: a later measurement of the same age must not correct the error twice.
         for k in range(at, len(self._past)):
             past_s, past_rad, past_rad_s = self._past[k]
             self._past[k] = (
@@ -182,10 +181,10 @@ class JointObserver:
         servo, offset_rad = self._servos[axis], self._offset_rad[axis]
         before_rad, before_rad_s = servo.state
         if (first or far) and self._takes_speed[axis]:
-            # Nothing draws it back: from now on it moves from there.
+            # A joint that takes speeds is an integrator: the error becomes its offset.
             self._offset_rad[axis] += error_rad
         elif first or far:
-            # It stands where it was never sent: a start elsewhere, or a push; no load.
+            # Another initial position, or an external displacement: the state is corrected, not the load.
             servo.correct(error_rad, 0.0)
             if first:
                 servo.stand(servo.state[0])

@@ -20,7 +20,7 @@ Situate = Callable[[], Situation | None]
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of a request.
+    """Result of a planning request.
 
     Attributes:
         due_index: Tick at which the plan's first command is to be sent.
@@ -55,7 +55,7 @@ class Planner(Protocol):
 
         Args:
             due_index: Tick at which its first command is to be sent.
-            situate: Makes what the controller is to know.
+            situate: Makes the controller's input.
 
         Returns:
             False if the last request has not been answered yet; this one is then not taken.

@@ -64,7 +64,7 @@ class _AxisSmoother:
             return following, False
         v_max *= _TARGET_MARGIN
         velocity = min(max(target[1], -v_max), v_max)
-        # Not faster than the limit, nor bound to become so; who already is must at least become slower.
+        # The peak speed, with that implied by the acceleration, stays within the limit; above it, it decreases.
         fastest = max(v_max / _TARGET_MARGIN, self._peak_speed(now)) * _ROUNDED_UP
         for way, aim in (
             (self._follow, (position, velocity, _TARGET_MARGIN * acceleration)),
@@ -126,8 +126,8 @@ class _AxisSmoother:
         return abs(position - by_itself) > reach * _ROUNDED_UP + _SAME_RAD
 
     def _intercept(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
-        # A plan that has jumped away moves on while the command catches up; aimed at where it is, the command would
-        # always arrive where it was. In the frame that moves with the plan the target stands still, and the
+        # A plan that has jumped away moves on while the command catches up; aiming at its present position leaves a
+        # permanent lag. In the frame that moves with the plan the target stands still, and the
         # time-optimal motion to it is the earliest meeting.
         request, position = self._to_meet, target[0]
         velocity = min(max(target[1], -_CHASE_SHARE * v_max), _CHASE_SHARE * v_max)
@@ -156,7 +156,7 @@ class _AxisSmoother:
 
     def _can_stop_inside(self, motion: AxisMotion) -> bool:
         # If every command can still be brought to rest inside the position limits, no later one can be
-        # forced out of them. Ruckig itself does not know position limits.
+        # forced out of them. Ruckig has no position constraints.
         if self._far_from_limits(motion):
             return True
         self._aim_at_rest(motion)
@@ -233,7 +233,7 @@ class Smoother:
 
     @property
     def command(self) -> CommandState:
-        """The command as it was last sent; arrays are made for who asks, which is not every tick."""
+        """The command as it was last sent; its arrays are made on request."""
         return CommandState(*np.array(self._now).T.copy())
 
     @property

@@ -145,7 +145,7 @@ class PersonTrack:
                     # One that was frozen ends with half a second of repeated frames, as if the person stood.
                     self._start.reset()
                 self._start.update(observation)
-                # A predictor that refuses detections may say so.
+                # Optional attribute of a predictor with a gate.
                 gated = bool(getattr(self.predictor, "rejections_in_a_row", 0))
         except PartError as failed:
             if isinstance(failed.error, OutOfOrderError):
@@ -155,7 +155,7 @@ class PersonTrack:
             return
         update_ms = 1e3 * (time.perf_counter() - started)
         if newest_s is not None and observation.capture_time_s < newest_s:
-            # What it changes is in the next forecast; one from its own capture would know frames that are newer.
+            # The next forecast contains it; a forecast issued at its capture time would use later frames.
             recorder.observation(time_s, observation, None, update_ms)
             return
         self.newest, self.newest_capture_s = observation, observation.capture_time_s

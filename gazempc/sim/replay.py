@@ -104,7 +104,7 @@ def replay_scene(
 
     Raises:
         LeftOutError: If the recording is too short to be scored.
-        SettingsError: If a part cannot be made, or does not do what it must.
+        SettingsError: If a part cannot be made, or violates its interface.
     """
     walk = scene.walk
     limits = settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing

@@ -37,7 +37,7 @@ class Acquisition:
         limits, eyes = neck.command_limits, neck.eyes
         self._low_rad, self._high_rad = float(limits.position_min_rad[index]), float(limits.position_max_rad[index])
         self._from_rad = ACQUIRED_FROM_RAD
-        if eyes is not None:  # the head need not hurry while the eyes can reach the person
+        if eyes is not None:  # acquisition starts beyond the range of the eyes
             eye = (eyes.pan, eyes.tilt)[index]
             self._from_rad = math.radians(min(-eye.position_min_deg, eye.position_max_deg))
         self._period_s, self._smoothing_time_s = neck.control_period_s, smoothing_time_s

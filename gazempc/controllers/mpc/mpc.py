@@ -214,8 +214,8 @@ class Mpc:
         return JointPlan(*(np.append(each[axis], planned) for each, planned in pairs))
 
     def _led(self, position_rad: FloatArray) -> JointPlan:
-        # Eyes and body begin on the way that they follow. From where the command stands, slow eyes would chase
-        # themselves.
+        # Eyes and body begin on the way that they follow. A start at the present command
+        # would add a transient to slow eyes.
         position_rad = np.concatenate(([2.0 * position_rad[0] - position_rad[1]], position_rad))
         velocity_rad_s = slopes(position_rad[:, None], self.neck.control_period_s)[:, 0]
         return JointPlan(position_rad, velocity_rad_s, np.zeros_like(position_rad))
