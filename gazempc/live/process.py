@@ -128,7 +128,8 @@ def second_to_the_run() -> None:
     # Ctrl-C is for the parent, which brakes the neck before it ends this.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "sched_setscheduler"):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     if hasattr(os, "nice"):
         os.nice(_NICE)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -145,13 +146,21 @@ def _end_with_parent() -> None:
 _LOGGERS = ("gazempc.live", "gazempc.loop")
 
 
+class _Unformatted(QueueHandler):
+    """Hands records on as they are: the format of a traceback reads source files, tens of milliseconds."""
+
+    def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
+        """See `logging.handlers.QueueHandler.prepare`."""
+        return record
+
+
 @contextmanager
 def async_warnings() -> Iterator[None]:
     """Warnings are written to standard error by a thread of their own."""
     written = logging.StreamHandler()
     written.setFormatter(logging.Formatter("gazempc.live: WARNING %(message)s"))
     waiting: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()
-    listener, aside = QueueListener(waiting, written), QueueHandler(waiting)
+    listener, aside = QueueListener(waiting, written), _Unformatted(waiting)
     listener.start()
     loggers = [logging.getLogger(name) for name in _LOGGERS]
     for logger in loggers:

@@ -56,8 +56,8 @@ class JointObserver:
     """Steady-state Kalman filter for each joint, with the offset from the command as a state of its own.
 
     Between measurements the joints follow the commands that were sent, through servo and dead time, exactly; without
-    measurements the estimate is an open-loop prediction. The offset makes the control free of steady errors: Maeder, Borrelli &
-    Morari (2009), Linear offset-free model predictive control.
+    measurements the estimate is an open-loop prediction. The offset makes the control free of steady errors: Maeder,
+    Borrelli & Morari (2009), Linear offset-free model predictive control.
 
     Args:
         neck: The neck as it is known.

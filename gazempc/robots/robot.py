@@ -168,6 +168,7 @@ def stop_trajectory(
     """
     request = ruckig.InputParameter(position_rad.size)
     request.control_interface = ruckig.ControlInterface.Velocity
+    request.synchronization = ruckig.Synchronization.No  # each joint as soon as it can
     request.current_position, request.current_velocity = position_rad.tolist(), velocity_rad_s.tolist()
     request.current_acceleration = acceleration_rad_s2.tolist()
     request.max_acceleration = limits.acceleration_max_rad_s2.tolist()

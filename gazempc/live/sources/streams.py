@@ -305,6 +305,8 @@ def parse_address(word: str, text: str, default_host: str) -> tuple[str, int]:
 
 # More than a second of a fast tracker; without polls the oldest are dropped.
 _WAITING_MAX = 1024
+# Texts of unreadable lines between two polls; the others are counted.
+_TEXTS_KEPT = 20
 # An observation with all its fields has a fifth of it. Parsing more would delay other threads.
 LINE_MAX = 4096
 # Of what comes at once the newest are parsed; no tracker sends so many people in a moment.
@@ -340,7 +342,7 @@ class LineSource:
         self._lock = threading.Lock()
         self._arrived: deque[Sighting] = deque()
         self._cues: deque[Cue] = deque(maxlen=_WAITING_MAX)
-        self._problems: deque[str] = deque(maxlen=_WAITING_MAX)
+        self._problems: list[str] = []
         # First text and number of observations.
         self._notices: dict[Event, tuple[str, int]] = {}
 
@@ -365,7 +367,7 @@ class LineSource:
             sightings, self._arrived = self._arrived, deque()
             notices, self._notices = self._notices, {}
             problems, cues = tuple(self._problems), tuple(self._cues)
-            self._problems.clear()
+            self._problems = []
             self._cues.clear()
         # Datagrams may be swapped on their way.
         in_order = sorted(sightings, key=lambda each: each.observation.capture_time_s)
@@ -469,8 +471,12 @@ class LineSource:
         return parse_line(text, arrival_s, lambda stamp: self._stamps.loop_s(stamp, arrival_s))
 
     def _problem(self, why: str) -> None:
+        text = f"{self._wire.name}, line {self._lines}: {why}"
         with self._lock:
-            self._problems.append(f"{self._wire.name}, line {self._lines}: {why}")
+            if kept := len(self._problems) < _TEXTS_KEPT:
+                self._problems.append(text)
+        if not kept:
+            self._note(Event.BAD_OBSERVATION, text)
 
     def _note(self, event: Event, text: str, count: int = 1) -> None:
         with self._lock:

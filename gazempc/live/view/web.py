@@ -303,6 +303,8 @@ class _Handler(BaseHTTPRequestHandler):
                 else:
                     self.wfile.write(b": still there\n\n")  # raises if the page is closed
                 time.sleep(PERIOD_S)
+            if page.state != shown:
+                self._event("state", page.state)
             self._event("end", "{}")
         except OSError:
             return  # the page was closed

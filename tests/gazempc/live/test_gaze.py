@@ -155,6 +155,25 @@ def test_an_exception_of_the_servo_thread_is_raised_by_see_after_the_braking():
     assert_braked_and_closed(robot)
 
 
+@pytest.mark.slow
+def test_an_exception_of_the_servo_thread_is_raised_at_the_end_of_the_block():
+    robot = Robot()
+
+    def block():
+        with gz.Gaze(NECK, robot, predictor=Broken()) as opened:
+            for _ in range(31):
+                opened.see(time.time(), [2.0, 0.5, 0.3])
+                time.sleep(0.02)
+            until_s = time.monotonic() + FOREVER_S
+            while "close" not in robot.calls:
+                assert time.monotonic() < until_s
+                time.sleep(0.01)
+
+    with pytest.raises(Bug):
+        block()
+    assert_braked_and_closed(robot)
+
+
 def test_a_robot_that_cannot_be_connected_is_closed_and_nothing_runs():
     class Away(Robot):
         def connect(self):

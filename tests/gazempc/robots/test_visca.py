@@ -231,7 +231,7 @@ def test_moves_are_renewed_a_silent_loop_and_the_end_are_a_stop() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", ["kill", "raise"])
+@pytest.mark.parametrize("ending", ["kill", "terminate", "raise"])
 def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> None:
     program = """
         import sys, time
@@ -262,9 +262,9 @@ def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> No
         )
         assert process.stdout is not None
         assert process.stdout.readline() == b"moving\n"
-        if ending == "kill":
+        if ending != "raise":
             assert server.driven[-1][1] > 0
-            process.kill()
+            (process.kill if ending == "kill" else process.terminate)()
         process.wait(30)
         wait_until(lambda: server.driven[-1][1:] == (0, 0))
         process.stdout.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -105,7 +106,7 @@ def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
         )
     matrix = np.array(matrix.reshape(3, 3))
     distortion = next((values[name] for name in _DISTORTION_NAMES if name in values), np.empty(0))
-    sizes = [(float(values[w]), float(values[h])) for w, h in _SIZE_NAMES if w in values and h in values]
+    sizes = [(float(values[w]), float(values[h])) for w, h in _SIZE_NAMES if values.get(w) and values.get(h)]
     made = sizes[0] if sizes else (width, height)
     if abs(made[0] * height - made[1] * width) > _SAME_SHAPE * made[1] * width:
         raise SettingsError(
@@ -124,16 +125,23 @@ def _values(path: Path) -> dict[str, FloatArray]:
     cv2 = import_opencv()
     if not path.is_file():
         raise SettingsError(f"--camera.calibration {path}: there is no such file")
+    matrices = (*_MATRIX_NAMES, *_DISTORTION_NAMES)
+    names = (*matrices, *itertools.chain(*_SIZE_NAMES))
     if plain := _plain_yaml(path):
-        found = {name: value.get("data") if isinstance(value, dict) else value for name, value in plain.items()}
-        return {name: np.asarray(value, dtype=np.float64) for name, value in found.items() if _is_numbers(value)}
+        found = {name: plain[name] for name in names if name in plain}
+        found = {name: value.get("data") if isinstance(value, dict) else value for name, value in found.items()}
+        try:
+            return {name: np.asarray(value, dtype=np.float64) for name, value in found.items() if _is_numbers(value)}
+        except ValueError as error:
+            raise SettingsError(f"--camera.calibration {path}: {error}") from None
     try:
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        if not storage.isOpened():
+            raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it; needed: .yml, .xml or .json")
+        nodes = {name: node for name in names if not (node := storage.getNode(name)).empty()}
+        return {name: np.asarray(node.mat() if name in matrices else node.real()) for name, node in nodes.items()}
     except cv2.error as error:
         raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it ({error.err or error})") from None
-    nodes = {name: storage.getNode(name) for name in list(storage.root().keys())}
-    numbers = {name: np.asarray(node.real()) for name, node in nodes.items() if node.isInt() or node.isReal()}
-    return numbers | {name: np.asarray(node.mat()) for name, node in nodes.items() if node.isMap()}
 
 
 def _is_numbers(value: object) -> bool:
