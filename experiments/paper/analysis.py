@@ -71,7 +71,7 @@ def sweep(rows_by_time: Mapping[float, Sequence[dict[str, Any]]]) -> list[Filter
     """Sweep the filter's time constant against w.
 
     Args:
-        rows_by_time: For each time constant the rows of `experiments.paper.frames.execute`.
+        rows_by_time: For each time constant the rows of `experiments.paper.frames.labelled`.
 
     Returns:
         One row for each time constant, way to measure, horizon and group.

@@ -54,7 +54,7 @@ def turns_needed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """For each group: how people walk in the data, and how all would have to turn all the time.
 
     Args:
-        rows: As made by `experiments.paper.frames.execute`.
+        rows: As made by `experiments.paper.frames.labelled`.
 
     Returns:
         One row a group. It has the median speed, and how far people turn from one half second to the next (median and
