@@ -15,7 +15,7 @@ from gazempc.recordings.arrays import recording_from_arrays as recording_from_ar
 from gazempc.recordings.load import load_recording as load_recording
 from gazempc.recordings.recording import Recording as Recording
 from gazempc.results.log import Log as Log
-from gazempc.results.log import load_log as load_log
+from gazempc.results.log_files import load_log as load_log
 from gazempc.results.metrics import Metrics as Metrics
 from gazempc.results.metrics import measure as measure
 from gazempc.sim.sensing.spec import SensorSpec as SensorSpec

@@ -19,7 +19,8 @@ from pydantic import BaseModel, Field
 from gazempc.command import TYRO_CONFIG, run_interruptible
 from gazempc.errors import SettingsError
 from gazempc.files.whole import whole
-from gazempc.results.log import Log, load_log
+from gazempc.results.log import Log
+from gazempc.results.log_files import load_log
 from gazempc.results.tables import Columns, log_tables
 
 

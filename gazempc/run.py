@@ -23,7 +23,7 @@ from gazempc.files.whole import begin_folder, naming, write_whole
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR, TRUE_FUTURE
 from gazempc.progress import Progress
-from gazempc.results.log import has_log
+from gazempc.results.log_files import has_log
 from gazempc.run_settings import RunSettings, config_path, load_settings
 from gazempc.signals import Interrupted
 
@@ -211,7 +211,7 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
 
 def _measure(path: Path, settings: RunSettings, command: str) -> None:
     from gazempc.recordings.recording import truth_of  # noqa: PLC0415
-    from gazempc.results.log import load_log  # noqa: PLC0415
+    from gazempc.results.log_files import load_log  # noqa: PLC0415
     from gazempc.results.run_summary import write_summary  # noqa: PLC0415
     from gazempc.results.table import measured_again, table  # noqa: PLC0415
 

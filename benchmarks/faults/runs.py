@@ -19,7 +19,8 @@ from gazempc.live.process import fast_switching, without_collection
 from gazempc.live.run import LiveRun
 from gazempc.live.setup import LiveSetup
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.log import Log, load_log
+from gazempc.results.log import Log
+from gazempc.results.log_files import load_log
 from gazempc.types import FloatArray
 
 

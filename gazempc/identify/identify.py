@@ -335,7 +335,7 @@ def _print_margins(neck: NeckSpec) -> None:
 
 def _print_latency(path: Path) -> None:
     from gazempc.identify.latency import log_latency  # noqa: PLC0415
-    from gazempc.results.log import load_log  # noqa: PLC0415
+    from gazempc.results.log_files import load_log  # noqa: PLC0415
 
     try:
         arrived, captured = (estimate.latency_s for estimate in log_latency(load_log(path)))

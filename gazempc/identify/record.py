@@ -21,7 +21,7 @@ from gazempc.live.clock import Clock
 from gazempc.loop.boundary import numbers
 from gazempc.neck.spec import NeckSpec
 from gazempc.parts import said
-from gazempc.results.log import is_mcap, load_log
+from gazempc.results.log_files import is_mcap, load_log
 from gazempc.robots.robot import Robot, wrong_reading
 from gazempc.types import FloatArray
 

@@ -1,14 +1,31 @@
-"""The clock of a live run: seconds since its start, monotonic."""
+"""The clock of a live run, in seconds since its start, and the offset between two clocks."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import Protocol
+
+import numpy as np
 
 # The last stretch is waited for actively: a sleeping process wakes up late by about this much.
 _SPIN_S = 0.0005
 # Clocks of one machine drift apart by microseconds; more than this was a step.
 _STEP_S = 0.01
+# Some frame of each second comes with little delay; so many seconds are remembered.
+_PIECE_S, _PIECES = 1.0, 10
+# A fifth comes sooner than what counts as soonest: single frames have wrong stamps.
+_SOONEST_SHARE = 5
+# Crystals differ by 0.1 ms a second, and NTP corrects by 0.5. Less than this is no drift; nor is what noise may be.
+_DRIFT_LEAST, _DRIFT_PIECES, _DRIFT_ERRORS, _SOONEST_ERROR_S = 0.002, 4, 5.0, 0.001
+# The other clock was set: by so much sooner, or by so much later, than any tracker is at times.
+_SET_BACK_S, _SET_ON_S = 0.15, 2.0
+# A smaller step to later frames is believed after two seconds of them.
+_LATER_PIECES = 2
+# Delays are steady where those of half a second lie within this. Stamps in another unit run away by more.
+_RECENT_S, _RECENT_LEAST_S, _RECENT_FRAMES, _STEADY_WITHIN_S = 0.5, 0.4, 5, 0.2
+_RECENT_MAX = 1000
+_AGAIN_AFTER_S = 0.1
 
 
 class Clock(Protocol):
@@ -104,3 +121,106 @@ class SimulatedClock:
     def unix_clock_stepped(self) -> bool:
         """See `Clock.unix_clock_stepped`: never."""
         return False
+
+
+class Envelope:
+    """The lower envelope of arrival minus stamp over the last 10 s: a straight line, as clocks run.
+
+    Attributes:
+        slope: By how much the stamps' clock runs slow, s/s; negative: fast; 0 where no drift is to be seen.
+        steady: Whether the delays of the last half second agree.
+        recent_s: The delay of those of them that came soonest, seconds.
+        resets: How often the other clock was set.
+    """
+
+    def __init__(self) -> None:
+        self.slope, self.steady, self.resets, self.recent_s = 0.0, False, 0, 0.0
+        self._due_s = -np.inf
+        self._recent: deque[tuple[float, float]] = deque(maxlen=_RECENT_MAX)
+        self._forget()
+
+    def add(self, arrival_s: float, delay_s: float) -> None:
+        """Take note of a frame.
+
+        Args:
+            arrival_s: When it arrived, on our clock; not earlier than the one before.
+            delay_s: Arrival minus stamp, seconds.
+        """
+        self._recent.append((arrival_s, delay_s))
+        if arrival_s - self._piece_from_s >= _PIECE_S:
+            self._end_piece(arrival_s)
+        self._piece.append(delay_s)
+        if arrival_s >= self._due_s or len(self._piece) <= _RECENT_FRAMES:
+            self._due_s = arrival_s + _AGAIN_AFTER_S
+            self._judge(arrival_s)
+
+    def at(self, time_s: float) -> float:
+        """The delay of the frames that come soonest.
+
+        Args:
+            time_s: When they arrive, seconds.
+
+        Returns:
+            Seconds; with the offset of the other clock in it.
+        """
+        return self._level_s + self.slope * (time_s - self._fitted_s)
+
+    def _forget(self) -> None:
+        self._lows: deque[tuple[float, float]] = deque(maxlen=_PIECES)
+        self._piece: list[float] = []
+        self._piece_from_s = -np.inf
+        self._level_s = self._fitted_s = 0.0
+
+    def _end_piece(self, arrival_s: float) -> None:
+        if self._piece:
+            self._lows.append((self._piece_from_s + 0.5 * _PIECE_S, _soonest(self._piece)))
+        while self._lows and self._lows[0][0] < arrival_s - _PIECES * _PIECE_S:
+            self._lows.popleft()
+        self._piece, self._piece_from_s = [], arrival_s
+
+    def _judge(self, now_s: float) -> None:
+        while self._recent[0][0] < now_s - _RECENT_S:
+            self._recent.popleft()
+        delays_s = [delay_s for _, delay_s in self._recent]
+        enough = len(delays_s) >= _RECENT_FRAMES and now_s - self._recent[0][0] >= _RECENT_LEAST_S
+        self.steady = enough and max(delays_s) - min(delays_s) < _STEADY_WITHIN_S
+        self.recent_s = _soonest(delays_s)
+        if self._lows and self._was_set(now_s):
+            self.slope, self.resets = 0.0, self.resets + 1
+            self._forget()
+            self._piece, self._piece_from_s = delays_s, self._recent[0][0]
+        self._fit(now_s)
+
+    def _was_set(self, now_s: float) -> bool:
+        earlier, later = list(self._lows)[:-_LATER_PIECES], list(self._lows)[-_LATER_PIECES:]
+        off_s = self.recent_s - self._usual_s(list(self._lows), now_s)
+        return (self.steady and not -_SET_BACK_S < off_s < _SET_ON_S) or (
+            bool(earlier) and all(low_s - self._usual_s(earlier, at_s) > _SET_BACK_S for at_s, low_s in later)
+        )
+
+    def _usual_s(self, lows: list[tuple[float, float]], time_s: float) -> float:
+        """The median of pieces at another time: whatever one piece holds, it does not move it."""
+        return float(np.median([low_s + self.slope * (time_s - at_s) for at_s, low_s in lows]))
+
+    def _fit(self, now_s: float) -> None:
+        points = np.array([*self._lows, (0.5 * (self._piece_from_s + now_s), _soonest(self._piece))])
+        self._fitted_s = now_s
+        times_s, lows_s = points[:, 0] - now_s, points[:, 1]
+        self.slope = _drift(times_s, lows_s)
+        self._level_s = float(np.min(lows_s - self.slope * times_s))
+
+
+def _soonest(delays_s: list[float]) -> float:
+    return sorted(delays_s)[len(delays_s) // _SOONEST_SHARE]
+
+
+def _drift(times_s: np.ndarray, lows_s: np.ndarray) -> float:
+    """Slope of the line through the pieces' soonest frames; 0 where it may be noise."""
+    if times_s.size <= _DRIFT_PIECES:
+        return 0.0
+    times_s = times_s - times_s.mean()
+    spread = float(times_s @ times_s)
+    slope = float(times_s @ lows_s) / spread
+    left_s = lows_s - lows_s.mean() - slope * times_s
+    error_s = max(float(np.sqrt(left_s @ left_s / (times_s.size - 2))), _SOONEST_ERROR_S)
+    return slope if abs(slope) > max(_DRIFT_LEAST, _DRIFT_ERRORS * error_s / spread**0.5) else 0.0

@@ -13,9 +13,10 @@ from typing import Any, Literal, Unpack
 import numpy as np
 
 from gazempc.controllers.controller import Controller
+from gazempc.live.mount import placed
 from gazempc.live.process import fast_switching
 from gazempc.live.run import Listener, LiveRun
-from gazempc.live.setup import LiveGazeSettings, placed, setup_of_gaze
+from gazempc.live.setup import LiveGazeSettings, setup_of_gaze
 from gazempc.live.sources.pushed import Stated, checked
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate

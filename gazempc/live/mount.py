@@ -189,3 +189,9 @@ class JointHistory:
         after = next(k for k, past in enumerate(self._past) if past[0] > time_s)
         (before_s, before_rad, _), (after_s, after_rad, _) = self._past[after - 1], self._past[after]
         return before_rad + (time_s - before_s) / (after_s - before_s) * (after_rad - before_rad)
+
+
+def placed(mount: Mount, neck: NeckSpec, place_m: FloatArray) -> FloatArray:
+    """A place in the neck's base frame, shape (3,), metres; it is given in the frame of a mount that does not move."""
+    seen = mount.in_sensor(HeadObservation(0.0, np.array(place_m)))
+    return mount.to_base(seen, neck.geometry, None).head_position_base_m

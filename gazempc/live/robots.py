@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -152,3 +153,21 @@ def _wrong(state: JointState | None, neck: NeckSpec, now_s: float) -> str:
             "stamp readings with the clock_s that the robot's constructor is given"
         )
     return ""
+
+
+class MonotonicRobot:
+    """A robot whose readings are stamped with `time.monotonic`, as it was made before the loop's clock.
+
+    Args:
+        inner: The robot.
+        clock: The loop's clock.
+    """
+
+    def __init__(self, inner: Robot, clock: Clock) -> None:
+        self.wrapped, self._clock = inner, clock
+        self.connect, self.send_command, self.close = inner.connect, inner.send_command, inner.close
+
+    def read_state(self) -> JointState | None:
+        """See `gazempc.robots.robot.Robot.read_state`."""
+        state = self.wrapped.read_state()
+        return None if state is None else replace(state, time_s=self._clock.from_monotonic_s(state.time_s))

@@ -17,17 +17,18 @@ from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.hints import SetupHints
 from gazempc.live.isolated import IsolatedPredictor
 from gazempc.live.mount import Mount
-from gazempc.live.robots import make_robot
+from gazempc.live.robots import MonotonicRobot, make_robot
 from gazempc.live.settings import STAMPED, LiveSettings, MountedSettings
 from gazempc.live.sources.camera.capture import CAMERA
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.pushed import PushedSource
 from gazempc.live.sources.replay import BagSource, ReplaySource
 from gazempc.live.sources.ros2 import Ros2Person
-from gazempc.live.sources.ros2_cues import Ros2Cues
+from gazempc.live.sources.ros2_cues import make_cue_source
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.live.sources.source import Source
-from gazempc.live.sources.streams import LineSource, Senders, StandardInput, TcpClient, UdpPort, Wire, parse_address
+from gazempc.live.sources.streams import LineSource, Senders
+from gazempc.live.sources.wires import StandardInput, TcpClient, UdpPort, Wire, parse_address
 from gazempc.live.stamps import StampClock, StampReader, Stamps
 from gazempc.loop.build import Person, make_controller, make_predictor, make_target
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner, Planner
@@ -46,7 +47,7 @@ from gazempc.settings import LoopSettings
 from gazempc.sim.scene import Scene, make_scene
 from gazempc.specfiles import explain
 from gazempc.types import FloatArray, JointState
-from predictors import HeadObservation, Predictor
+from predictors import Predictor
 
 TrueHeadAt = Callable[[FloatArray], FloatArray]
 # A log takes some milliseconds to make, in which the servo thread may have to wait: a `Gaze` makes small ones.
@@ -320,49 +321,6 @@ def _ros2_source(source: str, settings: MountedSettings, clock: Clock, stamps: S
     raise SettingsError(f"source {source!r}: accepted: ros2:TOPIC, ros4hri")
 
 
-def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounted: bool) -> Ros2Cues | None:
-    """The listener to topics of cues; None where none is named.
-
-    Args:
-        settings: The settings.
-        neck: The neck.
-        clock: The loop's clock.
-        mounted: Whether the base frame of tf is that of the mount; else it is the neck's own base frame.
-
-    Raises:
-        SettingsError: If settings do not go together.
-    """
-    ros2 = settings.options.ros2
-    if ros2.point_topic is None and ros2.sound_topic is None:
-        return None
-    named = "options.ros2.point_topic" if ros2.point_topic is not None else "options.ros2.sound_topic"
-    points, framed = ros2.point_topic is not None, ros2.base_frame is not None
-    wrong = {
-        f"{named}: ROS 2 needs real time; accepted without --simulated-clock": not clock.is_real,
-        f"{named}: accepted with attend, or with look_away.rhythm told": points and not settings.several,
-        "options.ros2.sound_topic: accepted with attend, such as speaker": (
-            ros2.sound_topic is not None and settings.attend is None
-        ),
-        f"{named}: needs options.ros2.base_frame, the frame of tf that is the neck's base frame": (
-            not framed and (points or ros2.sound_frame is not None)
-        ),
-        f"mount.on {settings.mount.on}: {named} needs a base_frame that does not move with the neck; accepted: base": (
-            mounted and settings.mount.moves and framed
-        ),
-    }
-    for message, applies in wrong.items():
-        if applies:
-            raise SettingsError(message)
-    mount = settings.mount if mounted else Mount()
-    return Ros2Cues(clock.now_s, clock.from_unix_s, ros2, lambda place_m: placed(mount, neck, place_m))
-
-
-def placed(mount: Mount, neck: NeckSpec, place_m: FloatArray) -> FloatArray:
-    """A place in the neck's base frame, shape (3,), metres; it is given in the frame of a mount that does not move."""
-    seen = mount.in_sensor(HeadObservation(0.0, np.array(place_m)))
-    return mount.to_base(seen, neck.geometry, None).head_position_base_m
-
-
 def _facing(scene: Scene) -> FloatArray:
     """Start of a simulated neck: at the first head, or beside it, shape (N,), radians."""
     truth = scene.walk.truth
@@ -375,21 +333,3 @@ def _on_loop_clock(true_head: TrueHead, source: Source) -> TrueHeadAt:
         return np.where(true_head.known(own_s)[:, None], true_head(own_s), np.nan)
 
     return at
-
-
-class MonotonicRobot:
-    """A robot whose readings are stamped with `time.monotonic`, as it was made before the loop's clock.
-
-    Args:
-        inner: The robot.
-        clock: The loop's clock.
-    """
-
-    def __init__(self, inner: Robot, clock: Clock) -> None:
-        self.wrapped, self._clock = inner, clock
-        self.connect, self.send_command, self.close = inner.connect, inner.send_command, inner.close
-
-    def read_state(self) -> JointState | None:
-        """See `gazempc.robots.robot.Robot.read_state`."""
-        state = self.wrapped.read_state()
-        return None if state is None else replace(state, time_s=self._clock.from_monotonic_s(state.time_s))

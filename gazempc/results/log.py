@@ -1,27 +1,24 @@
-"""Everything that happened in one run, in one file that numpy reads; the shapes of its arrays are checked when read."""
+"""Log of one run: ticks, observations, forecasts, events and faults, with the axes of every array."""
 
 from __future__ import annotations
 
-import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, Literal, get_type_hints
+from typing import Annotated, Any, BinaryIO, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from gazempc.errors import SettingsError, shown
-from gazempc.files.bounds import check_file
-from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.tables import LogFrames, frames_of
 from gazempc.types import BoolArray, FloatArray, IntArray, StringArray
 
-_REASON_SHOWN = 400
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
+# Fields that a file holds as JSON text; the others are arrays.
+TEXT_FIELDS = ("run", "faults")
 
 
 class RunInfo(BaseModel):
@@ -185,7 +182,7 @@ class Log:
             path: File to write, ending in ``.npz``, or an open one.
         """
         arrays: dict[str, Any] = {
-            f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in _TEXT
+            f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in TEXT_FIELDS
         }
         arrays["run"] = np.asarray(self.run.as_json())
         arrays["faults"] = np.asarray(json.dumps([vars(fault) for fault in self.faults]))
@@ -204,12 +201,6 @@ class Log:
             ImportError: If pandas is not installed (extra ``pandas``).
         """
         return frames_of(vars(self))
-
-
-_TEXT = ("run", "faults")
-SHAPES: Mapping[str, tuple[str | int, ...]] = {
-    name: hint.__metadata__ for name, hint in get_type_hints(Log, include_extras=True).items() if name not in _TEXT
-}
 
 
 @dataclass(frozen=True)
@@ -234,163 +225,6 @@ class ComputeTimes:
             path: File to write, ending in ``.npz``.
         """
         write_whole(path, lambda file: np.savez_compressed(file, **vars(self)))
-
-
-# Larger numbers than any second since 1970 or any metre are damage, and their squares would overflow.
-_LARGEST = 1e12
-# No run holds still for so long, and no reading is so old.
-_LONGEST_GAP_S = 60.0
-_KINDS = {"person_id": "U", "event_name": "U", "attended_why": "U", "away_why": "U", "attended_person": "i"}
-_FINITE = ("time_s", "command_position_rad", "capture_time_s", "arrival_time_s", "event_time_s")
-
-
-def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horizons_s: Sequence[float]) -> None:
-    """Refuse arrays of inconsistent kinds or lengths, and ticks that do not follow each other.
-
-    Args:
-        path: File, for messages.
-        values: The arrays by name.
-        joints: Number of joints of the neck.
-        horizons_s: Horizons at which logs have forecasts, seconds.
-
-    Raises:
-        SettingsError: Names the array.
-    """
-    counts: dict[str | int, int] = {"J": joints}
-    for name, axes in SHAPES.items():
-        array = values[name]
-        if array.size and array.dtype.kind != _KINDS.get(name, "f"):
-            raise _damaged(path, name, f"it holds {array.dtype}")
-        if array.ndim != len(axes):
-            raise _damaged(path, name, f"its shape is {array.shape}, expected {_said(axes)}")
-        for axis, length in zip(axes, array.shape, strict=True):
-            known = axis if isinstance(axis, int) else counts.setdefault(axis, length)
-            if length != known:
-                raise _damaged(path, name, f"its shape is {array.shape}, expected {_said(axes)} with {axis} = {known}")
-        may_be_infinite = name == "forecast_degrees_of_freedom"  # of a normal distribution
-        if array.dtype.kind == "f" and not may_be_infinite and (np.abs(array) > _LARGEST).any():
-            raise _damaged(path, name, f"it has values beyond {_LARGEST:g}")
-        if name in _FINITE and not np.isfinite(array).all():
-            raise _damaged(path, name, "it has values that are not finite")
-    if not np.array_equal(values["forecast_horizon_s"], horizons_s):
-        raise _damaged(path, "forecast_horizon_s", f"expected are {', '.join(map(str, horizons_s))} s")
-    time_s, joint_time_s = values["time_s"], values["joint_time_s"]
-    steps_s = np.diff(time_s)
-    if not ((steps_s > 0.0) & (steps_s < _LONGEST_GAP_S)).all():
-        raise _damaged(path, "time_s", f"the times do not increase by less than {_LONGEST_GAP_S:g} s each")
-    if time_s.size and (np.abs(joint_time_s - np.clip(joint_time_s, time_s[0], time_s[-1])) > _LONGEST_GAP_S).any():
-        raise _damaged(path, "joint_time_s", f"a time is more than {_LONGEST_GAP_S:g} s from all ticks")
-
-
-def _said(axes: tuple[str | int, ...]) -> str:
-    return f"({', '.join(map(str, axes))})"
-
-
-def _damaged(path: Path | str, name: str, problem: str) -> SettingsError:
-    return SettingsError(f"{path}: {name}: {problem}: not a log that can be used")
-
-
-# The first bytes of every MCAP file.
-MAGIC = b"\x89MCAP0\r\n"
-ATTACHMENT = "log.npz"
-# The names of attachments stand in the summary at a file's end.
-_SUMMARY_BYTES = 2**20
-NEEDS_VIEW = 'MCAP files need more packages: pip install -e ".[view]"'
-
-
-def has_log(path: Path) -> bool:
-    """Whether an MCAP file is a log of this package, and not a bag of ROS 2; needs no other package.
-
-    Args:
-        path: The file.
-
-    Returns:
-        True if an attachment of a log's name is in it; False, too, if there is no such file.
-    """
-    try:
-        check_file(path)
-        with path.open("rb") as file:
-            size = file.seek(0, io.SEEK_END)
-            file.seek(max(0, size - _SUMMARY_BYTES))
-            return ATTACHMENT.encode() in file.read()
-    except OSError:
-        return False
-
-
-def is_mcap(path: Path) -> bool:
-    """Whether a file begins as MCAP files do.
-
-    Args:
-        path: The file.
-
-    Returns:
-        True if it does.
-
-    Raises:
-        OSError: If it cannot be read, or is no regular file.
-    """
-    check_file(path)
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
-
-
-def attached_log(path: Path) -> bytes:
-    """The log in an MCAP file, as it was saved.
-
-    Args:
-        path: The file.
-
-    Returns:
-        Bytes of `gazempc.results.log.Log.save`.
-
-    Raises:
-        SettingsError: If a package is missing, the file cannot be read, or no log is in it.
-    """
-    try:
-        from mcap.reader import make_reader  # noqa: PLC0415  (optional)
-    except ImportError:
-        raise SettingsError(NEEDS_VIEW) from None
-    try:
-        check_file(path)
-        with path.open("rb") as file:
-            found = [each.data for each in make_reader(file).iter_attachments() if each.name == ATTACHMENT]
-    except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
-        raise SettingsError(f"{path}: not an MCAP file that can be read: {shown(str(error), 200)}") from None
-    if not found:
-        raise SettingsError(f"{path}: no log of gazempc is in this MCAP file")
-    return bytes(found[0])
-
-
-def load_log(path: Path | str) -> Log:
-    """Read a log.
-
-    Args:
-        path: File written by `Log.save`, or an MCAP file (extra ``view``).
-
-    Returns:
-        The log.
-
-    Raises:
-        SettingsError: If the file is missing or not a log.
-    """
-    try:
-        values = read_npz(attached_log(Path(path)) if is_mcap(Path(path)) else Path(path))
-    except (OSError, ValueError) as error:
-        reason = error.strerror or error if isinstance(error, OSError) else error
-        raise SettingsError(f"{path}: not a log that can be read: {reason}") from None
-    wanted = {f.name for f in fields(Log)}
-    if missing := sorted(wanted - set(values)):
-        older = "; an older version wrote it: replay the recording again" if "about" in values else ""
-        raise SettingsError(f"{path}: not a gazempc log, it lacks {', '.join(missing)}{older}")
-    try:
-        values["run"] = RunInfo.model_validate(json.loads(str(values["run"])))
-        values["faults"] = tuple(Fault(**fault) for fault in json.loads(str(values["faults"])))
-    except (ValidationError, ValueError, TypeError, RecursionError) as error:
-        raise SettingsError(
-            f"{path}: the description of the run cannot be read: {shown(str(error), _REASON_SHOWN)}"
-        ) from None
-    check_shapes(path, values, values["run"].neck.joints, FORECAST_HORIZONS_S)
-    return Log(**{name: values[name] for name in wanted})
 
 
 _ONCE = ("run", "forecast_horizon_s", "faults")

@@ -14,7 +14,8 @@ import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.files.whole import whole
-from gazempc.results.log import NEEDS_VIEW, Log
+from gazempc.results.log import Log
+from gazempc.results.log_files import NEEDS_VIEW
 from gazempc.results.moments import AttendedMoment, EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
 from gazempc.types import JointState
 

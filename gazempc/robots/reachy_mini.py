@@ -16,87 +16,11 @@ import numpy as np
 
 from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
 from gazempc.neck.kinematics import head_angles_rad
-from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import ReachyMiniOptions
+from gazempc.robots.reachy_mini_pose import clamp_to_head, head_matrix, joint_angles
 from gazempc.robots.robot import check_command
 from gazempc.types import FloatArray, JointState
-
-# How far the head turns without the body: the daemon's inverse kinematics (reachy-mini 1.13.0) with all motors within
-# their limits, 0.5 deg or more inside. Beyond it a motor stops at its limit and the head tips over to the side, or the
-# pose is ignored. Also within the SDK's own limits (pitch 40 deg, yaw 65 deg from the body).
-_TILT_RAD = np.deg2rad([-40.0, -36.0, -32.0, -28.0, -24.0, 31.0, 36.0, 40.0])
-_PAN_MAX_RAD = np.deg2rad([38.0, 47.0, 54.0, 61.0, 65.0, 65.0, 59.0, 53.5])
-_TURN_NOISE = 0.02
-
-
-def head_matrix(position_rad: FloatArray) -> FloatArray:
-    """Pose of the head that looks along pan and tilt: yaw, then pitch, no roll, the head's origin where it rests.
-
-    Args:
-        position_rad: Pan (to the left) and tilt (up), shape (2,), radians.
-
-    Returns:
-        Homogeneous matrix, shape (4, 4), in the daemon's frame (x forward, y left, z up; its pitch is positive down).
-    """
-    (cp, ct), (sp, st) = np.cos(position_rad), np.sin(position_rad)
-    return np.array(
-        [[cp * ct, -sp, -cp * st, 0.0], [sp * ct, cp, -sp * st, 0.0], [st, 0.0, ct, 0.0], [0.0, 0.0, 0.0, 1.0]]
-    )
-
-
-def head_angles(matrix: FloatArray) -> FloatArray:
-    """Pan and tilt of the head's forward axis, whatever its roll; the inverse of `head_matrix`.
-
-    Args:
-        matrix: Pose of the head, shape (4, 4).
-
-    Returns:
-        Pan and tilt, shape (2,), radians.
-
-    Raises:
-        ValueError: If it is no pose: wrong shape, not finite, not a rotation.
-    """
-    turn = matrix[:3, :3] if matrix.shape == (4, 4) else np.full((3, 3), np.nan)
-    # Written so that a NaN is refused.
-    if not (np.all(np.abs(turn @ turn.T - np.eye(3)) < _TURN_NOISE) and np.linalg.det(turn) > 0):
-        raise ValueError("not a pose")
-    x, y, z = turn[:, 0]
-    return np.array([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
-
-
-def joint_angles(matrix: FloatArray, body_yaw_rad: float, joints: int) -> FloatArray:
-    """Angles of the joints.
-
-    Args:
-        matrix: Pose of the head in the daemon's frame, which does not turn with the body, shape (4, 4).
-        body_yaw_rad: Where the body stands.
-        joints: 3 with the body, 2 for a body that is kept straight.
-
-    Returns:
-        Pan and tilt of the head, and the yaw of the body where it moves, shape (2,) or (3,), radians.
-
-    Raises:
-        ValueError: See `head_angles`.
-    """
-    pan_rad, tilt_rad = head_angles(matrix)
-    if joints == len(AXES):
-        return np.array([pan_rad, tilt_rad])
-    return np.array([math.remainder(pan_rad - body_yaw_rad, math.tau), tilt_rad, body_yaw_rad])
-
-
-def clamp_to_head(position_rad: FloatArray) -> FloatArray:
-    """Nearest pan and tilt, seen from the body, that the head reaches: tilt first, then pan for that tilt.
-
-    Args:
-        position_rad: Pan and tilt, shape (2,), radians.
-
-    Returns:
-        Pan and tilt, shape (2,), radians.
-    """
-    tilt = np.clip(position_rad[1], _TILT_RAD[0], _TILT_RAD[-1])
-    pan_max = np.interp(tilt, _TILT_RAD, _PAN_MAX_RAD)
-    return np.array([np.clip(position_rad[0], -pan_max, pan_max), tilt])
-
 
 # A head that lies (asleep) or a body that is turned would jump when the first command puts them straight.
 _DISPLACED_M = 0.02

@@ -23,7 +23,7 @@ from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.tables.mapping import read_mapping
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 from gazempc.results.mcap import write_mcap
 from gazempc.results.table import measured_again
 from gazempc.run_settings import load_settings

@@ -3,7 +3,8 @@
 import dataclasses
 
 from gazempc.neck.spec import load_neck
-from gazempc.results.log import SHAPES, RunInfo
+from gazempc.results.log import RunInfo
+from gazempc.results.log_files import SHAPES
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensor import load_sensor

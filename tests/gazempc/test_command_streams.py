@@ -12,7 +12,7 @@ import pytest
 from gazempc import command
 from gazempc.errors import LimitViolationError, SettingsError
 from gazempc.files.whole import begin_folder, whole
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 from gazempc.run import main
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -25,7 +25,7 @@ from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.tables.mapping import read_mapping
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 from gazempc.run_settings import load_settings
 from gazempc.sim.sensor import load_sensor
 

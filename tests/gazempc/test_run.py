@@ -10,7 +10,7 @@ import pytest
 from bs4 import BeautifulSoup
 
 from gazempc.errors import SettingsError
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 from gazempc.results.metrics import gap_closed, measure
 from gazempc.results.run_summary import LABELS
 from gazempc.run import main, parse

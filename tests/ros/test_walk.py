@@ -15,7 +15,7 @@ from gazempc.live.clock import RealClock
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.recordings.truth import TrueHead
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 from gazempc.sim.scene import SceneSettings, make_scene
 
 pytestmark = pytest.mark.slow

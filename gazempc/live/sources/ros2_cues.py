@@ -9,7 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gazempc.errors import SettingsError
+from gazempc.live.clock import Clock
+from gazempc.live.mount import Mount, placed
+from gazempc.live.settings import MountedSettings
 from gazempc.live.sources.ros2 import WAITS_S, Ros2Source, TfListener, used
+from gazempc.neck.spec import NeckSpec
 from gazempc.people.company import Cue, Glance, Sound
 from gazempc.robots.options import Ros2Options
 from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
@@ -136,3 +141,40 @@ class Ros2Cues(Ros2Source):
             return None
         self._pointed_m = target_m
         return Glance(target_m, self._options.point_lasts_s)
+
+
+def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounted: bool) -> Ros2Cues | None:
+    """The listener to topics of cues; None where none is named.
+
+    Args:
+        settings: The settings.
+        neck: The neck.
+        clock: The loop's clock.
+        mounted: Whether the base frame of tf is that of the mount; else it is the neck's own base frame.
+
+    Raises:
+        SettingsError: If settings do not go together.
+    """
+    ros2 = settings.options.ros2
+    if ros2.point_topic is None and ros2.sound_topic is None:
+        return None
+    named = "options.ros2.point_topic" if ros2.point_topic is not None else "options.ros2.sound_topic"
+    points, framed = ros2.point_topic is not None, ros2.base_frame is not None
+    wrong = {
+        f"{named}: ROS 2 needs real time; accepted without --simulated-clock": not clock.is_real,
+        f"{named}: accepted with attend, or with look_away.rhythm told": points and not settings.several,
+        "options.ros2.sound_topic: accepted with attend, such as speaker": (
+            ros2.sound_topic is not None and settings.attend is None
+        ),
+        f"{named}: needs options.ros2.base_frame, the frame of tf that is the neck's base frame": (
+            not framed and (points or ros2.sound_frame is not None)
+        ),
+        f"mount.on {settings.mount.on}: {named} needs a base_frame that does not move with the neck; accepted: base": (
+            mounted and settings.mount.moves and framed
+        ),
+    }
+    for message, applies in wrong.items():
+        if applies:
+            raise SettingsError(message)
+    mount = settings.mount if mounted else Mount()
+    return Ros2Cues(clock.now_s, clock.from_unix_s, ros2, lambda place_m: placed(mount, neck, place_m))

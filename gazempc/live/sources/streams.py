@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import ipaddress
 import math
-import os
-import select
-import socket
-import struct
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
 
 from gazempc.live.clock import Clock
 from gazempc.live.sources.json_lines import LineError, is_cue, parse_cue, parse_line
 from gazempc.live.sources.source import Arrived, Notice, SourceError
+from gazempc.live.sources.wires import Address, Chunk, UdpPort, Wire
 from gazempc.live.stamps import StampReader, Stamps
 from gazempc.loop.events import Event
 from gazempc.people.company import Cue
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
-Address = tuple[str, int]
 # Trackers are silent without a person in view, so silence alone frees the place only where the system of the sender
 # cannot report a closed port any more (power, network): after longer than people usually stay away.
 _SILENCE_S = 600.0
@@ -110,197 +102,6 @@ def _network(word: str) -> ipaddress.IPv4Network | ipaddress.IPv6Network:
         raise SourceError(
             f"--allow {word}: not an address; accepted: addresses such as 192.168.0.7, networks such as 192.168.0.0/24"
         ) from None
-
-
-_CHUNK = 16_384
-_DATAGRAM = 65_536
-# Of a flood so many are taken at once, so that the newest ones are not left in the system's buffer.
-_DATAGRAMS = 256
-# Socket option of <linux/in.h>: answers by ICMP are read from the socket's queue of errors.
-_IP_RECVERR, _REPORTS_CLOSED = 11, hasattr(socket, "MSG_ERRQUEUE")
-# How soon a reader notices that it is to end, or tries to connect again.
-_WAKE_S = 0.2
-
-
-class Chunk(NamedTuple):
-    """Bytes that came together.
-
-    Attributes:
-        data: The bytes; of datagrams none for a sender whose port is closed.
-        sender: Who sent them; None where there is only one who can.
-    """
-
-    data: bytes
-    sender: Address | None = None
-
-
-class Wire(Protocol):
-    """Where bytes come from.
-
-    Attributes:
-        name: What it is called in messages.
-    """
-
-    name: str
-
-    def open(self) -> None:
-        """Open it; raises OSError."""
-        ...
-
-    def read(self) -> list[Chunk] | None:
-        """Wait a moment for bytes: some, none (empty), or None once it has ended."""
-        ...
-
-    def close(self) -> None:
-        """Close it."""
-        ...
-
-
-class StandardInput:
-    """Lines from another process through a pipe."""
-
-    name = "standard input"
-
-    def open(self) -> None:
-        """See `Wire.open`."""
-        self._fd = sys.stdin.fileno()
-
-    def read(self) -> list[Chunk] | None:
-        """See `Wire.read`."""
-        ready, _, _ = select.select([self._fd], [], [], _WAKE_S)
-        if not ready:
-            return []
-        data = os.read(self._fd, _CHUNK)
-        return [Chunk(data)] if data else None
-
-    def close(self) -> None:
-        """See `Wire.close`."""
-
-
-class UdpPort:
-    """Datagrams, each with one or more whole lines.
-
-    Args:
-        host: Address to listen at.
-        port: Port.
-    """
-
-    def __init__(self, host: str, port: int) -> None:
-        self.name = f"UDP {host}:{port}"
-        self._address = (host, port)
-
-    @property
-    def on_loopback(self) -> bool:
-        """Whether only programs on this computer can send."""
-        host = self._address[0]
-        with contextlib.suppress(ValueError):
-            return ipaddress.ip_address(host).is_loopback
-        return host == "localhost"
-
-    def open(self) -> None:
-        """See `Wire.open`."""
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        if _REPORTS_CLOSED:
-            self._socket.setsockopt(socket.IPPROTO_IP, _IP_RECVERR, 1)
-        try:
-            self._socket.bind(self._address)
-        except OSError:
-            self._socket.close()
-            raise
-
-    def read(self) -> list[Chunk] | None:
-        """See `Wire.read`."""
-        found: list[Chunk] = []
-        select.select([self._socket], [], [], _WAKE_S)
-        # Unanswered questions raise here, too; the port itself is open for as long as it is not closed.
-        with contextlib.suppress(OSError):
-            while _REPORTS_CLOSED:
-                _, reports, _, asked = self._socket.recvmsg(1, 512, socket.MSG_ERRQUEUE)
-                if any(struct.unpack_from("=I", report)[0] == errno.ECONNREFUSED for _, _, report in reports):
-                    found.append(Chunk(b"", asked))
-        with contextlib.suppress(OSError):
-            while len(found) < _DATAGRAMS:
-                data, sender = self._socket.recvfrom(_DATAGRAM)
-                found.append(Chunk(data + b"\n", sender))
-        return found
-
-    def ask(self, sender: Address) -> None:
-        """Send an empty line to a sender. If its port is closed, its system answers by ICMP: Linux hands that on.
-
-        Args:
-            sender: Address and port.
-        """
-        with contextlib.suppress(OSError):
-            self._socket.sendto(b"\n", sender)
-
-    def close(self) -> None:
-        """See `Wire.close`."""
-        self._socket.close()
-
-
-class TcpClient:
-    """A connection to a server of lines, opened again whenever it breaks.
-
-    Args:
-        host: Address to connect to.
-        port: Port.
-    """
-
-    def __init__(self, host: str, port: int) -> None:
-        self.name = f"TCP {host}:{port}"
-        self._address = (host, port)
-        self._socket: socket.socket | None = None
-
-    def open(self) -> None:
-        """See `Wire.open`."""
-        self._socket = socket.create_connection(self._address, timeout=2.0)
-        self._socket.settimeout(_WAKE_S)
-
-    def read(self) -> list[Chunk] | None:
-        """See `Wire.read`; after the server has gone, tries again until it is back."""
-        if self._socket is None:
-            threading.Event().wait(_WAKE_S)
-            with contextlib.suppress(OSError):
-                self.open()
-            return []
-        try:
-            data = self._socket.recv(_CHUNK)
-        except TimeoutError:
-            return []
-        except OSError:
-            data = b""
-        if not data:
-            self.close()
-            # Half a line from before belongs to nothing.
-            return [Chunk(b"\n")]
-        return [Chunk(data)]
-
-    def close(self) -> None:
-        """See `Wire.close`."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
-
-
-def parse_address(word: str, text: str, default_host: str) -> tuple[str, int]:
-    """Host and port from ``PORT`` or ``HOST:PORT``.
-
-    Args:
-        word: The whole word, for the message.
-        text: What stands after the kind of source.
-        default_host: Host where none is given.
-
-    Returns:
-        Host and port.
-
-    Raises:
-        SourceError: If it is neither.
-    """
-    host, _, port = text.rpartition(":")
-    if not (port.isdecimal() and 0 < int(port) < 65536):
-        raise SourceError(f"{word}: no port; accepted: udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, ports 1 to 65535")
-    return host or default_host, int(port)
 
 
 # More than a second of a fast tracker; without polls the oldest are dropped.

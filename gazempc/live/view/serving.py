@@ -11,7 +11,7 @@ from gazempc.errors import GazempcError, SettingsError
 from gazempc.live.process import second_to_the_run
 from gazempc.live.view.orders import LOOPBACK, ViewOrders
 from gazempc.parts import said
-from gazempc.results.log import NEEDS_VIEW
+from gazempc.results.log_files import NEEDS_VIEW
 from gazempc.results.moments import Moment
 
 

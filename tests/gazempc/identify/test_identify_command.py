@@ -12,7 +12,7 @@ from gazempc.identify.identified import neck_toml
 from gazempc.identify.latency import log_latency
 from gazempc.identify.new_neck import as_toml
 from gazempc.neck.spec import load_neck
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 from gazempc.run import main as run_main
 
 SERVO = ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")

@@ -19,7 +19,7 @@ from gazempc.live.clock import RealClock
 from gazempc.live.sources.camera.capture import Camera, CameraOptions, Picture, open_pictures
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.source import SourceError
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 
 # No test waits so long; without it one that hangs would never end.
 FOREVER_S = 240.0

@@ -9,7 +9,8 @@ from builders.lines import FOREVER_S
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.json_lines import LineError, is_cue, parse_cue
-from gazempc.live.sources.streams import Chunk, LineSource
+from gazempc.live.sources.streams import LineSource
+from gazempc.live.sources.wires import Chunk
 from gazempc.people.company import Glance, Rhythm, Sound, Speech, Thinking
 
 

@@ -13,7 +13,7 @@ from gazempc.controllers.lookahead import LookAhead
 from gazempc.live.clock import RealClock, SimulatedClock
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import BackgroundPlanner
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 from gazempc.types import JointState
 from predictors import ConstantVelocity
 

@@ -8,7 +8,7 @@ from builders.own_modules import write_own_parts
 
 from benchmarks.faults.wrongs import FAMILIES
 from gazempc.live.session import main
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from builders.lines import FOREVER_S, QUAT
 
 from gazempc.live import session as live
 from gazempc.loop.events import Event
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 from gazempc.results.metrics import measure
 from gazempc.results.motion import limit_violations
 

@@ -14,8 +14,8 @@ from gazempc.errors import SettingsError
 from gazempc.live.clock import RealClock
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
-from gazempc.live.setup import make_cue_source, setup_of_gaze
-from gazempc.live.sources.ros2_cues import Ros2Cues
+from gazempc.live.setup import setup_of_gaze
+from gazempc.live.sources.ros2_cues import Ros2Cues, make_cue_source
 from gazempc.neck.spec import load_neck
 from gazempc.people.company import Glance, Sound
 from gazempc.robots.options import RobotOptions, Ros2Options

@@ -11,7 +11,8 @@ from builders.ports import free_port
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.source import SourceError
-from gazempc.live.sources.streams import LINE_MAX, Chunk, LineSource, Senders, TcpClient, UdpPort, parse_address
+from gazempc.live.sources.streams import LINE_MAX, LineSource, Senders
+from gazempc.live.sources.wires import Chunk, TcpClient, UdpPort, parse_address
 from gazempc.loop.events import Event
 
 

@@ -19,7 +19,8 @@ from gazempc.export import export
 from gazempc.export import main as export_main
 from gazempc.live.mount import Mount
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray, head_angles_rad
-from gazempc.results.log import Fault, Log, has_log, join_logs, merge_faults
+from gazempc.results.log import Fault, Log, join_logs, merge_faults
+from gazempc.results.log_files import has_log
 from gazempc.results.mcap import write_mcap
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.run import main as run_main

@@ -17,7 +17,7 @@ from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import load_neck
 from gazempc.parts import TRUE_FUTURE, check_gaze
 from gazempc.progress import Progress
-from gazempc.results.log import load_log
+from gazempc.results.log_files import load_log
 from gazempc.results.metrics import measure
 from gazempc.settings import LoopSettings
 from gazempc.sim import repeat
