@@ -105,6 +105,7 @@ class Ros2Neck:
         self._commands: Publication | None = None
         self._states: Subscription | None = None
         self._latest: JointState | None = None
+        self._trajectory: Any = None
         self._newest_s = -math.inf
         self._heard_s = -math.inf
         self.ignored = 0
@@ -269,7 +270,6 @@ class Ros2Neck:
         rate_hz = self._neck.servo_rate_hz
         velocity_rad_s = (position_rad - before) * rate_hz
         acceleration_rad_s2 = (position_rad - 2.0 * before + first) * rate_hz**2 if len(earlier) > 1 else 0.0 * first
-        message = message_type(self._command_type)()
         if self._command_type == "std_msgs/msg/Float64MultiArray":
             values = position_rad
             if self._sends_speeds:
@@ -278,25 +278,27 @@ class Ros2Neck:
                     values = values + _DRIFT_GAIN_1_S * (self._sent[0] - self._measured_rad)
                 most_rad_s = self._neck.velocity_max_rad_s
                 values = np.clip(values, -most_rad_s, most_rad_s)
-            message.data = (self._signs * values).tolist()
-            return message
-        # A stamp of zero means: from now on. Then the two computers' clocks do not matter.
-        message.joint_names = self._names
-        message.points = [self._point(0.0, position_rad, velocity_rad_s, acceleration_rad_s2)]
+            return message_type(self._command_type)(data=(self._signs * values).tolist())
         stop = stop_trajectory(position_rad, velocity_rad_s, acceleration_rad_s2, self._neck, self._neck.servo_period_s)
-        for k in range(1, _STOP_POINTS + 1):
-            later_s = stop.duration * k / _STOP_POINTS
-            message.points.append(self._point(later_s, *map(np.asarray, stop.at_time(later_s))))
-        return message
+        later_s = [stop.duration * k / _STOP_POINTS for k in range(_STOP_POINTS + 1)]
+        states = np.array([stop.at_time(each_s) for each_s in later_s])  # point, derivative, joint
+        states[0] = position_rad, velocity_rad_s, acceleration_rad_s2
+        np.clip(states[:, 0], self._neck.position_min_rad, self._neck.position_max_rad, out=states[:, 0])
+        states *= self._signs
+        if self._trajectory is None:
+            self._trajectory = self._empty_trajectory()
+        for point, each_s, state in zip(self._trajectory.points, later_s, states.tolist(), strict=True):
+            point.positions, point.velocities, point.accelerations = state
+            from_start = point.time_from_start
+            from_start.sec, from_start.nanosec = divmod(self._from_start_ns + round(1e9 * each_s), 10**9)
+        return self._trajectory
 
-    def _point(
-        self, later_s: float, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
-    ) -> Any:
-        point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")()
-        clipped_rad = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
-        point.positions = (self._signs * clipped_rad).tolist()
-        point.velocities = (self._signs * velocity_rad_s).tolist()
-        point.accelerations = (self._signs * acceleration_rad_s2).tolist()
-        from_start = point.time_from_start
-        from_start.sec, from_start.nanosec = divmod(self._from_start_ns + round(1e9 * later_s), 10**9)
-        return point
+    def _empty_trajectory(self) -> Any:
+        """The message that is filled for each command: to make one takes longer than to fill it.
+
+        A stamp of zero stands for the time of arrival, so that the clocks of the two computers do not matter.
+        """
+        point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")
+        return message_type(self._command_type)(
+            joint_names=self._names, points=[point() for _ in range(_STOP_POINTS + 1)]
+        )

@@ -7,6 +7,7 @@ import importlib
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any
 
 from gazempc.errors import GazempcError
@@ -28,6 +29,7 @@ class RosNotSourcedError(GazempcError):
         )
 
 
+@cache
 def message_type(name: str) -> Any:
     """The class of an interface.
 

@@ -20,22 +20,30 @@ _NORM_ERROR = 0.05
 _FARTHEST_M = 1e8
 
 
-def poses_of(transforms: Sequence[Any]) -> FloatArray:
-    """Poses of all, shape (T, 4, 4); NaN where the numbers are none."""
-    rows = [
-        (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
-        for p, q in ((t.transform.translation, t.transform.rotation) for t in transforms)
-    ]
-    numbers = np.array(rows, dtype=np.float64).reshape(-1, 7)
-    near = np.all(np.abs(numbers[:, :3]) <= _FARTHEST_M, axis=1) & np.all(np.abs(numbers[:, 3:]) <= 2.0, axis=1)
-    norms = np.linalg.norm(np.where(near[:, None], numbers[:, 3:], 0.0), axis=1)
-    good = np.flatnonzero(np.abs(norms - 1.0) <= _NORM_ERROR)
-    poses = np.full((len(numbers), 4, 4), np.nan)
-    poses[good] = np.eye(4)
-    poses[good, :3, 3] = numbers[good, :3]
-    if good.size:
-        poses[good, :3, :3] = Rotation.from_quat(numbers[good, 3:], scalar_first=True).as_matrix()
-    return poses
+# Translation x, y, z in metres and the unit quaternion w, x, y, z.
+_Numbers = tuple[float, float, float, float, float, float, float]
+
+
+def _numbers_of(transform: Any) -> _Numbers:
+    """The numbers of a ``geometry_msgs/msg/Transform``.
+
+    Raises:
+        Ros2Error: If they are no place on earth, or no rotation.
+    """
+    at, turn = transform.translation, transform.rotation
+    numbers = (at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z)
+    near = all(abs(value) <= _FARTHEST_M for value in numbers[:3])
+    if not near or not abs(math.hypot(*numbers[3:]) - 1.0) <= _NORM_ERROR:  # NaN is no distance
+        raise Ros2Error("its position is no place on earth, or its quaternion not of unit length")
+    return numbers
+
+
+def _pose_of(numbers: _Numbers) -> FloatArray:
+    """The pose as a homogeneous matrix, shape (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, 3] = numbers[:3]
+    pose[:3, :3] = Rotation.from_quat(numbers[3:], scalar_first=True).as_matrix()
+    return pose
 
 
 def inverse_of(pose: FloatArray) -> FloatArray:
@@ -71,7 +79,8 @@ _LONGEST_GAP_S = 1.0
 _STARTED_AGAIN_S = 1.0
 # Frames of people who have gone are forgotten after so long.
 _FORGOTTEN_AFTER_S = 30.0
-_Sample = tuple[float, FloatArray]
+# A stamp and the numbers of a pose, which become a matrix where they are asked for: of a tree at 100 Hz few are.
+_Sample = tuple[float, _Numbers]
 
 
 class Moved(NamedTuple):
@@ -113,31 +122,30 @@ class Transforms:
         """
         moved: list[Moved] = []
         problems: list[str] = []
-        for transform, pose in zip(transforms, poses_of(transforms), strict=True):
+        for transform in transforms:
             child = transform.child_frame_id.lstrip("/")
             try:
-                time_s = self._take(transform.header, child, pose, fixed)
+                time_s = self._take(transform.header, child, transform.transform, fixed)
             except Ros2Error as error:
                 problems.append(f"{child}: {error}")
             else:
                 moved += [] if fixed else [Moved(child, time_s)]
         return moved, problems
 
-    def _take(self, header: Any, child: str, pose: FloatArray, fixed: bool) -> float:
+    def _take(self, header: Any, child: str, transform: Any, fixed: bool) -> float:
         parent = header.frame_id.lstrip("/")
         if not parent or not child or parent == child:
             raise Ros2Error(f"its frame is {child!r} in {parent!r}: needed are two frames")
-        if not np.isfinite(pose).all():
-            raise Ros2Error("its position is no place on earth, or its quaternion not of unit length")
+        numbers = _numbers_of(transform)
         time_s = 0.0 if fixed else stamp_s(header.stamp)
         if self._parent.get(child, parent) != parent or (child in self._fixed) != fixed:
             self._forget(child)
         self._parent[child] = parent
         if fixed:
-            self._fixed[child] = pose
+            self._fixed[child] = _pose_of(numbers)
             self._fixed_children[parent].add(child)
         else:
-            self._note(child, (time_s, pose))
+            self._note(child, (time_s, numbers))
         return time_s
 
     def knows(self, frame: str) -> bool:
@@ -215,7 +223,7 @@ class Transforms:
         samples = self._moving[child]
         after = bisect_left(samples, time_s, key=lambda sample: sample[0])
         if after < len(samples) and samples[after][0] == time_s:
-            return samples[after][1]
+            return _pose_of(samples[after][1])
         where = f"where {child!r} is in {self._parent[child]!r}"
         if after == len(samples):
             raise Ros2Error(f"{where} was told last {time_s - samples[-1][0]:.2f} s before")
@@ -224,7 +232,7 @@ class Transforms:
         early, late = samples[after - 1], samples[after]
         if late[0] - early[0] > _LONGEST_GAP_S:
             raise Ros2Error(f"{where} was not told for {late[0] - early[0]:.2f} s")
-        return between(early[1], late[1], (time_s - early[0]) / (late[0] - early[0]))
+        return between(_pose_of(early[1]), _pose_of(late[1]), (time_s - early[0]) / (late[0] - early[0]))
 
     def _note(self, child: str, sample: _Sample) -> None:
         samples = self._moving.setdefault(child, deque())

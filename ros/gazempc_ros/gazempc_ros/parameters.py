@@ -12,6 +12,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from gazempc.live.setup import LiveGazeSettings
+from gazempc.settings import LoopSettings
 
 # Parameters of the command line that are arguments of `Gaze`, and options of robots that no ROS 2 robot uses.
 _ARGUMENTS = {
@@ -20,6 +21,8 @@ _ARGUMENTS = {
     "controller": ("mpc", "What plans the commands: mpc, lookahead, reactive, module:Class"),
     "predictor": ("", "Forecast of the head; empty for the default, walker"),
 }
+# Messages are taken and made in Python beside the plans: of 10 ms, the default of a live run, one plan in ten is late.
+_DEFAULTS = LiveGazeSettings(loop=LoopSettings(compute_delay_s=0.02))
 _BOUNDS, _FAR = ("ge", "gt", "le", "lt"), 1e15
 _LEFT_OUT = ("options.dynamixel", "options.reachy_mini", "options.ros2.use_sim_time")
 
@@ -81,7 +84,7 @@ def declare(node: Node) -> None:
     """
     for name, (default, text) in _ARGUMENTS.items():
         node.declare_parameter(name, default, ParameterDescriptor(description=text))
-    for name, field, value in _fields(LiveGazeSettings, LiveGazeSettings()):
+    for name, field, value in _fields(LiveGazeSettings, _DEFAULTS):
         kind, is_list = _kind(field.annotation)
         unset = value is None
         node.declare_parameter(name, _as_parameter(value, kind, is_list), _describe(field, kind, is_list, unset))
@@ -98,7 +101,7 @@ def read(node: Node) -> tuple[dict[str, Any], dict[str, Any]]:
     """
     arguments = {name: node.get_parameter(name).value for name in _ARGUMENTS}
     settings: dict[str, Any] = {}
-    for full, _, _ in _fields(LiveGazeSettings, LiveGazeSettings()):
+    for full, _, _ in _fields(LiveGazeSettings, _DEFAULTS):
         value = node.get_parameter(full).value
         if value is not None:
             *groups, name = full.split(".")
