@@ -145,8 +145,8 @@ def write(settings: CompareSettings, rows: list[Row], command: str) -> tuple[str
 
 def _summary(settings: CompareSettings, rows: list[Row], done: list[Row]) -> dict[str, Any]:
     left_out = {row["recording"]: row["left_out"] for row in rows if row["left_out"]}
-    told = ("recording", "controller", "predictor", "neck", "sensor", "failed")
-    failed = [{name: row[name] for name in told} for row in rows if row["failed"]]
+    named = ("recording", "controller", "predictor", "neck", "sensor", "failed")
+    failed = [{name: row[name] for name in named} for row in rows if row["failed"]]
     compared = list(COMPARED.items())[: None if settings.start_offset_deg else 1]
     return {
         "rows": summarise(done),

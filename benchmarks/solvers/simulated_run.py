@@ -93,7 +93,7 @@ class Run:
     Attributes:
         states: Initial states of pan and tilt, shape (K, 2, 5).
         references: Reference angles, shape (K, 2, N).
-        situations: What the controller was told at each tick.
+        situations: Inputs of the controller at each tick.
         binding: Whether a limit binds, shape (K,): the best motion without limits would leave one.
         by_limit: In how many ticks each limit is reached somewhere on the horizon.
         softened: In how many ticks ours left a limit; others, with hard limits, would have no solution.

@@ -111,7 +111,7 @@ class BesidePeople(NamedTuple):
     """A figure of a shift beside the published one.
 
     Attributes:
-        label: What it is, one of `_LABELS`.
+        label: Name of the figure, one of `_LABELS`.
         ours: Of the neck.
         people: Published, scaled to the motors where that is meant.
         fits: Whether they agree.

@@ -51,7 +51,7 @@ def seen_distance2(off_m: Any, noise_m2: Any, usual_m2: Any) -> Any:
     """Squared size of errors, of which those count less that the tracker cannot see.
 
     That is e' (1 + N / u)^-1 e for an error e, a covariance N of the observation, and a usual squared error u. A camera
-    knows the direction to a head and not its range; so a forecast is fitted to be right in the direction.
+    measures the direction to a head and hardly its range; so a forecast is fitted to be right in the direction.
 
     Args:
         off_m: Errors along, across and up, shape (N, K, 3), metres.

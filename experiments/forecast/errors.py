@@ -158,7 +158,7 @@ class ClipView:
 
 Cues = Literal["both", "head", "pelvis", "none"]
 
-# A filter that has seen half a second knows the walk; earlier frames would measure its start.
+# A filter has converged after half a second; earlier frames would measure its start.
 RUN_IN_S = 0.5
 
 

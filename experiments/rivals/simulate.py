@@ -120,7 +120,7 @@ def simulate(scene: Scene, make_rival: MakeRival, latency_error_s: float = 0.0) 
         scene: Walk, neck, sensor on the head, and seed, as of a replay. The rival is made with `neck`; what moves is
             `robot_neck` where that differs.
         make_rival: Makes the rival of the neck and the camera.
-        latency_error_s: By how much the latency that it is told of exceeds the true one, seconds.
+        latency_error_s: Stated minus true latency, seconds.
 
     Returns:
         The log, at the neck's servo rate. It has no forecasts and no events.

@@ -73,9 +73,9 @@ def between(early: FloatArray, late: FloatArray, share: float) -> FloatArray:
 
 # Observations are used within a second.
 _KEPT_S = 5.0
-# A frame that is told so seldom may have moved anyhow in between.
+# Between samples farther apart the motion is unknown.
 _LONGEST_GAP_S = 1.0
-# Who tells times so far back has started again, as a bag does that is played in a circle.
+# A stamp so far back marks a restart of the sender, such as a bag played in a loop.
 _STARTED_AGAIN_S = 1.0
 # Frames of people who have gone are forgotten after so long.
 _FORGOTTEN_AFTER_S = 30.0
@@ -98,8 +98,7 @@ class Moved(NamedTuple):
 class Transforms:
     """The tree of frames. Times are ROS time, seconds: those of the stamps, whatever clock they are of.
 
-    Poses are homogeneous matrices, shape (4, 4), metres: of a point in a frame they make that in another. Twenty people
-    a frame leave no time for anything else.
+    Poses are homogeneous matrices, shape (4, 4), metres, which map coordinates of a frame to those of another.
     """
 
     def __init__(self) -> None:
@@ -226,12 +225,12 @@ class Transforms:
             return _pose_of(samples[after][1])
         where = f"where {child!r} is in {self._parent[child]!r}"
         if after == len(samples):
-            raise Ros2Error(f"{where} was told last {time_s - samples[-1][0]:.2f} s before")
+            raise Ros2Error(f"{where}: the last transform is {time_s - samples[-1][0]:.2f} s older")
         if after == 0:
-            raise Ros2Error(f"{where} was told first {samples[0][0] - time_s:.2f} s after")
+            raise Ros2Error(f"{where}: the first transform is {samples[0][0] - time_s:.2f} s newer")
         early, late = samples[after - 1], samples[after]
         if late[0] - early[0] > _LONGEST_GAP_S:
-            raise Ros2Error(f"{where} was not told for {late[0] - early[0]:.2f} s")
+            raise Ros2Error(f"{where}: a gap of {late[0] - early[0]:.2f} s between transforms")
         return between(_pose_of(early[1]), _pose_of(late[1]), (time_s - early[0]) / (late[0] - early[0]))
 
     def _note(self, child: str, sample: _Sample) -> None:

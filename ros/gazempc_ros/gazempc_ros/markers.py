@@ -25,7 +25,7 @@ _SIGMAS = 2.0
 
 
 class Moments:
-    """Keeps the latest of what the run tells in its servo thread.
+    """Keeps the latest moment of each kind, as the servo thread emits them.
 
     Attributes:
         latest: The newest moment of each kind.

@@ -60,7 +60,7 @@ def _send(node: Node) -> None:
                     turn.w, turn.x, turn.y, turn.z = map(float, seen.head_quat_wxyz)
                 publisher.publish(message)
             time.sleep(0.002)
-        # Between two passes nobody is there.
+        # No person is present between two passes.
         until_s = clock.now_s() + _PAUSE_S
         while rclpy.ok() and clock.now_s() < until_s:
             rclpy.spin_once(node, timeout_sec=0.05)

@@ -55,7 +55,7 @@ def test_between_two_times_a_frame_goes_straight_on_and_turns_steadily():
     pose = tree.pose("head", "base", UNIX_START_S + 5.125)
     np.testing.assert_allclose(pose[:3, 3], [1.25, 0.0, 0.25], atol=1e-6)
     np.testing.assert_allclose(rotvec_of(pose), [0.0, 0.0, 0.3], atol=1e-6)
-    # The newest time is that of the frame which was told last the longest ago.
+    # The newest common time is that of the frame with the oldest last transform.
     take(tree, "head", "eye", [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], 5.25)
     np.testing.assert_allclose(rotvec_of(tree.pose("eye", "base")), [0.0, 0.0, 0.5], atol=1e-6)
 
