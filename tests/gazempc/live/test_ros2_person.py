@@ -153,7 +153,7 @@ def test_a_pose_in_a_moving_frame_is_placed_by_tf_at_its_stamp(stage):
 
 @pytest.mark.parametrize(
     ("told", "why"),
-    [([], "no transform of 'base_link'"), ([-0.35], "told last")],
+    [([], "no transform of 'base_link'"), ([-0.35], "last transform")],
     ids=["missing", "stale"],
 )
 def test_a_pose_whose_frame_is_not_known_in_time_is_a_problem(stage, told, why):

@@ -79,21 +79,18 @@ def test_a_camera_on_a_head_that_turns(stage):
 
 
 @pytest.mark.parametrize(
-    ("told", "why"),
-    [
-        ([], "tf has no path from 'face_a' to 'base_link': no transform of 'base_link'"),
-        ([-0.35], "where 'camera_link' is in 'base_link' was told last 0.25 s before"),
-    ],
+    ("sent_s", "names"),
+    [([], ("'face_a'", "'base_link'")), ([-0.35], ("'camera_link'", "'base_link'", "0.25 s"))],
     ids=["unknown", "silent"],
 )
-def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_that_says_where(stage, told, why):
+def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_with_its_frames(stage, sent_s, names):
     source = opened(stage, "base_link")
-    camera = [transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=NOW_S + s) for s in told]
+    camera = [transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=NOW_S + s) for s in sent_s]
     stage.tf(*camera, transform("face_a", [1.0, 0.0, 0.0]))
     wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("face_a"))
     stage.now_s += 0.25
     _, (problem,) = polled(source, 1)
-    assert problem == f"/tf, face_a: {why}"
+    assert problem.startswith("/tf, face_a: ") and all(name in problem for name in names)
 
 
 def test_a_person_has_one_name_whatever_face_they_have(stage):
