@@ -90,7 +90,7 @@ def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_with_its_frames(
     wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("face_a"))
     stage.now_s += 0.25
     _, (problem,) = polled(source, 1)
-    assert problem.startswith("/tf, face_a: ") and all(name in problem for name in names)
+    assert all(name in problem for name in ("/tf, face_a: ", *names))
 
 
 def test_a_person_has_one_name_whatever_face_they_have(stage):
