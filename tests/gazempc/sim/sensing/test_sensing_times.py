@@ -6,8 +6,7 @@ from builders.recordings import synthetic
 from builders.replays import replayed
 from builders.sensing import seen, sensor, standing
 
-from gazempc.neck.kinematics import gaze_ray, look_at
-from gazempc.neck.poses import seen_from_head
+from gazempc.neck.kinematics import gaze_ray, look_at, seen_from_head
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import observe
