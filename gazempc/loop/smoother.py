@@ -204,7 +204,6 @@ class Smoother:
     """
 
     def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
-        self._neck = neck
         limits = neck.command_limits
         self._axes = [
             _AxisSmoother(
@@ -219,15 +218,7 @@ class Smoother:
             )
             for i in range(neck.joints)
         ]
-        self.reset(position_rad)
-
-    def reset(self, position_rad: FloatArray) -> None:
-        """Put the command somewhere, at rest.
-
-        Args:
-            position_rad: Shape (N,), radians; clipped to the limits.
-        """
-        start = self._neck.command_limits.clip_position(np.asarray(position_rad, dtype=np.float64))
+        start = limits.clip_position(np.asarray(position_rad, dtype=np.float64))
         self._now: tuple[AxisMotion, ...] = tuple([(each_rad, 0.0, 0.0) for each_rad in start.tolist()])
         self._intervention: Intervention = ""
 

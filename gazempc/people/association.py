@@ -151,8 +151,6 @@ def assign(
     Returns:
         Pairs of person and detection; each is in one pair at most.
     """
-    if not len(track_names) or not len(names):
-        return []
     spread = expected.pp_m2[:, None] + noise_m2
     spread = spread + (allowance_m(unseen_s) ** 2)[:, None, None, None] * np.eye(3)
     apart = measured_m - expected.position_m[:, None]

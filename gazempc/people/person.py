@@ -12,6 +12,7 @@ from gazempc.people.association import Motion
 from gazempc.people.tracker_faults import START_S, OrientationJumps, TrackStart
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
+from predictors.predictor import noise_m2
 
 # Cameras that look at the same time are not exact; people move by a centimetre meanwhile.
 ONE_FRAME_S = 0.01
@@ -117,10 +118,7 @@ class TrackedPerson:
         """
         captured_s = observation.capture_time_s
         began_s = min(self.since_s, captured_s)
-        named_otherwise = (
-            None not in (self.tracker_id, observation.person_id) and self.tracker_id != observation.person_id
-        )
-        if named_otherwise or self.seen_s - began_s > START_S:
+        if self.is_named_otherwise(observation) or self.seen_s - began_s > START_S:
             return False
         if any(abs(each.capture_time_s - captured_s) <= ONE_FRAME_S for each in self._waiting):
             return False
@@ -128,6 +126,10 @@ class TrackedPerson:
         self.sightings += 1
         self._waiting.append(observation)
         return True
+
+    def is_named_otherwise(self, observation: HeadObservation) -> bool:
+        """Whether a sighting has another name of the tracker than the track; False where one of them has none."""
+        return None not in (self.tracker_id, observation.person_id) and self.tracker_id != observation.person_id
 
     def forecast(self, times_s: FloatArray) -> Forecast:
         """Forecast the head.
@@ -194,5 +196,4 @@ class TrackedPerson:
 
 def noise_of(observation: HeadObservation) -> FloatArray:
     """Covariance of a position's error, as stated or as assumed, shape (3, 3), square metres."""
-    stated = observation.position_covariance_m2
-    return _POSITION_NOISE_M2 if stated is None else stated
+    return noise_m2(observation, _POSITION_NOISE_M2)

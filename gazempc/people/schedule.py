@@ -75,11 +75,6 @@ class LookAways:
         self._rhythm_from_s: float | None = None
         self.left_out = 0
 
-    def reset(self) -> None:
-        """Forget what is planned."""
-        self._planned = []
-        self._rhythm_from_s = None
-
     def planned(self, now_s: float) -> tuple[Aversion, ...]:
         """What is planned, as far as a controller looks ahead, and what is going on.
 
