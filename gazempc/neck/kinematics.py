@@ -86,6 +86,17 @@ def unit_vector(pan_rad: FloatArray, tilt_rad: FloatArray) -> tuple[FloatArray, 
     return np.cos(pan_rad) * level, np.sin(pan_rad) * level, np.sin(tilt_rad)
 
 
+def pan_tilt_rad(direction: FloatArray) -> FloatArray:
+    """Pan and tilt of directions of any length, shape (..., 3), in (-pi, pi]; shape (..., 2), radians."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1)
+
+
+def wrapped_rad(angle_rad: FloatArray) -> FloatArray:
+    """Angles in [-pi, pi), radians, of the same shape."""
+    return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
+
+
 def eye_angles_rad(geometry: Geometry, head_rad: ArrayLike, target_base_m: ArrayLike) -> FloatArray:
     """Angles of the eyes that look at a target, with the head as it stands.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
+from gazempc.neck.kinematics import wrapped_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 from predictors import Forecast
@@ -141,7 +142,7 @@ def with_aversion(forecast: Forecast, aversion: Aversion, shift: GazeShift) -> F
     away = np.array([[aversion.aside_rad], [aversion.up_rad], [0.0]])
     if aversion.target_base_m is not None:
         away = np.array(_spherical(aversion.target_base_m[None])) - np.array([azimuth, elevation, range_m])
-        away[0] = (away[0] + np.pi) % (2.0 * np.pi) - np.pi
+        away[0] = wrapped_rad(away[0])
     azimuth, elevation, range_m = np.array([azimuth, elevation, range_m]) + weight * away
     elevation = np.clip(elevation, -1.5, 1.5)
     flat_m = range_m * np.cos(elevation)
@@ -161,7 +162,7 @@ def angles_to(target_base_m: FloatArray, person_base_m: FloatArray) -> tuple[flo
         Angles to the left and up, radians.
     """
     azimuth, elevation, _ = _spherical(np.stack([target_base_m, person_base_m]))
-    return float((azimuth[0] - azimuth[1] + np.pi) % (2.0 * np.pi) - np.pi), float(elevation[0] - elevation[1])
+    return float(wrapped_rad(azimuth[0] - azimuth[1])), float(elevation[0] - elevation[1])
 
 
 def _spherical(positions_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from gazempc.neck.kinematics import unit_vector
+from gazempc.neck.kinematics import pan_tilt_rad, unit_vector, wrapped_rad
 from gazempc.people.association import Motion, assign
 from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson, noise_of
 from gazempc.types import FloatArray, Sighting
@@ -241,12 +241,10 @@ def middle_of(forecasts: Sequence[Forecast]) -> Forecast:
         Halfway between the outermost pans and between the outermost tilts, at the mean distance; all else as the first.
     """
     means_m = np.array([forecast.means_base_m for forecast in forecasts])
-    x, y, z = np.moveaxis(means_m, -1, 0)
+    pans_rad, tilts_rad = np.moveaxis(pan_tilt_rad(means_m), -1, 0)
     # From the first person's pan, so that people on both sides of straight behind are one group.
-    first_rad = np.arctan2(y[0], x[0])
-    aside_rad = (np.arctan2(y, x) - first_rad + np.pi) % (2.0 * np.pi) - np.pi
-    pan_rad = first_rad + 0.5 * (aside_rad.min(axis=0) + aside_rad.max(axis=0))
-    tilts_rad = np.arctan2(z, np.hypot(x, y))
+    aside_rad = wrapped_rad(pans_rad - pans_rad[0])
+    pan_rad = pans_rad[0] + 0.5 * (aside_rad.min(axis=0) + aside_rad.max(axis=0))
     tilt_rad = 0.5 * (tilts_rad.min(axis=0) + tilts_rad.max(axis=0))
     directions = np.stack(unit_vector(pan_rad, tilt_rad), axis=-1)
     ranges_m = np.linalg.norm(means_m, axis=-1).mean(axis=0)
