@@ -16,7 +16,7 @@ from predictors import Forecast
 
 # Commands follow the path with a little overshoot.
 _SPEED_SHARE = 0.85
-# A place is known; a forecast needs a covariance that can be inverted.
+# A place is exact; a forecast needs an invertible covariance.
 _VARIANCE_M2 = 1e-6
 
 

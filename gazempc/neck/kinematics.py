@@ -16,7 +16,7 @@ from gazempc.types import BoolArray, FloatArray
 _CLEARLY_BETTER_RAD = 0.2
 # Numbers of joints of a neck with eyes (from here on), and of one with a body.
 _WITH_EYES, _WITH_BODY = 4, (3, 5)
-# Nearer than this to the axis, a target's direction means nothing.
+# Nearer than this to the axis, a target's direction is undefined.
 _NEAREST_M = 0.1
 
 
@@ -259,7 +259,7 @@ def angle_deviations_rad(target_base_m: FloatArray, covariance_m2: FloatArray) -
 def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad: float) -> FloatArray:
     """Make a sequence of pan angles continuous, on the turn of the circle that the neck can best reach.
 
-    Without this, a person who walks round behind the robot would make the pan angle jump from +180 to -180 deg. A neck
+    The pan angle of a person who walks round behind the robot jumps from +180 to -180 deg. A neck
     that followed them past its limit would stay there until they came back the same way.
 
     Args:

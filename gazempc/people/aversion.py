@@ -18,7 +18,7 @@ from predictors import Forecast
 _HEAD_CONTACT_RAD, _EYE_CONTACT_RAD = math.radians(0.6), math.radians(2.4)
 # A shift uses this share of the limits: the person walks meanwhile, and forecasts change.
 _LIMITS_SHARE = 0.8
-# No shift is quicker: a neck that could do more would startle.
+# Shortest duration of a shift: a quicker one startles.
 _QUICKEST_S = 0.25
 # Peaks of a minimum-jerk motion of 1 rad in 1 s (Flash & Hogan 1985): velocity, acceleration, jerk.
 PEAK_VELOCITY, _PEAK_ACCELERATION, _PEAK_JERK = 1.875, 5.774, 60.0

@@ -23,14 +23,14 @@ _TENTATIVE_S = 0.3
 _ONE_PERSON_M = 0.25
 # A person who comes back under the same name cannot have gone farther: this fast, and with this error.
 _RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
-# Without a name, a person hidden for at most this time is near the extrapolated position.
+# A person without a name, hidden for at most this time, is near the extrapolated position.
 _WALKED_ON_S, _STRAYED_M_S = 3.0, 0.2
 # End of a lost track: names that trackers give again after that are another person's.
 _FORGOTTEN_AFTER_S = 30.0
 
 
 class Became(StrEnum):
-    """What a detection has become."""
+    """Result of the association of a detection."""
 
     USED = "used"
     TENTATIVE = "tentative"

@@ -29,7 +29,7 @@ _ORIENTATION_LASTS_S = 0.5
 
 @dataclass(frozen=True)
 class PersonState:
-    """What is known of one person at one time; it is what decides whom to look at.
+    """Estimate of one person at one time: the input of attention policies.
 
     Attributes:
         number: Which person, from 1 on; never given twice in a run.
@@ -67,7 +67,7 @@ class TrackedPerson:
 
     Attributes:
         number: Which person.
-        tracker_id: What the tracker called them last.
+        tracker_id: Last name that the tracker gave them.
         motion: Their motion when they were seen last.
         newest: The last sighting.
         seen_s: Its capture time, seconds.
@@ -141,7 +141,7 @@ class TrackedPerson:
             The forecast.
 
         Raises:
-            Exception: Whatever the predictor raises.
+            Exception: Any exception of the predictor.
         """
         self.catch_up(len(self._waiting))
         return self._predictor.forecast(times_s)
@@ -153,7 +153,7 @@ class TrackedPerson:
             most: Not more than so many sightings, the oldest first.
 
         Raises:
-            Exception: Whatever the predictor raises.
+            Exception: Any exception of the predictor.
         """
         for _ in range(min(most, len(self._waiting))):
             with contextlib.suppress(OutOfOrderError):
@@ -178,7 +178,7 @@ class TrackedPerson:
             position_base_m: Where they are then, shape (3,), metres.
 
         Returns:
-            What is known.
+            The estimate.
         """
         facing = self._oriented
         lately = facing is not None and time_s - facing.capture_time_s <= _ORIENTATION_LASTS_S

@@ -49,7 +49,7 @@ class ReplaySettings(GazeSettings, SceneSettings):
 
 
 class Replayed(NamedTuple):
-    """What a replay gives.
+    """Result of a replay.
 
     Attributes:
         log: The log.
